@@ -37,8 +37,8 @@ test-intel: $(VENV)-intel/.installed
 mutants: $(VENV)/.installed-dev
 	$(BIN)/python tests/mutants/run.py --jobs $(JOBS) $(ONLY)
 
-# 100 000 mutated files for every reader, and 20 000 guided by coverage: some hours.
-fuzz: $(VENV)/.installed-fuzz
+# 100 000 mutated files for every reader: some hours.
+fuzz: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m slow --timeout 14400 tests/fuzz
 
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
@@ -86,7 +86,7 @@ docs: $(VENV)/.installed-docs
 
 # Against peers, interleaved, for ratios; then ours alone by pytest-benchmark, results checked.
 bench: $(VENV)/.installed-bench
-	$(BIN)/clradar bench
+	$(BIN)/python benchmarks/against_peers.py
 	$(BIN)/python -m pytest benchmarks
 
 # dist/: wheel and sdist, checked, and each tried in an environment of its own. Uploads nothing.
@@ -103,10 +103,6 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 $(VENV)/.installed-dev: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[test,lint]"
 	touch $(VENV)/.installed $@
-
-$(VENV)/.installed-fuzz: $(VENV)/.installed pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[test,fuzz]"
-	touch $@
 
 $(VENV)/.installed-docs: $(VENV)/.installed pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable ".[docs]"

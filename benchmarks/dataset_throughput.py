@@ -25,9 +25,9 @@ from typing import Any
 
 from clradar.dataset import Plan, Sample, make_sample, read_plan, recipe, run
 from clradar.dataset.engine.part_making import Serial, made_with
-from clradar.dataset.engine.worker_resources import WorkerResources
 from clradar.dataset.store.shard_writer import assemble, write_sample
 from clradar.files.hashing import sha256_of
+from clradar.jobs.resources import WorkerResources
 from clradar.opencl import open_device
 
 LETTERS = Path(__file__).parents[1] / "examples" / "plans" / "letters.toml"
@@ -129,9 +129,9 @@ def on_one_core(path: Path, samples: int) -> dict[str, float]:
 
 def on_workers(path: Path, samples: int, workers: int) -> dict[str, float]:
     """Measure a run on so many workers of one core each."""
-    from clradar.dataset.engine.cluster import DEVICE as RESOURCE
-    from clradar.dataset.engine.cluster import local_cluster
-    from clradar.dataset.engine.distributed import Distributed
+    from clradar.jobs.cluster import DEVICE as RESOURCE
+    from clradar.jobs.cluster import local_cluster
+    from clradar.jobs.distributed import Distributed
 
     begun_s = time.perf_counter()
     with (

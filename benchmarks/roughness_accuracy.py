@@ -27,8 +27,8 @@ from scipy.spatial.transform import Rotation
 
 import clradar
 from calibration import Regions, RoughnessSweep, sweep_roughness
-from clradar.cli.resumable import FolderStore
 from clradar.hand import hand_mesh
+from clradar.jobs.job import FolderStore
 from measurement_io import open_capture, save_capture
 
 ARRAY = clradar.arrays.qar50()

@@ -1,6 +1,6 @@
 """Our times alone, to be held against those of other versions, with the results of the peers.
 
-`clradar bench` times the same work against the peers.
+benchmarks/against_peers.py times the same work against the peers.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from core import meshes
+from core.images import ExactImage, PaperVolume, noise
+from core.nearest import NearestHits
+from core.phasor_sums import PathSums
+from core.physical import PhysicalHand
+from core.rays import bounces_of, our_tree, peers_of, rays_of, surface_of
+from core.timing import ARRAY, WAVEFORM, relative_rms_db
 
 import clradar
 from clradar import reference
-from clradar.bench import meshes
-from clradar.bench.images import ExactImage, PaperVolume, noise
-from clradar.bench.nearest import NearestHits
-from clradar.bench.phasor_sums import PathSums
-from clradar.bench.physical import PhysicalHand
-from clradar.bench.rays import bounces_of, our_tree, peers_of, rays_of, surface_of
-from clradar.bench.timing import ARRAY, WAVEFORM, relative_rms_db
 from clradar.hand import hand_mesh
 from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
 
@@ -37,7 +37,7 @@ OURS_DB, PEER_DB = -120.0, -95.0
 """Ours: a few float32 roundings of terms of one pair, compensated. The peer: 1e-5 is requested."""
 
 PLANES = 5
-"""Of the paper's 81, which `clradar bench` takes: the planning of "fast" counts more with fewer."""
+"""Of the paper's 81, which the peers get: the planning of "fast" counts more with fewer."""
 
 RANGE_DB = -50.0
 """Linear interpolation between range bins: -54 dB."""

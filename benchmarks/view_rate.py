@@ -18,7 +18,7 @@ import numpy as np
 
 import clradar
 from clradar.hand import hand_mesh
-from clradar.view.player import Player
+from clradar.view.playing import Player
 from clradar.view.server import serving
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
@@ -80,12 +80,12 @@ def main() -> None:
     labels = tuple(f"frame {i}" for i in range(FRAMES))
     source = FixedFrames("hand", labels, contents.__getitem__)
     with (
-        serving(source, Wish(dynamic_range_db=20.0), port=0) as (server, session),
+        serving(source, Wish(dynamic_range_db=20.0), port=0) as (port, session),
         tempfile.TemporaryDirectory() as folder,
         chromium.chromium(Path(folder), webgl=True) as page,
     ):
         page.resize(*SIZE)
-        page.open(f"http://127.0.0.1:{server.get_port()}/")
+        page.open(f"http://127.0.0.1:{port}/")
         player = Player(session, MOST_PER_S)
         for voxels in (False, True):
             session.change(voxels=voxels)

@@ -1,18 +1,22 @@
 """Calibration of recordings, and registration of simulations to them."""
 
-# A package of clradar: clradar/files/own_packages.py looks for this line.
 # Functions take the names of their modules: `from calibration import align` gives the function.
 from calibration.channels.correction import correct
 from calibration.channels.estimate import estimate_channels
 from calibration.channels.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
-from calibration.clutter.gating import Gate, gate, range_gate
-from calibration.clutter.subtraction import average_frames, subtract_background
-from calibration.conventions.diagnose import Diagnosis, Score, diagnose
-from calibration.conventions.hypotheses import HYPOTHESES, Hypothesis, apply_convention
+from calibration.cleaning import clean
+from calibration.clutter import Gate, average_frames, gate, range_gate, subtract_background
+from calibration.conventions import (
+    HYPOTHESES,
+    Diagnosis,
+    Hypothesis,
+    Score,
+    apply_convention,
+    diagnose,
+)
 from calibration.hand_fit.fit_hand import fit_hand
 from calibration.hand_fit.fit_hands import fit_hands
 from calibration.hand_fit.frame_fit import FrameFit
-from calibration.hand_fit.learned_start import LearnedStart
 from calibration.hand_fit.result import Basin, HandFit
 from calibration.registration.align_images import align
 from calibration.registration.align_mesh import align_mesh
@@ -41,7 +45,6 @@ __all__ = [
     "Gate",
     "HandFit",
     "Hypothesis",
-    "LearnedStart",
     "Place",
     "RegionSweep",
     "Regions",
@@ -58,6 +61,7 @@ __all__ = [
     "alpha_of_slope",
     "apply_convention",
     "average_frames",
+    "clean",
     "correct",
     "diagnose",
     "estimate_channels",

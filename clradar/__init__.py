@@ -17,8 +17,8 @@ __version__ = "0.2.0"
 
 def __getattr__(name: str) -> Any:
     # Everything is imported on first use, so that commands and readers import what they need.
-    if name in ("arrays", "calibration", "measurement_io"):
-        return import_module(f"clradar.{name}")
+    if name == "arrays":
+        return import_module("clradar.arrays")
     if name == "open_dataset":  # needs xarray, and imports this package
         return import_module("clradar.dataset").open_dataset
     if name != "__all__" and name.startswith("__"):

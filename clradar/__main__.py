@@ -1,7 +1,6 @@
 """The command line by ``python -m clradar``."""
 
-from clradar.cli import main
-from clradar.files.own_packages import leave_current_folder
+from clradar.cli import leave_current_folder, main
 
 
 def run() -> None:

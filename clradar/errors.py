@@ -8,7 +8,6 @@ from typing import Any
 
 _OWN_PACKAGES = frozenset({"clradar", "calibration", "measurement_io"})
 
-
 MAX_QUOTED_CHARACTERS = 200
 """Of a value, a key or a name that a message quotes; a file can hold one of any length."""
 
@@ -22,7 +21,9 @@ def quoted(text: object, most: int = MAX_QUOTED_CHARACTERS) -> str:
 
 
 class ClradarError(Exception):
-    """Base of every error that clradar, measurement_io and calibration raise on purpose."""
+    """Base of all errors raised on purpose; `mistakes` are the lines of a file with several."""
+
+    mistakes: tuple[str, ...] = ()
 
 
 class ModelError(ClradarError, ValueError):

@@ -25,6 +25,7 @@ from clradar.imaging.reconstruction import reconstruct
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
+from clradar.jobs.where import map_devices
 from clradar.model import (
     METAL,
     AntennaArray,
@@ -54,7 +55,7 @@ from clradar.motion.motion_file import read_motion
 from clradar.motion.rigid import RigidMotion
 from clradar.motion.sweep import simulate_moving
 from clradar.motion.timing import SweepTiming
-from clradar.opencl import Device, list_devices, map_devices, open_device
+from clradar.opencl import Device, list_devices, open_device
 from clradar.simulation import simulate, simulate_image
 from clradar.synthesize import synthesize
 from clradar.trace import trace

@@ -22,7 +22,7 @@ def image(scene: clradar.Scene, alpha: float, seed: int, samples_per_mm2: float)
 
 def main(alphas: tuple[float, ...] = (0.0, 0.3, 0.9), samples_per_mm2: float = 1.0) -> None:
     scene = clradar.Scene.from_mesh(hand_mesh("F"))
-    # For a real one: clradar.backproject(clradar.measurement_io.open_capture("000000.npy"), grid)
+    # For a real one: clradar.backproject(measurement_io.open_capture("000000.npy"), grid)
     measured = image(scene, 0.3, 1, samples_per_mm2)
     simulated = [(f"alpha = {a:g}", image(scene, a, 0, samples_per_mm2)) for a in alphas]
     metrics = [clradar.compare(measured, volume) for _, volume in simulated]

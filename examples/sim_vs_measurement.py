@@ -9,10 +9,10 @@ from tempfile import TemporaryDirectory
 import trimesh
 
 import clradar
-from clradar.calibration import register
+from calibration import register
 from clradar.hand import hand_mesh
-from clradar.measurement_io import open_recording, save_recording
 from clradar.report import ReportImage, html_report
+from measurement_io import open_recording, save_recording
 
 GRID = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.1, 0.1), (0.27, 0.33), 2e-3)
 

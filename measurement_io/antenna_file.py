@@ -32,11 +32,6 @@ def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
     -------
     ndarray, shape (94, 3), float64, metres
         In the antenna frame.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, not such a file, another number of rows, NaN or infinite.
     """
     positions = read_position_file(path)
     if len(positions) not in (CHANNELS, CHANNELS - 2):
@@ -51,11 +46,6 @@ def read_position_file(path: str | os.PathLike[str]) -> np.ndarray:
     -------
     ndarray, shape (n, 3), float64
         In the file's unit.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, not such a file, NaN or infinite.
     """
     path = Path(path)
     content = read_bytes(path, _EXPECTED, MAX_ANTENNA_FILE_BYTES)

@@ -8,14 +8,14 @@ from pathlib import Path
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import reading, shown
+from clradar.model import Volume
 from clradar.model.progress import Progress
-from measurement_io.layouts.draft import layout_needed
+from measurement_io.layouts.lab_file import layout_needed
 from measurement_io.maroon.folders import find_radar_folder
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_folders
-from measurement_io.maroon.recording_check import check_frames, check_products
-from measurement_io.native import captures_volumes as native
-from measurement_io.native import channels_file
+from measurement_io.maroon.recording_check import check_depth_maps, check_frames
+from measurement_io.native import records as native
 from measurement_io.native import scheme as native_scheme
 from measurement_io.opening import SUPPORTED, kind_of
 
@@ -34,7 +34,7 @@ class CheckReport:
 
     Examples
     --------
-    >>> from clradar.measurement_io import CheckReport
+    >>> from measurement_io import CheckReport
     >>> print(CheckReport("capture.h5", ("checksums",), ("/@created: expected a time, got x",)))
     capture.h5: not all right
       ok: checksums
@@ -77,14 +77,7 @@ def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from clradar.measurement_io import check_file, save_capture
-    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
-    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
-    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
-    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
-    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> from measurement_io import check_file, save_capture
     >>> save_capture("capture.h5", capture)
     >>> check_file("capture.h5").ok
     True
@@ -122,16 +115,12 @@ def _check(
 
 
 def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
-    header = native.read_header(path)
+    opened = native.read_native(path)
+    assert opened is not None  # `kind_of` has seen that it is native
+    header, record = opened
     noun = native_scheme.SCHEMES[header.format].noun
     checked.append(f"native: {noun}, version {header.version}, text attributes intact")
-    found: list[str] = []
-    if header.format == "capture":
-        native.read_capture(path)
-    elif header.format == "channels":
-        channels_file.read_channels(path)
-    else:
-        found = native.view_problems(path, native.read_volume(path)[1])
+    found = native.view_problems(path, record) if isinstance(record, Volume) else []
     checked.append("all data read: types, shapes, stored in full, values finite")
     found += native.nexus_problems(path)
     problems += found
@@ -149,4 +138,4 @@ def _check_folder(
     if not beside:
         checked.append("numbering, and what lies beside the frames: all of it agrees")
     check_frames(radar, checked, problems, progress)
-    check_products(radar, checked, problems)
+    check_depth_maps(radar, checked, problems)

@@ -6,11 +6,12 @@ import os
 from pathlib import Path
 
 from clradar.files.failures import clean, reading, shown
-from measurement_io.layouts.containers import open_container
+from clradar.model import Capture, Volume
+from measurement_io.layouts.lab_file import LabFile
+from measurement_io.layouts.template import layout_template
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_recording
-from measurement_io.native import captures_volumes as native
-from measurement_io.native import channels_file
+from measurement_io.native import records as native
 from measurement_io.opening import SUPPORTED, kind_of
 from measurement_io.record_facts import (
     Description,
@@ -32,14 +33,7 @@ def describe(path: str | os.PathLike[str]) -> Description:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from clradar.measurement_io import describe, save_capture
-    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
-    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
-    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
-    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
-    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> from measurement_io import describe, save_capture
     >>> save_capture("capture.h5", capture)
     >>> print(describe("capture.h5").words["array"])
     lab: 2 Tx, 1 Rx
@@ -60,25 +54,27 @@ def _describe(source: Path) -> Description:
     if kind == "frame":
         capture = read_frame_file(source)
         return Description(shown(source), "recorded frame", tuple(capture_facts(capture)))
-    header = native.read_header(source)
+    opened = native.read_native(source)
+    assert opened is not None  # `kind_of` has seen that it is native
+    header, record = opened
     opening = [
         Fact("created", clean(header.created), clean(header.created)),
         Fact("file version", str(header.version), header.version),
     ]
-    if header.format == "capture":
-        more = capture_facts(native.read_capture(source)[1])
-    elif header.format == "channels":
-        more = channels_facts(channels_file.read_channels(source)[1])
+    if isinstance(record, Capture):
+        more = capture_facts(record)
+    elif isinstance(record, Volume):
+        more = volume_facts(record)
     else:
-        more = volume_facts(native.read_volume(source)[1])
+        more = channels_facts(record)
     return Description(shown(source), f"native {header.format}", (*opening, *more))
 
 
 def _describe_container(source: Path) -> Description:
-    with open_container(source) as container:
-        facts = [
-            Fact(clean(key.name)[:80], key.description, key.description)
-            for key in container.keys.values()
-        ]
-        problem = "it needs a layout with its keys, axes and units"
-        return Description(shown(source), container.kind, tuple(facts), (problem,))
+    found = LabFile.opened(source)
+    facts = [
+        Fact(clean(key.name)[:80], key.description, key.description) for key in found.keys.values()
+    ]
+    problem = "it needs a layout with its keys, axes and units: fill in the template"
+    template = layout_template(found.kind, found.keys.values())
+    return Description(shown(source), found.kind, tuple(facts), (problem,), template=template)

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, cast, get_args
 
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.meshes.reading import FORMATS
-from clradar.model import Capture, checks
-from measurement_io.confined import hdf5_process
-from measurement_io.layouts.capture_by_layout import open_with_layout
-from measurement_io.layouts.containers import is_plain_array, opener_of
-from measurement_io.layouts.draft import layout_needed
-from measurement_io.layouts.hdf5_container import opened_hdf5
-from measurement_io.layouts.layout import Layout
-from measurement_io.layouts.numpy_containers import opened_npy
+from clradar.model import Capture, ChannelCalibration, Volume, checks
+from measurement_io.confined import reading as confined
+from measurement_io.layouts.lab_file import form_of, layout_needed
 from measurement_io.maroon import frame as frame_reader
 from measurement_io.maroon.folders import VARIANTS
-from measurement_io.native import captures_volumes as native
+from measurement_io.maroon.recording import Recording, open_recording
 from measurement_io.native import contents as native_contents
+from measurement_io.native import records as native
+
+if TYPE_CHECKING:
+    from measurement_io.layouts.layout import Layout
 
 Kind = Literal["native", "frame", "folder", "container"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -68,20 +67,13 @@ def open_capture(
         Missing, unreadable, damaged or hostile; of an unknown kind or a newer version; NaN or
         infinite values; parts that disagree. The message names the file, what was expected and
         what was found. No code of a file is ever run. Of a file that needs a layout and has none
-        it is a `LayoutNeeded`, which lists the file's keys and carries the draft of a layout.
+        it lists the file's keys.
     ModelError
         An invalid argument.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from clradar.measurement_io import open_capture, save_capture
-    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
-    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
-    >>> cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
-    >>> data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
-    >>> capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    >>> from measurement_io import open_capture, save_capture
     >>> save_capture("capture.h5", capture)
     >>> read = open_capture("capture.h5")
     >>> step_rad = np.angle(read.data[0, 0, 0] / read.data[0, 0, 1])  # 2 pi d / c * 1 GHz, wrapped
@@ -96,15 +88,17 @@ def open_capture(
     if layout is not None:
         if variant is not None or rx_file is not None or tx_file is not None:
             fail(source, "a layout alone, which has the positions", "other settings with it")
+        from measurement_io.layouts.apply import open_with_layout
+
         return open_with_layout(source, layout, frame=frame)
     with reading(source, SUPPORTED):
         settings = (frame, variant, rx_file, tx_file)
         if all(setting is None for setting in settings) and _is_hdf5(source):
             # Kind and content in one go: each process costs as much as reading a small file.
-            found = native.read_capture_if_native(source)
+            found = native.read_native(source, "capture")
             if found is None:
                 raise layout_needed(source)
-            return found[1]
+            return cast(Capture, found[1])
         kind = kind_of(source)
         if kind == "container":
             raise layout_needed(source)
@@ -122,32 +116,55 @@ def open_capture(
             return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
         if rx_file is not None or tx_file is not None:
             fail(source, "a recorded frame, for antenna files to apply to", "a native file")
-        return native.read_capture(source)[1]
+        return _native(source, "capture")
 
 
 def _is_hdf5(path: Path) -> bool:
-    return not path.is_dir() and opener_of(path) is opened_hdf5
+    return not path.is_dir() and form_of(path) == "hdf5"
 
 
 def kind_of(path: Path) -> Kind:
-    """Return which kind of source a path is, by its content.
+    """Return which kind of source a path is, by its content."""
+    with reading(path, SUPPORTED):
+        if path.is_dir():
+            return "folder"
+    form = form_of(path)
+    if form == "npy":
+        return "container" if frame_reader.is_plain_array(path) else "frame"
+    if form == "hdf5":
+        return "native" if confined.run(native_contents.is_native, path) else "container"
+    if path.suffix.lower() in FORMATS:
+        fail(path, "a capture", "a mesh by its name: simulate it first (clradar simulate)")
+    if form is not None:
+        return "container"
+    size = regular_file_size(path, SUPPORTED)
+    fail(path, SUPPORTED, "something else" if size else "an empty file")
+
+
+def open(path: str | os.PathLike[str]) -> Capture | Volume | ChannelCalibration | Recording:
+    """Return what a path holds: a capture, a volume, channels, or the recording of a folder.
 
     Raises
     ------
     MeasurementError
-        Missing, unreadable, or of a kind that is not supported; the message lists those that are.
+        As `open_capture` and `open_recording`, whose options choose frames, antennas and layouts.
+
+    Examples
+    --------
+    >>> import measurement_io
+    >>> measurement_io.save_capture("capture.h5", capture)
+    >>> measurement_io.open("capture.h5").data.shape
+    (2, 1, 3)
     """
-    with reading(path, SUPPORTED):
-        if path.is_dir():
-            return "folder"
-    opener = opener_of(path)
-    if opener is opened_npy:
-        return "container" if is_plain_array(path) else "frame"
-    if opener is opened_hdf5:
-        return "native" if hdf5_process.run(native_contents.is_native, path) else "container"
-    if path.suffix.lower() in FORMATS:
-        fail(path, "a capture", "a mesh by its name: simulate it first (clradar simulate)")
-    if opener is not None:
-        return "container"
-    size = regular_file_size(path, SUPPORTED)
-    fail(path, SUPPORTED, "something else" if size else "an empty file")
+    source = Path(path)
+    with reading(source, SUPPORTED):
+        if source.is_dir():
+            return open_recording(source)
+    found = native.read_native(source) if _is_hdf5(source) else None
+    return open_capture(source) if found is None else found[1]
+
+
+def _native(path: Path, kind: str) -> Capture:
+    found = native.read_native(path, kind)
+    assert found is not None  # `kind_of` has seen that it is native
+    return cast(Capture, found[1])

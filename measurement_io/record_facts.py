@@ -42,7 +42,7 @@ class Fact:
 
     Examples
     --------
-    >>> from clradar.measurement_io import Fact
+    >>> from measurement_io import Fact
     >>> Fact("frequencies", "3 from 76 to 78 GHz", {"count": 3, "low_hz": 76e9}).value["count"]
     3
     """
@@ -71,10 +71,12 @@ class Description:
         What contradicts itself or cannot be read; empty for a file that is well.
     missing : tuple of str
         What a recording could have and has not, which is no fault.
+    template : str
+        Of a layout, for the file of another program; else empty.
 
     Examples
     --------
-    >>> from clradar.measurement_io import Description, Fact
+    >>> from measurement_io import Description, Fact
     >>> description = Description("a.h5", "native capture", (Fact("array", "lab: 2 Tx, 1 Rx", {}),))
     >>> print(description)
     a.h5: native capture
@@ -86,6 +88,7 @@ class Description:
     facts: tuple[Fact, ...]
     problems: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    template: str = ""
 
     @property
     def words(self) -> dict[str, str]:
@@ -105,6 +108,7 @@ class Description:
             "facts": {key: _strict(value) for key, value in self.values.items()},
             "missing": list(self.missing),
             "problems": list(self.problems),
+            **({"template": self.template} if self.template else {}),
         }
 
     def __str__(self) -> str:
@@ -116,6 +120,7 @@ class Description:
             lines += [f"  {'':<{width}}  {other}" for other in others]
         lines += [f"  missing: {line}" for line in self.missing]
         lines += [f"  problem: {line}" for line in self.problems]
+        lines += ["", self.template.rstrip("\n")] if self.template else []
         return "\n".join(lines)
 
 

@@ -32,7 +32,7 @@ def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from clradar.measurement_io import read_transform
+    >>> from measurement_io import read_transform
     >>> _ = Path("motion.json").write_text(
     ...     '{"transform": [[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}'
     ... )

@@ -28,8 +28,8 @@ def pytest_configure(config: pytest.Config) -> None:
 NEED_A_DEVICE = (
     *("bench", "calibration/conventions", "calibration/hand_fit", "calibration/roughness"),
     *("calibration/scripts", "cli", "dataset", "fuzz", "imaging", "motion", "opencl", "phasors"),
-    *("live", "rigs", "tracing", "view", "arrays/test_gains_and_boresights.py"),
-    "compare/test_spread.py",
+    *("rigs", "tracing", "view", "arrays/test_gains_and_boresights.py"),
+    *("compare/test_spread.py", "jobs/test_devices.py"),
     *("calibration/registration/test_align_mesh.py", "calibration/registration/test_register.py"),
     *("geometry/test_bvh.py", "hand/test_flesh.py", "hand/test_hand.py", "test_doctests.py"),
     *("measurement_io/maroon/test_recording_frames.py", "test_examples.py", "test_validation.py"),

@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import csv
 import hashlib
+import itertools
 import json
 import os
 import platform
@@ -30,6 +31,7 @@ from unittest import mock
 
 import h5py
 import numpy as np
+from PIL import Image
 
 import calibration
 import clradar
@@ -886,7 +888,8 @@ def cleaning(works: Works) -> Values:
     for scaling in ("none", "common", "channel"):
         without = calibration.subtract_background(frames[1], empty, scaling=scaling)
         found |= {f"without, {scaling}": without.data, f"without, {scaling}, meta": without.meta}
-    for hypothesis in calibration.HYPOTHESES:
+    for flags in itertools.product((False, True), repeat=4):
+        hypothesis = calibration.Hypothesis(*flags)
         if hypothesis.changes:
             found[hypothesis.label] = calibration.apply_convention(frames[2], hypothesis).data
     return found
@@ -958,7 +961,7 @@ def channel_estimates(works: Works) -> Values:
 
 @case(SUMMED)
 def conventions(works: Works) -> Values:
-    """Sharpness by each of sixteen hypotheses, of points that were written in one of them."""
+    """Sharpness by each of eight hypotheses, of points that were written in one of them."""
     done = calibration.Hypothesis(conjugated=True, mirrored=True)
     capture = calibration.apply_convention(works.points, done)
     grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.28, 0.33), 5e-3)
@@ -1121,16 +1124,11 @@ def maroon_files(works: Works) -> Values:
                         {"timestamp_us": 1000 + i, "gain": 0.5})
         for i, scale in enumerate((1000.0, 900.0))
     ]  # fmt: skip
-    grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.03), (0.29, 0.31), 1e-2)
-
-    def image(capture: clradar.Capture) -> clradar.Volume:
-        return clradar.backproject(capture, grid, method="exact", device=works.device)
-
     folder = works.folder / "object" / "30"
     turn = np.eye(4)
     turn[0, 0] = -1.0
     measurement_io.save_recording(
-        folder, captures, image=image, metadata={"distance_meters": 0.3, "labels": ["plate"]},
+        folder, captures, metadata={"distance_meters": 0.3, "labels": ["plate"]},
         alignment={"photogrammetry2radar": turn.tolist()},
     )  # fmt: skip
     single = measurement_io.save_maroon_frame(
@@ -1143,7 +1141,7 @@ def maroon_files(works: Works) -> Values:
     for i in range(2):
         read = recording[i]
         found[f"frame {i}"] = read.data
-        found[f"frame {i} projection"] = recording.max_projection(i).amplitude
+        put_depth(recording.path, i)
         found |= named(f"frame {i} depth", of_depth(recording.depth_map(i)))
     described = json.dumps(measurement_io.describe(folder).to_dict(), sort_keys=True)
     found["described"] = described.replace(str(works.folder), "")
@@ -1151,6 +1149,20 @@ def maroon_files(works: Works) -> Values:
     sensors = measurement_io.read_alignment(folder / "alignment.json")
     found["transform"] = sensors.to_antenna("photogrammetry")
     return found
+
+
+def put_depth(radar: Path, number: int) -> None:
+    """Put a depth map of 4 x 3 pixels and where they are beside a frame, as the dataset does."""
+    rows_mm = 300 + np.arange(12, dtype=np.uint16).reshape(3, 4) * (number + 1)
+    rows_mm[0, 0] = 0
+    for name, rows in (("depth", rows_mm), ("maxproj", 2 * rows_mm)):
+        (radar / name).mkdir(exist_ok=True)
+        Image.fromarray(rows).save(radar / name / f"{number:06d}.png")
+    calibration_json = json.loads((radar / "calibration.json").read_text())
+    grid = {"bb_min": [-0.1, -0.08, 0.2], "bb_max": [0.14, 0.05, 0.4], "grid_size": [4, 3, 5]}
+    entry = {"volume": grid, "amplitude": {"amplitude_filter_threshold_dB": -14}}
+    text = json.dumps(calibration_json | {f"{number:06d}": entry})
+    (radar / "calibration.json").write_text(text)
 
 
 def files(folder: Path) -> Iterator[tuple[str, bytes]]:

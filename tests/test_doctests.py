@@ -7,9 +7,15 @@ import importlib
 import inspect
 from typing import Any
 
+import numpy as np
 import pytest
 
+import clradar
 from clradar.errors import ClradarError
+from clradar.hand import HandPose, posed_skeleton
+from clradar.rigs import Rig
+from clradar.rigs.mano import MANO_JOINTS
+from clradar.rigs.rig import Influences, PoseBlend
 
 PACKAGES = (
     "clradar",
@@ -18,6 +24,7 @@ PACKAGES = (
     "clradar.rigs",
     "clradar.dataset",
     "clradar.report",
+    "clradar.view",
     "clradar.opencl",
     "measurement_io",
     "calibration",
@@ -43,12 +50,37 @@ def documented() -> dict[str, Any]:
 DOCUMENTED = documented()
 
 
+@pytest.fixture(scope="module")
+def namespace() -> dict[str, Any]:
+    """What examples use without making it: a `capture`, `channels`, a `rig` of the form of MANO."""
+    waveform = clradar.Waveform([76e9, 77e9, 78e9])
+    array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
+    cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S
+    data = np.exp(-2j * np.pi * cycles) * np.ones((2, 1, 1))  # a path of 0.6 m
+    capture = clradar.Capture(data.astype(np.complex64), array, waveform, {"room": "B 12"})
+    channels = clradar.ChannelCalibration(
+        response=clradar.ChannelResponse([1, 1j], [2], [0, 1e-12], [0], 77e9),
+        array=array, waveform=waveform,
+        target="corner", target_position={"x_m": 0.0, "y_m": 0.1, "z_m": 0.3},
+        target_covariance=np.eye(3), target_amplitude=1.0,
+        dead_tx=[], dead_rx=[], noisy_tx=[], noisy_rx=[],
+        tx_noise=[0, 0], rx_noise=[0], tx_phase_std_rad=[0.01, 0.01], rx_phase_std_rad=[0.01],
+        tx_delay_std_s=[0, 0], rx_delay_std_s=[0], residual_db=-20.0, noise_residual_db=-21.0,
+        meta={},
+    )  # fmt: skip
+    rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
+    skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
+    blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
+    rig = Rig("m", "right", 1.0, np.eye(3), rest.joints_m, rest.frames, [[0, 1, 2]], skin, blend)
+    return {"capture": capture, "channels": channels, "rig": rig, "np": np, "clradar": clradar}
+
+
 @pytest.mark.parametrize("name", DOCUMENTED)
-def test_example(name: str, tmp_path, monkeypatch) -> None:
+def test_example(name: str, tmp_path, monkeypatch, namespace: dict[str, Any]) -> None:
     monkeypatch.chdir(tmp_path)
     item = DOCUMENTED[name]
     finder = doctest.DocTestFinder(recurse=False)
-    (test,) = finder.find(item, name, module=False, globs={})
+    (test,) = finder.find(item, name, module=False, globs=dict(namespace))
     assert test.examples, f"{name} has no example in its docstring"
     output: list[str] = []
     doctest.DocTestRunner(optionflags=FLAGS).run(test, out=output.append)

@@ -42,10 +42,11 @@ from pathlib import Path
 import numpy as np
 import clradar
 from clradar.errors import MeasurementError, OutputError
-from clradar.files import confined, work_folder
+from clradar.files import confined
+from clradar.jobs import lock as work_folder
 from clradar.files.atomic import write_file
 from clradar.files.confined import process
-from clradar.measurement_io import open_capture, save_capture
+from measurement_io import open_capture, save_capture
 
 array = clradar.AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
 data = np.ones((1, 1, 2), np.complex64)
@@ -69,9 +70,9 @@ with work_folder.held(Path("work"), "sweep"):
     write_file(Path("work") / "text", b"a\\n")
 print(sorted(os.listdir("work")), Path("work/text").read_bytes())
 
-from clradar.dataset.engine.cluster import KeepToCores
+from clradar.jobs.cluster import KeepToCores
 from clradar.files.interrupts import interrupts_blocked
-from clradar.dataset.engine.worker_resources import own_cores
+from clradar.jobs.resources import own_cores
 KeepToCores(own_cores()).setup(None)
 with interrupts_blocked():
     print("cores:", own_cores() == list(range(os.cpu_count())))

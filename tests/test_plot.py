@@ -30,6 +30,8 @@ from clradar.plot import (
     save_figure,
 )
 
+X_LEFT = "\N{LEFTWARDS ARROW} x (mm)"
+
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
 
@@ -93,16 +95,16 @@ def test_columns_of_a_comparison(count: int) -> None:
     assert len(figure.axes) == 2 * columns + 2
     assert [a.get_title() for a in figure.axes[:columns]] == ["Measurement", *labels]
     for i, axes in enumerate(figure.axes[: 2 * columns]):
-        assert axes.get_xlabel() == ("x (mm)" if i >= columns else "")
+        assert axes.get_xlabel() == (X_LEFT if i >= columns else "")
         assert axes.get_ylabel() == ("y (mm)" if i % columns == 0 else "")
-    assert [a.get_ylabel() for a in figure.axes[-2:]] == ["amplitude (dB)", "depth z (mm)"]
+    assert [a.get_ylabel() for a in figure.axes[-2:]] == ["below maximum (dB)", "depth z (mm)"]
 
 
 def test_image_figure() -> None:
     figure = image_figure(blob(), r"price: $3 \of $5")
     assert len(figure.axes) == 4
-    assert [a.get_xlabel() for a in figure.axes] == ["x (mm)", "x (mm)", "", ""]
-    labels = ["y (mm)", "y (mm)", "amplitude (dB)", "depth z (mm)"]
+    assert [a.get_xlabel() for a in figure.axes] == [X_LEFT, X_LEFT, "", ""]
+    labels = ["y (mm)", "y (mm)", "below maximum (dB)", "depth z (mm)"]
     assert [a.get_ylabel() for a in figure.axes] == labels
     assert all(a.xaxis_inverted() for a in figure.axes[:2])
     assert texts(figure) == [r"price: $3 \of $5"]
@@ -161,13 +163,13 @@ def test_caption() -> None:
     images = [blob(), blob(0.0), blob(-60.0)]
     given = Metrics(0.654, 0.876, 0.5, 0.25, float("nan"), 0.0123, 0.9)
     figure = comparison_figure(images[0], [("a", images[1])], metrics=[given])
-    for expected in ("0.65", "0.88", "0.50", "0.25", "n/a", "12.3"):
+    for expected in ("0.654", "0.876", "0.500", "0.250", "n/a", "12.30", "900.00"):
         assert expected in texts(figure)
     assert "depth RMSE (mm)" in texts(figure)
     computed = comparison_figure(images[0], [("a", images[1]), ("b", images[2])])
     for image in images[1:]:
         value = 1e3 * compare(images[0], image).chamfer_simulated_to_measured_m
-        assert f"{value:.1f}" in texts(computed)
+        assert f"{value:.2f}" in texts(computed)
     without = comparison_figure(images[0], [("a", images[1])], metrics=())
     assert texts(without) == []
     assert without.get_figheight() < figure.get_figheight()
@@ -352,7 +354,8 @@ def test_panels_are_in_rows_with_their_own_axes() -> None:
     panels, bar = figure.axes[:4], figure.axes[4]
     assert [a.get_title() for a in panels] == ["one $", "none", "three", "0"]
     tops = [a.get_position().y1 for a in panels]
-    assert tops[0] == tops[1] > tops[2] == tops[3]
+    assert tops == pytest.approx([tops[0], tops[0], tops[2], tops[2]])
+    assert tops[0] > tops[2]
     for axes, image in ((panels[0], near), (panels[2], far)):
         left, right = axes.get_xlim()
         assert left > right  # x increases to the left
@@ -361,7 +364,7 @@ def test_panels_are_in_rows_with_their_own_axes() -> None:
         assert np.array_equal(~values.mask, image.mask)
     assert not panels[1].collections
     assert not panels[3].collections
-    assert bar.get_ylabel() == "amplitude (dB)"
+    assert bar.get_ylabel() == "below maximum (dB)"
     assert "All" in texts(figure)
     figure.draw_without_rendering()
     with pytest.raises(CompareError, match="not zero"):
@@ -381,7 +384,7 @@ def slab(x_mm: Any, y_mm: Any, z_mm: Any, step_mm: float = 4.0) -> Volume:
 
 
 def labels_of(figure: Figure) -> list[str]:
-    return [figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()]
+    return [figure.axes[0].get_xlabel().lstrip("\N{LEFTWARDS ARROW} "), figure.axes[0].get_ylabel()]
 
 
 def brightest_at(figure: Figure) -> tuple[float, float]:
@@ -462,7 +465,7 @@ def test_large_lengths_are_in_metres() -> None:
     assert shown
     assert all(low <= 1e3 * label <= high for label in shown)
     assert_legible(comparison_figure(far, [("a", far)]))
-    assert comparison_figure(far, [("a", far)]).axes[2].get_xlabel() == "x (m)"
+    assert comparison_figure(far, [("a", far)]).axes[2].get_xlabel() == X_LEFT.replace("mm", "m")
 
 
 @pytest.mark.parametrize("origin_mm", [0.0, 12_345.0])
@@ -478,7 +481,7 @@ def test_a_line_of_voxels_is_a_curve() -> None:
     figure = image_figure(slab((20, 20), (30, 30), DEEP, 2.0), "a line", dynamic_range_db=20.0)
     (axes,) = figure.axes
     (curve,) = axes.lines
-    assert labels_of(figure) == ["z (mm)", "amplitude (dB)"]
+    assert labels_of(figure) == ["z (mm)", "below maximum (dB)"]
     assert axes.get_title() == "Amplitude at x = 20, y = 30 mm"
     assert curve.get_xdata()[np.argmax(curve.get_ydata())] == pytest.approx(300.0)
     assert axes.get_ylim()[0] == -20.0
@@ -514,7 +517,7 @@ def test_all_three_views_are_below_one_maximum_in_one_unit() -> None:
     far = Volume(volume.data, VoxelGrid([-0.1, -0.1, 0.96], [4e-3] * 3, volume.grid.counts))
     for image, unit in ((volume, "mm"), (far, "m")):
         *panels, _ = image_figure(image, view="all").axes
-        names = [(panel.get_xlabel(), panel.get_ylabel()) for panel in panels]
+        names = [(panel.get_xlabel()[-len(unit) - 4 :], panel.get_ylabel()) for panel in panels]
         assert names == [(f"{a} ({unit})", f"{b} ({unit})") for a, b in ("xy", "xz", "zy")]
         assert [drawn(panel).max() for panel in panels] == [0.0] * 3
         assert [drawn(panel).shape for panel in panels] == [(51, 51), (21, 51), (51, 21)]
@@ -558,7 +561,7 @@ def test_disagreement_is_drawn_with_rings_around_unmatched_objects() -> None:
     assert level[32, 30] == pytest.approx(0.0, abs=0.1)
     assert level.mask[0, 0]
     assert one.xaxis_inverted()
-    assert figure.axes[-1].get_ylabel() == "level difference (dB)"
+    assert figure.axes[-1].get_ylabel() == "unmatched by (dB)"
     # The other way round it is surplus: the same place, the other sign, another ring.
     turned = disagreement_figure(blob(), two)
     mesh, other = turned.axes[0].collections

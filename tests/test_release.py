@@ -182,13 +182,13 @@ def test_contributors_are_sent_to_names_that_exist() -> None:
     """`NAME` of `file.py`, as the recipes have them."""
     text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     for names, path in (
-        (("opener_of",), "measurement_io/layouts/containers.py"),
+        (("read",), "measurement_io/layouts/contents.py"),
         (("kind_of", "open_capture", "SUPPORTED"), "measurement_io/opening.py"),
         (("fail", "reading"), "clradar/files/failures.py"),
         (("VALUES",), "clradar/compare/similarity.py"),
-        (("Metrics", "HIGHER_IS_BETTER", "UNDEFINED"), "clradar/compare/metrics.py"),
-        (("METRIC_COLUMNS",), "clradar/cli/comparison.py"),
-        (("CAPTION",), "clradar/plot/comparison.py"),
+        (("Metrics",), "clradar/compare/metrics.py"),
+        (("METRIC_TABLE",), "clradar/compare/metric_table.py"),
+        (("MEANINGS",), "clradar/report/tables.py"),
         (("_ALL",), "clradar/model/known_materials.py"),
         (("test_known_materials",), "tests/model/test_material.py"),
     ):

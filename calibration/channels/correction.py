@@ -52,7 +52,7 @@ def correct(
     Examples
     --------
     >>> import clradar
-    >>> from clradar import calibration
+    >>> import calibration
     >>> q = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)

@@ -147,7 +147,7 @@ def estimate_channels(
     A Tx of twice the gain, and 6 degrees ahead:
 
     >>> import clradar, numpy as np
-    >>> from clradar import calibration
+    >>> import calibration
     >>> q = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)

@@ -39,7 +39,7 @@ class Echo:
     The plate of 10 cm reflects between the first Tx and the Rx, not between the second and the Rx:
 
     >>> import clradar
-    >>> from clradar import calibration
+    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0], [0.4, 0, 0]], [[0, 0, 0]])
     >>> echo = calibration.FlatPlate(0.3, size_m=(0.1, 0.1)).echo(array)
     >>> echo.length_m[:, 0].round(3).tolist(), echo.seen[:, 0].tolist()
@@ -62,7 +62,7 @@ class Target(Protocol):
 
     Examples
     --------
-    >>> from clradar import calibration
+    >>> import calibration
     >>> plate: calibration.Target = calibration.FlatPlate(0.3, 2.0)
     >>> plate.kind, plate.parameter_names, plate.parameters.tolist()
     ('plate', ('distance_m', 'tilt_x_deg', 'tilt_y_deg'), [0.3, 2.0, 0.0])
@@ -100,7 +100,7 @@ class CornerReflector:
     Examples
     --------
     >>> import clradar
-    >>> from clradar import calibration
+    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.4, 0, 0]])
     >>> calibration.CornerReflector([0, 0, 0.3]).echo(array).length_m.round(3).tolist()
     [[0.8]]
@@ -157,7 +157,7 @@ class Sphere:
     A monostatic echo comes from the point of the sphere nearest to the antenna:
 
     >>> import clradar
-    >>> from clradar import calibration
+    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> calibration.Sphere([0, 0, 0.35], 0.05).echo(array).length_m.round(3).tolist()
     [[0.6]]
@@ -225,7 +225,7 @@ class FlatPlate:
     The path length is the distance from the image of the Tx at z = 0.6 m:
 
     >>> import clradar
-    >>> from clradar import calibration
+    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.8, 0, 0]])
     >>> calibration.FlatPlate(0.3).echo(array).length_m.round(3).tolist()
     [[1.0]]
@@ -319,7 +319,7 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     The path of 0.6 m is one wavelength at the first frequency, 1.25 at the second:
 
     >>> import clradar, numpy as np
-    >>> from clradar import calibration
+    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform([299_792_458 / 0.6, 1.25 * 299_792_458 / 0.6])
     >>> samples = calibration.response(calibration.FlatPlate(0.3), array, waveform)[0, 0]

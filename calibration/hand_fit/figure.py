@@ -14,20 +14,15 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.hand import JOINT_NAMES
 from clradar.model import DepthMap, Scene, Volume
 from clradar.plot.layout import (
-    BAR_GAP,
-    BAR_LABELS,
-    BAR_WIDTH,
-    BOTTOM,
     LABEL_PT,
-    LEFT,
+    MARGIN,
     SINGLE_PANEL_WIDTH,
     TICK_PT,
-    TOP,
     Extent,
     LengthUnit,
-    add_axes,
-    new_figure,
+    new_panels,
     panel_size,
+    settled,
     text_height,
 )
 from clradar.plot.panels import (
@@ -77,23 +72,16 @@ def hand_fit_figure(
     """
     shown = depth_map_of(measured, dynamic_range_db, "measured image")
     extent = Extent.around([shown])
-    panel_w, panel_h = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
-    step = LEFT + panel_w + BAR_GAP + BAR_WIDTH + BAR_LABELS
-    legend_h = text_height(LEGEND_ROWS, LABEL_PT) + TOP
-    bottom = legend_h + BOTTOM
-    height = bottom + panel_h + text_height(1, LABEL_PT) + 2 * TOP
-    figure = new_figure(2 * step, height)
-    lefts = [LEFT, LEFT + step]
-    panels = [add_axes(figure, left, bottom, panel_w, panel_h) for left in lefts]
-    bars = [
-        add_axes(figure, left + panel_w + BAR_GAP, bottom, BAR_WIDTH, panel_h) for left in lefts
-    ]
+    size = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
+    legend_h = text_height(LEGEND_ROWS, LABEL_PT) + MARGIN
+    figure, (panels,) = new_panels(1, 2, size, bars=2, labels=(1, 2), below=legend_h)
     for axes, title in zip(panels, ("Amplitude, maximum over depth", "Depth"), strict=True):
-        draw_frame(axes, extent, panel_w, panel_h, x_labels=True, y_labels=True, margin=0.0)
+        draw_frame(axes, extent, size)
         axes.set_title(title, fontsize=LABEL_PT, pad=4)
     limits_mm = depth_limits_mm([shown])
-    amplitude_bar(bars[0], draw_amplitude(panels[0], shown, extent.unit), dynamic_range_db)
-    depth_bar(bars[1], draw_depth(panels[1], shown, extent.unit, limits_mm), limits_mm, [shown])
+    amplitude_bar(panels[:1], draw_amplitude(panels[0], shown, extent.unit), dynamic_range_db)
+    depth_bar(panels[1:], draw_depth(panels[1], shown, extent.unit, limits_mm), limits_mm, [shown])
+    settled(figure)  # before the ellipses, which may be large
     for axes, colour in zip(panels, ("white", "black"), strict=True):
         draw_outline(axes, fit.scene, extent.unit, colour)
         draw_tips(axes, fit, extent.unit, colour)

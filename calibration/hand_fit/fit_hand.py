@@ -85,12 +85,12 @@ def fit_hand(
     measured : Capture, Volume or DepthMap
         In the antenna frame, on evenly spaced pixels. A capture is imaged first, on the grid of
         `clradar.place_grid`.
-    pose : str, Path, HandPose, HandFit, LearnedStart, Start, or several of them
+    pose : str, Path, HandPose, HandFit, Start, or several of them
         Where the fit starts, and the mean of its prior: a name in `clradar.hand.POSES`, "all" for
         all letters, a pose file, a pose, or an earlier fit, which brings its shape, its place and
-        which hand it is, too (also as the folder that `clradar fit-hand` wrote); or what a model
-        predicts (`LearnedStart`, or its ONNX file). Several starts are fitted coarsely, and the
-        best three to the end; the best is returned, and the others are among its `basins`.
+        which hand it is, too (also as the folder that `clradar fit-hand` wrote). Several starts are
+        fitted coarsely, and the best three to the end; the best is returned, and the others are
+        among its `basins`.
     rig : Rig, optional
         Fit this hand (`clradar.rigs.read_rig`) instead of the one of `clradar.hand`.
     handedness : "right", "left" or "either"
@@ -160,7 +160,7 @@ def fit_hand(
     `examples/tutorials/9_hand_from_capture.py` fits a simulated hand. Where nothing is seen:
 
     >>> import clradar, numpy as np
-    >>> from clradar import calibration
+    >>> import calibration
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
     >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
     >>> calibration.fit_hand(dark, "F", device="pocl")
@@ -182,12 +182,7 @@ def fit_hand(
         return HandFitter(model, depth, radar.aperture, opened, parameters)
 
     tried = []
-    starts = [
-        (seen, side)
-        for start in starts_of(pose)
-        for side in _sides(start, handedness, rig)
-        for seen in start.seen_in(depth, side)
-    ]
+    starts = [(start, side) for start in starts_of(pose) for side in _sides(start, handedness, rig)]
     costs = (
         ROUGH_COST * len(starts), SEARCH_COST * min(len(starts), SEARCHED), LOOP_COST * closed_loop
     )  # fmt: skip

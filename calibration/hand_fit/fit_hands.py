@@ -18,7 +18,7 @@ from calibration.hand_fit.hand_shape_vector import N_SHAPE
 from calibration.hand_fit.hand_state import N_ANGLES, HandState
 from calibration.hand_fit.result import DIGITS, RIVAL_DEVIANCE, ends_apart_m
 from calibration.hand_fit.starts import PoseLike, Start, starts_of
-from calibration.hand_fit.track import Track
+from calibration.hand_fit.track import FRAME_S, Track
 from calibration.registration.mesh_pose import depth_for_mesh
 from calibration.registration.radar import Radar
 from clradar.errors import ClradarWarning, CompareError, MeasurementError
@@ -29,9 +29,6 @@ from clradar.model.progress import Progress
 from clradar.model.volume import capture_meta
 from clradar.opencl import Device, open_device
 from clradar.rigs import Rig
-
-FRAME_S = 0.125
-"""Time between frames without time stamps: that of the imager's recordings."""
 
 MEMORY = 8
 """Frames whose median misfit the next one is held against: a second."""
@@ -120,7 +117,7 @@ def fit_hands(
     Frames of a recording, and where nothing is seen:
 
     >>> import clradar, numpy as np
-    >>> from clradar import calibration
+    >>> import calibration
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
     >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
     >>> fits = calibration.fit_hands([dark, dark], "F", device="pocl")
@@ -236,7 +233,7 @@ def _begun(
     """A frame that was searched for, and a new track."""
     settled = found.settled
     fit = _frame_fit(settled, number, time_s, SEARCHED, found.start, notes, found.handedness)
-    return fit, _track(settled, fit, np.eye(4), (settled.misfit_per_cell,))
+    return fit, _track(settled, fit, (np.eye(4), FRAME_S), (settled.misfit_per_cell,))
 
 
 def _continued(
@@ -265,7 +262,7 @@ def _continued(
     start = f"frame {track.seen}"
     fit = _frame_fit(settled, number, time_s, FOLLOWED, start, notes, track.handedness)
     moved = settled.fitted.state.transform @ np.linalg.inv(track.state.transform)
-    return fit, _track(settled, fit, moved, misfits)
+    return fit, _track(settled, fit, (moved, passed_s), misfits)
 
 
 def doubt_of(settled: Settled, track: Track, passed_s: float) -> str | None:
@@ -304,7 +301,12 @@ def _frame_fit(
     )  # fmt: skip
 
 
-def _track(settled: Settled, fit: FrameFit, moved: np.ndarray, misfits: tuple[float, ...]) -> Track:
+def _track(
+    settled: Settled,
+    fit: FrameFit,
+    moved: tuple[np.ndarray, float],
+    misfits: tuple[float, ...],
+) -> Track:
     return Track(
         frame=fit.frame,
         seen=fit.frame,
@@ -314,7 +316,8 @@ def _track(settled: Settled, fit: FrameFit, moved: np.ndarray, misfits: tuple[fl
         joints_m=settled.joints_m,
         log_brightness=settled.fitted.log_brightness,
         belief=settled.belief,
-        moved=moved,
+        moved=moved[0],
+        moved_s=moved[1],
         misfits=misfits,
     )
 
@@ -362,9 +365,8 @@ class _HandFitting:
                 waveform=image.radar.waveform, search_deg=self.search_deg, seed=self.seed,
                 device=self.device,
             )  # fmt: skip
-        # A learned start has no pose before it has seen the image.
-        known = (start.pose for start in self.starts if start.name == fit.start)
-        nominal = HandState(next(known, fit.pose), shape or AVERAGE, fit.transform)
+        begun = next(start.pose for start in self.starts if start.name == fit.start)
+        nominal = HandState(begun, shape or AVERAGE, fit.transform)
         belief = Belief.of_start(nominal, self.angle_std_deg, self.fit_shape)
         if track is not None:
             belief = track.belief.restarted(nominal, self.angle_std_deg)

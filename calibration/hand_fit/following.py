@@ -76,7 +76,7 @@ class Follower:
         start = HandState(
             pose_with(track.state.pose, mean[:N_ANGLES]),
             shape_of(mean[N_ANGLES:]) if self.fit_shape else track.state.shape,
-            track.moved @ track.state.transform,
+            track.predicted(time_s),
         )
         return self.settle(depth, start, track.log_brightness, belief)
 

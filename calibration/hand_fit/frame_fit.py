@@ -12,6 +12,7 @@ import numpy as np
 from calibration.hand_fit.hand_shape_vector import N_SHAPE, SHAPE_NAMES
 from calibration.hand_fit.hand_state import N_ANGLES, HandState, angles_of
 from calibration.hand_fit.result import ANGLE_NAMES, TIPS, by_joint
+from clradar.files.failures import reading
 from clradar.hand import JOINT_NAMES, HandShape
 from clradar.hand.pose_file import pose_of_table, pose_table
 
@@ -52,7 +53,7 @@ class FrameFit:
 
     Examples
     --------
-    >>> from clradar.calibration import FrameFit
+    >>> from calibration import FrameFit
     >>> dark = FrameFit.nothing(3, 0.375, ("nothing is seen",), "right")
     >>> dark.to_dict()["how"], dark.state
     ('nothing found', None)
@@ -114,29 +115,36 @@ class FrameFit:
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any], path: Path) -> FrameFit:
-        """The frame of a record of `to_dict`; `path` is what errors name."""
-        about = (record["how"], record["start"], tuple(record["notes"]), record["handedness"])
-        if "pose" not in record:
-            return cls.nothing(record["frame"], record["time_s"], *about[2:])
-        lengths = {"finger_lengths": tuple(record["shape"]["finger_lengths"])}
-        angles = record["angles"]
-        return cls(
-            record["frame"],
-            record["time_s"],
-            *about,
-            state=HandState(
-                pose_of_table(record["pose"], path),
-                HandShape(**(record["shape"] | lengths)),
-                np.array(record["transform"]),
-            ),
-            joints_m=_of_joints(record["joints_m"], 3),
-            joint_std_m=_of_joints(record["joint_std_m"], 1)[:, 0],
-            angle_std_rad=np.radians([angles[name]["std_deg"] for name in ANGLE_NAMES]),
-            shape_std=np.array([record["shape_std"][name] for name in SHAPE_NAMES]),
-            untold=tuple(name for name in ANGLE_NAMES if not angles[name]["told"]),
-            misfit=record["misfit"],
-            misfit_per_cell=record["misfit_per_cell"],
-        )
+        """The frame of a record of `to_dict`; `path` is what errors name.
+
+        Raises
+        ------
+        MeasurementError
+            A key is missing, or has a value of another type.
+        """
+        with reading(path, "the record of a fitted frame"):
+            about = (record["how"], record["start"], tuple(record["notes"]), record["handedness"])
+            if "pose" not in record:
+                return cls.nothing(record["frame"], record["time_s"], *about[2:])
+            lengths = {"finger_lengths": tuple(record["shape"]["finger_lengths"])}
+            angles = record["angles"]
+            return cls(
+                record["frame"],
+                record["time_s"],
+                *about,
+                state=HandState(
+                    pose_of_table(record["pose"], path),
+                    HandShape(**(record["shape"] | lengths)),
+                    np.array(record["transform"]),
+                ),
+                joints_m=_of_joints(record["joints_m"], 3),
+                joint_std_m=_of_joints(record["joint_std_m"], 1)[:, 0],
+                angle_std_rad=np.radians([angles[name]["std_deg"] for name in ANGLE_NAMES]),
+                shape_std=np.array([record["shape_std"][name] for name in SHAPE_NAMES]),
+                untold=tuple(name for name in ANGLE_NAMES if not angles[name]["told"]),
+                misfit=record["misfit"],
+                misfit_per_cell=record["misfit_per_cell"],
+            )
 
     @classmethod
     def nothing(

@@ -1,4 +1,4 @@
-"""Where the fit of a hand starts: poses by name, of files, of earlier fits, or learned."""
+"""Where the fit of a hand starts: poses by name, of files, or of earlier fits."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from calibration.hand_fit.learned_start import SUFFIX, LearnedStart
 from calibration.hand_fit.result import HandFit
 from calibration.registration.alignment import check_rigid
 from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
@@ -18,7 +17,7 @@ from clradar.files.json_file import read_json_object
 from clradar.files.table import nearest
 from clradar.hand import LETTERS, POSES, HandPose, HandShape, pose_by_name, read_pose
 from clradar.hand.pose_file import SUFFIXES, pose_of_table
-from clradar.model import DepthMap, checks
+from clradar.model import checks
 
 FIT_FILE = "fit.json"
 """In the folder of a fit; `HandFit.to_dict` with what made it."""
@@ -43,8 +42,6 @@ class Start:
         None: the one that the fit is given.
     transform : ndarray, shape (4, 4), metres, optional
         As `HandFit.transform`; None: the place is searched for.
-    learned : LearnedStart, optional
-        Predicts poses from the image; until `seen_in` has asked it, `pose` has its name alone.
     source : str
         What the pose was taken from, where that is no pose: an earlier fit.
     """
@@ -53,7 +50,6 @@ class Start:
     shape: HandShape | None = None
     handedness: str | None = None
     transform: np.ndarray | None = None
-    learned: LearnedStart | None = None
     source: str = ""
 
     @property
@@ -61,15 +57,8 @@ class Start:
         """What results call the start: the earlier fit, or the name of the pose."""
         return self.source or self.pose.name
 
-    def seen_in(self, depth: DepthMap, handedness: str) -> tuple[Start, ...]:
-        """The starts for a measured hand, "right" or "left": itself, unless it is a learned one."""
-        if self.learned is None:
-            return (self,)
-        found = self.learned.predict(depth, handedness)
-        return tuple(Start(pose) for pose in found.starts())
 
-
-PoseLike: TypeAlias = "str | Path | HandPose | HandFit | LearnedStart | Start"
+PoseLike: TypeAlias = "str | Path | HandPose | HandFit | Start"
 
 
 def starts_of(pose: PoseLike | Iterable[PoseLike]) -> tuple[Start, ...]:
@@ -77,10 +66,10 @@ def starts_of(pose: PoseLike | Iterable[PoseLike]) -> tuple[Start, ...]:
 
     Parameters
     ----------
-    pose : str, Path, HandPose, HandFit, LearnedStart, Start, or several of them
+    pose : str, Path, HandPose, HandFit, Start, or several of them
         A name in `clradar.hand.POSES`, "all" for all letters, a pose file (.toml, .json), a pose,
-        an earlier fit, its folder, or its file fit.json, a learned start or its file (.onnx). A
-        string that is a name is one, whatever files there are.
+        an earlier fit, its folder, or its file fit.json. A string that is a name is one, whatever
+        files there are.
 
     Raises
     ------
@@ -89,7 +78,7 @@ def starts_of(pose: PoseLike | Iterable[PoseLike]) -> tuple[Start, ...]:
     MeasurementError
         A file that cannot be read.
     """
-    if isinstance(pose, str | Path | HandPose | HandFit | LearnedStart | Start):
+    if isinstance(pose, str | Path | HandPose | HandFit | Start):
         return _starts(pose)
     if not isinstance(pose, Iterable):
         checks.fail("pose", "a name, a pose, an earlier fit, or several", type(pose).__name__)
@@ -102,8 +91,6 @@ def starts_of(pose: PoseLike | Iterable[PoseLike]) -> tuple[Start, ...]:
 def _starts(pose: Any) -> tuple[Start, ...]:
     if isinstance(pose, Start):
         return (pose,)
-    if isinstance(pose, LearnedStart):
-        return (Start(HandPose(pose.name), learned=pose),)
     if isinstance(pose, HandPose):
         return (Start(pose),)
     if isinstance(pose, HandFit):
@@ -122,8 +109,7 @@ def _named(name: str) -> HandPose:
         return pose_by_name(name)
     except ModelError:
         known = ", ".join(repr(known) for known in POSES)
-        files = f"a pose file ({', '.join(SUFFIXES)}), a learned start ({SUFFIX})"
-        others = f"'{ALL}', {files}, or the folder of an earlier fit"
+        others = f"'{ALL}', a pose file ({', '.join(SUFFIXES)}), or the folder of an earlier fit"
         meant = nearest(name, (*POSES, ALL))
         checks.fail("pose", f"one of {known}, {others}", f"{name!r}{meant}")
 
@@ -136,11 +122,11 @@ def start_file(text: str) -> Path | None:
     path = Path(text)
     if path.is_dir():
         return path / FIT_FILE
-    return path if path.suffix.lower() in (*SUFFIXES, SUFFIX) else None
+    return path if path.suffix.lower() in SUFFIXES else None
 
 
 def read_start(path: Path) -> Start:
-    """Return the start in a pose file, a learned one, a fit.json, or the folder of a fit.
+    """Return the start in a pose file, a fit.json, or the folder of a fit.
 
     Raises
     ------
@@ -151,8 +137,6 @@ def read_start(path: Path) -> Start:
         if not (path / FIT_FILE).is_file():
             fail(path, f"the folder of a fit, which holds {FIT_FILE}", "none")
         path = path / FIT_FILE
-    if path.suffix.lower() == SUFFIX:
-        return _starts(LearnedStart.read(path))[0]
     if path.suffix.lower() != ".json":
         return Start(read_pose(path))
     record = read_json_object(path)

@@ -7,12 +7,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import fractional_matrix_power
 
 from calibration.hand_fit.belief import Belief
 from calibration.hand_fit.hand_shape_vector import N_SHAPE
 from calibration.hand_fit.hand_state import HandState
 from clradar.hand import JOINT_NAMES, HandPose, HandShape, JointAngles
 from clradar.hand.joints import ANGLES
+
+FRAME_S = 0.125
+"""Between frames without time stamps."""
+
+MOST_STEPS = 4.0
+"""Times that the last motion is taken to go on, while no hand is found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +41,8 @@ class Track:
     belief : Belief
     moved : ndarray, shape (4, 4)
         Rigid motion of the hand from the frame before that one.
+    moved_s : float, seconds
+        In which it was.
     misfits : tuple of float
         Per cell, of the last frames since a search.
     """
@@ -47,7 +56,16 @@ class Track:
     log_brightness: np.ndarray
     belief: Belief
     moved: np.ndarray
+    moved_s: float
     misfits: tuple[float, ...]
+
+    def predicted(self, passed_s: float) -> np.ndarray:
+        """Transform of the hand so much later, if it goes on moving as it did."""
+        steps = min(passed_s / self.moved_s, MOST_STEPS)
+        motion = np.real(fractional_matrix_power(self.moved, steps))
+        left, _, right = np.linalg.svd(motion[:3, :3])
+        motion[:3, :3] = left @ right
+        return np.asarray(motion @ self.state.transform)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """All of it as arrays, from which `from_arrays` makes it again bit by bit."""
@@ -71,6 +89,7 @@ class Track:
             "covariance": self.belief.covariance,
             "nominal_shape": self.belief.nominal_shape,
             "moved": self.moved,
+            "moved_s": np.array(self.moved_s),
             "misfits": np.array(self.misfits),
         }
 
@@ -95,5 +114,6 @@ class Track:
             arrays["log_brightness"],
             Belief(arrays["mean"], arrays["covariance"], arrays["nominal_shape"]),
             arrays["moved"],
+            float(arrays.get("moved_s", FRAME_S)),  # tracks of version 0.2 lack it
             tuple(arrays["misfits"].tolist()),
         )

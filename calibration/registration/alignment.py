@@ -85,7 +85,7 @@ class Alignment:
     Examples
     --------
     >>> import numpy as np
-    >>> from clradar import calibration
+    >>> import calibration
     >>> quarter = np.eye(4)
     >>> quarter[:3] = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01]]
     >>> found = calibration.Alignment(

@@ -82,7 +82,7 @@ class AlphaEstimate:
     Examples
     --------
     >>> import numpy as np
-    >>> from clradar import calibration
+    >>> import calibration
     >>> score = np.array([[0.6, 0.9, 0.7], [0.5, 0.8, 0.7]])
     >>> found = calibration.AlphaEstimate(
     ...     alpha=0.55, uncertainty=0.06, standard_error=0.02, per_seed=np.array([0.53, 0.57]),

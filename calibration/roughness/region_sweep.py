@@ -56,7 +56,7 @@ class RegionSweep:
     The left and the right half of a sphere:
 
     >>> import clradar, numpy as np, trimesh
-    >>> from clradar import calibration
+    >>> import calibration
     >>> mesh = trimesh.creation.icosphere(3, 0.04)
     >>> side = np.where(mesh.triangles_center[:, 0] < 0, "left", "right")
     >>> regions = calibration.Regions.of_labels(side)

@@ -35,7 +35,7 @@ class Regions:
 
     Examples
     --------
-    >>> from clradar import calibration
+    >>> import calibration
     >>> regions = calibration.Regions.of_labels(["palm", "thumb", "palm"])
     >>> regions.names, regions.face.tolist()
     (('palm', 'thumb'), [0, 1, 0])

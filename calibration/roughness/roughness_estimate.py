@@ -120,9 +120,9 @@ class RoughnessEstimate:
 
     Examples
     --------
-    >>> from clradar.calibration.roughness.roughness_estimate import Interval
+    >>> from calibration.roughness.roughness_estimate import Interval
     >>> import numpy as np
-    >>> from clradar import calibration
+    >>> import calibration
     >>> height = Interval(0.31e-3, 0.28e-3, 0.34e-3, 0.25e-3, 0.37e-3)
     >>> length = Interval(3e-3, 1.4e-3, 5.5e-3, 1.1e-3, 5.9e-3, True, True)
     >>> slope = Interval(0.15, 0.08, 0.3, 0.06, 0.4)

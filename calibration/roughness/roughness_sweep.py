@@ -23,12 +23,13 @@ from calibration.roughness.sweep import SEEDS, Store
 from calibration.roughness.texture import TextureMeter
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import ClradarWarning, CompareError, warn
+from clradar.jobs.where import Devices, open_devices
 from clradar.model import AntennaArray, Capture, Scene, Waveform, checks
 from clradar.model.kirchhoff import check_kirchhoff
 from clradar.model.material import METAL, Material
 from clradar.model.plausible import check_plausible
 from clradar.model.progress import Progress, part_of
-from clradar.opencl import Device, Devices, open_devices
+from clradar.opencl import Device
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
@@ -62,8 +63,8 @@ class RoughnessSweep:
     Examples
     --------
     >>> import numpy as np
-    >>> from clradar import calibration
-    >>> from clradar.calibration.roughness.roughness_estimate import Interval
+    >>> import calibration
+    >>> from calibration.roughness.roughness_estimate import Interval
     >>> heights_m, gain_db = np.array([1e-4, 2e-4]), Interval(-3, -4, -2, -5, -1)
     >>> found = calibration.RoughnessSweep(
     ...     (), heights_m, np.array([3e-3]), (0, 1), gain_db, calibrated=False)
@@ -181,7 +182,7 @@ def sweep_roughness(
     A plate, measured with another seed than the simulations':
 
     >>> import clradar, numpy as np, trimesh, warnings
-    >>> from clradar import calibration
+    >>> import calibration
     >>> warnings.simplefilter("ignore", clradar.ClradarWarning)  # of a coarse surface
     >>> plate = trimesh.creation.box((0.04, 0.04, 0.001)).apply_translation([0, 0, 0.3])
     >>> scene = clradar.Scene.from_mesh(plate)

@@ -33,7 +33,7 @@ def slope_of_alpha(alpha: float) -> float:
     --------
     Heights h with a correlation length of 3 mm, whose slope is sqrt(2) h / l:
 
-    >>> from clradar import calibration
+    >>> import calibration
     >>> slope = calibration.slope_of_alpha(0.3)
     >>> print(f"{slope:.4f}, h = {3 * slope / 2**0.5:.2f} mm")
     0.0833, h = 0.18 mm
@@ -61,7 +61,7 @@ def alpha_of_slope(slope: float) -> float:
     Examples
     --------
     >>> import math
-    >>> from clradar import calibration
+    >>> import calibration
     >>> print(f"{calibration.alpha_of_slope(math.sqrt(2) * 0.33e-3 / 3e-3):.2f}")
     0.52
     """

@@ -18,6 +18,7 @@ from clradar.backproject import backproject
 from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
+from clradar.jobs.where import Devices, open_devices
 from clradar.model import (
     AntennaArray,
     Capture,
@@ -29,7 +30,7 @@ from clradar.model import (
     checks,
 )
 from clradar.model.progress import Progress, part_of
-from clradar.opencl import Device, Devices, open_devices
+from clradar.opencl import Device
 from clradar.simulation import simulate_alphas
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
@@ -69,7 +70,7 @@ class Sweep:
     Examples
     --------
     >>> import clradar, numpy as np
-    >>> from clradar import calibration
+    >>> import calibration
     >>> axis_m = np.arange(12) * 1e-3
     >>> level = 1.0 + np.add.outer(axis_m, axis_m)
     >>> image = clradar.DepthMap(np.full((12, 12), 0.3), level, axis_m, axis_m, 15.0)
@@ -221,7 +222,7 @@ def sweep(
     A simulation with the sweep's seed in place of a measurement: at its alpha the images are equal.
 
     >>> import clradar, trimesh
-    >>> from clradar import calibration
+    >>> import calibration
     >>> mesh = trimesh.creation.icosphere(3, 0.04)
     >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
     >>> q = clradar.arrays.qar50()

@@ -3,7 +3,7 @@
     python calibration/scripts/background.py hand.h5 --empty empty.h5 -o clean.h5
     python calibration/scripts/background.py hand.h5 --near-mm 250 --far-mm 400 -o clean.h5
 
-`clradar background` does the same with more options; docs/background.md explains them.
+`clradar clean` does the same with more options; docs/background.md explains them.
 """
 
 from pathlib import Path

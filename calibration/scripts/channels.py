@@ -4,7 +4,7 @@
     python calibration/scripts/channels.py plate.h5 -o channels.h5 --distance-mm 300 \
         --correct hand.h5 --corrected hand-corrected.h5
 
-`clradar channels` and `clradar correct` do the same with more options and targets;
+`clradar channels` and `clradar clean` do the same with more options and targets;
 docs/channel-calibration.md has the model and its observability.
 """
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
+from pathlib import Path
+
 from clradar.files.interrupts import ending_signals
 
 TYPE_CHECKING = False  # as in `clradar`
@@ -10,11 +14,27 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
+ROOT = str(Path(__file__).resolve().parents[2])
+"""The folder that clradar is installed in."""
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; see `clradar.cli.launcher.main`."""
+    """Run the command line; see `clradar.cli.app.main`."""
     # Signals first: what is imported below takes longer than a user may wait for.
     with ending_signals():
-        from clradar.cli import launcher
+        from clradar.cli import app
 
-        launcher.main(arguments)
+        app.main(arguments)
+
+
+def leave_current_folder() -> None:
+    """Take the current folder off Python's path, where ``python -m`` puts it first.
+
+    A command reads files there and imports none. Where clradar itself lies in it, it stays.
+    """
+    try:
+        first, here = os.path.realpath(sys.path[0]), os.path.realpath(os.curdir)
+    except FileNotFoundError:  # the current folder was removed
+        return
+    if first == here and first != ROOT:
+        del sys.path[0]

@@ -1,4 +1,4 @@
-"""Labels of compared images, and their metrics as a table and as JSON."""
+"""Compared images and their metrics, and the figure of what a file holds."""
 
 from __future__ import annotations
 
@@ -9,21 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table, progress_bar
-from clradar.cli.titles import title_of
+from clradar.cli.inputs import nothing_to_draw, title_of
+from clradar.cli.parse import wrong_usage
+from clradar.compare.metric_table import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import warn
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from clradar import DepthMap, Metrics, Volume
 
-METRIC_COLUMNS = {
-    "overlap": ("overlap", 1.0, 3),
-    "dB correlation": ("db_correlation", 1.0, 3),
-    "SSIM": ("ssim", 1.0, 3),
-    "mask IoU": ("mask_iou", 1.0, 3),
-    "depth RMSE (mm)": ("depth_rmse_m", 1e3, 2),
-    "Chamfer sim. to meas. (mm)": ("chamfer_simulated_to_measured_m", 1e3, 2),
-    "Chamfer meas. to sim. (mm)": ("chamfer_measured_to_simulated_m", 1e3, 2),
-}
+METRIC_COLUMNS = {one.name: (one.field, one.scale, one.digits) for one in METRIC_TABLE}
 """Title of a column: field of `Metrics`, factor to the unit of the column, decimals."""
 
 
@@ -120,3 +117,44 @@ class Comparison:
             {"file": str(path), "label": label, "metrics": found.to_dict()}
             for path, label, found in zip(paths, self.labels, self.metrics, strict=True)
         ]
+
+
+def figure_of(
+    path: Path, *, view: str | None = None, plane: tuple[str, float | None] | None = None
+) -> Figure | None:
+    """A volume's image; echoes and channels of a capture, or over the frames of a recording.
+
+    `view` and `plane`, an axis and a place in metres, are of a volume. None, and a warning, where
+    it has nothing to see.
+    """
+    from clradar.plot import capture_figure, image_figure, plane_of, recording_figure
+    from measurement_io import open_capture, open_channels, open_recording, open_volume
+    from measurement_io.native.records import read_header
+    from measurement_io.opening import kind_of
+
+    kind = kind_of(path)
+    native = read_header(path).format if kind == "native" else None
+    if native != "volume":
+        for name, value in {"--view": view, "--slice": plane}.items():
+            if value is not None:
+                raise wrong_usage(name, f"expected with a volume, which {path} is not")
+    if kind == "folder":
+        recording = open_recording(path)
+        title = title_of(path, {})
+        with progress_bar("reading") as progress:
+            return recording_figure(recording, recording.frame_numbers, title, progress=progress)
+    if native == "volume":
+        volume = open_volume(path)
+        reason = nothing_to_draw(volume)
+        if reason is not None:
+            warn(f"{path}: not drawn, since the image is {reason}")
+            return None
+        drawn = volume if plane is None else plane_of(volume, *plane)
+        return image_figure(drawn, title_of(path, volume.meta), view=view)
+    if native == "channels":
+        from calibration.channels.figure import channels_figure
+
+        channels = open_channels(path)
+        return channels_figure(channels, title_of(path, channels.meta))
+    capture = open_capture(path)
+    return capture_figure(capture, title_of(path, capture.meta))

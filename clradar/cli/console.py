@@ -82,8 +82,13 @@ def print_text(text: str) -> None:
 
 
 def _print(text: str, stream: TextIO) -> None:
+    print(_encodable(text, stream), file=stream, flush=True)
+
+
+def _encodable(text: str, stream: TextIO) -> str:
+    """The text with escapes for what a stream's encoding lacks, as in the C locale."""
     encoding = getattr(stream, "encoding", None) or "utf-8"
-    print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
+    return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def counted(count: int, noun: str) -> str:
@@ -110,7 +115,8 @@ def print_table(
 
     # In a pipe nothing is cut or wrapped: a program that reads it needs whole lines.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 10_000)
-    cells = [[Text(one_line(cell)) for cell in row] for row in rows]  # Text: brackets are no markup
+    # Text: brackets are no markup.
+    cells = [[Text(_encodable(one_line(cell), sys.stdout)) for cell in row] for row in rows]
     filled = [max((row[i].cell_len for row in cells), default=0) for i in range(len(columns))]
     heads, gap = [[name] for name in columns], GAP_CHARACTERS
     if columns[-1] not in right:
@@ -175,14 +181,7 @@ class _Bar:
 
 @contextmanager
 def progress_bar(label: str) -> Iterator[Progress | None]:
-    """Show a progress bar on stderr while the block runs, where stderr is a terminal.
-
-    Yields
-    ------
-    callable or None
-        To be passed on as ``progress=``: called with (done, total); its method `stage` shows what
-        is done now after the label. None in a pipe.
-    """
+    """Show a progress bar on stderr while the block runs, where stderr is a terminal."""
     if not sys.stderr.isatty():
         yield None
         return

@@ -12,22 +12,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.cli.console import counted, print_line, print_warning, progress_bar
+from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import ImageInput
-from clradar.cli.on_workers import Cluster, each_made
-from clradar.cli.options.recording import FrameOptions
-from clradar.cli.options.values import wrong_usage
-from clradar.cli.resumable import SETTINGS, begin_work, clear, cleared_on_failure
-from clradar.errors import ClradarError
-from clradar.files import work_folder
+from clradar.cli.options.measured import FrameOptions
+from clradar.cli.parse import wrong_usage
 from clradar.files.atomic import replacing
 from clradar.imaging.several_captures import mean_over_pairs
+from clradar.jobs import Job, Where
+from clradar.jobs.job import KEY
 from clradar.model.volume import depth_map_of_planes, plane_slabs
 
 if TYPE_CHECKING:
     from clradar import Capture, DepthMap, Device, Volume, VoxelGrid
     from clradar.imaging.fast import GridPiece
+    from clradar.jobs import Where
     from clradar.model import ImageScale
+    from clradar.model.progress import Progress
 
 PARTS = "parts"
 """Folder of the images of single captures on pieces of the grid; of several captures alone."""
@@ -38,7 +38,7 @@ PIECES = "pieces"
 WHOLE = "volume.h5"
 """The file that is written, before it gets its name beside the folder."""
 
-OWN_NAMES = (SETTINGS, PARTS, PIECES, WHOLE)
+OWN_NAMES = (KEY, PARTS, PIECES, WHOLE)
 
 Part = tuple[int, int]
 """Numbers of a piece and of a capture."""
@@ -56,19 +56,7 @@ def capture_of(path: Path, frames: FrameOptions) -> tuple[Capture, list[Path]]:
 
 @dataclass(frozen=True, kw_only=True)
 class PartSteps:
-    """How a part is made, as plain values that a worker process gets.
-
-    Attributes
-    ----------
-    folder : Path
-    captures : tuple of Path
-    frames : FrameOptions
-    grid : VoxelGrid
-        Its pieces are cut by its size alone.
-    imaging : mapping
-        Settings of `clradar.backproject`.
-    device : Device, str or None
-    """
+    """How a part is made, as plain values that a worker process gets."""
 
     folder: Path
     captures: tuple[Path, ...]
@@ -83,14 +71,16 @@ class PartSteps:
 
         return grid_pieces(self.grid)
 
-    def run(self, part: Part) -> None:
+    def run(self, part: Part, progress: Progress | None = None) -> None:
         """Image a capture on a piece of the grid, and write it."""
         from clradar import backproject
 
         piece, number = part
         capture, _ = capture_of(self.captures[number], self.frames)
         grid = self.pieces[piece].grid
-        image = backproject(capture, grid, check_grid=False, device=self.device, **self.imaging)
+        image = backproject(
+            capture, grid, check_grid=False, device=self.device, progress=progress, **self.imaging
+        )
         _write(self.file_of(part), image.data)
 
     def file_of(self, part: Part) -> Path:
@@ -136,14 +126,7 @@ def _read(path: Path) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class PartedImage:
-    """An image whose planes are read from its pieces: `clradar.model.volume.Planes`.
-
-    Attributes
-    ----------
-    steps : PartSteps
-    meta, scale
-        Of the volume.
-    """
+    """An image whose planes are read from its pieces: `clradar.model.volume.Planes`."""
 
     steps: PartSteps
     meta: Mapping[str, Any]
@@ -185,7 +168,7 @@ class PartedImage:
 
     def save(self, path: Path, origin: Mapping[str, Any], *, force: bool) -> None:
         """Write it as a native volume, a few planes in memory at a time."""
-        from measurement_io.native.captures_volumes import save_planes
+        from measurement_io.native.records import save_planes
 
         whole = self.steps.folder / WHOLE
         save_planes(whole, self, self.grid, {**self.meta, **origin}, self.scale, force=True)
@@ -198,76 +181,42 @@ def made_by_parts(
     steps: PartSteps,
     settings: Mapping[str, Any],
     n_samples: Sequence[int],
+    where: Where,
     *,
-    workers: int | Cluster | None,
-    device: str | None,
     force: bool,
 ) -> Iterator[None]:
     """Make all parts that are not there yet; the folder is removed at the end of the block.
 
-    Parameters
-    ----------
-    steps : PartSteps
-    settings : mapping
-        With which the folder has to have been begun.
-    n_samples : sequence of int
-        Of each capture.
-    workers : int, Cluster or None
-        Worker processes; None: in this one, or in one for each of several devices.
-    device : str or None
-        As of `clradar.opencl.open_devices`.
-    force : bool
-        Begin anew in a folder that was begun with other settings.
-
-    Raises
-    ------
-    OutputError
-        The folder was begun with other settings, or another process writes into it.
-    ClradarError
-        A part cannot be made; those that are done stay.
+    `settings` are the key of the folder, `n_samples` those of each capture.
     """
-    folder = steps.folder
-    with work_folder.held(folder, "image"):
-        begin_work(folder, settings, own=OWN_NAMES, work="begun image", force=force)
-        with cleared_on_failure(folder, OWN_NAMES, unless="*/*.npy"):
-            _make(steps, n_samples, workers, device)
+    job = Job(
+        folder=steps.folder, work="image", key=settings, own=OWN_NAMES, force=force,
+        resumable=lambda folder: any(folder.glob("*/*.npy")),
+    )  # fmt: skip
+    with job.held():
+        for name in (PARTS, PIECES):
+            (steps.folder / name).mkdir(exist_ok=True)
+        _make(job, steps, n_samples, where)
         yield
-        clear(folder, OWN_NAMES)
+        job.clear()
     with suppress(OSError):  # it is gone, or holds something else
-        folder.rmdir()
+        steps.folder.rmdir()
 
 
-def _make(
-    steps: PartSteps, n_samples: Sequence[int], workers: int | Cluster | None, device: str | None
-) -> None:
-    for name in (PARTS, PIECES):
-        (steps.folder / name).mkdir(exist_ok=True)
+def _make(job: Job, steps: PartSteps, n_samples: Sequence[int], where: Where) -> None:
     # Piece by piece, so that the parts of few pieces are on disk at the same time.
     left = {piece: set(steps.left(piece)) for piece in range(len(steps.pieces))}
-    items = [part for parts in left.values() for part in sorted(parts)]
-    n_all = len(steps.pieces) * len(n_samples)
-    if len(items) < n_all:
-        there = f"{n_all - len(items)} of {counted(n_all, 'part')}"
-        print_line(f"{steps.folder}: resumes with {there} done before")
     for piece in (piece for piece, parts in left.items() if not parts):
         steps.join(piece, n_samples)
-    if not items:
-        return
-    said: set[str] = set()
+    # Workers may be in other folders.
+    captures = tuple(path.absolute() for path in steps.captures)
+    sent = replace(steps, folder=steps.folder.absolute(), captures=captures)
+    items = [(piece, number) for piece in left for number in range(len(n_samples))]
     with progress_bar("imaging") as progress:
-        captures = tuple(path.absolute() for path in steps.captures)
-        # Workers may be in other folders.
-        sent = replace(steps, folder=steps.folder.absolute(), captures=captures)
-        made = each_made(sent, items, workers, device, "the parts of an image")
-        for done, (part, (outcome, warned)) in enumerate(made, start=1):
-            if isinstance(outcome, ClradarError):
-                raise outcome
-            for text in warned:
-                if text not in said:
-                    print_warning(text)
-                said.add(text)
-            left[part[0]].remove(part)
-            if not left[part[0]]:
-                steps.join(part[0], n_samples)
-            if progress is not None:
-                progress(done, len(items))
+        for (piece, number), _ in job.each(
+            sent, items, where, done=lambda part: part not in left[part[0]],
+            progress=progress, say=print_line, noun="part",
+        ):  # fmt: skip
+            left[piece].remove((piece, number))
+            if not left[piece]:
+                steps.join(piece, n_samples)

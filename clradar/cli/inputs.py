@@ -1,21 +1,28 @@
-"""Captures and volumes that commands read, and images of the captures."""
+"""Captures and volumes that commands read, their titles, means, and images."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.options.groups import given
-from clradar.cli.options.imaging import MODEL_METHODS, GridOptions, ImagingOptions
-from clradar.cli.options.radar import RadarOptions
-from clradar.cli.options.recording import FrameOptions, recording_files
-from clradar.cli.options.values import wrong_usage
+from clradar.cli.options.groups import given, option
+from clradar.cli.options.measured import (
+    MODEL_METHODS,
+    FrameOptions,
+    GridOptions,
+    ImagingOptions,
+    RadarOptions,
+    recording_files,
+)
+from clradar.cli.parse import wrong_usage
 
 if TYPE_CHECKING:
-    from clradar import Capture, Device, Volume, VoxelGrid
+    from clradar import Capture, DepthMap, Device, Volume, VoxelGrid
 
 
 def form_image(
@@ -48,7 +55,7 @@ class ImageInput:
     def open(cls, path: Path, frames: FrameOptions | None = None) -> ImageInput:
         """Open a file or a folder; a frame can be chosen of a recording only."""
         from measurement_io import open_capture, open_volume
-        from measurement_io.native.captures_volumes import read_header
+        from measurement_io.native.records import read_header
         from measurement_io.opening import kind_of
 
         frames = frames or FrameOptions()
@@ -96,6 +103,16 @@ class ImageInput:
         if isinstance(self.content, Volume):
             return self.content
         return form_image(self.content, grid, imaging, device, f"imaging {self.path.name}")
+
+
+def nothing_to_draw(image: Volume | DepthMap) -> str | None:
+    """What an image is that has nothing to see; None for any other."""
+    values = np.asarray(image.data if hasattr(image, "data") else image.amplitude)
+    if not values.any():
+        return "zero everywhere"
+    if values.size == 1:
+        return f"one voxel, of amplitude {abs(values.item()):.4g}"
+    return None
 
 
 def grid_for(
@@ -165,3 +182,72 @@ def mean_capture(
     if isinstance(expected, int) and expected != len(recording):
         print_warning(f"{path}: {len(recording)} of {expected} frames are there; averaged those")
     return mean, files
+
+
+def title_of(path: Path, meta: Mapping[str, Any]) -> str:
+    """Name what is in a file or folder: of a recording its object, distance, variant and frame."""
+    from clradar.model.volume import capture_meta
+
+    capture = capture_meta(meta)
+    name = path.name or path.absolute().name or str(path)
+    words = recording_words(meta)
+    if not words:
+        frame = capture.get("frame")
+        return f"{name}, frame {frame}" if isinstance(frame, int) else name
+    # A folder or a frame is where the words come from; another file has a name of its own.
+    return words if path.is_dir() or path.suffix == ".npy" else f"{name}: {words}"
+
+
+def recording_words(meta: Mapping[str, Any]) -> str:
+    """Name object, distance, variant and frame of a recorded capture; empty for any other."""
+    from clradar.model.volume import capture_meta
+
+    capture = capture_meta(meta)
+    if capture.get("format") != "maroon":
+        return ""
+    variant, frame = capture.get("variant"), capture.get("frame")
+    parts = [*_recording(capture.get("source")), *([variant] if variant else [])]
+    return ", ".join(map(str, [*parts, *([f"frame {frame}"] if isinstance(frame, int) else [])]))
+
+
+def _recording(source: object) -> list[str]:
+    """Return object and distance from the place of a recorded frame, as far as they are known."""
+    from measurement_io.maroon.folders import frame_file
+    from measurement_io.maroon.metadata import DISTANCE_FOLDERS
+
+    if not isinstance(source, str):
+        return []
+    path = Path(source)
+    if frame_file(path).folder is None:
+        return [path.name]
+    distance = path.absolute().parents[2]
+    if distance.name not in DISTANCE_FOLDERS:
+        return [distance.name]
+    return [distance.parent.name, f"{distance.name} cm"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AverageOptions:
+    """The mean over the frames of recordings."""
+
+    average: bool = option(False, "Take the coherent mean of all frames of each radar folder.")
+    align_phase: bool = option(False, "With --average: first rotate frames to a common phase.")
+
+    def check(self, frames: FrameOptions, sources: list[Path], names: str) -> None:
+        """Raise unless the options go together."""
+        if self.align_phase and not self.average:
+            raise wrong_usage("--align-phase", "expected --average with it")
+        if self.average and frames.frame is not None:
+            raise wrong_usage("--frame", "expected either --frame or --average")
+        if self.average and not any(path.is_dir() for path in sources):
+            raise wrong_usage("--average", f"expected a radar folder among {names}")
+
+    def read(self, path: Path, frames: FrameOptions) -> tuple[Capture, list[Path], str]:
+        """One frame or the mean of all, the files it comes from, and the mean in words."""
+        if self.average and path.is_dir():
+            mean, files = mean_capture(
+                path, variant=frames.chosen["variant"], align_phase=self.align_phase
+            )
+            count = mean.meta["average"]["frames"]
+            return mean, files, "1 frame" if count == 1 else f"mean of {count} frames"
+        return *frames.open(path), ""

@@ -8,17 +8,24 @@ a recording.
 from __future__ import annotations
 
 import os
+import platform
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
+from clradar import __version__
 from clradar.errors import OutputError
-from clradar.files.atomic import refuse_special
+from clradar.files.atomic import refuse_special, remove_left, write_file
+from clradar.files.hashing import sha256_of
+from clradar.versions import package_versions
 
 if TYPE_CHECKING:
     from clradar import Capture, ChannelCalibration, Volume
+    from clradar.hand import HandMesh
 
     Result = TypeVar("Result", Capture, Volume, ChannelCalibration)
 
@@ -37,28 +44,12 @@ def _system_errors(path: Path, refused: str) -> Iterator[None]:
 def check_outputs(
     outputs: Iterable[Path | None], *, force: bool, inputs: Iterable[Path] = ()
 ) -> None:
-    """Raise unless every output may be written.
-
-    Parameters
-    ----------
-    outputs : iterable of Path or None
-        None: an output that was not requested.
-    force : bool
-        Existing files may be replaced.
-    inputs : iterable of Path
-        Files that are read, and are never written to.
-
-    Raises
-    ------
-    OutputError
-        A file exists and `force` is False, its folder does not exist or cannot be written to, it is
-        a folder or a device, one file is named twice, it is also an input, or it is a file of a
-        data set or of a recording.
-    """
+    """Raise unless every output may be written."""
     read, written = list(inputs), set()
-    for output in outputs:
-        if output is None:
-            continue
+    wanted = [output for output in outputs if output is not None]
+    remove_left(wanted)
+    known: dict[Path, bool] = {}
+    for output in wanted:
         with _system_errors(output, "cannot be written"):
             if any(_same(output, path) for path in read):
                 raise OutputError(f"{output}: is also an input; choose another name")
@@ -68,7 +59,7 @@ def check_outputs(
             written.add(place)
             if output.is_dir():
                 raise OutputError(f"{output}: expected a file's name, got a folder")
-            _check_place(output)
+            _check_place(output, known)
             refuse_special(output)
             if not force and os.path.lexists(output):
                 raise OutputError(f"{output}: exists already; --force replaces it")
@@ -118,7 +109,8 @@ def check_place_of_folder(
     with _system_errors(folder, "cannot be written"):
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
-        _check_place(folder)
+        remove_left([folder])
+        _check_place(folder, {})
         for path in inputs:
             if _same(folder, path):
                 raise OutputError(f"{folder}: is also an input; choose another folder")
@@ -130,8 +122,11 @@ def check_place_of_folder(
                     )
 
 
-def _check_place(output: Path) -> None:
-    """Raise unless an output's folder exists, can be written to, and is nobody else's."""
+def _check_place(output: Path, known: dict[Path, bool]) -> None:
+    """Raise unless an output's folder exists, can be written to, and is nobody else's.
+
+    `known` keeps which folders are recordings: some have many frames to look through.
+    """
     if not output.parent.is_dir():
         raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")
     if not output.is_dir() and not os.access(output.parent, os.W_OK | os.X_OK):
@@ -139,7 +134,7 @@ def _check_place(output: Path) -> None:
     # A link is followed, and is a file where it lies.
     for place in (os.path.realpath(output), os.path.realpath(output.parent) + f"/{output.name}"):
         for folder in tuple(Path(place).parents)[:OWNED_DEPTH]:
-            owner = _owner_of(folder, Path(place).relative_to(folder).parts[0])
+            owner = _owner_of(folder, Path(place).relative_to(folder).parts[0], known)
             if owner is not None:
                 raise OutputError(
                     f"{output}: belongs to the {owner} '{folder}'; choose another name"
@@ -150,7 +145,7 @@ OWNED_DEPTH = 3
 """Folders above a file that may own it: a recording is three above its frames."""
 
 
-def _owner_of(folder: Path, name: str) -> str | None:
+def _owner_of(folder: Path, name: str, known: dict[Path, bool]) -> str | None:
     """What a folder is, if what has this name in it is its own; None if anybody may write it."""
     # The files first: these imports take half a second.
     if (folder / "manifest.json").is_file():
@@ -158,7 +153,9 @@ def _owner_of(folder: Path, name: str) -> str | None:
 
         if name in OWN_NAMES and is_dataset(folder):
             return "data set"
-    if name.startswith("radar_") or any(folder.glob("radar_*")):
+    if folder not in known:
+        known[folder] = any(folder.glob("radar_*"))
+    if name.startswith("radar_") or known[folder]:
         from measurement_io.maroon.folders import is_own_name
 
         if is_own_name(folder, name):
@@ -226,3 +223,53 @@ def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) 
     else:
         save_channels(path, written, force=force)
     return written
+
+
+def provenance(
+    command: str, options: Mapping[str, Any], inputs: Sequence[Path] = ()
+) -> dict[str, Any]:
+    """The record that goes into the `meta` of a written file."""
+    return {
+        "clradar": __version__,
+        "packages": package_versions(),
+        "python": platform.python_version(),
+        "machine": platform.platform(),
+        "command": command,
+        "options": dict(options),
+        "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in inputs],
+    }
+
+
+SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
+"""Formats of mesh files; .ply and .glb keep the parts apart, .ply the texture, too."""
+
+
+def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandMesh:
+    """A hand turned about the vertical through `center_m`."""
+    cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+    centre_m = np.asarray(center_m, dtype=np.float64)
+    return mesh.moved(np.eye(3), -centre_m).moved(matrix, centre_m)
+
+
+def save_hand(path: Path, mesh: HandMesh, *, force: bool) -> None:
+    """Write a hand's mesh whole or not at all, in metres."""
+    import trimesh
+
+    from clradar.files.meshes.ply_parts import ply_of_parts
+
+    kind = path.suffix.lower()[1:]
+    if kind == "ply":
+        content = ply_of_parts(
+            mesh.vertices_m, mesh.faces, mesh.part, mesh.part_names, mesh.texture_m
+        )
+    elif kind == "glb":
+        scene = trimesh.Scene()
+        for i, name in enumerate(mesh.part_names):
+            piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[mesh.part == i], process=False)
+            piece.remove_unreferenced_vertices()
+            scene.add_geometry(piece, node_name=name, geom_name=name)
+        content = scene.export(file_type=kind)
+    else:
+        content = mesh.to_trimesh().export(file_type=kind)
+    write_file(path, content.encode() if isinstance(content, str) else content, force=force)

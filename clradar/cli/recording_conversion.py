@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.options.recording import AntennaOptions, recording_files
-from clradar.cli.options.values import wrong_usage
+from clradar.cli.options.measured import AntennaOptions, recording_files
 from clradar.cli.outputs import (
     check_folder,
     check_outputs,
     check_place_of_folder,
     made_folder,
+    provenance,
     save,
 )
-from clradar.cli.provenance import provenance
+from clradar.cli.parse import wrong_usage
 from clradar.errors import MeasurementError, ModelError, OutputError
 
 if TYPE_CHECKING:
@@ -32,25 +32,7 @@ if TYPE_CHECKING:
 def write_captures(
     source: Path, output: Path, variant: str | None, antennas: AntennaOptions, *, force: bool
 ) -> None:
-    """Write `output/000000.h5`, `000000_emptyfiltered.h5` ..., one frame in memory at a time.
-
-    Parameters
-    ----------
-    source : Path
-        A radar folder, or the folder that holds one.
-    output : Path
-        Folder; made where missing. Every file in it is whole or not there.
-    variant : {"raw", "emptyfiltered"} or None
-        None: all variants of the recording.
-    antennas : AntennaOptions
-    force : bool
-        Replace existing files.
-
-    Raises
-    ------
-    MeasurementError
-        Some frames cannot be read. A warning names each of them; all others are written.
-    """
+    """Write `output/000000.h5`, `000000_emptyfiltered.h5` ..., one frame in memory at a time."""
     check_place_of_folder(output)
     recording = open_source(source, variant, antennas)
     check_apart(output, recording.path)
@@ -126,22 +108,7 @@ def check_apart(output: Path, radar: Path) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordingOutput:
-    """The recording to write.
-
-    Attributes
-    ----------
-    output : Path
-        The `<object>/<distance>` folder.
-    frame : int or None
-        Which frame of a recording.
-    variant : str or None
-        Which variant of a recording, or the variant that single captures are written as.
-    timestamps_us : sequence of int or None
-        One for each frame.
-    antennas : AntennaOptions
-    force : bool
-        Replace an existing recording.
-    """
+    """The recording to write."""
 
     output: Path
     frame: int | None = None
@@ -291,7 +258,7 @@ def _open_file(path: Path, antennas: AntennaOptions) -> Capture:
 def _variant_of(path: Path) -> str:
     """The variant in the name of a frame, or in the record of a capture; else raw."""
     from measurement_io.maroon.folders import VARIANTS, frame_file
-    from measurement_io.native.captures_volumes import read_header
+    from measurement_io.native.records import read_header
     from measurement_io.opening import kind_of
 
     kind = kind_of(path)

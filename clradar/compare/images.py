@@ -12,22 +12,7 @@ SAME_PIXEL_TOLERANCE_M = 1e-7
 
 
 def depth_map_of(image: Volume | DepthMap, dynamic_range_db: float, label: str) -> DepthMap:
-    """Return the depth map of an image, cut at `dynamic_range_db`.
-
-    Parameters
-    ----------
-    image : Volume or DepthMap
-        A depth map that was cut at a larger dynamic range is cut again.
-    dynamic_range_db : float, decibel
-    label : str
-        Name of the image in errors.
-
-    Raises
-    ------
-    CompareError
-        Not an image, zero everywhere, without any depth, or a depth map that was cut at a smaller
-        dynamic range.
-    """
+    """Return the depth map of an image, cut (again) at `dynamic_range_db`; errors name `label`."""
     if isinstance(image, Volume):
         image = image.depth_map(dynamic_range_db)
     elif not isinstance(image, DepthMap):
@@ -53,18 +38,7 @@ def depth_map_of(image: Volume | DepthMap, dynamic_range_db: float, label: str) 
 
 
 def clipped_db(image: DepthMap) -> np.ndarray:
-    """Return the amplitude in decibel relative to its maximum, clipped at the dynamic range.
-
-    Parameters
-    ----------
-    image : DepthMap
-        With an amplitude above 0 somewhere.
-
-    Returns
-    -------
-    ndarray, shape (n_y, n_x), float64, decibel
-        In [-dynamic_range_db, 0]; an amplitude of 0 gives the lower end.
-    """
+    """Return the amplitude in dB relative to its maximum (above 0), clipped at the range."""
     amplitude = image.amplitude.astype(np.float64)
     floor = 10.0 ** (-image.dynamic_range_db / 20.0)
     # Clipped before the logarithm, which has no value at 0, and after it, because of its rounding.

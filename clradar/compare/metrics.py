@@ -6,15 +6,19 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from clradar.compare.metric_table import METRIC_TABLE
 from clradar.compare.similarity import METRICS
 from clradar.compare.unmatched import UnmatchedObject
 from clradar.constants import DYNAMIC_RANGE_DB
 
-HEADLINE_METRIC = "overlap"
-"""The field of `Metrics` for ranking by a single number; reasons in `docs/metrics.md`."""
+HEADLINE_METRIC = METRIC_TABLE[0].field
+"""The field of `Metrics` for ranking by a single number."""
 
-HIGHER_IS_BETTER = frozenset({"overlap", "db_correlation", "ssim", "mask_iou"})
+HIGHER_IS_BETTER = frozenset(metric.field for metric in METRIC_TABLE if metric.higher_is_better)
 """The metrics whose best value is the largest; for the rest it is the smallest."""
+
+UNDEFINED = {metric.field: metric.undefined for metric in METRIC_TABLE if metric.undefined}
+"""The metrics that can be NaN, and what NaN means there."""
 
 GOOD_OVERLAP, POOR_CORRELATION = 0.8, 0.6
 """Beyond both of these the overlap and the dB correlation contradict each other.
@@ -28,12 +32,6 @@ POOR_OVERLAP, GOOD_CORRELATION = 0.6, 0.9
 
 NAMED_OBJECTS = 3
 """Objects that a remark describes; it counts the rest."""
-
-UNDEFINED = {
-    "db_correlation": "one of the two dB images is constant, so it has no variance",
-    "depth_rmse_m": "the two masks have no pixel in common",
-}
-"""The metrics that can be NaN, and what NaN means there."""
 
 
 @dataclass(frozen=True, slots=True)

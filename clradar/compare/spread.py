@@ -13,9 +13,9 @@ from clradar.backproject import backproject
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarWarning
 from clradar.impairments.impair import impair
+from clradar.jobs.where import Device, Devices, open_devices
 from clradar.model import AntennaArray, Scene, Spread, Volume, VoxelGrid, Waveform, checks
 from clradar.model.progress import Progress
-from clradar.opencl import Device, Devices, open_devices
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
 

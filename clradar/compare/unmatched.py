@@ -192,19 +192,7 @@ def _excess_db(own: np.ndarray, other: np.ndarray) -> np.ndarray:
 def _strongest_near(
     at: DepthMap, others: Sequence[tuple[np.ndarray, DepthMap]]
 ) -> list[np.ndarray]:
-    """Return the largest amplitude of each image near every pixel of `at` that has a depth.
-
-    Parameters
-    ----------
-    at : DepthMap
-    others : sequence of (ndarray of shape (n_y, n_x), DepthMap)
-        An amplitude, and the depths that belong to it, on the pixels of `at`.
-
-    Returns
-    -------
-    list of ndarray, shape (n,)
-        In the order of `at.depth_m[at.mask]`.
-    """
+    """Return the largest amplitude of each image near every pixel of `at` that has a depth."""
     z_m = at.depth_m[at.mask]
     largest = [np.zeros(len(z_m)) for _ in others]
     for inside, row, column in _neighbours(at, at.mask, NEAR_M):

@@ -7,10 +7,8 @@
 
 from clradar.dataset.engine.replay import replay
 from clradar.dataset.engine.run import run
-from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.reader import read_plan
+from clradar.dataset.plan.plan import Plan, PlanError, plan_schema, read_plan
 from clradar.dataset.plan.recipe import recipe
-from clradar.dataset.plan.table import PlanError
 from clradar.dataset.readers.torch_dataset import TorchDataset
 from clradar.dataset.readers.xarray_view import open_dataset
 from clradar.dataset.sample import Sample, make_sample
@@ -22,6 +20,7 @@ __all__ = [
     "TorchDataset",
     "make_sample",
     "open_dataset",
+    "plan_schema",
     "read_plan",
     "recipe",
     "replay",

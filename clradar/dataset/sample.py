@@ -14,7 +14,8 @@ import numpy as np
 
 from clradar.backproject import backproject
 from clradar.dataset.plan.hand_json import pose_of, shape_of
-from clradar.dataset.plan.radar_tables import plan_array
+from clradar.dataset.plan.radar import plan_array
+from clradar.dataset.plan.recipe import EARLIER_SETTINGS
 from clradar.errors import ModelError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
@@ -336,8 +337,7 @@ def recorded_capture(
 ) -> Capture:
     """Return the simulated capture of a scene, with the impairments of the recipe."""
     array, waveform = recipe_radar(recipe)
-    # Recipes that do not say it are older than curved faces.
-    settings = {"facets": "flat", **recipe["simulation"]}
+    settings = {**EARLIER_SETTINGS, **recipe["simulation"]}
     if isinstance(scene, MovingHand):
         moving = MovingScene([scene], lambda own: _with_surface(own, recipe))
         capture = simulate_moving(

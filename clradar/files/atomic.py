@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import platform
+import re
 import secrets
 import shutil
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
 
 from clradar.errors import ClradarError, OutputError
@@ -30,16 +34,10 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
     ------
     Path
         A name that does not exist yet, for the caller to create and close.
-
-    Raises
-    ------
-    OutputError
-        The target exists, its folder does not, or the system refuses to write. Nothing of what
-        was written is left behind.
     """
     target = Path(path)
     refuse_existing(target, force=force)
-    temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}.tmp")
+    temporary = _temporary(target)
     try:
         yield temporary
         _sync(temporary)
@@ -61,18 +59,73 @@ def require_space(temporary: Path, size_bytes: int) -> None:
 
     For HDF5, which cannot close a file that the disk has no space for, and says so in many lines.
     """
-    if not hasattr(os, "posix_fallocate"):
-        if size_bytes > shutil.disk_usage(temporary.parent).free:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    if sys.platform == "linux" and _reserved(temporary, size_bytes):
         return
+    if size_bytes > shutil.disk_usage(temporary.parent).free:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _reserved(temporary: Path, size_bytes: int) -> bool:
+    """Whether the file system has reserved the space, and let go of it; not all of them do.
+
+    Not by `os.posix_fallocate`: where the file system cannot, such as NFS 3, that writes it all.
+    """
+    import ctypes
+
+    system = ctypes.CDLL(None, use_errno=True)
+    reserve = system.fallocate64 if hasattr(system, "fallocate64") else system.fallocate
+    reserve.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64)
     try:
         with open(temporary, "xb") as file:
-            os.posix_fallocate(file.fileno(), 0, size_bytes)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):  # the system cannot tell
-            raise
+            if reserve(file.fileno(), 0, 0, size_bytes) == 0:
+                return True
+            number = ctypes.get_errno()
+            if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise OSError(number, os.strerror(number))
+            return False
     finally:
         temporary.unlink(missing_ok=True)
+
+
+_MACHINE = sha256(platform.node().encode()).hexdigest()[:6]
+
+
+def _temporary(target: Path) -> Path:
+    """A free name beside the target, which tells whose it is."""
+    owner = f"{_MACHINE}-{os.getpid()}-{secrets.token_hex(4)}"
+    return target.with_name(f".{target.name[:40]}.{owner}.tmp")
+
+
+_OWNER = re.compile(rf"\.(.{{1,40}})\.{_MACHINE}-([0-9]+)-[0-9a-f]{{8}}\.tmp", re.DOTALL)
+
+
+def remove_left(targets: Iterable[Path]) -> None:
+    """Remove what processes of this machine that were killed had half written of these names."""
+    if sys.platform == "win32":  # which cannot be asked whether a process is alive
+        return
+    names: dict[Path, set[str]] = {}
+    for target in targets:
+        names.setdefault(target.parent, set()).add(target.name[:40])
+    for folder, ours in names.items():
+        with suppress(OSError):
+            for entry in os.scandir(folder):
+                found = _OWNER.fullmatch(entry.name)
+                if found is None or found[1] not in ours or _is_alive(int(found[2])):
+                    continue
+                if entry.is_dir(follow_symlinks=False):
+                    shutil.rmtree(entry.path, ignore_errors=True)
+                else:
+                    os.unlink(entry.path)
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # of another user
+        return True
+    return True
 
 
 def write_file(path: str | os.PathLike[str], content: bytes, *, force: bool = False) -> None:
@@ -135,14 +188,9 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     The folders above are made where missing. Whatever is left of the temporary one at the end is
     removed, so a failure or an interruption leaves nothing behind; only a kill leaves its hidden
     name.
-
-    Raises
-    ------
-    OutputError
-        The system refuses.
     """
     target = Path(path).absolute()
-    temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}.tmp")
+    temporary = _temporary(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         temporary.mkdir()

@@ -34,13 +34,7 @@ def sha256_of(path: Path) -> str:
 
 
 def content_record(path: Path) -> dict[str, Any]:
-    """The name of a file, its SHA-256, and what the system says of it while it stays as it is.
-
-    Raises
-    ------
-    MeasurementError
-        It cannot be read, or is no regular file.
-    """
+    """The name of a file, its SHA-256, and what the system says of it while it stays as it is."""
     expected = "a readable file"
     regular_file_size(path, expected)
     with reading(path, expected):

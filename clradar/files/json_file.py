@@ -12,27 +12,14 @@ from clradar.files.limits import MAX_JSON_BYTES
 
 
 def read_json(path: Path, expected: str, limit: int) -> Any:
-    """Return the value that a file of at most `limit` bytes holds, UTF-8, with or without a BOM.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, too large, or nothing that `parse_json` takes. `expected` names in the message what
-        the file should be.
-    """
+    """Return the value that a file of at most `limit` bytes holds, UTF-8, with or without a BOM."""
     content = read_bytes(path, expected, limit)
     with reading(path, expected):
         return parse_json(content.decode("utf-8-sig"))
 
 
 def read_json_object(path: Path) -> dict[str, Any]:
-    """Return the object that a JSON file of at most `MAX_JSON_BYTES` holds.
-
-    Raises
-    ------
-    MeasurementError
-        As `read_json`, or JSON that is no object.
-    """
+    """Return the object in a JSON file of at most `MAX_JSON_BYTES`; errors as `read_json`."""
     content = read_bytes(path, "a JSON file", MAX_JSON_BYTES)
     with reading(path, "a JSON object in UTF-8"):
         return parse_object(content.decode("utf-8-sig"))

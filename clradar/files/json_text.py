@@ -39,14 +39,7 @@ def indented(value: object) -> str:
 
 
 def to_json(field: str, meta: Mapping[str, Any]) -> str:
-    """Return `meta` as ASCII JSON on one line.
-
-    Raises
-    ------
-    ModelError
-        A value that JSON cannot hold so that it reads back equal: NaN, infinite, bytes, arrays and
-        numpy integers, tuples (they would come back as lists), keys that are no strings.
-    """
+    """Return `meta` as ASCII JSON on one line."""
     plain = _plain(field, meta, 0)
     try:
         text = json.dumps(plain, allow_nan=False)

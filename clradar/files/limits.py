@@ -36,21 +36,19 @@ MAX_ANTENNA_FILE_BYTES = 2**20
 MAX_TIMES_BYTES = 2**26
 """Of a table of times of a sweep."""
 
-MAX_ONNX_BYTES = 2**26
-"""Learned starts: with 2000 samples learned from they have 6 MiB."""
-
 # ---- arrays
 
 MAX_DIMENSIONS = 32
 """Of an array, as in numpy."""
 
-MAX_NPY_HEADER_BYTES = 2**16
-
 MAX_ARRAY_BYTES = 2**29
 """Most that one key of a lab's file may take in memory, after single frames were picked."""
 
-MAX_INFLATED_BYTES = 2**32
-"""Most that is inflated to get at one key of a compressed file, passed over or not."""
+MAX_LISTS_BYTES = 2**26
+"""Of positions, frequencies and the like, beside the one key with the data."""
+
+MAX_LOADED_BYTES = 2**30
+"""Of one key of an archive or of a MATLAB v5 file, before single frames are picked."""
 
 # ---- files of labs (`measurement_io.layouts`)
 
@@ -61,8 +59,6 @@ MAX_NESTING = 16
 MAX_TEXT_CHARACTERS = 2**16
 MAX_CHANNELS = 100_000
 MAX_META_NUMBERS = 1000
-MAX_MAT5_NAME_BYTES = 4096
-MAX_MAT5_FIELDS = 4096
 MAX_CHUNK_BYTES = 2**28
 """Of an HDF5 dataset: HDF5 holds a chunk twice, as stored and inflated."""
 
@@ -80,6 +76,10 @@ WALL_LIMIT_S = 3600
 START_LIMIT_S = 60
 """Wall time to start a process for one file, where that has to be done; then twice the limit of
 processor time, which Windows has none of."""
+
+WALL_FACTOR = 20
+"""Wall time without a sign of a reading process, per second of processor time that it may take:
+slow disks read 1 MB/s."""
 
 MEMORY_BYTES = 2**30
 """Memory that reading may take on top of twice the content."""
@@ -106,15 +106,6 @@ MAX_IMAGE_PIXELS = 2**24
 
 MAX_PNG_BYTES = 2 * MAX_IMAGE_PIXELS + 2**20
 """The pixels as they are, and a little for the form."""
-
-MAX_PLY_HEADER_BYTES = 2**16
-MAX_PLY_LINE_BYTES = 4096
-MAX_PLY_PROPERTIES = 64
-MAX_PLY_TEXT_BYTES = 2**28
-"""Largest file whose points are text; parsing more would take minutes."""
-
-MAX_PLY_VOXELS = 2**26
-"""Of an amplitude volume, whose voxels are points."""
 
 MAX_MESH_BYTES = 2**29
 """Of a file of a mesh or rig, and of what it inflates to. A hand of a million vertices needs a

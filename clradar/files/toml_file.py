@@ -31,14 +31,7 @@ def read_toml(
     limit: int = MAX_TOML_BYTES,
     error: type[ClradarError] = MeasurementError,
 ) -> dict[str, Any]:
-    """Return the tables of a TOML file of at most `limit` bytes, UTF-8, with or without a BOM.
-
-    Raises
-    ------
-    error
-        Missing, too large, no TOML, or a line longer than `MAX_TOML_LINE_CHARACTERS`. `expected`
-        names in the message what the file should be.
-    """
+    """Return the tables of a TOML file of at most `limit` bytes, UTF-8, with or without a BOM."""
     content = read_bytes(path, expected, limit, error=error)
     with reading(path, expected, error=error):
         return parse_toml(content.decode("utf-8-sig"))

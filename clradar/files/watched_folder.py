@@ -11,9 +11,9 @@ from pathlib import Path
 
 from clradar.files.failures import reading
 
-RECHECKED = 256
-"""Files that were complete and are looked at again each time, in turn: of 10 000 each comes up
-every fortieth time. The names of all are read each time."""
+RECHECKED = 16
+"""Files that were complete and are looked at again each time, in turn: there can be fifty looks a
+second. The names of all are read each time."""
 
 
 def visible(name: str) -> bool:
@@ -43,11 +43,6 @@ class WatchedFolder:
 
         Complete is a file with the same size, not 0, and time in two calls. Numbers in names count
         as numbers: 9 comes before 10.
-
-        Raises
-        ------
-        MeasurementError
-            The folder cannot be read; the next call goes on from where this would have.
         """
         with reading(self.folder, "a readable folder"), os.scandir(self.folder) as entries:
             names = {e.name for e in entries if self._accepts(e.name) and not e.is_dir()}

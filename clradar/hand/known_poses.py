@@ -8,8 +8,9 @@ from importlib import resources
 from pathlib import Path
 
 from clradar.files.table import nearest
+from clradar.files.toml_file import parse_toml
 from clradar.hand.pose import HandPose
-from clradar.hand.pose_file import parse_pose
+from clradar.hand.pose_file import pose_of_table
 from clradar.model import checks
 
 LETTERS: tuple[str, ...] = tuple("ABCDEFGHIKLMNOPQRSTUVWXY")
@@ -19,14 +20,12 @@ DIGITS: tuple[str, ...] = tuple("0123456789")
 
 
 class _PackagedPoses(Mapping[str, HandPose]):
-    """Poses of the files in clradar/hand/poses, each read at its first use."""
+    """Poses of ``poses.toml``, which is read at the first use of one."""
 
     _NAMES = ("flat", *LETTERS, *DIGITS)
 
     def __getitem__(self, name: str) -> HandPose:
-        if name not in self._NAMES:
-            raise KeyError(name)
-        return _packaged(name)
+        return _packaged()[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._NAMES)
@@ -36,9 +35,10 @@ class _PackagedPoses(Mapping[str, HandPose]):
 
 
 @cache
-def _packaged(name: str) -> HandPose:
-    file = resources.files("clradar.hand").joinpath("poses").joinpath(f"{name}.toml")
-    return parse_pose(file.read_bytes(), Path(str(file)))
+def _packaged() -> dict[str, HandPose]:
+    file = resources.files("clradar.hand").joinpath("poses.toml")
+    tables = parse_toml(file.read_text("utf-8"))
+    return {k: pose_of_table({"name": k, **v}, Path(str(file))) for k, v in tables.items()}
 
 
 POSES: Mapping[str, HandPose] = _PackagedPoses()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from threading import Lock
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +16,12 @@ GAIN_LIMIT_DB = 300.0
 
 WALK_BLOCK = 4096
 """Frames of a random walk that are drawn at a time; the result does not depend on it."""
+
+MOST_WALKS = 64
+"""That are remembered."""
+
+_WALKS: dict[Any, tuple[int, np.ndarray, Any]] = {}
+_LOCK = Lock()
 
 
 def draw_channels(
@@ -108,15 +116,7 @@ def drift_factors(
     """
 
     def walk(part: Part, deviation: float, count: int) -> np.ndarray:
-        position = np.zeros(count)
-        if deviation == 0:
-            return position
-        random = random_stream(seed, part)
-        for start in range(0, frame, WALK_BLOCK):
-            steps = random.standard_normal((min(WALK_BLOCK, frame - start), count))
-            for step in steps:  # one by one: no sum depends on the block size
-                position += step
-        return deviation * position
+        return deviation * _walked(seed, part, count, frame) if deviation else np.zeros(count)
 
     common = walk(Part.COMMON_PHASE_DRIFT, common_phase_rad, 1)
     sides = []
@@ -133,6 +133,24 @@ def drift_factors(
             )
         sides.append(10 ** (gain / 20) * np.exp(1j * walk(phases, phase_rad, count)))
     return sides[0] * np.exp(1j * common), sides[1]
+
+
+def _walked(seed: int, part: Part, count: int, frame: int) -> np.ndarray:
+    """Sum of the normal steps of so many frames, shape (count,): from the frame before, if that is
+    the last that was asked for, so that a recording of n frames does not cost n^2 steps."""
+    key = (seed, part, count)
+    with _LOCK:
+        done, position, random = _WALKS.pop(key, (0, np.zeros(count), None))
+        if random is None or done > frame:
+            done, position, random = 0, np.zeros(count), random_stream(seed, part)
+        for start in range(done, frame, WALK_BLOCK):
+            steps = random.standard_normal((min(WALK_BLOCK, frame - start), count))
+            for step in steps:  # one by one: no sum depends on the block size
+                position = position + step
+        _WALKS[key] = (frame, position, random)
+        while len(_WALKS) > MOST_WALKS:
+            del _WALKS[next(iter(_WALKS))]
+        return position
 
 
 def checked_spread(field: str, value: object, limit: float | None = None) -> float:

@@ -8,7 +8,7 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
-from clradar.errors import ModelError, OutputError
+from clradar.errors import MeasurementError, ModelError, OutputError
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail, read_bytes, reading, shown
 from clradar.files.json_text import indented, parse_object
@@ -21,6 +21,7 @@ from clradar.model.permittivity import ColeCole, PermittivityTable, PowerLaw
 
 SUFFIXES = (".toml", ".json")
 
+_NAME = f"a name that ends in {' or '.join(SUFFIXES)}"
 _EXPECTED = "materials (a TOML or JSON file, see docs/materials.md)"
 _KINDS: dict[str, type] = {
     "eps_inf": ColeCole,
@@ -56,14 +57,24 @@ def read_materials(path: str | os.PathLike[str]) -> dict[str, Material]:
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        fail(path, f"a name that ends in {' or '.join(SUFFIXES)}", f"'{path.name}'")
+        fail(path, _NAME, f"'{path.name}'")
     content = read_bytes(path, _EXPECTED, MAX_TOML_BYTES)
     with reading(path, _EXPECTED):
         text = content.decode("utf-8-sig")
         parsed = parse_object(text) if path.suffix.lower() == ".json" else parse_toml(text)
     if not parsed:
         fail(path, "a table for each material", "nothing")
-    return {name: _material(str(path), name, table) for name, table in parsed.items()}
+    found, mistakes = {}, []
+    for name, table in parsed.items():
+        try:
+            found[name] = _material(str(path), name, table)
+        except MeasurementError as error:
+            mistakes.append(str(error))
+    if mistakes:
+        from clradar.files.records import raise_mistakes
+
+        raise_mistakes(mistakes)
+    return found
 
 
 def write_materials(
@@ -96,48 +107,34 @@ def write_materials(
     """
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
-        raise OutputError(
-            f"{shown(target)}: expected a name that ends in {' or '.join(SUFFIXES)}, "
-            f"got '{target.suffix}'"
-        )
+        raise OutputError(f"{shown(target)}: expected {_NAME}, got '{target.suffix}'")
     if isinstance(materials, str | Mapping) or not isinstance(materials, Iterable):
         checks.fail("write_materials: materials", "a list of materials", type(materials).__name__)
     content: dict[str, Any] = {}
     for material in materials:
         checks.instance("write_materials: materials", material, Material)
-        record = material_record(material)
-        name = record.pop("name")
+        name = (record := material_record(material)).pop("name")
         if name in content:
             raise ModelError(f"write_materials: expected different names, got {name!r} twice")
         content[name] = record
     text = (indented if target.suffix.lower() == ".json" else toml_document)(content)
-    write_file(target, text.encode("utf-8"), force=force)
+    write_file(target, text.encode(), force=force)
 
 
-def material_record(material: Material) -> dict[str, Any]:
-    """Return a material as values of TOML or JSON, without fields that have their default."""
-    return _record(material)
-
-
-def material_of(record: Mapping[str, Any], source: str = "material") -> Material:
-    """Return the material of a `material_record`; `source` is named in messages.
-
-    Raises
-    ------
-    MeasurementError
-        An unknown key or an invalid value.
-    """
-    return _made_of(StrictTable(source, "", dict(record)), Material)
-
-
-def _record(own: Any) -> dict[str, Any]:
+def material_record(own: Any) -> dict[str, Any]:
+    """Return a material, or a part of one, as values of TOML or JSON, without defaults."""
     values = {f.name: (getattr(own, f.name), f.default) for f in fields(own)}
     return {name: _plain(value) for name, (value, default) in values.items() if value != default}
 
 
+def material_of(record: Mapping[str, Any], source: str = "material") -> Material:
+    """Return the material of a `material_record`; `source` is named in messages."""
+    return _made_of(StrictTable(source, "", dict(record)), Material)
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, Coating | ColeCole | PowerLaw | PermittivityTable):
-        return _record(value)
+        return material_record(value)
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
     if isinstance(value, complex):

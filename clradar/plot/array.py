@@ -16,8 +16,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SIZE = (9.5, 8.4)
-LEVELS_DB = 40.0
+SIZE = (8.0, 7.2)
+LEVELS_DB, CIRCLED_DB = 40.0, -20.0
+SHOWN_BEAMS = 10.0
+"""The response is drawn over so many widths of the main lobe, and farther to circled lobes."""
+
 CUT_WIDTHS = 6.0
 """Cuts reach so many widths at -3 dB to either side."""
 
@@ -50,8 +53,8 @@ def array_figure(
         response of the whole band along x, y and z through the focus.
     """
     figure = new_figure(*SIZE)
+    figure.set_layout_engine("constrained")
     axes = figure.subplots(2, 2)
-    figure.subplots_adjust(0.08, 0.07, 0.97, 0.9, wspace=0.28, hspace=0.32)
     figure.suptitle(
         printable(title or clusters_of(array)[0].name), fontsize=TITLE_PT, fontweight="bold"
     )
@@ -127,16 +130,25 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
         bar = axes.figure.colorbar(mesh, ax=axes)
         bar.ax.tick_params(labelsize=TICK_PT)
         bar.set_label("dB", fontsize=LABEL_PT)
-        for lobe in found.lobes:
+        beam = max((w for w in found.widths_m[:2] if np.isfinite(w)), default=np.inf)
+        reach = SHOWN_BEAMS * beam / found.focus_m[2]
+        for number, lobe in enumerate(found.lobes, 1):
             at = lobe.position_m / np.linalg.norm(lobe.position_m)
+            if lobe.level_db < CIRCLED_DB:
+                continue
             colour = TX_COLOUR if lobe.grating else "white"
             axes.plot(*at[:2], "o", fillstyle="none", color=colour, markersize=8)
+            axes.annotate(str(number), at[:2], (5, 4), textcoords="offset points",
+                          color=colour, fontsize=TICK_PT, clip_on=True)  # fmt: skip
+            reach = max(reach, 1.15 * float(np.abs(at[:2]).max()))
+        if reach < 1.0:
+            axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
         axes.set_aspect("equal")
         axes.set_xlabel("sine of the angle along x")
         axes.set_ylabel("sine of the angle along y")
         axes.invert_xaxis()
     at_ghz = found.over_directions.frequency_hz / 1e9
-    axes.set_title(f"response at {at_ghz:.4g} GHz; circles: lobes of the band")
+    axes.set_title(f"response at {at_ghz:.4g} GHz; lobes numbered as in the table")
 
 
 def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) -> None:
@@ -155,9 +167,13 @@ def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) 
         level = response(array, frequencies_hz, found.focus_m, points_m)
         width = f"{unit.per_m * width_m:.{3 if unit is METRES else 1}f} {unit.name}"
         label = f"{name}: {width if np.isfinite(width_m) else 'none'}"
-        level_db = 20 * np.log10(np.maximum(level, 10 ** (-LEVELS_DB / 20)))
-        axes.plot(unit.per_m * offsets_m, level_db, linewidth=0.9, label=label)
+        level_db = 20 * np.log10(np.maximum(level, 1e-9))
+        level_db[level_db <= -LEVELS_DB] = np.nan  # below the panel, not a flat line in it
+        style = ("-", "--", "-.")[axis]  # x and y can be the same
+        axes.plot(unit.per_m * offsets_m, level_db, style, linewidth=0.9, label=label)
     axes.axhline(-3, color="#999999", linewidth=0.6, linestyle=":")
+    axes.annotate("-3 dB", (0.01, -3), xycoords=("axes fraction", "data"), va="bottom",
+                  fontsize=TICK_PT, color="#666666")  # fmt: skip
     axes.set_xlabel(f"distance from the focus ({unit.name})")
     axes.set_ylabel("dB")
     axes.set_title("response of the whole band; widths at -3 dB")

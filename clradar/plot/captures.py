@@ -78,7 +78,10 @@ def capture_figure(capture: Capture, title: str | None = None) -> Figure:
         panels[0].set_ylim(-SHOWN_DB, 2)
         panels[0].grid(linewidth=0.3)
         _label(
-            panels[0], "Echoes, mean of all pairs", f"half path length ({unit.name})", "power (dB)"
+            panels[0],
+            "Echoes, mean of all pairs",
+            f"half path length ({unit.name})",
+            "power below maximum (dB)",
         )
     power = np.asarray(np.mean(np.abs(capture.data) ** 2, axis=2, dtype=np.float64))
     drawn = panels[-1].imshow(
@@ -147,7 +150,7 @@ def recording_figure(
         _bar(figure, drawn, panels[0])
     panels[-1].plot(frames, _level_db(np.array(levels)), ".-", linewidth=0.9, markersize=4)
     panels[-1].grid(linewidth=0.3)
-    _label(panels[-1], "Level of every frame", "frame", "RMS of all samples (dB)")
+    _label(panels[-1], "Level of every frame", "frame", "RMS below maximum (dB)")
     for panel in panels:
         panel.xaxis.get_major_locator().set_params(integer=True)
     return figure
@@ -171,7 +174,7 @@ def _label(axes: Axes, title: str, x: str, y: str) -> None:
 
 def _bar(figure: Figure, drawn: Any, panel: Axes) -> None:
     bar = figure.colorbar(drawn, ax=panel, extend="min")
-    bar.set_label("dB", fontsize=LABEL_PT)
+    bar.set_label("below maximum (dB)", fontsize=LABEL_PT)
     bar.ax.tick_params(labelsize=TICK_PT, length=2.5, width=0.6)
 
 

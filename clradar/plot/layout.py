@@ -1,4 +1,4 @@
-"""Page layout in inches, so that nothing overlaps whatever the number of panels."""
+"""Figures of panels of one size, laid out by matplotlib, and what their axes are labelled with."""
 
 from __future__ import annotations
 
@@ -29,12 +29,11 @@ LETTER_EM = 0.66
 """A generous mean width for the letters of a sans-serif font, in em."""
 
 # Inches.
-LEFT, GAP, TOP, BOTTOM = 0.62, 0.11, 0.10, 0.44
-BAR_GAP, BAR_WIDTH, BAR_LABELS = 0.12, 0.11, 0.58
-ROW_WIDTH, PANEL_WIDTH = 9.5, 1.0
-SINGLE_PANEL_WIDTH, MULTIPLE_PANEL_WIDTH = 2.9, 2.1
+GAP, MARGIN, BAR_ROOM, LABELS = 0.11, 0.1, 0.85, 0.55
+ROW_WIDTH, PANEL_WIDTH = 7.6, 1.0
+SINGLE_PANEL_WIDTH, MULTIPLE_PANEL_WIDTH = 2.5, 2.1
 PANEL_ASPECTS = (0.4, 2.5)
-PANEL_HEIGHTS = (1.0, 3.4)  # at least as high as the name of a colour bar is long
+PANEL_HEIGHTS = (1.3, 3.4)  # at least as high as the name of a colour bar is long
 TICK_DISTANCE = 0.32
 
 
@@ -97,28 +96,73 @@ def new_figure(width: float, height: float, dpi: float | None = None) -> Figure:
     return Figure(figsize=(width, height), dpi=dpi or DPI, facecolor="white")
 
 
+def new_panels(
+    rows: int,
+    columns: int,
+    size: tuple[float, float],
+    title: str | None = None,
+    *,
+    bars: int = 1,
+    heads: int = 1,
+    labels: tuple[int, int] = (1, 1),
+    below: float = 0.0,
+    dpi: float | None = None,
+) -> tuple[Figure, list[list[Axes]]]:
+    """Return a figure with rows of panels, to be laid out by `settled`.
+
+    Parameters
+    ----------
+    rows, columns : int
+    size : pair of floats, inches
+        Width and height of a panel.
+    title : str, optional
+        Plain text above all panels, broken into lines.
+    bars : int
+        Colour bars side by side.
+    heads : int
+        Lines of text above a panel.
+    labels : pair of int
+        Rows that have labels below them, and columns that have them to their left.
+    below : float, inches
+        Left free below all panels.
+    """
+    width = columns * (size[0] + GAP) + labels[1] * LABELS + bars * BAR_ROOM
+    lines = wrapped(title or "", width - BAR_ROOM, TITLE_PT)
+    heads_h = heads * text_height(1, LABEL_PT)
+    height = rows * (size[1] + GAP) + labels[0] * LABELS + heads_h + 2 * MARGIN + below
+    height += text_height(len(lines), TITLE_PT)
+    figure = new_figure(width, height, dpi)
+    figure.set_layout_engine(
+        "constrained", w_pad=GAP / 4, h_pad=GAP / 4, wspace=0.0, hspace=0.0,
+        rect=(0.0, below / height, 1.0, 1.0 - below / height),
+    )  # fmt: skip
+    if lines:
+        figure.suptitle(
+            "\n".join(lines), fontsize=TITLE_PT, fontweight="bold", parse_math=False,
+        )  # fmt: skip
+    return figure, figure.subplots(rows, columns, squeeze=False).tolist()
+
+
+def settled(figure: Figure) -> Figure:
+    """Lay a figure out, once: its axes then have their places, whatever its resolution."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:  # where they are drawn, not the larger places that they were given
+        axes.set_position(axes.get_position())
+    return figure
+
+
 def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
     """Add axes at a position in inches from the lower left corner."""
     total_w, total_h = figure.get_size_inches()
     return figure.add_axes((left / total_w, bottom / total_h, width / total_w, height / total_h))
 
 
-def add_text(
-    figure: Figure, x: float, top: float, text: str, *, size: float, ha: str, bold: bool = False
-) -> None:
-    """Write text whose first line starts `top` inches above the lower edge of the figure."""
-    total_w, total_h = figure.get_size_inches()
-    figure.text(
-        x / total_w,
-        (top - size / POINTS_PER_INCH) / total_h,
-        text,
-        fontsize=size,
-        fontweight="bold" if bold else "normal",
-        ha=ha,
-        # Texts of one height then share a baseline, with and without brackets.
-        va="baseline",
-        parse_math=False,
-    )
+def add_text(figure: Figure, x: float, top: float, text: str, ha: str) -> None:
+    """Write a line of a caption, `top` inches above the lower edge, at a share of the width."""
+    baseline = (top - CAPTION_PT / POINTS_PER_INCH) / figure.get_figheight()
+    # Texts of one height then share a baseline, with and without brackets.
+    figure.text(x, baseline, text, fontsize=CAPTION_PT, ha=ha, va="baseline", parse_math=False)
 
 
 def text_height(lines: int, size_pt: float) -> float:
@@ -126,10 +170,10 @@ def text_height(lines: int, size_pt: float) -> float:
     return lines * size_pt * LINE_SPACING / POINTS_PER_INCH
 
 
-def wrapped(text: str, width: float, size_pt: float) -> list[str]:
-    """Break text into at most three lines of a width in inches; more ends in an ellipsis."""
+def wrapped(text: str, width: float, size_pt: float, most: int = 3) -> list[str]:
+    """Break text into at most `most` lines of a width in inches; more ends in an ellipsis."""
     letters = max(8, int(width * POINTS_PER_INCH / (LETTER_EM * size_pt)))
-    return textwrap.wrap(printable(text), letters, max_lines=3, placeholder="…")
+    return textwrap.wrap(printable(text), letters, max_lines=most, placeholder="…")
 
 
 def printable(text: object) -> str:
@@ -152,7 +196,7 @@ def round_ticks(low: float, high: float, most: float, margin: float = 0.0) -> li
     # The smallest power of ten in the list gives more ticks than fit any panel.
     decade = math.floor(math.log10(span)) - 1
     for exponent in range(decade, decade + 4):
-        for factor in (1, 2, 5):
+        for factor in (1, 2, 2.5, 5):
             step = factor * 10.0**exponent
             first = math.ceil((low + margin * span) / step - 1e-9)
             last = math.floor((high - margin * span) / step + 1e-9)

@@ -1,4 +1,4 @@
-"""One panel of a figure: an amplitude or a depth image with its axes and colour bar."""
+"""One panel of a figure: amplitude, depth, or where two images differ; axes and colour bar."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.compare import Disagreement, clipped_db
+from clradar.compare import Disagreement, UnmatchedObject, clipped_db
 from clradar.model import DepthMap
 from clradar.model.length_unit import LengthUnit, unit_for
 from clradar.plot.layout import (
@@ -31,6 +31,18 @@ AMPLITUDE_BACKGROUND = "#262626"
 
 DEPTH_BACKGROUND = "#d9d9d9"
 """Colour where there is no depth: neutral, and not in the scale."""
+
+MEASURED_COLOUR, SIMULATED_COLOUR = "#b35900", "#1f5fb0"
+"""Ends of the scales of differences: the measurement is stronger or nearer, or the simulation."""
+
+LEVEL_DB, DEPTH_MM = 20.0, 10.0
+"""Ends of these scales. An object is unmatched from 12 dB, and from 10 mm."""
+
+MATCHED_DB, MATCHED_COLOUR = 6.0, "#a8a8a8"
+"""Below this images match: a speckle of another seed differs by as much."""
+
+RING_PT = 13.0
+"""Diameter of the ring around an unmatched object."""
 
 DEPTH_PERCENTILES = (1.0, 99.0)
 """Depths that the colour scale spans, so that a few outliers do not stretch it."""
@@ -104,12 +116,11 @@ def draw_mesh(
 def draw_frame(
     axes: Axes,
     extent: Extent,
-    width: float,
-    height: float,
+    size: tuple[float, float],
     *,
-    x_labels: bool,
-    y_labels: bool,
-    margin: float,
+    x_labels: bool = True,
+    y_labels: bool = True,
+    margin: float = 0.0,
     view: View = FRONT,
 ) -> None:
     """Set limits, ticks and labels; x increases to the left, in the radar's view and from above."""
@@ -121,7 +132,7 @@ def draw_frame(
     axes.set_aspect("equal", adjustable="box", anchor="S")
     axes.grid(visible=False)
     # An image much thinner than its panel has space for fewer ticks than the panel.
-    inches = min(width / (x_high - x_low), height / (y_high - y_low))
+    inches = min(size[0] / (x_high - x_low), size[1] / (y_high - y_low))
     x_ticks = axis_ticks(x_low, x_high, (x_high - x_low) * inches, margin)
     most = (y_high - y_low) * inches / TICK_DISTANCE
     y_ticks = round_ticks(y_low, y_high, most, margin)
@@ -133,7 +144,9 @@ def draw_frame(
     for spine in axes.spines.values():
         spine.set_linewidth(0.6)
     if x_labels:
-        axes.set_xlabel(f"{view.horizontal} ({extent.unit.name})", fontsize=LABEL_PT, labelpad=2)
+        arrow = "\N{LEFTWARDS ARROW} " if view.horizontal == "x" else ""
+        name = f"{arrow}{view.horizontal} ({extent.unit.name})"
+        axes.set_xlabel(name, fontsize=LABEL_PT, labelpad=2)
     if y_labels:
         axes.set_ylabel(f"{view.vertical} ({extent.unit.name})", fontsize=LABEL_PT, labelpad=1)
 
@@ -156,17 +169,18 @@ def limits_of_depths_mm(depths_mm: np.ndarray) -> tuple[float, float]:
 
 
 def amplitude_bar(
-    axes: Axes, drawn: Any, dynamic_range_db: float, top_db: float | None = None
+    panels: Sequence[Axes], drawn: Any, dynamic_range_db: float, top_db: float | None = None
 ) -> None:
-    bar = axes.figure.colorbar(drawn, cax=axes, extend="min", extendfrac=0.06)
+    """Add the colour bar of amplitudes beside some panels."""
+    bar = _bar(panels, drawn, "min")
     if top_db is None:
-        label_bar(bar, (-dynamic_range_db, 0.0), "amplitude (dB)")
+        label_bar(bar, (-dynamic_range_db, 0.0), "below maximum (dB)")
     else:
         label_bar(bar, (top_db - dynamic_range_db, top_db), "radar cross section (dBsm)")
 
 
 def depth_bar(
-    axes: Axes,
+    panels: Sequence[Axes],
     drawn: Any,
     limits_mm: tuple[float, float],
     images: Sequence[DepthMap],
@@ -175,10 +189,64 @@ def depth_bar(
     low = min(1e3 * float(np.nanmin(image.depth_m)) for image in images) < limits_mm[0] - 1e-6
     high = max(1e3 * float(np.nanmax(image.depth_m)) for image in images) > limits_mm[1] + 1e-6
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[(low, high)]
-    bar = axes.figure.colorbar(drawn, cax=axes, extend=extend, extendfrac=0.06)
+    bar = _bar(panels, drawn, extend)
     unit = unit_for(*(1e-3 * limit for limit in limits_mm))
     name = "depth z" if view is FRONT else view.along
     label_bar(bar, limits_mm, f"{name} ({unit.name})", 1e3 / unit.per_m)
+
+
+def difference_bar(panels: Sequence[Axes], drawn: Any, end: float, name: str) -> None:
+    """Add the colour bar of differences up to an end beside some panels."""
+    label_bar(_bar(panels, drawn, "both"), (-end, end), name)
+
+
+def _bar(panels: Sequence[Axes], drawn: Any, extend: str) -> Any:
+    # As high as a panel where images are lower than that: their names need the room.
+    return panels[0].figure.colorbar(
+        drawn, ax=list(panels), extend=extend, extendfrac=0.06, fraction=0.06, pad=0.02, aspect=25
+    )
+
+
+def draw_level_difference(axes: Axes, found: Disagreement, unit: LengthUnit) -> Any:
+    """Draw where an image is stronger than all of the other nearby, with unmatched objects."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    share = 0.5 * MATCHED_DB / LEVEL_DB
+    colours = [
+        (0.0, SIMULATED_COLOUR), (0.5 - share, "#c6d9ee"), (0.5 - share, MATCHED_COLOUR),
+        (0.5 + share, MATCHED_COLOUR), (0.5 + share, "#f0d9be"), (1.0, MEASURED_COLOUR),
+    ]  # fmt: skip
+    scale = LinearSegmentedColormap.from_list("unmatched", colours)
+    limits = (-LEVEL_DB, LEVEL_DB)
+    drawn = draw_mesh(axes, found, unit, found.level_db, scale, limits, DEPTH_BACKGROUND)
+    for one in found.missing:
+        _draw_ring(axes, one, unit, "solid")
+    for one in found.surplus:
+        _draw_ring(axes, one, unit, (0, (1.5, 1.5)))
+    return drawn
+
+
+def draw_depth_difference(axes: Axes, found: Disagreement, unit: LengthUnit) -> Any:
+    """Draw how much nearer or farther the simulation is."""
+    values, limits = 1e3 * found.depth_m, (-DEPTH_MM, DEPTH_MM)
+    return draw_mesh(axes, found, unit, values, difference_scale(), limits, DEPTH_BACKGROUND)
+
+
+def difference_scale() -> Any:
+    """Return the colours of differences in depth: blue where the simulation is nearer."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    colours = [SIMULATED_COLOUR, "white", MEASURED_COLOUR]
+    return LinearSegmentedColormap.from_list("differences", colours)
+
+
+def _draw_ring(axes: Axes, one: UnmatchedObject, unit: LengthUnit, style: Any) -> None:
+    x, y = (unit.per_m * value for value in one.position_m[:2])
+    # A scatter, since a marker of a line cannot have a dashed edge.
+    axes.scatter(
+        [x], [y], s=RING_PT**2, facecolors="none", edgecolors="black", linewidths=1.0,
+        linestyles=[style], clip_on=False, zorder=3,
+    )  # fmt: skip
 
 
 def label_bar(bar: Any, limits: tuple[float, float], name: str, scale: float = 1.0) -> None:

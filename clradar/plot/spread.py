@@ -8,34 +8,21 @@ import numpy as np
 
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Spread
+from clradar.plot.figures import plain
 from clradar.plot.layout import (
-    BAR_GAP,
-    BAR_LABELS,
-    BAR_WIDTH,
-    BOTTOM,
     LABEL_PT,
-    LEFT,
     SINGLE_PANEL_WIDTH,
-    TICK_PT,
-    TITLE_PT,
-    TOP,
     Extent,
-    add_axes,
-    add_text,
-    new_figure,
+    new_panels,
     panel_size,
-    text_height,
+    settled,
     typeset,
-    wrapped,
 )
 from clradar.plot.panels import AMPLITUDE_BACKGROUND, amplitude_bar, draw_amplitude, draw_frame
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-PROFILE_HEIGHT = 1.5
-"""Inches."""
 
 LEVELS_DB = 30.0
 """Of the images, decibel."""
@@ -78,26 +65,15 @@ def spread_figure(
         for values in (found.amplitude, found.amplitude_sd)
     ]
     extent = Extent.around(levels[:1])
-    panel_w, panel_h = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
-    width = 2 * (LEFT + panel_w) + BAR_GAP + BAR_WIDTH + BAR_LABELS
-    lines = wrapped(title or "", width - 2 * LEFT, TITLE_PT)
-    label_h = text_height(1, LABEL_PT)
-    low = 2 * BOTTOM + PROFILE_HEIGHT + label_h
-    height = low + panel_h + label_h + text_height(len(lines), TITLE_PT) + 2 * TOP
-    figure = new_figure(width, height)
-    lefts = (LEFT, 2 * LEFT + panel_w)
-    images = [add_axes(figure, at, low, panel_w, panel_h) for at in lefts]
-    profiles = [add_axes(figure, at, BOTTOM, panel_w, PROFILE_HEIGHT) for at in lefts]
+    size = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
+    figure, (images, profiles) = new_panels(2, 2, size, title, heads=2, labels=(2, 2))
     names = (f"Mean amplitude, {len(found.seeds)} seeds", "Standard deviation of a seed")
     for axes, name, level in zip(images, names, levels, strict=True):
-        draw_frame(axes, extent, panel_w, panel_h, x_labels=True, y_labels=True, margin=0.0)
+        draw_frame(axes, extent, size)
         axes.set_title(name, fontsize=LABEL_PT, pad=4)
         axes.set_facecolor(AMPLITUDE_BACKGROUND)
         if level.amplitude.any():
             drawn = draw_amplitude(axes, level, extent.unit, 0.0)
-            axes.set_aspect("equal", adjustable="box", anchor="S")
-    bar = add_axes(figure, lefts[1] + panel_w + BAR_GAP, low, BAR_WIDTH, panel_h)
-    amplitude_bar(bar, drawn, dynamic_range_db)
     row, _ = np.unravel_index(int(found.amplitude.argmax()), found.amplitude.shape)
     columns = (
         ("amplitude (maximum 1)", found.amplitude[row] / top, found.amplitude_sd[row] / top),
@@ -107,10 +83,8 @@ def spread_figure(
     for axes, column in zip(profiles, columns, strict=True):
         _draw_profile(axes, extent.unit.per_m * found.x_m, column, extent)
         axes.set_title(f"At {place}: mean, one deviation", fontsize=LABEL_PT, pad=4)
-    for k, line in enumerate(lines):
-        above = height - TOP - text_height(k, TITLE_PT)
-        add_text(figure, width / 2, above, line, size=TITLE_PT, ha="center", bold=True)
-    return figure
+    amplitude_bar(images, drawn, dynamic_range_db)
+    return settled(figure)
 
 
 def depths(found: Spread) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +106,4 @@ def _draw_profile(
     axes.set_xlim(extent.x[1], extent.x[0])
     if name.startswith("amplitude"):
         axes.set_ylim(bottom=0.0)
-    axes.grid(linewidth=0.3)
-    axes.tick_params(labelsize=TICK_PT, length=2.5, width=0.6, pad=2)
-    axes.set_xlabel(f"x ({extent.unit.name})", fontsize=LABEL_PT, labelpad=2)
-    axes.set_ylabel(name, fontsize=LABEL_PT, labelpad=1)
+    plain(axes, f"x ({extent.unit.name})", name)

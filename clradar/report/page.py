@@ -14,18 +14,18 @@ from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
 from clradar.plot import comparison_figure, image_figure, png_bytes
 from clradar.plot.views import FRONT, rcs_image, view_of
-from clradar.report.clouds import Cloud, clouds, view_data
-from clradar.report.panels import panel_places
-from clradar.report.slices import slice_data
-from clradar.report.tables import image_facts, metrics_section, settings_table
-from clradar.report.template import cloud_toggle, details, filled
-from clradar.report.text import escaped
+from clradar.report.tables import escaped, image_facts, metrics_section, settings_table
+from clradar.report.template import details, filled
+from clradar.report.view_data import Cloud, clouds, panel_places, slice_data, view_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FIGURE_DPI = 200
 """Resolution of the figure: sharp at twice the width that it has on a wide screen."""
+
+SHOWN_FIRST = 2
+"""Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
 
 COMPARISON_HINT = """Amplitude above depth, in the radar's view: x increases to the left. Each
 image is relative to its own maximum; the background is more than {dynamic_range}&nbsp;dB below it.
@@ -125,7 +125,7 @@ def html_report(
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
     >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
     >>> page = html_report(ReportImage("measured", near), [ReportImage("alpha = 0.3", far)])
-    >>> "Overlap" in page, "0.779" in page
+    >>> "overlap" in page, "0.779" in page
     (True, True)
     >>> _ = Path("report.html").write_text(page, encoding="utf-8")
     """
@@ -259,9 +259,9 @@ def _page(
         title,
         notes,
         [cloud.colour for cloud in drawn],
-        {**view_data(maps, drawn), "slices": slices, "panels": panels, "frames": None},
+        {**view_data(maps, drawn), "slices": slices, "panels": panels},
         dynamic_range_db=maps[0].dynamic_range_db,
-        hidden={"frames"} if slices else {"frames", "slices"},
+        slices_hidden="" if slices else " hidden",
         figure_heading="Images" if len(inputs) > 1 else "Image",
         figure=base64.b64encode(png_bytes(figure, dpi=FIGURE_DPI)).decode("ascii"),
         figure_text=escaped(figure_text),
@@ -282,11 +282,12 @@ def _slices_note(slices: Mapping[str, Any] | None) -> str:
 
 
 def _cloud_toggle(i: int, entry: ReportImage, cloud: Cloud) -> str:
-    kept = len(cloud.points_mm)
-    return cloud_toggle(
-        i,
-        entry.label,
-        f"{kept} points" if kept == cloud.total else f"{kept} of {cloud.total} points",
+    kept, checked = len(cloud.points_mm), " checked" if i < SHOWN_FIRST else ""
+    count = f"{kept} points" if kept == cloud.total else f"{kept} of {cloud.total} points"
+    return (
+        f'<label><input type="checkbox" data-cloud="{i}"{checked}>'
+        f'<span class="swatch cloud-{i}"></span><span class="name">{escaped(entry.label)}</span> '
+        f'<span class="count">{count}</span></label>'
     )
 
 

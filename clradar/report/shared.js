@@ -33,9 +33,14 @@ const report = (() => {
   /* Round numbers from low to high, about 32 pixels apart. */
   function ticks(low, high, pixels) {
     const step = roundStep(Math.max(((high - low) * 32) / Math.max(pixels, 1), 1e-9));
-    const found = [];
-    for (let i = Math.ceil(low / step); i * step <= high; i++) found.push(i * step);
-    return found;
+    const multiples = (of) => {
+      const found = [];
+      for (let i = Math.ceil(low / of); i * of <= high; i++) found.push(i * of);
+      return found;
+    };
+    // One alone is no scale: half the step, as long as there is some place.
+    const found = multiples(step);
+    return found.length < 2 && pixels > 40 ? multiples(step / 2) : found;
   }
 
   const text = (value, digits) => value.toFixed(digits).replace("-", "\u2212");
@@ -123,7 +128,6 @@ const report = (() => {
   return {
     data, theme, bytesOf, unpacked, missing, roundStep, ticks, text, prepared, drawPixels, scaleOf, fitting, choose,
     MAX_PIXEL_RATIO,
-    showPoints: () => {}, // of the 3-D view
     place: () => place,
     onChoose: (follow) => followers.push(follow),
     onRedraw: (redraw) => redraws.push(redraw),

@@ -118,7 +118,7 @@
 
   /* Labels to the left of the upright axes and below the lower panels. */
   function drawLabels(context, panel, box, i) {
-    const label = (tick) => report.text(Math.round(tick * 100) / 100, 0);
+    const label = (tick) => report.text(tick, Number.isInteger(tick) ? 0 : 1);
     context.fillStyle = report.theme().ink;
     context.font = "11px system-ui, sans-serif";
     if (i !== 1) {
@@ -126,7 +126,12 @@
       for (const tick of report.ticks(low[panel.up], high[panel.up], box.height)) {
         context.fillText(label(tick), box.left - 4, onScreen(box, panel, 0, tick)[1]);
       }
-      context.fillText(AXES[panel.up], box.left - 33, box.top + box.height / 2);
+      context.save();
+      context.translate(box.left - 34, box.top + box.height / 2);
+      context.rotate(-Math.PI / 2);
+      context.textAlign = "center";
+      context.fillText(`${AXES[panel.up]} (mm)`, 0, 0);
+      context.restore();
     }
     if (i !== 0) {
       context.textAlign = "center";

@@ -1,18 +1,20 @@
-"""Tables of the report: the metrics with their meaning, and the settings of every input."""
+"""Tables of the report, metrics and the settings of every input; and text that is safe in it."""
 
 from __future__ import annotations
 
+import html
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from clradar.compare import HIGHER_IS_BETTER, UNDEFINED, Metrics
+from clradar.compare import Metrics
+from clradar.compare.metric_table import METRIC_TABLE, MetricText
 from clradar.model import DepthMap, Volume
 from clradar.model.length_unit import METRES, unit_for
-from clradar.report.text import escaped, shortened
+from clradar.plot import printable
 
 MAX_ROWS = 200
 """Rows of one record of settings; the page states how many are omitted."""
@@ -24,69 +26,61 @@ MAX_DEPTH = 16
 """Nesting of settings; deeper values are replaced by a note."""
 
 
-@dataclass(frozen=True, slots=True)
-class MetricText:
-    """Name, explanation and format of a metric."""
-
-    field: str
-    name: str
-    meaning: str
-    scale: float = 1.0
-    digits: int = 3
-
-
-METRIC_TEXTS = (
-    MetricText(
-        "overlap",
-        "Overlap",
+MEANINGS = {
+    "overlap": (
         "Agreement in position and brightness: cosine between the two depth maps, each point "
         "blurred by 2 mm and weighted with its amplitude; 1 is best. A simulated hand against "
-        "itself has 0.996 with another seed, 0.83 if it is 2 mm too far away, 0.71 if it is 5 mm "
-        "off to the side; two different poses have less than 0.1.",
+        "itself has 0.996 with another seed, 0.83 if it is 2 mm too far away, 0.71 if it is 5 "
+        "mm off to the side; two different poses have less than 0.1."
     ),
-    MetricText(
-        "db_correlation",
-        "dB correlation",
-        "Agreement of bright and dark regions: Pearson correlation of the two images in decibel "
-        "over all pixels, from \N{MINUS SIGN}1 to 1; 1 is best.",
+    "db_correlation": (
+        "Agreement of bright and dark regions: Pearson correlation of the two images in decibel"
+        " over all pixels, from \N{MINUS SIGN}1 to 1; 1 is best."
     ),
-    MetricText(
-        "ssim",
-        "SSIM",
+    "ssim": (
         "Agreement of level, contrast and pattern in small neighbourhoods: mean structural "
-        "similarity of the two images in decibel; 1 is best.",
+        "similarity of the two images in decibel; 1 is best."
     ),
-    MetricText(
-        "mask_iou",
-        "Mask IoU",
-        "Agreement of the masks: pixels that both show over pixels that either shows, from 0 to 1; "
-        "1 is best.",
+    "mask_iou": (
+        "Agreement of the masks: pixels that both show over pixels that either shows, from 0 to"
+        " 1; 1 is best."
     ),
-    MetricText(
-        "depth_rmse_m",
-        "Depth RMSE (mm)",
-        "Root mean square difference in millimetres of the depths where both have one; 0 is best. "
-        "Read it with the mask IoU: pixels that only one shows do not count.",
-        1e3,
-        2,
+    "depth_rmse_m": (
+        "Root mean square difference in millimetres of the depths where both have one; 0 is "
+        "best. Read it with the mask IoU: pixels that only one shows do not count."
     ),
-    MetricText(
-        "chamfer_simulated_to_measured_m",
-        "Chamfer, sim. to meas. (mm)",
-        "Surplus of the simulation: mean distance in millimetres from a simulated depth point to "
-        "the nearest measured one; 0 is best.",
-        1e3,
-        2,
+    "chamfer_simulated_to_measured_m": (
+        "Surplus of the simulation: mean distance in millimetres from a simulated depth point "
+        "to the nearest measured one; 0 is best."
     ),
-    MetricText(
-        "chamfer_measured_to_simulated_m",
-        "Chamfer, meas. to sim. (mm)",
-        "Omission of the simulation: mean distance in millimetres from a measured depth point to "
-        "the nearest simulated one; 0 is best.",
-        1e3,
-        2,
+    "chamfer_measured_to_simulated_m": (
+        "Omission of the simulation: mean distance in millimetres from a measured depth point "
+        "to the nearest simulated one; 0 is best."
     ),
-)
+}
+"""Of the metrics, by their fields."""
+
+
+def escaped(value: object) -> str:
+    """Return `value` as HTML text that is also safe inside a quoted attribute.
+
+    Unprintable characters are written as escapes, so that no name imitates another one.
+    """
+    return html.escape(printable(value), quote=True)
+
+
+def script_json(value: Any) -> str:
+    """Return `value` as JSON for a <script> block: ASCII, without a character that could end it."""
+    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def shortened(value: object, longest: int) -> str:
+    """Return `value` as text of at most `longest` characters, with a note of the missing number."""
+    text = str(value)
+    if len(text) <= longest:
+        return text
+    return f"{text[:longest]} … ({len(text) - longest} more characters)"
 
 
 def metrics_section(
@@ -111,12 +105,12 @@ def metrics_table(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
 
     On a narrow screen each row becomes a block with `data-name` before each value.
     """
-    head = "".join(f'<th scope="col">{escaped(m.name)}</th>' for m in METRIC_TEXTS)
-    best = [_best(text, metrics) for text in METRIC_TEXTS]
+    head = "".join(f'<th scope="col">{escaped(m.name)}</th>' for m in METRIC_TABLE)
+    best = [_best(text, metrics) for text in METRIC_TABLE]
     rows = []
     for label, m in zip(labels, metrics, strict=True):
         cells = [f'<th scope="row">{escaped(label)}</th>']
-        for text, best_text in zip(METRIC_TEXTS, best, strict=True):
+        for text, best_text in zip(METRIC_TABLE, best, strict=True):
             shown = _metric_value(text, m)
             inner = f"<strong>{shown}</strong>" if shown == best_text else shown
             cells.append(f'<td data-name="{escaped(text.name)}">{inner}</td>')
@@ -130,9 +124,9 @@ def metrics_table(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
 def metrics_notes(metrics: Sequence[Metrics]) -> str:
     """Return the meaning of every metric, and the reason where one is n/a."""
     notes = "".join(
-        f"<dt>{escaped(text.name)}</dt><dd>{escaped(text.meaning)}{_why_undefined(text, metrics)}"
-        "</dd>"
-        for text in METRIC_TEXTS
+        f"<dt>{escaped(text.name)}</dt><dd>{escaped(MEANINGS[text.field])}"
+        f"{_why_undefined(text, metrics)}</dd>"
+        for text in METRIC_TABLE
     )
     return f'<dl class="meanings">{notes}</dl>'
 
@@ -149,14 +143,14 @@ def _best(text: MetricText, metrics: Sequence[Metrics]) -> str | None:
     known = [m for m in metrics if not math.isnan(getattr(m, text.field))]
     if len(known) < 2:
         return None
-    choose = max if text.field in HIGHER_IS_BETTER else min
+    choose = max if text.higher_is_better else min
     return _metric_value(text, choose(known, key=lambda m: getattr(m, text.field)))
 
 
 def _why_undefined(text: MetricText, metrics: Sequence[Metrics]) -> str:
     if not any(math.isnan(getattr(m, text.field)) for m in metrics):
         return ""
-    return f" n/a here: {escaped(UNDEFINED[text.field])}."
+    return f" n/a here: {escaped(text.undefined)}."
 
 
 def image_facts(

@@ -12,19 +12,14 @@ from typing import Any
 import numpy as np
 
 from clradar.plot.panels import amplitude_colours
-from clradar.report.text import escaped, script_json
+from clradar.report.tables import escaped, script_json
 
-SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js", "frames.js")
+SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js")
 """One script in this order."""
 
 PANEL_PX = 150
 """Least width of a panel of the figure; on a narrower screen the figure scrolls in its frame.
 Slices need more: two panels are side by side."""
-
-SHOWN_FIRST = 2
-"""Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
-
-NO_PICTURE = {"figure": "", "figure_heading": "", "figure_text": "", "figure_hint": ""}
 
 
 def filled(
@@ -34,37 +29,13 @@ def filled(
     data: Mapping[str, Any],
     *,
     dynamic_range_db: float,
-    hidden: set[str],
     **parts: str,
 ) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    title : str
-        Plain text.
-    notes : sequence of str
-        Paragraphs of plain text; line feeds are kept.
-    colours : sequence of str
-        Of the images, "#rrggbb".
-    data : mapping
-        Of the script, in types of JSON.
-    dynamic_range_db : float, decibel
-    hidden : set of str
-        Sections that are not shown: "figure", "frames", "slices".
-    **parts
-        HTML of the other places of page.html; a note that is missing is empty.
-    """
+    """Return the page."""
     script = "".join(map(_part, SCRIPTS))
     style = _part("page.css") + _own_style(colours)
     return Template(_part("page.html")).substitute(
-        {
-            "frames_note": "",
-            "slices_note": "",
-            **{f"{name}_hidden": "" for name in ("figure", "frames", "slices")},
-            **{f"{name}_hidden": " hidden" for name in hidden},
-            **parts,
-        },
+        parts,
         title=escaped(title),
         style=style,
         style_hash=_policy_hash(style),
@@ -73,16 +44,6 @@ def filled(
         notes="".join(f'<p class="note">{_paragraph(note)}</p>' for note in notes),
         dynamic_range=f"{dynamic_range_db:g}",
         view_data=script_json({**data, **_colour_scales()}),
-    )
-
-
-def cloud_toggle(i: int, label: str, count: str) -> str:
-    """Return the switch of a cloud of points; `label` is text."""
-    checked = " checked" if i < SHOWN_FIRST else ""
-    return (
-        f'<label><input type="checkbox" data-cloud="{i}"{checked}>'
-        f'<span class="swatch cloud-{i}"></span><span class="name">{escaped(label)}</span> '
-        f'<span class="count">{count}</span></label>'
     )
 
 

@@ -27,7 +27,7 @@
     level: bytesOf(cloud.level),
     colour: [1, 3, 5].map((i) => parseInt(cloud.colour.slice(i, i + 2), 16)),
     shown: false,
-    boxed: Boolean(data.frames), // then the box is that of all frames
+    boxed: false,
   }));
   const depthColours = bytesOf(data.depth_colours);
 
@@ -54,21 +54,6 @@
     });
     centre = [0, 1, 2].map((a) => (low[a] + high[a]) / 2);
   }
-
-  if (data.frames) {
-    const { first, step, counts, depth } = data.frames;
-    const last = first.map((start, a) => start + (counts[a] - 1) * step[a]);
-    growBox([...first, depth[0], ...last, depth[1]]);
-  }
-
-  /* The points of another frame. */
-  report.showPoints = (found) => {
-    found.forEach((cloud, i) => Object.assign(clouds[i], cloud));
-    document.querySelectorAll(".clouds .count").forEach((count, i) => {
-      count.textContent = `${found[i].level.length} points`;
-    });
-    redraw();
-  };
 
   let [yaw, pitch] = VIEWS.start;
   let zoom = 1;

@@ -1,7 +1,7 @@
 """Rigged hands from files, skinned glTF 2.0 and MANO models, posed by the poses of `clradar.hand`.
 
-Unit, handedness and bone axes are estimated from the joints; linear blend skinning gives the
-surface; see ``docs/rigs.md``.
+Bone axes are estimated from the joints, which also check unit and side; linear blend skinning gives
+the surface; see ``docs/rigs.md``.
 """
 
 from clradar.rigs.anatomy import UNITS_M

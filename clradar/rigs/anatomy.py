@@ -1,4 +1,4 @@
-"""Handedness, unit of length and bone axes of a hand, estimated from its joint positions.
+"""Bone axes of a hand from its joint positions, which also check its side and unit of length.
 
 The canonical frame is that of `clradar.hand`: wrist at the origin, middle knuckle and fingers
 towards +y, palm towards -z, thumb towards -x; a left hand is mirrored into a right one.
@@ -29,16 +29,11 @@ OPTIONAL = frozenset((*METACARPALS, *TIPS))
 """Joints that a rig may lack: tips, and the metacarpals of the four fingers."""
 
 UNITS_M = MappingProxyType({"m": 1.0, "cm": 1e-2, "mm": 1e-3, "inch": 25.4e-3, "100 m": 100.0})
-"""Candidate units, one of which is chosen by the hand's size; the last is that of files in which a
-scale of 0.01 was applied twice."""
+"""Units by name; the last is that of files in which a scale of 0.01 was applied twice."""
 
-REACH_M = (0.10, 0.25)
+REACH_M = (0.05, 0.40)
 """Wrist to the last joint of the middle finger, along the joints. The hand of this package has
-166 mm; adult means of hand length are 181 and 194 mm, with the last bone (Greiner 1991). A wider
-range would confuse inches and centimetres."""
-
-_GIVEN_REACH_M = (0.05, 0.40)
-"""The same, where the user gives the unit."""
+166 mm; adult means of hand length are 181 and 194 mm, with the last bone (Greiner 1991)."""
 
 # Sum of two sines: the mean bend of the fingers, and the thumb's direction out of the palm.
 _CLEAR_CURL = 0.1
@@ -110,35 +105,37 @@ def reach(joints: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
 
 
-def unit_of(label: str, joints: np.ndarray, given: str | float | None) -> float:
-    """Return metres per unit: the given one, or that of `UNITS_M` which gives a hand's size.
-
-    Raises
-    ------
-    RigError
-        No candidate, or not the given unit, gives a hand's size.
-    """
-    length = reach(joints)
-    fitting = [u for u, unit_m in UNITS_M.items() if REACH_M[0] <= length * unit_m <= REACH_M[1]]
-    what = "wrist to the last joint of the middle finger"
-    if given is None:
-        if not fitting:
-            low, high = (1e3 * r for r in REACH_M)
-            raise RigError(
-                f"{label}: expected a hand with {low:g} to {high:g} mm from {what} in one of the "
-                f"units {', '.join(UNITS_M)}, got {length:.4g} units; give the unit "
-                "(--rig-unit, or metres per unit)"
-            )
-        return UNITS_M[fitting[0]]
-    unit_m = UNITS_M[given] if isinstance(given, str) else given
-    low, high = _GIVEN_REACH_M
+def check_unit(label: str, joints: np.ndarray, unit_m: float) -> None:
+    """Raise `RigError` unless a unit of so many metres gives a hand's size."""
+    length, (low, high) = reach(joints), REACH_M
     if not low <= length * unit_m <= high:
-        hint = f"; did you mean {fitting[0]}?" if fitting else ""
+        fitting = [name for name, m in UNITS_M.items() if low <= length * m <= high]
+        hint = f"did you mean {' or '.join(fitting)}?" if fitting else "another one"
         raise RigError(
-            f"{label}: expected {1e3 * low:g} to {1e3 * high:g} mm from {what}, got "
-            f"{1e3 * length * unit_m:.4g} mm with a unit of {unit_m:g} m{hint}"
+            f"{label}: expected {1e3 * low:g} to {1e3 * high:g} mm from wrist to the last joint of "
+            f"the middle finger, got {1e3 * length * unit_m:.4g} mm with a unit of {unit_m:g} m; "
+            f"{hint} (--rig-unit, or metres per unit)"
         )
-    return unit_m
+
+
+def check_side(label: str, joints: np.ndarray, side: str | None) -> str:
+    """Return a side that is given or named, right if not, or raise `RigError` if it is the other.
+
+    A flat hand with the thumb in its plane shows none: there it has to be given or named.
+    """
+    estimated = side_of(joints)
+    if side is None and estimated is None:
+        raise RigError(
+            f"{label}: expected a hand whose joints or names tell left from right, or --rig-hand, "
+            "got a flat one with its thumb in the plane of the palm"
+        )
+    side = "right" if side is None else side
+    if estimated not in (None, side):
+        raise RigError(
+            f"{label}: expected a {side} hand, got a {estimated} one by the position of its thumb "
+            f"and the bend of its fingers; --rig-hand {estimated}?"
+        )
+    return side
 
 
 def side_of(joints: np.ndarray) -> str | None:

@@ -32,21 +32,11 @@ class GltfFile:
 
     Once they are read, the confined process that this runs in can open nothing any more.
 
-    Parameters
-    ----------
-    path : Path
-    content : bytes
-
     Attributes
     ----------
     path : Path
     document : dict
         The JSON of the file. Nothing of it is known to be of the right type.
-
-    Raises
-    ------
-    RigError
-        Truncated, damaged, of another version, or with a required extension that is not supported.
     """
 
     def __init__(self, path: Path, content: bytes) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from clradar.files.meshes.gltf_document import EXPECTED
 from clradar.hand import JOINT_NAMES
-from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, side_of
+from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, check_side
 from clradar.rigs.failures import fail, reading
 from clradar.rigs.gltf_file import GltfFile
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
@@ -77,31 +77,17 @@ def _chosen(
         for joint, node in hand.nodes.items():
             joints[joint] = tree.world[node][:3, 3]
         check_joints(str(path), joints)
-        sided.append((hand, joints, _side(path, hand, joints, handedness)))
+        named = hand.side or side_in(path.stem)
+        sided.append((hand, joints, named if len(hands) > 1 else handedness or named))
     fitting = [entry for entry in sided if handedness in (None, entry[2])]
     if len(fitting) > 1:
         fail(path, "one hand, or one of each side and --rig-hand", f"{len(fitting)} hands")
     if not fitting:
-        fail(path, f"a {handedness} hand", f"a {sided[0][2]} one")
-    return fitting[0]
-
-
-def _side(path: Path, hand: FoundJoints, joints: np.ndarray, handedness: str | None) -> str:
-    estimated = side_of(joints)
-    if hand.side is not None and estimated not in (None, hand.side):
-        fail(
-            path,
-            f"a {hand.side} hand, by the names of its joints",
-            f"a {estimated} one by the position of its thumb and the bend of its fingers",
-        )
-    side = estimated or hand.side or handedness or side_in(path.stem)
-    if side is None:
-        fail(
-            path,
-            "a hand whose joints or names tell left from right, or --rig-hand",
-            "a flat one with its thumb in the plane of the palm",
-        )
-    return side
+        fail(path, f"a {handedness} hand, by the names of joints", "none")
+    hand, joints, side = fitting[0]
+    if hand.side not in (None, side):
+        fail(path, f"a {side} hand", f"a {hand.side} one, by the names of its joints")
+    return hand, joints, check_side(str(path), joints, side)
 
 
 def _surface(file: GltfFile, tree: NodeTree, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from clradar.files.limits import MAX_MESH_BYTES
-from clradar.files.safe_pickle import UnsafePickle
+from clradar.files.pickles import UnsafePickle
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
-from clradar.rigs.anatomy import check_joints, side_of
+from clradar.rigs.anatomy import check_joints, check_side
 from clradar.rigs.failures import fail, reading
 from clradar.rigs.mano_pickle import as_array, load_mano
 from clradar.rigs.names import side_in
@@ -92,12 +92,7 @@ def _rig(
             name = "thumb-tip" if finger == "thumb" else f"{finger}-finger-tip"
             joints[JOINT_INDEX[name]] = shaped[vertex]
     check_joints(str(path), joints)
-    estimated, named = side_of(joints), side_in(path.stem)
-    if handedness is not None and estimated not in (None, handedness):
-        fail(path, f"a {handedness} hand", f"a {estimated} one")
-    side = handedness or estimated or named
-    if side is None:
-        fail(path, "a model whose joints or name tell left from right, or --rig-hand", "neither")
+    side = check_side(str(path), joints, handedness or side_in(path.stem))
     weights = fields["weights"]
     rows = np.argwhere(weights)
     surface = Surface.grouped(
@@ -220,16 +215,7 @@ def theta_of_components(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from clradar.rigs import Rig, theta_of_components
-    >>> from clradar.hand import HandPose, posed_skeleton
-    >>> from clradar.rigs.mano import MANO_JOINTS
-    >>> from clradar.rigs.rig import Influences, PoseBlend
-    >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
-    >>> skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
-    >>> blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
-    >>> axes, faces = np.eye(3), [[0, 1, 2]]
-    >>> rig = Rig("model", "right", 1.0, axes, rest.joints_m, rest.frames, faces, skin, blend)
+    >>> from clradar.rigs import theta_of_components
     >>> theta = theta_of_components(rig, [0.5])
     >>> theta.shape, theta[3:6].tolist()
     ((48,), [0.5, 0.0, 0.0])
@@ -264,16 +250,7 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     --------
     A quarter turn about x bends the index finger's first joint of a hand along +y.
 
-    >>> import numpy as np
-    >>> from clradar.rigs import Rig, rotations_of_theta
-    >>> from clradar.hand import HandPose, posed_skeleton
-    >>> from clradar.rigs.mano import MANO_JOINTS
-    >>> from clradar.rigs.rig import Influences, PoseBlend
-    >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
-    >>> skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
-    >>> blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
-    >>> axes, faces = np.eye(3), [[0, 1, 2]]
-    >>> rig = Rig("model", "right", 1.0, axes, rest.joints_m, rest.frames, faces, skin, blend)
+    >>> from clradar.rigs import rotations_of_theta
     >>> theta = np.zeros(48)
     >>> theta[3] = -np.pi / 2
     >>> rotations = rotations_of_theta(rig, theta)
@@ -301,16 +278,7 @@ def theta_of_rotations(rig: Rig, rotations: np.ndarray) -> np.ndarray:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from clradar.rigs import Rig, rotations_of_theta, theta_of_rotations
-    >>> from clradar.hand import HandPose, posed_skeleton
-    >>> from clradar.rigs.mano import MANO_JOINTS
-    >>> from clradar.rigs.rig import Influences, PoseBlend
-    >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
-    >>> skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
-    >>> blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
-    >>> axes, faces = np.eye(3), [[0, 1, 2]]
-    >>> rig = Rig("model", "right", 1.0, axes, rest.joints_m, rest.frames, faces, skin, blend)
+    >>> from clradar.rigs import rotations_of_theta, theta_of_rotations
     >>> theta = np.linspace(-0.5, 0.5, 48)
     >>> bool(np.allclose(theta_of_rotations(rig, rotations_of_theta(rig, theta)), theta))
     True

@@ -1,22 +1,21 @@
 """Arrays of a MANO pickle: of numpy, of scipy's sparse matrices and of the package chumpy.
 
-Nothing that the pickle names is imported or called; see `clradar.files.safe_pickle`.
+Nothing that the pickle names is imported or called; see `clradar.files.pickles`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any, ClassVar
 
 import numpy as np
 
 from clradar.files.limits import MAX_SPARSE_ELEMENTS
-from clradar.files.safe_pickle import (
+from clradar.files.pickles import (
     ARRAYS,
-    Makers,
+    Fixed,
+    Names,
     PickledArray,
-    Stateful,
     array_shape,
     load,
     refuse,
@@ -27,23 +26,19 @@ _MAX_NESTING = 6
 
 
 def load_mano(content: bytes) -> Any:
-    """Return the content of the pickle of a model; `as_array` converts its arrays.
-
-    Raises
-    ------
-    UnsafePickle
-        A name or an operation that no model needs, or a damaged stream.
-    """
+    """Return the content of the pickle of a model; `as_array` converts its arrays."""
     return load(content, _NAMES, "hand model")
 
 
-@dataclass(eq=False)
-class _Object(Stateful):
+class _Object(metaclass=Fixed):
     """An object with attributes."""
 
-    dictionaries: tuple[dict[str, Any], ...] = field(default=(), init=False)
+    __slots__ = ("dictionaries",)
 
-    def fill(self, state: Any) -> None:
+    def __init__(self, *_arguments: Any) -> None:
+        self.dictionaries: tuple[dict[str, Any], ...] = ()
+
+    def __setstate__(self, state: Any) -> None:
         # A state is a dictionary, or that and one of the slots.
         parts = state if isinstance(state, tuple) and len(state) == 2 else (state,)
         self.dictionaries = tuple(part for part in parts if part is not None)
@@ -55,11 +50,11 @@ class _Object(Stateful):
         return found[-1] if found else None
 
 
-@dataclass(eq=False)
 class Sparse(_Object):
     """A matrix of scipy in compressed columns (`csc`) or rows (`csr`)."""
 
-    columns: bool
+    __slots__ = ()
+    columns: ClassVar[bool]
 
     def dense(self) -> np.ndarray:
         """Return the matrix with its zeros."""
@@ -92,11 +87,26 @@ class Sparse(_Object):
         return matrix.T if self.columns else matrix
 
 
-@dataclass(eq=False)
-class Chumpy(_Object):
-    """An object of the package chumpy: `Ch` holds an array `x`; `Select` takes elements of `a`."""
+class ByColumns(Sparse):
+    __slots__ = ()
+    columns = True
 
-    name: str
+
+class ByRows(Sparse):
+    __slots__ = ()
+    columns = False
+
+
+class Ch(_Object):
+    """An object of the package chumpy that holds an array `x`."""
+
+    __slots__ = ()
+
+
+class Select(_Object):
+    """One that takes elements of `a`."""
+
+    __slots__ = ()
 
 
 def as_array(value: Any, depth: int = 0) -> np.ndarray:
@@ -109,9 +119,9 @@ def as_array(value: Any, depth: int = 0) -> np.ndarray:
         return value.value
     if isinstance(value, Sparse):
         return value.dense()
-    if isinstance(value, Chumpy) and value.name == "Ch":
+    if isinstance(value, Ch):
         return as_array(value.get("x"), depth + 1)
-    if isinstance(value, Chumpy):
+    if isinstance(value, Select):
         source, at = (as_array(value.get(name), depth + 1) for name in ("a", "idxs"))
         if at.dtype.kind not in "iu" or (at.size and not 0 <= at.min() <= at.max() < source.size):
             refuse("a chumpy.reordering.Select whose elements do not exist")
@@ -129,44 +139,54 @@ def _sizes(shape: Any) -> Any:
     return tuple(shape) if isinstance(shape, list) else shape
 
 
-def _list(items: Any = ()) -> Any:
-    if not isinstance(items, list | tuple):
-        refuse("a collection of something else than a list")
-    return items
+class _Listed(metaclass=Fixed):
+    """A set, list or tuple of a list."""
+
+    def __new__(cls, items: Any = ()) -> Any:
+        if not isinstance(items, list | tuple):
+            refuse("a collection of something else than a list")
+        return items
 
 
-def _reconstructor(name: Any, _base: Any, _state: Any) -> Any:
-    make = getattr(name, "make", None)
-    if make is None:
-        refuse("an object without a class")
-    return make()
+class _Dictionary(metaclass=Fixed):
+    def __new__(cls, *_arguments: Any) -> Any:
+        return {}
 
 
-def _no_object(*_arguments: Any) -> NoReturn:
-    refuse("an object without a class of its own")
+class _Reconstructor(metaclass=Fixed):
+    """What Python 2 makes objects with: of the class that it is given."""
+
+    def __new__(cls, kind: Any, _base: Any, _state: Any) -> Any:
+        if not isinstance(kind, Fixed) or not issubclass(kind, _Object | _Dictionary):
+            refuse("an object without a class")
+        return kind()
+
+
+class _Plain(metaclass=Fixed):
+    """`object`, the base of such a class; nobody calls it."""
+
+    def __init__(self, *_arguments: Any) -> None:
+        refuse("an object without a class of its own")
 
 
 _BUILTINS = ("__builtin__", "builtins")
-_NAMES: Makers = {
+_NAMES: Names = {
     **ARRAYS,
-    ("collections", "OrderedDict"): lambda: {},
-    ("chumpy.ch", "Ch"): lambda *_: Chumpy("Ch"),
-    ("chumpy", "Ch"): lambda *_: Chumpy("Ch"),
-    ("chumpy.reordering", "Select"): lambda *_: Chumpy("Select"),
-    **{(module, "object"): _no_object for module in _BUILTINS},
-    **{(module, "dict"): lambda: {} for module in _BUILTINS},
+    ("collections", "OrderedDict"): _Dictionary,
+    ("chumpy.ch", "Ch"): Ch,
+    ("chumpy", "Ch"): Ch,
+    ("chumpy.reordering", "Select"): Select,
+    **{(module, "object"): _Plain for module in _BUILTINS},
+    **{(module, "dict"): _Dictionary for module in _BUILTINS},
     **{
-        (module, kind): _list
+        (module, kind): _Listed
         for module in _BUILTINS
         for kind in ("set", "frozenset", "list", "tuple")
     },
-    **{(module, "_reconstructor"): _reconstructor for module in ("copy_reg", "copyreg")},
+    **{(module, "_reconstructor"): _Reconstructor for module in ("copy_reg", "copyreg")},
     **{
-        (module, f"{form}_{kind}"): make
-        for form, make in (
-            ("csc", lambda *_: Sparse(columns=True)),
-            ("csr", lambda *_: Sparse(columns=False)),
-        )
+        (module, f"{form}_{kind}"): made
+        for form, made in (("csc", ByColumns), ("csr", ByRows))
         for module in ("scipy.sparse", f"scipy.sparse.{form}", f"scipy.sparse._{form}")
         for kind in ("matrix", "array")
     },

@@ -50,11 +50,6 @@ def hands_by_name(path: Path, tree: NodeTree, skin: set[int]) -> list[FoundJoint
 
     `skin` are the joints of skins. Other nodes count where none of these has the name: a tip often
     has no vertices.
-
-    Raises
-    ------
-    RigError
-        No hand is complete, or two nodes have one name.
     """
     groups: dict[tuple[str, ...], dict[int, list[int]]] = {}
     for node in range(len(tree.names)):

@@ -56,13 +56,7 @@ def _from_roots(parents: Sequence[int]) -> list[int]:
 
 
 def node_tree(file: GltfFile) -> NodeTree:
-    """Return the hierarchy of the nodes of a file.
-
-    Raises
-    ------
-    RigError
-        Cycles, two parents, transforms that are no numbers, too many nodes.
-    """
+    """Return the hierarchy of the nodes of a file."""
     nodes = file.listed("nodes")
     if len(nodes) > MAX_MESH_NODES:
         file.fail(f"at most {MAX_MESH_NODES} nodes", len(nodes))

@@ -54,13 +54,7 @@ def _fields(record: Any) -> dict[str, Any]:
 
 
 def rig_of_plain(found: dict[str, Any]) -> Rig:
-    """Return the rig that `plain_gltf` or `plain_mano` found.
-
-    Raises
-    ------
-    ModelError
-        For what they say about an argument.
-    """
+    """Return the rig that `plain_gltf` or `plain_mano` found."""
     if "argument" in found:
         raise ModelError(found["argument"])
     blend = found["blend"]

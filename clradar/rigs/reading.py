@@ -46,9 +46,11 @@ def read_rig(
         The node of each joint, for glTF files whose joints have no WebXR names: a TOML file with a
         table ``[joints]``, or WebXR name -> name or number of a node.
     unit : "m", "cm", "mm", "inch", or a number, metres, optional
-        The file's unit of length. By default estimated from the hand's size (`UNITS_M`, `REACH_M`).
+        The file's unit of length, metres by default, as the formats have it. Another one that a
+        hand's size shows is an error.
     handedness : "right" or "left", optional
-        Of the hand, or of the one to read of two. By default from names and joint positions.
+        Of the hand, or of the one to read of two. By default from the names of joints and file,
+        else right; joint positions that show the other one are an error.
     betas : sequence of float, optional
         Shape of a MANO hand, at most as many as the model has; the remaining ones are 0.
 
@@ -83,7 +85,7 @@ def read_rig(
     ...     J_regressor=np.eye(16), weights=np.eye(16), f=[[1, 4, 7], [2, 5, 8], [3, 6, 9]],
     ...     kintree_table=[PARENTS, range(16)],
     ... )
-    >>> rig = read_rig("MANO_RIGHT.npz")
+    >>> rig = read_rig("MANO_RIGHT.npz", unit="mm")
     >>> rig.handedness, rig.unit_m
     ('right', 0.001)
     """

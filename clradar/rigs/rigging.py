@@ -1,4 +1,4 @@
-"""Build a rig: weights checked and normalised, vertices welded, unit and axes estimated."""
+"""Build a rig: weights checked and normalised, vertices welded, axes of the bones estimated."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from clradar.hand import JOINT_NAMES
-from clradar.rigs.anatomy import CHAINS, WRIST, canonical_axes, reach, rest_frames, unit_of
+from clradar.rigs.anatomy import (
+    CHAINS,
+    UNITS_M,
+    WRIST,
+    canonical_axes,
+    check_unit,
+    reach,
+    rest_frames,
+)
 from clradar.rigs.failures import clean, fail
 from clradar.rigs.rig import Influences, PoseBlend, Rig
 
@@ -72,11 +80,6 @@ class Surface:
         ----------
         points : ndarray, shape (N, 3)
             Position of the vertex as the row's bone has it, not weighted.
-
-        Raises
-        ------
-        RigError
-            Weights below 0, NaN, or with a sum beyond `WEIGHT_SUM` at a vertex of a face.
         """
         if not np.isfinite(weight).all() or (weight < 0).any():
             bad = int(vertex[~(weight >= 0) | ~np.isfinite(weight)][0])
@@ -172,7 +175,7 @@ def rig_of(
         In the file's coordinates and unit.
     side : "right" or "left"
     unit : "m", "cm", "mm", "inch", a number of metres, or None
-        None: estimated from the hand's size.
+        None: metres.
     blend : PoseBlend, optional
     ignored : tuple of str
     """
@@ -182,7 +185,8 @@ def rig_of(
     if not len(surface.faces):
         fail(path, "faces with three corners", "none")
     label = clean(label)
-    unit_m = unit_of(label, joints, unit)
+    unit_m = 1.0 if unit is None else UNITS_M[unit] if isinstance(unit, str) else unit
+    check_unit(label, joints, unit_m)
     rest = surface.rest()
     extent, size = float(np.ptp(rest, axis=0).max()), reach(joints)
     if extent > _MAX_EXTENT * size:

@@ -16,7 +16,6 @@ from clradar.tracing.settings import SimulationSettings
 TILE_SAMPLES = 16384
 """Samples per tile, fewer where memory is short. No result depends on it."""
 
-
 SUM_SHARE = 1 / 3
 """Of a device's memory: the most that the sum of the paths takes, and is left free for it."""
 

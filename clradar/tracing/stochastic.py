@@ -40,6 +40,8 @@ LISTED_BYTES = 64
 MOST_LISTED = 2**19
 """Rays that are drawn at a time; fewer where memory is short. No result depends on it."""
 
+MOST_ORDINAL = 2**32 - 1  # of a ray, and of a reception in a tile
+
 LISTS = 64
 """Lists that are drawn until their counters are set back."""
 
@@ -102,9 +104,8 @@ class Tracer(LitSurface):
         """Divide the free memory between samples and receptions."""
         per_sample = 4 * 12 + 4 + 4 + self._n_tx_groups
         free = min(self._room_bytes, 8 * self.device.max_buffer_bytes)
-        # Neither a ray's ordinal nor the count of receptions in a tile may exceed 32 bits.
         rays = self._rays_per_sample * self.settings.max_bounces
-        most = max(1, (2**32 - 1) // (rays * self.array.n_tx * self.array.n_rx))
+        most = max(1, MOST_ORDINAL // (rays * self.array.n_tx * self.array.n_rx))
         wanted = min(TILE_SAMPLES, self.n_samples, most, max(1, free // 4 // per_sample))
         self._tile_samples = int(wanted)
         self._tile = self._sample_buffers(self._tile_samples)
@@ -131,7 +132,7 @@ class Tracer(LitSurface):
         """How many receptions fit into free memory and their present buffers."""
         each = APPENDED_BYTES + SORTED_BYTES
         room = (self._room_bytes + self._capacity * each) // each
-        return int(min(room, self.device.max_buffer_bytes // 16, 2**32 - 1))
+        return int(min(room, self.device.max_buffer_bytes // 16, MOST_ORDINAL))
 
     def _grow(self, capacity: int) -> None:
         for buffer in (*self._appended, *self._sorted):

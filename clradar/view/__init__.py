@@ -1,13 +1,14 @@
-"""The live view in a browser: files in, pictures of them, wishes, and the page of viser.
+"""The view in a browser: frames in, pictures of them, wishes, and the page of viser.
 
-`sources` opens paths, `beside` what is shown with them; `pictures`, `slices` and `channels` turn
-records into drawings and points; `session` carries out a `wish` in the background, `scene`
-and `panel` are the `page`. Data flows in that order.
+`sources` reads frames, `beside` what is shown with them; `drawn` and `pictures` turn images into
+points and pictures; `session` carries out a `wish` in the background; `scene` and `panel` are the
+page, `playing` steps through frames or follows those that come, `server` and `gate` serve it. Data
+flows in that order.
 """
 
-from clradar.view.server import serve
+from clradar.view.server import show
 
-__all__ = ["serve"]
+__all__ = ["show"]
 
 
 def __dir__() -> list[str]:

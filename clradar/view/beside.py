@@ -7,11 +7,13 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from clradar.model import Capture, Scene, Volume
+import numpy as np
+
+from clradar.model import Capture, Scene
 from clradar.model.known_materials import KNOWN
 from clradar.opencl import Device
 from clradar.simulation import simulate
-from clradar.view.sources import Source
+from clradar.view.sources import Content, Source
 from clradar.view.wish import BY_ALPHA, Wish
 
 MATERIALS = (BY_ALPHA, *KNOWN)
@@ -31,12 +33,10 @@ class Beside(Protocol):
     def simulates(self) -> bool:
         """Whether it is made, by `Wish.alpha` and `Wish.material`, instead of read."""
 
-    def key(self, wish: Wish, content: Capture | Volume) -> Hashable:
+    def key(self, wish: Wish, content: Content) -> Hashable:
         """Return what the second one depends on; None if there is none beside this content."""
 
-    def of(
-        self, wish: Wish, content: Capture | Volume, progress: Callable[[int, int], None]
-    ) -> Capture | Volume:
+    def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
         """Return the second one."""
 
 
@@ -55,15 +55,13 @@ class Others:
     def labels(self) -> tuple[str, ...]:
         return tuple(other.name for other in self.others)
 
-    def key(self, wish: Wish, content: Capture | Volume) -> Hashable:
+    def key(self, wish: Wish, content: Content) -> Hashable:
         other = self.others[wish.other]
         frames, others = self.source.frames(), other.frames()
         along = len(frames) == len(others) and wish.frame in frames
         return wish.other, others[frames.index(wish.frame) if along else 0]
 
-    def of(
-        self, wish: Wish, content: Capture | Volume, progress: Callable[[int, int], None]
-    ) -> Capture | Volume:
+    def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
         key = self.key(wish, content)
         assert isinstance(key, tuple)
         return self.others[wish.other].read(key[1])
@@ -79,24 +77,17 @@ class Simulation:
     simulates: bool = True
     _kept: OrderedDict[Hashable, Capture] = field(default_factory=OrderedDict)
 
-    def key(self, wish: Wish, content: Capture | Volume) -> Hashable:
+    def key(self, wish: Wish, content: Content) -> Hashable:
         if not isinstance(content, Capture):
             return None  # which radar recorded it is not known
-        sides = [
-            (
-                s.pattern,
-                s.antennas_m.tobytes(),
-                s.axes.tobytes(),
-                None if s.gain is None else s.gain.tobytes(),
-            )
-            for s in content.array.sides
+        antennas = [
+            (side.pattern, *(_bytes_of(a) for a in (side.antennas_m, side.axes, side.gain)))
+            for side in content.array.sides
         ]
-        radar = (*sides, content.waveform.frequencies_hz.tobytes())
+        radar = (*antennas, content.waveform.frequencies_hz.tobytes())
         return wish.alpha if wish.material == BY_ALPHA else wish.material, hash(radar)
 
-    def of(
-        self, wish: Wish, content: Capture | Volume, progress: Callable[[int, int], None]
-    ) -> Capture | Volume:
+    def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
         assert isinstance(content, Capture)
         key = self.key(wish, content)
         if key not in self._kept:
@@ -112,3 +103,7 @@ class Simulation:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
+
+
+def _bytes_of(array: np.ndarray | None) -> bytes | None:
+    return None if array is None else array.tobytes()

@@ -13,12 +13,11 @@ from clradar.files.atomic import refuse_existing, write_file
 from clradar.model import Scene
 from clradar.opencl import Device
 from clradar.view.beside import Beside
-from clradar.view.samples import SampleFrames
-from clradar.view.scene import UNITS_PER_M, SceneView
+from clradar.view.scene import LEGEND, SceneView
 from clradar.view.server import running
 from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
-from clradar.view.truth import draw_truth
+from clradar.view.truth import UNITS_PER_M, HasTruth, draw_truth
 from clradar.view.wish import Wish
 
 MOST_BYTES = 200 * 2**20
@@ -30,33 +29,37 @@ FRAMES_PER_S = 10.0
 class _SceneAlone:
     """Shows frames, their names and truth in the scene, and notes what cannot be shown."""
 
-    def __init__(self, server: Any, source: Source, mesh: Scene | None) -> None:
+    def __init__(
+        self, server: Any, source: Source, mesh: Scene | None, truth: HasTruth | None
+    ) -> None:
         self._server, self._source, self._scene = server, source, SceneView(server)
+        self._truth = truth
         if mesh is not None:
             self._scene.draw_mesh(mesh)
         self.refused: str | None = None
         self.shown_bytes = 0
 
     def show(self, shown: Shown) -> None:
-        self._scene.show(shown)
-        grid, frame = shown.first.volume.grid, shown.wish.frame
-        corner_m = np.array([grid.x_m[-1], grid.y_m[-1], grid.z_m[0]])  # to the left in front
+        self._scene.show(shown, pictures=False)
+        ends_m, frame = shown.first.ends_m, shown.wish.frame
+        title = f"{self._source.name}, {self._source.label(frame)}"
+        if shown.second is not None:
+            title += f"; {LEGEND}"
+        corner_m = np.array([ends_m[0, 1], ends_m[1, 1], ends_m[2, 0]])  # to the left in front
         self._server.scene.add_label(
-            "/frame",
-            self._source.label(frame),
-            position=UNITS_PER_M * corner_m,
-            anchor="bottom-left",
+            "/frame", title, position=UNITS_PER_M * corner_m, anchor="bottom-left"
         )
-        if isinstance(self._source, SampleFrames):
-            draw_truth(self._server.scene, self._source.truth(frame))
+        truth = None if self._truth is None else self._truth.truth(frame)
+        if truth is not None:
+            draw_truth(self._server.scene, truth)
         for drawn in filter(None, (shown.first, shown.second)):
             self.shown_bytes += drawn.cloud.points_m.nbytes + drawn.cloud.colours.nbytes
 
-    def busy(self, words: str) -> None:
+    def busy(self, text: str) -> None:
         pass
 
-    def refuse(self, words: str) -> None:
-        self.refused = words
+    def refuse(self, text: str) -> None:
+        self.refused = text
 
 
 def write_page(
@@ -66,41 +69,16 @@ def write_page(
     wish: Wish,
     beside: Beside | None = None,
     mesh: Scene | None = None,
+    truth: HasTruth | None = None,
     device: Device | None = None,
     force: bool = False,
     warn: Callable[[str], None] = print,
 ) -> int:
-    """Write the frames of a source into one HTML file, and return how many there are in it.
-
-    Parameters
-    ----------
-    source : Source
-    path : Path
-    wish : Wish
-        What is shown of every frame.
-    beside : Beside or None
-        A second image of each frame.
-    mesh : Scene or None
-        Drawn as a surface.
-    device : Device or None
-    force : bool
-        Replace an existing file.
-    warn : callable
-        Called with a line for each frame that cannot be read, and where not all fit.
-
-    Raises
-    ------
-    MissingViser
-        viser is not installed.
-    OutputError
-        The file exists already, or cannot be written.
-    ClradarError
-        No frame can be shown.
-    """
+    """Write the frames of a source into one HTML file, and return how many there are in it."""
     refuse_existing(path, force=force)  # before the work
     written, frames = 0, source.frames()
     with running(source.name, port=0) as (server, _):
-        front = _SceneAlone(server, source, mesh)
+        front = _SceneAlone(server, source, mesh, truth)
         session = Session(source, wish, front, device, beside=beside)
         try:
             serializer = server.get_scene_serializer()

@@ -1,46 +1,38 @@
-"""The panel in the browser: controls that become wishes, tabs, and a line of state."""
+"""The panel in the browser: controls that become wishes, tabs, and lines of state."""
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
+from collections.abc import Callable
 from typing import Any, Protocol
 
-from clradar.model import Capture
-from clradar.view.beside import Beside
-from clradar.view.controls import Controls, assign
+from clradar.backproject import METHODS, WINDOWS
+from clradar.errors import ModelError
+from clradar.model import Capture, VoxelGrid
+from clradar.model.length_unit import unit_for
+from clradar.view.beside import MATERIALS, Beside
+from clradar.view.pictures import overview_picture, pair_curves
+from clradar.view.samples import ALL, SampleFrames
 from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
-from clradar.view.tabs import ChannelsTab, PicturesTab, SlicesTab, add_imaging, add_simulation
-from clradar.view.wish import Wish
-
-KEYS = "Keys: space plays, arrows go to the next frame or back, V shows voxels"
-
-SIDES = {"Both": "both", "Measured": "measured", "Simulated": "simulated"}
+from clradar.view.wish import LAYOUTS, SIDES, Wish, extents_mm, grid_mm
 
 
 class Plays(Protocol):
     """What the control that plays and stops acts on."""
 
+    per_second: float
+
     def play(self, on: bool) -> None:
         """Begin or stop to play."""
 
+    def chosen(self) -> None:
+        """Say that a frame has been chosen by hand."""
+
 
 class Panel:
-    """Controls of a view.
-
-    Parameters
-    ----------
-    server : viser.ViserServer
-    source : Source
-    wish : Wish
-        What the controls show at first; those of captures come with the first of them.
-    beside : Beside or None
-        Of the second image.
-    mesh : handle of viser or None
-        Of the mesh in the scene.
-    live : bool
-        The frames come by themselves, at their own rate.
-    """
+    """Controls of a view."""
 
     def __init__(
         self,
@@ -49,19 +41,17 @@ class Panel:
         wish: Wish,
         beside: Beside | None = None,
         mesh: Any = None,
-        *,
-        live: bool = False,
     ) -> None:
         gui = server.gui
-        self._controls = Controls(gui)
-        self._source, self._beside, self._mesh = source, beside, mesh
+        self._gui, self._source, self._beside, self._mesh = gui, source, beside, mesh
+        self._acts: list[tuple[Any, Callable[[], None]]] = []
         self.state = gui.add_markdown("")
-        self.pace = gui.add_markdown("", visible=live)
-        self.frame = gui.add_slider("Frame", 0, 1, 1, 0)
-        self.play = gui.add_checkbox("Play", live)
-        self.rate = gui.add_slider("Frames/s at most", 1, 30, 1, 10, visible=False)
-        self._of_many = (self.frame, self.play) if live else (self.frame, self.play, self.rate)
+        self.pace = gui.add_markdown("", visible=source.grows)
+        self.frame = gui.add_slider("Frame" if not _samples(source) else "Sample", 0, 1, 1, 0)
+        self.play = gui.add_checkbox("Play", source.grows)
+        self.rate = gui.add_slider("Most per second", 1, 30, 1, 10, visible=False)
         self.follow_frames(wish.frame)
+        self.layout = gui.add_dropdown("Layout", LAYOUTS, initial_value=wish.layout)
         self.range_db = gui.add_slider(
             "Dynamic range (dB)", 3.0, 60.0, 0.5, min(60.0, max(3.0, wish.dynamic_range_db))
         )
@@ -70,70 +60,124 @@ class Panel:
             self.side = gui.add_dropdown("Show", tuple(SIDES))
             if len(beside.labels) > 1:
                 self.other = gui.add_dropdown("Beside", numbered(beside.labels))
+            self.metrics = gui.add_markdown("")
         if mesh is not None:
             self.mesh = gui.add_checkbox("Mesh", True)
         self._tabs = gui.add_tab_group()
-        keys = KEYS + (", B blinks" if beside else "") + (", M shows the mesh" if mesh else "")
-        gui.add_markdown(f"{keys}.")
         self._shows: list[Any] = []
         self._of_captures = False
 
+    def on(self, control: Any, act: Callable[[], None]) -> None:
+        """Call `act` when a user changes a control."""
+
+        def changed(event: Any) -> None:
+            # A value that was set here to follow the state is no wish.
+            if event.client is not None:
+                self.attempt(act)
+
+        control.on_update(changed)
+        self._acts.append((control, act))
+
+    def attempt(self, act: Callable[[], None]) -> None:
+        """Do what a message of a page asks for; one that makes no sense is told."""
+        try:
+            act()
+        except Exception as error:  # whatever a page sends must not print a traceback
+            self.refuse(str(error))
+
+    def key(self, key: str, label: str, act: Callable[[], None]) -> None:
+        """Call `act` when a key is pressed."""
+        command = self._gui.add_command(label, hotkey=key)
+        command.on_trigger(lambda _: self.attempt(act))
+
+    def toggle(self, control: Any) -> None:
+        """Change a checkbox as a user does."""
+        control.value = not control.value
+        next(act for one, act in self._acts if one is control)()
+
     def connect(self, session: Session, player: Plays) -> None:
         """Turn changes of the controls into wishes."""
-        self._session, controls = session, self._controls
-        controls.on(self.range_db, lambda: session.change(dynamic_range_db=self.range_db.value))
-        controls.on(self.voxels, lambda: session.change(voxels=self.voxels.value))
-        controls.key("V", "Points or voxels", lambda: controls.toggle(self.voxels))
-        controls.on(self.frame, lambda: self._choose_frame(session))
-        controls.on(self.play, lambda: player.play(self.play.value))
-        controls.on(self.rate, lambda: setattr(player, "per_second", float(self.rate.value)))
-        controls.key("space", "Play or stop", lambda: controls.toggle(self.play))
-        controls.key("arrowright", "Next frame", lambda: session.step(1))
-        controls.key("arrowleft", "Previous frame", lambda: session.step(-1))
-        with self._tabs.add_tab("Image"):
-            self._shows.append(PicturesTab(controls))
-        with self._tabs.add_tab("Slices"):
-            self._shows.append(SlicesTab(controls, session))
+        self._session = session
+
+        def go(act: Callable[[], None]) -> Callable[[], None]:
+            def gone() -> None:
+                player.chosen()
+                act()
+
+            return gone
+
+        self.on(self.range_db, lambda: session.change(dynamic_range_db=float(self.range_db.value)))
+        self.on(self.voxels, lambda: session.change(voxels=bool(self.voxels.value)))
+        self.on(self.layout, lambda: session.change(layout=one_of(self.layout.value, LAYOUTS)))
+        self.on(self.frame, go(lambda: self._choose_frame(session)))
+        self.on(self.play, lambda: player.play(bool(self.play.value)))
+        self.on(
+            self.rate, lambda: setattr(player, "per_second", between(self.rate.value, 1.0, 30.0))
+        )
+        keys = ["L changes the layout", "V shows voxels"]
+        self.key("L", "Layout", lambda: session.change(layout=_next(session.wish.layout, LAYOUTS)))
+        self.key("V", "Points or voxels", lambda: self.toggle(self.voxels))
+        if self._source.grows or len(self._source.frames()) > 1:
+            keys = ["space plays", "N and P go to the next frame and back", *keys]
+        self.key("space", "Play or stop", lambda: self.toggle(self.play))
+        self.key("N", "Next frame", go(lambda: session.step(1)))
+        self.key("P", "Previous frame", go(lambda: session.step(-1)))
+        with self._tabs.add_tab("Place"):
+            self._shows.append(PlaceTab(self, session))
+        if _samples(self._source) is not None:
+            with self._gui.add_folder("Sample"):
+                _add_choice(self, session, self._source)
         if self._beside is not None:
+            keys.append("B shows both, measured, simulated in turn")
             self._connect_beside(session, self._beside)
         if self._mesh is not None:
-            controls.on(self.mesh, lambda: setattr(self._mesh, "visible", self.mesh.value))
-            controls.key("M", "Mesh", lambda: controls.toggle(self.mesh))
+            keys.append("M shows the mesh")
+            self.on(self.mesh, lambda: setattr(self._mesh, "visible", bool(self.mesh.value)))
+            self.key("M", "Mesh", lambda: self.toggle(self.mesh))
+        self._gui.add_markdown(f"Keys: {', '.join(keys)}.")
 
     def _connect_beside(self, session: Session, beside: Beside) -> None:
-        controls = self._controls
-        controls.on(self.side, lambda: session.change(side=SIDES[self.side.value]))
-        controls.key("B", "Blink between measured and simulated", lambda: blink(session))
+        sides = tuple(SIDES.values())
+        self.on(self.side, lambda: session.change(side=SIDES[self.side.value]))
+        self.key(
+            "B", "Both, measured, simulated",
+            lambda: session.change(side=_next(session.wish.side, sides)),
+        )  # fmt: skip
         if len(beside.labels) > 1:
             labels = numbered(beside.labels)
-            controls.on(self.other, lambda: session.change(other=labels.index(self.other.value)))
+            self.on(self.other, lambda: session.change(other=labels.index(self.other.value)))
 
     def show(self, shown: Shown) -> None:
-        """Show the images and the state of a result."""
+        """Show the state of a result."""
         if isinstance(shown.content, Capture) and not self._of_captures:
             self._add_tabs_of_captures(shown.content, shown)
         for tab in self._shows:
             tab.show(shown)
         self.follow_frames(shown.wish.frame)
+        assign(self.layout, "value", shown.wish.layout)
         if self._beside is not None:
             label = next(label for label, side in SIDES.items() if side == shown.wish.side)
             assign(self.side, "value", label)
-        self.state.content = state_words(shown, self._source.label(shown.wish.frame))
+            assign(self.metrics, "content", metrics_text(shown))
+        self.state.content = state_text(shown, self._source.label(shown.wish.frame))
 
     def _add_tabs_of_captures(self, capture: Capture, shown: Shown) -> None:
         self._of_captures = True
         with self._tabs.add_tab("Channels"):
-            self._shows.append(ChannelsTab(self._controls, self._session, capture))
+            self._shows.append(ChannelsTab(self, self._session, capture))
         with self._tabs.add_tab("Settings"):
             if self._beside is not None and self._beside.simulates:
-                add_simulation(self._controls, self._session)
-            add_imaging(self._controls, self._session, shown.first.volume.grid, self.refuse)
+                _add_simulation(self, self._session)
+            if shown.first.volume is not None:
+                _add_imaging(self, self._session, shown.first.volume.grid)
 
     def follow_frames(self, frame: int) -> None:
         """Let slider and playing span the frames that the source has now, and show this one."""
         frames = self._source.frames()
-        for control in self._of_many:
-            assign(control, "visible", len(frames) > 1)
+        assign(self.frame, "visible", len(frames) > 1)
+        assign(self.play, "visible", len(frames) > 1 or self._source.grows)
+        assign(self.rate, "visible", len(frames) > 1 and not self._source.grows)
+        assign(self.pace, "visible", self._source.grows)
         assign(self.frame, "max", max(1, len(frames) - 1))
         assign(self.frame, "value", max(0, bisect_right(frames, frame) - 1))
 
@@ -142,19 +186,180 @@ class Panel:
         if frames:
             session.change(frame=frames[min(int(self.frame.value), len(frames) - 1)])
 
-    def busy(self, words: str) -> None:
+    def busy(self, text: str) -> None:
         """Say what is being done."""
-        self.state.content = f"*{words} …*"
+        self.state.content = f"*{text} …*"
 
-    def refuse(self, words: str) -> None:
+    def refuse(self, text: str) -> None:
         """Say why a wish is not carried out."""
-        self.state.content = f"**Not shown:** {escaped(words)}"
+        self.state.content = f"**Not shown:** {escaped(text)}"
 
 
-def blink(session: Session) -> None:
-    """Show the measured image instead of the simulated one, or the other way round."""
-    measured = session.wish.side == "simulated"
-    session.change(side="measured" if measured else "simulated")
+class PlaceTab:
+    """The place where the slices meet, and the values there."""
+
+    def __init__(self, panel: Panel, session: Session) -> None:
+        gui = panel._gui
+        self._place = gui.add_vector3("x, y, z (mm)", (0.0, 0.0, 0.0), step=0.1)
+        panel.on(self._place, lambda: session.change(at_m=self._typed_m()))
+        strongest = gui.add_button("Strongest voxel")
+        strongest.on_click(lambda _: session.change(at_m=None))
+        self._values = gui.add_markdown("")
+        gui.add_markdown("A click on a picture, or on a point of the scene, chooses a place.")
+
+    def show(self, shown: Shown) -> None:
+        at_m = shown.wish.at_m or shown.chosen.strongest_m()
+        assign(self._place, "value", tuple(round(1e3 * value, 3) for value in at_m))
+        lines = []
+        for name, drawn in (("", shown.first), ("simulated: ", shown.second)):
+            if drawn is not None:
+                depth_m = drawn.depth_m(at_m)
+                unit = unit_for(0.3 if math.isnan(depth_m) else depth_m)
+                depth = "no depth" if math.isnan(depth_m) else (
+                    f"depth {unit.per_m * depth_m:.4g} {unit.name}"
+                )  # fmt: skip
+                lines.append(
+                    f"{name}{-drawn.level_db(at_m) + 0.0:.1f} dB below the maximum, {depth}"
+                )
+        assign(self._values, "content", "\n\n".join(lines).replace("-", "\N{MINUS SIGN}"))
+
+    def _typed_m(self) -> tuple[float, float, float]:
+        x, y, z = (1e-3 * float(value) for value in self._place.value)
+        if not all(map(math.isfinite, (x, y, z))):
+            raise ValueError("place: expected finite numbers")
+        return x, y, z
+
+
+class ChannelsTab:
+    """Channel data of all pairs, and of a chosen one."""
+
+    def __init__(self, panel: Panel, session: Session, capture: Capture) -> None:
+        gui, array = panel._gui, capture.array
+        # The end of a slider has to be above its begin.
+        self._tx = gui.add_slider("Tx", 0, max(1, array.n_tx - 1), 1, session.wish.tx)
+        self._rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, session.wish.rx)
+        panel.on(self._tx, lambda: session.change(tx=int(self._tx.value)))
+        panel.on(self._rx, lambda: session.change(rx=int(self._rx.value)))
+        self._overview: Any = None
+        self._curves: dict[str, Any] = {}
+        self._folder = gui.add_folder("Pair")
+        self._gui = gui
+        self._shown: tuple[Capture, int, int] | None = None
+
+    def show(self, shown: Shown) -> None:
+        content, tx, rx = shown.content, shown.wish.tx, shown.wish.rx
+        if not isinstance(content, Capture) or self._is_shown(content, tx, rx):
+            return
+        self._shown = (content, tx, rx)
+        for control, n in ((self._tx, content.array.n_tx), (self._rx, content.array.n_rx)):
+            assign(control, "max", max(1, n - 1))
+        overview = overview_picture(content, tx, rx).pixels
+        with self._folder:
+            if self._overview is None:
+                self._overview = self._gui.add_image(overview, jpeg_quality=90)
+            else:
+                self._overview.image = overview
+            for name, (x_name, x, y) in pair_curves(content, tx, rx).items():
+                if name in self._curves:
+                    self._curves[name].data = (x, y)
+                    continue
+                self._curves[name] = self._gui.add_uplot(
+                    (x, y), ({"label": x_name}, {"label": name, "stroke": "#35a0e0", "width": 1}),
+                    title=f"{name} over {x_name}", scales={"x": {"time": False}},
+                    legend={"show": True}, aspect=1.6,
+                )  # fmt: skip
+
+    def _is_shown(self, capture: Capture, tx: int, rx: int) -> bool:
+        return self._shown is not None and self._shown[0] is capture and self._shown[1:] == (tx, rx)
+
+
+def _add_imaging(panel: Panel, session: Session, grid: VoxelGrid) -> None:
+    """Add controls of grid, method and window that captures are imaged with."""
+    gui, wish = panel._gui, session.wish
+    with gui.add_folder("Image"):
+        step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
+        step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
+        ends = [
+            gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0)
+            for name, ends_mm in zip("xyz", extents_mm(grid), strict=True)
+        ]
+        method = gui.add_dropdown("Method", METHODS, initial_value=wish.method)
+        window = gui.add_dropdown("Window", WINDOWS, initial_value=wish.window)
+
+    def again() -> None:
+        try:
+            x_mm, y_mm, z_mm = (control.value for control in ends)
+            wished = grid_mm(x_mm, y_mm, z_mm, step.value)
+        except ModelError as error:
+            panel.refuse(str(error))
+            return
+        session.change(
+            grid=wished,
+            method=one_of(method.value, METHODS),
+            window=one_of(window.value, WINDOWS),
+        )
+
+    for control in (step, *ends, method, window):
+        panel.on(control, again)
+
+
+def _add_simulation(panel: Panel, session: Session) -> None:
+    """Add controls of what the mesh is simulated with."""
+    gui, wish = panel._gui, session.wish
+    with gui.add_folder("Simulation"):
+        alpha = gui.add_slider("\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, wish.alpha)
+        material = gui.add_dropdown("Material", MATERIALS, initial_value=wish.material)
+    panel.on(alpha, lambda: session.change(alpha=between(alpha.value, 0.0, 1.0)))
+    panel.on(material, lambda: session.change(material=one_of(material.value, MATERIALS)))
+
+
+def _samples(source: Source) -> SampleFrames | None:
+    return source if isinstance(source, SampleFrames) else None
+
+
+def _add_choice(panel: Panel, session: Session, source: Any) -> None:
+    """Add controls of a data set: the number of a sample, poses and hands to go through alone."""
+    gui = panel._gui
+    number = gui.add_number("Number", 0, min=0, step=1)
+    pose = gui.add_dropdown("Pose", (ALL, *source.poses), visible=len(source.poses) > 1)
+    hand = gui.add_dropdown("Hand", (ALL, "right", "left"))
+
+    def choose() -> None:
+        source.choose(pose.value, hand.value)
+        frames = source.frames()
+        panel.follow_frames(session.wish.frame)
+        if not frames:
+            panel.refuse("no sample has this pose and hand")
+        elif session.wish.frame not in frames:
+            session.change(frame=frames[0])
+
+    panel.on(number, lambda: session.change(frame=int(number.value)))
+    panel.on(pose, choose)
+    panel.on(hand, choose)
+
+
+def assign(control: Any, name: str, value: Any) -> None:
+    """Set a property unless it has that value: each assignment is sent to every browser."""
+    if getattr(control, name) != value:
+        setattr(control, name, value)
+
+
+def between(value: Any, low: float, high: float) -> float:
+    """Return a number within limits; a page could send any."""
+    if not low <= value <= high:
+        raise ValueError(f"expected {low:g} to {high:g}")
+    return float(value)
+
+
+def one_of(value: Any, known: tuple[str, ...]) -> str:
+    """Return one of some choices; a page could send any."""
+    if value not in known:
+        raise ValueError(f"expected one of {', '.join(known)}")
+    return str(value)
+
+
+def _next(now: str, known: tuple[str, ...]) -> str:
+    return known[(known.index(now) + 1) % len(known)]
 
 
 def numbered(labels: tuple[str, ...]) -> tuple[str, ...]:
@@ -162,14 +367,31 @@ def numbered(labels: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{i}: {label}" for i, label in enumerate(labels, 1))
 
 
-def state_words(shown: Shown, label: str) -> str:
-    """What is shown, in a line of Markdown."""
-    counts = " x ".join(str(n) for n in shown.first.volume.grid.counts)
-    kind = "image" if isinstance(shown.content, Capture) else "volume"
-    drawn = f"{len(shown.first.cloud.points_m)} {'voxels' if shown.wish.voxels else 'points'} drawn"
+def metrics_text(shown: Shown) -> str:
+    """Return the agreement of two images, in a line of Markdown."""
+    if shown.second is None or shown.metrics is None:
+        return ""
+    found = shown.metrics
+    values = (("overlap", found.overlap), ("dB correlation", found.db_correlation))
+    return ", ".join(
+        f"{name} {'n/a' if math.isnan(value) else f'**{value:.3f}**'}" for name, value in values
+    )
+
+
+def state_text(shown: Shown, label: str) -> str:
+    """Return what is shown, in a line of Markdown."""
+    first = shown.first
+    if first.volume is None:
+        arrays = {"projection": "maximum projection", "depth": "depth map"}
+        kind = " and ".join(arrays[name] for name in first.known)
+        counts = f"{len(first.image.x_m)} x {len(first.image.y_m)} pixels"
+    else:
+        kind = "image" if isinstance(shown.content, Capture) else "volume"
+        counts = f"{' x '.join(str(n) for n in first.volume.grid.counts)} voxels"
+    drawn = f"{len(first.cloud.points_m)} {'voxels' if shown.wish.voxels else 'points'} drawn"
     if shown.second is not None:
         drawn += f", {len(shown.second.cloud.points_m)} simulated"
-    return f"{escaped(label)}: {kind} of {counts} voxels, {drawn}"
+    return f"{escaped(label)}: {kind} of {counts}, {drawn}"
 
 
 def escaped(text: str) -> str:

@@ -1,156 +1,221 @@
-"""Volumes as they are drawn: points, voxels, projection, depth map, and their differences."""
+"""Pictures with axes as arrays: projection, depth map, their difference, slices, and channels."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from clradar.compare import clipped_db
 from clradar.compare.images import check_same_pixels
-from clradar.model import DepthMap, Volume
-from clradar.model.length_unit import LengthUnit, unit_for
-from clradar.plot import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
-from clradar.plot.differences import DEPTH_MM, MEASURED_COLOUR, SIMULATED_COLOUR
-from clradar.view.framed import Axis, Bar, framed
+from clradar.errors import CompareError
+from clradar.model import Capture, DepthMap
+from clradar.model.length_unit import unit_for
+from clradar.model.range_profile import hann, profile_transform
+from clradar.plot import DEPTH_BACKGROUND, depth_limits_mm
+from clradar.plot.panels import DEPTH_MM, difference_scale
+from clradar.view.drawn import (
+    Drawn,
+    amplitude_pixels,
+    amplitude_scale,
+    blank,
+    nearest,
+    scale_index,
+    scale_of,
+)
+from clradar.view.wish import Place
 
-MAX_VOXELS_DRAWN = 60_000
-"""Voxels of one frame, strongest first: 9 bytes each go over the wire."""
+SIZE_INCHES, DPI = (3.8, 3.3), 140
+"""Of a picture."""
+
+PAPER, INK = "#1f1f1f", "#d8d8d8"
+
+MARK_COLOUR = "#35d0e0"
+
+OVERVIEW_DB = 40.0
+"""Range of the overview of all pairs."""
+
+SHOWN_DB = 60.0
+"""What is this far below the maximum of a curve is drawn at its lower edge."""
+
+PROFILE_PLACES = 600
+"""Of a range profile, at most: more than a panel has pixels."""
+
+DEPTH_STEP_MM = 5.0
+"""The ends of the scale of depths are multiples of it, so that they stay from frame to frame."""
 
 
-SECOND_WEAK, SECOND_STRONG = np.array([0, 70, 90]), np.array([150, 255, 255])
-"""Colours of the second volume at the end of the dynamic range, and at its maximum."""
+class Axis(NamedTuple):
+    """A name with its unit, and the values at the left or lower and at the right or upper edge."""
+
+    name: str
+    first: float
+    last: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
-    """Points and their colours.
+class Bar(NamedTuple):
+    """A colour bar: its name and ends, and the scale that it has."""
 
-    Attributes
-    ----------
-    points_m : ndarray, shape (n, 3), float32, metres
-        x, y, z in the antenna frame.
-    colours : ndarray, shape (n, 3), uint8
-    """
+    name: str
+    first: float
+    last: float
+    scale: str
 
-    points_m: np.ndarray
-    colours: np.ndarray
+
+Box: TypeAlias = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """What is drawn of one volume: its depth map, and the depth points coloured by amplitude."""
+    """An image with its axes.
 
-    image: DepthMap
-    cloud: Cloud
-
-
-def picture_of(volume: Volume, dynamic_range_db: float, second: bool = False) -> Picture:
-    """Return depth map and depth points of a volume, in the colours of a second one if it is.
-
-    Raises
-    ------
-    ModelError
-        As `Volume.depth_map`.
+    Attributes
+    ----------
+    pixels : ndarray, shape (n_rows, n_columns, 3), uint8
+    box : tuple of int
+        Left, top, right and bottom of the image within, pixels.
+    across, up : Axis
+    to_m : float
+        Metres of the unit of the axes.
     """
-    image = volume.depth_map(dynamic_range_db)
-    colours = np.empty((0, 3), np.uint8)
-    if image.mask.any():
-        colours = amplitude_colours(clipped_db(image)[image.mask], dynamic_range_db, second)
-    return Picture(image, Cloud(image.points_m().astype(np.float32), colours))
+
+    pixels: np.ndarray
+    box: Box
+    across: Axis
+    up: Axis
+    to_m: float
+
+    def values_m(self, column: float, row: float) -> tuple[float, float] | None:
+        """Return the values on both axes at a pixel, metres; None: beside the image."""
+        left, top, right, bottom = self.box
+        across, up = (column - left) / (right - left), (bottom - row) / (bottom - top)
+        if not (0.0 <= across <= 1.0 and 0.0 <= up <= 1.0):
+            return None
+        return (
+            self.to_m * (self.across.first + across * (self.across.last - self.across.first)),
+            self.to_m * (self.up.first + up * (self.up.last - self.up.first)),
+        )
 
 
-def projection_drawing(image: DepthMap, marked_mm: tuple[float, float] | None = None) -> str:
-    """Return the maximum projection as SVG, in the radar's view: y upwards, x to the left."""
+def image_pictures(
+    first: Drawn, second: Drawn | None, chosen: Drawn, at_m: Place | None
+) -> dict[str, Picture]:
+    """Return projection, depth map, and of two images the difference in depth, by their names.
+
+    Where only one of the first two is known, it is alone. x is to the left, as the radar sees it.
+    """
+    marked = None if at_m is None else (at_m[0], at_m[1])
+    draw = {"projection": _projection, "depth": _depth}
+    pictures = {name: draw[name](chosen.image, marked) for name in chosen.known}
+    if second is not None:
+        with suppress(CompareError):  # on different voxels there is none
+            pictures["difference"] = _difference(first.image, second.image)
+    return pictures
+
+
+def _projection(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
     peak = float(image.amplitude.max())
     pixels = amplitude_pixels(image.amplitude, peak, image.dynamic_range_db)
+    bar = _amplitude_bar(image.dynamic_range_db)
+    return _in_radar_view("Amplitude, maximum along z", pixels, image, bar, marked)
+
+
+def _depth(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
+    mask = image.mask
+    pixels = blank(mask.shape, DEPTH_BACKGROUND)
+    if not mask.any():
+        return _in_radar_view("Depth: nothing above zero", pixels, image, None, marked)
+    low, high = depth_limits_mm([image])
+    low = DEPTH_STEP_MM * np.floor(low / DEPTH_STEP_MM)
+    high = DEPTH_STEP_MM * np.ceil(high / DEPTH_STEP_MM)
+    scale = scale_of("viridis_r")
+    pixels[mask] = scale[scale_index((1e3 * image.depth_m[mask] - low) / (high - low))]
+    unit = unit_for(low / 1e3, high / 1e3)
+    near, far = (unit.per_m / 1e3 * end for end in (low, high))
     return _in_radar_view(
-        "Maximum along z", pixels, image, amplitude_bar(image.dynamic_range_db), marked_mm
+        "Depth", pixels, image, Bar(f"z ({unit.name})", near, far, "depth"), marked
     )
 
 
-def depth_drawing(image: DepthMap, marked_mm: tuple[float, float] | None = None) -> str:
-    """Return the depth map as SVG, in the radar's view."""
-    mask = image.mask
-    pixels = _blank(mask.shape, DEPTH_BACKGROUND)
-    if not mask.any():
-        return _in_radar_view("Depth: nothing seen", pixels, image, None, marked_mm)
-    first, last = depth_limits_mm([image])
-    scale = _scale("viridis_r", 0.0)
-    pixels[mask] = scale[_index((1e3 * image.depth_m[mask] - first) / (last - first))]
-    # As in the figures, near is above.
-    unit = unit_for(first / 1e3, last / 1e3)
-    ends = (unit.per_m / 1e3 * end for end in (last, first))
-    bar = Bar(Axis(f"z ({unit.name})", *ends), scale[::-1])
-    return _in_radar_view("Depth", pixels, image, bar, marked_mm)
-
-
-def difference_drawing(first: DepthMap, second: DepthMap) -> str:
-    """Return where the second image is nearer or farther than the first, as SVG.
-
-    Raises
-    ------
-    CompareError
-        Images of other pixels.
-    """
+def _difference(first: DepthMap, second: DepthMap) -> Picture:
+    """Draw where the second image is nearer or farther than the first."""
     check_same_pixels(first, second)
     differs_mm = 1e3 * (second.depth_m - first.depth_m)
-    seen = np.isfinite(differs_mm)
-    pixels = _blank(seen.shape, DEPTH_BACKGROUND)
-    scale = _difference_scale()
-    pixels[seen] = scale[_index((differs_mm[seen] + DEPTH_MM) / (2 * DEPTH_MM))]
-    bar = Bar(Axis("mm", -DEPTH_MM, DEPTH_MM), scale)
-    return _in_radar_view("Depth, simulated - measured", pixels, first, bar, None)
+    known = np.isfinite(differs_mm)
+    pixels = blank(known.shape, DEPTH_BACKGROUND)
+    share = (differs_mm[known] + DEPTH_MM) / (2 * DEPTH_MM)
+    pixels[known] = _difference_scale()[scale_index(share)]
+    bar = Bar("simulated - measured (mm)", -DEPTH_MM, DEPTH_MM, "difference")
+    return _in_radar_view("Difference in depth", pixels, first, bar, None)
 
 
-def amplitude_pixels(amplitude: np.ndarray, peak: float, dynamic_range_db: float) -> np.ndarray:
-    """Return the colours of amplitudes relative to a peak, shape (..., 3), uint8."""
-    pixels = _blank(amplitude.shape, AMPLITUDE_BACKGROUND)
-    if peak > 0.0:
-        seen = amplitude >= peak * 10 ** (-dynamic_range_db / 20)
-        level_db = 20 * np.log10(amplitude[seen] / peak)
-        pixels[seen] = amplitude_colours(level_db, dynamic_range_db)
-    return pixels
+def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
+    """Return x-y, x-z and z-y slices through the voxel nearest to a place, by their names.
 
-
-def amplitude_bar(dynamic_range_db: float) -> Bar:
-    """Return the colour bar of amplitudes."""
-    return Bar(Axis("dB", -dynamic_range_db, 0.0), _scale("inferno", 0.2))
-
-
-def amplitude_colours(
-    level_db: np.ndarray, dynamic_range_db: float, second: bool = False
-) -> np.ndarray:
-    """Return the colour of levels below the maximum, shape (n, 3), uint8.
-
-    Those of a second volume are from dark to light cyan, which no level of a first one has.
+    x is to the left, as the radar sees it, z away from it. Levels are relative to the volume's
+    strongest voxel. Without a volume there are none.
     """
-    index = _index(1 + level_db / dynamic_range_db)
-    if not second:
-        return _scale("inferno", 0.2)[index]
-    share = index[:, None] / 255
-    return np.round((1 - share) * SECOND_WEAK + share * SECOND_STRONG).astype(np.uint8)
+    if drawn.volume is None:
+        return {}
+    data, grid, range_db = drawn.volume.data, drawn.volume.grid, drawn.image.dynamic_range_db
+    i, j, k = nearest(grid, at_m)
+    to_m, axes = _length_axes({"x": grid.x_m, "y": grid.y_m, "z": grid.z_m})
+    x, y, z = axes
+    left = Axis(x.name, x.last, x.first)
+    at = float(grid.x_m[i]), float(grid.y_m[j]), float(grid.z_m[k])
+    peak, bar = float(np.abs(data).max()), _amplitude_bar(range_db)
+    found = {}
+    for name, title, rows, across, up, marked in (
+        ("xy", "Slice across z", data[k, ::-1, ::-1], left, y, (at[0], at[1])),
+        ("xz", "Slice across y", data[::-1, j, ::-1], left, z, (at[0], at[2])),
+        ("zy", "Slice across x", data[:, ::-1, i].T, z, y, (at[2], at[1])),
+    ):
+        pixels = amplitude_pixels(np.abs(rows), peak, range_db)
+        found[name] = _picture(title, pixels, across, up, bar, to_m, marked)
+    return found
 
 
-def voxels_of(
-    volume: Volume, dynamic_range_db: float, most: int = MAX_VOXELS_DRAWN, second: bool = False
-) -> Cloud:
-    """Return the voxels within the dynamic range, at most `most`, the strongest."""
-    amplitude = np.abs(volume.data)
-    peak = float(amplitude.max())
-    if peak == 0.0:
-        return Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8))
-    found = np.flatnonzero(amplitude >= peak * 10 ** (-dynamic_range_db / 20))
-    if len(found) > most:
-        strongest = np.argpartition(amplitude.ravel()[found], -most)[-most:]
-        found = np.sort(found[strongest])
-    z, y, x = np.unravel_index(found, amplitude.shape)
-    grid = volume.grid
-    points_m = np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1).astype(np.float32)
-    level_db = 20 * np.log10(amplitude.ravel()[found] / peak)
-    return Cloud(points_m, amplitude_colours(level_db, dynamic_range_db, second))
+def overview_picture(capture: Capture, tx: int, rx: int) -> Picture:
+    """Return the RMS over frequency of all pairs of antennas, Tx upwards."""
+    n_tx, n_rx, _ = capture.data.shape
+    power = np.einsum("trf,trf->tr", capture.data.real, capture.data.real)
+    power += np.einsum("trf,trf->tr", capture.data.imag, capture.data.imag)
+    rms = np.sqrt(power / capture.waveform.n_freq)
+    pixels = amplitude_pixels(rms, float(rms.max()), OVERVIEW_DB)
+    across, up = Axis("Rx", -0.5, n_rx - 0.5), Axis("Tx", -0.5, n_tx - 0.5)
+    bar = _amplitude_bar(OVERVIEW_DB)
+    return _picture("RMS over frequency", pixels[::-1], across, up, bar, 1.0, (rx, tx))
+
+
+def pair_curves(
+    capture: Capture, tx: int, rx: int
+) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
+    """Return magnitude (dB), phase (turns) and range profile (dB) of a pair: name and values of x,
+    and values of y, all finite.
+    """
+    tx, rx = min(tx, capture.array.n_tx - 1), min(rx, capture.array.n_rx - 1)
+    waveform = capture.waveform
+    samples = capture.data[tx, rx].astype(np.complex128)
+    turns = np.unwrap(np.angle(samples)) / (2 * np.pi)
+    place_m = np.linspace(0.0, waveform.unambiguous_range_m, PROFILE_PLACES)
+    weights = hann(waveform.n_freq)
+    profile = samples @ profile_transform(waveform, weights, 2 * place_m)
+    frequency = ("frequency (GHz)", 1e-9 * waveform.frequencies_hz)
+    return {
+        "magnitude (dB)": (*frequency, _level_db(samples)),
+        "phase (turns)": (*frequency, turns),
+        "range profile (dB)": ("half the path (mm)", 1e3 * place_m, _level_db(profile)),
+    }
+
+
+def _level_db(samples: np.ndarray) -> np.ndarray:
+    magnitude = np.abs(samples)
+    floor = float(magnitude.max()) * 10 ** (-SHOWN_DB / 20) or 1e-30
+    level_db: np.ndarray = 20 * np.log10(np.maximum(magnitude, floor))
+    return level_db
 
 
 def _in_radar_view(
@@ -158,48 +223,100 @@ def _in_radar_view(
     pixels: np.ndarray,
     image: DepthMap,
     bar: Bar | None,
-    marked_mm: tuple[float, float] | None,
-) -> str:
-    unit, (x, y) = length_axes({"x": image.x_m, "y": image.y_m})
+    marked: tuple[float, float] | None,
+) -> Picture:
+    to_m, (x, y) = _length_axes({"x": image.x_m, "y": image.y_m})
     left = Axis(x.name, x.last, x.first)
-    marked = None
-    if marked_mm is not None:
-        marked = (unit.per_m / 1e3 * marked_mm[0], unit.per_m / 1e3 * marked_mm[1])
-    return framed(title, pixels[::-1, ::-1], left, y, bar, marked=marked, clicked="projection")
+    return _picture(title, pixels[::-1, ::-1], left, y, bar, to_m, marked)
 
 
-def length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[LengthUnit, list[Axis]]:
-    """Return the axes of pixels with these centres, from edge to edge, and their one unit."""
+def _length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[float, list[Axis]]:
+    """Return the axes of pixels with these centres, from edge to edge, and their unit in metres."""
     unit = unit_for(*(float(axis[i]) for axis in centres_m.values() for i in (0, -1)))
     axes = []
     for name, axis_m in centres_m.items():
         step_m = float(np.diff(axis_m).min()) if len(axis_m) > 1 else 1e-3
-        ends = unit.per_m * (axis_m[0] - step_m / 2), unit.per_m * (axis_m[-1] + step_m / 2)
-        axes.append(Axis(f"{name} ({unit.name})", *ends))
-    return unit, axes
+        ends = (unit.per_m * (axis_m[i] + s * step_m / 2) for i, s in ((0, -1), (-1, 1)))
+        axes.append(Axis(f"{name} ({unit.name})", *(round(float(end), 6) for end in ends)))
+    return 1 / unit.per_m, axes
 
 
-def _blank(shape: tuple[int, ...], colour: str) -> np.ndarray:
-    rgb = np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
-    return np.broadcast_to(rgb, (*shape, 3)).copy()
+def _amplitude_bar(dynamic_range_db: float) -> Bar:
+    return Bar("below maximum (dB)", -dynamic_range_db, 0.0, "amplitude")
 
 
-@cache
-def _scale(name: str, first: float) -> np.ndarray:
-    import matplotlib
+def _picture(
+    title: str,
+    pixels: np.ndarray,
+    across: Axis,
+    up: Axis,
+    bar: Bar | None,
+    to_m: float,
+    marked: tuple[float, float] | None,
+) -> Picture:
+    """Put pixels, the first row of which is the upper one, into axes; mark a place of them."""
+    paper, box = _paper(title, across, up, bar)
+    left, top, right, bottom = box
+    rows = (np.arange(bottom - top) * len(pixels)) // (bottom - top)
+    columns = (np.arange(right - left) * pixels.shape[1]) // (right - left)
+    drawn = paper.copy()
+    drawn[top:bottom, left:right] = pixels[rows[:, None], columns]
+    if marked is not None:
+        shares = (
+            (value / to_m - axis.first) / (axis.last - axis.first)
+            for value, axis in zip(marked, (across, up), strict=True)
+        )
+        column, row = next(shares), next(shares)
+        colour = bytes.fromhex(MARK_COLOUR[1:])
+        if 0 <= column < 1:
+            drawn[top:bottom, left + int(column * (right - left))] = list(colour)
+        if 0 < row <= 1:
+            drawn[bottom - 1 - int(row * (bottom - top - 1)), left:right] = list(colour)
+    return Picture(drawn, box, across, up, to_m)
 
-    colours = matplotlib.colormaps[name](np.linspace(first, 1.0, 256))[:, :3]
-    return np.round(255 * colours).astype(np.uint8)
+
+@lru_cache(maxsize=64)
+def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndarray, Box]:
+    """Return axes without an image, and where it goes: drawn once, not for every frame."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+    from matplotlib.figure import Figure
+
+    figure = Figure(SIZE_INCHES, DPI, facecolor=PAPER, layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.set(
+        xlim=(across.first, across.last), ylim=(up.first, up.last), aspect="equal", title=title,
+        xlabel=across.name, ylabel=up.name, facecolor=PAPER,
+    )  # fmt: skip
+    panels = [axes]
+    if bar is not None:
+        scales = {
+            "amplitude": amplitude_scale(),
+            "depth": scale_of("viridis_r"),
+            "difference": _difference_scale(),
+        }
+        colours = ListedColormap(scales[bar.scale] / 255)
+        drawn = ScalarMappable(Normalize(bar.first, bar.last), colours)
+        panels.append(figure.colorbar(drawn, ax=axes, label=bar.name, shrink=0.9).ax)
+        if bar.scale == "depth":
+            panels[1].invert_yaxis()  # near is above
+    for panel in panels:
+        panel.tick_params(colors=INK)
+        for text in (panel.title, panel.xaxis.label, panel.yaxis.label):
+            text.set_color(INK)
+        for spine in panel.spines.values():
+            spine.set_edgecolor(INK)
+    canvas.draw()
+    extent = axes.get_window_extent()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    left, right = round(extent.x0) + 1, round(extent.x1)
+    top, bottom = len(pixels) - round(extent.y1) + 1, len(pixels) - round(extent.y0)
+    return pixels, (left, top, max(right, left + 1), max(bottom, top + 1))
 
 
 @cache
 def _difference_scale() -> np.ndarray:
-    from matplotlib.colors import LinearSegmentedColormap
-
-    ends = [SIMULATED_COLOUR, "white", MEASURED_COLOUR]  # where the simulation is nearer: blue
-    colours = LinearSegmentedColormap.from_list("differences", ends)(np.linspace(0, 1, 256))
+    colours = difference_scale()(np.linspace(0, 1, 256))
     return np.round(255 * colours[:, :3]).astype(np.uint8)
-
-
-def _index(share: np.ndarray) -> np.ndarray:
-    return np.clip(np.round(255 * share), 0, 255).astype(np.uint8)

@@ -1,10 +1,10 @@
-"""Samples of a data set as frames, read one at a time, and the truth of each."""
+"""Samples of a data set as frames, read one at a time, with what each was made of."""
 
 from __future__ import annotations
 
+import time
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,32 +17,16 @@ from clradar.dataset.store.confined_reader import read_sample
 from clradar.dataset.store.folder import PART_NAME, PARTS, Manifest, read_manifest, stored_path
 from clradar.dataset.store.shard_schema import data_bytes
 from clradar.files.failures import fail
-from clradar.model import Capture, Volume
+from clradar.model import Capture, DepthMap, Volume
+from clradar.view.drawn import Flat
+from clradar.view.truth import Truth
 
 KEPT_SAMPLES = 8
 
 ALL = "all"
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """What a sample was made of.
-
-    Attributes
-    ----------
-    vertices_m : ndarray, shape (n, 3), or None
-        Of the mesh, where it is stored.
-    faces : ndarray, shape (m, 3), or None
-    joints_m : ndarray, shape (25, 3), or None
-        In the order of `clradar.hand.JOINT_NAMES`; NaN where a rig has none.
-    lines : tuple of str
-        Pose, hand, place and surface in words.
-    """
-
-    vertices_m: np.ndarray | None
-    faces: np.ndarray | None
-    joints_m: np.ndarray | None
-    lines: tuple[str, ...]
+LOOK_S = 1.0
+"""Between two looks at a data set that is written."""
 
 
 class SampleFrames:
@@ -50,28 +34,17 @@ class SampleFrames:
 
     Only the manifest is read at first. Of shards, one sample at a time is read, in a confined
     process; a few are kept.
-
-    Parameters
-    ----------
-    folder : Path
-        As ``clradar dataset`` writes it, complete or not.
-    follow : bool
-        Whether a view looks at it again, see `Follower`; it may be empty at first.
-
-    Raises
-    ------
-    MeasurementError
-        It is no data set, damaged, or no sample is stored yet.
     """
 
-    def __init__(self, folder: Path, *, follow: bool = False) -> None:
-        self.follow = follow
+    def __init__(self, folder: Path, *, watch: bool = False) -> None:
+        self.grows = watch
         self.name = folder.name or folder.absolute().name
         self._folder = folder
         self._manifest = read_manifest(folder)
         self._all = self._frames = tuple(_stored(folder, self._manifest))
-        if not self._all and not follow:
+        if not self._all and not watch:
             fail(folder, "a data set with at least one sample", "none")
+        self._looked_s = time.perf_counter()
         self._chosen = (ALL, ALL)
         self._kept: OrderedDict[int, Sample] = OrderedDict()
         self._names: dict[int, tuple[str, str]] = {}
@@ -87,15 +60,27 @@ class SampleFrames:
     def label(self, frame: int) -> str:
         return f"sample {frame}"
 
-    def read(self, frame: int) -> Capture | Volume:
+    def read(self, frame: int) -> Capture | Volume | Flat:
+        """Read the volume that is stored, else the capture, else projection and depth map.
+
+        Where only one of these two is stored, the other is without a value, or 1 where there is a
+        depth.
+        """
         sample = self._sample(frame)
         arrays = sample.arrays
         if "volume" not in arrays and "capture" in arrays:
             return Capture(arrays["capture"], *recipe_radar(sample.recipe))
-        if not arrays.keys() & {"volume", "max_projection", "depth_map"}:
-            fail(self._folder, "a product that can be drawn", ", ".join(sample.recipe["products"]))
         grid = recipe_grid(sample.recipe)
-        return Volume(arrays["volume"] if "volume" in arrays else _relief(arrays, grid.z_m), grid)
+        if "volume" in arrays:
+            return Volume(arrays["volume"], grid)
+        known = {"projection": "max_projection", "depth": "depth_map"}
+        known = {name: array for name, array in known.items() if array in arrays}
+        if not known:
+            fail(self._folder, "a product that can be drawn", ", ".join(sample.recipe["products"]))
+        depth_m = arrays.get("depth_map", np.full(grid.shape[1:], np.nan))
+        amplitude = np.abs(arrays.get("max_projection", np.isfinite(depth_m))).astype(np.float64)
+        image = DepthMap(depth_m.astype(np.float64), amplitude, grid.x_m, grid.y_m)
+        return Flat(image, tuple(known))
 
     def truth(self, frame: int) -> Truth:
         """Return what a sample was made of; errors as `read`."""
@@ -105,7 +90,7 @@ class SampleFrames:
             arrays.get("mesh_vertices"),
             arrays.get("mesh_faces"),
             arrays.get("joints"),
-            _in_words(sample.recipe),
+            _lines(sample.recipe),
         )
 
     def choose(self, pose: str = ALL, hand: str = ALL) -> None:
@@ -114,19 +99,19 @@ class SampleFrames:
         self._frames = tuple(frame for frame in self._all if self._is_chosen(frame))
 
     def look(self) -> bool:
-        """Take in samples that were stored since; return whether there are others now.
-
-        Raises
-        ------
-        MeasurementError
-            The manifest cannot be read; the samples are those of before.
-        """
+        """Wait a second, take in what was stored since; return whether there are other samples."""
+        time.sleep(LOOK_S)
         manifest = read_manifest(self._folder)
         self._manifest, before = manifest, self._all
         self._all = tuple(_stored(self._folder, manifest))
         if self._all != before:
+            self.grows, self._looked_s = True, time.perf_counter()
             self.choose(*self._chosen)
         return self._all != before
+
+    def came_s(self, frame: int) -> float:
+        """When the last samples were found: when they were written is not known."""
+        return self._looked_s
 
     def _is_chosen(self, frame: int) -> bool:
         if self._chosen == (ALL, ALL):
@@ -169,26 +154,7 @@ def _stored(folder: Path, manifest: Manifest) -> list[int]:
     return sorted(found)
 
 
-def _relief(arrays: Mapping[str, np.ndarray], z_m: np.ndarray) -> np.ndarray:
-    """Return voxels with the maximum projection at the depths of the depth map, 0 elsewhere.
-
-    Without a depth map all are in the middle, without a projection all are 1.
-    """
-    known = arrays.get("depth_map", arrays.get("max_projection"))
-    assert known is not None
-    rows, columns = np.nonzero(np.isfinite(known))
-    planes = np.full(len(rows), len(z_m) // 2)
-    if "depth_map" in arrays:
-        depths_m = arrays["depth_map"][rows, columns]
-        planes = np.abs(z_m[:, None] - depths_m).argmin(axis=0)
-    data = np.zeros((len(z_m), *known.shape), np.complex64)
-    data[planes, rows, columns] = 1.0
-    if "max_projection" in arrays:
-        data[planes, rows, columns] = arrays["max_projection"][rows, columns]
-    return data
-
-
-def _in_words(recipe: Mapping[str, Any]) -> tuple[str, ...]:
+def _lines(recipe: Mapping[str, Any]) -> tuple[str, ...]:
     hand, placement = recipe["hand"], recipe["placement"]
     centre_mm = ", ".join(f"{1e3 * value:.1f}" for value in placement["center_m"])
     turns_deg = ", ".join(f"{np.degrees(value):.1f}" for value in placement["rotation_rad"])

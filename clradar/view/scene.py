@@ -1,24 +1,38 @@
-"""The 3-D scene in the browser: points or voxels, a mesh, and where the grid is."""
+"""The scene in the browser: points or voxels in a box with axes, and large pictures beside it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from clradar.model import Scene, VoxelGrid
-from clradar.view.session import Drawn, Shown
-from clradar.view.slices import clicked_m
-from clradar.view.wish import Place
-
-UNITS_PER_M = 10.0
-"""Of the scene: with a hand of two units, steps and clipping of the camera's defaults fit."""
+from clradar.model import Scene
+from clradar.model.length_unit import unit_for
+from clradar.view.drawn import Drawn, clicked_m
+from clradar.view.pictures import SIZE_INCHES, Picture, image_pictures, slice_pictures
+from clradar.view.session import Shown
+from clradar.view.truth import UNITS_PER_M
+from clradar.view.wish import LAYOUTS, Place
 
 BOX_COLOUR = (128, 128, 128)
 
 MESH_COLOUR = (170, 170, 180)
+
+FOV = np.radians(50.0)
+"""Of the camera, upwards."""
+
+PAGE_ASPECT = 1.2
+"""Of the scene before a browser has said what it has: width over height."""
+
+FACING = (0.0, 0.0, 0.0, 1.0)
+"""Turns a picture of viser, whose rows go along y, to the radar: x to the left, y upwards."""
+
+JPEG_QUALITY = 92
+
+LEGEND = "orange: measured, cyan: simulated"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,29 +41,66 @@ class _CloudInScene:
     drawn: Drawn
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _PictureInScene:
+    """A picture and its centre, width and height, units of the scene."""
+
+    handle: Any
+    picture: Picture
+    centre: np.ndarray
+    width: float
+    height: float
+
+    def values_m(self, origin: np.ndarray, direction: np.ndarray) -> tuple[float, float] | None:
+        """Return the values on its axes where a ray meets it; None: it does not."""
+        if direction[2] == 0.0:
+            return None
+        met = origin + direction * (self.centre[2] - origin[2]) / direction[2]
+        rows, columns = self.picture.pixels.shape[:2]
+        across = 0.5 - (met[0] - self.centre[0]) / self.width  # x is to the left
+        down = 0.5 - (met[1] - self.centre[1]) / self.height
+        return self.picture.values_m(across * columns, down * rows)
+
+
 class SceneView:
     """Draws results into the scene of a viser server."""
 
     def __init__(self, server: Any) -> None:
         self._server = server
-        self._grid: VoxelGrid | None = None
+        self._ends_m: np.ndarray | None = None
         self._clouds: dict[str, _CloudInScene] = {}
+        self._pictures: dict[str, _PictureInScene] = {}
+        self._marks: list[Any] = []
+        self._mesh: Any = None
+        self._layout = LAYOUTS[-1]
+        self._drawn_for: tuple[Any, ...] = ()
+        self._view = (np.zeros(3), 1.0, 1.0, 0.0)
+        """Middle, width, height and depth of what the camera is to show, units of the scene."""
         server.scene.set_up_direction("+y")
         server.scene.world_axes.visible = False
+        server.on_client_connect(self._aim)
 
-    def show(self, shown: Shown) -> None:
-        """Draw the points or voxels of a result."""
-        grid = shown.first.volume.grid
-        if self._grid is None or not self._grid.same_voxels(grid):
-            self._draw_box(grid)
+    def show(self, shown: Shown, *, pictures: bool = True) -> None:
+        """Draw the points or voxels of a result, and the pictures of its layout."""
+        layout = shown.wish.layout if pictures else LAYOUTS[-1]
+        ends_m = shown.first.ends_m
+        changed = self._ends_m is None or not np.allclose(ends_m, self._ends_m, atol=1e-6)
+        if changed:
+            self._draw_box(ends_m)
         drawn = [("/image", shown.first, "simulated")]
         if shown.second is not None:
             drawn.append(("/simulated", shown.second, "measured"))
         elif self._clouds.pop("/simulated", None) is not None:
             self._server.scene.remove_by_name("/simulated")
         for name, one, hidden in drawn:
-            visible = shown.second is None or shown.wish.side != hidden
+            visible = layout != "2-D" and (shown.second is None or shown.wish.side != hidden)
             self._draw_cloud(name, one, "square" if shown.wish.voxels else "circle", visible)
+        self._draw_pictures(shown, layout, moved=changed or layout != self._layout)
+        if changed or layout != self._layout:
+            self._layout = layout
+            for mark in (*self._marks, *filter(None, (self._mesh,))):
+                mark.visible = layout != "2-D"
+            self._look(layout)
 
     def _draw_cloud(self, name: str, drawn: Drawn, shape: str, visible: bool) -> None:
         last = self._clouds.get(name)
@@ -57,23 +108,22 @@ class SceneView:
             if last.handle.visible != visible:
                 last.handle.visible = visible
             return
-        grid = drawn.volume.grid
-        centre_m = _middle(grid)
+        middle_m = drawn.ends_m.mean(axis=1)
         # Relative to the middle: the browser gets half floats, of 0.06 mm for 100 mm.
         handle = self._server.scene.add_point_cloud(
             name,
-            points=(UNITS_PER_M * (drawn.cloud.points_m - centre_m)).astype(np.float32),
+            points=(UNITS_PER_M * (drawn.cloud.points_m - middle_m)).astype(np.float32),
             colors=drawn.cloud.colours,
-            point_size=UNITS_PER_M * float(grid.spacing_m.max()),
+            point_size=UNITS_PER_M * drawn.cloud.size_m,
             point_shape=shape,
-            position=UNITS_PER_M * centre_m,
+            position=UNITS_PER_M * middle_m,
             visible=visible,
         )
         self._clouds[name] = _CloudInScene(handle, drawn)
 
     def draw_mesh(self, scene: Scene) -> Any:
         """Draw a mesh, half transparent, and return its handle of viser."""
-        return self._server.scene.add_mesh_simple(
+        self._mesh = self._server.scene.add_mesh_simple(
             "/mesh",
             vertices=(UNITS_PER_M * scene.vertices_m).astype(np.float32),
             faces=scene.faces.astype(np.uint32),
@@ -83,42 +133,179 @@ class SceneView:
             cast_shadow=False,
             receive_shadow=False,
         )
+        return self._mesh
 
-    def on_click(self, act: Callable[[Place], None]) -> None:
-        """Let a click on a point or voxel call this with its place, metres."""
+    def on_click(self, act: Callable[[Place], None], shown: Callable[[], Shown | None]) -> None:
+        """Let a click on a picture, a point or a voxel call this with its place, metres."""
 
         def clicked(event: Any) -> None:
-            seen = [one.drawn for one in list(self._clouds.values()) if one.handle.visible]
-            if not seen:
+            with suppress(TypeError, ValueError):  # a page could send what is no ray
+                choose(event)
+
+        def choose(event: Any) -> None:
+            now = shown()
+            origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
+            if now is None or not np.isfinite([origin, direction]).all() or not direction.any():
                 return
-            points_m = np.concatenate([drawn.cloud.points_m for drawn in seen])
-            voxel_m = max(float(drawn.volume.grid.spacing_m.max()) for drawn in seen)
-            origin_m = np.array(event.ray_origin) / UNITS_PER_M
-            at_m = clicked_m(points_m, origin_m, np.array(event.ray_direction), voxel_m)
-            if at_m is not None:
-                act(at_m)
+            at_m = now.wish.at_m or now.chosen.strongest_m()
+            for name, one in list(self._pictures.items()):
+                values_m = one.values_m(origin, direction)
+                if values_m is not None:
+                    kind = name if name in ("xy", "xz", "zy") else "projection"
+                    act(now.chosen.pointed_m(at_m, kind, *values_m))
+                    return
+            seen = [one.drawn.cloud for one in list(self._clouds.values()) if one.handle.visible]
+            if seen:
+                points_m = np.concatenate([cloud.points_m for cloud in seen])
+                size_m = max(cloud.size_m for cloud in seen)
+                hit_m = clicked_m(points_m, origin / UNITS_PER_M, direction, size_m)
+                if hit_m is not None:
+                    act(hit_m)
 
         self._server.scene.on_click()(clicked)
 
-    def _draw_box(self, grid: VoxelGrid) -> None:
-        ends = UNITS_PER_M * np.array([[a[0], a[-1]] for a in (grid.x_m, grid.y_m, grid.z_m)])
-        self._server.scene.add_line_segments(
+    def _draw_pictures(self, shown: Shown, layout: str, *, moved: bool) -> None:
+        drawn_for = (shown.first, shown.second, shown.wish.side, shown.wish.at_m, layout)
+        if drawn_for == self._drawn_for and not moved:
+            return
+        self._drawn_for = drawn_for
+        found: dict[str, Picture] = {}
+        if layout != "3-D":
+            chosen = shown.chosen
+            found = image_pictures(shown.first, shown.second, chosen, shown.wish.at_m)
+            if layout == "2-D":
+                found |= slice_pictures(chosen, shown.wish.at_m or chosen.strongest_m())
+        if moved or found.keys() != self._pictures.keys():
+            for one in self._pictures.values():
+                one.handle.remove()
+            self._pictures = self._hung(found, layout)
+            self._layout = ""  # the camera has to see other pictures
+            return
+        for name, picture in found.items():
+            last = self._pictures[name]
+            if not np.array_equal(last.picture.pixels, picture.pixels):
+                last.handle.image = picture.pixels
+            self._pictures[name] = _PictureInScene(
+                last.handle, picture, last.centre, last.width, last.height
+            )
+
+    def _hung(self, pictures: Mapping[str, Picture], layout: str) -> dict[str, _PictureInScene]:
+        """Put pictures into the scene: in columns, to the left of the box where that is shown."""
+        middle, room = self._room()
+        columns = 1 if layout != "2-D" else 2 if len(pictures) < 5 else 3
+        rows = max(1, -(-len(pictures) // columns))
+        height = room * (1.35 if rows > 2 else 1.0) / rows
+        width = height * SIZE_INCHES[0] / SIZE_INCHES[1]
+        left = middle[0] + columns * width / 2
+        if layout == LAYOUTS[0]:
+            left += room / 2 + width / 2
+        hung = {}
+        for i, (name, picture) in enumerate(pictures.items()):
+            row, column = divmod(i, columns)
+            up = ((rows - 1) / 2 - row) * height
+            centre = np.array([left - (column + 0.5) * width, middle[1] + up, middle[2]])
+            handle = self._server.scene.add_image(
+                f"/pictures/{name}", picture.pixels, 0.97 * width, 0.97 * height,
+                jpeg_quality=JPEG_QUALITY, cast_shadow=False, receive_shadow=False,
+                wxyz=FACING, position=centre,
+            )  # fmt: skip
+            hung[name] = _PictureInScene(handle, picture, centre, 0.97 * width, 0.97 * height)
+        return hung
+
+    def _room(self) -> tuple[np.ndarray, float]:
+        """Return the middle of the box, and the side of a square that has it with its labels."""
+        assert self._ends_m is not None
+        sizes = UNITS_PER_M * np.ptp(self._ends_m, axis=1)
+        return UNITS_PER_M * self._ends_m.mean(axis=1), 1.4 * float(max(sizes[:2].max(), 0.02))
+
+    def _look(self, layout: str) -> None:
+        """Let the camera of every browser see the box, the pictures, or both."""
+        middle, room = self._room()
+        walls = list(self._pictures.values())
+        ends = [middle[0] - room / 2, middle[0] + room / 2] if layout != "2-D" else []
+        ends += [one.centre[0] + s * one.width / 2 for one in walls for s in (-1, 1)]
+        depth = 0.0 if layout == "2-D" else UNITS_PER_M * float(np.ptp(self._ends_m[2]))  # type: ignore[index]
+        centre = np.array([(min(ends) + max(ends)) / 2, middle[1], middle[2]])
+        height = max([room, *(2 * (one.centre[1] - middle[1]) + one.height for one in walls)])
+        self._view = (centre, 1.04 * (max(ends) - min(ends)), 1.02 * height, depth)
+        self._place(self._server.initial_camera, PAGE_ASPECT)
+        for client in self._server.get_clients().values():
+            self._aim(client)
+
+    def _aim(self, client: Any) -> None:
+        if self._ends_m is not None:
+            with client.atomic():
+                self._place(client.camera, client.camera.aspect)
+
+    def _place(self, camera: Any, aspect: float) -> None:
+        """As the radar sees it: from the middle of the antennas' side, x to the left."""
+        centre, width, height, depth = self._view
+        away = max(height, width / max(aspect, 0.1)) / 2 / np.tan(FOV / 2) + depth / 2
+        if hasattr(camera, "up_direction"):
+            camera.up_direction = (0.0, 1.0, 0.0)
+        else:
+            camera.up = (0.0, 1.0, 0.0)
+        camera.position = tuple(centre - [0.0, 0.0, away])
+        camera.look_at = tuple(centre)
+        camera.fov = FOV
+
+    def _draw_box(self, ends_m: np.ndarray) -> None:
+        """Draw the edges of the box, ticks with numbers along three of them, and their names."""
+        for mark in self._marks:
+            mark.remove()
+        self._ends_m = ends_m
+        unit = unit_for(*ends_m.ravel())
+        sizes = np.ptp(ends_m, axis=1)
+        tick_m = 0.02 * float(sizes.max())
+        segments, texts = [box_edges(ends_m)], []
+        low, high = ends_m[:, 0], ends_m[:, 1]
+        # Below, at the left as the radar sees it, and to the right into the depth.
+        edges = (
+            ([0, low[1], low[2]], [0.0, -1.0, 0.0], "top-center"),
+            ([high[0], 0, low[2]], [1.0, 0.0, 0.0], "center-right"),
+            ([low[0], low[1], 0], [-1.0, -0.5, 0.0], "center-left"),
+        )
+        for axis, (corner, out, anchor) in enumerate(edges):
+            if sizes[axis] == 0.0:
+                continue
+            room = 4 if axis < 2 or sizes[axis] > sizes.max() / 2 else 2
+            for value in ticks(unit.per_m * low[axis], unit.per_m * high[axis], room):
+                at = np.array(corner, float)
+                at[axis] = value / unit.per_m
+                ends = np.stack([at, at + tick_m * np.array(out)])
+                segments.append(ends[None].astype(np.float32))
+                texts.append((f"{value:g}", ends[1], anchor))
+            # The name of z stands beyond its far end, where the numbers end.
+            middle = np.array(corner, float)
+            middle[axis] = ends_m[axis].mean() if axis < 2 else high[2]
+            name = f"{'xyz'[axis]} ({unit.name})"
+            beside = np.array([[0, -3, 0], [3.6, 0, 0], [-3, 3, 0]])[axis]
+            texts.append((name, middle + tick_m * beside, anchor))
+        scene = self._server.scene
+        lines = scene.add_line_segments(
             "/box",
-            points=box_edges(ends),
+            points=(UNITS_PER_M * np.concatenate(segments)).astype(np.float32),
             colors=BOX_COLOUR,
             thickness=1.0,
             thickness_units="screen",
         )
-        if self._grid is None:
-            # As the radar sees it: from the middle of the antennas' side, x to the left.
-            centre = UNITS_PER_M * _middle(grid)
-            away = 1.1 * float((ends[:2, 1] - ends[:2, 0]).max()) + 0.5
-            camera = self._server.initial_camera
-            camera.position = tuple(centre - [0.0, 0.0, away])
-            camera.look_at = tuple(centre)
-            camera.up = (0.0, 1.0, 0.0)
-            camera.fov = np.radians(50.0)
-        self._grid = grid
+        labels = [
+            scene.add_label(
+                f"/box/{i}", text, position=UNITS_PER_M * at, anchor=anchor,
+                font_size_mode="scene", font_scene_height=UNITS_PER_M * 1.2 * tick_m,
+            )
+            for i, (text, at, anchor) in enumerate(texts)
+        ]  # fmt: skip
+        self._marks = [lines, *labels]
+
+
+def ticks(low: float, high: float, most: int) -> list[float]:
+    """Return some round values within a range."""
+    from matplotlib.ticker import MaxNLocator
+
+    found = MaxNLocator(nbins=most, steps=[1, 2, 5, 10]).tick_values(low, high)
+    reach = 1e-6 * (high - low)
+    return [round(float(v), 9) for v in found if low - reach <= v <= high + reach]
 
 
 def box_edges(ends: np.ndarray) -> np.ndarray:
@@ -127,7 +314,3 @@ def box_edges(ends: np.ndarray) -> np.ndarray:
     places = ends[np.arange(3), corners]
     pairs = [(i, i | 1 << axis) for axis in range(3) for i in range(8) if not i >> axis & 1]
     return places[np.array(pairs)].astype(np.float32)
-
-
-def _middle(grid: VoxelGrid) -> np.ndarray:
-    return grid.origin_m + grid.spacing_m * (np.array(grid.counts) - 1) / 2

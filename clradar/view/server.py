@@ -4,33 +4,34 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarError
-from clradar.model import Scene
-from clradar.opencl import Device
+from clradar.model import Capture, Scene, Volume, VoxelGrid
+from clradar.opencl import Device, open_device
 from clradar.view.beside import Beside
-from clradar.view.folder_frames import FolderFrames
-from clradar.view.follower import Follower
-from clradar.view.page import Page
-from clradar.view.player import Player
-from clradar.view.samples import SampleFrames
-from clradar.view.session import Session
-from clradar.view.sources import Source
+from clradar.view.gate import HOST, Gate, hidden_host, listen
+from clradar.view.panel import Panel, assign, escaped
+from clradar.view.playing import Follower, Player, can_follow
+from clradar.view.scene import SceneView
+from clradar.view.session import Session, Shown
+from clradar.view.sources import FixedFrames, Source, StreamFrames
+from clradar.view.truth import HasTruth, Truth, draw_truth
 from clradar.view.wish import Wish
 
-if TYPE_CHECKING:
-    from clradar.view.local_server import Clicks
-
-HOST = "127.0.0.1"
-"""This machine alone: who may log in may look, through ssh."""
-
 INSTALL = "pip install 'clradar[view]'"
+
+PANEL_PX = 350.0
+
+QUIET = ("websockets.server", "asyncio")
+"""Logs of what others send: a message that makes no sense is no fault of this program."""
 
 
 class MissingViser(ClradarError, ImportError):
@@ -38,30 +39,130 @@ class MissingViser(ClradarError, ImportError):
 
 
 @contextmanager
-def running(label: str, port: int) -> Iterator[tuple[Any, Clicks]]:
-    """Run a server of viser on this machine alone during the block; errors as `serving`."""
+def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
+    """Run a server of viser during the block, and yield it with the port of its page.
+
+    viser itself cannot be told whom to serve: it listens where no page knows, and the page is at
+    127.0.0.1 behind a `Gate`. Errors as `serving`.
+    """
     try:
         import viser
-
-        from clradar.view.local_server import Clicks, listen, taking_over
     except ImportError as error:
         raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
-    listening, clicks = listen(HOST, port), Clicks()
-    port = listening.getsockname()[1]
+
+    class Server(viser.ViserServer):
+        def request_share_url(self, verbose: bool = True) -> None:
+            """A page could ask for a tunnel to a server of others: nothing leaves this machine."""
+
+    listening, host = listen(port), hidden_host()
+    silent = logging.NullHandler()
+    for name in QUIET:
+        logging.getLogger(name).addHandler(silent)
     # Its banner is not shown: the caller prints the address.
-    with contextlib.redirect_stdout(io.StringIO()), taking_over(listening, clicks) as is_taken_over:
-        server = viser.ViserServer(host=HOST, port=port, label=label, verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = Server(host=host, port=listening_port(host), label=label, verbose=False)
+    gate = None
     try:
-        if not is_taken_over():
-            listening.close()
-            raise ClradarError(
-                f"viser {viser.__version__}: expected a version that lets clradar check who "
-                "connects, as 1.1.1 does; pages of others could read what is shown"
-            )
-        yield server, clicks
+        loop = server.get_event_loop()
+        target = (host, server.get_port())
+        gate = Gate(listening, target, f"viser-v{viser.__version__}", loop)
+        yield server, listening.getsockname()[1]
     finally:
+        if gate is None:
+            listening.close()
+        else:
+            gate.close()
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
+        for name in QUIET:
+            logging.getLogger(name).removeHandler(silent)
+
+
+def listening_port(host: str) -> int:
+    """Return a port that is free at an address."""
+    with listen(0, host) as found:
+        return int(found.getsockname()[1])
+
+
+class Page:
+    """Shows the results of a session; arguments as `serve`."""
+
+    def __init__(
+        self,
+        server: Any,
+        source: Source,
+        wish: Wish,
+        beside: Beside | None = None,
+        mesh: Scene | None = None,
+        truth: HasTruth | None = None,
+    ) -> None:
+        self._server, self._truth = server, truth
+        self._shown: Shown | None = None
+        self._truth_nodes: list[Any] = []
+        self.follower: Follower | None = None
+        server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
+        server.gui.main_panel.dock_right()  # beside the scene, instead of upon it
+        server.gui.main_panel.set_width(PANEL_PX)
+        self._scene = SceneView(server)
+        drawn_mesh = None if mesh is None else self._scene.draw_mesh(mesh)
+        self.panel = Panel(server, source, wish, beside, drawn_mesh)
+        if truth is not None:
+            with server.gui.add_folder("Truth"):
+                self._truth_drawn = server.gui.add_checkbox("Shown", True)
+                self._truth_text = server.gui.add_markdown("")
+            self.panel.on(self._truth_drawn, self._set_truth_visible)
+
+    def connect(self, session: Session, player: Player) -> None:
+        """Turn what is changed or clicked into wishes."""
+        self.panel.connect(session, player)
+        self._scene.on_click(
+            lambda at_m: self.panel.attempt(lambda: session.change(at_m=at_m)), lambda: self._shown
+        )
+
+    def show(self, shown: Shown) -> None:
+        """Draw a result."""
+        with self._server.atomic():
+            self._scene.show(shown)
+            self.panel.show(shown)
+            if self._truth is not None and (
+                self._shown is None or self._shown.wish.frame != shown.wish.frame
+            ):
+                self._show_truth(self._truth.truth(shown.wish.frame))
+        self._shown = shown
+        if self.follower is not None:
+            self.follower.shown(shown)
+
+    def _show_truth(self, truth: Truth | None) -> None:
+        for node in self._truth_nodes:
+            node.remove()
+        self._truth_nodes = []
+        lines: tuple[str, ...] = ("not known of this frame",)
+        if truth is not None:
+            self._truth_nodes, lines = draw_truth(self._server.scene, truth), truth.lines
+        self._truth_text.content = "\n\n".join(escaped(line) for line in lines)
+        self._set_truth_visible()
+
+    def _set_truth_visible(self) -> None:
+        for node in self._truth_nodes:
+            node.visible = bool(self._truth_drawn.value)
+
+    def busy(self, text: str) -> None:
+        """Say what is being done; while frames are followed it would come and go with each."""
+        followed = self.follower is not None and self.follower.source.grows
+        if self._shown is None or not followed:
+            self.panel.busy(text)
+
+    def refuse(self, text: str) -> None:
+        """Say why a wish is not carried out."""
+        self.panel.refuse(text)
+
+    def following(self, on: bool) -> None:
+        """Show that there are other frames, and whether the newest is followed."""
+        assert self.follower is not None
+        if self.follower.source.grows:
+            assign(self.panel.play, "value", on)
+        if self._shown is not None:
+            self.panel.follow_frames(self._shown.wish.frame)
 
 
 @contextmanager
@@ -71,94 +172,140 @@ def serving(
     *,
     beside: Beside | None = None,
     mesh: Scene | None = None,
+    truth: HasTruth | None = None,
     port: int = 8080,
     device: Device | None = None,
-) -> Iterator[tuple[Any, Session]]:
-    """Serve a view during the block; arguments as `serve`.
-
-    Yields
-    ------
-    viser.ViserServer, Session
-        On `port`, or the next one that is free.
-
-    Raises
-    ------
-    MissingViser
-        viser is not installed.
-    ClradarError
-        No port is free, or this viser cannot be told whom to serve.
-    """
-    with running(source.name, port) as (server, clicks):
-        page = Page(server, clicks, source, wish, beside, mesh)
+) -> Iterator[tuple[int, Session]]:
+    """Serve a view during the block; arguments as `serve`."""
+    with running(source.name, port) as (server, served):
+        page = Page(server, source, wish, beside, mesh, truth)
         session = Session(source, wish, page, device, beside=beside)
-        player = Player(session, per_second=10.0)
-        follower = None
-        if isinstance(source, (FolderFrames, SampleFrames)) and source.follow:
-            follower = Follower(source, session, page.panel.follow_frames, page.refuse)
+        if can_follow(source):
+            page.follower = Follower(
+                source, session, page.following,
+                lambda text: assign(page.panel.pace, "content", text), page.refuse,
+            )  # fmt: skip
+        player = Player(session, per_second=10.0, follower=page.follower)
         try:
             page.connect(session, player)
             if source.frames():
                 session.change()
             else:
-                page.busy("waiting for a first file")
-            if follower is not None:
-                follower.start()
-            yield server, session
+                page.busy("waiting for a first frame")
+            if page.follower is not None:
+                page.follower.start()
+            yield served, session
         finally:
-            if follower is not None:
-                follower.close()
             session.close()
             player.close()
+            if page.follower is not None:
+                page.follower.close()
 
 
 def serve(
     source: Source,
     *,
+    wish: Wish,
     beside: Beside | None = None,
     mesh: Scene | None = None,
+    truth: HasTruth | None = None,
     port: int = 8080,
-    wish: Wish,
     device: Device | None = None,
     say: Callable[[str], None] = print,
 ) -> None:
-    """Serve a view until SIGINT or SIGTERM, and print where it is.
+    """Serve a view until SIGINT or SIGTERM, print where it is, and raise what its source raises.
+
+    At first the newest frame is shown where they come, else the first.
+    """
+    stop = threading.Event()
+    frames = source.frames()
+    wish = replace(wish, frame=frames[-1 if source.grows else 0] if frames else -1)
+    options: Any = {"beside": beside, "mesh": mesh, "truth": truth, "port": port}
+    with (
+        signals(lambda *_: stop.set()),
+        serving(source, wish, device=device, **options) as (served, _),
+    ):
+        for line in address_lines(served):
+            say(line)
+        while not stop.wait(0.5):
+            error = getattr(source, "error", None)
+            if error is not None:
+                raise error
+
+
+def show(
+    frames: Iterable[Capture | Volume],
+    *,
+    title: str = "frames",
+    grid: VoxelGrid | None = None,
+    method: str = "fast",
+    window: str = "rect",
+    tolerance_db: float | None = None,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+    mesh: Scene | None = None,
+    port: int = 8080,
+    device: Device | str | None = None,
+) -> None:
+    """Show captures or volumes in a browser, until SIGINT or SIGTERM.
 
     Parameters
     ----------
-    source : Source
-    beside : Beside or None
-        A second image of each frame.
-    mesh : Scene or None
+    frames : iterable of Capture or Volume
+        A sequence is gone through by a slider. Any other iterable, such as a generator that waits
+        for a radar, is gone through in a thread of its own as fast as it yields: the newest frame
+        is shown, and those that came meanwhile are dropped and counted. The last 256 MiB of samples
+        can be looked back at.
+    title : str
+        Plain text.
+    grid : VoxelGrid, optional
+        Of the images of captures. None: one around what the first of them shows, of half a million
+        voxels at most.
+    method, window, tolerance_db, dynamic_range_db
+        As `clradar.backproject` and `Volume.depth_map` take them.
+    mesh : Scene, optional
         Drawn as a surface.
     port : int
-        Or the next one that is free.
-    wish : Wish
-        What is shown at first, but for its frame.
-    device : Device or None
-    say : callable
-        Called with the lines to print.
+        Of the page at 127.0.0.1, or the next one that is free. Its address is printed.
+    device : Device or str, optional
 
     Raises
     ------
     MissingViser
-        viser is not installed.
+        viser is not installed: pip install 'clradar[view]'.
+    ModelError
+        The iterable yields something else.
+    BaseException
+        What the iterable raises.
+
+    Examples
+    --------
+    A radar of one's own, whose function `measure` waits for its next samples:
+
+    >>> def frames():  # doctest: +SKIP
+    ...     while True:
+    ...         yield clradar.Capture(measure(), array, waveform)
+    >>> clradar.view.show(frames())  # doctest: +SKIP
     """
-    stop = threading.Event()
-    frames = source.frames()
-    newest = isinstance(source, (FolderFrames, SampleFrames)) and source.follow
-    wish = replace(wish, frame=frames[-1 if newest else 0] if frames else -1)
-    with (
-        signals(lambda *_: stop.set()),
-        serving(source, wish, beside=beside, mesh=mesh, port=port, device=device) as (server, _),
-    ):
-        for line in address_lines(server.get_port()):
-            say(line)
-        stop.wait()
+    wish = Wish(
+        -1, grid, method, window, tolerance_db, dynamic_range_db=dynamic_range_db
+    )  # fmt: skip
+    source: Source
+    if isinstance(frames, Sequence):
+        if not frames:
+            raise ClradarError("show: expected at least one frame, got none")
+        labels = tuple(f"frame {one.meta.get('frame', i)}" for i, one in enumerate(frames))
+        source = FixedFrames(title, labels, frames.__getitem__)
+    else:
+        source = StreamFrames(frames, title)
+    serve(source, wish=wish, mesh=mesh, port=port, device=open_device(device))
 
 
 @contextmanager
 def signals(handler: Callable[..., Any]) -> Iterator[None]:
-    """Let SIGINT and SIGTERM call this during the block."""
+    """Let SIGINT and SIGTERM call this during the block, if it runs in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, handler) for number in numbers]
     try:

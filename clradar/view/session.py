@@ -9,48 +9,44 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
-from clradar.backproject import backproject
+from clradar.compare import Metrics, metrics_of
 from clradar.errors import ClradarError
+from clradar.imaging.frame_imager import FrameImager
 from clradar.imaging.placement import place_grid
-from clradar.model import Capture, Volume
+from clradar.model import Capture, Volume, VoxelGrid
 from clradar.opencl import Device
 from clradar.view.beside import Beside
-from clradar.view.grids import live_grid
-from clradar.view.newest_wish import NewestWish, Outdated
-from clradar.view.pictures import Cloud, Picture, picture_of, voxels_of
-from clradar.view.sources import Source
-from clradar.view.wish import Wish
+from clradar.view.drawn import Drawn, Flat
+from clradar.view.sources import Content, Source
+from clradar.view.wish import Wish, live_grid
 
 KEPT_BYTES = 512 * 2**20
 """Of images: 150 frames of 101 x 101 x 41 voxels, so that a recording plays from memory."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
-    """A volume, its depth map, and its points or voxels."""
-
-    volume: Volume
-    picture: Picture
-    cloud: Cloud
-
-    @classmethod
-    def of(cls, volume: Volume, wish: Wish, second: bool = False) -> Drawn:
-        """Return what is drawn of a volume."""
-        picture = picture_of(volume, wish.dynamic_range_db, second)
-        cloud = picture.cloud
-        if wish.voxels:
-            cloud = voxels_of(volume, wish.dynamic_range_db, second=second)
-        return cls(volume, picture, cloud)
+class Outdated(Exception):
+    """Raised to leave work whose result nobody wants any more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shown:
-    """A wish that was carried out: what was read, and what is drawn of it and beside it."""
+    """A wish that was carried out: what was read, and what is drawn of it and beside it.
+
+    Attributes
+    ----------
+    first, second : Drawn
+    metrics : Metrics or None
+        Of the second image against the first; None where they cannot be compared.
+    prepared : bool
+        Whether an imager was made anew for it, which takes longer than an image.
+    """
 
     wish: Wish
-    content: Capture | Volume
+    content: Content
     first: Drawn
     second: Drawn | None = None
+    metrics: Metrics | None = None
+    prepared: bool = False
 
     @property
     def chosen(self) -> Drawn:
@@ -66,28 +62,15 @@ class Front(Protocol):
     def show(self, shown: Shown) -> None:
         """Draw a result."""
 
-    def busy(self, words: str) -> None:
+    def busy(self, text: str) -> None:
         """Say what is being done."""
 
-    def refuse(self, words: str) -> None:
+    def refuse(self, text: str) -> None:
         """Say why a wish cannot be carried out; what is shown stays."""
 
 
 class Session:
-    """Reads and images frames in a thread of its own, the newest wish alone.
-
-    Parameters
-    ----------
-    source : Source
-    wish : Wish
-        The first one.
-    front : Front
-    device : Device or None
-    form : callable
-        As `clradar.backproject`.
-    beside : Beside or None
-        What is shown as second image.
-    """
+    """Reads and images frames in a thread of its own, the newest wish alone."""
 
     def __init__(
         self,
@@ -95,17 +78,22 @@ class Session:
         wish: Wish,
         front: Front,
         device: Device | None = None,
-        form: Callable[..., Volume] = backproject,
+        form: Callable[..., Volume] | None = None,
         beside: Beside | None = None,
     ) -> None:
         self.source = source
         self._beside = beside
-        self._wish, self._front, self._device, self._form = wish, front, device, form
-        self._lock = threading.Lock()
-        self._content: tuple[int, Capture | Volume] | None = None
+        self._wish, self._front, self._device = wish, front, device
+        self._imagers = Imagers(device)
+        self._form = form or self._imagers.form
+        self._content: tuple[int, Content] | None = None
         self._images = _Images()
-        self._last_drawn: dict[bool, tuple[tuple[Volume, float, bool], Drawn]] = {}
-        self._work = NewestWish(self._carry_out)
+        self._last_drawn: dict[bool, tuple[tuple[Volume | Flat, float, bool], Drawn]] = {}
+        self._compared: tuple[Drawn, Drawn, Metrics | None] | None = None
+        self._changed = threading.Condition()
+        self._waiting = self._busy = self._closed = False
+        self._thread = threading.Thread(target=self._run, name="clradar view", daemon=True)
+        self._thread.start()
 
     @property
     def wish(self) -> Wish:
@@ -113,117 +101,182 @@ class Session:
         return self._wish
 
     def change(self, **changes: Any) -> None:
-        """Wish for something else; the fields are those of `Wish`."""
-        with self._lock:
+        """Wish for something else, in place of what waits; the fields are those of `Wish`.
+
+        What is being carried out is left.
+        """
+        with self._changed:
             self._wish = replace(self._wish, **changes)
-            self._work.wish(self._wish)
+            self._waiting = True
+            self._changed.notify_all()
 
     def step(self, by: int) -> None:
         """Go on by some frames, around the end."""
         frames = self.source.frames()
         if not frames:
             return
-        with self._lock:
-            now = self._wish.frame  # which may be gone
-            at = bisect_right(frames, now) - 1 if by > 0 else bisect_left(frames, now)
-            self._wish = replace(self._wish, frame=frames[(at + by) % len(frames)])
-            self._work.wish(self._wish)
+        now = self._wish.frame  # which may be gone
+        at = bisect_right(frames, now) - 1 if by > 0 else bisect_left(frames, now)
+        self.change(frame=frames[(at + by) % len(frames)])
 
     def settle(self) -> None:
         """Return when the newest wish has been carried out, or the session is closed."""
-        self._work.settle()
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or not (self._waiting or self._busy))
 
     def close(self) -> None:
-        """End the thread."""
-        self._work.close()
+        """Leave what is being done, end the thread, and free the device's memory."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+        self._imagers.close()
 
-    def _carry_out(self, wish: Wish, check: Callable[[], None]) -> None:
-        try:
-            content = self._read(wish.frame)
-            if isinstance(content, Capture) and wish.grid is None:
-                wish = self._placed(wish, content)
-            key = (wish.frame, *_image_key(wish))
-            volume = self._imaged(wish, content, key, check)
-            first = self._drawn(volume, wish)
-            second = self._second(wish, content, first, check)
-            self._front.show(Shown(wish, content, first, second))
-        except Outdated:
-            raise
-        except ClradarError as error:
-            self._front.refuse(str(error))
-        except MemoryError:
-            self._front.refuse("not enough memory")
-        except Exception as error:  # of a library, say: it must be seen, and not end the thread
-            self._front.refuse(f"{type(error).__name__}: {error}")
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._busy = False
+                self._changed.notify_all()
+                self._changed.wait_for(lambda: self._closed or self._waiting)
+                if self._closed:
+                    return
+                self._waiting, self._busy, wish = False, True, self._wish
+            try:
+                self._carry_out(wish)
+            except Outdated:
+                continue
+            except ClradarError as error:
+                self._front.refuse(str(error))
+            except MemoryError:
+                self._front.refuse("not enough memory")
+            except Exception as error:  # of a library, say: it must be seen, and not end the thread
+                self._front.refuse(f"{type(error).__name__}: {error}")
 
-    def _read(self, frame: int) -> Capture | Volume:
+    def _check(self, *_: int) -> None:
+        """Leave work that is outdated; the progress callback of images."""
+        if self._waiting or self._closed:
+            raise Outdated
+
+    def _carry_out(self, wish: Wish) -> None:
+        content = self._read(wish.frame)
+        if isinstance(content, Capture) and wish.grid is None:
+            wish = self._placed(wish, content)
+        made = self._imagers.made
+        first = self._drawn(self._imaged(wish, content, (wish.frame, *_image_key(wish))), wish)
+        second = self._second(wish, content, first)
+        metrics = None if second is None else self._metrics(first, second)
+        prepared = self._imagers.made > made
+        self._front.show(Shown(wish, content, first, second, metrics, prepared))
+
+    def _read(self, frame: int) -> Content:
         if self._content is None or self._content[0] != frame:
             self._content = (frame, self.source.read(frame))
         return self._content[1]
 
     def _placed(self, wish: Wish, capture: Capture) -> Wish:
         grid = live_grid(place_grid(capture, device=self._device))
-        with self._lock:  # unless a grid has been wished for meanwhile
+        with self._changed:  # unless a grid has been wished for meanwhile
             if self._wish.grid is None:
                 self._wish = replace(self._wish, grid=grid)
         return replace(wish, grid=grid)
 
-    def _second(
-        self, wish: Wish, content: Capture | Volume, first: Drawn, check: Callable[[], None]
-    ) -> Drawn | None:
+    def _second(self, wish: Wish, content: Content, first: Drawn) -> Drawn | None:
         beside = None if self._beside is None else self._beside.key(wish, content)
-        if self._beside is None or beside is None:
+        if self._beside is None or beside is None or first.volume is None:
             return None
         wish = replace(wish, grid=first.volume.grid)
         key = ("beside", beside, *_image_key(wish))
-        volume = self._images.get(key)
-        if volume is None:
+        image = self._images.get(key)
+        if image is None:
             # What is there is shown while the second one is being made.
             self._front.show(Shown(wish, content, first))
-            words = "simulating" if self._beside.simulates else "reading"
-            self._front.busy(words)
+            doing = "simulating" if self._beside.simulates else "reading"
+            self._front.busy(doing)
 
             def progress(done: int, total: int) -> None:
-                check()
+                self._check()
+                self._front.busy(f"{doing}, {100 * done // max(total, 1)} %")
 
             other = self._beside.of(wish, content, progress)
-            volume = self._imaged(wish, other, key, check)
+            image = self._imaged(wish, other, key)
             if isinstance(other, Volume):
-                self._images.keep(key, volume)
-        return self._drawn(volume, wish, second=True)
+                self._images.keep(key, image)
+        return self._drawn(image, wish, second=True)
 
-    def _drawn(self, volume: Volume, wish: Wish, second: bool = False) -> Drawn:
-        """Return what is drawn of a volume: the same object as before, where it would be equal."""
-        key = (volume, wish.dynamic_range_db, wish.voxels)
+    def _metrics(self, first: Drawn, second: Drawn) -> Metrics | None:
+        last = self._compared
+        if last is None or last[0] is not first or last[1] is not second:
+            try:
+                found = metrics_of(first.image, second.image, first.image.dynamic_range_db)
+            except ClradarError:  # other pixels, or nothing to be seen
+                found = None
+            self._compared = last = (first, second, found)
+        return last[2]
+
+    def _drawn(self, image: Volume | Flat, wish: Wish, second: bool = False) -> Drawn:
+        """Return what is drawn of an image: the same object as before, where it would be equal."""
+        key = (image, wish.dynamic_range_db, wish.voxels)
         last = self._last_drawn.get(second)
-        if last is None or last[0][0] is not volume or last[0][1:] != key[1:]:
-            self._last_drawn[second] = last = (key, Drawn.of(volume, wish, second))
+        if last is None or last[0][0] is not image or last[0][1:] != key[1:]:
+            drawn = Drawn.of(image, wish.dynamic_range_db, voxels=wish.voxels, second=second)
+            self._last_drawn[second] = last = (key, drawn)
         return last[1]
 
-    def _imaged(
-        self,
-        wish: Wish,
-        content: Capture | Volume,
-        key: tuple[Hashable, ...],
-        check: Callable[[], None],
-    ) -> Volume:
-        if isinstance(content, Volume):
+    def _imaged(self, wish: Wish, content: Content, key: tuple[Hashable, ...]) -> Volume | Flat:
+        if not isinstance(content, Capture):
             return content
         found = self._images.get(key)
         if found is not None:
             return found
         self._front.busy("imaging")
-
-        def progress(done: int, total: int) -> None:
-            check()
-
-        # The grid was placed or typed here: warnings about it would come with every frame.
-        volume = self._form(
-            content, wish.grid, method=wish.method, window=wish.window, check_grid=False,
-            device=self._device, progress=progress,
-        )  # fmt: skip
+        volume = self._form(content, wish, self._check)
         self._images.keep(key, volume)
         return volume
+
+
+class Imagers:
+    """The imagers of the last two radars and grids: one of each of two images."""
+
+    def __init__(self, device: Device | None) -> None:
+        self._device = device
+        self._kept: list[tuple[tuple[str, str, float | None], FrameImager]] = []
+        self.made = 0
+        """How often one was made."""
+
+    def close(self) -> None:
+        """Free the device's memory."""
+        for _, imager in self._kept:
+            imager.close()
+        self._kept = []
+
+    def form(self, capture: Capture, wish: Wish, progress: Callable[[int, int], None]) -> Volume:
+        """Return the image of a capture on the wish's grid: the bits of `backproject`."""
+        assert wish.grid is not None
+        imager = self._of(capture, wish, wish.grid)
+        imager.form(capture, progress)
+        return imager.volume()
+
+    def _of(self, capture: Capture, wish: Wish, grid: VoxelGrid) -> FrameImager:
+        settings = (wish.method, wish.window, wish.tolerance_db)
+        for i, (its, imager) in enumerate(self._kept):
+            if (
+                its == settings
+                and grid.same_voxels(imager.grid)
+                and capture.array.same_positions(imager.array)
+                and capture.waveform.same_frequencies(imager.waveform)
+            ):
+                self._kept.insert(0, self._kept.pop(i))
+                return imager
+        while len(self._kept) > 1:
+            self._kept.pop()[1].close()
+        made = FrameImager(
+            capture.array, capture.waveform, grid, method=wish.method, window=wish.window,
+            tolerance_db=wish.tolerance_db if wish.method == "fast" else None, device=self._device,
+        )  # fmt: skip
+        self._kept.insert(0, (settings, made))
+        self.made += 1
+        return made
 
 
 def _image_key(wish: Wish) -> tuple[Hashable, ...]:
@@ -238,17 +291,21 @@ class _Images:
     """Images that were formed, the last used ones within `KEPT_BYTES`."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[Hashable, ...], Volume] = OrderedDict()
+        self._kept: OrderedDict[tuple[Hashable, ...], Volume | Flat] = OrderedDict()
         self._bytes = 0
 
-    def get(self, key: tuple[Hashable, ...]) -> Volume | None:
+    def get(self, key: tuple[Hashable, ...]) -> Volume | Flat | None:
         if key in self._kept:
             self._kept.move_to_end(key)
         return self._kept.get(key)
 
-    def keep(self, key: tuple[Hashable, ...], volume: Volume) -> None:
-        self._kept[key] = volume
-        self._bytes += volume.data.nbytes
+    def keep(self, key: tuple[Hashable, ...], image: Volume | Flat) -> None:
+        self._kept[key] = image
+        self._bytes += _bytes(image)
         while self._bytes > KEPT_BYTES and len(self._kept) > 1:
             _, dropped = self._kept.popitem(last=False)
-            self._bytes -= dropped.data.nbytes
+            self._bytes -= _bytes(dropped)
+
+
+def _bytes(image: Volume | Flat) -> int:
+    return image.data.nbytes if isinstance(image, Volume) else image.image.depth_m.nbytes

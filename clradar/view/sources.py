@@ -1,20 +1,36 @@
-"""What is viewed: the frames behind a path, read one at a time."""
+"""What is viewed: frames of a path or of a Python iterable, read one at a time, and new ones."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from clradar.dataset.store.folder import is_dataset
-from clradar.errors import MeasurementError
+from clradar.errors import ClradarError, MeasurementError, ModelError
+from clradar.files.failures import fail
+from clradar.files.watched_folder import WatchedFolder, visible
 from clradar.model import Capture, Volume
-from clradar.view.folder_frames import SUFFIXES, FolderFrames
-from clradar.view.samples import SampleFrames
-from measurement_io import open_capture, open_recording, open_volume
-from measurement_io.native.captures_volumes import read_header
+from clradar.view.drawn import Flat
+from measurement_io import open_capture, open_volume
+from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
+from measurement_io.native.records import read_header
 from measurement_io.opening import kind_of
+
+Content: TypeAlias = Capture | Volume | Flat
+
+SUFFIXES = (".h5", ".hdf5", ".nxs", ".npy")
+
+LOOK_S, REST_S = 0.02, 0.5
+"""Between two looks at a folder while files come, and once none has come for ten times the
+second."""
+
+KEPT_BYTES = 256 * 2**20
+"""Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
 
 
 class Source(Protocol):
@@ -28,14 +44,28 @@ class Source(Protocol):
     def name(self) -> str:
         """Of the path, to be shown."""
 
+    @property
+    def grows(self) -> bool:
+        """Whether frames come while it is viewed, and the newest is to be shown."""
+
     def frames(self) -> tuple[int, ...]:
         """Return the numbers of the frames to go through, ascending; they may change."""
 
     def label(self, frame: int) -> str:
         """Return what a frame is called."""
 
-    def read(self, frame: int) -> Capture | Volume:
+    def read(self, frame: int) -> Content:
         """Read a frame; errors are those of `measurement_io.open_capture`."""
+
+
+class Growing(Source, Protocol):
+    """A source that is looked at again."""
+
+    def look(self) -> bool:
+        """Wait a while for other frames; return whether there are."""
+
+    def came_s(self, frame: int) -> float:
+        """Return when a frame came, by `time.perf_counter`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +83,8 @@ class FixedFrames:
 
     name: str
     labels: tuple[str, ...]
-    reader: Callable[[int], Capture | Volume]
+    reader: Callable[[int], Content]
+    grows: bool = False
 
     def frames(self) -> tuple[int, ...]:
         return tuple(range(len(self.labels)))
@@ -61,46 +92,21 @@ class FixedFrames:
     def label(self, frame: int) -> str:
         return self.labels[frame]
 
-    def read(self, frame: int) -> Capture | Volume:
+    def read(self, frame: int) -> Content:
         return self.reader(frame)
 
 
 def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Source:
-    """Return the frames of a recording, a data set or a folder, or the one of a file.
+    """Return the frames of a recording, a data set or a folder, or the one of a file."""
+    from clradar.view.samples import SampleFrames
 
-    Parameters
-    ----------
-    path : Path
-        A radar folder, the folder that holds one, a data set, or a folder of files; or a capture, a
-        frame or a volume.
-    variant : {"raw", "emptyfiltered"}
-        Of a recording's frames.
-    watch : bool
-        The folder is being written: it may be empty, and the source can be followed.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, unreadable, or of another kind.
-    """
     if is_dataset(path):
-        return SampleFrames(path, follow=watch)
-    if watch:
-        return FolderFrames(path, variant, read_file, follow=True)
+        return SampleFrames(path, watch=watch)
+    if watch or kind_of(path) == "folder":
+        return FolderFrames(path, variant, watch=watch)
     name = path.name or path.absolute().name
-    if kind_of(path) != "folder":
-        content = read_file(path)  # a file that is damaged is refused before there is a page
-        return FixedFrames(name, (name,), lambda _: content)
-    try:
-        recording = open_recording(path, variant=variant)
-    except MeasurementError as error:
-        files = FolderFrames(path, variant, read_file)
-        if not files.frames():
-            suffixes = ", ".join(SUFFIXES)
-            raise MeasurementError(f"{error}; nor are files ({suffixes}) in it") from error
-        return files
-    labels = tuple(f"frame {number}" for number in recording.frame_numbers)
-    return FixedFrames(name, labels, recording.__getitem__)
+    content = read_file(path)  # a file that is damaged is refused before there is a page
+    return FixedFrames(name, (name,), lambda _: content)
 
 
 def read_file(path: Path) -> Capture | Volume:
@@ -108,3 +114,185 @@ def read_file(path: Path) -> Capture | Volume:
     if kind_of(path) == "native" and read_header(path).format == "volume":
         return open_volume(path)
     return open_capture(path)
+
+
+class FolderFrames:
+    """The files of a folder; new, rewritten and removed ones are taken in by `look`."""
+
+    def __init__(
+        self,
+        path: Path,
+        variant: str = "raw",
+        read_file: Callable[[Path], Capture | Volume] = read_file,
+        *,
+        watch: bool = False,
+    ) -> None:
+        self.name = path.name or path.absolute().name
+        self.grows = watch
+        self._path, self._read_file = path, read_file
+        self._is_recording, self._folder = _watched(path, variant)
+        self._lock = threading.Lock()
+        self._paths: dict[int, Path] = {}
+        self._came_s: dict[int, float] = {}
+        self._frames: tuple[int, ...] = ()
+        self._last: tuple[int, Capture | Volume] | None = None
+        self._count, self._changed_s = 0, time.perf_counter()
+        self._take_in()
+        time.sleep(LOOK_S)  # a file is complete once it is the same in two looks
+        self._take_in()
+        if not self._frames and not watch:
+            fail(path, f"a recording, or files ({', '.join(SUFFIXES)}) in the folder", "none")
+
+    def frames(self) -> tuple[int, ...]:
+        return self._frames
+
+    def label(self, frame: int) -> str:
+        path = self._paths.get(frame)
+        if path is None:
+            return "a file that is gone"
+        number = frame_file(path).frame if self._is_recording else None
+        return path.name if number is None else f"frame {number}"
+
+    def read(self, frame: int) -> Capture | Volume:
+        last = self._last  # the newest is read ahead, while the one before is imaged
+        if last is not None and last[0] == frame:
+            return last[1]
+        path = self._paths.get(frame)
+        if path is None:
+            fail(self._path, "the file of a frame", "none: it is gone, or not there yet")
+        try:
+            content = self._read_file(path)
+        except ClradarError:
+            # Half-written, perhaps: once it has changed it comes again, under another number.
+            with self._lock:
+                self._paths.pop(frame, None)
+                self._frames = tuple(self._paths)
+            raise
+        self._last = (frame, content)
+        return content
+
+    def came_s(self, frame: int) -> float:
+        return self._came_s.get(frame, time.perf_counter())
+
+    def look(self) -> bool:
+        """Wait a while, take in new, rewritten and removed files; whether the frames are others."""
+        frames, count = self._frames, self._count
+        if time.perf_counter() - self._changed_s > 10 * REST_S:
+            time.sleep(REST_S)
+            self._take_in()
+        time.sleep(LOOK_S)
+        begun_s = time.perf_counter()
+        self._take_in()
+        if self._count > count:
+            self.grows, self._changed_s = True, time.perf_counter()
+        # Where a look takes long, as over a network, there are fewer.
+        time.sleep(min(2.0, 4 * (time.perf_counter() - begun_s)))
+        return self._frames != frames
+
+    def _take_in(self) -> None:
+        found = self._folder.changes()
+        names = {path.name for path in found}
+        behind_s = time.time() - time.perf_counter()
+        with self._lock:
+            self._paths = {
+                number: path
+                for number, path in self._paths.items()
+                if path.name not in names and self._folder.is_there(path.name)
+            }
+            for path in found:
+                self._paths[self._count] = path
+                try:
+                    written_s = path.stat().st_mtime - behind_s
+                except OSError:  # gone again
+                    written_s = time.perf_counter()
+                self._came_s[self._count] = min(written_s, time.perf_counter())
+                self._count += 1
+            self._came_s = {n: at_s for n, at_s in self._came_s.items() if n in self._paths}
+            self._frames = tuple(self._paths)
+
+
+def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:
+    """Return whether a folder is a recording, and what is looked at."""
+    if not path.is_dir():
+        fail(path, "a folder", "a file" if path.exists() else "nothing there")
+    try:
+        data = find_radar_folder(path) / FRAMES_FOLDER
+    except MeasurementError:
+        data = path
+    if data.is_dir() and data != path:
+        return True, WatchedFolder(data, partial(_is_frame, variant))
+    return False, WatchedFolder(path, lambda name: visible(name) and name.endswith(SUFFIXES))
+
+
+def _is_frame(variant: str, name: str) -> bool:
+    found = frame_file(Path(name))
+    return found.frame is not None and found.variant == variant
+
+
+class StreamFrames:
+    """Captures or volumes of a Python iterable, which is gone through in a thread of its own.
+
+    The last ones within `KEPT_BYTES` are kept.
+    """
+
+    grows = True
+
+    def __init__(self, frames: Iterable[Capture | Volume], name: str) -> None:
+        self.name = name
+        self.ended = False
+        self.error: BaseException | None = None
+        """What the iterable raised."""
+        self._kept: dict[int, tuple[Capture | Volume, float]] = {}
+        self._changed = threading.Condition()
+        self._looked = -1
+        self._thread = threading.Thread(
+            target=self._run, args=(frames,), name="clradar frames", daemon=True
+        )
+        self._thread.start()
+
+    def frames(self) -> tuple[int, ...]:
+        return tuple(self._kept)
+
+    def label(self, frame: int) -> str:
+        kept = self._kept.get(frame)
+        if kept is None:
+            return "a frame that is no longer kept"
+        number = kept[0].meta.get("frame", frame)
+        return f"frame {number}"
+
+    def read(self, frame: int) -> Capture | Volume:
+        kept = self._kept.get(frame)
+        if kept is None:
+            raise MeasurementError(f"{self.name}: expected a frame that is kept, got {frame}")
+        return kept[0]
+
+    def came_s(self, frame: int) -> float:
+        kept = self._kept.get(frame)
+        return time.perf_counter() if kept is None else kept[1]
+
+    def look(self) -> bool:
+        with self._changed:
+            self._changed.wait_for(lambda: max(self._kept, default=-1) > self._looked, REST_S)
+            newest, before = max(self._kept, default=-1), self._looked
+            self._looked = newest
+        return newest > before
+
+    def _run(self, frames: Iterable[Capture | Volume]) -> None:
+        try:
+            for count, frame in enumerate(frames):
+                if not isinstance(frame, Capture | Volume):
+                    raise ModelError(
+                        "show: expected captures or volumes from the iterable, got "
+                        f"{type(frame).__name__}"
+                    )
+                kept = {**self._kept, count: (frame, time.perf_counter())}
+                left = sum(one.data.nbytes for one, _ in kept.values())
+                while left > KEPT_BYTES and len(kept) > 1:
+                    left -= kept.pop(next(iter(kept)))[0].data.nbytes
+                with self._changed:
+                    self._kept = kept  # replaced, since others read it meanwhile
+                    self._changed.notify_all()
+        except BaseException as error:
+            self.error = error
+        finally:
+            self.ended = True

@@ -1,18 +1,26 @@
-"""The truth of a sample in the browser: mesh and joints in the scene, labels, its number."""
+"""What a frame was made of: of a sample of a data set, and of a frame of a simulated recording."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
 from clradar.errors import ClradarError
-from clradar.view.panel import Panel, escaped
-from clradar.view.samples import ALL, SampleFrames, Truth
-from clradar.view.scene import UNITS_PER_M
-from clradar.view.session import Session, Shown
+from clradar.files.json_file import read_json_object
+from clradar.hand import JOINT_NAMES
+from measurement_io.maroon.folders import find_radar_folder
+
+FILE = "truth/truth.json"
+"""Beside the radar folder, as ``clradar simulate --motion --frames`` writes it."""
 
 COLOUR = (90, 200, 255)
+
+UNITS_PER_M = 10.0
+"""Of the scene: with a hand of two units, steps and clipping of the camera's defaults fit."""
 
 FIRST_OF_DIGITS = (1, 5, 10, 15, 20)
 """Joints that begin at the wrist, joint 0; each other one begins at the joint before."""
@@ -20,66 +28,89 @@ FIRST_OF_DIGITS = (1, 5, 10, 15, 20)
 BONES = np.array([(0 if i in FIRST_OF_DIGITS else i - 1, i) for i in range(1, 25)])
 
 
-class TruthView:
-    """Controls of a data set, and what the shown sample was made of.
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What a frame was made of.
 
-    Parameters
+    Attributes
     ----------
-    server : viser.ViserServer
-    source : SampleFrames
+    vertices_m : ndarray, shape (n, 3), or None
+        Of the mesh, where it is stored.
+    faces : ndarray, shape (m, 3), or None
+    joints_m : ndarray, shape (25 * hands, 3), or None
+        In the order of `clradar.hand.JOINT_NAMES`; NaN where a rig has none.
+    lines : tuple of str
+        Pose, hand, place and surface as text.
     """
 
-    def __init__(self, server: Any, source: SampleFrames) -> None:
-        self._server, self._source = server, source
-        self._nodes: list[Any] = []
-        gui = server.gui
-        with gui.add_folder("Sample"):
-            self.number = gui.add_number("Number", 0, min=0, step=1)
-            poses = (ALL, *source.poses)
-            self.pose = gui.add_dropdown("Pose", poses, visible=len(poses) > 2)
-            self.hand = gui.add_dropdown("Hand", (ALL, "right", "left"))
-            self.drawn = gui.add_checkbox("Truth", True)
-            self.words = gui.add_markdown("")
+    vertices_m: np.ndarray | None
+    faces: np.ndarray | None
+    joints_m: np.ndarray | None
+    lines: tuple[str, ...]
 
-    def connect(self, session: Session, panel: Panel) -> None:
-        """Turn changes of the controls into wishes."""
 
-        def go_to(event: Any) -> None:
-            if event.client is not None:
-                session.change(frame=int(self.number.value))
+class HasTruth(Protocol):
+    """What knows of its frames what they were made of."""
 
-        def choose(event: Any) -> None:
-            try:
-                self._source.choose(self.pose.value, self.hand.value)
-            except ClradarError as error:
-                panel.refuse(str(error))
-                return
-            frames = self._source.frames()
-            panel.follow_frames(session.wish.frame)
-            if not frames:
-                panel.refuse("no sample has this pose and hand")
-            elif session.wish.frame not in frames:
-                session.change(frame=frames[0])
+    def truth(self, frame: int) -> Truth | None:
+        """Return what a frame was made of; None: not known."""
 
-        self.number.on_update(go_to)
-        self.pose.on_update(choose)
-        self.hand.on_update(choose)
-        self.drawn.on_update(lambda _: self._set_visible())
 
-    def show(self, shown: Shown) -> None:
-        """Draw the truth of the frame that is shown."""
-        truth = self._source.truth(shown.wish.frame)
-        if self.number.value != shown.wish.frame:
-            self.number.value = shown.wish.frame
-        self.words.content = "\n\n".join(escaped(line) for line in truth.lines)
-        for node in self._nodes:
-            node.remove()
-        self._nodes = draw_truth(self._server.scene, truth)
-        self._set_visible()
+class RecordingTruth:
+    """The truth of a simulated recording, by the numbers of its frames."""
 
-    def _set_visible(self) -> None:
-        for node in self._nodes:
-            node.visible = self.drawn.value
+    def __init__(self, frames: Sequence[Mapping[str, Any]], labels: Any) -> None:
+        self._frames = {f"frame {one.get('frame')}": one for one in frames}
+        self._labels = labels
+
+    def truth(self, frame: int) -> Truth | None:
+        """Return joints and poses of a frame; None where the file has none of it."""
+        found = self._frames.get(self._labels(frame))
+        if found is None:
+            return None
+        hands = [one for one in found.get("hands", [found]) if isinstance(one, Mapping)]
+        joints = [_joints_m(one.get("joints_m")) for one in hands]
+        known = [one for one in joints if one is not None]
+        lines = [f"pose {one['pose']}" for one in hands if isinstance(one.get("pose"), str)]
+        bodies = found.get("bodies")
+        for name, matrix in bodies.items() if isinstance(bodies, Mapping) else ():
+            lines.append(f"{name} at {_place_text(matrix)}")
+        return Truth(None, None, np.concatenate(known) if known else None, tuple(lines))
+
+
+def recording_truth(path: Path, labels: Any) -> RecordingTruth | None:
+    """Return the truth beside a recording; None where there is none, or it cannot be read."""
+    try:
+        radar = find_radar_folder(path)
+        record = next(
+            read_json_object(folder / FILE)
+            for folder in (radar, radar.parent)
+            if (folder / FILE).is_file()
+        )
+        frames = record.get("frames")
+    except (ClradarError, StopIteration):
+        return None
+    if not isinstance(frames, list):
+        return None
+    return RecordingTruth([one for one in frames if isinstance(one, Mapping)], labels)
+
+
+def _joints_m(record: Any) -> np.ndarray | None:
+    if not isinstance(record, Mapping):
+        return None
+    try:
+        places = [record.get(name) or [np.nan] * 3 for name in JOINT_NAMES]
+        return np.array(places, np.float64).reshape(len(JOINT_NAMES), 3)
+    except (TypeError, ValueError):
+        return None
+
+
+def _place_text(matrix: Any) -> str:
+    try:
+        x, y, z = 1e3 * np.array(matrix, np.float64)[:3, 3]
+    except (TypeError, ValueError, IndexError):
+        return "a place that cannot be read"
+    return f"({x:.1f}, {y:.1f}, {z:.1f}) mm"
 
 
 def draw_truth(scene: Any, truth: Truth) -> list[Any]:
@@ -97,7 +128,8 @@ def draw_truth(scene: Any, truth: Truth) -> list[Any]:
             )
         )
     if truth.joints_m is not None:
-        ends = (UNITS_PER_M * truth.joints_m[BONES]).astype(np.float32)
+        joints_m = truth.joints_m.reshape(-1, len(JOINT_NAMES), 3)
+        ends = (UNITS_PER_M * joints_m[:, BONES].reshape(-1, 2, 3)).astype(np.float32)
         nodes.append(
             scene.add_line_segments(
                 "/truth/joints",

@@ -1,17 +1,32 @@
-"""What is wished to be shown."""
+"""What is wished to be shown, and the voxel grids that images of captures begin with."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
+
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.model import VoxelGrid
+from clradar.model import VoxelGrid, checks
 
 Place: TypeAlias = tuple[float, float, float]
+Extent: TypeAlias = tuple[float, float]
 
 BY_ALPHA = "by \N{GREEK SMALL LETTER ALPHA}"
 """The choice of material that takes the roughness of the paper instead."""
+
+LAYOUTS = ("2-D and 3-D", "2-D", "3-D")
+
+SIDES = {"Both": "both", "Measured": "measured", "Simulated": "simulated"}
+"""By their labels, in the order in which the key B goes through them."""
+
+LIVE_VOXELS = 500_000
+"""Of the grid at the start: 2 mm on the paper's extent has 418 241."""
+
+MOST_VOXELS = 2**24
+"""Of any grid here: its image takes 128 MiB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +42,8 @@ class Wish:
         Volumes have theirs.
     method, window : str
         As `clradar.backproject` takes them.
+    tolerance_db : float or None
+        As `clradar.backproject` takes it, of the method "fast".
     dynamic_range_db : float, decibel
     voxels : bool
         Show voxels instead of depth points.
@@ -41,12 +58,15 @@ class Wish:
     alpha : float
     material : str
         Of a mesh that is simulated; one of `clradar.view.beside.MATERIALS`.
+    layout : str
+        One of `LAYOUTS`.
     """
 
     frame: int = 0
     grid: VoxelGrid | None = None
     method: str = "fast"
     window: str = "rect"
+    tolerance_db: float | None = None
     dynamic_range_db: float = DYNAMIC_RANGE_DB
     voxels: bool = False
     at_m: Place | None = None
@@ -56,3 +76,39 @@ class Wish:
     other: int = 0
     alpha: float = 0.5
     material: str = BY_ALPHA
+    layout: str = LAYOUTS[0]
+
+
+def live_grid(placed: VoxelGrid) -> VoxelGrid:
+    """Return a grid of the same extent with whole multiples of its steps, if it has many voxels."""
+    factor = 1
+    while True:
+        counts = [(n - 1) // factor + 1 for n in placed.counts]
+        if math.prod(counts) <= LIVE_VOXELS:
+            nx, ny, nz = counts
+            return VoxelGrid(placed.origin_m, factor * placed.spacing_m, (nx, ny, nz))
+        factor += 1
+
+
+def grid_mm(x_mm: Extent, y_mm: Extent, z_mm: Extent, step_mm: float) -> VoxelGrid:
+    """Return the grid from the first ends on, as far as whole steps reach; millimetres."""
+    step_mm = checks.positive("voxel size", step_mm)
+    counts = []
+    for name, (first, last) in zip("xyz", (x_mm, y_mm, z_mm), strict=True):
+        if last < first:
+            checks.fail(f"{name} (mm)", "first <= last", f"({first:g}, {last:g})")
+        counts.append(math.floor((last - first) / step_mm + 1e-6) + 1)
+    nx, ny, nz = counts
+    if nx * ny * nz > MOST_VOXELS:
+        checks.fail("grid", f"at most {MOST_VOXELS} voxels to view", f"{nx} x {ny} x {nz}")
+    origin_m = 1e-3 * np.array([x_mm[0], y_mm[0], z_mm[0]])
+    return VoxelGrid(origin_m, np.full(3, 1e-3 * step_mm), (nx, ny, nz))
+
+
+def extents_mm(grid: VoxelGrid) -> tuple[Extent, Extent, Extent]:
+    """Return the ends along x, y and z, millimetres, without digits of rounding."""
+    x, y, z = (
+        (round(1e3 * float(axis[0]), 6), round(1e3 * float(axis[-1]), 6))
+        for axis in (grid.x_m, grid.y_m, grid.z_m)
+    )
+    return x, y, z

@@ -12,7 +12,7 @@ from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from clradar.cli.launcher import COMMANDS, context_of
+from clradar.cli.app import COMMANDS, context_of
 
 CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--?[a-zA-Z][\w-]*|docs/[\w-]+\.md)")
 LIST = re.compile(r" <list\[\w+\]>$")

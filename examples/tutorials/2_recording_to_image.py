@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+import calibration
 import clradar
-from clradar import calibration, measurement_io
+import measurement_io
 from clradar.plot import image_figure, save_figure
 
 line = np.linspace(-70, 70, 24)
@@ -35,13 +36,10 @@ np.savez("lab.npz", f_ghz=f_ghz, tx_mm=tx_mm, rx_mm=rx_mm, **parts)
 # %%
 # What is in it
 # -------------
-# Opened as it is, the file is refused: nothing says which axis is which. The error carries a
-# draft of the answer, a *layout*, in which every guess is marked.
+# Opened as it is, the file is refused: nothing says which axis is which. Its description has the
+# keys, and a template of the answer, a *layout*.
 
-try:
-    measurement_io.open_capture("lab.npz")
-except measurement_io.LayoutNeeded as needed:
-    print(needed.skeleton)
+print(measurement_io.describe("lab.npz"))
 
 # %%
 # A layout is written once for a program, and then read with every file of it. :doc:`/layouts` has

@@ -26,7 +26,7 @@ import numpy as np
 import trimesh
 
 import clradar
-from clradar import measurement_io
+import measurement_io
 from clradar.plot import comparison_figure, save_figure
 
 

@@ -15,8 +15,8 @@ there, and see what is left.
 
 import numpy as np
 
+import calibration
 import clradar
-from clradar import calibration
 from clradar.hand import hand_mesh
 from clradar.plot import comparison_figure, save_figure
 

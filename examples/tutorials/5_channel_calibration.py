@@ -13,8 +13,8 @@ forms no image: find them from a metal plate, and remove them.
 # each channel any phase, 3 dB more or less, and 20 ps of delay: the errors that we pretend not to
 # know.
 
+import calibration
 import clradar
-from clradar import calibration
 from clradar.hand import hand_mesh
 from clradar.plot import panels_figure, save_figure
 
@@ -67,5 +67,5 @@ save_figure(figure, "channels.png", force=True)
 
 # %%
 # With files this is ``clradar channels plate.h5 --target plate --distance-mm 300 -o channels.h5``
-# and ``clradar correct hand.h5 --channels channels.h5 -o corrected.h5``. Which targets there are,
+# and ``clradar clean hand.h5 --channels channels.h5 -o corrected.h5``. Which targets there are,
 # how to set them up, and what no target tells: :doc:`/channel-calibration`.

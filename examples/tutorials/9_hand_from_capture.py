@@ -16,8 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
+import calibration
 import clradar
-from clradar import calibration
 from clradar.hand import JointAngles, hand_mesh, pose_by_name
 from clradar.plot import comparison_figure, save_figure
 
@@ -63,4 +63,4 @@ save_figure(figure, "hand_from_capture.png", force=True)
 
 # %%
 # How it works, how exact it is, and when it refuses: :doc:`/hand-fit`. A moving hand:
-# :doc:`/hand-movement`. Which letter it is: :doc:`/hand-start`.
+# :doc:`/hand-movement`.

@@ -19,7 +19,6 @@ import numpy as np
 from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading, regular_file_size
 from clradar.files.limits import MAX_JSON_BYTES
-from measurement_io.confined.hdf5_heap import check_heaps
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 SHUFFLE, FLETCHER32, DEFLATE, LZF = 2, 3, 1, 32000
@@ -37,12 +36,10 @@ def opened(path: Path, expected: str) -> Iterator[Any]:
 
     if regular_file_size(path, expected) == 0:
         fail(path, expected, "an empty file")
-    with reading(path, expected):
-        check_heaps(path)
-        with h5py.File(path, "r") as file:
-            forbid_opening()
-            check_sizes(path, file)
-            yield file
+    with reading(path, expected), h5py.File(path, "r") as file:
+        forbid_opening()
+        check_sizes(path, file)
+        yield file
 
 
 def check_sizes(path: Path, file: Any) -> None:
@@ -77,12 +74,6 @@ def array(
         What the dataset has to hold, in any byte order.
     shape : tuple of int or None
         Expected shape, None for any length.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, reached by a link, stored outside the file or by an unknown filter, another type
-        or shape, or not fully stored.
     """
     found = dataset(path, parent, name)
     place = _place(parent, name)

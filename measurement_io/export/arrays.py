@@ -60,7 +60,7 @@ def require_mat(target: Path, record: Capture | Volume | DepthMap) -> None:
         if isinstance(value, np.ndarray) and value.nbytes > MAT_BYTES:
             raise OutputError(
                 f"{shown(target)}: expected at most {MAT_BYTES} bytes in an array of a .mat file, "
-                f"got {value.nbytes} in '{name}'; .npz and .zarr hold more"
+                f"got {value.nbytes} in '{name}'; a .npz file holds more"
             )
 
 

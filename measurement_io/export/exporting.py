@@ -13,7 +13,6 @@ from clradar.model import Capture, DepthMap, Volume, checks
 from measurement_io.export.arrays import require_mat, write_mat, write_npz
 from measurement_io.export.ply import write_ply_surface
 from measurement_io.export.vti import write_vti
-from measurement_io.export.zarr_folder import write_zarr
 
 Exported = Capture | Volume | DepthMap
 
@@ -22,7 +21,6 @@ FORMATS: dict[str, tuple[type, ...]] = {
     ".ply": (DepthMap,),
     ".mat": (Capture, Volume, DepthMap),
     ".npz": (Capture, Volume, DepthMap),
-    ".zarr": (Capture, Volume, DepthMap),
 }
 """Ending of a name -> what such a file can hold."""
 
@@ -47,12 +45,12 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
     ----------
     path : path-like
         The ending of the name decides: .vti (ParaView, VTK) holds a volume, .ply (MeshLab, Blender,
-        trimesh) a depth map; .mat (MATLAB v5), .npz (numpy) and the folder .zarr (xarray) hold
-        anything. docs/files.md has what is in each. Its folder has to exist.
+        trimesh) a depth map; .mat (MATLAB v5) and .npz (numpy) hold anything. docs/files.md has
+        what is in each. Its folder has to exist.
     record : Capture, Volume or DepthMap
         Antenna patterns and the scale of a volume are left out.
     force : bool
-        Replace an existing file, or a folder .zarr.
+        Replace an existing file.
 
     Raises
     ------
@@ -62,14 +60,12 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
         stays behind.
     ModelError
         No such record, `meta` holds what JSON cannot hold, or a depth map without a depth as .ply.
-    MissingPackage
-        For .zarr: xarray or zarr is not installed.
 
     Examples
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from clradar.measurement_io import export_file
+    >>> from measurement_io import export_file
     >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (3, 2, 4))
     >>> volume = clradar.Volume(np.ones(grid.shape), grid)
     >>> export_file("volume.npz", volume)
@@ -82,9 +78,6 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
     """
     target = Path(path)
     check_export(target, type(record))
-    if target.suffix.lower() == ".zarr":
-        write_zarr(target, record, force=force)
-        return
     refuse_existing(target, force=force)
     if target.suffix.lower() == ".mat":
         require_mat(target, record)

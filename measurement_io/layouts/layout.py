@@ -1,9 +1,35 @@
-"""Layouts as frozen records: keys, axes, units and conventions of the files of one lab."""
+"""Layouts as frozen records: keys, axes, units and conventions of the files of one lab.
+
+docs/layouts.md explains all settings; the fields have their names.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+import os
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
+
+from clradar.constants import MAX_FREQUENCIES
+from clradar.files.failures import shown
+from clradar.files.limits import MAX_CHANNELS
+from clradar.files.records import (
+    FileRecord,
+    Number,
+    NumberOrText,
+    Numbers,
+    Rows,
+    Text,
+    Vector,
+    Whole,
+    mistake,
+    one_of,
+    read_record,
+    text,
+)
+from clradar.files.table import is_whole
 
 FREQUENCY_UNITS_HZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
 """Known units of frequency and what one of them is in hertz."""
@@ -16,60 +42,104 @@ SIGNAL_AXES = ("tx", "rx", "pair", "freq", "frame", "part", "one")
 """Names of axes with a meaning: antennas, pairs of them, frequency, the frame to choose, the two
 parts of a complex number, and an axis of length one."""
 
+COORDINATES = ("x", "y", "z")
+KeyName = Annotated[str, text("a key of the file, as text")]
 
-@dataclass(frozen=True, slots=True)
-class DataLayout:
+_EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
+_AXES = 'a list of axes, such as ["tx", "rx", "freq"]'
+_SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
+_SELECT = 'a slice "start:stop" (stop excluded) or a list of channels from 0'
+
+
+def _given(**values: object) -> str:
+    names = [f"'{name}'" for name, value in values.items() if value is not None]
+    return " and ".join(names) or "none of them"
+
+
+class DataLayout(FileRecord):
     """Where the signal is.
 
-    Attributes
-    ----------
-    key : str or None
-        The key of the complex numbers, or of real ones with an axis "part".
-    real, imag : str or None
-        The keys of the parts where they are apart; then `key` is None.
-    axes : tuple of str
-        What each axis is: names of `SIGNAL_AXES`, or one of `pick`.
-    pick : tuple of (str, int)
-        Other axes, and the index that is used of each.
-    parts : tuple of str
-        Order on the axis "part": ("real", "imag") or ("imag", "real").
-    fields : tuple of str or None
-        The fields of the real and the imaginary part of a compound type; None finds r, i, real, ...
-    pair_order : str or None
-        "tx_major": all Rx of the first Tx come first; "rx_major": the other way round.
-    phase_sign : int
-        -1: a path of length d contributes exp(-j 2 pi f d / c), as here; +1: its conjugate.
-    scale : float
-        The numbers are multiplied by it.
+    A `phase_sign` of -1: a path of length d contributes exp(-j 2 pi f d / c), as here; +1: its
+    conjugate. With `pair_order` "tx_major" all Rx of the first Tx come first.
     """
 
-    key: str | None
-    real: str | None
-    imag: str | None
-    axes: tuple[str, ...]
-    pick: tuple[tuple[str, int], ...]
-    parts: tuple[str, str]
-    fields: tuple[str, str] | None
-    pair_order: str | None
-    phase_sign: int
-    scale: float
+    key: KeyName | None = None
+    real: KeyName | None = None
+    imag: KeyName | None = None
+    axes: tuple[Text, ...] = Field(description=_AXES, min_length=1)
+    pick: dict[str, Annotated[Whole, Field(ge=0, lt=2**31)]] = Field(default_factory=dict)
+    parts: tuple[Text, ...] = Field(
+        ("real", "imag"), description='the order ["real", "imag"] or ["imag", "real"]'
+    )
+    fields: tuple[Text, ...] | None = Field(None, description="the names of two fields")
+    pair_order: Annotated[str | None, one_of("tx_major", "rx_major")] = None
+    phase_sign: Number = Field(-1, description="-1 for exp(-j 2 pi f d / c) or +1 for exp(+j ...)")
+    scale: Number = 1.0
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> DataLayout:
+        key, real, imag, axes = self.key, self.real, self.imag, self.axes
+        if (key is None) == (real is None and imag is None) or (real is None) != (imag is None):
+            got = _given(key=key, real=real, imag=imag)
+            raise mistake("'key', or 'real' and 'imag'", got, key="key")
+        for axis in axes:
+            if axis not in SIGNAL_AXES and axis not in self.pick:
+                known = ", ".join(f'"{name}"' for name in SIGNAL_AXES)
+                expected = f"{known}, or a name with an index in [data.pick]"
+                raise mistake(expected, axis, key="axes")
+            if axis != "one" and axes.count(axis) > 1:
+                raise mistake("every axis once", f'"{axis}" {axes.count(axis)} times', key="axes")
+        for name in self.pick:
+            if name in SIGNAL_AXES or name not in axes:
+                expected = "axes that are in 'axes' and have no meaning of their own"
+                raise mistake(expected, name, key="pick")
+        if "pair" in axes and ("tx" in axes or "rx" in axes):
+            raise mistake('"pair", or "tx" and "rx"', list(axes), key="axes")
+        if "part" in axes and key is None:
+            raise mistake("an axis \"part\" only with one 'key'", list(axes), key="axes")
+        given = "parts" in self.model_fields_set
+        if given and ("part" not in axes or sorted(self.parts) != ["imag", "real"]):
+            expected = 'both "real" and "imag", for an axis "part"'
+            raise mistake(expected, list(self.parts), key="parts")
+        if self.fields is not None and (
+            len(self.fields) != 2 or len(set(self.fields)) != 2 or "part" in axes or key is None
+        ):
+            raise mistake("the two fields of a compound 'key'", list(self.fields), key="fields")
+        if (self.pair_order is not None) != ("pair" in axes):
+            expected = '"tx_major" or "rx_major", for an axis "pair" and for nothing else'
+            raise mistake(expected, self.pair_order or "none", key="pair_order")
+        if self.phase_sign not in (-1, 1):
+            raise mistake(
+                "-1 for exp(-j 2 pi f d / c) or +1 for exp(+j ...)", self.phase_sign,
+                key="phase_sign",
+            )  # fmt: skip
+        if self.scale == 0:
+            raise mistake("a number other than 0", 0, key="scale")
+        return self
 
 
-@dataclass(frozen=True, slots=True)
-class Select:
-    """Which channels are used: a slice (stop excluded, as in Python) or a list.
+def _select(value: Any) -> Any:
+    """Return (start, stop, step) of a slice, or the channels of a list."""
+    if isinstance(value, str):
+        match = _SLICE.match(value)
+        if match is None or "-" in (match[1], match[2]) or (match[3] and int(match[3]) == 0):
+            raise mistake(_SELECT)
+        ends = (int(n) if n not in (None, "") else None for n in match.groups())
+        return dict(zip(("start", "stop", "step"), ends, strict=True))
+    if not isinstance(value, list) or not value or not all(is_whole(v) and v >= 0 for v in value):
+        raise mistake(_SELECT)
+    if len(set(value)) != len(value) or len(value) > MAX_CHANNELS:
+        raise mistake("every channel once", "repeated channels")
+    return {"channels": value}
 
-    Attributes
-    ----------
-    start, stop, step : int or None
-    channels : tuple of int or None
-        The list; None for a slice.
-    """
 
-    start: int | None
-    stop: int | None
-    step: int | None
-    channels: tuple[int, ...] | None
+class Select(FileRecord):
+    """Which channels are used: a slice (stop excluded, as in Python) or a list."""
+
+    start: int | None = None
+    stop: int | None = None
+    step: int | None = None
+    channels: tuple[int, ...] | None = None
 
     def indices(self, count: int) -> list[int]:
         """Return the chosen channels of `count`; raises IndexError for one that is not there."""
@@ -87,105 +157,125 @@ class Select:
         return ":".join(ends) + ("" if self.step is None else f":{self.step}")
 
 
-@dataclass(frozen=True, slots=True)
-class AntennaLayout:
-    """The Tx or the Rx side. Exactly one of `key`, `x` with `y` (and `z`), `values`, `file` and
-    `array` gives the positions of the antennas.
+class AntennaLayout(FileRecord):
+    """The Tx or the Rx side.
 
-    Attributes
-    ----------
-    channels : int or None
-        How many there are on the data's axis; None to see it there.
-    select : Select or None
-        Which of them are used; None for all.
-    key : str or None
-        One key for all coordinates.
-    coordinates : tuple of (str, str or float)
-        A key or a number for single coordinates.
-    values : tuple of tuple of float or None
-    file : str or None
-        An antenna file (a header x,y,z and rows of numbers), beside the layout.
-    array : str or None
-        A known array; its positions are those of the used channels.
-    orientation : str
-        Of `key`: "rows", one antenna per row, or "columns".
+    Exactly one of `key`, `x` with `y` and `z`, `values`, `file`, `array` gives the positions.
     """
 
-    channels: int | None
-    select: Select | None
-    key: str | None
-    coordinates: tuple[tuple[str, str | float], ...]
-    values: tuple[tuple[float, ...], ...] | None
-    file: str | None
-    array: str | None
-    orientation: str
+    channels: Annotated[Whole, Field(ge=1, le=MAX_CHANNELS)] | None = None
+    select: Annotated[Select, BeforeValidator(_select)] | None = None
+    key: KeyName | None = None
+    values: Rows | None = None
+    file: Annotated[str, text("the name of an antenna file, as text")] | None = None
+    array: Annotated[str, one_of(*KNOWN_ARRAYS)] | None = None
+    orientation: Annotated[str, one_of("rows", "columns")] = "rows"
+    x: NumberOrText | None = None
+    y: NumberOrText | None = None
+    z: NumberOrText | None = None
+
+    @property
+    def coordinates(self) -> dict[str, str | float]:
+        """Keys or numbers of single coordinates."""
+        found = {name: getattr(self, name) for name in COORDINATES}
+        return {name: value for name, value in found.items() if value is not None}
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> AntennaLayout:
+        single = self.coordinates
+        keys = any(isinstance(value, str) for value in single.values())
+        apart = "x" in single and "y" in single and keys
+        sources = {name: getattr(self, name) for name in ("key", "values", "file", "array")}
+        whole = sum(value is not None for value in sources.values())
+        known = self.array is not None or self.file is not None
+        if whole + apart != 1 or (known and single):
+            expected = "one of 'key', 'values', 'file', 'array', or keys 'x', 'y' and 'z'"
+            got = _given(**(sources if whole else single))
+            raise mistake(f"{expected}, for the positions", got, key="key")
+        if whole and keys:
+            expected = "numbers, for coordinates that have no column"
+            raise mistake(expected, "a key", key="x, y, z")
+        if apart and len(single) != 3:
+            raise mistake("a key or a number (0.0 for antennas in one plane)", "none", key="z")
+        if "orientation" in self.model_fields_set and self.key is None:
+            raise mistake("a 'key' that it is about", "none", key="orientation")
+        return self
 
 
-@dataclass(frozen=True, slots=True)
-class FrameOfReference:
+class FrameOfReference(FileRecord):
     """How the file's positions become those of the antenna frame: unit, origin, then mirror.
 
-    Attributes
-    ----------
-    unit : str
-    origin : tuple of float
-        The aperture's centre in the file's frame and unit.
-    mirror : tuple of str
-        Coordinates whose sign is turned.
-    columns : tuple of str
-        Which coordinate each column of a `key`, of `values` or of a `file` holds.
-    name : str
-        What the array is called.
+    `columns` are the coordinates of the columns of a `key`, of `values` or of a `file`.
     """
 
-    unit: str
-    origin: tuple[float, float, float]
-    mirror: tuple[str, ...]
-    columns: tuple[str, ...]
-    name: str
+    unit: Annotated[str, one_of(*LENGTH_UNITS_PER_M)] | None = None
+    origin: Vector = (0.0, 0.0, 0.0)
+    mirror: tuple[Annotated[str, one_of(*COORDINATES)], ...] = Field(
+        (), description='coordinates, such as ["x"]: "x", "y" and "z" only'
+    )
+    columns: tuple[Annotated[str, one_of(*COORDINATES)], ...] = Field(
+        COORDINATES, min_length=1,
+        description='the coordinates of the columns, such as ["x", "y"]: "x", "y" and "z" only',
+    )  # fmt: skip
+    name: Text | None = None
+
+    @model_validator(mode="after")
+    def _are_different(self) -> FrameOfReference:
+        for key in ("mirror", "columns"):
+            if len(set(getattr(self, key))) != len(getattr(self, key)):
+                raise mistake("every coordinate once", list(getattr(self, key)), key=key)
+        return self
 
 
-@dataclass(frozen=True, slots=True)
-class FrequencyLayout:
-    """The frequencies: `key`, or `values`, or `start` with `stop` or `step`, and `points`.
+class FrequencyLayout(FileRecord):
+    """The frequencies: `key`, or `values`, or `start` with `stop` or `step`, and `points`."""
 
-    Attributes
-    ----------
-    key : str or None
-    values : tuple of float or None
-    start, stop, step, points : str or float or None
-        A number, or the key of one.
-    unit : str
-    """
+    key: KeyName | None = None
+    values: Numbers | None = None
+    start: NumberOrText | None = None
+    stop: NumberOrText | None = None
+    step: NumberOrText | None = None
+    points: Annotated[int | str, BeforeValidator(lambda v: _points(v))] | None = None
+    unit: Annotated[str, one_of(*FREQUENCY_UNITS_HZ)] = Field(
+        description="the unit: one of Hz, kHz, MHz, GHz"
+    )
 
-    key: str | None
-    values: tuple[float, ...] | None
-    start: str | float | None
-    stop: str | float | None
-    step: str | float | None
-    points: str | int | None
-    unit: str
+    @model_validator(mode="after")
+    def _is_one_of_them(self) -> FrequencyLayout:
+        span = {name: getattr(self, name) for name in ("start", "stop", "step", "points")}
+        whole = self.start is not None and self.points is not None
+        whole = whole and (self.stop is None) != (self.step is None)
+        ranges = any(value is not None for value in span.values())
+        if (self.key is not None) + (self.values is not None) + ranges != 1 or ranges != whole:
+            expected = "'key', or 'values', or 'start', 'points' and either 'stop' or 'step'"
+            got = _given(key=self.key, values=self.values, **span)
+            raise mistake(expected, got, key="key")
+        return self
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """The keys, axes, units and conventions of a file.
+def _points(value: Any) -> Any:
+    if isinstance(value, str) and value:
+        return value
+    if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
+        raise mistake("a whole number", f"the decimal number {value!r}; write {int(value)}")
+    if not is_whole(value) or not 1 <= value <= MAX_FREQUENCIES:
+        raise mistake(f"a whole number from 1 to {MAX_FREQUENCIES}, or the key of one")
+    return value
 
-    Attributes
-    ----------
-    source : str
-        The TOML file's name, for messages.
-    data : DataLayout
-    tx, rx : AntennaLayout
-    antennas : FrameOfReference
-    frequency : FrequencyLayout
-    meta : tuple of str
-        Keys whose numbers and text go into `Capture.meta`.
+
+class MetaLayout(FileRecord):
+    """What else is kept with the capture."""
+
+    keys: tuple[KeyName, ...] = Field((), description="a list of keys of the file")
+
+
+class Layout(FileRecord):
+    """The keys, axes, units and conventions of a file; `read_layout` reads one.
 
     Examples
     --------
     >>> from pathlib import Path
-    >>> from clradar.measurement_io import read_layout
+    >>> from measurement_io import read_layout
     >>> _ = Path("lab.toml").write_text('''
     ... data = {key = "array", axes = ["tx", "rx", "freq"]}
     ... tx.array = "qar50"
@@ -197,24 +287,74 @@ class Layout:
     (('tx', 'rx', 'freq'), 128, -1)
     """
 
-    source: str
     data: DataLayout
     tx: AntennaLayout
     rx: AntennaLayout
-    antennas: FrameOfReference
+    antennas: FrameOfReference = Field(default_factory=lambda: FrameOfReference.model_validate({}))
     frequency: FrequencyLayout
-    meta: tuple[str, ...]
+    meta: MetaLayout = Field(default_factory=lambda: MetaLayout.model_validate({}))
+    _path: Path = PrivateAttr(Path())
+
+    @model_validator(mode="after")
+    def _places_the_antennas(self) -> Layout:
+        frame = self.antennas
+        if frame.unit is None and any(side.array is None for side in (self.tx, self.rx)):
+            expected = "the unit of the positions: one of m, cm, mm, um"
+            raise mistake(expected, "none", key="antennas.unit")
+        missing = [c for c in COORDINATES if c not in frame.columns]
+        for side in (self.tx, self.rx):
+            constants = list(side.coordinates)
+            if (side.key is not None or side.values is not None) and constants != missing:
+                raise mistake(
+                    "every coordinate either as a column or as a number in [tx] and [rx]",
+                    f"columns {', '.join(frame.columns)} and numbers for "
+                    f"{', '.join(constants) or 'none'}",
+                    key="antennas.columns",
+                )
+        return self
+
+    @property
+    def array_name(self) -> str:
+        """What the array is called: a known one keeps its name."""
+        known = self.tx.array if self.tx.array == self.rx.array else None
+        return self.antennas.name or known or self._path.stem
+
+    def file_of(self, side: AntennaLayout) -> Path | None:
+        """Return the antenna file of a side, beside the layout; None if it has none."""
+        return None if side.file is None else self._path.parent / side.file
 
     def plain(self) -> dict[str, Any]:
         """Return all settings in types that JSON knows; what is not set is left out."""
-        settings = asdict(self)
-        settings["data"]["pick"] = dict(self.data.pick)
-        return _plain(settings)
+        settings = self.model_dump(mode="json", exclude_none=True)
+        for name in ("tx", "rx"):
+            if (file := self.file_of(getattr(self, name))) is not None:
+                settings[name]["file"] = str(file)
+        return {"source": shown(self._path), **settings}
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items() if item is not None}
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    return value
+def read_layout(path: str | os.PathLike[str]) -> Layout:
+    """Return the layout of a TOML file; docs/layouts.md lists its settings.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, no TOML, an unknown or missing key, an invalid value. The message names
+        the file, the key, what was expected and what was found, for all mistakes at once.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from measurement_io import read_layout
+    >>> _ = Path("lab.toml").write_text('''
+    ... data = {key = "s", axes = ["tx", "rx", "freq"]}
+    ... tx.key = "tx_mm"
+    ... rx.key = "rx_mm"
+    ... antennas.unit = "mm"
+    ... frequency = {key = "f", unit = "GHz"}
+    ... ''')
+    >>> read_layout("lab.toml").tx.key
+    'tx_mm'
+    """
+    found = read_record(Path(path), Layout, _EXPECTED)
+    found._path = Path(path).absolute()
+    return found

@@ -16,10 +16,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from clradar.errors import ModelError
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.json_file import read_json_object
-from clradar.files.table import StrictTable
 from clradar.model import checks
 
 RADAR = "radar"
@@ -33,9 +31,6 @@ MIRROR_X.flags.writeable = False
 CONTRADICTION_M = 1e-4
 """Two ways from one frame to another that differ by more than this contradict each other: a
 fortieth of the wavelength at 75 GHz, and more than the rounding of matrices with five decimals."""
-
-LAST_ROW_ROUNDING = 1e-9
-"""How far the last row of a matrix may be from 0 0 0 1, for matrices that were multiplied."""
 
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 
@@ -59,7 +54,7 @@ class SensorAlignment:
     Examples
     --------
     >>> import numpy as np
-    >>> from clradar.measurement_io import SensorAlignment
+    >>> from measurement_io import SensorAlignment
     >>> matrix = np.diag([0.001, 0.001, 0.001, 1.0])  # of millimetres
     >>> alignment = SensorAlignment("alignment.json", {("kinect", "radar"): matrix})
     >>> alignment.to_antenna("kinect").diagonal().tolist()  # x mirrored
@@ -192,7 +187,7 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
     --------
     >>> import json
     >>> from pathlib import Path
-    >>> from clradar.measurement_io import read_alignment
+    >>> from measurement_io import read_alignment
     >>> matrix = [[0.001, 0, 0, 0.1], [0, 0.001, 0, 0], [0, 0, 0.001, 0], [0, 0, 0, 1]]
     >>> _ = Path("alignment.json").write_text(json.dumps({"kinect2radar": matrix}))
     >>> alignment = read_alignment("alignment.json")
@@ -200,18 +195,16 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
     [0.3, 0.0, 0.3]
     """
     path = Path(path)
+    from measurement_io.maroon.side_files import record_of, transforms_model
+
     content = read_json_object(path)
-    table = StrictTable(shown(path), "", content)
-    given: dict[tuple[str, str], np.ndarray] = {}
-    unknown = []
-    for key, value in content.items():
-        pair = _pair(key)
-        if pair is None or value is None:
-            unknown.append(clean(key))
-            continue
-        given[pair] = _matrix(path, key, table)
+    pairs = {key: _pair(key) for key, value in content.items() if value is not None}
+    known = {key: pair for key, pair in pairs.items() if pair is not None}
+    found = record_of(content, transforms_model(known), path)
+    given = {pair: getattr(found, key) for key, pair in known.items()}
+    unknown = tuple(clean(key) for key in content if key not in known)
     with reading(path, "transforms between sensors"):
-        return SensorAlignment(shown(path), given, tuple(unknown))
+        return SensorAlignment(shown(path), given, unknown)
 
 
 def _pair(key: str) -> tuple[str, str] | None:
@@ -224,19 +217,6 @@ def _pair(key: str) -> tuple[str, str] | None:
     else:
         return None
     return (source, target) if _NAME.fullmatch(source) and _NAME.fullmatch(target) else None
-
-
-def _matrix(path: Path, key: str, table: StrictTable) -> np.ndarray:
-    rows = table.rows(key)
-    matrix = np.array(rows, dtype=np.float64)
-    if matrix.shape != (4, 4):
-        table.fail(clean(key), "four rows of four numbers", f"shape {matrix.shape}")
-    if np.abs(matrix[3] - (0, 0, 0, 1)).max() <= LAST_ROW_ROUNDING:
-        matrix[3] = (0, 0, 0, 1)
-    try:
-        return checks.transform(f"'{clean(key)}'", matrix)
-    except ModelError as error:
-        fail(path, "invertible affine transforms", clean(error))
 
 
 def stretches(matrix: np.ndarray) -> np.ndarray:

@@ -15,9 +15,13 @@ from clradar.files.failures import clean, fail, reading
 
 VARIANTS = ("raw", "emptyfiltered")
 FRAMES_FOLDER = "calibrated_data"
+CALIBRATION_FILE = "calibration.json"
 METADATA_FILE, ALIGNMENT_FILE, MESH_FOLDER = "metadata.json", "alignment.json", "photogrammetry"
 ANTENNAS_FILE = "antennas.toml"
 """In a radar folder: the antennas, where they are not those of the imager."""
+
+PRODUCTS = {"depth": "png", "maxproj": "png", "volume": "ply", "xyz": "ply"}
+"""Folders of images that the dataset has of its frames, and the extension of their files."""
 
 BESIDE = (METADATA_FILE, ALIGNMENT_FILE, MESH_FOLDER)
 """What lies beside a radar folder and belongs to its recording."""
@@ -101,13 +105,7 @@ def entries(folder: Path) -> list[Path]:
 
 
 def find_radar_folder(folder: Path) -> Path:
-    """Return the radar folder that `folder` is, or the only one that it holds.
-
-    Raises
-    ------
-    MeasurementError
-        None or several; the message lists them.
-    """
+    """Return the radar folder that `folder` is, or the only one that it holds."""
     if RadarFolderName.parse(folder.absolute().name) is not None:
         return folder
     inside = [p for p in entries(folder) if p.is_dir()]
@@ -141,6 +139,17 @@ def frames(radar: Path) -> dict[str, dict[int, Path]]:
         if match is not None:
             found["emptyfiltered" if match[2] else "raw"][int(match[1])] = path
     return found
+
+
+def product_files(radar: Path, product: str) -> dict[int, Path]:
+    """Return the files of one product of a radar folder by the number of their frame."""
+    folder = radar / product
+    with reading(folder, "a folder of products"):
+        if not folder.is_dir():
+            return {}
+    pattern = re.compile(rf"([0-9]{{6}})\.{PRODUCTS[product]}")
+    matches = ((pattern.fullmatch(path.name), path) for path in entries(folder))
+    return {int(match[1]): path for match, path in matches if match is not None}
 
 
 def ignored_files(radar: Path) -> list[str]:

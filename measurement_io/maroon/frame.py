@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 
 from clradar.constants import PLAUSIBLE_HZ
-from clradar.files.failures import clean, fail, reading, shown
-from clradar.files.limits import MAX_TIME_STAMPS
+from clradar.files.confined.process import Companion
+from clradar.files.failures import clean, fail, reading, regular_file_size, shown
+from clradar.files.limits import MAX_FRAME_BYTES, MAX_TIME_STAMPS
 from clradar.model import AntennaArray, Capture, Waveform
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
+from measurement_io.confined.reading import run
 from measurement_io.maroon.folders import (
     ANTENNAS_FILE,
     FrameFile,
@@ -22,7 +24,7 @@ from measurement_io.maroon.folders import (
     find_radar_folder,
     frame_file,
 )
-from measurement_io.maroon.frame_file import read_frame_dictionary
+from measurement_io.maroon.frame_file import EXPECTED, is_plain, read_dictionary
 
 _OWN_KEYS = ("xr", "fvec", "number_of_measurements", "timestamp_us")
 
@@ -33,6 +35,7 @@ def read_frame_file(
     rx_file: str | os.PathLike[str] | None = None,
     tx_file: str | os.PathLike[str] | None = None,
     array: AntennaArray | None = None,
+    companion: Companion | None = None,
 ) -> Capture:
     """Return one `.npy` frame.
 
@@ -45,22 +48,19 @@ def read_frame_file(
         Antenna files; otherwise those of the radar folder, or `clradar.arrays.qar50()`.
     array : AntennaArray, optional
         What `antenna_array` made of such files, for whoever reads many frames.
+    companion : Companion, optional
+        For them, too.
 
     Returns
     -------
     Capture
         data[tx, rx, freq]: the file's [rx, tx, freq] without the channels 0 and 95, transposed.
-
-    Raises
-    ------
-    MeasurementError
-        See `measurement_io.open_capture`.
     """
     place = frame_file(path)
     if array is None:
         folder = None if place.folder is None else path.absolute().parent.parent
         array = antenna_array(rx_file, tx_file, folder and folder / ANTENNAS_FILE)
-    frame = read_frame_dictionary(path)
+    frame = frame_dictionary(path, companion)
     with reading(path, "a recorded frame"):
         xr = _required(path, frame, "xr", "a complex array [rx, tx, freq]")
         fvec = _required(path, frame, "fvec", "the frequencies in Hz")
@@ -73,15 +73,41 @@ def read_frame_file(
         return Capture(data, array, Waveform(fvec), meta)
 
 
-def read_time_stamp(path: Path) -> int | float | None:
-    """Return the time stamp of a frame, microseconds: the first of several, None if it has none.
+def frame_dictionary(
+    path: Path, companion: Companion | None = None, only: str | None = None
+) -> dict[str, Any]:
+    """Return what a frame's file holds: numbers, texts, arrays of them, lists of numbers."""
+    found = _read(path, companion, only)
+    if found["plain"]:
+        fail(path, "a recorded frame (a pickled dictionary in a 0-d object array)", found["what"])
+    frame: dict[str, Any] = found["frame"]
+    return frame
 
-    Raises
-    ------
-    MeasurementError
-        The file cannot be read. Its data is not checked.
-    """
-    return _first(_time_stamps(read_frame_dictionary(path).get("timestamp_us")))
+
+def is_plain_array(path: Path) -> bool:
+    """Whether an `.npy` file holds an array of numbers or text, and no pickled object."""
+    found: bool = run(
+        is_plain, path, expected=EXPECTED, library="numpy", modules=("numpy.lib.format",)
+    )
+    return found
+
+
+def _read(path: Path, companion: Companion | None, only: str | None) -> dict[str, Any]:
+    size = regular_file_size(path, EXPECTED)
+    if size > MAX_FRAME_BYTES:
+        fail(path, f"{EXPECTED} of at most {MAX_FRAME_BYTES} bytes", f"{size} bytes")
+    found: dict[str, Any] = run(
+        read_dictionary, path, only, most_bytes=2 * size, expected=EXPECTED,
+        library="Python's pickle", modules=("numpy.lib.format",), companion=companion,
+    )  # fmt: skip
+    return found
+
+
+def read_time_stamp(path: Path, companion: Companion | None = None) -> int | float | None:
+    """Return the time stamp of a frame, microseconds: the first of several, None if it has none."""
+    return _first(
+        _time_stamps(frame_dictionary(path, companion, "timestamp_us").get("timestamp_us"))
+    )
 
 
 def first_time_stamp(capture: Capture) -> int | float | None:

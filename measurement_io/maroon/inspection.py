@@ -9,15 +9,15 @@ from pathlib import Path
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean, shown
 from measurement_io.maroon import folders
-from measurement_io.maroon.calibration_file import (
+from measurement_io.maroon.folders import (
     CALIBRATION_FILE,
-    CalibrationFile,
-    read_calibration_file,
+    PRODUCTS,
+    RadarFolderName,
+    product_files,
+    ranges,
 )
-from measurement_io.maroon.folders import RadarFolderName, ranges
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.placement import inspect_placement
-from measurement_io.maroon.products import PLACED, PRODUCTS, product_files
 from measurement_io.record_facts import Fact, capture_facts
 
 
@@ -31,13 +31,7 @@ class Findings:
 
 
 def inspect_recording(folder: Path) -> Findings:
-    """Describe a recording by its folders and its first raw frame; no other frame is opened.
-
-    Raises
-    ------
-    MeasurementError
-        There is no such folder, or none of its folders is a recording's.
-    """
+    """Describe a recording by its folders and its first raw frame; no other frame is opened."""
     radar = folders.find_radar_folder(folder)
     found = inspect_folders(radar)
     frames = folders.frames(radar)
@@ -129,18 +123,19 @@ def _inspect_calibration(
     path = radar / CALIBRATION_FILE
     if not path.exists():
         found.facts.append(Fact(CALIBRATION_FILE, "none", None))
-        blind = [name for name in PLACED if products.get(name)]
-        without = f", without which {_joined(blind)} cannot be read" if blind else ""
+        without = ", without which depth cannot be read" if products.get("depth") else ""
         found.problems.append(f"no {CALIBRATION_FILE}{without}")
         return
+    from measurement_io.maroon.depth_map import read_frequencies
+
     try:
-        calibration = read_calibration_file(path)
+        calibration, numbered = read_frequencies(path)
     except MeasurementError as error:
         found.facts.append(Fact(CALIBRATION_FILE, "cannot be read", None))
         found.problems.append(clean(error))
         return
     low, high = calibration.frequency_low_ghz, calibration.frequency_high_ghz
-    points, entries = calibration.frequency_points, sorted(calibration.frames)
+    points, entries = calibration.frequency_points, sorted(numbered)
     words = f"{low} to {high} GHz in {points} points; " + (
         f"entries of {len(entries)} frames ({ranges(entries)})"
         if entries
@@ -148,27 +143,22 @@ def _inspect_calibration(
     )
     value = {"low_ghz": low, "high_ghz": high, "points": points, "frames": entries}
     found.facts.append(Fact(CALIBRATION_FILE, words, value))
-    _compare_with_name(found, radar, calibration)
+    _compare_with_name(found, radar, low, high, points)
     strangers = sorted(set(entries) - set(raw))
     if strangers:
         found.problems.append(
             f"{CALIBRATION_FILE} names frames that are not there: {ranges(strangers)}"
         )
-    for name, needed in PLACED.items():
-        unplaced = sorted(set(products.get(name, ())) - set(entries))
-        if unplaced:
-            found.problems.append(
-                f"{CALIBRATION_FILE} lacks {needed} for {name} of the frames {ranges(unplaced)}"
-            )
+    unplaced = sorted(set(products.get("depth", ())) - set(entries))
+    if unplaced:
+        found.problems.append(
+            f"{CALIBRATION_FILE} lacks its pixels for depth of the frames {ranges(unplaced)}"
+        )
 
 
-def _joined(names: list[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
-
-
-def _compare_with_name(found: Findings, radar: Path, calibration: CalibrationFile) -> None:
-    low, high = calibration.frequency_low_ghz, calibration.frequency_high_ghz
-    points = calibration.frequency_points
+def _compare_with_name(
+    found: Findings, radar: Path, low: float | None, high: float | None, points: int | None
+) -> None:
     if low is None or high is None or points is None:
         found.problems.append(
             f"{CALIBRATION_FILE}: frequency_low_ghz, _high_ghz or _points is missing"

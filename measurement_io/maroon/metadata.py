@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from clradar.files.failures import reading, shown
+from clradar.files.failures import reading
 from clradar.files.json_file import read_json_object
-from clradar.files.table import StrictTable
 from clradar.model import checks
 
 DISTANCE_FOLDERS = ("30", "40", "50")
@@ -32,7 +31,7 @@ class MaskBox:
 
     Examples
     --------
-    >>> from clradar.measurement_io import MaskBox
+    >>> from measurement_io import MaskBox
     >>> box = MaskBox(x_min_m=-0.2, x_max_m=0.1)
     >>> box.x_max_m, box.z_min_m
     (0.1, None)
@@ -116,7 +115,7 @@ class RecordingMetadata:
 
     Examples
     --------
-    >>> from clradar.measurement_io import MaskBox, RecordingMetadata
+    >>> from measurement_io import MaskBox, RecordingMetadata
     >>> metadata = RecordingMetadata(distance_meters=0.3, mask_bb=MaskBox(x_min_m=-0.2))
     >>> metadata.mask_bb_antenna.x_max_m  # x changes sign
     0.2
@@ -163,7 +162,7 @@ def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from clradar.measurement_io import read_metadata
+    >>> from measurement_io import read_metadata
     >>> _ = Path("metadata.json").write_text(
     ...     '{"distance_meters": 0.3, "mask_bb": {"xmin": -0.2, "xmax": 0.1}}'
     ... )
@@ -171,25 +170,19 @@ def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
     >>> metadata.distance_meters
     0.3
     """
-    content = read_json_object(Path(path))
-    table = StrictTable(shown(path), "", content)
-    distance = table.number("distance_meters")
-    if distance is not None and distance <= 0:
-        table.fail("distance_meters", "a positive number", distance)
-    empty = content.get("empty_measurement")
-    if empty is not None and not isinstance(empty, str):
-        table.fail("empty_measurement", "a name", empty)
-    as_is = ("calibration", "calibration_fine", "mask_erosion", "labels")
-    kept = {key: tuple(v) if isinstance(v := content.get(key), list) else v for key in as_is}
-    known = (*as_is, "distance_meters", "empty_measurement", "mask_bb")
-    other = {key: value for key, value in content.items() if key not in known}
+    from measurement_io.maroon.side_files import MetadataFile, record_of
+
+    found = record_of(read_json_object(Path(path)), MetadataFile, Path(path))
+    other = dict(found.model_extra or {})
     box = None
-    if content.get("mask_bb") is not None:
-        bounds = table.table("mask_bb")
-        box = MaskBox(*(bounds.number(key) for key in _BOUNDS))
-        more = {k: v for k, v in content["mask_bb"].items() if k not in _BOUNDS}
+    if found.mask_bb is not None:
+        box = MaskBox(*(getattr(found.mask_bb, name) for name in _BOUNDS))
+        more = found.mask_bb.model_extra
         other |= {"mask_bb": more} if more else {}
+    as_is = ("calibration", "calibration_fine", "mask_erosion", "labels")
+    kept = {key: tuple(v) if isinstance(v := getattr(found, key), list) else v for key in as_is}
     with reading(path, "the metadata of a recording"):
         return RecordingMetadata(
-            **kept, distance_meters=distance, mask_bb=box, empty_measurement=empty, other=other
-        )
+            **kept, distance_meters=found.distance_meters, mask_bb=box,
+            empty_measurement=found.empty_measurement, other=other,
+        )  # fmt: skip

@@ -7,11 +7,12 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
 
 from clradar.errors import MeasurementError, MeshError, warn
+from clradar.files.confined.process import Companion
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
 from measurement_io.antenna_file import antenna_array
@@ -20,9 +21,6 @@ from measurement_io.maroon.alignment import MESH_SOURCE, SensorAlignment, read_a
 from measurement_io.maroon.folders import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.frame import read_frame_file, read_time_stamp
 from measurement_io.maroon.metadata import RecordingMetadata, read_metadata
-
-if TYPE_CHECKING:
-    from measurement_io.maroon.products import AmplitudeImage, AmplitudeVolume, PointCloud
 
 _EXPECTED = (
     "the folder of a recording: radar_<low GHz>_<high GHz>_<points>, or the <object>/<distance> "
@@ -61,7 +59,7 @@ def open_recording(
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from clradar.measurement_io import open_recording, save_recording
+    >>> from measurement_io import open_recording, save_recording
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]
@@ -95,16 +93,23 @@ class _Files:
         self.distance = radar.absolute().parent
         self.frames = frames
         self.array = array
+        self._companion = Companion()
         self._waveforms: dict[str, Waveform] = {}
         self._beside: dict[str, Any] = {}
 
     def capture(self, variant: str, number: int) -> Capture:
         path = self.frames[variant][number]
-        capture = read_frame_file(path, array=self.array)
+        capture = read_frame_file(path, array=self.array, companion=self._companion)
         first = self.waveform(variant, {number: capture.waveform})
         if not first.same_frequencies(capture.waveform):
             fail(path, "the frequencies of the recording's first frame", "others")
         return capture
+
+    def time_stamp(self, variant: str, number: int) -> int | float | None:
+        try:
+            return read_time_stamp(self.frames[variant][number], self._companion)
+        except MeasurementError:
+            return None
 
     def waveform(self, variant: str, known: Mapping[int, Waveform] | None = None) -> Waveform:
         """Return the frequencies of the first frame of a variant that can be read.
@@ -119,7 +124,9 @@ class _Files:
                 if known is not None and number in known:
                     found = known[number]
                 else:
-                    found = read_frame_file(path, array=self.array).waveform
+                    found = read_frame_file(
+                        path, array=self.array, companion=self._companion
+                    ).waveform
             except MeasurementError as error:
                 failure = failure or error
                 continue
@@ -153,7 +160,7 @@ class Recording(Sequence[Capture]):
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from clradar.measurement_io import open_recording, save_recording
+    >>> from measurement_io import open_recording, save_recording
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]
@@ -256,7 +263,7 @@ class Recording(Sequence[Capture]):
         The first one where a frame has several; None where it has none or its file cannot be read.
         Every use reads the files of all frames, one after the other: keep what it returns.
         """
-        return tuple(self._time_stamp(number) for number in self._numbers)
+        return tuple(self._files.time_stamp(self._variant, number) for number in self._numbers)
 
     @property
     def waveform(self) -> Waveform:
@@ -316,38 +323,11 @@ class Recording(Sequence[Capture]):
     def depth_map(self, index: int) -> DepthMap:
         """Return the depth map that lies beside the frame at a position, in the antenna frame.
 
-        See `measurement_io.maroon.products.read_depth_map`.
+        See `measurement_io.maroon.depth_map.read_depth_map`.
         """
-        from measurement_io.maroon.products import read_depth_map
+        from measurement_io.maroon.depth_map import read_depth_map
 
         return read_depth_map(self.path, self._number(index))
-
-    def max_projection(self, index: int) -> AmplitudeImage:
-        """Return the amplitude image that lies beside the frame at a position.
-
-        See `measurement_io.maroon.products.read_max_projection`.
-        """
-        from measurement_io.maroon.products import read_max_projection
-
-        return read_max_projection(self.path, self._number(index))
-
-    def amplitude_volume(self, index: int) -> AmplitudeVolume:
-        """Return the volume (amplitude only) that lies beside the frame at a position.
-
-        See `measurement_io.maroon.products.read_amplitude_volume`.
-        """
-        from measurement_io.maroon.products import read_amplitude_volume
-
-        return read_amplitude_volume(self.path, self._number(index))
-
-    def points(self, index: int) -> PointCloud:
-        """Return the points that lie beside the frame at a position, in the antenna frame.
-
-        See `measurement_io.maroon.products.read_points`.
-        """
-        from measurement_io.maroon.products import read_points
-
-        return read_points(self.path, self._number(index))
 
     def _number(self, index: int) -> int:
         position = operator.index(index)
@@ -357,12 +337,6 @@ class Recording(Sequence[Capture]):
 
     def _capture_of_number(self, number: int) -> Capture:
         return self._files.capture(self._variant, number)
-
-    def _time_stamp(self, number: int) -> int | float | None:
-        try:
-            return read_time_stamp(self._files.frames[self._variant][number])
-        except MeasurementError:
-            return None
 
 
 def mesh_files(distance: Path) -> dict[str, Path]:

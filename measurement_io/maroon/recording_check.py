@@ -1,8 +1,7 @@
-"""Verify a recording by reading all of its frames and products, one at a time."""
+"""Verify a recording by reading all of its frames and depth maps, one at a time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -10,23 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from clradar.errors import MeasurementError
+from clradar.files.confined.process import Companion
 from clradar.files.failures import clean
 from clradar.model import Waveform
 from clradar.model.progress import Progress
-from measurement_io.maroon import folders, products
-from measurement_io.maroon.calibration_file import CALIBRATION_FILE, read_calibration_file
+from measurement_io.maroon import folders
 from measurement_io.maroon.frame import first_time_stamp, read_frame_file
 
 LONG_GAP = 1.8
 """An interval between time stamps this many times the usual one has lost a frame: one lost frame
 makes two intervals of one."""
-
-_READERS: dict[str, Callable[[Path, int], object]] = {
-    "depth": products.read_depth_map,
-    "maxproj": products.read_max_projection,
-    "volume": products.read_amplitude_volume,
-    "xyz": products.read_points,
-}
 
 
 @dataclass(slots=True)
@@ -55,6 +47,7 @@ def check_frames(
     frames = folders.frames(radar)
     waveform: Waveform | None = None
     read: dict[str, _Variant] = {}
+    companion = Companion()
     done, total_files = 0, sum(map(len, frames.values()))
     for variant, files in frames.items():
         read[variant] = seen = _Variant()
@@ -63,7 +56,7 @@ def check_frames(
             if progress is not None:
                 progress(done, total_files)
             try:
-                capture = read_frame_file(path)
+                capture = read_frame_file(path, companion=companion)
             except MeasurementError as error:
                 problems.append(str(error))
                 continue
@@ -102,47 +95,30 @@ def check_frames(
         )
 
 
-def check_products(radar: Path, checked: list[str], problems: list[str]) -> None:
-    """Read every cached product; list the checks that pass, and the problems.
+def check_depth_maps(radar: Path, checked: list[str], problems: list[str]) -> None:
+    """Read every depth map; list the checks that pass, and the problems.
 
-    Problems that `inspect_folders` reports are not repeated, nor those common to several products.
+    Problems that `inspect_folders` reports are not repeated.
     """
-    placed = _placed_frames(radar)
-    for name, read in _READERS.items():
-        try:
-            files = products.product_files(radar, name)
-        except MeasurementError:  # a problem of the folder
-            continue
-        good = 0
-        empty = []
-        for number in sorted(files):
-            if name in products.PLACED and placed is not None and number not in placed:
-                continue  # a problem of calibration.json
-            try:
-                found = read(radar, number)
-            except MeasurementError as error:
-                if str(error) not in problems:
-                    problems.append(str(error))
-            else:
-                good += 1
-                if isinstance(found, products.PointCloud) and not len(found.points_m):
-                    empty.append(number)
-                del found  # before the next one is read
-        if empty:
-            problems.append(f"{name} without a point, of the frames {folders.ranges(empty)}")
-        if good:
-            checked.append(f"{good} of {len(files)} cached {name} read")
+    from measurement_io.maroon.depth_map import read_depth_map, read_frequencies
 
-
-def _placed_frames(radar: Path) -> set[int] | None:
-    """Return the frames that `calibration.json` has an entry of; None if one of them is wrong."""
-    path = radar / CALIBRATION_FILE
-    if not path.exists():
-        return set()
+    calibration = radar / folders.CALIBRATION_FILE
     try:
-        return set(read_calibration_file(path).frames)
-    except MeasurementError:
-        return None
+        files = folders.product_files(radar, "depth")
+        placed = read_frequencies(calibration)[1] if calibration.exists() else set()
+    except MeasurementError:  # a problem of the folder, or of calibration.json
+        return
+    good = 0
+    for number in sorted(set(files) & placed):  # others are a problem of calibration.json
+        try:
+            read_depth_map(radar, number)
+        except MeasurementError as error:
+            if str(error) not in problems:
+                problems.append(str(error))
+        else:
+            good += 1
+    if good:
+        checked.append(f"{good} of {len(files)} cached depth read")
 
 
 def _check_totals(variant: str, first: int, seen: _Variant, problems: list[str]) -> None:

@@ -11,33 +11,33 @@ from typing import Any
 
 from clradar.errors import ModelError, OutputError
 from clradar.files.atomic import move_folder, new_folder, swap_folder
+from clradar.files.confined.process import Companion
 from clradar.files.failures import clean, regular_file_size, shown
 from clradar.files.json_file import read_json_object
 from clradar.files.json_text import to_json
-from clradar.model import Capture, Volume, VoxelGrid, Waveform, checks
-from measurement_io.maroon.calibration_file import (
-    CALIBRATION_FILE,
-    write_calibration_file,
-)
+from clradar.model import Capture, VoxelGrid, Waveform, checks
 from measurement_io.maroon.folders import (
     ALIGNMENT_FILE,
+    CALIBRATION_FILE,
     FRAMES_FOLDER,
     MESH_FOLDER,
     METADATA_FILE,
+    PRODUCTS,
     VARIANTS,
     entries,
     find_radar_folder,
+    product_files,
     ranges,
 )
 from measurement_io.maroon.frame import read_frame_file
-from measurement_io.maroon.product_writer import grid_entry, write_products
-from measurement_io.maroon.products import PRODUCTS, product_files
 from measurement_io.maroon.writer import (
     RadarFolder,
     check_target_folder,
     frame_name,
+    grid_entry,
     time_stamp,
     write_antennas,
+    write_calibration,
     write_frame_file,
 )
 
@@ -59,7 +59,6 @@ def save_recording(
     metadata: Mapping[str, Any] | None = None,
     alignment: Mapping[str, Any] | None = None,
     meshes: Iterable[str | os.PathLike[str]] = (),
-    image: Callable[[Capture], Volume] | None = None,
     grid: VoxelGrid | None = None,
     copy_from: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
@@ -93,11 +92,8 @@ def save_recording(
         Content of `metadata.json` and `alignment.json`, in types that JSON knows.
     meshes : iterable of path-like
         Files to be copied to `photogrammetry/`.
-    image : callable, optional
-        From a capture to its image, whose products are then written (`write_products`).
     grid : VoxelGrid, optional
-        What `calibration.json` names as the grid of frames without an image;
-        `product_writer.default_grid()` if not given.
+        What `calibration.json` names as the grid of the frames; 20 x 20 x 40 cm if not given.
     copy_from : path-like, optional
         A recording whose `metadata.json`, `alignment.json`, meshes, products and entries of
         `calibration.json` are copied byte by byte, as far as they are not given otherwise. Which
@@ -127,7 +123,7 @@ def save_recording(
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from clradar.measurement_io import open_recording, save_recording
+    >>> from measurement_io import open_recording, save_recording
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]
@@ -169,10 +165,6 @@ def save_recording(
                 (temporary / name).write_bytes(f"{text}\n".encode("ascii"))
         for mesh in meshes:
             _copy(Path(mesh), temporary / MESH_FOLDER / Path(mesh).name)
-        if image is not None:
-            for number in range(len(numbers)):
-                frame = read_frame_file(radar / FRAMES_FOLDER / frame_name(number, variant))
-                write_products(radar, number, image(frame), force=True)
         _put_in_place(temporary, target, folder.name, force=force)
     return target / folder.name
 
@@ -191,6 +183,7 @@ class _FrameWriter:
         self._array, self._waveform = first.array, first.waveform
         self._timestamps_us = timestamps_us
         self._progress = progress
+        self._companion = Companion()
         self._places: dict[int, int] | None = {}
         self._total = 0
 
@@ -263,7 +256,7 @@ class _FrameWriter:
         """Give every frame the number of frames, which only is known at the end."""
         for i in range(total):
             path = self._file(i, variant)
-            capture = read_frame_file(path)
+            capture = read_frame_file(path, companion=self._companion)
             stamp = time_stamp(_NAME, capture, None)
             write_frame_file(path, capture, total, stamp, force=True)
 
@@ -324,8 +317,7 @@ def _write_calibration(
         there = read_json_object(source / CALIBRATION_FILE)
     new = grid_entry(grid)
     frames = {i: there.get(f"{number:06d}", new) for i, number in enumerate(numbers)}
-    path = radar / CALIBRATION_FILE
-    write_calibration_file(path, folder.low_ghz, folder.high_ghz, folder.points, frames)
+    write_calibration(radar / CALIBRATION_FILE, folder, frames)
 
 
 def _copy_products(source: Path, radar: Path, numbers: Sequence[int]) -> None:

@@ -18,11 +18,15 @@ from clradar.arrays.array_file import array_text
 from clradar.errors import OutputError
 from clradar.files.atomic import replacing, write_file
 from clradar.files.failures import clean, shown
-from clradar.model import AntennaArray, Capture, Waveform, checks
+from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform, checks
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
-from measurement_io.maroon.calibration_file import CALIBRATION_FILE, write_calibration_file
-from measurement_io.maroon.folders import ANTENNAS_FILE, FRAMES_FOLDER, VARIANTS, RadarFolderName
-from measurement_io.maroon.product_writer import grid_entry
+from measurement_io.maroon.folders import (
+    ANTENNAS_FILE,
+    CALIBRATION_FILE,
+    FRAMES_FOLDER,
+    VARIANTS,
+    RadarFolderName,
+)
 
 _OF_THE_FORM = frozenset(
     ("xr", "fvec", "number_of_measurements", "timestamp_us", "source", "format", "frame", "variant")
@@ -53,14 +57,18 @@ class RadarFolder:
     def name(self) -> str:
         return f"radar_{self.low_ghz}_{self.high_ghz}_{self.points}"
 
-    def agrees(self, calibration: Mapping[str, Any]) -> bool:
-        """Whether a `calibration.json` is of these frequencies."""
-        mine = {
+    @property
+    def frequencies(self) -> dict[str, float | int]:
+        """They, as `calibration.json` has them."""
+        return {
             "frequency_low_ghz": self.low_ghz,
             "frequency_high_ghz": self.high_ghz,
             "frequency_points": self.points,
         }
-        return all(calibration.get(key) == value for key, value in mine.items())
+
+    def agrees(self, calibration: Mapping[str, Any]) -> bool:
+        """Whether a `calibration.json` is of these frequencies."""
+        return all(calibration.get(key) == value for key, value in self.frequencies.items())
 
 
 def save_maroon_frame(
@@ -113,7 +121,7 @@ def save_maroon_frame(
     --------
     >>> import numpy as np
     >>> import clradar
-    >>> from clradar.measurement_io import open_capture, save_maroon_frame
+    >>> from measurement_io import open_capture, save_maroon_frame
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     >>> capture = clradar.Capture(data, array, waveform, {"object": "plate"})
@@ -142,13 +150,7 @@ def save_maroon_frame(
 
 
 def write_antennas(radar: Path, array: AntennaArray) -> None:
-    """Write the antennas into a radar folder, unless they are the imager's, as the form has them.
-
-    Raises
-    ------
-    OutputError
-        There are frames already, of other antennas.
-    """
+    """Write the antennas into a radar folder, unless they are the imager's, as in the form."""
     if any((radar / FRAMES_FOLDER).glob("*.npy")):
         there = antenna_array(None, None, radar / ANTENNAS_FILE)
         if there.same_antennas(array):
@@ -254,6 +256,26 @@ def _carried(meta: Mapping[str, Any]) -> dict[str, str | int | float]:
     return carried
 
 
+def default_grid() -> VoxelGrid:
+    """Return the grid that a frame without an image names: where objects of the dataset are."""
+    return VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
+
+
+def grid_entry(grid: VoxelGrid | None = None) -> dict[str, Any]:
+    """Return the entry of a frame in `calibration.json`: a grid alone, in radar space."""
+    grid = default_grid() if grid is None else grid
+    x_m, y_m, z_m = -grid.x_m[::-1], grid.y_m, grid.z_m
+    ends = {"bb_min": 0, "bb_max": -1}
+    box = {name: [float(axis[i]) for axis in (x_m, y_m, z_m)] for name, i in ends.items()}
+    return {"volume": {**box, "grid_size": list(grid.counts)}}
+
+
+def write_calibration(path: Path, folder: RadarFolder, frames: Mapping[int, Any]) -> None:
+    """Write a new `calibration.json` with the entries of frames."""
+    content = {**folder.frequencies, **{f"{n:06d}": frames[n] for n in sorted(frames)}}
+    write_file(path, (json.dumps(content, indent=2) + "\n").encode("ascii"), force=False)
+
+
 def _make_folders(radar: Path, *, force: bool) -> None:
     try:
         if radar.exists() and not force:
@@ -270,8 +292,7 @@ def _make_folders(radar: Path, *, force: bool) -> None:
 def _write_calibration(path: Path, folder: RadarFolder, number: int) -> None:
     if not path.exists():
         # The dataset's program asks for the grid of every frame.
-        frames = {number: grid_entry()}
-        write_calibration_file(path, folder.low_ghz, folder.high_ghz, folder.points, frames)
+        write_calibration(path, folder, {number: grid_entry()})
         return
     # A recording's own file holds more than these three entries, so it is never rewritten.
     try:

@@ -19,30 +19,15 @@ from measurement_io.native.scheme import (
     EXPECTED,
     NX_CLASSES,
     SCHEMES,
-    SIDE_COLUMNS,
     VERSION,
     VIEW_AXES,
     VIEWS,
+    Dataset,
     text_crc32,
 )
 
 Contents = dict[str, Any]
 _FORMAT = "clradar_format"
-CHANNEL_FIELDS = ("gain", "delay_s", "noise", "phase_std_rad", "delay_std_s")
-WEIGHTS = "frequency_weight"
-"""Of the window of a volume, whose antennas and frequencies then are in the file, too."""
-
-INSTRUMENT_DATASETS = tuple(
-    f"{side}_{column}"
-    for side in ("tx", "rx")
-    for column in (
-        *("pattern", "pattern_angle_deg", "pattern_field"),
-        *(f"antenna_{column}" for column in SIDE_COLUMNS),
-    )
-)
-"""Beside positions and frequencies; a file may lack them."""
-
-CHANNEL_NUMBERS = ("target_amplitude", "reference_hz", "residual_db", "noise_residual_db")
 
 
 def is_native(path: Path) -> bool:
@@ -51,64 +36,36 @@ def is_native(path: Path) -> bool:
         return _FORMAT in file.attrs
 
 
-def read_capture(path: Path) -> Contents:
-    """Return the header of a native capture, and its arrays by the names of its datasets."""
+def read_if_native(path: Path, kind: str | None) -> Contents | None:
+    """Return the header of a native file of a format, of any without `kind`, and arrays by name.
+
+    None if the root has no format attribute of ours.
+    """
     with hdf5_guard.opened(path, EXPECTED) as file:
-        return _capture(path, file)
+        return _read(path, file, kind) if _FORMAT in file.attrs else None
 
 
-def read_capture_if_native(path: Path) -> Contents | None:
-    """Return what `read_capture` does, None if the root has no format attribute of ours."""
-    with hdf5_guard.opened(path, EXPECTED) as file:
-        return _capture(path, file) if _FORMAT in file.attrs else None
+def _read(path: Path, file: Any, kind: str | None) -> Contents:
+    header, data = _header(path, file, kind)
+    kind = header["format"]
+    lengths: dict[str, int] = {}
+    arrays: Contents = {}
+    # The data comes last: what it is a response of says how long its axes have to be.
+    for dataset in sorted(SCHEMES[kind].datasets, key=lambda dataset: dataset.name == "data"):
+        if dataset.for_viewers or (dataset.optional and dataset.name not in data.keys()):  # noqa: SIM118 - `in data` would follow links
+            continue
+        arrays[dataset.name] = _array(path, data, dataset, lengths)
+    return {"header": header, "arrays": arrays}
 
 
-def _capture(path: Path, file: Any) -> Contents:
-    header, data = _header(path, file, "capture")
-    found = _instrument(path, data)
-    shape = tuple(len(found[name]) for name in ("tx_m", "rx_m", "frequency_hz"))
-    found["data"] = hdf5_guard.array(path, data, "data", np.complex64, shape)
-    return {"header": header, **found}
-
-
-def read_volume(path: Path) -> Contents:
-    """Return the header of a native volume, and its arrays by the names of its datasets."""
-    lengths = {"x_m": None, "y_m": None, "z_m": None, "origin_m": 3, "spacing_m": 3}
-    with hdf5_guard.opened(path, EXPECTED) as file:
-        header, data = _header(path, file, "volume")
-        found = {
-            name: hdf5_guard.array(path, data, name, np.float64, (length,))
-            for name, length in lengths.items()
-        }
-        shape = tuple(len(found[name]) for name in SCHEMES["volume"].axes)
-        found["data"] = hdf5_guard.array(path, data, "data", np.complex64, shape)
-        if WEIGHTS in data:
-            found |= _instrument(path, data)
-            count = (len(found["frequency_hz"]),)
-            found[WEIGHTS] = hdf5_guard.array(path, data, WEIGHTS, np.float64, count)
-        return {"header": header, **found}
-
-
-def read_channels(path: Path) -> Contents:
-    """Return the header of native channels, and their arrays by the names of their datasets."""
-    with hdf5_guard.opened(path, EXPECTED) as file:
-        header, data = _header(path, file, "channels")
-        found = _instrument(path, data)
-        for side in ("tx", "rx"):
-            count = len(found[f"{side}_m"])
-            for field in CHANNEL_FIELDS:
-                name, kind = f"{side}_{field}", np.complex128 if field == "gain" else np.float64
-                found[name] = hdf5_guard.array(path, data, name, kind, (count,))
-            name = f"{side}_state"
-            found[name] = hdf5_guard.array(path, data, name, np.int32, (count,))
-        for name in CHANNEL_NUMBERS:
-            found[name] = hdf5_guard.array(path, data, name, np.float64, (1,))
-        position = hdf5_guard.array(path, data, "target_position", np.float64, (None,))
-        n = len(position)
-        covariance = hdf5_guard.array(path, data, "target_covariance", np.float64, (n, n))
-        return {
-            "header": header, "target_position": position, "target_covariance": covariance, **found
-        }  # fmt: skip
+def _array(path: Path, data: Any, dataset: Dataset, lengths: dict[str, int]) -> np.ndarray:
+    """Return one dataset, whose named lengths are those of the datasets before it."""
+    wanted = [lengths.get(n) if isinstance(n, str) else n for n in dataset.shape]
+    found = hdf5_guard.array(path, data, dataset.name, dataset.dtype, tuple(wanted))
+    for name, length in zip(dataset.shape, found.shape, strict=True):
+        if isinstance(name, str) and lengths.setdefault(name, length) != length:
+            fail(path, f"as many rows as columns in {dataset.name}", f"shape {found.shape}")
+    return found
 
 
 def read_header(path: Path) -> Contents:
@@ -135,14 +92,14 @@ def nexus_problems(path: Path) -> list[str]:
             problems += _group_problems(path, view, "data", VIEW_AXES)
             if not hdf5_guard.has_checksum(hdf5_guard.dataset(path, view, "data")):
                 problems.append(f"{view.name}/data: carries no Fletcher-32 checksum")
-        optional = [name for name in (*INSTRUMENT_DATASETS, WEIGHTS) if name in data]
-        for name in (*scheme.datasets, *optional):
-            if name in ("tx", "rx") and name not in data:
-                continue  # for viewers only
+        for dataset in scheme.datasets:
+            name = dataset.name
+            if dataset.optional and name not in data.keys():  # noqa: SIM118
+                continue
             found = hdf5_guard.dataset(path, data, name)
             if not hdf5_guard.has_checksum(found):
                 problems.append(f"/entry/data/{name}: carries no Fletcher-32 checksum")
-            if name in ("tx", "rx"):
+            if dataset.for_viewers:
                 want = np.arange(data[f"{name}_m"].shape[0])
                 have = hdf5_guard.array(path, data, name, np.int32, (None,))
                 if not np.array_equal(have, want):
@@ -185,36 +142,6 @@ def _group_problems(path: Path, group: Any, signal: str, axes: Sequence[str]) ->
 def _attribute_problem(path: Path, node: Any, name: str, want: str) -> list[str]:
     have = hdf5_guard.text(path, node, name) if name in node.attrs else "nothing"
     return [] if have == want else [f"{node.name}@{name}: expected {want}, got {clean(have)}"]
-
-
-def _instrument(path: Path, data: Any) -> Contents:
-    """Return the antennas and the frequencies of `/entry/data`."""
-    return {
-        "tx_m": hdf5_guard.array(path, data, "tx_m", np.float64, (None, 3)),
-        "rx_m": hdf5_guard.array(path, data, "rx_m", np.float64, (None, 3)),
-        "frequency_hz": hdf5_guard.array(path, data, "frequency_hz", np.float64, (None,)),
-        "patterns": [_pattern(path, data, f"{side}_pattern") for side in ("tx", "rx")],
-        "sides": {
-            f"{side}_{column}": hdf5_guard.array(
-                path, data, f"{side}_antenna_{column}", np.float64, (None, count)
-            )
-            for side in ("tx", "rx")
-            for column, count in SIDE_COLUMNS.items()
-            if f"{side}_antenna_{column}" in data
-        },
-    }
-
-
-def _pattern(path: Path, data: Any, name: str) -> Contents:
-    """Return the fields of an antenna pattern, none where there is no pattern."""
-    if name not in data:
-        return {}
-    lobe = hdf5_guard.array(path, data, name, np.float64, (2,)).tolist()
-    found: Contents = {"gain_dbi": lobe[0], "exponent": lobe[1]}
-    for column in ("angle_deg", "field"):
-        if f"{name}_{column}" in data:
-            found[column] = hdf5_guard.array(path, data, f"{name}_{column}", np.float64, (None,))
-    return found
 
 
 def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 import os
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -29,11 +29,6 @@ VERSION = 3
 adds antenna patterns, without which a reader would misunderstand the samples, and the scale of
 volumes; version 3 gains and boresights of single antennas."""
 
-SIDE_COLUMNS = {"gain": 2, "boresight": 3}
-"""Of single antennas, beside their positions: real and imaginary part, unit vector. In datasets
-such as `tx_antenna_gain`: `tx_gain` is that of a channel, in a file of channels."""
-
-
 NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
 _AT_ONCE_BYTES = 2**25
@@ -41,6 +36,76 @@ _STRUCTURE_BYTES = 2**16
 """Of a file beside its arrays and its provenance; 16 kB in a capture of the 94 x 94 imager."""
 
 EXPECTED = "a readable native HDF5 file"
+
+
+Length = int | str | None
+"""Of an axis: a number, the name of a length that all datasets with it share, or None for any."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """One dataset of `/entry/data`.
+
+    `version` is the lowest whose readers understand a file with it. Viewers write `long_name` and
+    `unit`; what is `for_viewers` alone is not read.
+    """
+
+    name: str
+    dtype: str
+    shape: tuple[Length, ...]
+    long_name: str
+    unit: str | None = None
+    optional: bool = False
+    version: int = 1
+    for_viewers: bool = False
+
+
+def _side(side: str) -> tuple[Dataset, ...]:
+    """Return what antennas of a side have beside their positions."""
+    antenna, pattern, angles = f"{side}_antenna", f"{side}_pattern", f"{side} angles"
+    gain = "amplitude, real and imaginary part"
+    lobe = "power gain in dBi, exponent of the cosine"
+    return (
+        Dataset(f"{antenna}_gain", "f8", (side, 2), gain, None, True, 3),
+        Dataset(f"{antenna}_boresight", "f8", (side, 3), "boresight", None, True, 3),
+        Dataset(pattern, "f8", (2,), lobe, None, True, 2),
+        Dataset(f"{pattern}_angle_deg", "f8", (angles,), "angle to boresight", "deg", True, 2),
+        Dataset(f"{pattern}_field", "f8", (angles,), "field amplitude", None, True, 2),
+    )
+
+
+INSTRUMENT = (
+    Dataset("tx", "i4", ("tx",), "Tx antenna", None, True, for_viewers=True),
+    Dataset("rx", "i4", ("rx",), "Rx antenna", None, True, for_viewers=True),
+    Dataset("frequency_hz", "f8", ("freq",), "frequency", "Hz"),
+    Dataset("tx_m", "f8", ("tx", 3), "Tx antenna positions x, y, z", "m"),
+    Dataset("rx_m", "f8", ("rx", 3), "Rx antenna positions x, y, z", "m"),
+    *_side("tx"),
+    *_side("rx"),
+)
+"""Antennas and frequencies, which a capture, its channels and the scale of a volume share."""
+
+WEIGHTS = "frequency_weight"
+"""Of the window of a volume, whose antennas and frequencies then are in the file, too."""
+
+
+def _by_channel(side: str) -> tuple[Dataset, ...]:
+    name = side.title()
+    return (
+        Dataset(f"{side}_gain", "c16", (side,), f"{name} complex gain at reference_hz"),
+        Dataset(f"{side}_delay_s", "f8", (side,), f"{name} delay", "s"),
+        Dataset(
+            f"{side}_noise", "f8", (side,),
+            f"{name} noise of one sample relative to the median echo",
+        ),
+        Dataset(
+            f"{side}_phase_std_rad", "f8", (side,), f"{name} standard deviation of the phase", "rad"
+        ),
+        Dataset(
+            f"{side}_delay_std_s", "f8", (side,), f"{name} standard deviation of the delay", "s"
+        ),
+        Dataset(f"{side}_state", "i4", (side,), "0 live, 1 dead, 2 noisy"),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +126,8 @@ class Scheme:
         Of the signal.
     interpretation : "spectrum" or "image"
         Whether viewers show the last axis of the signal as curves, or the last two as images.
-    datasets : tuple of str
+    datasets : tuple of Dataset
+        In the order in which they are written.
     texts : tuple of str
         String attributes, which the checksum of the file's text covers.
     optional_texts : tuple of str
@@ -74,7 +140,7 @@ class Scheme:
     signal: str
     axes: tuple[str, ...]
     interpretation: str
-    datasets: tuple[str, ...]
+    datasets: tuple[Dataset, ...]
     texts: tuple[str, ...]
     optional_texts: tuple[str, ...] = ()
 
@@ -87,7 +153,7 @@ SCHEMES = {
         signal="data",
         axes=("tx", "rx", "frequency_hz"),
         interpretation="spectrum",
-        datasets=("data", "tx", "rx", "frequency_hz", "tx_m", "rx_m"),
+        datasets=(Dataset("data", "c8", ("tx", "rx", "freq"), "complex response"), *INSTRUMENT),
         texts=("array_name",),
     ),
     "volume": Scheme(
@@ -97,7 +163,15 @@ SCHEMES = {
         signal="data",
         axes=("z_m", "y_m", "x_m"),
         interpretation="image",
-        datasets=("data", "x_m", "y_m", "z_m", "origin_m", "spacing_m"),
+        datasets=(
+            Dataset("data", "c8", ("z", "y", "x"), "complex image"),
+            *(Dataset(f"{a}_m", "f8", (a,), f"voxel centres, {a}", "m") for a in "xyz"),
+            # The axes are for viewers; these two give the grid back exactly.
+            Dataset("origin_m", "f8", (3,), "centre of the first voxel x, y, z", "m"),
+            Dataset("spacing_m", "f8", (3,), "voxel spacing x, y, z", "m"),
+            *(replace(dataset, optional=True) for dataset in INSTRUMENT),
+            Dataset(WEIGHTS, "f8", ("freq",), "window", None, True, 2),
+        ),
         texts=(),
         optional_texts=("array_name",),
     ),
@@ -109,15 +183,22 @@ SCHEMES = {
         axes=("tx",),
         interpretation="spectrum",
         datasets=(
-            *("tx", "rx", "frequency_hz", "tx_m", "rx_m", "tx_gain", "rx_gain"),
-            *("tx_delay_s", "rx_delay_s", "tx_state", "rx_state", "tx_noise", "rx_noise"),
-            *("tx_phase_std_rad", "rx_phase_std_rad", "tx_delay_std_s", "rx_delay_std_s"),
-            *("target_position", "target_covariance", "target_amplitude", "reference_hz"),
-            *("residual_db", "noise_residual_db"),
+            *INSTRUMENT,
+            *_by_channel("tx"),
+            *_by_channel("rx"),
+            Dataset("target_position", "f8", ("n",), "target_parameters"),
+            Dataset("target_covariance", "f8", ("n", "n"), "covariance of the position"),
+            Dataset("reference_hz", "f8", (1,), "where a gain is the whole response", "Hz"),
+            Dataset(
+                "target_amplitude", "f8", (1,),
+                "amplitude of the echo relative to the target's model",
+            ),
+            Dataset("residual_db", "f8", (1,), "energy that is left of the echoes", "dB"),
+            Dataset("noise_residual_db", "f8", (1,), "what noise alone would leave", "dB"),
         ),
         texts=("array_name", "target", "target_parameters"),
     ),
-}
+}  # fmt: skip
 """The formats there are, by the root's `clradar_format`."""
 
 
@@ -197,11 +278,9 @@ def write(
     kind: str,
     text: str,
     texts: dict[str, str],
-    fill: Callable[[Any], None],
+    values: Mapping[str, Any],
     *,
-    size_bytes: int,
     force: bool,
-    version: int = 1,
     views: Sequence[View] = (),
 ) -> None:
     """Write a native file whole or not at all.
@@ -215,14 +294,10 @@ def write(
         The provenance, JSON.
     texts : dict
         The string attributes of its scheme.
-    fill : callable
-        Called with the group `/entry/data` to write its datasets.
-    size_bytes : int
-        What its arrays take, by `stored_bytes`.
+    values : mapping
+        Array by the name of its dataset, or what gives an array a few rows at a time, with a shape.
     force : bool
         Replace an existing file.
-    version : int
-        The lowest whose readers understand the file.
     views : sequence of View
         The first is what viewers show; without one it is the data.
     """
@@ -230,17 +305,19 @@ def write(
     import h5py
 
     scheme = SCHEMES[kind]
+    written = [dataset for dataset in scheme.datasets if dataset.name in values]
+    size_bytes = sum(_stored_bytes(values[d.name].shape, np.dtype(d.dtype)) for d in written)
+    size_bytes += sum(_stored_bytes(view.data.shape, view.data.dtype) for view in views)
     created = _now().isoformat(timespec="seconds")
     # From version 1.10 on HDF5 keeps checksums of its own structures, and long attributes.
     with ExitStack() as stack:
         temporary = stack.enter_context(replacing(path, force=force))
-        size_bytes += stored_bytes(*(view.data for view in views))
         require_space(temporary, size_bytes + len(text) + _STRUCTURE_BYTES)
         file = stack.enter_context(h5py.File(temporary, "x", libver=("v110", "v110")))
         file.attrs["NX_class"] = NX_CLASSES["/"]
         file.attrs["default"] = "entry"
         file.attrs["clradar_format"] = kind
-        file.attrs["clradar_version"] = version
+        file.attrs["clradar_version"] = max(dataset.version for dataset in written)
         file.attrs["created"] = created
         file.attrs["provenance"] = text
         # HDF5 keeps the strings of attributes where it has no checksum.
@@ -253,11 +330,15 @@ def write(
         data = _data_group(entry, "data", scheme.title, scheme.signal, scheme.axes)
         for name in kept:
             data.attrs[name] = texts[name]
-        fill(data)
+        for dataset in written:
+            names = texts.get(dataset.long_name)  # a text that lists what each number is
+            long_name = dataset.long_name if names is None else names.replace(",", ", ")
+            value = values[dataset.name]
+            _write_dataset(data, dataset.name, value, dataset.dtype, long_name, dataset.unit)
         data[scheme.signal].attrs["interpretation"] = scheme.interpretation
         for view in views:
             group = _data_group(entry, view.name, view.title, "data", view.axes)
-            write_dataset(group, "data", view.data, view.long_name, view.unit)
+            _write_dataset(group, "data", view.data, view.data.dtype, view.long_name, view.unit)
             group["data"].attrs["interpretation"] = "image"
             for axis in view.axes:
                 group[axis] = data[axis]
@@ -272,31 +353,27 @@ def _data_group(entry: Any, name: str, title: str, signal: str, axes: Sequence[s
     return group
 
 
-def write_dataset(
-    group: Any, name: str, value: np.ndarray, long_name: str, unit: str | None
+def _write_dataset(
+    group: Any, name: str, value: Any, dtype: Any, long_name: str, unit: str | None
 ) -> None:
     """Write a dataset with checksums and the names that viewers show."""
-    chunks = (_rows_per_chunk(value.shape, value.itemsize), *value.shape[1:])
-    made = group.create_dataset(name, data=value, chunks=chunks, shuffle=True, fletcher32=True)
-    _name(made, long_name, unit)
-
-
-def write_planes(group: Any, name: str, planes: Any, shape: tuple[int, ...], title: str) -> None:
-    """The same of complex64 values of which a few MiB are read at a time, by slices of rows."""
-    rows = _rows_per_chunk(shape, 8)
-    chunks = (rows, *shape[1:])
-    made = group.create_dataset(name, shape, "c8", chunks=chunks, shuffle=True, fletcher32=True)
-    step = rows * max(1, _AT_ONCE_BYTES // (8 * math.prod(chunks)))
-    for first in range(0, shape[0], step):
-        made[first : first + step] = planes[first : first + step]
-    _name(made, title, None)
-
-
-def _name(made: Any, long_name: str, unit: str | None) -> None:
+    shape, kind = value.shape, np.dtype(dtype)
+    rows = _rows_per_chunk(shape, kind.itemsize)
+    options = {"chunks": (rows, *shape[1:]), "shuffle": True, "fletcher32": True}
+    if isinstance(value, np.ndarray):
+        made = group.create_dataset(name, data=value.astype(kind, copy=False), **options)
+    else:  # a few MiB at a time, by slices of rows
+        made = group.create_dataset(name, shape, kind, **options)
+        chunk_bytes = rows * kind.itemsize * math.prod(shape[1:])
+        step = rows * max(1, _AT_ONCE_BYTES // chunk_bytes)
+        for first in range(0, shape[0], step):
+            made[first : first + step] = value[first : first + step]
     # Viewers write either the long name or the name and the unit.
     made.attrs["long_name"] = long_name if unit is None else f"{long_name} ({unit})"
     if unit is not None:
         made.attrs["units"] = unit
+    # At closing HDF5 writes what is left of several datasets in the order of its own addresses.
+    made.flush()
 
 
 def _rows_per_chunk(shape: tuple[int, ...], itemsize: int) -> int:
@@ -305,67 +382,10 @@ def _rows_per_chunk(shape: tuple[int, ...], itemsize: int) -> int:
     return min(shape[0], max(1, _CHUNK_BYTES // row_bytes))
 
 
-def stored_bytes(*values: np.ndarray) -> int:
-    """Return what arrays take in a file, whose last chunks are as long as the others."""
-    return sum(shape_bytes(value.shape, value.itemsize) for value in values)
-
-
-def shape_bytes(shape: tuple[int, ...], itemsize: int) -> int:
-    """The same of an array of a shape."""
-    rows = _rows_per_chunk(shape, itemsize)
-    return -(-shape[0] // rows) * rows * itemsize * math.prod(shape[1:])
-
-
-def write_instrument(group: Any, array: Any, waveform: Any) -> None:
-    """Write the antennas and the frequencies that a capture and its channels share."""
-    write_dataset(group, "tx", np.arange(array.n_tx, dtype=np.int32), "Tx antenna", None)
-    write_dataset(group, "rx", np.arange(array.n_rx, dtype=np.int32), "Rx antenna", None)
-    write_dataset(group, "frequency_hz", waveform.frequencies_hz, "frequency", "Hz")
-    write_dataset(group, "tx_m", array.tx_m, "Tx antenna positions x, y, z", "m")
-    write_dataset(group, "rx_m", array.rx_m, "Rx antenna positions x, y, z", "m")
-    for side in ("tx", "rx"):
-        for name, value in _side_columns(array, side).items():
-            title = "amplitude, real and imaginary part" if value.shape[1] == 2 else "boresight"
-            write_dataset(group, name, value, title, None)
-        pattern = getattr(array, f"{side}_pattern")
-        if pattern is None:
-            continue
-        name = f"{side}_pattern"
-        lobe = np.array([pattern.gain_dbi, pattern.exponent])
-        write_dataset(group, name, lobe, "power gain in dBi, exponent of the cosine", None)
-        if pattern.angle_deg is not None:
-            angle_deg = pattern.angle_deg
-            write_dataset(group, f"{name}_angle_deg", angle_deg, "angle to boresight", "deg")
-            write_dataset(group, f"{name}_field", pattern.field, "field amplitude", None)
-
-
-def instrument_version(array: Any) -> int:
-    """Return the lowest version whose readers understand a file with these antennas."""
-    if any(_side_columns(array, side) for side in ("tx", "rx")):
-        return 3
-    return 2 if array.has_patterns else 1
-
-
-def _side_columns(array: Any, side: str) -> dict[str, np.ndarray]:
-    """Return what single antennas of a side have: dataset -> float64 (n, columns)."""
-    values = {column: getattr(array, f"{side}_{column}") for column in SIDE_COLUMNS}
-    return {
-        f"{side}_antenna_{column}": value.view(np.float64).reshape(len(value), -1)
-        for column, value in values.items()
-        if value is not None
-    }
-
-
-def instrument_bytes(array: Any, waveform: Any) -> int:
-    """Return what `write_instrument` stores."""
-    # An index, 4 bytes, goes with each position of 24.
-    values = [waveform.frequencies_hz, *2 * (array.tx_m, array.rx_m)]
-    for side in ("tx", "rx"):
-        values += _side_columns(array, side).values()
-    for pattern in (array.tx_pattern, array.rx_pattern):
-        if pattern is not None and pattern.angle_deg is not None:
-            values += [pattern.angle_deg, pattern.field]
-    return stored_bytes(*values)
+def _stored_bytes(shape: tuple[int, ...], dtype: np.dtype[Any]) -> int:
+    """Return what an array takes in a file, whose last chunk is as long as the others."""
+    rows = _rows_per_chunk(shape, dtype.itemsize)
+    return -(-shape[0] // rows) * rows * dtype.itemsize * math.prod(shape[1:])
 
 
 def _now() -> datetime:

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import clradar
 from clradar.arrays.point_spread import response
-from clradar.measurement_io import open_capture, save_capture
 from clradar.simulation import simulate_alphas
+from measurement_io import open_capture, save_capture
 
 RNG = np.random.Generator(np.random.Philox(3))
 TX_M, RX_M = (RNG.uniform(-0.05, 0.05, (n, 3)) * [1, 1, 0] for n in (5, 9))

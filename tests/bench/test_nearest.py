@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from core import nearest
+from core.nearest import NearestHits
 from rays import seen, unit
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
 from clradar import reference
-from clradar.bench import nearest
-from clradar.bench.nearest import NearestHits
 from clradar.geometry.bvh import error_bound_m
 from clradar.hand import hand_mesh, pose_by_name
 

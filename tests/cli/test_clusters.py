@@ -17,10 +17,10 @@ from command_line import Run, one_error_line
 
 import clradar
 from clradar.arrays import read_clusters
-from clradar.cli import cluster_captures
-from clradar.cli.cluster_captures import ClusterSteps, Item
+from clradar.cli import simulations
+from clradar.cli.simulations import ClusterSteps, Item
 from clradar.errors import ModelError
-from clradar.measurement_io import open_capture, open_volume
+from measurement_io import open_capture, open_volume
 
 RULES = """
 pairs = "cluster"
@@ -133,7 +133,7 @@ def test_from_the_simulation_to_one_image_on_the_command_line(
     outcome = run("image", files[0], volume, "-o", tmp_path / "no.h5", *grid)
     assert outcome.status == 2
     assert "expected captures, got the volume" in outcome.err
-    outcome = run("record-hand", "flat", "-o", tmp_path / "moving", "--array", radar)
+    outcome = run("demo", "-o", tmp_path / "demo", "--array", radar)
     assert "3 clusters, which simulate and image take" in outcome.err
 
 
@@ -162,8 +162,8 @@ def test_workers_devices_and_parts_make_the_same_files(
 
 KILLED = """
 import os, signal, sys
-from clradar.cli import cluster_captures
-from clradar.cli.launcher import main
+from clradar.cli import simulations
+from clradar.cli.app import main
 
 def save(path, *rest, **options):
     if path.name == "cluster_002.h5":
@@ -171,7 +171,7 @@ def save(path, *rest, **options):
         os.kill(os.getpid(), signal.SIGKILL)
     whole(path, *rest, **options)
 
-whole, cluster_captures.save = cluster_captures.save, save
+whole, simulations.save = simulations.save, save
 main(sys.argv[1:])
 """
 
@@ -189,7 +189,7 @@ def test_a_killed_simulation_of_clusters_resumes(
     monkeypatch.setattr(ClusterSteps, "run", lambda s, i, p=None: made.append(i[0]) or one(s, i, p))
     outcome = run(*command, "-o", killed)
     assert outcome.status == 0, outcome.err
-    assert "resumes with 1 cluster done before" in outcome.out
+    assert "resumes with 1 of 3 clusters done before" in outcome.out
     assert made == [2, 3]
     assert contents(killed) == contents(whole)
     one_error_line(run(*command, "--seed", "1", "-o", killed), "settings.seed 0, now 1", "--force")
@@ -209,7 +209,7 @@ def test_a_mesh_that_changes_between_clusters_is_refused(
     def changing(self: ClusterSteps, item: Item, progress: Any = None) -> str:
         ball = trimesh.creation.icosphere(subdivisions=1, radius=0.015)
         ball.apply_translation([0.01, 0, 0.3]).export(tmp_path / "ball.ply")
-        cluster_captures._scenes.clear()  # as in another process
+        simulations._scenes.clear()  # as in another process
         return one(self, item, progress)
 
     monkeypatch.setattr(ClusterSteps, "run", changing)

@@ -16,8 +16,7 @@ import pytest
 from systems import posix_only
 
 import clradar
-from measurement_io import check_file, open_capture, save_capture
-from measurement_io.maroon.products import read_depth_map
+from measurement_io import check_file, open_capture, read_depth_map, save_capture
 
 Run = Callable[..., tuple[int, str, str]]
 

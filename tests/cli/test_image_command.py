@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 
 import clradar
 import clradar.plot
-from clradar.cli.options.imaging import GridOptions, axis_mm
-from clradar.cli.titles import recording_words, title_of
+from clradar.cli.inputs import recording_words, title_of
+from clradar.cli.options.measured import GridOptions, axis_mm
 from clradar.files.hashing import sha256_of
 from measurement_io import (
     check_file,
@@ -212,13 +212,17 @@ def test_a_slice_is_drawn_from_above_and_a_voxel_not_at_all(
         (["--y-mm", "0", *across], [], ("x (mm)", "z (mm)")),
         (["--y-mm=-60:60:6", *across], ["--view", "yz"], ("z (mm)", "y (mm)")),
         (["--y-mm", "0", *across], ["--view", "xy"], ("x (mm)", "y (mm)")),
-        (["--y-mm", "0", "--x-mm", "0", "--z-mm", "280:320:5"], [], ("z (mm)", "amplitude (dB)")),
+        (
+            ["--y-mm", "0", "--x-mm", "0", "--z-mm", "280:320:5"],
+            [],
+            ("z (mm)", "below maximum (dB)"),
+        ),
     ):
         outcome = run("image", made / "sim.h5", "-o", tmp_path / "v.h5", "--png",
                       tmp_path / "v.png", "--force", *axes, *view)  # fmt: skip
         assert outcome.status == 0, outcome.err
         first = drawn[-1].axes[0]
-        assert (first.get_xlabel(), first.get_ylabel()) == labels
+        assert (first.get_xlabel().lstrip("\N{LEFTWARDS ARROW} "), first.get_ylabel()) == labels
     one = ["--x-mm", "0", "--y-mm", "0", "--z-mm", "300"]
     outcome = run("image", made / "sim.h5", "-o", tmp_path / "one.h5", "--png",
                   tmp_path / "one.png", *one)  # fmt: skip

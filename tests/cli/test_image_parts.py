@@ -18,7 +18,7 @@ from command_line import Run, one_error_line
 import clradar
 from clradar.cli.image_parts import PartSteps
 from clradar.imaging import fast
-from measurement_io import check_file, open_volume, save_capture
+from measurement_io import check_file, open_capture, open_volume, save_capture
 
 ARRAY = clradar.AntennaArray(
     [[x, 0.03, 0] for x in np.linspace(-0.03, 0.03, 8)],
@@ -65,7 +65,7 @@ def datasets(path: Path) -> dict[str, Any]:
 def test_the_parts_make_the_image_that_is_formed_in_memory(
     run: Run, captures: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    opened = [clradar.measurement_io.open_capture(path) for path in captures]
+    opened = [open_capture(path) for path in captures]
     for some, want in (
         (captures, clradar.backproject(opened, GRID)),
         (captures[:1], clradar.backproject(opened[0], GRID, check_grid=False)),
@@ -154,19 +154,21 @@ def test_a_killed_image_resumes(
     one_error_line(run(*command, "--window", "hann"), "was begun with other settings", "window")
     made: list[tuple[int, int]] = []
     one_part = PartSteps.run
-    monkeypatch.setattr(PartSteps, "run", lambda s, part: made.append(part) or one_part(s, part))
+    monkeypatch.setattr(
+        PartSteps, "run", lambda s, part, *_: made.append(part) or one_part(s, part)
+    )
     outcome = run(*command)
     assert outcome.status == 0, outcome.err
     assert f"resumes with {kept} of 4 parts done before" in outcome.out
     assert len(made) == 4 - kept
-    opened = [clradar.measurement_io.open_capture(path) for path in captures]
+    opened = [open_capture(path) for path in captures]
     np.testing.assert_array_equal(open_volume(out).data, clradar.backproject(opened, GRID).data)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["killed.py", "out.h5"]
 
 
 def test_a_grid_that_no_memory_holds(captures: list[Path]) -> None:
     grid = clradar.VoxelGrid.from_extent((-1, 1), (-1, 1), (0.5, 1), 1e-3)
-    capture = clradar.measurement_io.open_capture(captures[0])
+    capture = open_capture(captures[0])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("clradar.imaging.memory._memory_bytes", lambda: 10**10)
         with pytest.raises(clradar.errors.ModelError, match=r"2001 x 2001 x 501 .* needs 18.1 GB"):

@@ -15,7 +15,7 @@ from systems import posix_only
 
 import clradar
 from clradar.cli import main
-from clradar.cli.launcher import COMMANDS, context_of, module_of
+from clradar.cli.app import COMMANDS, context_of, module_of
 from clradar.errors import MeshError
 
 HEAVY = ("trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", "rich.progress")
@@ -46,8 +46,6 @@ HELP = {
     "array": "[ARRAY] --output --at-mm --band --within-deg --json docs/arrays.md",
     "demo": "--full --force --device SNR",
     "hand": "--edge-mm --left --list --joints --length-mm --device metres",
-    "record-hand": "POSE... --frames --rate-hz --center-mm --shift-mm --turn-deg --rig --left "
-    "--alpha --material --snr-db --seed truth.json",
     "process": "RECORDING --frames --average --empty --empty-by --channels --gate-mm --mesh "
     "--workers --keep-captures --keep-volumes --output fit-hand",
     "simulate": "--alpha --unit --transform --samples-per-mm2 --rays-per-sample --rays-per-face "
@@ -56,22 +54,20 @@ HELP = {
     "image": "--x-mm --y-mm --z-mm -100:100:1 260:340:1 --method exact --tolerance-db --window "
     "taylor --png --dynamic-range-db",
     "convert": "--frame --variant emptyfiltered --to --all-frames --timestamp-us",
-    "export": "SOURCE --output .vti .ply .mat .npz .zarr --depth-map --dynamic-range-db --frame "
+    "export": "SOURCE --output .vti .ply .mat .npz --depth-map --dynamic-range-db --frame "
     "--variant --force metres",
-    "view": "PATH 127.0.0.1 clradar[view] --watch --variant --html --force --open --port "
+    "view": "PATH 127.0.0.1 clradar[view] --watch --variant --html --force --port "
     "--dynamic-range-db",
     "live": "SOURCE tcp:PORT --output --tolerance-db --window --variant --watch --frames "
     "--dynamic-range-db --x-mm --device --force docs/live.md",
     "replay": "RECORDING --to --rate-hz --repeat --variant docs/live.md",
-    "background": "--empty --scaling --gate-mm --edge-mm --clutter-db --average --align-phase "
-    "--frame --variant NEAR:FAR",
+    "clean": "--empty --scaling --gate-mm --edge-mm --clutter-db --average --align-phase "
+    "--channels --gains --keep-noisy --frame --variant NEAR:FAR",
     "channels": "--target plate --distance-mm --tilt-deg --size-mm --position-mm --radius-mm "
     "--tolerance-mm --hold --common-delay --level --gate-mm --plot --frame",
-    "correct": "--channels --gains --keep-noisy --frame --variant",
     "diagnose": "--expect-mm --json --output --frame --variant --device",
-    "inspect": "--check --json --png --open",
+    "inspect": "--check --json --png",
     "dataset": "[PLAN.toml] --output --dry-run --replay",
-    "bench": "--device --only --quick --repeats --json clradar[bench]",
     "compare": "MEASURED SIMULATED --json --dynamic-range-db docs/metrics.md --frame --variant "
     "--report",
     "align": "MEASURED [SIMULATED] --mesh --unit -o --search-deg",
@@ -100,16 +96,6 @@ def test_help_of_each_command(run: Run, name: str) -> None:
     assert not [one for one in names if one not in text]
 
 
-def test_bench_names_the_missing_peer(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in [name for name in sys.modules if name.startswith("clradar.bench")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "finufft", None)
-    outcome = run("bench", "--quick")
-    assert outcome.status == 1
-    assert "finufft is not installed" in outcome.err
-    assert "clradar[bench]" in outcome.err
-
-
 def test_version(run: Run) -> None:
     outcome = run("--version")
     assert (outcome.status, outcome.out) == (0, f"clradar {clradar.__version__}\n")
@@ -130,7 +116,7 @@ def test_help_imports_nothing_heavy(arguments: list[str], not_needed: set[str]) 
     assert done.returncode == 0, done.stderr
     loaded = set(done.stdout.splitlines()[-1].split())
     assert not not_needed & loaded
-    assert "clradar.cli.launcher" in loaded
+    assert "clradar.cli.app" in loaded
     others = {module_of(name) for name in COMMANDS if name != arguments[0]}
     assert not others & loaded
 
@@ -286,7 +272,7 @@ import clradar.hand
 from clradar.cli import main
 from clradar.files import interrupts
 from clradar.files.atomic import replacing
-from clradar.files.work_folder import held, scratch_folder
+from clradar.jobs.lock import held, scratch_folder
 
 tempfile.tempdir = os.getcwd()
 send = lambda: os.kill(os.getpid(), signal.SIG{name})

@@ -11,9 +11,10 @@ import typer
 from command_line import Run
 
 import clradar
-from clradar.cli.options.materials import MaterialOptions
+from clradar.cli.options.scene import MaterialOptions
 from clradar.errors import ClradarError, ClradarWarning
 from clradar.model.material_file import material_of
+from measurement_io import open_capture
 
 OWN = '[resin]\npermittivity = "2.9 - 0.04j"\n[palm]\npermittivity = 3\n'
 
@@ -92,7 +93,7 @@ def test_simulate_records_materials(run: Run, made: Path, own: Path, tmp_path: P
                   "--material-of", "thumb=skin")  # fmt: skip
     assert outcome.status == 0, outcome.err
     assert "--material: not used by --estimator expected" in outcome.err
-    meta = clradar.measurement_io.open_capture(file).meta
+    meta = open_capture(file).meta
     assert meta["options"]["material"] == f"{own}:resin"
     assert meta["options"]["material_of"] == ["thumb=skin"]
     assert [entry["file"] for entry in meta["inputs"]] == ["hand.ply", "own.toml"]
@@ -105,7 +106,7 @@ def test_simulate_takes_the_materials_of_parts(run: Run, made: Path, tmp_path: P
                   "1.5")  # fmt: skip
     assert outcome.status == 0, outcome.err
     assert "2 S-parameters of palm, skin," in outcome.out or "of skin, palm," in outcome.out
-    meta = clradar.measurement_io.open_capture(file).meta
+    meta = open_capture(file).meta
     assert meta["settings"]["estimator"] == "physical"
     found = {record["name"]: material_of(record) for record in meta["scene"]["materials"]}
     assert found == {name: clradar.material(name) for name in ("palm", "skin")}

@@ -96,7 +96,7 @@ def test_frames_of_another_radar_and_clusters_one_after_the_other(
     ]
 
 
-def test_a_hand_goes_from_pose_to_pose_as_a_motion_or_as_meshes(
+def test_a_hand_goes_from_pose_to_pose_as_a_motion(
     tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -126,12 +126,8 @@ def test_a_hand_goes_from_pose_to_pose_as_a_motion_or_as_meshes(
     assert hand.transform(0.2)[:3, :3] @ (1, 0, 0) == pytest.approx(
         (np.cos(np.radians(20)), 0, -np.sin(np.radians(20)))
     )
-    assert run(*way, "-o", "way", "--steps", 3, "--duration-s", 0.5, "--turn-deg", 20).status == 0
-    assert len(list(Path("way").glob("*.ply"))) == len(list(Path("way").glob("*.toml"))) == 3
-    middle = trimesh.load("way/000001.ply", process=False)
-    assert middle.vertices == pytest.approx(hand.mesh(0.25).vertices_m, abs=1e-6)
     assert run("hand", "A", *way[1:], "-o", "in/other.toml").status == 2
-    assert run(*way, "-o", "way.ply").status == 2
+    one_error_line(run(*way, "-o", "way.ply"), "expected a name that ends in .toml")
 
 
 def test_a_rig_goes_from_pose_to_pose_in_a_motion(
@@ -146,9 +142,6 @@ def test_a_rig_goes_from_pose_to_pose_in_a_motion(
     motion = clradar.read_motion("in/motion.toml")
     assert [path.name for path in motion.files] == ["motion.toml", "hand.glb"]
     hand = clradar.MovingHand(**motion.hands[0])
-    assert run(*way, "--duration-s", 0.5, "-o", "way", "--steps", 3).status == 0
-    middle = trimesh.load("way/000001.ply", process=False)
-    assert hand.mesh(0.25).vertices_m == pytest.approx(middle.vertices, abs=1e-6)
     assert hand.joints_m(0.25) == pytest.approx(hand.mesh(0.25).joints_m, nan_ok=True)
     command = "simulate --motion in/motion.toml --band 72:72.1:2 --samples-per-mm2 0.05"
     outcome = run(*command.split(), "--estimator", "expected", "--frames", 1, "-o", "moving")

@@ -14,7 +14,7 @@ import pytest
 from command_line import Run, one_error_line
 from systems import posix_only
 
-from clradar.cli.launcher import COMMANDS, module_of
+from clradar.cli.app import COMMANDS, module_of
 from clradar.cli.options.groups import expanded
 
 FILE_OUTPUTS = (
@@ -27,11 +27,10 @@ FILE_OUTPUTS = (
     "convert in.h5 -o {} --force",
     "export in.h5 -o {}.npz --force",
     "inspect in.h5 --png {}.png --force",
-    "background in.h5 --empty in.json -o {} --force",
+    "clean in.h5 --empty in.json -o {} --force",
     "align in.h5 in.json -o {} --force",
     "channels in.h5 --target plate --distance-mm 300 -o {} --force",
     "channels in.h5 --target plate --distance-mm 300 -o x.h5 --plot {}.png --force",
-    "correct in.h5 --channels in.json -o {} --force",
     "diagnose in.h5 -o {}.png --force",
     "diagnose in.h5 --json {} --force",
     "diagnose in.h5 --fix-to {} --force",
@@ -40,7 +39,6 @@ FILE_OUTPUTS = (
     "compare in.h5 in.json --json {} --force",
     "compare in.h5 in.json --report {}.html --force",
     "view in.h5 --html {}.html --force",
-    "bench --device abacus --json {} --force",
     "array in.toml -o {}.png --force",
 )
 FOLDER_OUTPUTS = (
@@ -51,8 +49,6 @@ FOLDER_OUTPUTS = (
     "sweep in.h5 in.ply -o {} --force",
     "fit-hand in.h5 -o {} --force",
     "dataset plan.toml --device abacus -o {} --force",
-    "record-hand A --rig in.ply -o {} --force",
-    "live . --device abacus -o {} --force",
     "process hand/30 -o {} --force",
     "simulate in.ply --motion in.toml --frames 2 --device abacus -o {} --force",
     "simulate in.ply --array wall.toml --device abacus -o {} --force",

@@ -191,7 +191,7 @@ def test_names_that_are_no_text(run: Run, made: Path, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "x.json").read_text("utf-8"))["measured"] == str(name)
 
 
-@pytest.mark.parametrize("command", ["inspect", "background --average -o x.h5"])
+@pytest.mark.parametrize("command", ["inspect", "clean --average -o x.h5"])
 def test_names_that_are_too_long(run: Run, command: str) -> None:
     first, *options = command.split()
     outcome = run(first, "n" * 300, *options)

@@ -9,12 +9,10 @@ from pathlib import Path
 
 import pytest
 
-import calibration
 import clradar
-import measurement_io
 
 ROOT = Path(clradar.__file__).resolve().parents[1]
-CORRECT = ("correct", "none.h5", "--channels", "none.h5", "-o", "x.h5")
+CORRECT = ("clean", "none.h5", "--channels", "none.h5", "-o", "x.h5")
 """A command that imports both packages before it reads a file."""
 
 
@@ -54,29 +52,15 @@ def test_the_installed_program_runs_there(lab: Path, tmp_path_factory) -> None:
     assert err.startswith("clradar: error: none.h5: expected a native file of channels")
 
 
-USES = {
-    "from clradar.cli import main; main(['devices'])": "calibration.py",
-    "import clradar; clradar.calibration.align_mesh": "calibration.py",
-    "from clradar import measurement_io": "measurement_io.py",
-    "from clradar.dataset import read_plan": "measurement_io.py",
-    "import clradar; clradar.open_dataset": "measurement_io.py",
-}
-"""What needs our packages, and the file of the lab that it finds."""
-
-
 def test_the_file_that_hides_a_package_is_named(lab: Path) -> None:
-    lines = ["import sys"]
-    for code in USES:
-        lines += ["try:", f"    {code}", "except SystemExit: pass"]
-        lines += ["except ImportError as error: print(error, file=sys.stderr)"]
-    (lab / "script.py").write_text("\n".join(lines))
     # The folder of a script is first on Python's path.
+    (lab / "script.py").write_text("from clradar.cli import main; main(['devices'])")
     status, err = output_of(lab, "script.py")
-    said = err.splitlines()
-    assert (status, len(said)) == (0, len(USES)), err
-    for line, name in zip(said, USES.values(), strict=True):
-        assert line.removeprefix("clradar: error: ").startswith(f"{lab / name}: hides ")
-        assert "rename it" in line
+    assert (status, len(err.splitlines())) == (1, 1), err
+    assert err.startswith(f"clradar: error: {lab / 'calibration.py'}: hides ")
+    assert "rename it" in err
+    _, err = output_of(lab, "-c", "import clradar; clradar.open_dataset")
+    assert f"clradar.errors.PackageError: {lab / 'measurement_io.py'}: hides " in err
 
 
 def test_a_script_that_needs_no_package_of_that_name_runs(lab: Path) -> None:
@@ -94,10 +78,3 @@ def test_the_command_of_a_checkout_that_is_not_installed() -> None:
     # `python -m` finds clradar in the current folder only; that folder has to stay on the path.
     status, err = output_of(ROOT, "-m", "clradar", *CORRECT, path="")
     assert (status, err.split(": ")[2]) == (1, "none.h5")
-
-
-def test_the_packages_are_attributes_too() -> None:
-    assert clradar.calibration is calibration
-    assert clradar.measurement_io is measurement_io
-    with pytest.raises(AttributeError, match="no attribute 'calibrations'"):
-        clradar.calibrations  # noqa: B018

@@ -21,16 +21,16 @@ from recorder import Recorder, Recording
 
 from calibration import average_frames, correct, range_gate, subtract_background
 from clradar import ChannelCalibration, Waveform, backproject, place_grid
-from clradar.cli import recording_preparation
-from clradar.cli.frame_steps import FrameSteps
-from clradar.cli.resumable import FolderStore
+from clradar.cli import recordings
+from clradar.cli.frames import FrameSteps
+from clradar.jobs.job import FolderStore
 from clradar.model import VoxelGrid
 from clradar.plot.frames import write_gif
 from measurement_io import open_capture, open_channels, open_volume, save_capture, save_channels
 
 GRID = ("--x-mm", "-60:60:6", "--y-mm", "-60:60:6", "--z-mm", "280:320:5")
 FRAMES = 3
-RESULTS = ("frames.csv", "time-line.png", "movie.gif", "pictures/000001.png", "report.html")
+RESULTS = ("frames.csv", "time-line.png", "movie.gif", "pictures/000001.png")
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_a_killed_run_resumes_to_the_same_files(
     done: list[int] = []
     one_frame = FrameSteps.run
 
-    def until_killed(self: FrameSteps, numbers: tuple[int, ...]) -> None:
+    def until_killed(self: FrameSteps, numbers: tuple[int, ...], _: Any) -> None:
         if len(done) == 1:
             raise KeyboardInterrupt
         one_frame(self, numbers)
@@ -116,10 +116,10 @@ def test_a_killed_run_resumes_to_the_same_files(
     assert not (killed / "recording.json").exists()
     # As a kill between the two files of a frame leaves it.
     (killed / "maps" / "000001.npz").write_bytes(b"half")
-    monkeypatch.setattr(FrameSteps, "run", lambda s, n: done.append(n[0]) or one_frame(s, n))
+    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: done.append(n[0]) or one_frame(s, n))
     outcome = run(*command, "-o", killed)
     assert outcome.status == 0, outcome.err
-    assert "resumes with 1 frame" in outcome.out
+    assert "resumes with 1 of 3 frames done before" in outcome.out
     assert done == [0, 1, 2]
     for name in RESULTS:
         ours, theirs = ((folder / name).read_bytes() for folder in (whole, killed))
@@ -180,7 +180,7 @@ def test_inputs_count_by_their_content(
     monkeypatch.chdir(place)
     done: list[int] = []
     one_frame = FrameSteps.run
-    monkeypatch.setattr(FrameSteps, "run", lambda s, n: done.append(n[0]) or one_frame(s, n))
+    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: done.append(n[0]) or one_frame(s, n))
     command = process_command(Path(), Path("out"))
     # The same by other names and with other times: nothing is done again.
     assert (run(*command).status, done) == (0, [])
@@ -204,7 +204,7 @@ def test_inputs_count_by_their_content(
     assert rows_of(Path("out")) != rows_of(processed / "out")
     if changed == "REC":
         assert run(*process_command(Path(), Path("fresh"))).status == 0
-        for name in RESULTS[:-1]:
+        for name in RESULTS:
             ours, fresh = (Path(at, name).read_bytes() for at in ("out", "fresh"))
             assert ours == fresh, name
 
@@ -231,7 +231,7 @@ def test_a_grid_is_placed_anew_where_its_frame_changed(
     place = tmp_path / "elsewhere"
     shutil.copytree(processed / "REC", place)
     placed = [VoxelGrid([-0.05, -0.04, z_m], [5e-3] * 3, [21, 17, 3]) for z_m in (0.3, 0.31)]
-    monkeypatch.setattr(recording_preparation, "grid_for", lambda *_: placed.pop(0))
+    monkeypatch.setattr(recordings, "grid_for", lambda *_: placed.pop(0))
     command = ("process", place, "-o", tmp_path / "out", "--keep-volumes")
     assert run(*command).status == 0
     frame_file(place, 0).write_bytes(frame_file(place, 2).read_bytes())
@@ -256,7 +256,7 @@ def test_workers_and_devices_make_the_same_files(
         env={**os.environ, **two_devices.ENVIRONMENT}, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    for name in RESULTS[:-1]:
+    for name in RESULTS:
         one, *others = (
             (tmp_path / where / name).read_bytes() for where in ("here", "workers", "devices")
         )
@@ -307,7 +307,7 @@ def test_a_frame_that_cannot_be_read_costs_no_other(
     run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     placed = [VoxelGrid([-0.05, -0.04, z_m], [5e-3] * 3, [21, 17, 3]) for z_m in (0.3, 0.31)]
-    monkeypatch.setattr(recording_preparation, "grid_for", lambda *_: placed.pop(0))
+    monkeypatch.setattr(recordings, "grid_for", lambda *_: placed.pop(0))
     made = recorded.recorder.write(tmp_path, n_frames=3)
     broken = next(made.folder.rglob("000000.npy"))
     content = broken.read_bytes()
@@ -330,17 +330,6 @@ def test_a_frame_that_cannot_be_read_costs_no_other(
     assert [grid.z_m[0] for grid in grids] == [0.3, 0.3, 0.3]
 
 
-def test_a_page_has_no_more_frames_than_it_can(
-    run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("clradar.report.frames.MAX_FRAMES", 2)
-    command = ("process", recorded.folder, recorded.folder, "-o", tmp_path / "out", *GRID)
-    outcome = run(*command)
-    assert outcome.status == 0, outcome.err
-    assert "report.html: every 2nd of 3 frames" in outcome.out
-    assert "frame 0 to frame 2" in (tmp_path / "out" / "report.html").read_text()
-
-
 def test_the_workers_of_a_scheduler_make_the_same_files(
     run: Run, recorded: Recording, tmp_path: Path
 ) -> None:
@@ -353,7 +342,7 @@ def test_the_workers_of_a_scheduler_make_the_same_files(
         outcome = run(*command, tmp_path / "there", "--scheduler", cluster.scheduler_address)
     assert outcome.status == 0, outcome.err
     assert run(*command, tmp_path / "here").status == 0
-    for name in RESULTS[:-1]:
+    for name in RESULTS:
         one, other = ((tmp_path / where / name).read_bytes() for where in ("here", "there"))
         assert one == other, name
 
@@ -384,7 +373,7 @@ def test_options_that_do_not_go_together(
 
 def test_the_motion_of_a_mesh_is_that_of_its_frames(tmp_path: Path) -> None:
     """The table's columns from alignments: a mesh that moves along x and turns about its centre."""
-    from clradar.cli.frame_table import table
+    from clradar.cli.recordings import table
 
     centre = np.array([0.01, 0.02, 0.3])
     records: list[dict[str, Any]] = []
@@ -416,7 +405,7 @@ def test_the_grid_shows_the_object_of_the_first_frame(
 ) -> None:
     grids: list[VoxelGrid] = []
 
-    def keep(self: FrameSteps, numbers: tuple[int, ...]) -> None:
+    def keep(self: FrameSteps, numbers: tuple[int, ...], _: Any) -> None:
         grids.append(self.grid)
         raise KeyboardInterrupt
 
@@ -437,11 +426,11 @@ def test_an_animation_has_the_pixels_of_its_pictures(tmp_path: Path) -> None:
         Image.fromarray(picture).save(file)
     write_gif(tmp_path / "movie.gif", files, 0.1)
     with Image.open(tmp_path / "movie.gif") as movie:
-        assert movie.n_frames == 4  # type: ignore[attr-defined]
-        for i, picture in enumerate(pictures):
+        shown = []
+        for i in range(movie.n_frames):  # type: ignore[attr-defined]
             movie.seek(i)
-            assert movie.info["duration"] == 100
-            assert np.array_equal(np.asarray(movie.convert("RGB")), picture)
+            shown += movie.info["duration"] // 100 * [np.asarray(movie.convert("RGB"))]
+    assert np.array_equal(shown, pictures)  # frames that are the same are one, which stays longer
 
 
 def test_what_a_worker_writes_is_left_alone(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import GRID, Run
+from command_line import Run
 
 from calibration import align
 from clradar import DepthMap
@@ -23,10 +23,6 @@ from measurement_io import check_file, open_capture, open_volume, save_recording
         ("align {}/volume.h5 {}/volume.h5 -o a.json", "aligning"),
         ("inspect {}/recording --check", "checking"),
         ("inspect {}/recording --png a.png", "reading"),
-        (
-            f"compare {{}}/recording {{}}/volume.h5 --frames all {' '.join(GRID)}",
-            "comparing frames",
-        ),
     ],
 )
 def test_a_terminal_shows_progress_and_a_pipe_none(

@@ -12,16 +12,15 @@ import typer
 from command_line import Run, one_error_line
 
 import clradar
-from clradar.cli.launcher import COMMANDS, module_of
+from clradar.cli.app import COMMANDS, module_of
 from clradar.cli.options.groups import expanded
-from clradar.measurement_io import open_capture, open_recording, open_volume, save_capture
+from measurement_io import open_capture, open_recording, open_volume, save_capture
 
 OWN = "captures and recordings have their antennas and frequencies"
 WITHOUT = {
     "devices": "no radar",
     "materials": "a band alone, --band-ghz",
     "hand": "a mesh alone",
-    "bench": "its figures are of one radar, for comparison",
     "dataset": "the plan has them, [radar]",
     "image": OWN,
     "convert": f"{OWN}, or a layout does",
@@ -29,9 +28,8 @@ WITHOUT = {
     "view": OWN,
     "live": OWN,
     "replay": OWN,
-    "background": OWN,
+    "clean": OWN,
     "channels": OWN,
-    "correct": OWN,
     "process": OWN,
     "diagnose": OWN,
     "inspect": OWN,
@@ -73,9 +71,12 @@ def test_widths_of_an_array_are_not_called_its_resolution(run: Run, cross: Path)
 def test_a_recorded_hand_of_another_radar_is_read_as_it_was_written(
     run: Run, tmp_path: Path, cross: Path
 ) -> None:
+    motion = tmp_path / "motion.toml"
+    made = run("hand", "--from", "S", "--to", "flat", "--edge-mm", "4", "-o", motion)
+    assert made.status == 0, made.err
     outcome = run(
-        "record-hand", "flat", "--frames", "2", "-o", tmp_path / "moving", "--array", cross,
-        "--band", "60:62:5", "--samples-per-mm2", "0.02", "--edge-mm", "4", "--snr-db", "inf",
+        "simulate", "--motion", motion, "--frames", "2", "-o", tmp_path / "moving", "--array",
+        cross, "--band", "60:62:5", "--samples-per-mm2", "0.02",
     )  # fmt: skip
     assert outcome.status == 0, outcome.err
     recording = open_recording(tmp_path / "moving")
@@ -103,7 +104,7 @@ def test_a_volume_is_taken_for_one_of_the_radar_that_is_named(
     )  # fmt: skip
     assert outcome.status == 0, outcome.err
     from clradar.cli.inputs import ImageInput
-    from clradar.cli.options.radar import RadarOptions
+    from clradar.cli.options.measured import RadarOptions
 
     volume = ImageInput(tmp_path / "volume.h5", open_volume(tmp_path / "volume.h5"))
     found = volume.radar_or(RadarOptions(array=str(cross), band="60:62:5"))
@@ -122,11 +123,11 @@ def test_known_gains_are_taken_out_of_a_capture(run: Run, tmp_path: Path) -> Non
     array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0], [0.02, 0, 0]], rx_gain=[1.0, 0.5j])
     uneven = tmp_path / "uneven.h5"
     save_capture(uneven, clradar.Capture([[[2], [1j]]], array, clradar.Waveform([60e9])))
-    outcome = run("correct", uneven, "--gains", "-o", tmp_path / "even.h5")
+    outcome = run("clean", uneven, "--gains", "-o", tmp_path / "even.h5")
     assert outcome.status == 0, outcome.err
     assert "without gains of -6.0 to 0.0 dB" in outcome.out
     even = open_capture(tmp_path / "even.h5")
     np.testing.assert_allclose(even.data, 2)
-    again = run("correct", tmp_path / "even.h5", "--gains", "-o", tmp_path / "x.h5")
+    again = run("clean", tmp_path / "even.h5", "--gains", "-o", tmp_path / "x.h5")
     one_error_line(again, "even.h5: expected an array with gains")
-    assert run("correct", uneven, "-o", tmp_path / "x.h5").status == 2
+    assert run("clean", uneven, "-o", tmp_path / "x.h5").status == 2

@@ -12,9 +12,8 @@ import pytest
 from command_line import DENSITY, Run, one_error_line
 
 import clradar
-from clradar.cli.commands import simulate as simulate_command
-from clradar.cli.mesh_scene import load_scene
-from clradar.cli.options.simulation import PlacementOptions
+from clradar.cli.options.scene import PlacementOptions, read_part_alphas, split_alpha
+from clradar.cli.simulations import load_scene
 from clradar.errors import ClradarError, ModelError
 from clradar.files.hashing import sha256_of
 from measurement_io import open_capture
@@ -89,8 +88,8 @@ def test_every_option_of_simulate_reaches_the_library(
 
 
 def test_alpha_by_mesh_and_by_part(made: Path) -> None:
-    named = [simulate_command.split_alpha(str(made / n)) for n in ("hand.ply:0.2", "parts.glb")]
-    default, by_part = simulate_command.read_part_alphas(["palm-2=0.6", "0.9", "thumb=0"])
+    named = [split_alpha(str(made / n)) for n in ("hand.ply:0.2", "parts.glb")]
+    default, by_part = read_part_alphas(["palm-2=0.6", "0.9", "thumb=0"])
     assert default == 0.9
     scene = load_scene(named, default, by_part, "m", None)
     alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)
@@ -102,11 +101,11 @@ def test_alpha_by_mesh_and_by_part(made: Path) -> None:
 
 def test_split_alpha(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert simulate_command.split_alpha("a.ply") == (Path("a.ply"), None)
-    assert simulate_command.split_alpha("a.ply:0.25") == (Path("a.ply"), 0.25)
-    assert simulate_command.split_alpha("c:a.ply") == (Path("c:a.ply"), None)
+    assert split_alpha("a.ply") == (Path("a.ply"), None)
+    assert split_alpha("a.ply:0.25") == (Path("a.ply"), 0.25)
+    assert split_alpha("c:a.ply") == (Path("c:a.ply"), None)
     Path("a.ply:1").touch()  # a file of that very name
-    assert simulate_command.split_alpha("a.ply:1") == (Path("a.ply:1"), None)
+    assert split_alpha("a.ply:1") == (Path("a.ply:1"), None)
 
 
 def test_transform_moves_the_mesh(made: Path, tmp_path: Path, run: Run) -> None:

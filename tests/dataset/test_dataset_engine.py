@@ -24,9 +24,9 @@ from two_devices import findings_of
 from clradar.dataset import Plan, read_plan, run
 from clradar.dataset.engine.part_making import ATTEMPTS, PartMaker, Serial
 from clradar.dataset.engine.run import STOP_AFTER
-from clradar.dataset.engine.worker_resources import WorkerResources, partition
 from clradar.dataset.store.folder import CONTACT_SHEET
 from clradar.errors import DeviceError, ModelError, OutputError
+from clradar.jobs.resources import WorkerResources, partition
 from clradar.opencl import DeviceInfo
 
 SAMPLES = 8
@@ -104,8 +104,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A Dask client of two workers whose samples can be made to fail."""
     import dask
 
-    from clradar.dataset.engine.cluster import local_cluster
-    from clradar.dataset.engine.worker_resources import worker_resources
+    from clradar.jobs.cluster import local_cluster
+    from clradar.jobs.resources import worker_resources
 
     os.environ.setdefault(faulty_samples.VARIABLE, str(tmp_path_factory.mktemp("f") / "faults"))
     faulty_samples.plan_faults({})
@@ -124,8 +124,8 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 def test_a_worker_that_is_killed_while_it_starts_is_started_again(tmp_path: Path) -> None:
     import dask
 
-    from clradar.dataset.engine.cluster import local_cluster
-    from clradar.dataset.engine.worker_resources import worker_resources
+    from clradar.jobs.cluster import local_cluster
+    from clradar.jobs.resources import worker_resources
 
     killed, preload = tmp_path / "killed", tmp_path / "kill_first.py"
     preload.write_text(
@@ -144,7 +144,7 @@ def test_a_worker_that_is_killed_while_it_starts_is_started_again(tmp_path: Path
 
 
 def distributed(client: Any) -> Any:
-    from clradar.dataset.engine.distributed import Distributed
+    from clradar.jobs.distributed import Distributed
 
     return Distributed(client)
 
@@ -301,7 +301,7 @@ def test_two_workers_make_the_same_bytes(
 def test_a_dashboard_is_named_where_one_is_served(
     cluster: Any, served: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from clradar.dataset.engine import cluster as module
+    from clradar.jobs import cluster as module
 
     monkeypatch.setattr(module, "find_spec", lambda _: object() if served else None)
     count = len(cluster.nthreads())
@@ -347,7 +347,7 @@ def test_a_run_ends_after_samples_that_are_made_twice(
     distributed(cluster)._await_late("another run")
     assert not ended.exists()
     # It ends only once it is waited for.
-    monkeypatch.setattr("clradar.dataset.engine.distributed.sleep", lambda _: released.touch())
+    monkeypatch.setattr("clradar.jobs.distributed.sleep", lambda _: released.touch())
     distributed(cluster)._await_late("run")
     assert ended.exists()
 
@@ -364,7 +364,7 @@ def test_a_full_disk_of_a_worker_ends_the_run(
 
 
 def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path: Path) -> None:
-    from clradar.dataset.engine.distributed import _contract, make_part, worker_facts
+    from clradar.jobs.distributed import _contract, make_part, worker_facts
 
     make, facts = PartMaker(tmp_path, plan, "pocl"), worker_facts("pocl")
     with _contract(make, facts) as contract:
@@ -394,7 +394,7 @@ def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(
 def test_an_address_without_a_scheduler_is_one_error(
     plan_file: Path, cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("clradar.dataset.engine.cluster.CONNECT_S", 0.5)
+    monkeypatch.setattr("clradar.jobs.cluster.CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense"):
         status, output = cli("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)
         assert status == 1

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import exit_status
 from dataset_plans import TINY, tiny
 from rig_files import RigMaker
 
 from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.plan.draws import Draw, fixed, stream
 from clradar.dataset.plan.hand_json import pose_of
-from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.plan_json import plan_record
-from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.plan.plan import Plan, plan_from, plan_record
 from clradar.dataset.sample import recipe_radar
 from clradar.errors import MeasurementError, ModelError
+from clradar.files.toml_file import read_toml
 from clradar.hand import (
     JOINT_NAMES,
     LETTERS,
@@ -382,3 +382,27 @@ def test_a_sample_that_the_plan_does_not_have_is_refused() -> None:
 def test_tiny_does_not_change_the_plan_it_starts_from() -> None:
     assert tiny() == TINY
     assert tiny(poses={"names": None})["poses"] == {}
+
+
+def test_the_schema_has_every_key_of_the_examples(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_status("dataset", "--schema") == 0
+    schema = json.loads(capsys.readouterr().out)
+
+    def properties(node: dict[str, Any]) -> dict[str, Any]:
+        for one in (node, *node.get("anyOf", ())):
+            if "$ref" in one:
+                return properties(schema["$defs"][one["$ref"].rsplit("/", 1)[1]])
+            if "properties" in one:
+                return one["properties"]
+        return {}
+
+    def check(table: dict[str, Any], node: dict[str, Any]) -> None:
+        known = properties(node)
+        for key, value in table.items():
+            if known and "uniform" not in known:
+                assert key in known
+            if isinstance(value, dict):
+                check(value, known.get(key, {}))
+
+    for file in (ROOT / "examples" / "plans").glob("*.toml"):
+        check(read_toml(file, "a plan"), schema)

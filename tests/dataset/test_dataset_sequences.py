@@ -13,9 +13,7 @@ from dataset_plans import DEVICE, tiny
 import clradar
 from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
 from clradar.dataset.plan.hand_json import pose_of
-from clradar.dataset.plan.plan_json import plan_record
-from clradar.dataset.plan.reader import plan_from
-from clradar.dataset.plan.table import PlanError
+from clradar.dataset.plan.plan import PlanError, plan_from, plan_record
 from clradar.dataset.sample import moving_hand
 from clradar.dataset.store.check import check_dataset
 from clradar.hand import JOINT_NAMES

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from clradar.dataset import PlanError, read_plan
-from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.plan.plan import plan_from
 from clradar.dataset.store.check import check_dataset, describe_dataset
 from clradar.dataset.store.folder import Aside, Manifest, ShardEntry
 from clradar.errors import MeasurementError

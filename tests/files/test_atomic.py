@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from systems import posix_only
 
 from clradar.errors import OutputError
 from clradar.files import atomic
@@ -90,3 +93,27 @@ def test_folders_are_swapped_and_come_back_after_a_failure(
         swap_folder(temporary / "new", target, temporary / "old")
     assert (target / "file").read_text() == "2"
     assert os.listdir(target.parent) == ["out"]
+
+
+@posix_only
+def test_what_killed_processes_left_of_a_name_is_removed_and_nothing_else(tmp_path: Path) -> None:
+    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"],
+                          capture_output=True, text=True, check=True).stdout.strip()  # fmt: skip
+    mine = atomic._temporary(tmp_path / "a.h5")
+    left = mine.with_name(mine.name.replace(f"-{os.getpid()}-", f"-{gone}-"))
+    other = left.with_name(left.name.replace("a.h5", "b.h5"))
+    elsewhere = left.with_name(left.name.replace(atomic._MACHINE, "0" * 6))
+    for path in (mine, left, other, elsewhere):
+        path.touch()
+    folder = left.with_name(left.name.replace("a.h5", "c"))
+    (folder / "made").mkdir(parents=True)
+    atomic.remove_left([tmp_path / "a.h5", tmp_path / "c"])
+    assert set(tmp_path.iterdir()) == {mine, other, elsewhere}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="what Linux reserves")
+def test_space_is_reserved_and_not_written(tmp_path: Path) -> None:
+    atomic.require_space(tmp_path / "x", 2**20)
+    with pytest.raises(OSError, match=r"No space left|too large"):
+        atomic.require_space(tmp_path / "x", 2**60)
+    assert list(tmp_path.iterdir()) == []

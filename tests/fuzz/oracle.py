@@ -8,6 +8,7 @@ opened that is not the input, or more memory than the target's limit.
 from __future__ import annotations
 
 import os
+import re
 import resource
 import sys
 from pathlib import Path
@@ -121,7 +122,10 @@ def _read(target: Target, path: Path) -> tuple[str, str | None]:
         message = str(error)
         if type(error) not in target.errors:
             return "fault", f"raises {type(error).__name__}, a subclass: {message:.300}"
-        if not message.isprintable() or len(message) > 2000:
+        first, *lines = message.split("\n")
+        several = re.fullmatch(r"[0-9]+ mistakes, one per line:", first)
+        lines = lines if several else [message]
+        if not all(line.isprintable() and len(line) <= 2000 for line in lines):
             return "fault", f"says {message[:300]!r} in {len(message)} characters"
         if "Too many open files" in message:
             return "fault", f"opens something else than the file: {message:.300}"

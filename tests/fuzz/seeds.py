@@ -14,6 +14,7 @@ import dataset_plans
 import h5py
 import layout_files
 import maroon_files
+import maroon_products
 import mesh_files
 import numpy as np
 import trimesh
@@ -22,7 +23,7 @@ import clradar
 from clradar.dataset.store.folder import Aside, Manifest, ShardEntry
 from clradar.files.meshes.ply_parts import ply_of_parts
 from clradar.model import ImageScale
-from measurement_io import save_capture, save_channels, save_volume, write_products
+from measurement_io import save_capture, save_channels, save_volume
 
 
 def frames() -> list[bytes]:
@@ -180,11 +181,10 @@ def metadata() -> list[bytes]:
 
 def _product_folder(folder: Path) -> Path:
     """Write the four products of one small image; return the radar folder."""
-    grid = clradar.VoxelGrid([-0.1, 0.2, 0.3], [1e-2, 2e-2, 1e-2], (4, 3, 5))
-    rng = np.random.default_rng(0)
-    data = (rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)).astype(np.complex64)
     radar = maroon_files.write_recording(folder, n_frames=1, n_freq=2)
-    write_products(radar, 0, clradar.Volume(1e3 * data, grid))
+    maroon_products.write_products(
+        radar, 0, maroon_products.scene([(0.02, 0, 0.3, 900)], (4, 3, 5))
+    )
     return radar
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from clradar.arrays import read_clusters
-from clradar.dataset.plan.table import PlanError
+from clradar.dataset.plan.plan import PlanError
 from clradar.dataset.store.folder import Manifest, read_manifest
 from clradar.errors import MeasurementError, MeshError, RigError
 from clradar.model import (
@@ -38,7 +38,6 @@ from fuzz import (
 from measurement_io import (
     Description,
     Layout,
-    LayoutNeeded,
     RecordingMetadata,
     SensorAlignment,
     check_file,
@@ -48,19 +47,11 @@ from measurement_io import (
     open_volume,
     open_with_layout,
     read_alignment,
+    read_depth_map,
     read_layout,
     read_metadata,
 )
 from measurement_io.antenna_file import read_antenna_file
-from measurement_io.maroon.products import (
-    AmplitudeImage,
-    AmplitudeVolume,
-    PointCloud,
-    read_amplitude_volume,
-    read_depth_map,
-    read_max_projection,
-    read_points,
-)
 from measurement_io.maroon.recording import placed_mesh
 
 HDF5_SHORT_RUN = 40
@@ -120,7 +111,7 @@ class Target:
     file_name: str = "input"
     around: Callable[[Path], None] | None = None
     repair: Callable[[bytes], bytes] | None = None
-    errors: tuple[type[Exception], ...] = (MeasurementError, LayoutNeeded)
+    errors: tuple[type[Exception], ...] = (MeasurementError,)
     processor_limit_s: float = 10.0
     resident_limit_bytes: int = 10**9
     short_run: int = 100
@@ -207,20 +198,6 @@ def _png(name: str, read: Callable[[Path, int], object], result: type) -> Target
         file_name=f"radar_72.0_82.0_2/{file}",
         around=seeds.products_folder,
         repair=mutate_png.with_right_checksums,
-    )
-
-
-def _ply(name: str, read: Callable[[Path, int], object], result: type) -> Target:
-    file = f"{name}/000000.ply"
-    return Target(
-        f"{name}_ply",
-        lambda: seeds.product(file),
-        _product(read),
-        (result,),
-        (mutate_text.mutate_lines,),
-        _PLY_TOKENS,
-        file_name=f"radar_72.0_82.0_2/{file}",
-        around=seeds.products_folder,
     )
 
 
@@ -349,9 +326,6 @@ TARGETS = {
             file_name="metadata.json",
         ),
         _png("depth", read_depth_map, DepthMap),
-        _png("maxproj", read_max_projection, AmplitudeImage),
-        _ply("volume", read_amplitude_volume, AmplitudeVolume),
-        _ply("xyz", read_points, PointCloud),
         _lab(
             "lab_npz",
             ("npz", "npz deflated"),

@@ -26,7 +26,7 @@ import reader_probes
 from clradar.errors import ClradarWarning
 from fuzz.oracle import Watch, judge, resident_peak_bytes
 from fuzz.targets import Target
-from measurement_io.confined import hdf5_process
+from measurement_io.confined import reading as confined
 
 ADDRESS_SPACE_BYTES = 8 * 2**30
 """What a worker may allocate on top of what it has, so that a bomb does not take the machine."""
@@ -122,7 +122,7 @@ def read_seeds(target: Target, path: Path) -> None:
     if target.any_format:  # start the process that an input may need that begins as HDF5 does
         probe = path.with_name("probe")
         probe.write_bytes(b"-")
-        hdf5_process.run(reader_probes.same, probe, 1)
+        confined.run(reader_probes.same, probe, 1)
         probe.unlink()
     for content in target.seeds():
         path.write_bytes(content)

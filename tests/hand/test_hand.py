@@ -563,7 +563,7 @@ def test_crossing_faces_are_found():
 
 @pytest.mark.slow
 def test_an_image_depends_on_the_triangles_no_more_than_on_the_seed():
-    # 10 000 and 60 000 faces; benchmarks/tessellation.py has more alphas and poses, and more rays.
+    # 10 000 and 60 000 faces; docs/poses.md has more of it.
     edges_m, seeds = (3.44e-3, 1.405e-3), (0, 1)
     array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
     grid = clradar.VoxelGrid.from_extent(

@@ -265,13 +265,6 @@ def test_a_part_of_the_grid_is_a_part_of_the_image(device: clradar.Device, metho
         np.testing.assert_array_equal(alone, whole)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_same_call_gives_the_same_bits(device: clradar.Device, method: str) -> None:
-    capture = noise(random_array(6, 5), SHORT)
-    one, two = (backproject(capture, GRID, method=method, device=device).data for _ in range(2))
-    np.testing.assert_array_equal(one, two)
-
-
 def test_less_memory_than_one_row_is_an_error(device: clradar.Device) -> None:
     small = clradar.open_device(device.info.selector, memory_limit_bytes=300)
     for method in METHODS:

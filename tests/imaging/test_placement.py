@@ -12,7 +12,7 @@ import pytest
 import calibration
 import clradar
 from clradar import AntennaArray, Capture, ClradarWarning, VoxelGrid, Wall, Waveform
-from clradar.cli.options.imaging import GridOptions
+from clradar.cli.options.measured import GridOptions
 from clradar.errors import handled_warnings
 from clradar.imaging import echo_location, grid_check, placement
 from clradar.imaging.object_box import MOST_VOXELS, PAPER_GRID

@@ -11,6 +11,7 @@ import pytest
 import clradar
 from clradar import AntennaArray, Capture, Wall, Waveform, draw_channels, impair, room_capture
 from clradar.errors import ModelError
+from clradar.impairments import channel_errors
 from clradar.impairments.channel_errors import WALK_BLOCK, drift_factors
 from clradar.impairments.random_streams import Part, random_stream
 
@@ -286,6 +287,19 @@ def test_room_adds_up_and_passes_the_channels(target: Capture) -> None:
 
 
 # Drift
+
+
+def test_frames_of_a_drift_may_be_asked_for_in_any_order() -> None:
+    def drift(frame: int) -> np.ndarray:
+        walks = {"phase_rad": 0.1, "gain_db": 0.1, "common_phase_rad": 0.1}
+        array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2])
+        return np.concatenate(drift_factors(array, seed=5, frame=frame, **walks))
+
+    frames = [0, 1, 2, WALK_BLOCK - 1, WALK_BLOCK, WALK_BLOCK + 3]
+    ascending = [drift(frame) for frame in frames]
+    channel_errors._WALKS.clear()
+    alone = [drift(frame) for frame in reversed(frames)][::-1]
+    np.testing.assert_array_equal(ascending, alone)
 
 
 def test_frame_zero_has_not_drifted(target: Capture) -> None:

@@ -207,3 +207,13 @@ def test_files_that_are_none(tmp_path: Path) -> None:
             path.write_bytes(content)
         with pytest.raises(MeasurementError, match=words):
             read_materials(path)
+
+
+def test_mistakes_of_several_materials_are_reported_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "lab.toml"
+    path.write_text("[a]\npermitivity = 3\n[b]\npermittivity = 3\n[c]\npermittivity = 'x'\n")
+    with pytest.raises(MeasurementError, match=r"^2 mistakes, one per line:") as caught:
+        read_materials(path)
+    _, first, second = str(caught.value).split("\n")
+    assert first.startswith(f"{path}: a.permitivity: unknown key")
+    assert second.startswith(f"{path}: c.permittivity: expected a number")

@@ -16,9 +16,9 @@ from unittest import mock
 
 import numpy as np
 import pyopencl as cl
+from core import nearest
 
 import clradar
-from clradar.bench import nearest
 from clradar.hand import POSES, posed_skeleton
 from clradar.hand.flesh import grown_flesh
 from clradar.hand.flesh_field import FleshField

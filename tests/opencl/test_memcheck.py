@@ -28,6 +28,7 @@ def run_checked(tmp_path: Path, *arguments: str) -> tuple[str, str]:
     log = tmp_path / "oclgrind.log"
     environment = {
         **os.environ,
+        "PYTHONPATH": str(SCRIPT.parents[2] / "benchmarks"),
         "CLRADAR_DEVICE": "oclgrind",
         "OCLGRIND_DATA_RACES": "1",
         "OCLGRIND_UNINITIALIZED": "1",

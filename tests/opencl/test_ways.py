@@ -5,6 +5,7 @@ A kernel that is added is tried in all ways by one line of `WORKS`.
 
 from __future__ import annotations
 
+import gc
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -16,12 +17,15 @@ from typing import Any
 from weakref import WeakSet
 
 import numpy as np
+import pyopencl as cl
 import pytest
 from shapes import bowl
 
 import clradar
 from clradar import simulation
+from clradar.errors import DeviceError
 from clradar.hand import hand_mesh
+from clradar.hand import mesh as hand
 from clradar.imaging import block_tree, fast, tree_on_device
 from clradar.opencl.program import launch_parts
 from clradar.opencl.sources import kernel_folder
@@ -168,7 +172,8 @@ WAYS: dict[str, Callable[..., Any]] = {
     "small pieces": of_pieces(
         (lit_surface, "TILE_SAMPLES", 64), (stochastic, "TILE_SAMPLES", 64),
         (expected, "TILE_SAMPLES", 64), (expected, "BATCH_SAMPLES", 13),
-        (stochastic, "MOST_LISTED", 100), (phasor_sum, "CALL_PATHS", 64),
+        (stochastic, "MOST_LISTED", 100), (stochastic, "MOST_ORDINAL", 200_000),
+        (phasor_sum, "CALL_PATHS", 64),
         (quadrature, "TILE_POINTS", 1001), (kirchhoff_sum, "LEG_BYTES", 2**17),
         (kirchhoff_sum, "BATCH_BYTES", 2**17), (tree_on_device, "CPU_CHUNK_BYTES", 1),
     ),
@@ -213,6 +218,42 @@ def test_no_way_changes_a_result(work: str, way: str) -> None:
         return
     assert largest_error(found, made(work)) <= WIDTH_TOLERANCE.get(work, OTHER_TOLERANCE)
     assert largest_error(found, made(work, "one lane")) == 0
+
+
+def anew(work: str, device: clradar.Device) -> list[np.ndarray]:
+    hand._right_hand.cache_clear()
+    return WORKS[work](device)
+
+
+@pytest.mark.parametrize("way", ["one lane", "little memory"])
+@pytest.mark.parametrize("work", WORKS)
+def test_after_a_device_failed_in_the_middle_all_is_free_and_the_next_call_works(
+    work: str, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = made(work, way)
+    with WAYS[way](work) as device:
+        used, left = device.used_bytes, math.inf
+        enqueue = cl.enqueue_nd_range_kernel
+
+        def launched(*args: Any, **kwargs: Any) -> Any:
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise cl.RuntimeError("enqueue_nd_range_kernel failed: OUT_OF_RESOURCES")
+            return enqueue(*args, **kwargs)
+
+        monkeypatch.setattr(cl, "enqueue_nd_range_kernel", launched)
+        left = 10**9
+        anew(work, device)
+        launches = 10**9 - left
+        for before in {0, launches // 2, launches - 1}:
+            left = before
+            with pytest.raises(DeviceError, match=r"^device .*OUT_OF_RESOURCES"):
+                anew(work, device)
+            gc.collect()
+            assert device.used_bytes == used
+        left = math.inf
+        assert largest_error(anew(work, device), whole) == 0
 
 
 def test_launches_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,12 +15,13 @@ from command_line import exit_status
 
 from clradar import Volume, VoxelGrid, compare
 from clradar.compare import HEADLINE_METRIC, METRICS
+from clradar.compare.metric_table import METRIC_TABLE
 from clradar.errors import CompareError, ModelError
 from clradar.model import DepthMap
 from clradar.report import ReportImage, html_report
-from clradar.report.clouds import MAX_POINTS, clouds
 from clradar.report.page import FIGURE_DPI
-from clradar.report.tables import METRIC_TEXTS, settings_table
+from clradar.report.tables import settings_table
+from clradar.report.view_data import MAX_POINTS, clouds
 from measurement_io import save_volume
 
 HOSTILE = "<script>window.hacked = 1</script>"
@@ -190,19 +191,19 @@ def test_metrics_are_listed_with_their_meaning() -> None:
     read = Read(page_of(*images))
     metrics = [compare(images[0], m) for m in images[1:]]
     shown = [a["data-name"] for t, a in read.tags if t == "td" and a.get("data-name") is not None]
-    assert shown == 2 * [m.name for m in METRIC_TEXTS]
+    assert shown == 2 * [m.name for m in METRIC_TABLE]
     values = read.inside["td"][: len(shown)]
     for row, m in enumerate(metrics):
-        cells = values[len(METRIC_TEXTS) * row :][: len(METRIC_TEXTS)]
-        for cell, text in zip(cells, METRIC_TEXTS, strict=True):
+        cells = values[len(METRIC_TABLE) * row :][: len(METRIC_TABLE)]
+        for cell, text in zip(cells, METRIC_TABLE, strict=True):
             assert float(cell.replace("\N{MINUS SIGN}", "-")) == pytest.approx(
                 text.scale * getattr(m, text.field), abs=0.5 * 10**-text.digits
             )
     # The nearer ball is better in all of them.
-    assert read.inside["strong"] == values[: len(METRIC_TEXTS)]
-    assert list(METRICS) == [m.field for m in METRIC_TEXTS]
-    assert METRIC_TEXTS[0].field == HEADLINE_METRIC
-    assert len(read.inside["dd"]) == len(METRIC_TEXTS)
+    assert read.inside["strong"] == values[: len(METRIC_TABLE)]
+    assert list(METRICS) == [m.field for m in METRIC_TABLE]
+    assert METRIC_TABLE[0].field == HEADLINE_METRIC
+    assert len(read.inside["dd"]) == len(METRIC_TABLE)
 
 
 def test_an_undefined_metric_has_its_reason() -> None:

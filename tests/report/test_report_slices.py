@@ -15,8 +15,8 @@ from test_report import Read
 
 from clradar import Volume, VoxelGrid
 from clradar.report import ReportImage, html_report, image_report
-from clradar.report import slices as slices_module
-from clradar.report.slices import slice_data
+from clradar.report import view_data as slices_module
+from clradar.report.view_data import slice_data
 
 RANGE_DB = 20.0
 NEAR_M, FAR_M = (-0.012, -0.02, 0.29), (0.02, 0.016, 0.31)

@@ -82,7 +82,7 @@ def test_theta_and_beta_give_the_models_own_surface(tmp_path: Path, side: str, s
     file.write_bytes(mano_pickle(made))
     rng = np.random.default_rng(seed)
     betas, theta = rng.normal(size=10) * seed, 0.6 * rng.normal(size=48)
-    rig = read_rig(file, betas=betas)
+    rig = read_rig(file, betas=betas, handedness=side)
     assert rig.handedness == side
     posed = rig.turned(rotations_of_theta(rig, theta))
     vertices, joints = reference(made, betas, theta)
@@ -112,7 +112,7 @@ def test_without_pose_and_shape_it_is_the_template(path: Path, model: dict[str, 
 def test_pose_files_pose_it(tmp_path: Path, side: str) -> None:
     file = tmp_path / "hand.pkl"
     file.write_bytes(mano_pickle(mano_model(side)))
-    rig = read_rig(file)
+    rig = read_rig(file, handedness=side)
     assert rig.unit_m == 1.0
     unknown = {n for n, known in zip(JOINT_NAMES, rig.known, strict=True) if not known}
     assert unknown == {n for n in JOINT_NAMES if n.endswith(("tip", "finger-metacarpal"))}

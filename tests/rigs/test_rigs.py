@@ -6,7 +6,6 @@ import json
 import os
 import pickle
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +33,7 @@ from clradar.hand import (
     write_pose,
 )
 from clradar.hand.flesh import PART_NAMES
-from clradar.rigs import UNITS_M, read_mapping, read_rig
-from clradar.rigs.anatomy import REACH_M
+from clradar.rigs import UNITS_M, Rig, read_mapping, read_rig
 
 JOINT_TOLERANCE_M = 1e-12
 """Joints go through about ten products of 4x4 matrices of float64 with entries up to 4 m in the
@@ -109,18 +107,22 @@ KINDS = {
         "joint_type": "<u2",
     },
 }
-FOUND = {
-    "centimetres": 1e-2, "millimetres, left": 1e-3, "inches, upper case": 25.4e-3,
-    "scaled twice": 100.0,
+UNITS = {
+    "centimetres": "cm", "millimetres, left": "mm", "inches, upper case": "inch",
+    "scaled twice": "100 m",
 }  # fmt: skip
+
+
+def read_kind(folder: Path, kind: str) -> Rig:
+    return read_rig(make(folder, **KINDS[kind]), unit=UNITS.get(kind))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_joints_are_those_of_the_posed_skeleton(tmp_path: Path, kind: str) -> None:
-    rig = read_rig(make(tmp_path, **KINDS[kind]))
+    rig = read_kind(tmp_path, kind)
     side = "left" if "left" in kind else "right"
     assert rig.handedness == side
-    assert rig.unit_m == FOUND.get(kind, 1.0)
+    assert rig.unit_m == UNITS_M[UNITS.get(kind, "m")]
     assert rig.known.all()
     for pose in ("flat", "F", "A", "W"):
         found = joints_about_wrist(rig.posed(pose), side)
@@ -130,7 +132,7 @@ def test_joints_are_those_of_the_posed_skeleton(tmp_path: Path, kind: str) -> No
 
 @pytest.mark.parametrize("kind", ["centimetres", "millimetres, left", "bound flat, standing as F"])
 def test_the_surface_is_close_to_that_of_the_pose(tmp_path: Path, kind: str) -> None:
-    rig = read_rig(make(tmp_path, **KINDS[kind]))
+    rig = read_kind(tmp_path, kind)
     for pose in ("F", "W"):
         ours = hand_mesh(pose, edge_length_m=4e-3, handedness=rig.handedness)
         posed = rig.posed(pose)
@@ -169,7 +171,8 @@ def test_the_result_does_not_depend_on_how_the_file_holds_the_hand(tmp_path: Pat
         ("d.glb", {"sets": 2}),
         ("e.glb", {"siblings": True, "local_turns": False}),
     ):
-        other = read_rig(make(tmp_path, name, **settings)).posed("L")
+        unit = "cm" if "units" in settings else None
+        other = read_rig(make(tmp_path, name, **settings), unit=unit).posed("L")
         assert len(other.vertices_m) == len(plain.vertices_m), name
         away_m = distances_m(other, plain)
         assert away_m.max() < VERTEX_TOLERANCE_M, name
@@ -181,7 +184,9 @@ def test_a_bent_finger_has_its_closed_form(tmp_path: Path) -> None:
     bent = HandPose(
         "bent", {"index-finger-phalanx-proximal": JointAngles.from_degrees(flexion_deg=60.0)}
     )
-    rig = read_rig(make(tmp_path, pose=straight, units=100.0, turn=TURN, shift=(1.0, 1.0, 1.0)))
+    rig = read_rig(
+        make(tmp_path, pose=straight, units=100.0, turn=TURN, shift=(1.0, 1.0, 1.0)), unit="cm"
+    )
     before, after = rig.posed(straight), rig.posed(bent)
     knuckle, last = (JOINT_NAMES.index(f"index-finger-phalanx-{b}") for b in ("proximal", "distal"))
     roll, angle = np.deg2rad(8.0), np.deg2rad(60.0)
@@ -234,7 +239,8 @@ def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path: Path) -> None:
     shift_m = (flat.vertices_m - flat.texture_m).mean(axis=0)
     np.testing.assert_allclose(flat.vertices_m, flat.texture_m + shift_m, atol=VERTEX_TOLERANCE_M)
     np.testing.assert_array_equal(Scene.from_mesh(bent).texture_m, bent.texture_m)
-    left = read_rig(make(tmp_path, pose="flat", turn=MIRROR)).posed("A")
+    path = make(tmp_path, pose="flat", turn=MIRROR)
+    left = read_rig(path, handedness="left").posed("A")
     np.testing.assert_allclose(left.texture_m, flat.texture_m, atol=VERTEX_TOLERANCE_M)
 
 
@@ -440,7 +446,8 @@ def test_one_of_two_hands_in_a_file_is_chosen(tmp_path: Path) -> None:
     for side in ("right", "left"):
         with pytest.warns(ClradarWarning, match="'skin'$"):
             rig = read_rig(path, handedness=side)
-        alone = read_rig(make(tmp_path, turn=MIRROR if side == "left" else np.eye(3)))
+        turn = MIRROR if side == "left" else np.eye(3)
+        alone = read_rig(make(tmp_path, turn=turn), handedness=side)
         assert rig.handedness == side
         assert rig.ignored == ("skin",)
         np.testing.assert_allclose(rig.posed("F").joints_m, alone.posed("F").joints_m, atol=1e-6)
@@ -513,7 +520,7 @@ def test_mappings_are_read_without_a_rig(tmp_path: Path) -> None:
 
 def test_names_that_contradict_the_joints_are_refused(tmp_path: Path) -> None:
     path = RigMaker(called="{}_left".format).save(tmp_path / "hand.glb")
-    with pytest.raises(RigError, match=r"a left hand, by the names of its joints, got a right one"):
+    with pytest.raises(RigError, match=r"a left hand, got a right one by the position"):
         read_rig(path)
     path = make(tmp_path, "b.glb")
     with pytest.raises(RigError, match=r"b\.glb: expected a left hand, got a right one"):
@@ -532,16 +539,13 @@ def test_the_side_of_a_flat_hand_must_be_given(tmp_path: Path) -> None:
         assert read_rig(named).handedness == "left"
 
 
-def test_no_hand_fits_two_units() -> None:
-    low_m, high_m = REACH_M
-    spans = sorted((low_m / unit_m, high_m / unit_m) for unit_m in UNITS_M.values())
-    assert all(one[1] < other[0] for one, other in pairwise(spans))
-
-
-def test_units_are_found_or_given(tmp_path: Path) -> None:
+def test_units_are_given_and_checked(tmp_path: Path) -> None:
     odd = make(tmp_path, units=5.0)
-    with pytest.raises(RigError, match=r"100 to 250 mm .* m, cm, mm, inch.*, got 0.83.* units"):
+    with pytest.raises(RigError, match=r"50 to 400 mm .*, got 830?.* mm with a unit of 1 m"):
         read_rig(odd)
+    for units, name in ((100.0, "cm"), (1e3, "mm"), (1 / 25.4e-3, "inch")):
+        with pytest.raises(RigError, match=rf"did you mean .*{name}"):
+            read_rig(make(tmp_path, "u.glb", units=units))
     assert read_rig(odd, unit=0.2).unit_m == 0.2
     plain = read_rig(make(tmp_path, "b.glb")).posed("F")
     np.testing.assert_allclose(
@@ -846,23 +850,22 @@ def test_the_command_poses_a_rig(
     )
     Path("m.toml").write_text(mapping_text(skip=TIP_NAMES))
     write_pose("mine.toml", HandPose("mine", pose_by_name("L").joints))
-    options = ("--rig", "hand.glb", "--mapping", "m.toml", "-o")
+    as_it_is = ("--rig", "hand.glb", "--mapping", "m.toml", "--rig-hand", "left")
+    options = (*as_it_is, "--rig-unit", "cm", "-o")
     code, out, _ = run(capsys, "hand", "L", *options, "hand.ply", "--joints", "j.json")
     assert code == 0
     assert "left hand, unit cm, 20 of 25 joints, 'L'" in out
     mesh = trimesh.load_mesh("hand.ply", process=False)
-    expected = read_rig("hand.glb", mapping="m.toml").posed("L")
+    expected = read_rig("hand.glb", mapping="m.toml", unit="cm", handedness="left").posed("L")
     np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)  # float32 in the file
     joints = json.loads(Path("j.json").read_text())
     assert joints["thumb-tip"] is None
     np.testing.assert_array_equal(joints["wrist"], expected.joints_m[0])
     assert run(capsys, "hand", "mine.toml", *options, "other.ply")[0] == 0
     assert Path("other.ply").read_bytes() == Path("hand.ply").read_bytes()
-    assert run(capsys, "hand", "L", *options, "given.ply", "--rig-unit", "10")[0] == 0
+    assert run(capsys, "hand", "L", *as_it_is, "--rig-unit", "10", "-o", "given.ply")[0] == 0
     assert Path("given.ply").read_bytes() == Path("hand.ply").read_bytes()
-    assert (
-        run(capsys, "hand", *options, "parts.glb", "--rig-unit", "cm", "--rig-hand", "left")[0] == 0
-    )
+    assert run(capsys, "hand", *options, "parts.glb")[0] == 0
     assert set(Scene.from_mesh("parts.glb").part_names) == set(PART_NAMES)
 
 
@@ -903,7 +906,7 @@ def test_the_command_refuses_in_one_line_and_writes_nothing(
 
 
 def test_rigs_go_to_other_processes(tmp_path: Path) -> None:
-    rig = read_rig(make(tmp_path, turn=TURN @ MIRROR))
+    rig = read_rig(make(tmp_path, turn=TURN @ MIRROR), handedness="left")
     again = pickle.loads(pickle.dumps(rig))
     np.testing.assert_array_equal(again.posed("A").vertices_m, rig.posed("A").vertices_m)
     assert not again.influences.weight.flags.writeable
@@ -917,7 +920,7 @@ def test_a_coarse_rig_is_warned_of(
     path = RigMaker().save(tmp_path / "hand.glb")
     code, _, err = run(capsys, "hand", "F", "--rig", path, "-o", tmp_path / "fine.ply")
     assert (code, err) == (0, "")
-    monkeypatch.setattr("clradar.cli.options.rig.HIGHEST_HZ", 4100e9)
+    monkeypatch.setattr("clradar.cli.options.hand.HIGHEST_HZ", 4100e9)
     code, _, err = run(capsys, "hand", "F", "--rig", path, "-o", tmp_path / "coarse.ply")
     assert code == 0
     assert err.count("clradar: warning: ") == 1

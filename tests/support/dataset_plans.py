@@ -9,7 +9,7 @@ from typing import Any
 
 from clradar.dataset import Plan
 from clradar.dataset.engine.part_making import Outcome, PartMaker, Serial
-from clradar.dataset.plan.reader import plan_from
+from clradar.dataset.plan.plan import plan_from
 from clradar.dataset.store.folder import Aside
 
 DEVICE = "pocl"

@@ -6,14 +6,12 @@ of it. Arrays are made of whole numbers, so that tests can say what a file has t
 
 from __future__ import annotations
 
-import shutil
 import sys
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import onnx
 from dataset_plans import Engine, plan_of
 from hand_fits import made_up_fit
 
@@ -23,7 +21,6 @@ import clradar.dataset
 from calibration.hand_fit.frame_fit import FrameFit
 from calibration.hand_fit.hand_shape_vector import SHAPE_NAMES
 from calibration.hand_fit.hand_state import HandState
-from calibration.hand_fit.learned_start import N_INPUTS, start_metadata, target_of
 from calibration.hand_fit.result import ANGLE_NAMES
 from clradar.cli import main
 from clradar.files.json_file import write_json
@@ -119,7 +116,7 @@ def write_data_sets(folder: Path) -> None:
 
 
 def write_hands(folder: Path) -> None:
-    """Poses, materials, fits of hands, a truth, joints and a learned start."""
+    """Poses, materials, fits of hands, a truth and joints."""
     for suffix in ("toml", "json"):
         write_pose(folder / f"pose.{suffix}", POSES["W"])
         palm = clradar.material("palm")
@@ -135,14 +132,8 @@ def write_hands(folder: Path) -> None:
     write_json(folder / "frame-fit.json", seen.to_dict(), force=False)
     nothing = FrameFit.nothing(4, 0.625, ("dark",), "right")
     write_json(folder / "frame-nothing.json", nothing.to_dict(), force=False)
-    run(
-        *("record-hand", "A", "--frames", "2", "--band", "72:82:2", "--samples-per-mm2", "0.01"),
-        *("-o", folder / "movement"),
-    )
-    shutil.rmtree(next((folder / "movement").glob("radar_*")))  # its frames are as above
     run("hand", "F", "-o", folder / "hand.ply", "--joints", folder / "joints.json")
     (folder / "hand.ply").unlink()
-    write_start(folder / "start.onnx")
 
 
 def run(*arguments: object) -> None:
@@ -152,33 +143,6 @@ def run(*arguments: object) -> None:
     except SystemExit as ended:
         if ended.code:
             raise
-
-
-def write_start(path: Path) -> None:
-    """A learned start that sees the same pose, that of L, in whatever it is shown."""
-    bias = target_of(POSES["L"], np.zeros(3)).astype(np.float32)
-    shapes = {"x": [None, N_INPUTS], "y": [None, len(bias)]}
-    infos = {
-        name: onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, shape)
-        for name, shape in shapes.items()
-    }
-    graph = onnx.helper.make_graph(
-        [
-            onnx.helper.make_node("ReduceMean", ["x"], ["mean"], axes=[1], keepdims=1),
-            onnx.helper.make_node("Gemm", ["mean", "weights", "bias"], ["y"]),
-        ],
-        "frozen",
-        [infos["x"]],
-        [infos["y"]],
-        [
-            onnx.numpy_helper.from_array(np.zeros((1, len(bias)), np.float32), "weights"),
-            onnx.numpy_helper.from_array(bias, "bias"),
-        ],
-    )
-    opset = [onnx.helper.make_opsetid("", 17)]
-    model = onnx.helper.make_model(graph, opset_imports=opset, ir_version=8)
-    onnx.helper.set_model_props(model, start_metadata())
-    path.write_bytes(model.SerializeToString())
 
 
 def write_alignment(folder: Path) -> None:

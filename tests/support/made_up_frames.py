@@ -19,12 +19,12 @@ import clradar.plot
 from calibration.hand_fit.belief import Belief
 from calibration.hand_fit.certainty import Certainty
 from calibration.hand_fit.descent import Fitted
-from calibration.hand_fit.fit_hands import FRAME_S, Found, followed
+from calibration.hand_fit.fit_hands import Found, followed
 from calibration.hand_fit.following import Settled
 from calibration.hand_fit.frame_fit import FrameFit
 from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.result import ANGLE_NAMES
-from calibration.hand_fit.track import Track
+from calibration.hand_fit.track import FRAME_S, Track
 from clradar.errors import CompareError
 from clradar.hand import hand_movement
 from clradar.hand.shape import AVERAGE

@@ -11,12 +11,13 @@ import signal
 import socket
 import sys
 from types import ModuleType
+from typing import ClassVar
 
 LIBRARIES = (
     "asyncio ctypes h5py matplotlib.pyplot multiprocessing.resource_tracker numpy PIL.Image "
     "pyopencl rich.console rich.progress scipy.ndimage scipy.optimize scipy.spatial.transform "
     "skimage.measure skimage.metrics subprocess tempfile trimesh typer uuid xarray dask.array "
-    "dask.distributed onnxruntime pylops"
+    "dask.distributed pylops"
 )
 MISSING = {
     "darwin": {os: "sched_getaffinity sched_setaffinity posix_fallocate"},
@@ -39,26 +40,22 @@ MODULES = {
 }
 
 
-class Locks(ModuleType):
-    """Windows' `msvcrt`, as far as it locks files."""
+class FileLock:
+    """What filelock has for Windows, as far as it is used: it asks for the real system itself."""
 
-    LK_NBLCK = 2
+    held: ClassVar[set[str]] = set()
 
-    def __init__(self) -> None:
-        super().__init__("msvcrt")
-        self.held: dict[tuple[int, int], int] = {}
+    def __init__(self, lock_file: os.PathLike[str], **settings: object) -> None:
+        self.lock_file = os.path.realpath(lock_file)
 
-    def locking(self, handle: int, mode: int, count: int) -> None:
-        assert (mode, count) == (self.LK_NBLCK, 1)
-        status = os.fstat(handle)
-        here = self.held.setdefault((status.st_dev, status.st_ino), handle)
-        if here != handle:
-            try:
-                os.fstat(here)  # closing the file lets go of the lock
-            except OSError:
-                self.held[status.st_dev, status.st_ino] = handle
-            else:
-                raise PermissionError("locked")
+    def acquire(self) -> None:
+        if self.lock_file in self.held:
+            raise TimeoutError
+        self.held.add(self.lock_file)
+        open(self.lock_file, "ab").close()
+
+    def release(self) -> None:
+        self.held.remove(self.lock_file)
 
 
 def become(system: str) -> None:
@@ -73,5 +70,8 @@ def become(system: str) -> None:
     for name in MODULES[system].split():
         sys.modules[name] = None  # type: ignore[assignment]
     if system == "win32":
-        sys.modules["msvcrt"] = Locks()
+        filelock = ModuleType("filelock")
+        soft = type("SoftFileLock", (FileLock,), {})
+        vars(filelock).update(FileLock=FileLock, SoftFileLock=soft, Timeout=TimeoutError)
+        sys.modules["filelock"] = filelock
     sys.platform = system

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from clradar.files.confined import process
 from clradar.files.failures import fail
 from measurement_io.confined import hdf5_guard
 from measurement_io.native import contents as native_contents
@@ -32,6 +33,15 @@ def arrays(path: Path) -> dict[str, Any]:
         "text": np.array([["a", "bc"]]),
         "pair": pair,
     }
+
+
+def content(path: Path) -> list[Any]:
+    read = process.file_bytes(path, "a file", 2**20)
+    return [np.frombuffer(read, np.uint8), os.getpid()]
+
+
+def open_the_file(path: Path, other: str) -> int:
+    return len(Path(other).read_bytes())
 
 
 def crash(path: Path) -> None:

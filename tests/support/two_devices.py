@@ -119,9 +119,9 @@ def cluster(folder: str) -> None:
     from dataset_plans import digests
 
     from clradar.dataset import read_plan, run
-    from clradar.dataset.engine.cluster import local_cluster
-    from clradar.dataset.engine.distributed import Distributed
-    from clradar.dataset.engine.worker_resources import (
+    from clradar.jobs.cluster import local_cluster
+    from clradar.jobs.distributed import Distributed
+    from clradar.jobs.resources import (
         WorkerResources,
         own_cores,
         own_device,

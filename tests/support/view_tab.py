@@ -1,4 +1,4 @@
-"""A browser that looks at `clradar view` or `clradar live --view`."""
+"""A browser that looks at `clradar view`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import chromium
 import numpy as np
@@ -98,10 +99,23 @@ class Tab:
 def viewing(
     command: str, source: object, *options: object
 ) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """`clradar view` or `live` on a free port, and the address that it prints."""
-    program = [sys.executable, "-m", "clradar", command, str(source), "--port", "0"]
+    """`clradar view` on a free port, and the address that it prints."""
+    with _running("-m", "clradar", command, source, "--port", "0", *options) as found:
+        yield found
+
+
+@contextlib.contextmanager
+def running_script(script: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A script that shows something, and the address that it prints."""
+    with _running(script) as found:
+        yield found
+
+
+@contextlib.contextmanager
+def _running(*arguments: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    program = [sys.executable, *map(str, arguments)]
     with subprocess.Popen(
-        [*program, *map(str, options)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
             assert process.stdout is not None

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from core import meshes
 from shapes import bowl, plate
 
 import clradar
-from clradar.bench import meshes
 from clradar.hand import hand_mesh
 from clradar.tracing.antenna_packets import BUNDLE, GROUP, bundled
 from clradar.tracing.visible_surface import VisibleSurface

@@ -16,7 +16,7 @@ from clradar.geometry.normals import corner_normals
 from clradar.trace import trace as tracing
 from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import resolve_settings
-from clradar.tracing.stochastic import Tracer
+from clradar.tracing.stochastic import MOST_ORDINAL, Tracer
 
 module = importlib.import_module("clradar.tracing.stochastic")
 
@@ -360,10 +360,10 @@ def test_what_is_counted_in_32_bits_stays_below_them(device) -> None:
     with Tracer(SCENES["plate"], many, settings, device) as tracer:
         rays = 2**16 * 2 * many.n_tx * many.n_rx
         assert tracer.n_samples > 10
-        assert tracer._tile_samples == (2**32 - 1) // rays == 3
+        assert tracer._tile_samples == MOST_ORDINAL // rays == 3
     huge = SimpleNamespace(max_buffer_bytes=2**45)
     room = SimpleNamespace(device=huge, _room_bytes=2**45, _capacity=0)
-    assert Tracer._most_receptions(room) == 2**32 - 1
+    assert Tracer._most_receptions(room) == MOST_ORDINAL == 2**32 - 1
     at_m = np.linspace([0.0, 0, 0], [0.1, 0, 0], 2**16)
     Tracer(SCENES["plate"], AntennaArray(at_m, at_m[1:]), settings, device)
     with pytest.raises(ModelError, match=r"fewer than 2\^32 pairs, got 65536 x 65536"):

@@ -47,15 +47,15 @@ class Front:
     def show(self, shown: Shown) -> None:
         self.shown.append(shown)
 
-    def busy(self, words: str) -> None:
-        self.said.append(words)
+    def busy(self, text: str) -> None:
+        self.said.append(text)
 
-    def refuse(self, words: str) -> None:
-        self.said.append(words)
+    def refuse(self, text: str) -> None:
+        self.said.append(text)
 
 
-def image(content: Any, grid: clradar.VoxelGrid, **more: Any) -> clradar.Volume:
-    return clradar.Volume(np.full(grid.shape, content.data[0, 0, 0]), grid)
+def image(content: Any, wish: Wish, progress: Any) -> clradar.Volume:
+    return clradar.Volume(np.full(GRID.shape, content.data[0, 0, 0]), GRID)
 
 
 def test_a_recording_of_as_many_frames_goes_along() -> None:
@@ -71,7 +71,7 @@ def test_a_recording_of_as_many_frames_goes_along() -> None:
     finally:
         session.close()
     pairs = [
-        tuple(float(one.volume.data.real.max()) for one in (shown.first, shown.second))
+        tuple(float(one.image.amplitude.max()) for one in (shown.first, shown.second))
         for shown in front.shown
         if shown.second is not None
     ]

@@ -10,17 +10,22 @@ from pathlib import Path
 import chromium
 import numpy as np
 import pytest
-from view_tab import SIZE, Tab, in_browser, viewing
+from view_tab import SIZE, Tab, in_browser, running_script, viewing
 
 import clradar
-from clradar.calibration import CornerReflector, response
-from clradar.measurement_io import save_capture, save_recording
-from clradar.view.framed import MARK_COLOUR
+from calibration import CornerReflector, response
 from clradar.view.server import serving
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
+from measurement_io import save_capture, save_recording
 
 pytest.importorskip("viser")
+
+PLACE = (
+    "[...document.querySelectorAll('input')].filter(one => one.inputMode === 'decimal')"
+    ".slice(-3).map(one => Number(one.value))"
+)
+"""The three numbers of the place, millimetres."""
 
 
 @pytest.fixture(scope="module")
@@ -47,31 +52,34 @@ def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: 
         page = stack.enter_context(chromium.chromium(tmp_path / "one", webgl=True))
         tab = Tab(page, address)
         tab.load(" simulated")
+        tab.says("dB correlation")
+        for _ in range(2):  # pictures and points, pictures alone, points alone
+            page.key("l", "KeyL")
         # The larger x is to the left.
-        left = tab.lit(lambda m, s: len(m) > 50 and len(s) > 50 and m.mean() < s.mean() - 50)
-        tab.click(left.mean(), SIZE[1] / 2)  # puts the slices there
-        marked = f"document.querySelector('line[stroke=\"{MARK_COLOUR}\"]')"
-        tab.until(marked)
-        picture = page.js("document.querySelector('svg image').getBoundingClientRect().toJSON()")
-        tab.click(picture["x"] + 0.75 * picture["width"], picture["y"] + 0.3 * picture["height"])
-        ends = f"{marked}.getBoundingClientRect().x"
-        tab.until(f"Math.abs({ends} - {picture['x'] + 0.75 * picture['width']}) < 10")
+        left = tab.lit(lambda m, s: len(m) > 50 and len(s) > 50 and m.mean() < s.mean() - 25)
+        tab.click((SIZE[0] - 350) / 2, SIZE[1] / 2)  # the simulated point, beside the panel
+        tab.until(f"Math.abs({PLACE}[0]) < 3")
+        page.key("b", "KeyB")
+        tab.lit(lambda m, s: len(m) > 50 and len(s) == 0)
         page.key("b", "KeyB")
         tab.lit(lambda m, s: len(m) == 0 and len(s) > 50)
         page.key("b", "KeyB")
-        tab.lit(lambda m, s: len(m) > 50 and len(s) == 0)
-        page.key("ArrowRight", "ArrowRight")
+        tab.lit(lambda m, s: len(m) > 50 and len(s) > 50)
+        page.key("b", "KeyB")
+        page.js("document.activeElement.blur()")
+        page.key("n", "KeyN")
         tab.says("frame 1: image of")
-        tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 50)
+        # It has moved to the right: the key did not turn the camera, which shows it in the middle.
+        tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 25)
         page.key("v", "KeyV")
         tab.says("voxels drawn")
 
         # A browser that comes later, or again, sees the same.
         tab.load("voxels drawn")
-        tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 50)
+        tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 25)
         other = Tab(stack.enter_context(chromium.chromium(tmp_path / "two", webgl=True)), address)
         other.load("frame 1: image of")
-        other.page.key("ArrowLeft", "ArrowLeft")
+        other.page.key("p", "KeyP")
         other.says("frame 0: image of")
         tab.says("frame 0: image of")
         other.page.key(" ", "Space")  # plays
@@ -96,3 +104,27 @@ def test_a_server_that_stops_leaves_no_thread() -> None:
         assert set(threading.enumerate()) > before
     for thread in set(threading.enumerate()) - before:
         thread.join()
+
+
+@in_browser
+def test_an_iterable_is_shown_newest_first(tmp_path: Path) -> None:
+    """Ten lines of a lab: a generator that is slower than the page, and ends."""
+    script = tmp_path / "lab.py"
+    script.write_text(
+        "import clradar, clradar.view\n"
+        "array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 8)\n"
+        "def frames():\n"
+        "    for i in range(50):\n"
+        "        points_m = [[0.002 * i - 0.05, 0, 0.3]]\n"
+        "        yield clradar.room_capture(array, waveform, [], points_m=points_m)\n"
+        "    raise RuntimeError('the radar was switched off')\n"
+        "clradar.view.show(frames(), title='lab', port=0)\n"
+    )
+    with (
+        running_script(script) as (process, address),
+        chromium.chromium(tmp_path / "profile", webgl=True) as page,
+    ):
+        tab = Tab(page, address)
+        tab.load(" shown")
+        assert "switched off" in process.communicate()[1]
+        assert process.returncode == 1

@@ -13,11 +13,11 @@ from systems import posix_only
 
 import clradar
 from clradar.errors import MeasurementError
-from clradar.measurement_io import save_capture, save_recording, save_volume
 from clradar.view import server
 from clradar.view.server import MissingViser, serving
 from clradar.view.sources import open_source
 from clradar.view.wish import Wish
+from measurement_io import save_capture, save_recording, save_volume
 
 GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
 

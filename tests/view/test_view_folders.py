@@ -13,12 +13,11 @@ from view_tab import Tab, in_browser, viewing
 
 import clradar
 from clradar.errors import MeasurementError
-from clradar.measurement_io import save_recording, save_volume
-from clradar.view.folder_frames import FolderFrames
-from clradar.view.follower import Follower
+from clradar.view.playing import Follower
 from clradar.view.session import Session, Shown
-from clradar.view.sources import open_source
+from clradar.view.sources import FolderFrames, open_source
 from clradar.view.wish import Wish
+from measurement_io import save_recording, save_volume
 
 GRID = clradar.VoxelGrid(np.array([0, 0, 0.3]), np.full(3, 1e-3), (4, 3, 2))
 
@@ -38,16 +37,19 @@ class Watched:
         assert isinstance(source, FolderFrames)
         self.source = source
         self.session = Session(source, Wish(frame=-1), self)
-        self.follower = Follower(source, self.session, lambda _: None, self.refuse)
+        self.follower = Follower(
+            source, self.session, lambda _: None, lambda _: None, self.said.append
+        )
 
     def show(self, shown: Shown) -> None:
-        self.peaks.append(float(abs(shown.first.volume.data).max()))
+        self.peaks.append(float(shown.first.image.amplitude.max()))
+        self.follower.shown(shown)
 
-    def busy(self, words: str) -> None:
+    def busy(self, text: str) -> None:
         pass
 
-    def refuse(self, words: str) -> None:
-        self.said.append(words)
+    def refuse(self, text: str) -> None:
+        self.said.append(text)
 
     def write(self, name: str, amplitude: float) -> None:
         save_volume(self.folder / name, volume(amplitude), force=True)
@@ -57,7 +59,6 @@ class Watched:
         self.peaks.clear()
         for _ in range(2):
             self.follower.look()
-            self.session.settle()
         return self.peaks
 
     def labels(self) -> list[str]:
@@ -80,10 +81,26 @@ def test_new_files_are_shown_as_they_come(watched: Watched) -> None:
     (watched.folder / "notes.txt").write_text("no frame")
     assert watched.look() == [10.0]
     assert watched.labels() == ["9.h5", "10.h5"]
+    watched.follower.stay()
     watched.session.change(frame=watched.source.frames()[0])
+    watched.session.settle()
     watched.write("11.h5", 11.0)
-    assert watched.look() == [9.0]  # who looks at an earlier one is left there
+    assert watched.look() == []  # who looks at an earlier one is left there
     assert watched.labels() == ["9.h5", "10.h5", "11.h5"]
+    watched.follower.follow(True)
+    watched.session.settle()
+    assert watched.peaks == [11.0]
+    said = watched.follower.pace.text(True, False)
+    assert said.startswith("2 shown, ")
+    assert said.endswith(" 1 dropped")
+
+
+def test_of_files_that_come_together_the_newest_is_shown(watched: Watched) -> None:
+    for i in range(1, 5):
+        watched.write(f"{i}.h5", i)
+    assert watched.look() == [4.0]
+    assert watched.follower.pace.dropped == 3
+    assert "4 shown" not in watched.follower.pace.text(True, False)
 
 
 def test_a_half_written_file_is_shown_once_it_is_whole(watched: Watched) -> None:
@@ -94,8 +111,8 @@ def test_a_half_written_file_is_shown_once_it_is_whole(watched: Watched) -> None
     half.write_bytes(content[: len(content) // 2])
     assert watched.look() == []
     assert watched.labels() == ["whole.h5"]
-    assert len(watched.said) == 1
-    assert "half.h5" in watched.said[0]
+    assert "1 bad, the last:" in watched.follower.pace.text(True, False)
+    assert "half.h5" in watched.follower.pace.reason
     half.write_bytes(content)
     assert watched.look() == [3.0]
     assert watched.labels() == ["whole.h5", "half.h5"]
@@ -114,6 +131,16 @@ def test_rewritten_and_removed_files(watched: Watched) -> None:
     watched.session.change()
     watched.session.settle()
     assert watched.peaks == [4.0]  # what is shown can still be looked at
+
+
+def test_a_folder_that_grows_without_watching_is_followed(tmp_path: Path) -> None:
+    save_volume(tmp_path / "a.h5", volume(1.0))
+    source = open_source(tmp_path)
+    assert isinstance(source, FolderFrames)
+    assert not source.grows
+    save_volume(tmp_path / "b.h5", volume(2.0))
+    assert any(source.look() for _ in range(3))
+    assert source.grows
 
 
 def test_a_folder_that_is_away_for_a_while(watched: Watched, tmp_path: Path) -> None:
@@ -140,14 +167,14 @@ def test_frames_of_a_recording_are_watched_by_variant(tmp_path: Path) -> None:
     capture = clradar.Capture(np.ones((94, 94, 3), np.complex64), array, waveform)
     save_recording(tmp_path / "plate/30", [capture], timestamps_us=[0])
     source = open_source(tmp_path / "plate/30", watch=True)
-    assert [source.label(frame) for frame in source.frames()] == ["000000.npy"]
+    assert [source.label(frame) for frame in source.frames()] == ["frame 0"]
     assert source.read(0).data.shape == (94, 94, 3)
     assert not open_source(tmp_path / "plate/30", "emptyfiltered", watch=True).frames()
 
 
 def test_folders_and_files_that_cannot_be_viewed(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no frame")
-    with pytest.raises(MeasurementError, match=r"notes\.txt.*nor are files \(\.h5"):
+    with pytest.raises(MeasurementError, match=r"files \(\.h5, .*\) in the folder, got none"):
         open_source(tmp_path)
     with pytest.raises(MeasurementError, match="expected a folder, got a file"):
         open_source(tmp_path / "notes.txt", watch=True)
@@ -165,11 +192,11 @@ def test_files_appear_in_a_browser_once_they_are_whole(tmp_path: Path) -> None:
         chromium.chromium(tmp_path / "profile", webgl=True) as page,
     ):
         tab = Tab(page, address)
-        tab.load("waiting for a first file")
+        tab.load("waiting for a first frame")
         save_volume(folder / "a.h5", volume(1.0))
         tab.says("a.h5: volume of")
         content = (folder / "a.h5").read_bytes()
         (folder / "b.h5").write_bytes(content[: len(content) // 2])
-        tab.says("Not shown:")
+        tab.says("1 bad, the last:")
         (folder / "b.h5").write_bytes(content)
         tab.says("b.h5: volume of")

@@ -13,10 +13,10 @@ from PIL import Image
 
 import clradar
 from clradar.errors import ClradarError, OutputError
-from clradar.measurement_io import save_volume
 from clradar.view.page_file import write_page
 from clradar.view.sources import open_source
 from clradar.view.wish import Wish
+from measurement_io import save_volume
 
 pytest.importorskip("viser")
 

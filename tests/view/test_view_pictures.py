@@ -1,99 +1,85 @@
-"""What the live view draws of a volume: colours where they belong, in the radar's view."""
+"""What the view draws of an image: colours where they belong, in the radar's view, and clicks."""
 
 from __future__ import annotations
 
-import base64
-import io
-import re
-
 import numpy as np
 import pytest
-from PIL import Image
 
 import clradar
-from clradar.calibration import CornerReflector, response
-from clradar.errors import CompareError, ModelError
-from clradar.view.channels import pair_drawings
-from clradar.view.framed import Axis
-from clradar.view.grids import LIVE_VOXELS, extents_mm, grid_mm, live_grid
+from calibration import CornerReflector, response
+from clradar.errors import ModelError
+from clradar.view.drawn import Drawn, Flat, amplitude_colours, clicked_m, voxels_of
 from clradar.view.pictures import (
-    amplitude_colours,
-    depth_drawing,
-    difference_drawing,
-    picture_of,
-    projection_drawing,
-    voxels_of,
+    Picture,
+    _difference_scale,
+    image_pictures,
+    overview_picture,
+    pair_curves,
+    slice_pictures,
 )
-from clradar.view.scene import box_edges
-from clradar.view.slices import clicked_m, pointed_m, slice_drawings, strongest_m
+from clradar.view.scene import box_edges, ticks
+from clradar.view.wish import LIVE_VOXELS, extents_mm, grid_mm, live_grid
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
-
-
-def volume_of(*voxels: tuple[int, int, int, float]) -> clradar.Volume:
-    """A volume with these voxels (x, y, z, amplitude), 0 elsewhere."""
-    data = np.zeros(GRID.shape, np.complex64)
-    for x, y, z, amplitude in voxels:
-        data[z, y, x] = amplitude
-    return clradar.Volume(data, GRID)
-
-
-def pixels_of(drawing: str) -> np.ndarray:
-    """The first image in an SVG."""
-    data = drawing.split("data:image/png;base64,")[1].split('"')[0]
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
-
 
 STRONGEST = amplitude_colours(np.zeros(1), 20.0)[0]
 
 
-def lit(drawing: str) -> list[tuple[int, int]]:
-    """Rows and columns of the strongest pixels."""
-    rows, columns = np.nonzero((pixels_of(drawing) == STRONGEST).all(axis=2))
-    return list(zip(rows.tolist(), columns.tolist(), strict=True))
+def drawn_of(*voxels: tuple[int, int, int, float], grid: clradar.VoxelGrid = GRID) -> Drawn:
+    """A volume with these voxels (x, y, z, amplitude), 0 elsewhere."""
+    data = np.zeros(grid.shape, np.complex64)
+    for x, y, z, amplitude in voxels:
+        data[z, y, x] = amplitude
+    return Drawn.of(clradar.Volume(data, grid), 20.0)
+
+
+def lit(picture: Picture, colour: np.ndarray = STRONGEST) -> list[tuple[float, float]]:
+    """Where on the axes, millimetres, the middle of all pixels of a colour is; [] without any."""
+    left, top, right, bottom = picture.box
+    rows, columns = np.nonzero((picture.pixels[top:bottom, left:right] == colour).all(axis=2))
+    if not len(rows):
+        return []
+    at_m = picture.values_m(left + columns.mean() + 0.5, top + rows.mean() + 0.5)
+    assert at_m is not None
+    return [(1e3 * at_m[0], 1e3 * at_m[1])]
+
+
+def near(*values: float) -> object:
+    return pytest.approx(values, abs=0.2)
 
 
 def test_x_is_to_the_left_and_y_upwards() -> None:
-    drawing = projection_drawing(picture_of(volume_of((2, 1, 1, 1.0)), 20.0).image)
-    assert pixels_of(drawing).shape == (2, 3, 3)
-    assert lit(drawing) == [(0, 0)]
-    # From the upper left corner: ticks of y, falling, and of x, from the largest to the smallest.
-    texts = re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]+)</text>', drawing)
-    at = {words: (float(x), float(y)) for x, y, words in texts}
-    assert at["10"][0] < at["-10"][0]
-    assert {"x (mm)", "y (mm)", "dB", "0", "-20"} <= set(at)
+    drawn = drawn_of((2, 1, 1, 1.0))
+    picture = image_pictures(drawn, None, drawn, None)["projection"]
+    assert lit(picture) == [near(10, 10)]
+    assert (picture.across.first, picture.across.last) == (15.0, -15.0)
+    assert (picture.up.first, picture.up.last) == (-5.0, 15.0)
+    left, top, right, bottom = picture.box
+    assert (bottom - top) / (right - left) == pytest.approx(2 / 3, rel=0.03)  # equal scales
+    assert picture.values_m(left - 3, top + 3) is None
 
 
-def test_slices_go_through_the_place_in_the_radars_view() -> None:
-    volume = volume_of((2, 1, 3, 1.0), (0, 0, 0, 0.5))
-    assert strongest_m(volume) == pytest.approx((0.01, 0.01, 0.33))
-    across, along, side = slice_drawings(volume, (0.012, 0.008, 0.331), 20.0)
-    assert lit(across) == [(0, 0)]  # x to the left, y up
-    assert pixels_of(along).shape == (4, 3, 3)
-    assert lit(along) == [(0, 0)]  # x to the left, z up
-    assert pixels_of(side).shape == (2, 4, 3)
-    assert lit(side) == [(0, 3)]  # z to the right, y up
-    for drawing, title in ((across, "z = 330 mm"), (along, "y = 10 mm"), (side, "x = 10 mm")):
-        assert title in drawing
+def test_slices_go_through_the_place() -> None:
+    drawn = drawn_of((2, 1, 3, 1.0), (0, 0, 0, 0.5))
+    assert drawn.strongest_m() == pytest.approx((0.01, 0.01, 0.33))
+    slices = slice_pictures(drawn, (0.012, 0.008, 0.331))
+    for name, at in (("xy", (10, 10)), ("xz", (10, 330)), ("zy", (330, 10))):
+        assert lit(slices[name]) == [near(*at)], name
     # A place without the strongest voxel: its slices are dark relative to the whole volume.
-    assert not any(lit(drawing) for drawing in slice_drawings(volume, (-0.01, 0.0, 0.30), 20.0))
+    assert not any(map(lit, slice_pictures(drawn, (-0.01, 0.0, 0.30)).values()))
 
 
-def test_a_click_on_a_drawing_means_the_voxel_that_is_drawn_there() -> None:
-    volume = volume_of((2, 1, 3, 1.0), (0, 0, 1, 0.9))
-    slices = slice_drawings(volume, (0.01, 0.01, 0.33), 20.0)
-    drawings = dict(zip(("xy", "xz", "zy"), slices, strict=True))
-    drawings["projection"] = projection_drawing(picture_of(volume, 20.0).image)
-    for name, drawing in drawings.items():
-        assert f"/click/{name}/" in drawing
-        rows, columns = pixels_of(drawing).shape[:2]
-        for row, column in lit(drawing):
-            place = (column + 0.5) / columns, (row + 0.5) / rows
-            assert pointed_m(volume, (0.01, 0.01, 0.33), name, *place) == strongest_m(volume)
-    # In a projection the strongest voxel along z; at the very edge the last voxel.
-    assert pointed_m(volume, (0.01, 0.01, 0.33), "projection", 1.0, 1.0) == pytest.approx(
-        (-0.01, 0.0, 0.31)
-    )
+def test_a_click_on_a_picture_means_what_is_drawn_there() -> None:
+    drawn = drawn_of((2, 1, 3, 1.0), (0, 0, 1, 0.9))
+    at_m = (0.01, 0.01, 0.33)
+    pictures = slice_pictures(drawn, at_m)
+    pictures["projection"] = image_pictures(drawn, None, drawn, None)["projection"]
+    for name, picture in pictures.items():
+        (place,) = lit(picture)
+        assert drawn.pointed_m(at_m, name, 1e-3 * place[0], 1e-3 * place[1]) == pytest.approx(at_m)
+    assert drawn.pointed_m(at_m, "projection", -0.012, -0.004) == pytest.approx((-0.01, 0, 0.31))
+    assert drawn.level_db((-0.01, 0, 0.31)) == pytest.approx(20 * np.log10(0.9))
+    assert np.isnan(drawn.depth_m((0.0, 0.0, 0.3)))
 
 
 def test_a_click_takes_the_point_that_its_ray_meets_first() -> None:
@@ -108,18 +94,28 @@ def test_a_click_takes_the_point_that_its_ray_meets_first() -> None:
 
 
 def test_the_difference_is_brown_where_the_simulation_is_farther() -> None:
-    first, second = (
-        picture_of(volume_of((0, 0, z, 1.0), (1, 0, 1, 1.0)), 20.0).image for z in (1, 2)
+    first, second = (drawn_of((0, 0, z, 1.0), (1, 0, 1, 1.0)) for z in (1, 2))
+    picture = image_pictures(first, second, first, None)["difference"]
+    scale = _difference_scale()
+    assert scale[255, 0] > scale[255, 2] + 100
+    assert scale[128].min() > 250
+    assert lit(picture, scale[255]) == [near(-10, 0)]
+    assert lit(picture, scale[128]) == [near(0, 0)]
+    other = drawn_of((0, 0, 0, 1.0), grid=clradar.VoxelGrid([0, 0, 0.3], [0.01] * 3, (3, 3, 4)))
+    assert "difference" not in image_pictures(first, other, first, None)
+
+
+@pytest.mark.parametrize("known", ["projection", "depth"])
+def test_of_a_data_set_only_what_is_stored_is_drawn(known: str) -> None:
+    there = known == "depth"
+    image = clradar.DepthMap(
+        np.full((2, 2), 0.3 if there else np.nan), np.ones((2, 2)), [0.0, 0.01], [0.0, 0.01]
     )
-    image = pixels_of(difference_drawing(first, second)).astype(int)
-    red, _, blue = image[1, 2]  # the lowest y, the smallest x
-    assert red > blue + 100
-    np.testing.assert_array_equal(image[1, 1] > 250, True)  # no difference: white
-    other = clradar.VoxelGrid(GRID.origin_m, GRID.spacing_m, (3, 3, 4))
-    with pytest.raises(CompareError):
-        difference_drawing(
-            first, picture_of(clradar.Volume(np.ones(other.shape), other), 20.0).image
-        )
+    drawn = Drawn.of(Flat(image, (known,)), 20.0, voxels=True)
+    assert list(image_pictures(drawn, None, drawn, None)) == [known]
+    assert slice_pictures(drawn, (0, 0, 0.3)) == {}
+    assert len(drawn.cloud.points_m) == (4 if there else 0)
+    assert drawn.pointed_m((0, 0, 0.4), "projection", 0.01, 0.0)[2] == (0.3 if there else 0.4)
 
 
 def test_channel_data_of_a_pair_peak_at_its_range() -> None:
@@ -127,38 +123,24 @@ def test_channel_data_of_a_pair_peak_at_its_range() -> None:
     data = response(CornerReflector((0.0, 0.0, 0.3)), array, waveform)
     data[5, 7] *= 1e-3
     capture = clradar.Capture(data, array, waveform)
-    overview, magnitude, phase, profile = pair_drawings(capture, 5, 7)
-    image = pixels_of(overview).astype(int)
-    assert image.shape == (94, 94, 3)
-    dark = image.sum(axis=2)
-    assert np.unravel_index(dark.argmin(), dark.shape) == (93 - 5, 7)  # Tx from below
-    for drawing, unit in ((magnitude, "GHz"), (phase, "turns"), (profile, "half the path (mm)")):
-        assert "Tx 5, Rx 7" in drawing
-        assert unit in drawing
-    line = re.search(r'points="([^"]+)"', profile)
-    assert line is not None
-    x, y = np.array([point.split(",") for point in line[1].split()], float).T
+    overview = overview_picture(capture, 93, 93)
+    left, top, right, bottom = overview.box
+    dark = overview.pixels[top:bottom, left:right].astype(int).sum(axis=2)
+    row, column = np.unravel_index(dark.argmin(), dark.shape)
+    at = overview.values_m(left + column + 1, top + row + 1)
+    assert at == pytest.approx((7, 5), abs=0.6)  # Tx upwards
+    curves = pair_curves(capture, 5, 7)
+    assert list(curves) == ["magnitude (dB)", "phase (turns)", "range profile (dB)"]
+    name, place_mm, level_db = curves["range profile (dB)"]
     path_m = np.linalg.norm(array.tx_m[5] - [0, 0, 0.3]) + np.linalg.norm(
         array.rx_m[7] - [0, 0, 0.3]
     )
-    share = path_m / 2 / waveform.unambiguous_range_m
-    assert (x[y.argmin()] - x[0]) / (x[-1] - x[0]) == pytest.approx(share, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("first", "last", "ticks"),
-    [
-        (100.0, -100.0, [-100, -50, 0, 50, 100]),
-        (-0.5, 93.5, [0, 20, 40, 60, 80]),
-        (0.30, 0.31, [0.3, 0.302, 0.304, 0.306, 0.308, 0.31]),
-    ],
-)
-def test_ticks_are_round(first: float, last: float, ticks: list[float]) -> None:
-    assert Axis("x", first, last).ticks() == ticks
+    assert name == "half the path (mm)"
+    assert place_mm[level_db.argmax()] == pytest.approx(500 * path_m, abs=10)
 
 
 def test_points_are_where_the_voxels_are_coloured_by_level() -> None:
-    cloud = picture_of(volume_of((0, 0, 1, 1.0), (2, 1, 2, 0.5), (1, 1, 1, 0.01)), 20.0).cloud
+    cloud = drawn_of((0, 0, 1, 1.0), (2, 1, 2, 0.5), (1, 1, 1, 0.01)).cloud
     np.testing.assert_allclose(cloud.points_m, [[-0.01, 0, 0.31], [0.01, 0.01, 0.32]], atol=1e-7)
     expected = amplitude_colours(np.array([0.0, 20 * np.log10(0.5)]), 20.0)
     np.testing.assert_array_equal(cloud.colours, expected)
@@ -166,23 +148,21 @@ def test_points_are_where_the_voxels_are_coloured_by_level() -> None:
 
 
 def test_an_image_without_anything_has_no_points() -> None:
-    picture = picture_of(volume_of(), 20.0)
-    assert len(picture.cloud.points_m) == 0
-    assert "Depth: nothing seen" in depth_drawing(picture.image)
-    assert not lit(projection_drawing(picture.image))
-    assert len(voxels_of(volume_of(), 20.0).points_m) == 0
+    drawn = drawn_of()
+    assert len(drawn.cloud.points_m) == 0
+    pictures = image_pictures(drawn, None, drawn, None)
+    assert list(pictures) == ["projection", "depth"]
+    assert not lit(pictures["projection"])
+    assert drawn.volume is not None
+    assert len(voxels_of(drawn.volume, 20.0).points_m) == 0
 
 
 def test_voxels_are_those_within_the_range_the_strongest_first() -> None:
-    volume = volume_of((0, 0, 0, 1.0), (1, 0, 0, 0.5), (2, 0, 3, 0.2), (1, 1, 1, 0.05))
-    np.testing.assert_allclose(
-        voxels_of(volume, 20.0).points_m,
-        [[-0.01, 0, 0.30], [0, 0, 0.30], [0.01, 0, 0.33]],
-        atol=1e-7,
-    )
-    np.testing.assert_allclose(
-        voxels_of(volume, 20.0, most=2).points_m, [[-0.01, 0, 0.30], [0, 0, 0.30]], atol=1e-7
-    )
+    volume = drawn_of((0, 0, 0, 1.0), (1, 0, 0, 0.5), (2, 0, 3, 0.2), (1, 1, 1, 0.05)).volume
+    assert volume is not None
+    at_m = [[-0.01, 0, 0.30], [0, 0, 0.30], [0.01, 0, 0.33]]
+    np.testing.assert_allclose(voxels_of(volume, 20.0).points_m, at_m, atol=1e-7)
+    np.testing.assert_allclose(voxels_of(volume, 20.0, most=2).points_m, at_m[:2], atol=1e-7)
 
 
 def test_the_papers_grid_is_viewed_every_second_millimetre() -> None:
@@ -201,22 +181,24 @@ def test_a_grid_reaches_as_far_as_whole_steps() -> None:
 
 
 @pytest.mark.parametrize(
-    ("x_mm", "step_mm", "words"),
+    ("x_mm", "step_mm", "text"),
     [
         ((10, -10), 1.0, "first <= last"),
         ((-10, 10), 0.0, "voxel size"),
         ((-900, 900), 0.1, "at most"),
     ],
 )
-def test_grids_that_cannot_be_viewed(x_mm: tuple[float, float], step_mm: float, words: str) -> None:
-    with pytest.raises(ModelError, match=words):
+def test_grids_that_cannot_be_viewed(x_mm: tuple[float, float], step_mm: float, text: str) -> None:
+    with pytest.raises(ModelError, match=text):
         grid_mm(x_mm, (-100, 100), (260, 340), step_mm)
 
 
-def test_a_box_has_twelve_edges_along_the_axes() -> None:
+def test_a_box_has_twelve_edges_along_the_axes_and_round_ticks() -> None:
     ends = np.array([[0.0, 1.0], [0.0, 2.0], [5.0, 8.0]])
     edges = box_edges(ends)
     lengths = np.abs(edges[:, 1] - edges[:, 0])
     assert (np.count_nonzero(lengths, axis=1) == 1).all()
     np.testing.assert_array_equal(np.sort(lengths.sum(axis=1)), [1] * 4 + [2] * 4 + [3] * 4)
     assert len({tuple(edge.ravel()) for edge in edges}) == 12
+    assert ticks(-100.0, 100.0, 4) == [-100, -50, 0, 50, 100]
+    assert ticks(0.3, 0.31, 4) == [0.3, 0.305, 0.31]

@@ -19,6 +19,8 @@ from clradar.dataset.store.folder import Aside, begin
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.errors import MeasurementError
 from clradar.view import samples
+from clradar.view.drawn import Drawn, Flat
+from clradar.view.pictures import image_pictures, slice_pictures
 from clradar.view.samples import KEPT_SAMPLES, SampleFrames
 from clradar.view.sources import open_source
 
@@ -87,7 +89,7 @@ def test_samples_are_read_when_they_are_looked_at(
     source.choose()
     assert read == []
     for sample in (7, 7, 11):
-        assert abs(source.read(sample).data).max() == 1 + sample
+        assert source.read(sample).image.amplitude.max() == 1 + sample
         source.truth(sample)
     assert read == [("shard-00001.h5", 7), ("00000011.h5", 11)]
     for sample in (*range(KEPT_SAMPLES - 2), 7):
@@ -98,14 +100,20 @@ def test_samples_are_read_when_they_are_looked_at(
     assert len(read) == KEPT_SAMPLES + 2  # 11 had to go for 9
 
 
-def test_projection_and_depth_map_stand_for_the_volume(letters: Path) -> None:
+def test_projection_and_depth_map_are_shown_without_a_volume(letters: Path) -> None:
     source = SampleFrames(letters)
-    volume = source.read(3)
-    assert isinstance(volume, clradar.Volume)
-    image = volume.depth_map(dynamic_range_db=15)
-    assert np.flatnonzero(image.mask).tolist() == [1 * len(volume.grid.x_m) + 2]
-    assert abs(image.depth_m[1, 2] - DEPTH_M) <= volume.grid.spacing_m[2] / 2
-    assert abs(volume.data).max() == 4.0
+    flat = source.read(3)
+    assert isinstance(flat, Flat)
+    assert flat.known == ("projection", "depth")
+    drawn = Drawn.of(flat, 15.0)
+    assert np.flatnonzero(drawn.image.mask).tolist() == [1 * len(flat.image.x_m) + 2]
+    assert drawn.image.depth_m[1, 2] == np.float32(DEPTH_M)
+    assert drawn.image.amplitude.max() == 4.0
+    # No volume is made up: no slices, and points as small as a pixel.
+    assert drawn.volume is None
+    assert slice_pictures(drawn, drawn.strongest_m()) == {}
+    assert set(image_pictures(drawn, None, drawn, None)) == {"projection", "depth"}
+    assert drawn.cloud.size_m == pytest.approx(np.diff(flat.image.x_m).min())
 
 
 def test_captures_are_there_to_be_imaged(tmp_path: Path) -> None:
@@ -166,7 +174,7 @@ def test_data_sets_that_cannot_be_viewed(tmp_path: Path) -> None:
     source = open_source(folder)
     with pytest.raises(MeasurementError, match=r"00000001\.h5"):
         source.read(1)
-    assert abs(source.read(0).data).max() == 1.0
+    assert source.read(0).image.amplitude.max() == 1.0
     (folder / "manifest.json").write_text("{}")
     with pytest.raises(MeasurementError, match=r"manifest\.json"):
         open_source(folder)
@@ -183,14 +191,14 @@ def test_samples_are_chosen_in_a_browser(letters: Path, tmp_path: Path) -> None:
         chromium.chromium(tmp_path, webgl=True) as page,
     ):
         tab = Tab(page, address)
-        tab.load("sample 0: volume of")
+        tab.load("sample 0: maximum projection and depth map of")
         tab.type("Number", "7")
-        tab.says("sample 7: volume of")
+        tab.says("sample 7: maximum")
         tab.says(source.truth(7).lines[1].split(")")[0])
         tab.type("Number", "6")
         tab.says("expected sample 6, got none that is stored")
         tab.choose("Hand", "left")
-        tab.says(f"sample {left[0]}: volume of")
-        page.js("document.activeElement.blur()")  # in a control the arrows are its own
-        page.key("ArrowRight", "ArrowRight")
-        tab.says(f"sample {left[1]}: volume of")
+        tab.says(f"sample {left[0]}: maximum")
+        page.js("document.activeElement.blur()")  # in a control the keys are its own
+        page.key("n", "KeyN")
+        tab.says(f"sample {left[1]}: maximum")

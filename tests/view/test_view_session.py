@@ -12,7 +12,7 @@ import pytest
 
 import clradar
 from clradar.errors import MeasurementError
-from clradar.view.player import Player
+from clradar.view.playing import Player
 from clradar.view.session import Session, Shown
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
@@ -36,11 +36,11 @@ class Record:
     def show(self, shown: Shown) -> None:
         self.shown.append(shown.wish)
 
-    def busy(self, words: str) -> None:
+    def busy(self, text: str) -> None:
         pass
 
-    def refuse(self, words: str) -> None:
-        self.refused.append(words)
+    def refuse(self, text: str) -> None:
+        self.refused.append(text)
 
 
 class SlowImager:
@@ -50,15 +50,14 @@ class SlowImager:
         self.started, self.let = threading.Semaphore(0), threading.Semaphore(0)
         self.begun = self.done = 0
 
-    def __call__(
-        self, content: Any, grid: clradar.VoxelGrid, *, progress: Any, **more: Any
-    ) -> clradar.Volume:
+    def __call__(self, content: Any, wish: Wish, progress: Any) -> clradar.Volume:
         self.begun += 1
         self.started.release()
         self.let.acquire()
         progress(1, 2)
         self.done += 1
-        return clradar.Volume(np.ones(grid.shape), grid)
+        assert wish.grid is not None
+        return clradar.Volume(np.ones(wish.grid.shape), wish.grid)
 
 
 @contextmanager
@@ -170,7 +169,6 @@ def test_playing_waits_for_every_frame_and_stops() -> None:
 
     steps = Steps()
     player = Player(steps, per_second=1e6)
-    assert not player.playing
     player.play(True)
     enough.wait()
     player.play(False)
@@ -180,7 +178,7 @@ def test_playing_waits_for_every_frame_and_stops() -> None:
 
 def test_frames_that_come_and_go_are_stepped_through_by_their_numbers() -> None:
     class Growing:
-        name = "folder"
+        name, grows = "folder", True
         there: tuple[int, ...] = ()
 
         def frames(self) -> tuple[int, ...]:

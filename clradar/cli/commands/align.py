@@ -16,12 +16,15 @@ from clradar.cli.options.common import (
     UnitOptions,
 )
 from clradar.cli.options.groups import argument, given, option, output_option, recorded
-from clradar.cli.options.imaging import GridOptions, ImagingOptions, grid_text
-from clradar.cli.options.radar import RadarOptions
-from clradar.cli.options.recording import FrameOptions
-from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_outputs
-from clradar.cli.provenance import provenance
+from clradar.cli.options.measured import (
+    FrameOptions,
+    GridOptions,
+    ImagingOptions,
+    RadarOptions,
+    grid_text,
+)
+from clradar.cli.outputs import check_outputs, provenance
+from clradar.cli.parse import wrong_usage
 from clradar.files.json_file import write_json
 
 

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
-from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import ForceOption, OpenOption
+from clradar.cli.options.common import ForceOption
 from clradar.cli.options.groups import argument, option, output_option
-from clradar.cli.options.radar import ARRAY_HELP, BandOptions, RadarOptions
-from clradar.cli.options.values import check_unit, position_m
+from clradar.cli.options.measured import ARRAY_HELP, BandOptions, RadarOptions
 from clradar.cli.outputs import check_figure, check_outputs
+from clradar.cli.parse import check_unit, position_m
 
 if TYPE_CHECKING:
     from clradar import AntennaArray
@@ -34,7 +33,6 @@ def command(
         metavar="DEG",
     ),
     as_json: bool = option(False, "Print JSON for programs, in metres.", names=("--json",)),
-    show: OpenOption = False,
     force: ForceOption = False,
 ) -> None:
     """Widths are those of the response at -3 dB, which back-projection has without a window. A lobe
@@ -46,7 +44,6 @@ def command(
     from clradar.files.json_text import indented
 
     check_figure(output)
-    require_picture(show, "-o", output)
     radar = RadarOptions(array=array, band=band.band)
     check_outputs([output], force=force, inputs=radar.files)
     focus_m, clusters, waveform = _focus(at_mm), radar.clusters(), radar.waveform()
@@ -68,7 +65,6 @@ def command(
         _print_figures(name, clusters, found)
         if output is not None:
             print_line(f"{output}: elements, virtual aperture, response")
-    open_written(show, output)
 
 
 def _focus(text: str) -> list[float]:

@@ -8,17 +8,18 @@ from pathlib import Path
 
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import DevicesOption, ForceOption, OpenOption
+from clradar.cli.inputs import ImageInput, common_grid, recording_words
+from clradar.cli.options.common import DevicesOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
-from clradar.cli.options.imaging import DepthMapOptions, GridOptions, ImagingOptions, grid_text
-from clradar.cli.options.recording import FrameOptions
-from clradar.cli.options.sequence import FRAMES_METAVAR
-from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_figure, check_outputs, check_suffix
-from clradar.cli.provenance import provenance
-from clradar.cli.titles import recording_words
+from clradar.cli.options.measured import (
+    DepthMapOptions,
+    FrameOptions,
+    GridOptions,
+    ImagingOptions,
+    grid_text,
+)
+from clradar.cli.outputs import check_figure, check_outputs, check_suffix, provenance
+from clradar.cli.parse import wrong_usage
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
@@ -49,33 +50,19 @@ def command(
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
-    over_frames: str | None = option(
-        None,
-        "Compare recordings, or folders of .h5 files, at these frames; --report has a time line. "
-        "A single SIMULATED stays the same.",
-        names=("--frames",),
-        metavar=FRAMES_METAVAR,
-    ),
     device: DevicesOption = None,
     force: ForceOption = False,
-    show: OpenOption = False,
 ) -> None:
     """Captures are imaged first: on the grid of the options, or without them on that of the first
     volume that is given, or without volumes on the paper's where MEASURED is in it, else around its
     strongest echo. --frame and --variant are those of
     MEASURED, where it is a recording. The metrics are defined in docs/metrics.md.
     """
-    from clradar.opencl import open_devices
+    from clradar.jobs import open_devices
     from clradar.report import ReportImage, html_report
 
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[measured, *simulated])
-    require_picture(show, "-o or --report", files.output, files.report)
-    if over_frames is not None:
-        settings = (voxels, imaging, depth, frames)
-        _compare_over_frames(over_frames, measured, simulated, files, settings, device, force=force)
-        open_written(show, files.report)
-        return
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
     if all(image.grid is not None for image in images) and given(voxels):
         raise wrong_usage(
@@ -86,7 +73,7 @@ def command(
     volumes = [image.volume(grid, imaging, opened) for image in images]
     labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
     if measured.is_dir() and frames.frame is None and any(path.is_dir() for path in simulated):
-        print_line("the first frames are compared; --frames all compares every one")
+        print_line("the first frames are compared; `clradar process` compares every one")
     compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
     compared.print()
     recording = recording_words(volumes[0].meta)
@@ -97,7 +84,6 @@ def command(
         )
         print_line(f"{files.output}: the measurement and {len(simulated)} simulated")
     if files.json is None and files.report is None:
-        open_written(show, files.output)
         return
     options = recorded(imaging, frames, grid=grid_text(grid))
     origin = provenance("compare", options, [file for image in images for file in image.files])
@@ -115,54 +101,3 @@ def command(
             )  # fmt: skip
         write_file(files.report, page.encode("utf-8"), force=force)
         print_line(f"{files.report}: the comparison as a page, to be opened in a browser")
-    open_written(show, files.output, files.report)
-
-
-def _compare_over_frames(
-    chosen: str,
-    measured: Path,
-    simulated: list[Path],
-    files: ComparisonFiles,
-    settings: tuple[GridOptions, ImagingOptions, DepthMapOptions, FrameOptions],
-    device: str | None,
-    *,
-    force: bool,
-) -> None:
-    """Compare frame by frame, and write metrics and page as far as they were asked for."""
-    from clradar.cli.frame_comparison import (
-        compare_frames,
-        frame_records,
-        open_frames,
-        print_series,
-    )
-    from clradar.opencl import open_devices
-    from clradar.report import frames_report
-
-    voxels, imaging, depth, frames = settings
-    if frames.frame is not None:
-        raise wrong_usage("--frame", "expected without --frames")
-    if files.output is not None:
-        raise wrong_usage("-o", "of one frame; with --frames there are --report and --json")
-    sources, numbers = open_frames(chosen, measured, simulated, frames.variant)
-    series, grid, made_on = compare_frames(
-        sources, numbers, voxels, imaging, depth.dynamic_range_db, open_devices(device)
-    )
-    print_series(series)
-    options = recorded(
-        imaging, frames, frames=chosen, grid=grid_text(grid), measured=measured,
-        simulated=simulated,
-    )  # fmt: skip
-    origin = provenance("compare", options, [s.path for s in sources if not s.path.is_dir()])
-    if files.json is not None:
-        record = {
-            "measured": str(measured),
-            "simulated": frame_records(series, numbers, simulated, made_on),
-            **origin,
-        }
-        write_json(files.json, record, force=force)
-        print_line(f"{files.json}: the metrics of every frame, in metres")
-    if files.report is not None:
-        with progress_bar("writing the page"):
-            page = frames_report(series, sources=[str(s.path) for s in sources], settings=origin)
-        write_file(files.report, page.encode("utf-8"), force=force)
-        print_line(f"{files.report}: the frames as a page, to be opened in a browser")

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from clradar.cli.console import print_line, print_text
+from clradar.cli.console import print_line
 from clradar.cli.options.common import ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
-from clradar.cli.options.recording import AntennaOptions, FrameOptions, recording_files
-from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_outputs, save
-from clradar.cli.provenance import provenance
+from clradar.cli.options.measured import AntennaOptions, FrameOptions, recording_files
+from clradar.cli.outputs import check_outputs, provenance, save
+from clradar.cli.parse import wrong_usage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +32,7 @@ class FormatOptions:
     layout: Path | None = option(
         None,
         "Which key and which axis of another program's file is what (docs/layouts.md). "
-        "Without it the file's keys and a draft of a layout are printed.",
+        "`clradar inspect` prints a template.",
         metavar="LAB.toml",
     )
 
@@ -102,8 +100,7 @@ def convert_one(
 
     layouts = [] if layout is None else [layout]
     check_outputs([output], force=force, inputs=[source, *antennas.files, *layouts])
-    with draft_if_needed():
-        capture = open_capture(source, layout=layout, **frames.chosen, **antennas.chosen)
+    capture = open_capture(source, layout=layout, **frames.chosen, **antennas.chosen)
     options = recorded(frames, source=source, layout=layout)
     inputs = [*recording_files(source, capture.meta), *antennas.files]
     if layout is not None:
@@ -113,18 +110,6 @@ def convert_one(
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)
     print_line(f"{output}: {shape} (tx, rx, frequency), {low:g} to {high:g} GHz")
-
-
-@contextmanager
-def draft_if_needed() -> Iterator[None]:
-    """Print the draft of a layout on stdout if the block fails because there is none."""
-    from measurement_io import LayoutNeeded
-
-    try:
-        yield
-    except LayoutNeeded as error:
-        print_text(error.skeleton.rstrip("\n"))
-        raise
 
 
 def antenna_files_of(meta: Mapping[str, Any]) -> list[Path]:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from clradar.cli.console import counted, print_error, print_line, print_warning, progress_bar
-from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import DevicesOption, OpenOption
+from clradar.cli.console import (
+    counted,
+    print_error,
+    print_line,
+    print_text,
+    print_warning,
+    progress_bar,
+)
+from clradar.cli.options.common import DevicesOption, WorkerOptions
 from clradar.cli.options.groups import argument, option, output_option
-from clradar.cli.options.values import wrong_usage
 from clradar.cli.outputs import check_outputs, check_place_of_folder
-from clradar.errors import ClusterError
+from clradar.cli.parse import wrong_usage
 
 if TYPE_CHECKING:
     from clradar.dataset.engine.part_making import Engine
@@ -40,66 +44,6 @@ class ReplayOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class EngineOptions:
-    """The processes that make the samples."""
-
-    workers: int | None = option(
-        None,
-        "Make samples in N processes, each with a GPU or a share of the cores. "
-        "[default: one for each of several devices, else in this process]",
-        metavar="N",
-        min=1,
-    )
-    scheduler: str | None = option(
-        None,
-        "Make samples on the workers of a Dask scheduler, tcp://HOST:PORT; see "
-        "docs/datasets-cluster.md.",
-        metavar="ADDRESS",
-    )
-
-    def __post_init__(self) -> None:
-        if self.workers is not None and self.scheduler is not None:
-            raise wrong_usage("--scheduler", "expected no --workers with it: it has its own")
-
-    @contextmanager
-    def engine(self, device: str | None) -> Iterator[Engine]:
-        """This process, new ones, or those of a running cluster."""
-        from clradar.dataset.engine.part_making import Serial
-        from clradar.dataset.engine.worker_resources import divided, worker_resources
-
-        workers = None
-        if self.scheduler is None:
-            workers, device = divided(self.workers, device)
-        if workers is None and self.scheduler is None:
-            yield Serial(device)
-            return
-        try:
-            from clradar.dataset.engine.cluster import (
-                cluster_text,
-                local_cluster,
-                running_cluster,
-                silence,
-            )
-            from clradar.dataset.engine.distributed import Distributed
-        except ImportError as error:
-            raise ClusterError(
-                "--workers, --scheduler and several devices need Dask: "
-                f"pip install 'clradar[dataset]' ({error})"
-            ) from error
-        silence()
-        if self.scheduler is not None:
-            with running_cluster(self.scheduler) as client:
-                print_line(cluster_text(client))
-                yield Distributed(client, device)
-            return
-        assert workers is not None
-        with local_cluster(worker_resources(workers, device)) as (client, end):
-            print_line(cluster_text(client))
-            # Each worker has its device in CLRADAR_DEVICE.
-            yield Distributed(client, end_workers=end)
-
-
 def command(
     *,
     plan: Path | None = argument(
@@ -108,11 +52,12 @@ def command(
     output: Path | None = output_option(
         None, "Folder of the data set; with --replay the file to write."
     ),
+    schema: bool = option(False, "Print the JSON schema of plans, for editors, and end."),
     dry_run: bool = option(
         False, "Make one sample and estimate time and space of all; write none."
     ),
     repetition: ReplayOptions,
-    processes: EngineOptions,
+    processes: WorkerOptions,
     retry: bool = option(False, "Try the samples again that were set aside."),
     device: DevicesOption = None,
     force: bool = option(
@@ -120,16 +65,17 @@ def command(
         "Remove the data set that is in the folder, of this plan or another, and begin "
         "anew; with --replay replace the file.",
     ),
-    show: OpenOption = False,
 ) -> None:
     """Makes training data: posed hands, simulated and imaged, with their parameters as labels. The
     same command again resumes where it stopped. A sample that cannot be made is set aside; the exit
     status is 1 as long as any is.
     """
-    from clradar.dataset.store.folder import CONTACT_SHEET
 
-    made = output if repetition.replay is None and not dry_run else None
-    require_picture(show, "PLAN.toml and -o", made)
+    if schema:
+        from clradar.dataset import plan_schema
+
+        print_text(json.dumps(plan_schema(), indent=1))
+        return
     if repetition.replay is not None:
         if plan is not None or dry_run:
             raise wrong_usage("--replay", "expected no plan and no --dry-run with it")
@@ -146,15 +92,22 @@ def command(
     if output is None:
         raise wrong_usage("-o", "expected the folder of the data set, or --dry-run")
     check_place_of_folder(output)
-    with processes.engine(device) as engine:
+    where = processes.where(device)
+    if where.here:
+        from clradar.dataset.engine.part_making import Serial
+
+        make(wanted, output, Serial(device), force=force, retry=retry)
+        return
+    with where.engine(wanted.samples) as (engine, _):
+        from clradar.jobs.cluster import cluster_text
+
+        print_line(cluster_text(engine.client))
         make(wanted, output, engine, force=force, retry=retry)
-    open_written(show, output / CONTACT_SHEET)
 
 
 def checked_plan(path: Path) -> Plan:
     """The plan of a file; of several mistakes each is printed on its line, below their number."""
-    from clradar.dataset.plan.reader import read_plan
-    from clradar.dataset.plan.table import PlanError
+    from clradar.dataset.plan.plan import PlanError, read_plan
 
     try:
         return read_plan(path)

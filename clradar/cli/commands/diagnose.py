@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table, print_warning, progress_bar
-from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption, OpenOption
+from clradar.cli.inputs import title_of
+from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption
 from clradar.cli.options.groups import given, option, output_option, recorded
-from clradar.cli.options.imaging import GridOptions, axis_option, grid_text
-from clradar.cli.options.recording import FrameOptions
-from clradar.cli.options.values import position_m
-from clradar.cli.outputs import check_figure, check_outputs, save
-from clradar.cli.provenance import provenance
-from clradar.cli.titles import title_of
+from clradar.cli.options.measured import FrameOptions, GridOptions, axis_option, grid_text
+from clradar.cli.outputs import check_figure, check_outputs, provenance, save
+from clradar.cli.parse import position_m
 from clradar.errors import ModelError
 from clradar.files.json_file import write_json
 
@@ -24,7 +21,7 @@ if TYPE_CHECKING:
     from calibration import Diagnosis, Score
     from clradar import Capture
 
-COLUMNS = ("axes", "phase", "frequencies", "x", "sharpness (dB)", "brightest at x, y, z (mm)", "")
+COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
 
 COARSE_GRID_MM = ("-100:100:4", "-100:100:4", "260:340:10")
 
@@ -64,9 +61,8 @@ def command(
     frames: FrameOptions,
     device: DeviceOption = None,
     force: ForceOption = False,
-    show: OpenOption = False,
 ) -> None:
-    """Forms a coarse image under each of sixteen hypotheses and compares how sharp they are. The
+    """Forms a coarse image under each of eight hypotheses and compares how sharp they are. The
     range profile shows where to image; with one of --x-mm, --y-mm, --z-mm, the grid is that of the
     options, whose steps should be coarse (4 mm). See docs/diagnose.md.
     """
@@ -76,7 +72,6 @@ def command(
 
     expected_m = None if expect_mm is None else position_m("--expect-mm", expect_mm)
     grid = voxels.grid(COARSE_GRID_MM) if given(voxels) else None
-    require_picture(show, "-o", files.output)
     check_figure(files.output)
     check_outputs([files.output, files.json, files.fix_to], force=force, inputs=[capture])
     loaded, sources = frames.open(capture)
@@ -85,9 +80,8 @@ def command(
         result = diagnose(
             loaded, grid=grid, expected_m=expected_m, device=opened, progress=progress
         )
-    print_scores(result)
-    for reason in result.reasons:
-        print_line(f"- {reason}")
+    if result.scores:
+        print_scores(result)
     print_line(result.recommendation)
     options = recorded(frames, expect_mm=expect_mm, grid=None if grid is None else grid_text(grid))
     origin = provenance("diagnose", options, sources)
@@ -95,15 +89,13 @@ def command(
         record = {"capture": str(capture), **result.to_dict(), **origin}
         write_json(files.json, record, force=force)
         print_line(f"{files.json}: the result, in metres")
-    drawn = any(score.image is not None for score in result.scores)
-    if files.output is not None and drawn:
+    if files.output is not None and result.scores:
         save_figure(figure_of(result, title_of(capture, loaded.meta)), files.output, force=force)
         print_line(f"{files.output}: the image under each hypothesis")
     elif files.output is not None:
         print_warning(f"{files.output}: not drawn, since there is no image")
     if files.fix_to is not None:
         write_fixed(files.fix_to, capture, loaded, result, origin, force=force)
-    open_written(show, files.output if drawn else None)
 
 
 def write_fixed(
@@ -120,14 +112,12 @@ def write_fixed(
 
     if result.best is None:
         raise ModelError(f"{path}: not written, since the convention of {source} is not known")
-    scale = result.position_scale
-    fixed = apply_convention(capture, result.best, position_scale=scale)
-    save(path, fixed, origin, force=force)
-    scaled = "" if scale == 1 else f", its antenna positions times {scale:g}"
-    print_line(f"{path}: the capture with '{result.best.label}' undone{scaled}")
-    if not result.decided:
-        others = " / ".join(f"'{h.label}'" for h in result.candidates[1:])
-        print_warning(f"{path}: {others} cannot be ruled out")
+    save(path, apply_convention(capture, result.best), origin, force=force)
+    print_line(f"{path}: the capture with '{result.best.label}' undone")
+    others = [f"'{h.label}'" for h in result.candidates[1:]]
+    others += [] if result.mirror_known else ["the mirror image"]
+    if others:
+        print_warning(f"{path}: {' / '.join(others)} cannot be ruled out")
 
 
 def print_scores(result: Diagnosis) -> None:
@@ -139,9 +129,8 @@ def print_scores(result: Diagnosis) -> None:
     rows = []
     for score in sorted(result.scores, key=rank):
         h = score.hypothesis
-        mark = ""
-        if h in result.candidates:
-            mark = "best" if h == result.best else "ambiguous"
+        left = [replace(candidate, mirrored=False) for candidate in result.candidates]
+        mark = "" if h not in left else "best" if result.best and h == left[0] else "ambiguous"
         place_mm = "n/a"
         if score.image is not None:
             place_mm = ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
@@ -150,13 +139,12 @@ def print_scores(result: Diagnosis) -> None:
                 "[rx, tx]" if h.swapped else "[tx, rx]",
                 "exp(+j)" if h.conjugated else "exp(-j)",
                 "descending" if h.reversed else "ascending",
-                "mirrored" if h.mirrored else "as given",
                 _decibels(score),
                 place_mm,
                 mark,
             ]
         )
-    print_table(COLUMNS, rows, right=COLUMNS[4:6], keys=4)
+    print_table(COLUMNS, rows, right=COLUMNS[3:5], keys=3)
 
 
 def _decibels(score: Score) -> str:
@@ -166,14 +154,14 @@ def _decibels(score: Score) -> str:
 
 
 def figure_of(result: Diagnosis, name: str) -> Any:
-    """The figure: a row for each order of axes and mirror image, a column for sign and order."""
+    """The figure: a row for each order of axes, a column for sign and order."""
     from clradar.plot import panels_figure
 
-    rows: dict[tuple[bool, bool], list[Any]] = {}
+    rows: dict[bool, list[Any]] = {}
     for score in result.scores:
         h = score.hypothesis
         label = f"{h.label} ({_decibels(score)} dB)"
-        if h == result.best:
+        if result.best is not None and h == replace(result.best, mirrored=False):
             label = f"BEST: {label}"
-        rows.setdefault((h.swapped, h.mirrored), []).append((label, score.image))
+        rows.setdefault(h.swapped, []).append((label, score.image))
     return panels_figure(list(rows.values()), name)

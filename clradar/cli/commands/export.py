@@ -10,11 +10,9 @@ from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput
 from clradar.cli.options.common import ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
-from clradar.cli.options.imaging import DepthMapOptions
-from clradar.cli.options.recording import FrameOptions
-from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import check_outputs, check_place_of_folder, check_suffix
-from clradar.cli.provenance import provenance
+from clradar.cli.options.measured import DepthMapOptions, FrameOptions
+from clradar.cli.outputs import check_outputs, check_suffix, provenance
+from clradar.cli.parse import wrong_usage
 
 
 def command(
@@ -23,7 +21,7 @@ def command(
     ),
     *,
     output: Path = output_option(
-        REQUIRED, "File to write; its ending decides: .vti, .ply, .mat, .npz or .zarr."
+        REQUIRED, "File to write; its ending decides: .vti, .ply, .mat or .npz."
     ),
     depth_map: bool = option(False, "Of a volume its depth map; to .ply it is that anyway."),
     depth: DepthMapOptions,
@@ -32,18 +30,15 @@ def command(
 ) -> None:
     """A volume goes to .vti (ParaView, VTK: amplitude, and real and imaginary part), its depth map
     to .ply (MeshLab, Blender: a surface with the amplitude as grey), and either of them or a
-    capture to .mat (MATLAB), .npz (numpy) or .zarr (xarray, a folder; pip install
-    'clradar[export]'). Lengths are metres, frequencies hertz, in the antenna frame.
+    capture to .mat (MATLAB) or .npz (numpy). Lengths are metres, frequencies hertz, in the antenna
+    frame.
     """
     from clradar import Capture
     from measurement_io import export_file
     from measurement_io.export.exporting import FORMATS, check_export
 
     check_suffix(output, tuple(FORMATS))
-    if output.suffix.lower() == ".zarr":
-        check_place_of_folder(output, replaced=[""], inputs=[source])
-    else:
-        check_outputs([output], force=force, inputs=[source])
+    check_outputs([output], force=force, inputs=[source])
     loaded = ImageInput.open(source, frames)
     content: Any = loaded.content
     if depth_map and isinstance(content, Capture):

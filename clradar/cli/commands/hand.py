@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from clradar.cli.console import print_line, print_table, progress_bar
-from clradar.cli.hand_mesh import SUFFIXES, save_hand, turned
+from clradar.cli.console import print_line, print_table
 from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import argument, given, option, output_option
-from clradar.cli.options.hand import EDGE_MM, EmbeddedHandOptions
-from clradar.cli.options.rig import RigOptions
-from clradar.cli.options.values import wrong_usage
-from clradar.cli.options.way import WayOptions, replaced_in
-from clradar.cli.outputs import check_folder, check_outputs, check_suffix
+from clradar.cli.options.hand import EmbeddedHandOptions, RigOptions, WayOptions
+from clradar.cli.outputs import SUFFIXES, check_outputs, check_suffix, save_hand, turned
+from clradar.cli.parse import wrong_usage
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
@@ -57,7 +54,7 @@ def command(
     pose: PoseOptions,
     way: WayOptions,
     output: Path | None = output_option(
-        None, "Mesh file: .ply, .stl, .obj, .off, .glb; with --from a motion file or a folder."
+        None, "Mesh file: .ply, .stl, .obj, .off, .glb; with --from a motion file, .toml."
     ),
     embedded: EmbeddedHandOptions,
     joints: Path | None = option(
@@ -80,7 +77,7 @@ def command(
 
     With --from A --to B the hand goes from pose to pose (docs/movement.md).
     """
-    from clradar.cli.region_files import joints_record
+    from clradar.cli.sweeps import joints_record
     from clradar.hand import POSES
 
     if list_poses:
@@ -88,13 +85,10 @@ def command(
         return
     if output is None:
         raise wrong_usage("-o", "expected a mesh file to write, or --list")
-    moves, is_motion = bool(way.poses), output.suffix.lower() == ".toml"
+    moves = bool(way.poses)
     if moves and (pose.pose is not None or rigged.theta is not None or joints is not None):
         raise wrong_usage("--from", "expected no POSE, --theta or --joints beside it")
-    if not moves:
-        check_suffix(output, SUFFIXES)
-    if moves and output.suffix.lower() in SUFFIXES:
-        raise wrong_usage("-o", f"expected a motion file (.toml) or a folder, got '{output}'")
+    check_suffix(output, (".toml",) if moves else SUFFIXES)
     if rigged.rig is not None:
         for name in given(embedded):
             raise wrong_usage(name, "a rig keeps mesh, size and side as it is; see --rig-hand")
@@ -107,10 +101,6 @@ def command(
             "--turn-deg", f"expected an angle from -360 to 360 degrees, got {pose.turn_deg:g}"
         )
     inputs = [*pose.files, *way.files, *rigged.files]
-    if moves and not is_motion:
-        check_folder(output, force=force, replaced=replaced_in(output), inputs=inputs)
-        _write_way(way, output, pose, embedded, rigged, device, force=force)
-        return
     check_outputs([output, joints], force=force, inputs=inputs)
     if moves:
         way.write_motion(output, embedded, rigged, pose.center_mm, pose.turn_deg, force=force)
@@ -127,34 +117,3 @@ def command(
     if joints is not None:
         write_json(joints, joints_record(mesh.joints_m), force=force)
     print_line(f"{output}: {words}, {len(mesh.faces)} faces")
-
-
-def _write_way(
-    way: WayOptions,
-    output: Path,
-    pose: PoseOptions,
-    embedded: EmbeddedHandOptions,
-    rigged: RigOptions,
-    device: str | None,
-    *,
-    force: bool,
-) -> None:
-    """Write the meshes and poses of a hand on its way."""
-    from clradar.motion.hands import MovingHand
-
-    center_m = [value / 1e3 for value in pose.center_mm]
-    hand = MovingHand(
-        [0.0, way.duration_s],
-        way.poses,
-        center_m=center_m,
-        shape=embedded.shape,
-        edge_length_m=(EDGE_MM if embedded.edge_mm is None else embedded.edge_mm) / 1e3,
-        handedness=embedded.handedness,
-        rig=None if rigged.rig is None else rigged.read(),
-        device=device,
-    )
-    with progress_bar("posing") as progress:
-        way.write_meshes(
-            output, hand, lambda mesh: turned(mesh, pose.turn_deg, center_m), progress, force=force
-        )
-    print_line(f"{output}: {way.steps} meshes from '{way.start}' to '{way.end}'")

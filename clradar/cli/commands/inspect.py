@@ -9,12 +9,11 @@ from typing import Any
 import typer
 
 from clradar.cli.console import counted, print_error, print_line, print_text, progress_bar
-from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import ForceOption, OpenOption
+from clradar.cli.options.common import ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, option
-from clradar.cli.options.imaging import SLICE_HELP, VIEW_HELP, ViewName, plane
-from clradar.cli.options.values import wrong_usage
+from clradar.cli.options.measured import SLICE_HELP, VIEW_HELP, ViewName, plane
 from clradar.cli.outputs import check_figure, check_outputs
+from clradar.cli.parse import wrong_usage
 from clradar.errors import MeasurementError
 
 
@@ -36,7 +35,6 @@ def command(
     view: ViewName | None = option(None, f"Of a volume's picture. {VIEW_HELP}"),
     slice_: str | None = option(None, SLICE_HELP, metavar="AXIS[=MM]", names=("--slice",)),
     force: ForceOption = False,
-    show: OpenOption = False,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
     from clradar.dataset.store.check import check_dataset, describe_dataset
@@ -49,7 +47,6 @@ def command(
         if value is not None and png is None:
             raise wrong_usage(name, "expected with --png, which it is for")
     drawn: dict[str, Any] = {"view": view, "plane": None if slice_ is None else plane(slice_)}
-    require_picture(show, "--png", png)
     check_figure(png)
     check_outputs([png], force=force, inputs=[file])
     dataset = is_dataset(file)
@@ -85,9 +82,10 @@ def command(
     text = json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found)
     print_text(text)
     if png is not None:
-        from clradar.cli.inspection_figure import figure_of
+        from clradar.cli.comparison import figure_of
         from clradar.plot import save_figure
 
-        save_figure(figure_of(file, **drawn), png, force=force)
-        print_line(f"{png}: the picture")
-        open_written(show, png)
+        figure = figure_of(file, **drawn)
+        if figure is not None:
+            save_figure(figure, png, force=force)
+            print_line(f"{png}: the picture")

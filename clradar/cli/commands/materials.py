@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_table, print_text
 from clradar.cli.options.groups import argument, option
-from clradar.cli.options.values import check_unit, finite, numbers, wrong_usage
+from clradar.cli.parse import check_unit, finite, numbers, wrong_usage
 from clradar.constants import PLAUSIBLE_HZ
 
 if TYPE_CHECKING:

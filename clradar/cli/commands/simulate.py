@@ -2,74 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.mesh_scene import MeshScene
-from clradar.cli.options.alphas import (
-    AlphaOptions,
-    read_alpha,
+from clradar.cli.options.common import DevicesOption, ForceOption
+from clradar.cli.options.groups import REQUIRED, given, output_option, recorded
+from clradar.cli.options.measured import RadarOptions
+from clradar.cli.options.scene import (
+    PHYSICAL,
+    ClusterOptions,
+    EstimatorOptions,
+    MaterialOptions,
+    MotionOptions,
+    SceneOptions,
+    SimulationOptions,
     read_part_alphas,
+    split_alpha,
     with_part_alphas,
 )
-from clradar.cli.options.common import DevicesOption, ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
-from clradar.cli.options.materials import PHYSICAL, MaterialOptions
-from clradar.cli.options.motion import MotionOptions
-from clradar.cli.options.radar import RadarOptions
-from clradar.cli.options.sequence import ALL, FRAMES_METAVAR, chosen_frames
-from clradar.cli.options.simulation import (
-    ESTIMATORS,
-    Estimator,
-    PlacementOptions,
-    SimulationOptions,
-)
-from clradar.cli.options.values import wrong_usage
-from clradar.cli.outputs import save
-from clradar.cli.provenance import provenance
+from clradar.cli.outputs import provenance, save
+from clradar.cli.parse import chosen_frames, wrong_usage
+from clradar.cli.simulations import MeshScene
 from clradar.errors import warn
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneOptions(PlacementOptions, AlphaOptions):
-    """Meshes, their position and their alpha."""
-
-    meshes: list[str] | None = argument(
-        None,
-        "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1. None "
-        "where --motion has a hand.",
-        metavar="MESH[:ALPHA]",
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimatorOptions:
-    """Estimator of the received field, and its random numbers."""
-
-    estimator: Estimator | None = option(
-        None,
-        f"{ESTIMATORS} [default: physical with --material, stochastic with rays or bounces, else "
-        "expected]",
-    )
-    seed: int = option(0, "Same seed, same device: same bits.", metavar="N")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClusterOptions:
-    """Which clusters of an array, and on how many workers."""
-
-    clusters: str = option(
-        ALL, "Of an --array of clusters those of these numbers, from 1.", metavar=FRAMES_METAVAR
-    )
-    workers: int | None = option(
-        None,
-        'Of clusters: worker processes (pip install "clradar[dataset]"). [default: one after the '
-        "other, here]",
-        metavar="N",
-        min=1,
-    )
 
 
 def command(
@@ -106,15 +61,15 @@ def command(
     """
     import clradar
     from clradar import Scene
-    from clradar.cli.cluster_captures import (
+    from clradar.cli.simulations import (
         ClusterSteps,
-        ClusterWork,
+        MotionRecording,
         check_clusters_folder,
         keep_scene,
+        simulate_clusters,
         summary,
     )
-    from clradar.cli.motion_recording import MotionRecording
-    from clradar.opencl import open_devices
+    from clradar.jobs import open_devices
 
     named = [split_alpha(text) for text in scenery.meshes or []]
     if not named and moving.motion is None:
@@ -161,7 +116,7 @@ def command(
     devices = open_devices(device)
     opened = devices.first
     if (still is None or not several) and len(devices.infos) > 1:
-        raise wrong_usage("--device", "expected one device, or an --array of clusters")
+        warn(f"--device: only clusters are divided; simulated on the first, {opened.info.label}")
     recording = None
     if motion is not None:
         finish = lambda scene: made_of.on(with_part_alphas(scene, by_part))  # noqa: E731
@@ -187,10 +142,10 @@ def command(
             scene=meshes, digest=keep_scene(still), waveform=waveform, settings=settings,
             folder=output, origin=origin,
         )  # fmt: skip
-        ClusterWork(
-            steps=steps, clusters=[(i, clusters[i - 1]) for i in numbers],
-            workers=divided.workers, device=device, force=force,
-        ).run()  # fmt: skip
+        simulate_clusters(
+            steps, [(i, clusters[i - 1]) for i in numbers], divided.where(device, inputs),
+            force=force,
+        )  # fmt: skip
         words = f"{len(numbers)} of {len(clusters)} clusters"
     elif still is not None:
         with progress_bar("tracing") as progress:
@@ -203,15 +158,5 @@ def command(
         with progress_bar("simulating") as progress:
             words = recording.write(output, moving.frames, origin, opened, progress, force=force)
     took_s = perf_counter() - start_s
-    print_line(f"{output}: {words}, {took_s:.1f} s on {devices.text}")
-
-
-def split_alpha(text: str) -> tuple[Path, float | None]:
-    """File and alpha of ``MESH[:ALPHA]``; what follows the last colon has to be a number."""
-    name, colon, number = text.rpartition(":")
-    if not colon or not name or Path(text).exists():
-        return Path(text), None
-    try:
-        return Path(name), read_alpha("MESH:ALPHA", number)
-    except ValueError:
-        return Path(text), None
+    text = devices.text if several and still is not None else opened.info.label
+    print_line(f"{output}: {words}, {took_s:.1f} s on {text}")

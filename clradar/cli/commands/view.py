@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clradar.cli.console import print_line, print_warning
-from clradar.cli.opening import open_written, require_picture
-from clradar.cli.options.common import DeviceOption, ForceOption, OpenOption
+from clradar.cli.options.common import DeviceOption, ForceOption
 from clradar.cli.options.groups import REQUIRED, argument, option
-from clradar.cli.options.imaging import DepthMapOptions
-from clradar.cli.options.recording import Variant
-from clradar.cli.options.simulation import PlacementOptions
-from clradar.cli.options.values import wrong_usage
+from clradar.cli.options.measured import DepthMapOptions, Variant
+from clradar.cli.options.scene import PlacementOptions
 from clradar.cli.outputs import check_outputs, check_suffix
+from clradar.cli.parse import wrong_usage
 
 if TYPE_CHECKING:
     import numpy as np
@@ -82,7 +80,7 @@ def posed_hand(text: str, handedness: str, transform: np.ndarray | None, device:
                 f"--mesh {folder / 'placed.ply'} has it where it was found"
             )
     start, *others = starts_of(text)
-    if others or start.learned is not None:
+    if others:
         raise wrong_usage("--pose", f"expected one pose, got {text!r}")
     mesh = hand_mesh(
         start.pose,
@@ -106,8 +104,8 @@ def command(
     *,
     watch: bool = option(
         False,
-        "PATH is a folder or data set that is being written: show the newest file or sample, and "
-        "each one that comes.",
+        "PATH is a folder or data set that is being written: it may be empty yet, and the newest "
+        "file or sample comes first. Without it, frames that come later are followed, too.",
     ),
     variant: Variant = option("raw", "Variant of a recording's frames."),
     html: Path | None = option(
@@ -116,7 +114,6 @@ def command(
         metavar="FILE",
     ),
     force: ForceOption = False,
-    show: OpenOption = False,
     port: int = option(
         8080, "Port at 127.0.0.1, or the next one that is free; 0: any free one.", min=0, max=65535
     ),
@@ -129,13 +126,14 @@ def command(
     """
     check_suffix(html, (".html", ".htm"))
     check_outputs([html], force=force, inputs=[path])
-    require_picture(show, "--html", html)
     if watch and html is not None:
         raise wrong_usage("--watch", "expected without --html, which ends once it is written")
     from clradar import open_device
-    from clradar.view import serve
     from clradar.view.beside import Others, Simulation
+    from clradar.view.samples import SampleFrames
+    from clradar.view.server import serve
     from clradar.view.sources import open_source
+    from clradar.view.truth import HasTruth, recording_truth
     from clradar.view.wish import Wish
 
     simulated = list(beside.simulated or [])
@@ -151,6 +149,9 @@ def command(
     elif scene is not None:
         second = Simulation(scene, opened)
     wish = Wish(dynamic_range_db=depth.dynamic_range_db)
+    truth: HasTruth | None = recording_truth(path, source.label)
+    if isinstance(source, SampleFrames):
+        truth = source
     if html is not None:
         from clradar.view.page_file import write_page
 
@@ -160,17 +161,18 @@ def command(
             wish=wish,
             beside=second,
             mesh=scene,
+            truth=truth,
             device=opened,
             force=force,
             warn=print_warning,
         )
         print_line(f"{html}: {count} {'frame' if count == 1 else 'frames'}, for any browser")
-        open_written(show, html)
         return
     serve(
         source,
         beside=second,
         mesh=scene,
+        truth=truth,
         port=port,
         wish=wish,
         device=opened,

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from clradar.cli.options.groups import option
+from clradar.cli.parse import wrong_usage
+
+if TYPE_CHECKING:
+    from clradar.jobs import Where
 
 Unit = Literal["m", "mm", "cm", "inch"]
 
@@ -42,9 +47,6 @@ DevicesOption = Annotated[
     ),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
-OpenOption = Annotated[
-    bool, typer.Option("--open", help="Open the picture or the page once it is written.")
-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,3 +61,32 @@ class SearchOptions:
     """The search for the pose of a mesh."""
 
     search_deg: float = option(45.0, "Rotations about boresight that are tried.", metavar="DEG")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkerOptions:
+    """The processes that the work is divided among."""
+
+    workers: int | None = option(
+        None,
+        'Worker processes (pip install "clradar[dataset]"), each with a GPU or a share of the '
+        "cores. [default: one for each of several devices, else this one]",
+        metavar="N",
+        min=1,
+    )
+    scheduler: str | None = option(
+        None,
+        "The workers of a Dask scheduler, tcp://HOST:PORT, that see the same files; see "
+        "docs/datasets-cluster.md.",
+        metavar="ADDRESS",
+    )
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.scheduler is not None:
+            raise wrong_usage("--scheduler", "expected no --workers with it: it has its own")
+
+    def where(self, device: str | None, files: Sequence[Path] = ()) -> Where:
+        """Where the work is done; workers of a scheduler have to see the files."""
+        from clradar.jobs import Where
+
+        return Where(device, self.workers, self.scheduler, tuple(files))

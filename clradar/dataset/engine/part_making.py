@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
-from clradar import __version__
-from clradar.dataset.engine.worker_resources import own_device
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import make_sample
-from clradar.dataset.store.folder import Aside, part_path
+from clradar.dataset.store.folder import part_path
 from clradar.dataset.store.shard_writer import write_sample
 from clradar.errors import DeviceError, OutputError, handled_warnings
-from clradar.files.failures import clean
-from clradar.opencl import Device, forget_devices, open_device
-from clradar.versions import package_versions
-
-ATTEMPTS = 2
-"""Attempts at a sample before it is set aside."""
+from clradar.jobs.outcome import ATTEMPTS, Aside, reason_of
+from clradar.jobs.resources import made_with, own_device
+from clradar.opencl import forget_devices, open_device
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,29 +132,9 @@ def _tried(sample: int, make: PartMaker) -> Outcome:
     raise AssertionError("unreachable")
 
 
-def reason_of(error: Exception) -> str:
-    """Return the reason of a failure on one line."""
-    return clean(f"{type(error).__name__}: {error}")
-
-
 def is_device_fault(aside: Aside) -> bool:
     """Return whether a sample failed in the device."""
     return aside.reason.startswith(f"{DeviceError.__name__}: ")
-
-
-def made_with(device: Device) -> dict[str, Any]:
-    """Return the versions and the device on which a sample's bits depend."""
-    return {
-        "clradar": __version__,
-        "packages": dict(_packages()),
-        "python": platform.python_version(),
-        "device": dict(device.describe()),
-    }
-
-
-@cache
-def _packages() -> dict[str, str]:
-    return package_versions()  # reads files, for every sample
 
 
 def absolute(path: Path) -> Path:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.dataset.engine.part_making import (
@@ -188,7 +188,7 @@ def _make_missing(folder: DatasetFolder, engine: Engine, progress: Progress | No
 def _check_rigs(plan: Plan) -> None:
     """Raise `ModelError` unless the files of the rigs are those of the plan."""
     for rig in plan.hands.rigs:
-        found_rig(asdict(rig), (plan.folder,))
+        found_rig(rig.model_dump(), (plan.folder,))
 
 
 def _warn(path: Path, made: Sequence[Made], aside: Sequence[Aside]) -> None:

@@ -12,7 +12,8 @@ KINDS = {"uniform": "[low, high]", "normal": "[mean, standard deviation]", "choi
 """Distributions, and the parameters that a plan gives for each."""
 
 SIGMAS = 6.0
-"""Normal draws are bounded by so many standard deviations: 1 in 500 million is beyond."""
+"""So many standard deviations of a normal draw have to be within the limits of a plan; 1 in 500
+million draws is beyond, and not cut."""
 
 
 @dataclass(frozen=True, slots=True)

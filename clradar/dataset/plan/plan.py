@@ -1,15 +1,37 @@
-"""Records of a plan: poses, hands, placement, roughness, radar, simulation, image, output."""
+"""The plan of a data set: one pydantic model for its file, its manifest, and editors' schema."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BaseModel, PrivateAttr, ValidationError, model_validator
 
 from clradar.dataset.plan.draws import Draw
+from clradar.dataset.plan.hand_json import pose_record
+from clradar.dataset.plan.hands import (
+    Alpha,
+    AlphaOfParts,
+    Hands,
+    MovementPlan,
+    Placement,
+    Poses,
+    texts,
+)
+from clradar.dataset.plan.materials import MaterialsOfParts, PlanMaterials
+from clradar.dataset.plan.radar import Image, Impairments, RadarPlan, SimulationPlan, plan_array
+from clradar.dataset.plan.values import Value, whole
+from clradar.errors import MeasurementError
+from clradar.files.failures import shown
+from clradar.files.limits import MAX_PLAN_BYTES
+from clradar.files.records import FileRecord, mistake, mistakes_of
+from clradar.files.table import choice_text
+from clradar.files.toml_file import read_toml, toml_brief
+from clradar.hand import HandPose
 from clradar.model import Material
-from clradar.tracing.settings import SimulationSettings
+from clradar.model.material_file import material_record
 
 PRODUCTS = ("capture", "volume", "max_projection", "depth_map", "mesh", "joints")
 """Arrays that can be stored of a sample."""
@@ -17,287 +39,88 @@ PRODUCTS = ("capture", "volume", "max_projection", "depth_map", "mesh", "joints"
 IMAGES = ("volume", "max_projection", "depth_map")
 """Products that need an image."""
 
+MAX_SAMPLES = 10**8
+MAX_SHARD = 4096
+MAX_SHARDS = 50_000
+"""Limit of the manifest's size."""
 
-@dataclass(frozen=True, slots=True)
-class Poses:
-    """The table [poses].
+EXPECTED = "a plan of a data set (a TOML file, see docs/datasets.md)"
 
-    Attributes
-    ----------
-    kind : "list", "interpolation", "around" or "sampler"
-        A pose of the list; a pose between two of them; one drawn around a pose of the list; or a
-        random one within the limits of joints.
-    poses : tuple of HandPose
-    order : "cycle" or "random"
-        Sample i has pose i modulo their number, or a random one.
-    share : Draw
-        Interpolation parameter: 0 is the first of the two poses, 1 the second.
-    spread_deg : float
-        Standard deviation of "around"; see `clradar.hand.pose_around`.
-    """
-
-    kind: str
-    poses: tuple[Any, ...]
-    order: str
-    share: Draw
-    spread_deg: float
+MOST_MISTAKES = 20
+"""That the text of an error lists; its `mistakes` has all."""
 
 
-@dataclass(frozen=True, slots=True)
-class RigFile:
-    """A rigged hand from a file; see `clradar.rigs.read_rig`.
+class PlanError(MeasurementError):
+    """A plan has mistakes; of several the text has their number and one line for each.
 
     Attributes
     ----------
-    file : str
-        Relative to `Plan.folder`.
-    sha256 : str
-        Of its content.
-    handedness : "right" or "left"
-        Given, or estimated.
-    mapping : str or None
-        File with the names of its joints, relative likewise.
-    mapping_sha256 : str or None
-    unit : str, float or None
-    betas : tuple of float
-        Shape of a MANO hand.
+    mistakes : tuple of str
+        One line each: file, key, what was expected, what was found.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import PlanError, read_plan
+    >>> _ = Path("plan.toml").write_text('sampels = 3\\nposes.names = "letters"\\nalpha = 2')
+    >>> try:
+    ...     read_plan("plan.toml")
+    ... except PlanError as error:
+    ...     print(*error.mistakes, sep="\\n")
+    plan.toml: samples: expected a value, got nothing
+    plan.toml: alpha: expected values from 0 to 1, got 2
+    plan.toml: sampels: unknown key; expected one of ... (did you mean 'samples'?)
     """
 
-    file: str
-    sha256: str
-    handedness: str
-    mapping: str | None = None
-    mapping_sha256: str | None = None
-    unit: str | float | None = None
-    betas: tuple[float, ...] = ()
+    def __init__(self, mistakes: Sequence[str]) -> None:
+        self.mistakes = tuple(mistakes)
+        lines = list(self.mistakes[:MOST_MISTAKES])
+        if len(self.mistakes) > len(lines):
+            lines.append(f"and {len(self.mistakes) - len(lines)} more")
+        if len(self.mistakes) > 1:
+            lines.insert(0, f"{len(self.mistakes)} mistakes, one per line:")
+        super().__init__("\n".join(lines))
+
+    def __reduce__(self) -> tuple[type[PlanError], tuple[tuple[str, ...]]]:
+        return PlanError, (self.mistakes,)
 
 
-@dataclass(frozen=True, slots=True)
-class Hands:
-    """The table [hands].
-
-    Attributes
-    ----------
-    handedness : "right", "left", "both" or "as it is"
-        "both": with equal probabilities. A rig of the other hand is mirrored, unless "as it is".
-    shape : "default", "sampled" or "list"
-    shapes : tuple of HandShape
-        Of "list", with equal probabilities.
-    rigs : tuple of RigFile
-        Instead of shapes, with equal probabilities.
-    edge_mm : float
-    """
-
-    handedness: str
-    shape: str
-    shapes: tuple[Any, ...]
-    rigs: tuple[RigFile, ...]
-    edge_mm: float
+def _products(value: Any) -> tuple[str, ...]:
+    for name in (given := texts(value, "products")):
+        if name not in PRODUCTS:
+            raise mistake(choice_text(name, PRODUCTS), toml_brief(name))
+    if not given:
+        raise mistake(f"at least one of {', '.join(PRODUCTS)}", "none")
+    return tuple(name for name in PRODUCTS if name in given)
 
 
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """The table [placement]: centre of the hand's bounding box, and rotation about it."""
-
-    x_mm: Draw
-    y_mm: Draw
-    z_mm: Draw
-    rotation_x_deg: Draw
-    rotation_y_deg: Draw
-    rotation_z_deg: Draw
+_PRODUCTS = {"type": "array", "items": {"enum": list(PRODUCTS)}, "minItems": 1}
 
 
-@dataclass(frozen=True, slots=True)
-class Alpha:
-    """Roughness of a hand, by part; `others` is one value for all parts without their own."""
-
-    parts: Mapping[str, Draw]
-    others: Draw
-
-
-@dataclass(frozen=True, slots=True)
-class PartMaterial:
-    """What a part of a hand is made of: a material, of which some lengths may be drawn."""
-
-    of: Material
-    roughness_rms_mm: Draw | None = None
-    correlation_length_mm: Draw | None = None
-    coating_thickness_mm: Draw | None = None
-
-    @property
-    def draws(self) -> dict[str, Draw]:
-        """What is drawn, by its key in a plan."""
-        return {f.name: d for f in fields(self) if isinstance(d := getattr(self, f.name), Draw)}
-
-    def drawn(self, lengths_mm: Mapping[str, float]) -> Material:
-        """Return the material with these lengths in place of its own."""
-        values: dict[str, Any] = {
-            name.replace("_mm", "_m"): length_mm / 1e3 for name, length_mm in lengths_mm.items()
-        }
-        thickness_m = values.pop("coating_thickness_m", None)
-        if thickness_m is not None and self.of.coating is not None:
-            values["coating"] = replace(self.of.coating, thickness_m=thickness_m)
-        return replace(self.of, **values)
-
-    def extremes(self) -> tuple[Material, Material]:
-        """Return the materials of the least and of the greatest lengths."""
-        least, greatest = (
-            self.drawn({name: draw.bounds()[end] for name, draw in self.draws.items()})
-            for end in (0, 1)
-        )
-        return least, greatest
-
-
-@dataclass(frozen=True, slots=True)
-class PlanMaterials:
-    """What a hand is made of, by part; `others` is one value for all parts without their own."""
-
-    parts: Mapping[str, PartMaterial]
-    others: PartMaterial
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelErrors:
-    """Gains and delays of an uncalibrated instrument; see `clradar.draw_channels`.
-
-    Attributes
-    ----------
-    per : "dataset" or "sample"
-        Whether all samples share one instrument.
-    """
-
-    gain_db: float
-    phase_deg: float
-    delay_ps: float
-    dead_tx: tuple[int, ...]
-    dead_rx: tuple[int, ...]
-    per: str
-
-
-@dataclass(frozen=True, slots=True)
-class WallPlan:
-    """A reflecting wall; see `clradar.Wall`."""
-
-    point_mm: tuple[float, ...]
-    normal: tuple[float, ...]
-    amplitude: float
-
-
-@dataclass(frozen=True, slots=True)
-class Impairments:
-    """Impairments of captures; None and 0 are off. See `clradar.impair`."""
-
-    snr_db: Draw | None
-    coupling_db: Draw | None
-    coupling_delay_ps: Draw
-    iq_gain_db: Draw
-    iq_phase_deg: Draw
-    adc_bits: int | None
-    channels: ChannelErrors | None
-    walls: tuple[WallPlan, ...]
-
-    @property
-    def any(self) -> bool:
-        """Whether a capture changes at all."""
-        quadrature = (self.iq_gain_db, self.iq_phase_deg)
-        return (
-            any(v is not None for v in (self.snr_db, self.coupling_db, self.adc_bits))
-            or any(d.bounds() != (0.0, 0.0) for d in quadrature)
-            or self.channels is not None
-            or bool(self.walls)
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class RadarPlan:
-    """The table [radar].
-
-    Attributes
-    ----------
-    array : str or mapping
-        "qar50", or a table as `clradar.arrays.array_file.array_record` returns it.
-    every : int
-        Every n-th of its transmitters and receivers.
-    start_ghz, stop_ghz : float
-    steps : int
-    """
-
-    array: str | Mapping[str, Any]
-    every: int
-    start_ghz: float
-    stop_ghz: float
-    steps: int
-
-
-@dataclass(frozen=True, slots=True)
-class Image:
-    """The table [image]: voxel grid, both ends included, and image formation."""
-
-    x_mm: tuple[float, float]
-    y_mm: tuple[float, float]
-    z_mm: tuple[float, float]
-    step_mm: tuple[float, float, float]
-    method: str
-    window: str
-    tolerance_db: float | None
-    dynamic_range_db: float
-
-
-@dataclass(frozen=True, slots=True)
-class Output:
+class Output(FileRecord):
     """The table [output]: `PRODUCTS` to store, samples per shard, and level of gzip, 0 to 9."""
 
-    products: tuple[str, ...]
-    shard_size: int
-    compression: int
+    products: Annotated[tuple[str, ...], Value(_products, _PRODUCTS)] = (
+        "max_projection",
+        "depth_map",
+        "joints",
+    )
+    shard_size: Annotated[int, whole(1, MAX_SHARD)] = 64
+    compression: Annotated[int, whole(0, 9)] = 1
 
 
-@dataclass(frozen=True, slots=True)
-class MovementPlan:
-    """The table [movement]: consecutive samples are the frames of a sequence.
-
-    Attributes
-    ----------
-    frames : int
-        Of a sequence.
-    rate_hz : float
-    poses : "next" or "stay"
-        The hand goes from its pose to another, drawn like it, until the last frame; or keeps it.
-    x_mm, ..., rotation_z_deg : Draw
-        How far the hand has moved and turned in the last frame.
-    order, step_us : str, float
-        When samples are recorded, as `clradar.SweepTiming.in_order` takes them.
-    """
-
-    frames: int
-    rate_hz: float
-    poses: str
-    x_mm: Draw
-    y_mm: Draw
-    z_mm: Draw
-    rotation_x_deg: Draw
-    rotation_y_deg: Draw
-    rotation_z_deg: Draw
-    order: str
-    step_us: float
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
+class Plan(FileRecord):
     """The plan of a data set with all defaults filled in, as `read_plan` returns it.
 
     Attributes
     ----------
-    simulation : SimulationSettings
+    simulation : SimulationPlan
         Resolved; each sample draws a seed of its own.
     alpha : Alpha or None
         None with the physical estimator.
     material : PlanMaterials or None
         Of the physical estimator.
     movement : MovementPlan or None
-    folder : Path
-        What the names of rig files are relative to. It does not count in comparisons: the same
-        plan in another folder is equal.
 
     Examples
     --------
@@ -311,20 +134,45 @@ class Plan:
     (1, range(0, 2), ['A', 'B'])
     """
 
-    seed: int
-    samples: int
+    seed: Annotated[int, whole(0, 2**63 - 1)] = 0
+    samples: Annotated[int, whole(1, MAX_SAMPLES)]
     poses: Poses
-    hands: Hands
-    placement: Placement
-    alpha: Alpha | None
-    impairments: Impairments
-    radar: RadarPlan
-    simulation: SimulationSettings
-    image: Image
-    output: Output
-    material: PlanMaterials | None = None
+    hands: Hands = Hands()
+    placement: Placement = Placement()
+    alpha: AlphaOfParts | None = None
+    impairments: Impairments = Impairments()
+    radar: RadarPlan = RadarPlan()
+    simulation: SimulationPlan = SimulationPlan()
+    image: Image = Image()
+    output: Output = Output()
+    material: MaterialsOfParts | None = None
     movement: MovementPlan | None = None
-    folder: Path = field(default=Path(), compare=False)
+
+    _folder: Path = PrivateAttr(Path())
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_poses(cls, value: Any) -> Any:
+        return {"poses": {}, **value} if isinstance(value, dict) else value
+
+    @model_validator(mode="after")
+    def _with_surface(self) -> Plan:
+        if self.simulation.estimator == "physical":
+            self.__dict__["material"] = self.material or PlanMaterials()
+        else:
+            self.__dict__["alpha"] = self.alpha or Alpha()
+        return self
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Plan) and self.__dict__ == other.__dict__
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def folder(self) -> Path:
+        """What the names of rig files are relative to. It does not count in comparisons: the same
+        plan in another folder is equal."""
+        return self._folder
 
     @property
     def n_shards(self) -> int:
@@ -342,3 +190,129 @@ class Plan:
     @property
     def needs_capture(self) -> bool:
         return self.keeps_images or "capture" in self.output.products
+
+
+def read_plan(path: str | os.PathLike[str]) -> Plan:
+    """Return the plan of a TOML file; docs/datasets.md lists its keys.
+
+    Raises
+    ------
+    PlanError
+        Its `mistakes` has one line for each invalid key: the file, the key, what was expected, and
+        what was found.
+    MeasurementError
+        The file is missing or no TOML.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import read_plan
+    >>> _ = Path("plan.toml").write_text('''samples = 2
+    ... poses.names = ["A", "B"]
+    ... output.products = ["joints"]''')
+    >>> plan = read_plan("plan.toml")
+    >>> plan.simulation.estimator, plan.placement.z_mm.values
+    ('expected', (300.0,))
+    """
+    path = Path(path)
+    parsed = read_toml(path, EXPECTED, limit=MAX_PLAN_BYTES)
+    return plan_from(parsed, shown(path), path.absolute().parent)
+
+
+def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
+    """Return the plan of a mapping from TOML or JSON.
+
+    `source` is the name of its file, for messages; names of other files are relative to `folder`.
+    """
+    try:
+        plan = Plan.model_validate(dict(parsed), context={"folder": folder})
+    except ValidationError as found:
+        raise PlanError(mistakes_of(found, Plan, source)) from found
+    plan._folder = folder.absolute()
+    contradictions = [
+        f"{shown(source)}: {key}: expected {expected}, got {got}"
+        for key, expected, got in _contradictions(plan)
+    ]
+    if contradictions:
+        raise PlanError(contradictions)
+    return plan
+
+
+def _contradictions(plan: Plan) -> Iterator[tuple[str, str, str]]:
+    """Yield key, expected and got of contradictions between tables."""
+    estimator = plan.simulation.estimator
+    if plan.material is not None and plan.alpha is not None:
+        if estimator == "physical":
+            yield "alpha", "material in its place with simulation.estimator physical", "alpha"
+        else:
+            yield "material", "simulation.estimator physical with it", estimator
+    if plan.n_shards > MAX_SHARDS:
+        least = -(-plan.samples // MAX_SHARDS)
+        expected = f"at least {least} for {plan.samples} samples ({MAX_SHARDS} files)"
+        yield "output.shard_size", expected, f"{plan.output.shard_size}"
+    channels = plan.impairments.channels
+    if channels is not None:
+        array = plan_array(plan.radar.array, plan.radar.every)
+        for key, count in (("dead_tx", array.n_tx), ("dead_rx", array.n_rx)):
+            last = max(getattr(channels, key), default=0)
+            if last >= count:
+                expected = f"channels from 0 to {count - 1}"
+                yield f"impairments.channels.{key}", expected, f"{last}"
+    if plan.impairments.any and not plan.needs_capture:
+        expected = "a product that they change (capture, volume, max_projection or depth_map)"
+        yield "impairments", expected, ", ".join(plan.output.products)
+    if plan.movement is not None:
+        if plan.samples % plan.movement.frames:
+            expected = f"a multiple of movement.frames, {plan.movement.frames}"
+            yield "samples", expected, f"{plan.samples}"
+        if plan.hands.rigs:
+            yield "movement", "hands without rigs", "hands.rigs"
+    for key in ("x_mm", "y_mm", "z_mm") if plan.keeps_images else ():
+        drawn: Draw = getattr(plan.placement, key)
+        least_mm, greatest_mm = drawn.bounds()
+        if drawn.kind == "normal":
+            least_mm = greatest_mm = drawn.values[0]
+        first, last = getattr(plan.image, key)
+        if not first <= least_mm <= greatest_mm <= last:
+            expected = f"hands in the image (image.{key} is {first:g} to {last:g})"
+            yield f"placement.{key}", expected, f"{least_mm:g} to {greatest_mm:g}"
+
+
+def plan_record(plan: Plan) -> dict[str, Any]:
+    """Return a plan in the vocabulary of plan files, every key written out, so that `plan_from`
+    gives it back to the last bit.
+
+    Poses are written out with their angles: the record does not change when the poses of the
+    package or the pose files do.
+    """
+    record: dict[str, Any] = _plain(plan)
+    if plan.poses.kind != "interpolation":
+        del record["poses"]["share"]
+    if plan.poses.kind != "around":
+        del record["poses"]["spread_deg"]
+    return record
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        pairs = ((name, getattr(value, name)) for name in type(value).model_fields)
+        return {name: _plain(item) for name, item in pairs if item is not None and item != ()}
+    if isinstance(value, Draw):
+        return value.to_plain()
+    if isinstance(value, HandPose):
+        return pose_record(value)
+    if isinstance(value, Material):
+        return material_record(value)
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def plan_schema() -> dict[str, Any]:
+    """Return the JSON schema of plans, for editors that complete and check TOML files.
+
+    Examples
+    --------
+    >>> from clradar.dataset import plan_schema
+    >>> sorted(plan_schema()["properties"])[:3]
+    ['alpha', 'hands', 'image']
+    """
+    return Plan.model_json_schema()

@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 from clradar.dataset.plan.draws import Draw, stream
 from clradar.dataset.plan.hand_json import pose_record, shape_record
-from clradar.dataset.plan.plan import (
-    ChannelErrors,
-    Hands,
-    Impairments,
-    MovementPlan,
-    PartMaterial,
-    Plan,
-    Poses,
-    RigFile,
-)
-from clradar.dataset.plan.radar_tables import plan_array
+from clradar.dataset.plan.hands import Hands, MovementPlan, Poses, RigFile
+from clradar.dataset.plan.materials import PartMaterial
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.radar import ChannelErrors, Impairments, plan_array
 from clradar.hand import (
     PART_NAMES,
     HandPose,
@@ -38,6 +30,9 @@ MOVING_VERSION = 2
 """Of recipes of frames of a sequence, which older programs would take for still hands."""
 
 SEED_BITS = 63
+
+EARLIER_SETTINGS = {"facets": "flat"}
+"""What settings were before there was a key for them: recipes without it are older."""
 
 Recipe = dict[str, Any]
 """JSON values only. Lengths in metres, angles in radians, frequencies in hertz."""
@@ -205,12 +200,12 @@ def _side_and_rig(hands: Hands, drawn: _Drawn) -> tuple[str, RigFile | None]:
 def _hand(hands: Hands, drawn: _Drawn) -> Recipe:
     side, rig = _side_and_rig(hands, drawn)
     if rig is not None:
-        return {"handedness": side, "rig": {**asdict(rig), "betas": list(rig.betas)}}
+        return {"handedness": side, "rig": {**rig.model_dump(), "betas": list(rig.betas)}}
     shape = HandShape()
     if hands.shape == "sampled":
         shape = random_shape(drawn.stream("hands.shape"))
     elif hands.shape == "list":
-        shape = drawn.one_of("hands.shape", hands.shapes)
+        shape = drawn.one_of("hands.shape", hands.shapes).shape
     return {
         "handedness": side,
         "shape": shape_record(shape),
@@ -248,7 +243,7 @@ def _material(part: PartMaterial, name: str, drawn: _Drawn) -> Recipe:
 
 
 def _simulation(plan: Plan, drawn: _Drawn) -> Recipe:
-    settings = replace(plan.simulation, seed=drawn.seed("simulation.seed"))
+    settings = plan.simulation.settings(drawn.seed("simulation.seed"))
     return {name: getattr(settings, name) for name in settings.__slots__}
 
 

@@ -57,8 +57,8 @@ class TorchDataset:
 
     Notes
     -----
-    It can be pickled: each process of a `DataLoader` opens its own files. Depth maps have NaN where
-    there is no depth.
+    It can be pickled, and forked: each process of a `DataLoader` opens its own files. Depth maps
+    have NaN where there is no depth.
 
     Examples
     --------
@@ -91,11 +91,13 @@ class TorchDataset:
         known = [*arrays, *numbers, "handedness", "sample"]
         if plan.movement is not None:
             known += OF_SEQUENCES
-        if plan.poses.kind == "list" and (plan.movement is None or plan.movement.poses == "stay"):
+        named = plan.poses.kind in ("list", "around")
+        if named and (plan.movement is None or plan.movement.poses == "stay"):
             known.append("pose")
         for name in self._names:
             checks.one_of("TorchDataset: names", name, tuple(known))
         self._open: OrderedDict[Path, tuple[ExitStack, Any]] = OrderedDict()
+        self._process, self._inherited = os.getpid(), list[Any]()
 
     def __len__(self) -> int:
         return len(self._index) if self._rows is None else len(self._rows)
@@ -126,7 +128,7 @@ class TorchDataset:
         return sample if self._transform is None else self._transform(sample)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_open": OrderedDict()}
+        return {**self.__dict__, "_open": OrderedDict(), "_inherited": []}
 
     def close(self) -> None:
         """Close the files; the next sample opens them again."""
@@ -150,6 +152,11 @@ class TorchDataset:
         return np.asarray(file[place][row])
 
     def _file(self, path: Path) -> Any:
+        if self._process != os.getpid():
+            # Files of the process that this one was forked from are kept, and not used: they share
+            # the place in the file with it.
+            self._inherited.append(self._open)
+            self._open, self._process = OrderedDict(), os.getpid()
         if path in self._open:
             self._open.move_to_end(path)
             return self._open[path][1]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.dataset.plan.plan_json import plan_record
+from clradar.dataset.plan.plan import plan_record
 from clradar.dataset.readers.index import Index, read_index
 from clradar.dataset.store.folder import Manifest
 from clradar.dataset.store.shard_reader import fields_of, opened_shard

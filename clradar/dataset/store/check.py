@@ -19,7 +19,7 @@ from clradar.dataset.store.repair import shard_fault
 from clradar.errors import ClradarError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
-from clradar.files.work_folder import TEMPORARY
+from clradar.jobs.lock import TEMPORARY
 from clradar.model.progress import Progress
 from measurement_io import CheckReport, Description, Fact
 

@@ -1,6 +1,6 @@
 """Shards and parts that may be damaged or hostile, read in a confined process.
 
-`measurement_io.confined.hdf5_process` has the limits of that process. What it returns is plain:
+`measurement_io.confined.reading` has the limits of that process. What it returns is plain:
 texts and arrays, of which the caller believes nothing before it is compared with the plan.
 """
 
@@ -25,7 +25,8 @@ from clradar.dataset.store.shard_reader import (
 from clradar.dataset.store.shard_schema import FIELDS, LABELS
 from clradar.files.failures import reading
 from clradar.files.json_text import parse_object
-from measurement_io.confined import hdf5_guard, hdf5_process
+from measurement_io.confined import hdf5_guard
+from measurement_io.confined.reading import run
 
 FILTERS = (*hdf5_guard.CHECKING_FILTERS, hdf5_guard.DEFLATE)
 
@@ -62,15 +63,14 @@ class ShardContents:
 def read_contents(path: Path, data_bytes: int) -> ShardContents:
     """Read all of a shard or part, which verifies its checksums.
 
-    `data_bytes` is the expected size of its arrays: the more, the more processor time and memory
-    the confined process may use.
+    The expected size of its arrays, `data_bytes`, decides what the confined process may use.
 
     Raises
     ------
     MeasurementError
         Damaged, or no shard.
     """
-    found = hdf5_process.run(_contents, path, most_bytes=_limit(path, data_bytes))
+    found = run(_contents, path, most_bytes=_limit(path, data_bytes))
     arrays = {name: ArrayContents(**array) for name, array in found["arrays"].items()}
     return ShardContents(found["labels"], found["axes"], arrays)
 
@@ -83,7 +83,7 @@ def read_sample(path: Path, sample: int, data_bytes: int) -> tuple[Sample, dict[
     MeasurementError
         Damaged, no shard, or without this sample.
     """
-    found = hdf5_process.run(_sample, path, sample, most_bytes=_limit(path, data_bytes))
+    found = run(_sample, path, sample, most_bytes=_limit(path, data_bytes))
     with reading(path, EXPECTED):
         stored = Sample(parse_object(found["recipe"]), found["arrays"])
         return stored, parse_object(found["made_with"])

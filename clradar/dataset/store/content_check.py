@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.plan.recipe import EARLIER_SETTINGS, recipe
 from clradar.dataset.store.confined_reader import ArrayContents, ShardContents, read_contents
 from clradar.dataset.store.shard_reader import EXPECTED
 from clradar.dataset.store.shard_schema import (
@@ -66,7 +66,7 @@ def _problems(
     if found != expected:
         yield f"expected the samples {listed(expected)}, got {listed(found)}"
         return
-    stored = [json.loads(text) for text in contents.labels["recipe"]]
+    stored = [_of_its_time(json.loads(text)) for text in contents.labels["recipe"]]
     other = [s for s, one, two in zip(expected, recipes, stored, strict=True) if one != two]
     if other:
         yield f"expected the plan's recipes, got others for the samples {listed(other)}"
@@ -90,6 +90,10 @@ def _problems(
         problem = _array_problem(array, FIELDS[field], expected, sizes)
         if problem is not None:
             yield f"{FIELDS[field].group}/{FIELDS[field].dataset}{problem}"
+
+
+def _of_its_time(stored: dict[str, Any]) -> dict[str, Any]:
+    return stored | {"simulation": {**EARLIER_SETTINGS, **stored["simulation"]}}
 
 
 def _array_problem(

@@ -21,10 +21,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.plan_json import plan_record
-from clradar.dataset.plan.reader import plan_from
-from clradar.dataset.plan.table import PlanError
+from clradar.dataset.plan.plan import Plan, PlanError, plan_from, plan_record
+from clradar.dataset.plan.recipe import EARLIER_SETTINGS
 from clradar.dataset.store.content_check import check_part
 from clradar.dataset.store.shard_writer import assemble
 from clradar.errors import MeasurementError, OutputError, quoted
@@ -33,7 +31,8 @@ from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json_object, write_json
 from clradar.files.table import is_whole
-from clradar.files.work_folder import LOCK, TEMPORARY, held, remove_temporaries
+from clradar.jobs.lock import LOCK, TEMPORARY, held, remove_temporaries
+from clradar.jobs.outcome import Aside
 
 FORMAT, VERSION = "dataset", 1
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
@@ -49,15 +48,6 @@ _CONTENT = {"plan": dict, "made_with": dict, "shards": list, "set_aside": list}
 
 SHARD_NAME, PART_NAME = re.compile(r"shard-\d{5,}\.h5"), re.compile(r"\d{8,}\.(h5|json)")
 """Names of a data set's files; others in its folders are left alone."""
-
-
-@dataclass(frozen=True, slots=True)
-class Aside:
-    """A sample that was set aside, since no attempt made it, and the reason on one line."""
-
-    sample: int
-    reason: str
-    attempts: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +142,11 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def _plan(path: Path, content: Mapping[str, Any], folder: Path) -> Plan:
-    """Return the plan of a manifest; its mistakes are damage, of which the first is shown."""
+    """Return the plan of a manifest, with the defaults of its time; its mistakes are damage, of
+    which the first is shown."""
+    simulation = content.get("simulation")
+    if isinstance(simulation, dict):
+        content = {**content, "simulation": {**EARLIER_SETTINGS, **simulation}}
     try:
         return plan_from(content, shown(path), folder)
     except PlanError as error:

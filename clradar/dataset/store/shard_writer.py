@@ -198,6 +198,7 @@ def _describe(made: Any, units: str | None, long_name: str) -> None:
     made.attrs["long_name"] = long_name if own else f"{long_name} ({units})"
     if units is not None:
         made.attrs["units"] = units
+    made.flush()  # in this order, and not in that of addresses at closing: files of equal bytes
 
 
 def _chunks(value: np.ndarray) -> tuple[int, ...]:

@@ -8,8 +8,9 @@ milliseconds). That process has a limit of memory and of time, cannot write file
 programs, and once the reader has its files open it cannot open anything else.
 
 Systems other than Linux cannot do that: there a process is started for each file, which takes
-some tenths of a second. macOS does not limit its memory; Windows limits nothing but the time. With
-CLRADAR_READERS=spawn in the environment Linux starts one for each file, too: a way to try it.
+some tenths of a second, and one for all frames of a recording (`Companion`), which is given their
+content and opens none of them. macOS does not limit its memory; Windows limits nothing but the
+time. With CLRADAR_READERS=spawn in the environment Linux does it that way, too: a way to try it.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 import warnings
+import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -35,8 +38,14 @@ from typing import Any, cast
 
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.confined import wire
-from clradar.files.failures import clean, fail, shown
-from clradar.files.limits import MAX_REQUEST_BYTES, START_LIMIT_S, WALL_LIMIT_S
+from clradar.files.failures import clean, fail, read_bytes, shown
+from clradar.files.limits import (
+    MAX_FRAME_BYTES,
+    MAX_REQUEST_BYTES,
+    START_LIMIT_S,
+    WALL_FACTOR,
+    WALL_LIMIT_S,
+)
 
 try:
     import resource
@@ -47,15 +56,28 @@ _READY = b"ready"
 _ENCODINGS = ("ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437")
 """Of what is read; the last one is that of names in ZIP archives."""
 
+_LATE = ("numpy.ma", "unicodedata")
+"""Modules that numpy and Python import late, when no file can be opened any more."""
+
 _START = """import sys
 sys.path[:] = {path!r}
 from importlib.util import find_spec, module_from_spec
 for name in ("clradar", "clradar.dataset", "measurement_io"):
     if spec := find_spec(name):
-        sys.modules[name] = module_from_spec(spec)
+        sys.modules[name] = module = module_from_spec(spec)
+
+        def whole(attribute, module=module, spec=spec):
+            if attribute.startswith("__"):
+                raise AttributeError(attribute)
+            del module.__getattr__
+            spec.loader.exec_module(module)
+            return getattr(module, attribute)
+
+        module.__getattr__ = whole
 from {module} import {call}
 """
-"""The packages are there and nothing of them is imported: readers need few of their modules."""
+"""The packages are there and imported only where a name of theirs is used: readers need few of
+their modules."""
 
 _FORKS = sys.platform == "linux" and os.environ.get("CLRADAR_READERS") != "spawn"
 """Whether the server works: it passes on sockets, and reads /proc."""
@@ -96,7 +118,13 @@ class Reader:
     error: type[ClradarError] = MeasurementError
 
 
-def run(reader: Reader, function: Callable[..., Any], path: Path, *arguments: Any) -> Any:
+def run(
+    reader: Reader,
+    function: Callable[..., Any],
+    path: Path,
+    *arguments: Any,
+    companion: Companion | None = None,
+) -> Any:
     """Call `function(path, *arguments)` in a confined process and return its result.
 
     Parameters
@@ -104,16 +132,13 @@ def run(reader: Reader, function: Callable[..., Any], path: Path, *arguments: An
     reader : Reader
     function : callable
         Of a module, by its name there. It returns what `clradar.files.confined.wire` can send, and
-        calls `forbid_opening` when it has opened what it needs.
+        calls `file_bytes`, or `forbid_opening` when it has opened what it needs.
     path : Path
     *arguments
         What JSON can hold.
-
-    Raises
-    ------
-    ClradarError
-        `reader.error`: what the function raises, or that the process died of the file or of
-        its limits.
+    companion : Companion, optional
+        Reads this file and others like it where a process for each would be started. The function
+        then takes the content by `file_bytes` alone.
     """
     request = {
         "module": function.__module__,
@@ -132,7 +157,11 @@ def run(reader: Reader, function: Callable[..., Any], path: Path, *arguments: An
         fail(path, "a path and keys of sane length", got, error=reader.error)
     try:
         if _FORKS:
-            answer = _answer_of(message, reader.most_bytes)
+            wall_s = START_LIMIT_S + WALL_FACTOR * reader.cpu_s
+            answer = _answer_of(message, reader.most_bytes, wall_s)
+        elif companion is not None:
+            content = read_bytes(path, reader.expected, MAX_FRAME_BYTES, error=reader.error)
+            answer = companion.answer(message, content, reader.most_bytes, reader.cpu_s)
         else:
             answer = _answer_of_one(message, reader.most_bytes, reader.cpu_s)
     except NoServer as error:
@@ -153,7 +182,7 @@ class NoServer(Exception):
     """The server does not start, which no file can cause."""
 
 
-def _answer_of(message: bytes, most_bytes: int) -> Any:
+def _answer_of(message: bytes, most_bytes: int, wall_s: float) -> Any:
     """Send a request, and once more if the server itself died, which no file can cause."""
     if sys.platform == "win32":  # which has no such sockets
         raise NotImplementedError
@@ -164,6 +193,7 @@ def _answer_of(message: bytes, most_bytes: int) -> Any:
             try:
                 with theirs:
                     socket.send_fds(link, [message], [theirs.fileno()])
+                ours.settimeout(wall_s)  # of a process that was stopped
                 return wire.receive(ours, most_bytes)
             except (wire.BrokenMessage, OSError):
                 if last or process.poll() is None:
@@ -240,6 +270,65 @@ def _answer_of_one(message: bytes, most_bytes: int, cpu_s: int) -> Any:
         timer.cancel()
 
 
+class Companion:
+    """A process that reads many files, where one for each would have to be started.
+
+    It is given their content and can open no file itself. It starts at the first need and ends with
+    this object, and another takes over where it dies. In a copy for, or a fork of, another process
+    it is a new one.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._owner = 0
+
+    def __reduce__(self) -> Any:
+        return Companion, ()
+
+    def answer(self, message: bytes, content: bytes, most_bytes: int, cpu_s: int) -> Any:
+        with self._lock:
+            process = self._running()
+            assert process.stdin is not None
+            received = cast(io.BufferedReader, process.stdout)
+            timer = threading.Timer(START_LIMIT_S + 2 * cpu_s, process.kill)
+            timer.start()
+            try:
+                for part in (message, content):
+                    process.stdin.write(len(part).to_bytes(8, "little"))
+                    process.stdin.write(part)
+                process.stdin.flush()
+                link = SimpleNamespace(recv_into=received.readinto, sendall=None)
+                return wire.receive(link, most_bytes)
+            except (wire.BrokenMessage, OSError):
+                self._process = None
+                _end(process)
+                raise
+            finally:
+                timer.cancel()
+
+    def _running(self) -> subprocess.Popen[bytes]:
+        if self._process is None or self._owner != os.getpid():
+            pipe = subprocess.PIPE
+            try:
+                process = _started("serve_many; serve_many()", stdin=pipe, stdout=pipe)
+            except OSError as error:
+                raise NoServer(clean(error)) from error
+            assert process.stdout is not None
+            if process.stdout.read(len(_READY)) != _READY:
+                _end(process)
+                raise NoServer(f"it does not start: {sys.executable}")
+            self._process, self._owner = process, os.getpid()
+            weakref.finalize(self, _end, process)
+        return self._process
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    with suppress(OSError), process:  # closes its pipes and waits
+        pass
+
+
 @atexit.register
 def _stop_server() -> None:
     global _server
@@ -310,16 +399,45 @@ def serve_one() -> None:
         _answer(request, SimpleNamespace(sendall=answer.write, recv_into=None))
 
 
+def serve_many() -> None:
+    """Answer requests on standard input, each with the content of its file, until it closes."""
+    global _handed
+    warnings.simplefilter("ignore")
+    requests = sys.stdin.buffer
+    with os.fdopen(os.dup(1), "wb") as answer:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        for encoding in _ENCODINGS:
+            codecs.lookup(encoding)
+        answer.write(_READY)
+        answer.flush()
+        while length := requests.read(8):
+            request = json.loads(requests.read(int.from_bytes(length, "little")))
+            _handed = requests.read(int.from_bytes(requests.read(8), "little"))
+            if not _confined:
+                with suppress(Exception):
+                    _import_all(request)
+                _limit(request["cpu_s"], request["memory_bytes"], again=True)
+                forbid_opening()
+            _limit(request["cpu_s"], request["memory_bytes"], again=True)
+            _reply(request, SimpleNamespace(sendall=answer.write, recv_into=None))
+            answer.flush()
+
+
 def _import_all(request: dict[str, Any]) -> None:
-    for name in (request["module"], *request["modules"]):
+    for name in (request["module"], *request["modules"], *_LATE):
         importlib.import_module(name)
 
 
 def _answer(request: dict[str, Any], link: wire.Link) -> None:
     _limit(request["cpu_s"], request["memory_bytes"])
+    with suppress(OSError):
+        os.chdir(request["folder"])
+    _reply(request, link)
+
+
+def _reply(request: dict[str, Any], link: wire.Link) -> None:
     path = Path(request["path"])
     try:
-        os.chdir(request["folder"])
         _import_all(request)
         function = getattr(sys.modules[request["module"]], request["function"])
         wire.send(link, {"result": function(path, *request["arguments"])})
@@ -330,12 +448,13 @@ def _answer(request: dict[str, Any], link: wire.Link) -> None:
         wire.send(link, {"error": f"{shown(path)}: expected {request['expected']}, got {got}"})
 
 
-def _limit(cpu_s: int, memory_bytes: int) -> None:
+def _limit(cpu_s: int, memory_bytes: int, *, again: bool = False) -> None:
     """Limit memory, processor time, file sizes and child processes of this process.
 
-    Only Linux says how much memory a process has, and holds it to its limit.
+    Only Linux says how much memory a process has, and holds it to its limit. With `again`, time
+    and memory are limited on top of what was used, and can be for a further file.
     """
-    global _confined
+    global _confined, _pages
     if resource is None or sys.platform == "win32":
         return
     _confined = True
@@ -346,19 +465,42 @@ def _limit(cpu_s: int, memory_bytes: int) -> None:
         (resource.RLIMIT_NPROC, 0),
     ]
     if sys.platform == "linux":
-        pages = int(Path("/proc/self/statm").read_bytes().split()[0])
-        limits.append((resource.RLIMIT_AS, memory_bytes + pages * resource.getpagesize()))
+        if _pages is None:  # later this process can open no file
+            _pages = int(Path("/proc/self/statm").read_bytes().split()[0])
+        limits.append((resource.RLIMIT_AS, memory_bytes + _pages * resource.getpagesize()))
     for what, most in limits:
         hard = resource.getrlimit(what)[1]
+        soft_alone = again and what not in (resource.RLIMIT_FSIZE, resource.RLIMIT_NPROC)
+        if soft_alone and what == resource.RLIMIT_CPU:
+            most += int(time.process_time()) + 1
         most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(what, (most, most))
+        resource.setrlimit(what, (most, hard if soft_alone else most))
     signal.alarm(WALL_LIMIT_S)
+
+
+_pages: int | None = None
+_handed: bytes | None = None
+
+
+def file_bytes(
+    path: Path, expected: str, limit: int, *, error: type[ClradarError] = MeasurementError
+) -> bytes:
+    """Return a file's content, the one that was handed over or as `read_bytes` does.
+
+    After that this process can open nothing any more.
+    """
+    content = read_bytes(path, expected, limit, error=error) if _handed is None else _handed
+    forbid_opening()
+    return content
 
 
 def forbid_opening() -> None:
     """Let this process open nothing any more, if it is one that reads for another."""
     if not _confined or sys.platform == "win32":
         return
-    free = os.dup(0)
+    try:
+        free = os.dup(0)
+    except OSError:  # it is forbidden already
+        return
     os.close(free)
     resource.setrlimit(resource.RLIMIT_NOFILE, (free, free))

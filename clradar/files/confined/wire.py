@@ -44,12 +44,7 @@ def send(link: Link, value: Any) -> None:
 
 
 def receive(link: Link, most_bytes: int) -> Any:
-    """Return the next value, whose arrays may have `most_bytes` in all.
-
-    Raises
-    ------
-    BrokenMessage
-    """
+    """Return the next value, whose arrays may have `most_bytes` in all."""
     length = _LENGTH.unpack(_exactly(link, _LENGTH.size))[0]
     if length > MAX_ANSWER_HEADER_BYTES:
         raise BrokenMessage(f"a header of {length} bytes")

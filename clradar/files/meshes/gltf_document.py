@@ -54,14 +54,7 @@ def bytes_beside(path: Path, what: str, name: str, most: int, error: type[Clrada
 
 
 def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
-    """Return a glTF file's content for trimesh, and by their names the buffers in other files.
-
-    Raises
-    ------
-    MeshError
-        Nodes that form no tree, or what trimesh would pass over without a word: sparse or
-        normalized positions and fans.
-    """
+    """Return a glTF file's content for trimesh, and by their names the buffers in other files."""
     text, rest = content, b""
     if content.startswith(GLB_MAGIC):
         end = _GLB_START + int.from_bytes(content[12:16], "little")

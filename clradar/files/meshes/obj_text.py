@@ -29,11 +29,6 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, bytes]:
     Lines are neither indented nor continued, vertices are three numbers, corners of faces are
     counted from the first vertex. With a material file of several materials, trimesh calls parts
     by theirs; that file is not opened, so those that are used count.
-
-    Raises
-    ------
-    MeshError
-        Faces of less than three corners, or with a corner before the first vertex.
     """
     # Other encodings occur in comments and names only.
     text = content.decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\\\n", " ")

@@ -50,13 +50,7 @@ class Parts:
 
     @classmethod
     def joined(cls, label: str, pieces: Iterable[Piece]) -> Parts:
-        """Return the parts of a mesh; those without faces are left out.
-
-        Raises
-        ------
-        MeshError
-            No face, indices outside the vertices, arrays of another shape.
-        """
+        """Return the parts of a mesh; those without faces are left out."""
         kept = [piece for piece in pieces if len(piece.faces)]
         if not kept:
             fail(label, "a mesh with at least one triangle", "none", error=MeshError)
@@ -100,13 +94,7 @@ def check_counts(label: str, *, parts: int = 0, vertices: int = 0, faces: int = 
 
 
 def placed(label: str, vertices: np.ndarray, matrix: Any) -> np.ndarray:
-    """Return vertices (n, 3) transformed by a 4 x 4 matrix.
-
-    Raises
-    ------
-    MeshError
-        The matrix is of another shape, or has NaN.
-    """
+    """Return vertices (n, 3) transformed by a 4 x 4 matrix."""
     given = np.asarray(matrix)
     if given.shape != (4, 4) or given.dtype.kind not in "iuf":
         got = f"shape {given.shape} of {given.dtype}"

@@ -32,13 +32,7 @@ _MOST_BYTES = 48 * MAX_MESH_VERTICES + 16 * MAX_MESH_FACES
 
 
 def read_mesh_file(path: Path) -> Parts:
-    """Return the parts of a mesh file.
-
-    Raises
-    ------
-    MeshError
-        Missing, damaged, of another format, or beyond the limits of `clradar.files.limits`.
-    """
+    """Return the parts of a mesh file."""
     size = regular_file_size(path, EXPECTED, error=MeshError)
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
@@ -63,7 +57,7 @@ def confined_reader(
         cpu_s=MESH_CPU_S + size // MESH_CPU_BYTES,
         memory_bytes=MESH_MEMORY_BYTES + MESH_MEMORY_FACTOR * size,
         most_bytes=most_bytes,
-        modules=("numpy.ma", "unicodedata", *modules),  # that numpy and Python import late
+        modules=modules,
         error=error,
     )
 

@@ -35,11 +35,6 @@ def parts_of(label: str, mesh: Any, *, limited: bool = False, backwards: bool = 
         Whether the limits of files hold.
     backwards : bool
         Whether the last part comes first: trimesh reads the groups of an OBJ file so.
-
-    Raises
-    ------
-    MeshError
-        A transform that is no affine one, no triangle, indices outside the vertices.
     """
     import trimesh
 
@@ -88,13 +83,7 @@ class _AnyName(_Named):
 
 
 def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
-    """Return the parts of a mesh file's content; only buffers of glTF are opened for it.
-
-    Raises
-    ------
-    MeshError
-        Damaged, or more than the limits of `clradar.files.limits`.
-    """
+    """Return the parts of a mesh file's content; only buffers of glTF are opened for it."""
     options: dict[str, Any] = {}
     if kind in ("glb", "gltf"):
         content, buffers = gltf_document.for_trimesh(path, content)

@@ -721,7 +721,7 @@ def test_commands(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert channels.meta["inputs"][0]["file"] == "plate.h5"
     assert (folder / "channels.png").stat().st_size > 10_000
     status, out, err = run(
-        capsys, "correct", "corner.h5", "--channels", "channels.h5", "-o", "corrected.h5"
+        capsys, "clean", "corner.h5", "--channels", "channels.h5", "-o", "corrected.h5"
     )
     assert (status, err) == (0, "")
     assert "without 1 Tx and 0 Rx" in out
@@ -776,7 +776,7 @@ def test_the_command_shows_progress_once(
         ((*PLATE, "-o", "corner.h5"), 1, "--force"),
         ((*PLATE[:-1], "-3", "-o", "c.h5"), 1, "positive"),
         ((*PLATE[:-1], "500", "-o", "c.h5"), 1, "estimate_channels"),
-        (("correct", "corner.h5", "--channels", "plate.h5", "-o", "c.h5"), 1, "open_capture"),
+        (("clean", "corner.h5", "--channels", "plate.h5", "-o", "c.h5"), 1, "open_capture"),
         (
             (
                 *("channels", "plate.h5", "--target", "sphere", "--position-mm", "0,0,350"),

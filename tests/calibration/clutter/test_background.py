@@ -17,7 +17,7 @@ from recorder import Recorder, Recording
 
 import clradar
 from calibration import average_frames, gate, range_gate, subtract_background
-from calibration.clutter.delay_profiles import averaging_loss_db, delay_profiles, path_lengths_m
+from calibration.clutter import averaging_loss_db, delay_profiles, path_lengths_m
 from clradar import AntennaArray, Capture, VoxelGrid, Wall, Waveform, backproject
 from clradar.errors import ClradarWarning, MeasurementError, ModelError
 from measurement_io import open_capture, save_capture
@@ -154,6 +154,11 @@ def test_a_frame_that_does_not_agree_is_left_out_with_a_warning() -> None:
     with pytest.warns(ClradarWarning, match=r"1 of 5 frames left out.*number 2, counted from 0"):
         mean = average_frames([*frames[:2], moved, *frames[2:]])
     assert mean.meta["average"]["left_out"] == [2]
+    assert (mean.data == average_frames(frames).data).all()
+    # A bad first frame, or two that agree with each other, do not discard the good ones.
+    with pytest.warns(ClradarWarning, match=r"2 of 6 frames left out.*number 0, counted from 0"):
+        mean = average_frames([moved, frames[0], moved, *frames[1:]])
+    assert mean.meta["average"]["left_out"] == [0, 2]
     assert (mean.data == average_frames(frames).data).all()
     with pytest.raises(ModelError, match="max_loss_db"):
         average_frames(frames, max_loss_db=0)
@@ -404,7 +409,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    return partial(command_line.run, capsys, "background")
+    return partial(command_line.run, capsys, "clean")
 
 
 @pytest.fixture(scope="module")
@@ -429,7 +434,7 @@ def test_the_command_averages_subtracts_and_gates(
     expected = subtract_background(frame, empty, scaling="channel")
     expected = range_gate(expected, near_m=0.15, far_m=0.3)
     np.testing.assert_array_equal(found.data, expected.data)
-    assert found.meta["command"] == "background"
+    assert found.meta["command"] == "clean"
     assert found.meta["options"]["scaling"] == "channel"
     assert len({entry["sha256"] for entry in found.meta["inputs"]}) == 5
     assert "frame" not in found.meta

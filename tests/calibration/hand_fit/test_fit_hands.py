@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from made_up_frames import MadeUp
+from scipy.spatial.transform import Rotation
 
 from calibration import fit_hands
 from calibration.hand_fit.fit_hands import FASTEST_M_S, followed
 from calibration.hand_fit.following import Settled
 from calibration.hand_fit.frame_fit import FOLLOWED, NOTHING, SEARCHED, FrameFit
 from calibration.hand_fit.result import ANGLE_NAMES
-from calibration.hand_fit.track import Track
+from calibration.hand_fit.track import FRAME_S, Track
 from clradar.errors import CompareError, MeasurementError, ModelError
 from clradar.hand import posed_skeleton
 from clradar.model import Volume, VoxelGrid
@@ -169,3 +170,25 @@ def test_wrong_arguments() -> None:
             fit_hands([dark, dark], **{"pose": "F", "device": "pocl", **options})  # type: ignore[arg-type]
     with pytest.raises(CompareError, match="no hand in any other frame"):
         list(fit_hands([dark, dark], "F", device="pocl"))
+
+
+def test_a_damaged_record_names_its_file() -> None:
+    record = run(MadeUp(), [0])[0][0].to_dict()
+    for broken in ({k: v for k, v in record.items() if k != "joints_m"}, {**record, "angles": 3}):
+        with pytest.raises(MeasurementError, match=r"000000\.json: expected the record of"):
+            FrameFit.from_dict(broken, Path("000000.json"))
+
+
+@pytest.mark.parametrize("gap", [1, 3])
+def test_a_hand_that_was_lost_is_looked_for_where_it_would_be(gap: int) -> None:
+    track = run(MadeUp(), [0])[0][1]
+    assert track is not None
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()
+    turn[:3, 3] = [0.01, 0.0, 0.0]
+    moving = replace(track, moved=turn, moved_s=FRAME_S)
+    found = moving.predicted(gap * FRAME_S)
+    wanted = np.linalg.matrix_power(turn, gap) @ track.state.transform
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+    half = moving.predicted(0.5 * FRAME_S) @ np.linalg.inv(track.state.transform)
+    np.testing.assert_allclose(half @ half, turn, atol=1e-12)

@@ -37,7 +37,7 @@ def followed(fit_shape: bool, n_frames: int) -> list[Settled]:
             before = found[-1]
             track = Track(
                 frame - 1, frame - 1, 0.0, "right", before.fitted.state, before.joints_m,
-                before.fitted.log_brightness, before.belief, np.eye(4), (1.0,),
+                before.fitted.log_brightness, before.belief, np.eye(4), 0.125, (1.0,),
             )  # fmt: skip
             found.append(follower.follow(depth, track, FRAME_S))
         joints_m = model.joints_m(truth.pose, truth.shape) + truth.transform[:3, 3]

@@ -18,7 +18,7 @@ from calibration.registration.alignment import USUAL_RATIO
 from calibration.registration.alpha_cue import FEWEST_ROUNDS
 from calibration.registration.register import TOLERANCE_M
 from clradar.cli import main
-from clradar.cli.commands.register import FILES
+from clradar.cli.fits import FILES
 from clradar.cli.outputs import check_folder
 from clradar.errors import CompareError, ModelError, OutputError
 from clradar.files.meshes.ply_parts import ply_of_parts

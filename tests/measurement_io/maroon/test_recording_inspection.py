@@ -79,7 +79,7 @@ def test_a_whole_recording(tmp_path):
     report = check_file(radar.parent)
     assert report.ok, report.problems
     assert "time stamps of raw frames ascend, 125 ms apart" in str(report)
-    assert "3 of 3 cached volume read" in str(report)
+    assert "3 of 3 cached depth read" in str(report)
 
 
 def test_a_bare_recording_lists_what_is_missing(tmp_path):
@@ -171,14 +171,6 @@ def test_odd_frames(tmp_path, name):
     assert len(problems) == len(parts), problems
     for part, problem in zip(parts, problems, strict=True):
         assert part in problem
-
-
-def test_a_cloud_without_points(tmp_path):
-    radar = whole_recording(tmp_path / "30")
-    header = (radar / "xyz" / "000001.ply").read_bytes().split(b"end_header")[0].splitlines()
-    lines = [b"element vertex 0" if h.startswith(b"element vertex") else h for h in header]
-    (radar / "xyz" / "000001.ply").write_bytes(b"\n".join([*lines, b"end_header", b""]))
-    assert check_file(radar).problems == ("xyz without a point, of the frames 1",)
 
 
 def edit(path: Path, **changes: object) -> None:
@@ -318,15 +310,15 @@ def test_no_stamp_at_all_and_zeros_are_no_problem(tmp_path):
         assert check_file(radar).ok
 
 
-def test_every_product_is_read(tmp_path):
+def test_every_depth_map_is_read(tmp_path):
     radar = whole_recording(tmp_path / "30")
-    path = radar / "xyz" / "000001.ply"
+    path = radar / "depth" / "000001.png"
     path.write_bytes(path.read_bytes()[:-5])
     assert describe(radar).problems == ()
     report = check_file(radar)
     assert len(report.problems) == 1
-    assert "000001.ply" in report.problems[0]
-    assert "2 of 3 cached xyz read" in report.checked
+    assert "000001.png" in report.problems[0]
+    assert "2 of 3 cached depth read" in report.checked
 
 
 @pytest.mark.parametrize("name", ["depth", "maxproj", "xyz", "photogrammetry"])
@@ -348,7 +340,7 @@ def test_a_folder_that_cannot_be_read_hides_nothing_else(tmp_path, monkeypatch, 
     assert description.words == before | {fact: "cannot be read"}
     report = check_file(radar)
     assert report.problems == description.problems
-    assert "3 of 3 cached volume read" in report.checked
+    assert ("3 of 3 cached depth read" in report.checked) == (name not in ("depth", "maxproj"))
 
 
 def entry_without(radar: Path, *numbers: int) -> None:
@@ -366,7 +358,7 @@ SAID_ONCE = {
     ),
     "no calibration": (
         lambda radar: (radar / "calibration.json").unlink(),
-        ["no calibration.json, without which depth, maxproj and volume cannot be read"],
+        ["no calibration.json, without which depth cannot be read"],
     ),
     "damaged calibration": (
         lambda radar: (radar / "calibration.json").write_text("{"),
@@ -376,8 +368,6 @@ SAID_ONCE = {
         lambda radar: entry_without(radar, 0, 2),
         [
             "lacks its pixels for depth of the frames 0, 2",
-            "lacks its pixels for maxproj of the frames 0, 2",
-            "lacks its grid and its amplitudes for volume of the frames 0, 2",
         ],
     ),
     "an entry": (
@@ -396,12 +386,9 @@ def test_what_many_frames_have_in_common_is_reported_once(tmp_path, name):
         assert len(problems) == len(parts), problems
         for part, problem in zip(parts, problems, strict=True):
             assert part in problem
-    counts = {"entries": 1, "an entry": 2, "no transform": 3}
-    said = any("cached volume read" in line for line in check_file(radar).checked)
-    assert said == (name in counts)
-    if said:
-        assert f"{counts[name]} of 3 cached volume read" in check_file(radar).checked
-    assert "3 of 3 cached xyz read" in check_file(radar).checked
+    counts = {"entries": 1, "no transform": 3}
+    said = [line for line in check_file(radar).checked if "cached depth read" in line]
+    assert said == ([f"{counts[name]} of 3 cached depth read"] if name in counts else [])
 
 
 def test_numbers_that_are_not_finite_are_strict_json(tmp_path):

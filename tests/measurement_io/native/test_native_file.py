@@ -27,7 +27,7 @@ from measurement_io import (
     save_channels,
     save_volume,
 )
-from measurement_io.confined import hdf5_process
+from measurement_io.confined import reading as confined
 from measurement_io.native import scheme
 
 META = {
@@ -54,7 +54,7 @@ def test_a_capture_is_opened_by_one_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started = []
-    run = hdf5_process.run
+    run = confined.run
 
     def counted(function: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         started.append(function.__name__)
@@ -63,7 +63,7 @@ def test_a_capture_is_opened_by_one_process(
     array = clradar.AntennaArray([[0.0, 0, 0]], [[0.01, 0, 0]])
     capture = clradar.Capture([[[1 + 2j]]], array, clradar.Waveform([77e9]))
     save_capture(tmp_path / "capture.h5", capture)
-    monkeypatch.setattr(hdf5_process, "run", counted)
+    monkeypatch.setattr(confined, "run", counted)
     for _ in range(3):
         assert same_bits(open_capture(tmp_path / "capture.h5").data, capture.data)
     assert len(started) == 3

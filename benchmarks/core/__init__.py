@@ -1,0 +1,1 @@
+"""The benchmarks of docs/performance.md: benchmarks/against_peers.py."""

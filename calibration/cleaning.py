@@ -1,0 +1,66 @@
+"""What is done to a recorded capture before it is imaged, in one order."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, Literal
+
+from calibration.channels.correction import MASKS, correct
+from calibration.clutter import range_gate, subtract_background
+from clradar.model import Capture, ChannelCalibration
+
+
+def clean(
+    capture: Capture,
+    *,
+    empty: Capture | None = None,
+    scaling: Literal["none", "common", "channel"] = "none",
+    gate: Mapping[str, Any] | None = None,
+    channels: ChannelCalibration | None = None,
+    mask: Collection[str] = MASKS,
+) -> Capture:
+    """Subtract the empty room, gate in range, correct the channels: in this order, what is given.
+
+    Parameters
+    ----------
+    capture : Capture
+        A frame, or the mean of several (`average_frames`).
+    empty : Capture, optional
+        The same without the object.
+    scaling : {"none", "common", "channel"}
+        Of `empty`, as in `subtract_background`.
+    gate : mapping, optional
+        Arguments of `range_gate`: `near_m` and `far_m`, `edge_m`, `clutter_db`.
+    channels : ChannelCalibration, optional
+    mask : collection of str
+        Which channels are set to zero, as in `correct`.
+
+    Returns
+    -------
+    Capture
+
+    Raises
+    ------
+    CalibrationError
+        Two captures, or capture and channels, are of different arrays or frequencies.
+    ModelError
+        An invalid argument.
+
+    Examples
+    --------
+    >>> import clradar, numpy as np
+    >>> import calibration
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> frame, room = (clradar.Capture(np.full((1, 1, 16), v), array, waveform) for v in (3, 1))
+    >>> found = calibration.clean(frame, empty=room)
+    >>> found.data[0, 0, 0], list(found.meta)
+    (np.complex64(2+0j), ['background'])
+    """
+    if empty is not None:
+        capture = subtract_background(capture, empty, scaling=scaling)
+    if gate is not None:
+        capture = range_gate(capture, **gate)
+    if channels is not None:
+        capture = correct(capture, channels, mask=mask)
+    return capture

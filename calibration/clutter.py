@@ -1,0 +1,585 @@
+"""What is in a capture beside the object: averaging of frames, the empty room, and range gates.
+
+Frames are averaged coherently, the empty room is subtracted by generalised least squares over
+delay, and a range gate is a Wiener filter over frequency, against coupling, walls and mirrors.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.errors import warn
+from clradar.model import Capture, Waveform, checks
+from clradar.model.capture import check_same_radar
+
+SCALINGS = ("none", "common", "channel")
+ROUNDS = 6
+"""Reweighting rounds: each takes its weights from the residual of the last."""
+MOST_GROUPS = 3
+"""Of frames that agree with each other, which are averaged until the largest is known."""
+ALTERNATIONS = 20
+"""Alternating least-squares steps between Tx and Rx factors; converged to rounding long before."""
+RESIDUAL_FLOOR = 1e-12
+"""Smallest residual power of a delay bin, relative to the mean: bounds the weights."""
+
+
+def average_frames(
+    captures: Iterable[Capture], *, align_phase: bool = False, max_loss_db: float = 1.0
+) -> Capture:
+    """Average frames of a static scene coherently, those that agree.
+
+    Parameters
+    ----------
+    captures : iterable of Capture
+        Only one at a time is held, besides the sums.
+    align_phase : bool
+        Rotate every frame by the phase that maximises its correlation with the sum of those before
+        it. For a phase drift common to all channels; a change of the scene would be rotated, too.
+    max_loss_db : float, decibel
+        Frames agree unless echoes of any delay would be this much weaker in their mean: something
+        moved, or the generator drifted. A noisy echo is no weaker than others. Of frames that do
+        not agree the largest group counts.
+
+    Returns
+    -------
+    Capture
+        With the metadata in which all frames agree; `meta["average"]` holds the number of frames,
+        the phases by which they were rotated, radians, and the frames that were left out, counted
+        from 0.
+
+    Raises
+    ------
+    ModelError
+        No frame, something that is not a capture, other antennas or frequencies than the first.
+
+    Warns
+    -----
+    ClradarWarning
+        Frames that do not agree are left out.
+
+    Notes
+    -----
+    Summed in complex128. Noise that is independent from frame to frame goes down by 10 log10(n) dB.
+    How the loss is told from noise: `averaging_loss_db`.
+
+    Examples
+    --------
+    >>> import clradar, numpy as np
+    >>> import calibration
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
+    >>> waveform = clradar.Waveform([77e9])
+    >>> frames = [clradar.Capture(np.full((1, 1, 1), v), array, waveform) for v in (2, 2j)]
+    >>> for align_phase in (False, True):
+    ...     mean = calibration.average_frames(frames, align_phase=align_phase)
+    ...     print(np.round(mean.data[0, 0, 0], 3))
+    (1+1j)
+    (2+0j)
+    """
+    groups: list[_Mean] = []
+    alone: list[int] = []
+    worst = (0.0, 0)
+    max_loss_db = checks.positive("average_frames: max_loss_db", max_loss_db)
+    count = 0
+    for count, capture in enumerate(captures, start=1):
+        field = f"average_frames: frame {count - 1}"
+        checks.instance(field, capture, Capture)
+        profiles = delay_profiles(capture)
+        for group in groups:
+            check_same_radar(field, capture, group.first)
+            loss_db, delay_bin = group.take(capture, profiles, count - 1, align_phase, max_loss_db)
+            if loss_db <= max_loss_db:
+                break
+            worst = max(worst, (loss_db, delay_bin))
+        else:
+            if len(groups) < MOST_GROUPS:
+                groups.append(_Mean(capture, profiles, count - 1))
+            else:
+                alone.append(count - 1)
+    if not groups:
+        checks.fail("average_frames", "at least one frame", "none")
+    best = max(groups, key=lambda group: len(group.numbers))  # of equal ones the first
+    record: dict[str, Any] = {"frames": len(best.numbers), "align_phase": bool(align_phase)}
+    if align_phase:
+        record["turned_rad"] = best.rotated_rad
+    left_out = sorted({*range(count)} - {*best.numbers})
+    if left_out:
+        record["left_out"] = left_out
+        range_mm = 500 * path_lengths_m(best.first.waveform)[worst[1]]
+        warn(
+            f"{len(left_out)} of {count} frames left out of the average (the first: number "
+            f"{left_out[0]}, counted from 0), since they do not agree with the others: echoes from "
+            f"{range_mm:.0f} mm would be {worst[0]:.1f} dB weaker. Something moved, or the phase "
+            "drifted, which align_phase takes out"
+        )
+    first, mean = best.first, best.total / len(best.numbers)
+    return Capture(mean, first.array, first.waveform, {**best.common, "average": record})
+
+
+class _Mean:
+    """The sum of frames that agree, with what they have in common."""
+
+    def __init__(self, capture: Capture, profiles: np.ndarray, number: int) -> None:
+        self.first = capture
+        self.total = capture.data.astype(np.complex128)
+        self.common = dict(capture.meta)
+        self.profiles, self.numbers, self.rotated_rad = profiles, [number], [0.0]
+
+    def take(
+        self, capture: Capture, profiles: np.ndarray, number: int, align_phase: bool, most_db: float
+    ) -> tuple[float, int]:
+        """Add a frame unless it would lose more than `most_db`; `averaging_loss_db` of it."""
+        phase = float(np.angle(_inner(capture.data, self.total))) if align_phase else 0.0
+        phasor = np.exp(1j * phase)
+        own = np.complex64(phasor) * profiles
+        loss_db, delay_bin = averaging_loss_db(own, self.profiles / np.float32(len(self.numbers)))
+        if loss_db <= most_db:
+            self.profiles += own
+            meta = capture.meta
+            self.common = {k: v for k, v in self.common.items() if k in meta and meta[k] == v}
+            self.numbers.append(number)
+            self.rotated_rad.append(phase)
+            for tx in range(len(self.total)):  # no name for a row, which would keep the frame
+                self.total[tx] += phasor * capture.data[tx].astype(np.complex128)
+        return loss_db, delay_bin
+
+
+def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "none") -> Capture:
+    """Subtract a capture that was recorded without the object.
+
+    Parameters
+    ----------
+    capture, empty : Capture
+        Same antennas, same frequencies.
+    scaling : {"none", "common", "channel"}
+        What the empty capture is multiplied by first: nothing, one complex factor for all (the
+        generator drifted), or one per Tx times one per Rx (the channels drifted).
+
+    Returns
+    -------
+    Capture
+        `meta["background"]` holds the factors as [real, imaginary] and the metadata of `empty`.
+
+    Raises
+    ------
+    ModelError
+        Other antennas or frequencies, an unknown scaling, or an empty capture that is zero where it
+        has to be scaled.
+
+    Warns
+    -----
+    ClradarWarning
+        An empty room is subtracted from `capture` already, by its metadata.
+
+    Notes
+    -----
+    The factors minimise ``sum_q w_q |Y_q - u_tx v_rx E_q|^2`` over the delay bins q of both (Hann
+    window over frequency). Ordinary least squares (w = 1) would fit the background to the object as
+    well. The object is the disturbance here, so each bin is weighted by the inverse of its residual
+    power, averaged over the pairs, and the fit is repeated (feasible generalised least squares):
+    bins that the object reaches hardly count, those of coupling and walls alone decide.
+    docs/background.md has measured errors.
+
+    The noise of `empty` is added to the result: average many frames without the object.
+
+    Examples
+    --------
+    >>> import clradar, numpy as np
+    >>> import calibration
+    >>> from clradar import reference
+    >>> q = clradar.arrays.qar50()
+    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> empty = reference.point_targets(array, waveform, [[0, 0, 0.4]], [3.0])
+    >>> both = reference.point_targets(
+    ...     array, waveform, [[0, 0, 0.4], [0, 0, 0.3]], [3j, 1.0])
+    >>> left = calibration.subtract_background(both, empty, scaling="common")
+    >>> factor = complex(*left.meta["background"]["factor"])
+    >>> print(f"{abs(factor):.3f} at {np.degrees(np.angle(factor)):.0f} degrees")
+    1.000 at 90 degrees
+    """
+    checks.instance("subtract_background: capture", capture, Capture)
+    checks.instance("subtract_background: empty", empty, Capture)
+    check_same_radar("subtract_background: empty", empty, capture)
+    scaling = checks.one_of("subtract_background: scaling", scaling, SCALINGS)
+    if capture.meta.get("variant") == "emptyfiltered" or "background" in capture.meta:
+        warn(
+            "an empty room is subtracted already from the capture (its variant is emptyfiltered, "
+            "or it has a background); take the raw one"
+        )
+    record: dict[str, Any] = {"scaling": scaling, "empty": dict(empty.meta)}
+    tx_factor = np.ones(capture.array.n_tx, np.complex128)
+    rx_factor = np.ones(capture.array.n_rx, np.complex128)
+    if scaling != "none":
+        if not empty.data.any():
+            checks.fail("subtract_background: empty", "something to scale", "zeros only")
+        tx_factor, rx_factor = _fitted(capture, empty, per_channel=scaling == "channel")
+        if scaling == "common":
+            record["factor"] = _real_imaginary(tx_factor[:1])[0]
+        else:
+            record["tx_factor"] = _real_imaginary(tx_factor)
+            record["rx_factor"] = _real_imaginary(rx_factor)
+    data = np.empty(capture.data.shape, np.complex64)
+    for tx, out in enumerate(data):
+        scaled = (tx_factor[tx] * rx_factor)[:, None] * empty.data[tx].astype(np.complex128)
+        out[:] = capture.data[tx] - scaled
+    data.flags.writeable = False
+    meta = {**capture.meta, "background": record}
+    return Capture(data, capture.array, capture.waveform, meta)
+
+
+def _fitted(
+    capture: Capture, empty: Capture, *, per_channel: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Factors of Tx and Rx that bring the empty capture nearest to the other."""
+    measured, known = delay_profiles(capture), delay_profiles(empty)
+    tx = np.ones(capture.array.n_tx, np.complex128)
+    rx = np.ones(capture.array.n_rx, np.complex128)
+    power_in_bin = np.stack([(np.abs(k) ** 2).mean(axis=0) for k in known]).mean(axis=0)
+    floor = RESIDUAL_FLOOR * float(power_in_bin.mean())
+    # Bins without echoes hold noise in place of the background; fitted to, it would pull the
+    # factors towards zero. The weakest bin estimates the noise.
+    known_share = (1 - power_in_bin.min() / np.maximum(power_in_bin, floor)).clip(0) ** 2
+    if not known_share.any():
+        known_share[:] = 1
+    weights = known_share
+    for _ in range(ROUNDS):
+        cross = np.stack([(k.conj() * m) @ weights for k, m in zip(known, measured, strict=True)])
+        power = np.stack([np.abs(k) ** 2 @ weights for k in known])
+        if per_channel:
+            tx, rx = _rank_one_factors(cross, power, tx, rx)
+        else:
+            tx = np.full_like(tx, cross.sum() / power.sum())
+        left = np.zeros(len(weights))
+        for m, k, factor in zip(measured, known, tx, strict=True):
+            left += (np.abs(m - (factor * rx)[:, None] * k) ** 2).sum(axis=0)
+        weights = known_share / (left / (len(tx) * len(rx)) + floor)
+        weights /= weights.max()
+    return tx, rx
+
+
+def _rank_one_factors(
+    cross: np.ndarray, power: np.ndarray, tx: np.ndarray, rx: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimise sum_tr power |cross / power - tx rx|^2 by alternating least squares.
+
+    A channel without power keeps its factor.
+    """
+    for _ in range(ALTERNATIONS):
+        tx = _quotient(cross @ rx.conj(), power @ np.abs(rx) ** 2, tx)
+        rx = _quotient(cross.T @ tx.conj(), power.T @ np.abs(tx) ** 2, rx)
+    # The product leaves one factor between tx and rx free: rx gets an RMS of 1 and mean phase 0.
+    between = np.sqrt((np.abs(rx) ** 2).mean()) * np.exp(1j * np.angle(rx.sum()))
+    return tx * between, rx / between
+
+
+def _quotient(above: np.ndarray, below: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+    return np.divide(above, below, out=otherwise.copy(), where=below > 0)
+
+
+def _inner(a: np.ndarray, b: np.ndarray) -> complex:
+    """sum conj(a) b in double precision, a row at a time."""
+    return complex(sum(np.vdot(x.astype(np.complex128), y) for x, y in zip(a, b, strict=True)))
+
+
+def _real_imaginary(values: np.ndarray) -> list[list[float]]:
+    return np.stack([values.real, values.imag], axis=1).tolist()
+
+
+MOST_LOSS_DB = 30.0
+"""Losses beyond this are told as this: the echoes of two captures cancel each other."""
+
+POWER_FLOOR = 1e-10
+"""Of the strongest echo's power: below are sidelobes and rounding."""
+
+
+def path_lengths_m(waveform: Waveform) -> np.ndarray:
+    """Path lengths of the bins of `delay_profiles`, shape (n_freq,), metres."""
+    count = waveform.n_freq
+    path_m = np.arange(count) * SPEED_OF_LIGHT_M_PER_S / max(waveform.span_hz, 1.0)
+    return np.asarray(path_m * ((count - 1) / count if count > 1 else 1.0))
+
+
+def delay_profiles(capture: Capture) -> np.ndarray:
+    """Delay profiles, Hann window, shape (n_tx, n_rx, n_freq), complex64."""
+    waveform = capture.waveform
+    offsets_hz = waveform.frequencies_hz - waveform.center_hz
+    count = waveform.n_freq
+    cycles = np.outer(offsets_hz, path_lengths_m(waveform)) / SPEED_OF_LIGHT_M_PER_S
+    # Without the two zeros at the ends, which would discard samples (all of them for two).
+    window = np.hanning(count + 2)[1:-1]
+    transform = window[:, None] * np.exp(2j * np.pi * cycles) / np.sqrt(count)
+    profiles = np.empty(capture.data.shape, np.complex64)
+    for out, row in zip(profiles, capture.data, strict=True):
+        out[:] = row.astype(np.complex128) @ transform
+    return profiles
+
+
+def averaging_loss_db(one: np.ndarray, other: np.ndarray) -> tuple[float, int]:
+    """How much weaker the echoes of two captures are in their mean, where they lose most.
+
+    Parameters
+    ----------
+    one, other : ndarray, shape (n_tx, n_rx, n_freq), complex
+        Delay profiles.
+
+    Returns
+    -------
+    loss_db : float, decibel
+        0 where both differ by no more than noise; `MOST_LOSS_DB` at most.
+    delay_bin : int
+        Where that is.
+
+    Notes
+    -----
+    In bin q with the powers P1 and P2 over all pairs and that of the difference, D, the power of
+    the mean is (P1 + P2)/2 - D/4 of (P1 + P2)/2. Noise is white, so it adds the same to D in every
+    bin: the median over the bins, which echoes that moved fill only a part of. The estimate of D in
+    a bin from n pairs scatters by 1/sqrt(n); six times that is taken for noise, too. A phase
+    difference of phi costs -20 log10(cos(phi/2)) dB: 1 dB at 54 degrees, or 0.29 mm at 77 GHz.
+    """
+    power = np.zeros(one.shape[-1])
+    difference = np.zeros(one.shape[-1])
+    for a, b in zip(one, other, strict=True):
+        power += (np.abs(a) ** 2 + np.abs(b) ** 2).sum(axis=0, dtype=np.float64)
+        difference += (np.abs(a - b) ** 2).sum(axis=0, dtype=np.float64)
+    pairs = one.shape[0] * one.shape[1]
+    noise = float(np.median(difference)) * (1 + 6 / math.sqrt(pairs))
+    floor = POWER_FLOOR * float(power.max())
+    changed = (difference - noise).clip(0)
+    share = np.divide(changed, 2 * power, out=np.zeros_like(power), where=power > floor).clip(0, 1)
+    worst = int(share.argmax())
+    left = max(1 - float(share[worst]), 10 ** (-MOST_LOSS_DB / 10))
+    return -10 * math.log10(left), worst
+
+
+EDGE_CELLS = 4.0
+"""Default width of the transition bands in resolution cells c / 2B: 6 cm for 10 GHz."""
+CLUTTER_DB = 40.0
+EDGE_WEIGHT = 0.03
+"""Weight of the transition bands. With less, echoes in them can grow (fourfold at 0.001)."""
+NOISE_POWER = 1e-3
+"""Power of the noise relative to the scene, per delay: keeps the gate from amplifying noise."""
+PROBES_PER_CELL = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gate:
+    """A linear map over the frequencies of a pair that keeps the echoes of a range window.
+
+    Attributes
+    ----------
+    matrix : numpy.ndarray, shape (n_freq, n_freq), complex128
+        The gated samples of a pair are `matrix @ s[tx, rx]`.
+    near_m, far_m, edge_m : float, metres
+        The window, in half path length, and the width of each transition band outside it.
+    clutter_db : float, dB
+    passband_db : float, dB
+        Smallest gain of an echo in the window, ``|<s, G s>| / <s, s>``.
+    rejection_db : float, dB
+        Smallest suppression of the RMS of an echo beyond the transition bands.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> import calibration
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
+    >>> window = calibration.gate(waveform, near_m=0.1, far_m=0.2)
+    >>> window.matrix.shape, round(window.edge_m, 3)
+    ((32, 32), 0.06)
+    """
+
+    matrix: np.ndarray
+    near_m: float
+    far_m: float
+    edge_m: float
+    clutter_db: float
+    passband_db: float
+    rejection_db: float
+
+    def record(self) -> dict[str, float]:
+        """Everything but the matrix, in types that JSON has."""
+        names = ("near_m", "far_m", "edge_m", "clutter_db", "passband_db", "rejection_db")
+        return {name: getattr(self, name) for name in names}
+
+
+def range_gate(
+    capture: Capture,
+    *,
+    near_m: float,
+    far_m: float,
+    edge_m: float | None = None,
+    clutter_db: float = CLUTTER_DB,
+) -> Capture:
+    """Remove the echoes from outside a range window.
+
+    Range is half of the path length, ``(|p - tx| + |p - rx|) / 2``, the same window for every pair.
+    The direct coupling, whose path is ``|tx - rx|``, lies below half of the aperture's diagonal
+    (0.1 m for the 14 cm imager); a point (x, y, z) lies between z and the distance from the
+    farthest antenna.
+
+    Parameters
+    ----------
+    capture : Capture
+    near_m, far_m : float, metres
+        Echoes from near_m to far_m are kept.
+    edge_m : float, metres, optional
+        Echoes nearer than near_m - edge_m and farther than far_m + edge_m are rejected; those
+        between may be attenuated by any amount. Default: four resolution cells c / 2B, 60 mm for
+        10 GHz.
+    clutter_db : float, dB
+        Power of the echoes outside relative to those inside, roughly: more rejects better, and
+        distorts the window more.
+
+    Returns
+    -------
+    Capture
+        `meta["range_gate"]` holds the window, `passband_db` and `rejection_db`: see `Gate`.
+
+    Raises
+    ------
+    ModelError
+        A single frequency, a window beyond the unambiguous range c / 2 df, or edges that leave
+        nothing to reject.
+
+    See Also
+    --------
+    gate : the map itself, and its equation.
+
+    Examples
+    --------
+    An echo at 0.15 m is kept, one at 0.4 m is rejected:
+
+    >>> import clradar, numpy as np
+    >>> import calibration
+    >>> from clradar import reference
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
+    >>> for z_m in (0.15, 0.4):
+    ...     echo = reference.point_targets(array, waveform, [[0, 0, z_m]], [1.0])
+    ...     gated = calibration.range_gate(echo, near_m=0.1, far_m=0.2)
+    ...     gain = np.linalg.norm(gated.data) / np.linalg.norm(echo.data)
+    ...     print(f"{20 * np.log10(gain):.1f} dB")
+    -0.4 dB
+    -67.8 dB
+    """
+    checks.instance("range_gate: capture", capture, Capture)
+    found = gate(capture.waveform, near_m=near_m, far_m=far_m, edge_m=edge_m, clutter_db=clutter_db)
+    data = np.empty(capture.data.shape, np.complex64)
+    for out, row in zip(data, capture.data, strict=True):
+        out[:] = row.astype(np.complex128) @ found.matrix.T
+    data.flags.writeable = False
+    meta = {**capture.meta, "range_gate": found.record()}
+    return Capture(data, capture.array, capture.waveform, meta)
+
+
+def gate(
+    waveform: Waveform,
+    *,
+    near_m: float,
+    far_m: float,
+    edge_m: float | None = None,
+    clutter_db: float = CLUTTER_DB,
+) -> Gate:
+    """Compute the linear map that `range_gate` applies.
+
+    Parameters and errors are those of `range_gate`.
+
+    Returns
+    -------
+    Gate
+
+    Notes
+    -----
+    A window over the inverse Fourier transform treats the band as one period of a periodic signal,
+    and so mixes its two ends. Instead, this is the linear map G with the least mean square error
+    for echoes of every path length d within one period D = c / df::
+
+        G = argmin  int p(d) |G a(d) - w(d) a(d)|^2 dd + eps |G|^2,  a(d)_n = exp(-j 2 pi f_n d / c)
+          = [int p w a a^H] [int p a a^H + eps I]^-1
+
+    Here p = 1, w = 1 in the window, w = 0 and p = 10^(clutter_db / 10) outside, and p = 0.03,
+    w = 1/2 in the transition bands: the Wiener filter for clutter of that power. Every integral has
+    a closed form (a sinc), so the frequency steps may differ; D is then that of the largest. Delays
+    below zero are the end of the period, so mirror images from IQ imbalance are rejected as well.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> import calibration
+    >>> window = calibration.gate(clradar.Waveform.sfcw(72e9, 82e9, 32), near_m=0.1, far_m=0.2)
+    >>> round(window.passband_db, 1), round(window.rejection_db)
+    (-0.5, 51)
+    """
+    checks.instance("range_gate: waveform", waveform, Waveform)
+    if waveform.n_freq < 2:
+        checks.fail("range_gate: waveform", "two frequencies or more", "one, which has no range")
+    near = checks.real("range_gate: near_m", near_m)
+    far = checks.real("range_gate: far_m", far_m)
+    if not 0 <= near < far:
+        checks.fail("range_gate", "0 <= near_m < far_m", f"{near:g} and {far:g}")
+    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * waveform.span_hz)
+    edge = EDGE_CELLS * cell_m if edge_m is None else checks.real("range_gate: edge_m", edge_m)
+    if edge < 0:
+        checks.fail("range_gate: edge_m", "a width that is not negative", repr(edge_m))
+    clutter = checks.real("range_gate: clutter_db", clutter_db)
+    if not 0 <= clutter <= 100:
+        checks.fail("range_gate: clutter_db", "0 to 100 dB", repr(clutter_db))
+    period_m = SPEED_OF_LIGHT_M_PER_S / (2 * float(np.diff(waveform.frequencies_hz).max()))
+    if far > period_m:
+        checks.fail(
+            "range_gate: far_m",
+            f"at most {period_m:.4g} m, where ranges start to repeat with these frequency steps",
+            f"{far:g} m",
+        )
+    if far - near + 2 * edge >= period_m:
+        checks.fail(
+            "range_gate",
+            f"a window with its edges shorter than the unambiguous {period_m:.4g} m",
+            f"{far - near:g} m and two edges of {edge:g} m: nothing is left to reject",
+        )
+
+    offsets_hz = waveform.frequencies_hz - waveform.center_hz
+    inside = _gram(offsets_hz, near, far, period_m)
+    edges = _gram(offsets_hz, near - edge, near, period_m)
+    edges += _gram(offsets_hz, far, far + edge, period_m)
+    outside = _gram(offsets_hz, far + edge, period_m + near - edge, period_m)
+    wanted = inside + EDGE_WEIGHT / 2 * edges
+    whole = inside + EDGE_WEIGHT * edges + 10 ** (clutter / 10) * outside
+    whole += NOISE_POWER * np.eye(waveform.n_freq)
+    matrix = np.linalg.solve(whole, wanted).conj().T  # both are Hermitian
+    matrix.flags.writeable = False
+
+    echoes, kept = _responses(matrix, offsets_hz, near, far)
+    passband_db = _amplitude_db(np.abs((echoes.conj() * kept).mean(axis=0)).min())
+    _, left = _responses(matrix, offsets_hz, far + edge, period_m + near - edge)
+    rejection_db = -_amplitude_db(np.sqrt((np.abs(left) ** 2).mean(axis=0)).max())
+    return Gate(matrix, near, far, edge, clutter, passband_db, rejection_db)
+
+
+def _gram(offsets_hz: np.ndarray, low_m: float, high_m: float, period_m: float) -> np.ndarray:
+    """Integral of a a^H over half path lengths, in periods, shape (n_freq, n_freq)."""
+    difference = 2 * (offsets_hz[:, None] - offsets_hz) / SPEED_OF_LIGHT_M_PER_S
+    width_m, middle_m = high_m - low_m, (high_m + low_m) / 2
+    phasors = np.exp(-2j * np.pi * difference * middle_m)
+    return width_m / period_m * np.sinc(difference * width_m) * phasors
+
+
+def _responses(
+    matrix: np.ndarray, offsets_hz: np.ndarray, low_m: float, high_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Echoes an eighth of a resolution cell apart, before and after the gate, (n_freq, n)."""
+    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * float(offsets_hz[-1] - offsets_hz[0]))
+    count = int(np.ceil(PROBES_PER_CELL * (high_m - low_m) / cell_m)) + 2
+    range_m = np.linspace(low_m, high_m, count)
+    echoes = np.exp(-2j * np.pi * (2 / SPEED_OF_LIGHT_M_PER_S * np.outer(offsets_hz, range_m)))
+    return echoes, matrix @ echoes
+
+
+def _amplitude_db(amplitude: Any) -> float:
+    return float(20 * np.log10(max(float(amplitude), 1e-15)))

@@ -1,1 +1,0 @@
-"""Background subtraction and range gating."""

@@ -1,0 +1,531 @@
+"""In which convention a capture was written: the sharpness of its image under eight of them.
+
+Sharpness is the sum of |V|^4, the squared intensity: R. A. Muller, A. Buffington, "Real-time
+correction of atmospherically degraded telescope images through image sharpening", JOSA 64(9), 1974,
+doi 10.1364/JOSA.64.001200.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from clradar.backproject import backproject
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.errors import ModelError
+from clradar.model import Capture, DepthMap, Volume, VoxelGrid, checks
+from clradar.model.plausible import place
+from clradar.model.progress import Progress
+from clradar.model.range_profile import (
+    MIN_STEPS,
+    NEAR_PATH_M,
+    antenna_subset,
+    beyond_coupling,
+    echoes,
+    range_profile,
+)
+from clradar.model.resolution import lateral_resolution_m
+from clradar.opencl import Device, open_device
+
+MIRROR_X = np.array([-1.0, 1.0, 1.0])
+
+MARGIN_DB = 2.5
+"""Conventions whose sharpness is this close to the best remain. On plates, which focus least, a
+wrong one was 1.8 dB ahead with antennas three wavelengths apart."""
+
+NOISE_SPREADS = 5.0
+"""The margin is at least this many standard deviations of the sharpness of pure noise."""
+
+GAUSSIAN_FOURTH_MOMENT_SPREAD = float(np.sqrt(20.0) / 2.0)
+"""Standard deviation over mean of |V|^4, V circular Gaussian: E|V|^8 = 24, (E|V|^4)^2 = 4."""
+
+FAST_FROM_TERMS = 2e8
+"""Pairs times voxels of an image from which on the fast one is formed. It takes some tenths of a
+second whatever the size of so coarse a grid; below, range profiles take less."""
+
+MOST_TERMS = 8e9
+"""Pairs times voxels of all images; beyond that a subset of the antennas is used."""
+
+SCENE_POWER_SHARE, SCENE_PATH_M = 0.1, 0.2
+"""Range bins within 10 dB of the strongest echo, and no farther from it, belong to the scene."""
+
+VIEW = 0.4
+"""Half width of the field of view over the range."""
+
+VOXELS_PER_RESOLUTION = 1.5
+"""Across boresight. A peak between two voxels loses at most 1.6 dB along either axis."""
+
+MAX_PLANES = 24
+"""Along boresight, one plane per cell c / (2 span), of which the window's main lobe has four."""
+
+EXPECTED_WITHIN_M = 0.020
+"""Tolerance s of a known target's position: amplitude is weighted by exp(-distance^2 / 2 s^2)."""
+
+EXPECTED_MARGIN_DB, EXPECTED_FLOOR_DB = 3.0, -20.0
+"""Known target: margin over its mirror image, and level relative to the image's maximum."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Hypothesis:
+    """How the convention of a file differs from that of clradar.
+
+    Each of the four changes is its own inverse and they commute, so applying a hypothesis twice
+    restores the capture: see `apply_convention`.
+
+    Attributes
+    ----------
+    swapped : bool
+        The data is [rx, tx, freq], although its axes are called [tx, rx, freq]. The antenna
+        positions are right.
+    conjugated : bool
+        A path of length d contributes exp(+j 2 pi f d / c) instead of exp(-j 2 pi f d / c).
+    reversed : bool
+        Along the frequency axis the data runs from the highest frequency to the lowest, although
+        the list of frequencies ascends.
+    mirrored : bool
+        The antenna positions are in a frame whose x axis points the other way: an antenna listed
+        at x is at -x.
+
+    Examples
+    --------
+    >>> from calibration import Hypothesis
+    >>> Hypothesis(swapped=True, mirrored=True).label
+    'swapped, mirrored'
+    """
+
+    swapped: bool = False
+    conjugated: bool = False
+    reversed: bool = False
+    mirrored: bool = False
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                checks.fail(f"Hypothesis.{name}", "True or False", repr(getattr(self, name)))
+
+    @property
+    def changes(self) -> int:
+        """How many of the four differ from clradar's convention, 0 to 4."""
+        return self.swapped + self.conjugated + self.reversed + self.mirrored
+
+    @property
+    def label(self) -> str:
+        """The names of its changes, such as "swapped, mirrored"; "as it is" without any."""
+        return ", ".join(n for n in self.__slots__ if getattr(self, n)) or "as it is"
+
+
+HYPOTHESES = tuple(Hypothesis(*flags) for flags in product((False, True), repeat=3))
+"""The eight that images tell apart, the unchanged convention first. A mirrored one is as sharp."""
+
+CHANGES = {
+    "swapped": "the axes are [rx, tx, freq]",
+    "conjugated": "the phase is exp(+j 2 pi f d / c)",
+    "reversed": "the data runs from the highest frequency to the lowest",
+    "mirrored": "x of the antennas is positive to the other side (negate every x)",
+}
+"""What the reader of the file has to assume, for each change of a hypothesis."""
+
+
+def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
+    """Apply the changes of a hypothesis to a capture, or undo them: each is its own inverse.
+
+    Parameters
+    ----------
+    capture : Capture
+    hypothesis : Hypothesis
+
+    Returns
+    -------
+    Capture
+        Same waveform; where anything changes, the label of the hypothesis is appended to the list
+        ``meta["conventions_applied"]``.
+
+    Raises
+    ------
+    ModelError
+        Tx and Rx cannot be swapped because their numbers differ.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> import calibration
+    >>> array = clradar.AntennaArray([[0.01, 0, 0]], [[0, 0, 0]])
+    >>> capture = clradar.Capture([[[1j]]], array, clradar.Waveform([77e9]))
+    >>> other = calibration.Hypothesis(conjugated=True, mirrored=True)
+    >>> fixed = calibration.apply_convention(capture, other)
+    >>> print(fixed.data[0, 0, 0], fixed.array.tx_m[0, 0], fixed.meta["conventions_applied"])
+    -1j -0.01 ['conjugated, mirrored']
+    """
+    checks.instance("apply_convention: capture", capture, Capture)
+    checks.instance("apply_convention: hypothesis", hypothesis, Hypothesis)
+    if not hypothesis.changes:
+        return capture
+    array, data = capture.array, capture.data
+    if hypothesis.swapped:
+        if array.n_tx != array.n_rx:
+            raise ModelError(
+                "apply_convention: expected as many Tx as Rx to swap the axes of the data, got "
+                f"{array.n_tx} Tx and {array.n_rx} Rx"
+            )
+        data = data.transpose(1, 0, 2)
+    if hypothesis.conjugated:
+        data = data.conj()
+    if hypothesis.reversed:
+        data = data[..., ::-1]
+    if hypothesis.mirrored:
+        array = replace(array, tx_m=array.tx_m * MIRROR_X, rx_m=array.rx_m * MIRROR_X)
+    before = capture.meta.get("conventions_applied", [])
+    meta = {**capture.meta, "conventions_applied": [*before, hypothesis.label]}
+    return Capture(np.ascontiguousarray(data), array, capture.waveform, meta)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Score:
+    """The image of the capture under one hypothesis.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    sharpness : float
+        Sum of ``|V|^4`` over the image, relative to the sharpest. NaN for an impossible hypothesis.
+    peak_m : ndarray, shape (3,), metres
+        Brightest voxel, x, y, z. NaN for an impossible hypothesis.
+    image : DepthMap or None
+        Amplitude over x and y; None for an impossible hypothesis.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import calibration
+    >>> score = calibration.Score(calibration.Hypothesis(), 0.5, np.array([0, 0, 0.3]), None)
+    >>> round(score.relative_db, 2)
+    -3.01
+    """
+
+    hypothesis: Hypothesis
+    sharpness: float
+    peak_m: np.ndarray
+    image: DepthMap | None
+
+    def __post_init__(self) -> None:
+        peak = checks.read_only("Score.peak_m", self.peak_m, np.float64, (3,), finite=False)
+        object.__setattr__(self, "peak_m", peak)
+
+    @property
+    def relative_db(self) -> float:
+        """10 log10 of the sharpness, decibel; NaN for an impossible hypothesis."""
+        with np.errstate(divide="ignore"):
+            return float(10 * np.log10(self.sharpness))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """The conventions that a capture and its array are consistent with.
+
+    Attributes
+    ----------
+    scores : tuple of Score
+        In the order of `HYPOTHESES`; none without an echo.
+    candidates : tuple of Hypothesis
+        Those that remain, the one with the fewest changes first. They are mirrored where a known
+        target says so; without one the image and its mirror image are as good.
+    best : Hypothesis or None
+        The first candidate. None if undecidable: no echo, or candidates remain that differ in the
+        sign of the phase or the order of frequencies.
+    mirror_known : bool
+        Whether a known target decided between the image and its mirror image.
+    recommendation : str
+        What to change, in words.
+    margin_db : float
+        Hypotheses within this of the sharpest remain.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> import calibration
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
+    >>> zero = clradar.Capture([[[0j]]], array, clradar.Waveform([77e9]))
+    >>> found = calibration.diagnose(zero)
+    >>> found.best, found.decided, found.recommendation
+    (None, False, 'Undecidable: the capture is zero everywhere.')
+    """
+
+    scores: tuple[Score, ...]
+    candidates: tuple[Hypothesis, ...]
+    best: Hypothesis | None
+    mirror_known: bool
+    recommendation: str
+    margin_db: float
+
+    @property
+    def decided(self) -> bool:
+        """Whether a single hypothesis remains, but for the mirror image."""
+        return self.best is not None and len(self.candidates) == 1
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the images in types that JSON has; None stands for NaN."""
+
+        def named(h: Hypothesis) -> dict[str, Any]:
+            return {"label": h.label, **{name: bool(value) for name, value in asdict(h).items()}}
+
+        def finite(value: Any) -> Any:
+            return value if np.isfinite(value).all() else None
+
+        return {
+            "best": None if self.best is None else named(self.best),
+            "decided": self.decided,
+            "mirror_known": self.mirror_known,
+            "candidates": [named(h) for h in self.candidates],
+            "recommendation": self.recommendation,
+            "margin_db": self.margin_db,
+            "hypotheses": [
+                {
+                    **named(s.hypothesis),
+                    "relative_db": finite(s.relative_db),
+                    "peak_m": finite(s.peak_m.tolist()),
+                }
+                for s in self.scores
+            ],
+        }
+
+
+def diagnose(
+    capture: Capture,
+    *,
+    grid: VoxelGrid | None = None,
+    expected_m: Sequence[float] | None = None,
+    device: Device | str | None = None,
+    progress: Progress | None = None,
+) -> Diagnosis:
+    """Find out in which of eight conventions a capture was written.
+
+    Parameters
+    ----------
+    capture : Capture
+        Antenna positions and frequencies are right, except for the changes of a `Hypothesis`.
+    grid : VoxelGrid, optional
+        Voxels to image, coarse: eight images are formed, from a subset of the antennas if that is
+        too much work (`MOST_TERMS`). Default: around the strongest echo beyond the direct coupling,
+        in the nearer half of the range that the waveform tells apart.
+    expected_m : three floats, metres, optional
+        Rough position of a known target, x, y, z, within some 20 mm: it distinguishes an image from
+        its mirror image, which is as sharp.
+    device : Device, str or None
+        See `clradar.open_device`.
+    progress : callable, optional
+        Called with (done, total) images.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ModelError
+        No grid, and a waveform whose range profile cannot find the scene; a position that is not
+        three numbers, or behind the antennas.
+    DeviceError
+        See `clradar.backproject`.
+
+    Examples
+    --------
+    >>> import calibration, clradar, numpy as np
+    >>> from clradar import reference
+    >>> place = np.random.default_rng(4)
+    >>> tx, rx = (np.c_[place.uniform(-0.07, 0.07, (12, 2)), np.zeros(12)] for _ in range(2))
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> capture = reference.point_targets(
+    ...     clradar.AntennaArray(tx, rx), waveform, [[0.03, -0.05, 0.3]], [1.0])
+    >>> wrong = calibration.apply_convention(capture, calibration.Hypothesis(conjugated=True))
+    >>> grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.28, 0.32), 4e-3)
+    >>> found = calibration.diagnose(wrong, grid=grid, device="pocl")
+    >>> [hypothesis.label for hypothesis in found.candidates]
+    ['conjugated']
+    """
+    checks.instance("diagnose: capture", capture, Capture)
+    if grid is not None:
+        checks.instance("diagnose: grid", grid, VoxelGrid)
+    expected = None
+    if expected_m is not None:
+        expected = place("diagnose: expected_m", expected_m)
+        if expected[2] <= 0:
+            checks.fail("diagnose: expected_m", "a position with z > 0", expected.tolist())
+    if not capture.data.any():
+        return _undecidable("the capture is zero everywhere")
+    grids = search_grids(capture) if grid is None else [grid]
+    if not grids:
+        return _undecidable("no echo stands out of the noise beyond the coupling of Tx and Rx")
+    opened = open_device(device)
+    square = capture.array.n_tx == capture.array.n_rx
+    possible = [h for h in HYPOTHESES if square or not h.swapped]
+    voxels = sum(float(np.prod(own.counts)) for own in grids)
+    imaged = antenna_subset(capture, MOST_TERMS / (voxels * len(possible)))
+    volumes: dict[Hypothesis, Volume] = {}
+    for done, h in enumerate(possible, start=1):
+        images = (_image(apply_convention(imaged, h), own, opened) for own in grids)
+        volumes[h] = max(images, key=_sharpness)
+        if progress is not None:
+            progress(done, len(possible))
+    sharpness = {h: _sharpness(volume) for h, volume in volumes.items()}
+    top = max(sharpness.values())
+    if top == 0:
+        return _undecidable("no hypothesis shows anything within the grid")
+    margin_db = max(_margin_db(imaged, own) for own in grids)
+    left = [h for h in possible if sharpness[h] >= top * 10 ** (-margin_db / 10)]
+    left.sort(key=lambda h: (h.changes, h))
+    mirrored = None
+    if expected is not None:
+        floor = 10 ** (EXPECTED_FLOOR_DB / 20) * float(np.abs(volumes[left[0]].data).max())
+        mirrored = _is_mirrored(apply_convention(capture, left[0]), expected, floor, opened)
+    scores = tuple(_score(h, volumes.get(h), sharpness.get(h, np.nan) / top) for h in HYPOTHESES)
+    left = [replace(h, mirrored=bool(mirrored)) for h in left]
+    one_frequency = capture.waveform.n_freq == 1
+    undecided = len({(h.conjugated, h.reversed and not one_frequency) for h in left}) > 1
+    best = None if undecided else left[0]
+    text = _recommendation(best, left, mirrored, expected is not None)
+    return Diagnosis(scores, tuple(left), best, mirrored is not None, text, margin_db)
+
+
+def _undecidable(reason: str) -> Diagnosis:
+    return Diagnosis((), (), None, False, f"Undecidable: {reason}.", MARGIN_DB)
+
+
+def search_grids(capture: Capture) -> list[VoxelGrid]:
+    """Return coarse grids around the strongest echo beyond the coupling; none without an echo.
+
+    The echoes of either sign of range, of which the nearer counts; where the waveform is ambiguous
+    below `NEAR_PATH_M` every alias.
+    """
+    if capture.waveform.n_freq < MIN_STEPS:
+        raise ModelError(
+            f"diagnose: expected a grid, since {capture.waveform.n_freq} frequencies (fewer than "
+            f"{MIN_STEPS}) have no range profile that shows where the scene is"
+        )
+    found = []
+    for sign in (Hypothesis(), Hypothesis(conjugated=True)):
+        corrected = apply_convention(capture, sign)
+        beyond = beyond_coupling(corrected, range_profile(corrected))
+        first = echoes(corrected, beyond)[:1]
+        if len(first):
+            near = np.abs(beyond.path_m - beyond.path_m[first[0]]) <= SCENE_PATH_M
+            strong = beyond.power >= SCENE_POWER_SHARE * beyond.power[first[0]]
+            found.append((corrected, beyond.path_m[near & strong]))
+    period_m = 2 * capture.waveform.unambiguous_range_m
+    if len(found) == 2 and period_m > 2 * NEAR_PATH_M:
+        found = [min(found, key=lambda one: float(one[1][0]))]
+    grids = []
+    for corrected, paths_m in found:
+        aliases = 1 + max(0, int((NEAR_PATH_M - paths_m[0]) // period_m))
+        grids += [_grid(corrected, paths_m + i * period_m) for i in range(aliases)]
+    return grids
+
+
+def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
+    array, span_hz = capture.array, capture.waveform.span_hz
+    range_m = float(paths_m[0] + paths_m[-1]) / 4
+    antennas = np.concatenate([array.tx_m, array.rx_m])
+    half_m = max(VIEW * range_m, float(np.abs(antennas[:, :2]).max()))
+    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * span_hz)
+    # The antennas are beside the voxel: half the path length exceeds the voxel's z.
+    aside_m = np.hypot(half_m, np.sqrt((antennas[:, :2] ** 2).sum(axis=1).mean()))
+    nearest_m = paths_m[0] / 2
+    low_m = np.sqrt(max(nearest_m**2 - aside_m**2, (nearest_m / 2) ** 2)) - cell_m / 2
+    high_m = paths_m[-1] / 2 + cell_m / 2
+    planes = int(np.clip(np.ceil((high_m - low_m) / cell_m) + 1, 2, MAX_PLANES))
+    half_counts = [
+        max(1, int(np.ceil(half_m * VOXELS_PER_RESOLUTION / cell)))
+        for cell in (lateral_resolution_m(capture, axis, range_m) for axis in (0, 1))
+    ]
+    return VoxelGrid(
+        np.array([-half_m, -half_m, low_m]),
+        np.array([*(half_m / n for n in half_counts), (high_m - low_m) / (planes - 1)]),
+        (2 * half_counts[0] + 1, 2 * half_counts[1] + 1, planes),
+    )
+
+
+def _image(capture: Capture, grid: VoxelGrid, device: Device) -> Volume:
+    terms = capture.array.n_tx * capture.array.n_rx * float(np.prod(grid.counts))
+    return backproject(
+        capture,
+        grid,
+        method="fast" if terms >= FAST_FROM_TERMS else "range",
+        # Hann, whose sidelobes fall by 18 dB per octave, against coupling; of few frequencies it
+        # would leave next to nothing.
+        window="hann" if capture.waveform.n_freq >= MIN_STEPS else "rect",
+        check_grid=False,
+        device=device,
+    )
+
+
+def _sharpness(volume: Volume) -> float:
+    return float((np.abs(volume.data).astype(np.float64) ** 4).sum())
+
+
+def _margin_db(capture: Capture, grid: VoxelGrid) -> float:
+    """Margin of sharpness that pure noise does not exceed by chance."""
+    range_m = float(grid.z_m.mean())
+    cells = 1.0
+    for axis, ends in enumerate((grid.x_m, grid.y_m)):
+        cells *= 1 + float(ends[-1] - ends[0]) / lateral_resolution_m(capture, axis, range_m)
+    span_hz = capture.waveform.span_hz
+    planes = 1 + float(grid.z_m[-1] - grid.z_m[0]) * span_hz / SPEED_OF_LIGHT_M_PER_S
+    pairs = capture.array.n_tx * capture.array.n_rx
+    spread = GAUSSIAN_FOURTH_MOMENT_SPREAD / np.sqrt(min(cells, pairs) * planes)
+    return max(MARGIN_DB, float(10 * np.log10(1 + NOISE_SPREADS * np.sqrt(2) * spread)))
+
+
+def _score(h: Hypothesis, volume: Volume | None, relative: float) -> Score:
+    if volume is None:
+        return Score(h, float("nan"), np.full(3, np.nan), None)
+    z, y, x = np.unravel_index(int(np.abs(volume.data).argmax()), volume.data.shape)
+    grid = volume.grid
+    peak_m = np.array([grid.x_m[x], grid.y_m[y], grid.z_m[z]])
+    return Score(h, relative, peak_m, volume.depth_map())
+
+
+def _is_mirrored(
+    capture: Capture, expected_m: np.ndarray, floor: float, device: Device
+) -> bool | None:
+    """Whether a known target is at the mirror image of its place; None if neither or both fit."""
+    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * max(capture.waveform.span_hz, 1.0))
+    half_m = 2 * EXPECTED_WITHIN_M
+    steps_m = [lateral_resolution_m(capture, axis, float(expected_m[2])) / 2 for axis in (0, 1)]
+    spacing_m = np.minimum([*steps_m, cell_m / 2], half_m)
+    half = np.ceil(half_m / spacing_m).astype(int)
+    counts = (int(2 * half[0] + 1), int(2 * half[1] + 1), int(2 * half[2] + 1))
+    levels = []
+    for at_m in (expected_m, expected_m * MIRROR_X):
+        grid = VoxelGrid(at_m - half * spacing_m, spacing_m, counts)
+        amplitude = np.abs(_image(capture, grid, device).data)
+        z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij", sparse=True)
+        away2 = (x - at_m[0]) ** 2 + (y - at_m[1]) ** 2 + (z - at_m[2]) ** 2
+        levels.append(float((amplitude * np.exp(-away2 / (2 * EXPECTED_WITHIN_M**2))).max()))
+    if max(levels) < max(floor, min(levels) * 10 ** (EXPECTED_MARGIN_DB / 20)):
+        return None
+    return levels[1] > levels[0]
+
+
+def _recommendation(
+    best: Hypothesis | None, left: Sequence[Hypothesis], mirrored: bool | None, expected: bool
+) -> str:
+    listed = " / ".join(f"'{h.label}'" for h in left)
+    if best is None:
+        return (
+            f"Undecidable: {listed} are equally sharp: noise, a scene or antennas that do not "
+            "focus, channels that are not calibrated, or positions in another unit."
+        )
+    changes = [text for name, text in CHANGES.items() if getattr(best, name)]
+    text = "Nothing to change: the capture is in clradar's convention"
+    if changes:
+        text = "Change the convention that the reader assumes: " + "; ".join(changes)
+    if len(left) > 1:
+        others = " / ".join(f"'{h.label}'" for h in left[1:])
+        text += f". Equally sharp within the noise: {others}"
+    if mirrored is None:
+        why = "the position given does not tell" if expected else "only a known target tells"
+        text += f". x may be mirrored: the mirror image is as sharp, and {why}"
+    return text + "."

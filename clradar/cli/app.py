@@ -1,0 +1,206 @@
+"""The entry point: it imports the requested subcommand alone, and reports errors in one line."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Annotated, Any
+
+import typer
+
+from clradar import __version__
+from clradar.cli.console import print_error, print_interrupted, printed_log, printed_warnings
+from clradar.cli.options.groups import expanded
+from clradar.errors import ClradarError, quoted
+from clradar.files import interrupts
+from clradar.versions import require_own
+
+COMMANDS = {
+    "devices": "List the OpenCL devices, which of them work, and which is used.",
+    "materials": "List materials: permittivity, reflectance over the band, roughness, source.",
+    "array": "Draw an antenna array: widths at -3 dB, grating lobes, unambiguous range.",
+    "demo": "Simulate, image and compare the embedded hand, with figure and metrics.",
+    "hand": "Write the mesh of a posed hand.",
+    "simulate": "Simulate what the radar would record of one or several meshes.",
+    "image": "Form the image of a capture.",
+    "convert": "Turn any supported recording into native captures, or captures into a recording.",
+    "export": "Write a volume, its depth map or a capture for ParaView, MATLAB or numpy.",
+    "clean": "Average frames, subtract the empty room, gate in range, correct the channels.",
+    "inspect": "Describe what a file or a recording holds, or verify it.",
+    "align": "Find the motion that brings a simulated image, or a mesh, onto a measured image.",
+    "register": "Find the pose of a measured mesh, and simulate it there.",
+    "fit-hand": "Find the pose of a measured hand, joint by joint, and simulate it there.",
+    "sweep": "Find the alpha whose simulation is most like a measurement.",
+    "channels": "Estimate gain and delay of every channel from a capture of a known target.",
+    "diagnose": "Find the convention a capture was written in: axes, sign, mirror, order.",
+    "dataset": "Make training data after a plan: posed hands, simulated and imaged.",
+    "process": "Process all frames of a recording: clean, image, compare, align, draw over time.",
+    "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
+    "view": "Look at recordings, captures and volumes in a browser: frames, images, 3-D points.",
+}
+"""Subcommand, which names its module (`module_of`), and the line that describes it."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; always ends in `SystemExit`.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the program's name; those of the process if not given.
+
+    Raises
+    ------
+    SystemExit
+        0 done, 1 an error (one line on stderr), 2 wrong usage, 130 interrupted, 143 terminated.
+    """
+    given, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
+    command = typer.main.get_command(_app(_requested(given), debug))
+    with printed_warnings(), printed_log(debug):
+        command.main(args=given, prog_name="clradar")
+
+
+def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:
+    """The arguments without ``--debug`` before ``--``, and whether it was there."""
+    given = list(arguments)
+    end = given.index("--") if "--" in given else len(given)
+    kept = [a for a in given[:end] if a != "--debug"]
+    return kept + given[end:], len(kept) < end
+
+
+def _requested(arguments: Sequence[str]) -> str | None:
+    """The subcommand: the first argument that is no option; the options have no values."""
+    return next((a for a in arguments if not a.startswith("-")), None)
+
+
+def _app(requested: str | None, debug: bool) -> typer.Typer:
+    # Plain help: brackets are no markup, and it reads the same in a pipe.
+    app = typer.Typer(
+        add_completion=False,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_root)
+    for name, summary in COMMANDS.items():
+        function: Callable[..., Any] = _not_loaded
+        if name == requested:
+            module = import_module(module_of(name))
+            function = _guarded(expanded(module.command), debug)
+            summary = f"{summary}\n\n{inspect.getdoc(module.command)}"
+        app.command(name, help=summary, short_help=COMMANDS[name])(function)
+    return app
+
+
+def context_of(name: str | None = None) -> Any:
+    """The context of the program, or of a subcommand, without arguments: for its documentation."""
+    program: Any = typer.main.get_command(_app(name, debug=False))
+    context = program.make_context("clradar", [], resilient_parsing=True)
+    if name is None:
+        return context
+    return program.commands[name].make_context(name, [], parent=context, resilient_parsing=True)
+
+
+def module_of(name: str) -> str:
+    """The module of a subcommand."""
+    return f"clradar.cli.commands.{name.replace('-', '_')}"
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"clradar {__version__}")
+        raise typer.Exit
+
+
+def _root(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Show the version and exit.", is_eager=True, callback=_show_version
+        ),
+    ] = False,
+    debug: Annotated[
+        bool,
+        typer.Option(
+            "--debug",
+            help="Show tracebacks of errors and notes on devices; before or after COMMAND.",
+        ),
+    ] = False,
+) -> None:
+    """Simulate, read, image and compare captures of near-field imaging radars.
+
+    Lengths are in millimetres and frequencies in gigahertz, as the options' names say. Nothing is
+    overwritten without --force. The folder that an output goes into has to exist; a folder that is
+    the output itself is made. Exit status: 0 done, 1 an error (one line on stderr), 2 wrong
+    usage.
+    """
+
+
+def _not_loaded() -> None:
+    """Placeholder of a subcommand that is not run, so that the help lists it."""
+
+
+def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
+    """Turn every error of a function into one line and an exit status."""
+
+    @functools.wraps(function)
+    def run(*args: Any, **kwargs: Any) -> Any:
+        try:
+            interrupts.working()
+            _check_surroundings()
+            require_own("calibration", "measurement_io")
+            return function(*args, **kwargs)
+        except (typer.Exit, typer.Abort, typer.BadParameter, BrokenPipeError):
+            raise
+        except KeyboardInterrupt as interruption:
+            raise _interrupted(interruption) from None
+        except Exception as error:
+            if interrupts.waits():
+                raise _interrupted() from None
+            if debug:
+                raise
+            several = getattr(error, "mistakes", ())
+            for line in str(error).split("\n") if several else [_message(error)]:
+                print_error(line)
+            raise typer.Exit(1) from None
+        finally:
+            interrupts.ended()
+
+    return run
+
+
+def _check_surroundings() -> None:
+    """Raise for what packages below would blame a file for."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
+    if not (epoch.isdecimal() and epoch.isascii()):
+        raise ClradarError(
+            f"SOURCE_DATE_EPOCH: expected whole seconds since 1970, got {quoted(repr(epoch), 60)}"
+        )
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise ClradarError(
+            "the current folder does not exist any more: change to another"
+        ) from None
+
+
+def _interrupted(interruption: KeyboardInterrupt | None = None) -> typer.Exit:
+    interrupts.ended()
+    words = () if interruption is None else interruption.args
+    print_interrupted("; ".join(["interrupted", *map(str, words)]))
+    return typer.Exit(interrupts.exit_status())
+
+
+def _message(error: Exception) -> str:
+    if isinstance(error, ClradarError) and str(error):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    kind = type(error).__name__
+    text = f"{kind}: {error}" if str(error) else kind
+    return f"unexpected {text} (--debug shows where)"

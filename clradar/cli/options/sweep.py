@@ -1,0 +1,234 @@
+"""Options of sweeps: alphas or roughness, regions of the mesh, and its place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clradar.cli.options.common import SearchOptions
+from clradar.cli.options.groups import option
+from clradar.cli.options.scene import MaterialOptions, PlacementOptions
+from clradar.cli.parse import RANGE_RULE, ascending, wrong_usage
+from clradar.compare import METRICS
+from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
+from clradar.files.failures import fail, read_bytes, reading
+from clradar.files.json_file import read_json
+from clradar.files.json_text import parse_json
+from clradar.files.limits import MAX_SMALL_JSON_BYTES
+
+if TYPE_CHECKING:
+    from calibration import Regions
+    from clradar import Scene
+
+
+CORRELATIONS_MM = "1.5,3,6"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoughnessOptions:
+    """Roughness and correlation lengths to simulate with, in place of alphas."""
+
+    roughness_mm: str | None = option(
+        None,
+        "In place of --alpha: root mean square heights of the surface, for the physical estimator, "
+        "at least three; heights times lengths times --seeds are 30 or more; "
+        f"{RANGE_RULE}, or a list with commas. Try 0.1:0.6:0.1.",
+        metavar="RANGE",
+    )
+    correlation_mm: str = option(
+        CORRELATIONS_MM,
+        "With --roughness-mm: correlation lengths, as above; a single one is taken for known.",
+        metavar="RANGE",
+    )
+    calibrated: bool = option(
+        False, "With --roughness-mm: MEASURED is in S-parameters, and its level counts, too."
+    )
+
+    @property
+    def given(self) -> bool:
+        """Whether the sweep is over roughness."""
+        return self.roughness_mm is not None
+
+    def grid_m(self) -> tuple[np.ndarray, np.ndarray]:
+        """Heights and correlation lengths, metres."""
+        ranges = {
+            "--roughness-mm": (self.roughness_mm, "heights", PLAUSIBLE_ROUGHNESS_M),
+            "--correlation-mm": (self.correlation_mm, "lengths", PLAUSIBLE_CORRELATION_M),
+        }
+        heights, lengths = (
+            ascending(name, str(text), noun, (1e3 * low, 1e3 * high)) / 1e3
+            for name, (text, noun, (low, high)) in ranges.items()
+        )
+        return heights, lengths
+
+    def check_alone(self) -> None:
+        """Raise where an option needs --roughness-mm, which is not given."""
+        if self.correlation_mm != CORRELATIONS_MM or self.calibrated:
+            raise wrong_usage("--correlation-mm, --calibrated", "expected --roughness-mm with it")
+
+
+LIMIT_BYTES = 2**28
+
+
+def read_regions(path: Path, scene: Scene) -> Regions:
+    """The regions of a mesh in a file.
+
+    A .npy file has one whole number per face; a .json file has a list of one number or string per
+    face, or an object: region -> list of the names of its parts.
+    """
+    from calibration import Regions
+
+    expected = "'parts', 'fingers', or a .npy or .json file with a label for each face"
+    content = read_bytes(path, expected, LIMIT_BYTES)
+    with reading(path, expected):
+        if path.suffix.lower() == ".npy":
+            labels: Any = np.load(path, allow_pickle=False)
+            if labels.dtype.kind not in "iu":
+                fail(path, "whole numbers", f"{labels.dtype}")
+        else:
+            labels = parse_json(content.decode("utf-8-sig"))
+        if isinstance(labels, dict):
+            if not all(_all_are(names, str) for names in labels.values()):
+                fail(path, "lists of names of parts", "something else")
+            return Regions.of_parts(scene, labels)
+        if isinstance(labels, list) and not (_all_are(labels, int) or _all_are(labels, str)):
+            fail(path, "a list of whole numbers or of strings", "something else")
+        if np.shape(labels) != (scene.n_faces,):
+            fail(path, f"{scene.n_faces} labels, one per face", f"shape {np.shape(labels)}")
+        return Regions.of_labels(labels)
+
+
+def _all_are(values: Any, kind: type) -> bool:
+    return isinstance(values, list) and all(type(value) is kind for value in values)
+
+
+def read_joints(path: Path) -> np.ndarray:
+    """The joints of a JSON object name -> [x, y, z], shape (25, 3), in the file's unit."""
+    from clradar.hand import JOINT_NAMES
+
+    expected = "a JSON object with [x, y, z] of each of the 25 joints of a hand"
+    value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+    with reading(path, expected):
+        missing = [name for name in JOINT_NAMES if name not in value]
+        if missing:
+            fail(path, expected, f"none of {missing[0]} and {len(missing) - 1} more")
+        joints = np.array([value[name] for name in JOINT_NAMES], dtype=np.float64)
+        if joints.shape != (len(JOINT_NAMES), 3) or not np.isfinite(joints).all():
+            fail(path, expected, f"numbers of shape {joints.shape}, or not finite")
+        return joints
+
+
+ALPHA_RULE = f"{RANGE_RULE}, or a list with commas"
+
+
+PARTS, FINGERS = "parts", "fingers"
+
+
+ALPHAS = "0:1:0.1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlphaOptions:
+    """The alphas and the seeds to simulate with."""
+
+    alpha: str | None = option(
+        None, f"{ALPHA_RULE}; in [0, 1]. [default: {ALPHAS}]", metavar="RANGE"
+    )
+    seeds: int = option(3, "Simulations per alpha, each its own seed.", metavar="N")
+    seed: int = option(0, "The first seed.", metavar="N")
+    # The default of `calibration.sweep`, whose import would slow the help down.
+    metric: str = option(
+        "db_correlation", "Which metric the best alpha has; see docs/metrics.md.", metavar="NAME"
+    )
+
+    def check(self) -> None:
+        """Raise unless there is such a metric, and a seed."""
+        from clradar.model import checks
+
+        if self.metric not in METRICS:
+            known = ", ".join(METRICS)
+            raise wrong_usage("--metric", f"expected one of {known}, got '{self.metric}'")
+        checks.whole("--seeds", self.seeds, 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionOptions:
+    """Regions of the mesh that have an alpha each."""
+
+    regions: str | None = option(
+        None,
+        "Find an alpha for each named part, for fingers and palm, or for the regions of a "
+        "file: .npy or .json with a label per face, or .json with region: [parts].",
+        metavar="parts|fingers|FILE",
+    )
+    joints: Path | None = option(
+        None,
+        "For --regions fingers: joint name: [x, y, z] in the unit of the mesh, as "
+        "`clradar hand --joints` writes it. Not needed where palm and fingers are parts.",
+        metavar="JOINTS.json",
+    )
+
+    def check(self, max_bounces: int) -> None:
+        """Raise unless the options go together."""
+        if self.joints is not None and self.regions != FINGERS:
+            raise wrong_usage("--joints", "expected --regions fingers with it")
+        if self.regions is not None and max_bounces > 1:
+            raise wrong_usage(
+                "--max-bounces",
+                "expected 1 with --regions: a path of two bounces belongs to no single region",
+            )
+
+    @property
+    def files(self) -> list[Path]:
+        """Files of joints and regions."""
+        named = self.regions not in (None, PARTS, FINGERS)
+        return [
+            *([] if self.joints is None else [self.joints]),
+            *([Path(str(self.regions))] if named else []),
+        ]
+
+    def read(self, scene: Scene, unit: str) -> Regions | None:
+        """The regions of a mesh as it is in its file, whose unit is that of the joints."""
+        from calibration import Regions
+        from clradar.model.plausible import MESH_UNITS_M
+
+        if self.regions is None:
+            return None
+        if self.regions == PARTS:
+            return Regions.of_parts(scene)
+        if self.regions == FINGERS:
+            joints = None if self.joints is None else MESH_UNITS_M[unit] * read_joints(self.joints)
+            return Regions.of_fingers(scene, joints)
+        return read_regions(Path(self.regions), scene)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceOptions(PlacementOptions, SearchOptions):
+    """The position of the mesh, given or to be found."""
+
+    align: bool = option(False, "Find the pose of the mesh first, as `clradar align`.")
+
+    def __post_init__(self) -> None:
+        if self.align and self.transform is not None:
+            raise wrong_usage("--transform, --align", "expected one of the two")
+
+
+def check_together(
+    alphas: AlphaOptions, roughness: RoughnessOptions, made_of: MaterialOptions
+) -> None:
+    """Raise where options of one kind of sweep are given with the other."""
+    if roughness.given:
+        if alphas.alpha is not None:
+            raise wrong_usage("--alpha, --roughness-mm", "expected one of the two")
+        return
+    roughness.check_alone()
+    if made_of.given:
+        raise wrong_usage("--material", "expected --roughness-mm with it: alpha has no material")
+
+
+def read_alphas(text: str) -> np.ndarray:
+    """The alphas of ``FIRST:LAST:STEP`` or of a list, shape (A,), float64."""
+    return ascending("--alpha", text, "alphas", (0.0, 1.0), least=2)

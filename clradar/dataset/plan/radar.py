@@ -1,0 +1,240 @@
+"""The tables [impairments], [radar], [simulation] and [image] of a plan."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Annotated, Any
+
+from pydantic import ValidationInfo, model_validator
+
+from clradar.arrays import read_array
+from clradar.arrays.array_file import array_of, array_record
+from clradar.arrays.instruments import KNOWN
+from clradar.backproject import METHODS, WINDOWS
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.dataset.plan.draws import Draw, fixed
+from clradar.dataset.plan.hands import folder_of
+from clradar.dataset.plan.values import (
+    Value,
+    channel_numbers,
+    choice,
+    draws,
+    floats,
+    number,
+    tried,
+    whole,
+)
+from clradar.files.records import FileRecord, mistake
+from clradar.files.table import choice_text, is_number
+from clradar.files.toml_file import toml_brief
+from clradar.geometry.normals import CREASE_DEG
+from clradar.model import AntennaArray, VoxelGrid
+from clradar.tracing.settings import (
+    PHYSICAL_SAMPLES_PER_MM2,
+    RECEPTION_RADIUS_M,
+    SimulationSettings,
+)
+
+DENSITIES_PER_MM2 = {
+    "expected": 0.25,
+    "stochastic": 10.0,
+    "physical": PHYSICAL_SAMPLES_PER_MM2,
+}
+
+RAYS_PER_SAMPLE = 160
+"""With the expected estimator: as many rays per square millimetre as the stochastic one has by
+default in `simulate`, so amplitudes have its scale."""
+
+QAR50 = "qar50"
+STEP_MM = 2.0
+
+DECIBELS = 300.0
+
+Level = Annotated[Draw, draws(-DECIBELS, DECIBELS)]
+
+
+class ChannelErrors(FileRecord):
+    """Gains and delays of an uncalibrated instrument; see `clradar.draw_channels`. With `per`
+    "dataset" all samples share one."""
+
+    gain_db: Annotated[float, number(0.0, DECIBELS)] = 3.0
+    phase_deg: Annotated[float, number(0.0, 180.0)] = 180.0
+    delay_ps: Annotated[float, number(0.0, 1e6)] = 20.0
+    dead_tx: Annotated[tuple[int, ...], channel_numbers(0, 1023)] = ()
+    dead_rx: Annotated[tuple[int, ...], channel_numbers(0, 1023)] = ()
+    per: Annotated[str, choice("dataset", "sample")] = "dataset"
+
+
+class WallPlan(FileRecord):
+    """A reflecting wall; see `clradar.Wall`."""
+
+    point_mm: Annotated[tuple[float, ...], floats(3)] = (0.0, 0.0, 1000.0)
+    normal: Annotated[tuple[float, ...], floats(3)] = (0.0, 0.0, -1.0)
+    amplitude: Annotated[float, number(-1e12, 1e12)] = 1.0
+
+    @model_validator(mode="after")
+    def _check(self) -> WallPlan:
+        if not any(self.normal):
+            raise mistake("a direction", toml_brief(list(self.normal)), key="normal")
+        return self
+
+
+class Impairments(FileRecord):
+    """Impairments of captures; None and 0 are off. See `clradar.impair`."""
+
+    snr_db: Level | None = None
+    coupling_db: Level | None = None
+    coupling_delay_ps: Annotated[Draw, draws(-1e6, 1e6)] = fixed(0.0)
+    iq_gain_db: Level = fixed(0.0)
+    iq_phase_deg: Annotated[Draw, draws(-180.0, 180.0)] = fixed(0.0)
+    adc_bits: Annotated[int, whole(2, 24)] | None = None
+    channels: ChannelErrors | None = None
+    walls: tuple[WallPlan, ...] = ()
+
+    @model_validator(mode="after")
+    def _check(self) -> Impairments:
+        if self.coupling_db is None and self.coupling_delay_ps.bounds() != (0.0, 0.0):
+            raise mistake("coupling_db with it", "none", key="coupling_delay_ps")
+        return self
+
+    @property
+    def any(self) -> bool:
+        """Whether a capture changes at all."""
+        quadrature = (self.iq_gain_db, self.iq_phase_deg)
+        return (
+            any(v is not None for v in (self.snr_db, self.coupling_db, self.adc_bits))
+            or any(d.bounds() != (0.0, 0.0) for d in quadrature)
+            or self.channels is not None
+            or bool(self.walls)
+        )
+
+
+def _array(value: Any, info: ValidationInfo) -> str | dict[str, Any]:
+    """A known array's name, or the antennas of a file; the latter as they are in manifests."""
+    if isinstance(value, dict):
+        return array_record(tried(array_of, value, "array", "array"))
+    if isinstance(value, str) and value in KNOWN:
+        return value
+    if isinstance(value, str) and value.endswith(".toml"):
+        return array_record(tried(read_array, folder_of(info) / value))
+    expected = f"{choice_text(str(value), tuple(KNOWN))}, or a .toml file of antennas"
+    raise mistake(expected, toml_brief(value))
+
+
+_ARRAYS = {"anyOf": [{"type": "string"}, {"type": "object"}]}
+
+
+class RadarPlan(FileRecord):
+    """The table [radar]: every n-th antenna of a known array ("qar50") or of a file's, and SFCW."""
+
+    array: Annotated[str | Mapping[str, Any], Value(_array, _ARRAYS, True)] = QAR50
+    every: Annotated[int, whole(1, 47)] = 1
+    start_ghz: Annotated[float, number(0.1, 1000.0)] = 72.0
+    stop_ghz: Annotated[float, number(0.1, 1000.0)] = 82.0
+    steps: Annotated[int, whole(1, 4096)] = 128
+
+    @model_validator(mode="after")
+    def _check(self) -> RadarPlan:
+        start, stop = self.start_ghz, self.stop_ghz
+        if stop < start or (stop == start) != (self.steps == 1):
+            expected = "start_ghz < stop_ghz, or both the same with steps = 1"
+            raise mistake(expected, f"{start:g}, {stop:g}", key="stop_ghz")
+        return self
+
+
+def plan_array(array: str | Mapping[str, Any], every: int) -> AntennaArray:
+    """Return every n-th antenna of a plan's array; equal ones are the same object."""
+    return _part(array if isinstance(array, str) else json.dumps(array), every)
+
+
+@lru_cache(maxsize=8)
+def _part(array: str, every: int) -> AntennaArray:
+    antennas = KNOWN[array]() if array in KNOWN else array_of(json.loads(array), "array", "array")
+    if every == 1:
+        return antennas
+    one_in = slice(None, None, every)
+    return antennas.part(one_in, one_in, f"{antennas.name}, one in {every}")
+
+
+class SimulationPlan(FileRecord):
+    """The table [simulation]: `clradar.SimulationSettings`, each sample with a seed of its own."""
+
+    estimator: Annotated[str, choice("expected", "stochastic", "physical")] = "expected"
+    samples_per_mm2: Annotated[float, number(0.0, 1e4, above=True)] | None = None
+    rays_per_face: Annotated[int, whole(1, 2**20)] | None = None
+    rays_per_sample: Annotated[int, whole(1, 2**16)] | None = None
+    reception_radius_mm: Annotated[float, number(0.0, 1000.0, above=True)] = (
+        1e3 * RECEPTION_RADIUS_M
+    )
+    max_bounces: Annotated[int, whole(1, 255)] = 1
+    normals: Annotated[str, choice("smooth", "face")] = "smooth"
+    crease_deg: Annotated[float, number(0.0, 180.0)] = CREASE_DEG
+    facets: Annotated[str, choice("curved", "flat")] = "curved"
+    amplitude: Annotated[str, choice("unit", "spreading")] = "unit"
+    pattern_exponent: Annotated[float, number(0.0, 100.0)] = 0.0
+
+    @model_validator(mode="after")
+    def _check(self) -> SimulationPlan:
+        physical, by_face = self.estimator == "physical", self.rays_per_face is not None
+        if by_face and self.samples_per_mm2 is not None:
+            raise mistake("one of it and samples_per_mm2", "both", key="rays_per_face")
+        if not by_face and self.samples_per_mm2 is None:
+            self.__dict__["samples_per_mm2"] = DENSITIES_PER_MM2[self.estimator]
+        if self.rays_per_sample is None and not physical:
+            several = RAYS_PER_SAMPLE if self.estimator == "expected" else 4
+            self.__dict__["rays_per_sample"] = 1 if by_face else several
+        tried(self.settings)
+        return self
+
+    def settings(self, seed: int = 0) -> SimulationSettings:
+        values = {k: v for k, v in self.__dict__.items() if k != "reception_radius_mm"}
+        radius_m = self.reception_radius_mm / 1e3
+        return SimulationSettings(**values, reception_radius_m=radius_m, seed=seed)
+
+
+def _steps(value: Any) -> tuple[float, ...]:
+    steps = (float(value),) * 3 if is_number(value) else floats(3).read(value)
+    if min(steps) <= 0:
+        raise mistake("a positive step, or three of them", toml_brief(value))
+    return tuple(steps)
+
+
+def _extent(value: Any) -> tuple[float, ...]:
+    low, high = floats(2).read(value)
+    if high < low:
+        raise mistake("[first, last] with first <= last", toml_brief([low, high]))
+    return low, high
+
+
+_PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+Extent = Annotated[tuple[float, ...], Value(_extent, _PAIR)]
+_STEP = {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}
+
+
+class Image(FileRecord):
+    """The table [image]: voxel grid, both ends included, and image formation."""
+
+    x_mm: Extent = (-100.0, 100.0)
+    y_mm: Extent = (-100.0, 100.0)
+    z_mm: Extent = (250.0, 350.0)
+    step_mm: Annotated[tuple[float, ...], Value(_steps, _STEP)] = (STEP_MM,) * 3
+    method: Annotated[str, choice(*METHODS)] = "fast"
+    window: Annotated[str, choice(*WINDOWS)] = "rect"
+    tolerance_db: Annotated[float, number(-80.0, -30.0)] | None = None
+    dynamic_range_db: Annotated[float, number(0.0, 300.0, above=True)] = DYNAMIC_RANGE_DB
+
+    @model_validator(mode="after")
+    def _check(self) -> Image:
+        if self.tolerance_db is not None and self.method != "fast":
+            got = f"{self.tolerance_db:g}"
+            raise mistake('none unless method = "fast"', got, key="tolerance_db")
+        tried(lambda: self.grid)
+        return self
+
+    @property
+    def grid(self) -> VoxelGrid:
+        """The voxel grid."""
+        x, y, z = ((low / 1e3, high / 1e3) for low, high in (self.x_mm, self.y_mm, self.z_mm))
+        return VoxelGrid.from_extent(x, y, z, [step / 1e3 for step in self.step_mm])

@@ -1,0 +1,262 @@
+"""Records from TOML and JSON files: frozen pydantic models, all mistakes of a file at once.
+
+A mistake is a line "file: key: expected ..., got ...". Modules that hold such models are imported
+when a file is read: pydantic takes longer to import than all of `import clradar`.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, NoReturn, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic_core import PydanticCustomError
+
+from clradar.errors import ClradarError, MeasurementError, quoted
+from clradar.files.failures import clean, read_bytes, reading, shown
+from clradar.files.json_text import parse_json
+from clradar.files.limits import MAX_JSON_BYTES, MAX_TOML_BYTES
+from clradar.files.table import LONGEST, choice_text, is_number, is_whole, nearest
+from clradar.files.toml_file import parse_toml, toml_brief
+
+Model = TypeVar("Model", bound="FileRecord")
+
+MOST_MISTAKES = 20
+"""That the text of an error lists."""
+
+_KEY_CHARACTERS = 80
+
+
+class FileRecord(BaseModel):
+    """A table of a file; a key that it does not know is a mistake."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+
+class OpenRecord(FileRecord):
+    """A table of a file that may have other keys, which are passed over."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+def mistake(expected: str, got: object = None, *, key: Any = "") -> PydanticCustomError:
+    """Return what a validator raises; without `got` it is the value, `key` names an inner place."""
+    if got is not None and not isinstance(got, str):
+        got = toml_brief(got)
+    return PydanticCustomError(
+        "mistake", "{expected}", {"expected": expected, "got": got, "key": key}
+    )
+
+
+def checked(expected: str, good: Callable[[Any], bool], made: Callable[[Any], Any]) -> Any:
+    """Return an annotation: a value for which `good` holds, as `made` of it."""
+
+    def check(value: Any) -> Any:
+        if not good(value):
+            raise mistake(expected)
+        return made(value)
+
+    return BeforeValidator(check)
+
+
+def _whole(value: Any) -> int:
+    if isinstance(value, float) and value.is_integer() and abs(value) < LONGEST:
+        raise mistake("a whole number", f"the decimal number {value!r}; write {int(value)}")
+    if not is_whole(value):
+        raise mistake("a whole number")
+    return int(value)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= 1000 and "\0" not in value
+
+
+def _numbers(value: Any, expected: str, counts: Sequence[int], *above: int) -> tuple[float, ...]:
+    """Return a list of numbers; a mistake names the first that is none, by its place."""
+    if not isinstance(value, list | tuple) or not value or (counts and len(value) not in counts):
+        raise mistake(expected, key=above)
+    for i, number in enumerate(value):
+        if not is_number(number):
+            raise mistake("a finite number", toml_brief(number), key=(*above, i))
+    return tuple(map(float, value))
+
+
+def _rows(value: Any) -> tuple[tuple[float, ...], ...]:
+    expected = "a list of rows of numbers, all as long as each other"
+    if not isinstance(value, list) or not value or not isinstance(value[0], list):
+        raise mistake(expected)
+    return tuple(_numbers(row, expected, [len(value[0])], i) for i, row in enumerate(value))
+
+
+def text(expected: str) -> Any:
+    """Return the annotation of a text that is not empty."""
+    return checked(expected, _is_text, str)
+
+
+Number = Annotated[float, checked("a finite number", is_number, float)]
+Whole = Annotated[int, BeforeValidator(_whole)]
+Text = Annotated[str, text("text")]
+NumberOrText = Annotated[
+    float | str,
+    checked("a number or text", lambda v: is_number(v) or _is_text(v), lambda v: v),
+]
+Rows = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_rows)]
+Numbers = Annotated[
+    tuple[float, ...], BeforeValidator(lambda value: _numbers(value, "a list of numbers", ()))
+]
+
+
+def numbers(*counts: int) -> Any:
+    """Return the annotation of a list of as many numbers as one of `counts`."""
+    expected = f"a list of {' or '.join(map(str, counts))} numbers"
+    return BeforeValidator(lambda value: _numbers(value, expected, counts))
+
+
+Vector = Annotated[tuple[float, ...], numbers(3)]
+
+
+def one_of(*choices: str) -> Any:
+    """Return the annotation of a text that is one of `choices`."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, str) or value not in choices:
+            raise mistake(choice_text(value, choices))
+        return value
+
+    return BeforeValidator(check)
+
+
+def read_record(
+    path: Path,
+    model: type[Model],
+    expected: str,
+    *,
+    limit: int | None = None,
+    error: type[ClradarError] = MeasurementError,
+) -> Model:
+    """Return the record in a file: JSON if its name ends in .json, else TOML."""
+    is_json = path.suffix.lower() == ".json"
+    most = limit or (MAX_JSON_BYTES if is_json else MAX_TOML_BYTES)
+    content = read_bytes(path, expected, most, error=error)
+    with reading(path, expected, error=error):
+        text = content.decode("utf-8-sig")
+        parsed = parse_json(text) if is_json else parse_toml(text)
+    return record_of(parsed, model, path, error=error)
+
+
+def record_of(
+    parsed: Any,
+    model: type[Model],
+    source: str | Path,
+    *,
+    place: str = "",
+    error: type[ClradarError] = MeasurementError,
+) -> Model:
+    """Return the record of a parsed table; `source` and `place` are its file and key."""
+    try:
+        return model.model_validate(parsed)
+    except ValidationError as found:
+        raise_mistakes(mistakes_of(found, model, source, place), error, found)
+
+
+def mistakes_of(
+    found: ValidationError, model: type[BaseModel], source: str | Path, place: str = ""
+) -> list[str]:
+    """Return the lines of what pydantic found."""
+    return [_line(one, model, shown(source), place) for one in found.errors(include_url=False)]
+
+
+def raise_mistakes(
+    lines: Sequence[str],
+    error: type[ClradarError] = MeasurementError,
+    cause: BaseException | None = None,
+) -> NoReturn:
+    """Raise the error of one mistake, or of several with their number and a line for each."""
+    text = list(lines[:MOST_MISTAKES])
+    if len(lines) > 1:
+        text.insert(0, f"{len(lines)} mistakes, one per line:")
+    if len(lines) > MOST_MISTAKES:
+        text.append(f"and {len(lines) - MOST_MISTAKES} more")
+    failure = error("\n".join(text))
+    failure.mistakes = tuple(lines)
+    raise failure from cause
+
+
+def _line(found: Any, model: type[BaseModel], source: str, above: str) -> str:
+    kind, context = found["type"], found.get("ctx", {})
+    loc = [part for part in found["loc"] if not str(part).endswith("]")]  # of types, not of keys
+    inner = context.get("key") or ()
+    place = _place(above, [*loc, *([inner] if isinstance(inner, str) else inner)])
+    owner, field = _field(model, loc)
+    if kind == "said":
+        return f"{source}: {f'{place}: ' if place else ''}{context['text']}"
+    if kind == "extra_forbidden" and owner is not None:
+        names = list(owner.model_fields)
+        known = f"{', '.join(names)}{nearest(loc[-1], names)}"
+        return f"{source}: {place}: unknown key; expected one of {known}"
+    expected, got = _expected(kind, context), context.get("got")
+    if kind == "missing":
+        expected = "a value" if _model_in(field.annotation) is None else "a table"
+    if kind != "mistake" and (described := getattr(field, "description", None)):
+        expected = described
+    if got is None:
+        got = "nothing" if kind == "missing" else toml_brief(found["input"])
+    return f"{source}: {f'{place}: ' if place else ''}expected {expected}, got {quoted(got)}"
+
+
+_LIMITS = {"gt": "above", "ge": "from", "lt": "below", "le": "at most"}
+
+
+def _expected(kind: str, context: dict[str, Any]) -> str:
+    if kind == "mistake":
+        return str(context["expected"])
+    for name, words in _LIMITS.items():
+        if name in context:
+            return f"a number {words} {context[name]:g}"
+    if kind.startswith("bool"):
+        return "true or false"
+    if kind.startswith(("tuple", "list")):
+        return "a list"
+    if kind.startswith(("model", "dict", "dataclass")):
+        return "a table or object"
+    if kind.startswith("string"):
+        return "text"
+    if kind in ("too_long", "too_short"):
+        least, most = context.get("min_length"), context.get("max_length")
+        return f"at least {least} entries" if most is None else f"at most {most} entries"
+    return clean(context.get("error", kind))
+
+
+def _place(above: str, loc: Sequence[Any]) -> str:
+    place = quoted(above, _KEY_CHARACTERS)
+    for part in loc:
+        if isinstance(part, int):
+            place += f"[{part}]"
+        else:
+            place += f".{quoted(part, _KEY_CHARACTERS)}" if place else quoted(part, _KEY_CHARACTERS)
+    return place
+
+
+def _field(model: Any, loc: Sequence[Any]) -> tuple[type[BaseModel] | None, Any]:
+    """Return the model and the field of a place; None where it is none of a model."""
+    owner: type[BaseModel] | None = model
+    field = None
+    for at, part in enumerate(loc):
+        if isinstance(part, int) or owner is None:
+            continue
+        field = owner.model_fields.get(part)
+        if at + 1 < len(loc):
+            owner = None if field is None else _model_in(field.annotation)
+    return owner, field
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """Return the model that a field holds, alone, optional or in a list."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    if get_origin(annotation) in (Union, types.UnionType, list, tuple, Annotated, dict):
+        found = (_model_in(part) for part in get_args(annotation))
+        return next((model for model in found if model is not None), None)
+    return None

@@ -1,0 +1,254 @@
+"""Folders of long work, which resume only what was made from the same inputs and settings."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+
+from clradar.errors import ClradarError, OutputError, warn
+from clradar.files.atomic import replacing
+from clradar.files.failures import fail, reading, shown
+from clradar.files.hashing import content_record, holds_still
+from clradar.files.json_differences import differences, listed_differences
+from clradar.files.json_file import read_json, write_json
+from clradar.files.limits import MAX_SMALL_JSON_BYTES
+from clradar.jobs.lock import LOCK, held, remove_temporaries
+from clradar.jobs.where import Where
+from clradar.model.progress import Progress
+
+KEY = "settings.json"
+"""What a folder was begun with: its settings, and what its inputs hold."""
+
+MADE_FROM = "made_from"
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """Items that are worked on once, into a folder of one writer at a time.
+
+    A folder begins with its `key`, and goes on only with an equal one. An item is done when its
+    files are there, which the steps write whole or not at all, one last. So a run that is killed at
+    any moment and begun again ends with the bytes of an undisturbed one.
+
+        job = Job(folder=folder, work="image", key={"grid": ...}, own=(KEY, "parts"))
+        with job.held():
+            for item, _ in job.each(steps, items, where, done=lambda i: path_of(i).is_file()):
+                ...
+
+    Attributes
+    ----------
+    folder : Path
+    work : str
+        What goes on in it, for messages: "sweep".
+    key : mapping
+        Settings, as JSON knows them. Files count by their digests or as `inputs`, and not by their
+        places.
+    own : sequence of str
+        Names in the folder that are the job's own, in the order in which they are removed; nothing
+        else is.
+    inputs : mapping
+        Files by the option or argument that names them: what they hold is part of the key.
+    resumable : callable, optional
+        Whether there is anything to resume with, of a folder; without, what failed leaves nothing.
+    force : bool
+        Begin anew in a folder that was begun with another key.
+    """
+
+    folder: Path
+    work: str
+    key: Mapping[str, Any]
+    own: Sequence[str]
+    inputs: Mapping[str, Sequence[Path]] = field(default_factory=lambda: MappingProxyType({}))
+    resumable: Callable[[Path], bool] = lambda folder: False
+    force: bool = False
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other processes out of the folder, and begin in it or go on.
+
+        What fails before there is anything to resume with leaves nothing; an interruption is
+        resumed.
+
+        Raises
+        ------
+        OutputError
+            It was begun with another key, holds other files, or another process works there.
+        """
+        with held(self.folder, self.work):
+            self._begin()
+            try:
+                yield
+            except Exception:
+                if not self.resumable(self.folder):
+                    self.clear()
+                raise
+
+    def _begin(self) -> None:
+        # Here, where no other process writes, and not by those that share the work later.
+        for place in (self.folder, *(self.folder / name for name in self.own)):
+            remove_temporaries(place)
+        path = self.folder / KEY
+        if path.exists() or path.is_symlink():
+            before = self._read_key(path)
+            known = before.pop(MADE_FROM, {})
+            different = [*changed_files(self.inputs, known), *differences(before, _plain(self.key))]
+            if not different:
+                return
+            if not self.force:
+                raise OutputError(
+                    f"{self.folder}: was begun with other settings: "
+                    f"{listed_differences(different)}. Repeat them to resume, choose another "
+                    "folder, or begin anew with --force"
+                )
+        elif not self.force and any(entry.name != LOCK for entry in self.folder.iterdir()):
+            raise OutputError(
+                f"{self.folder}: holds files, but no begun {self.work}; choose another folder, or "
+                "write among them with --force"
+            )
+        self.clear()
+        made_from = {name: list(map(content_record, files)) for name, files in self.inputs.items()}
+        more = {MADE_FROM: made_from} if self.inputs else {}
+        write_json(path, {**self.key, **more}, force=False)
+
+    def _read_key(self, path: Path) -> dict[str, Any]:
+        expected = f"the settings of a begun {self.work}, as JSON"
+        try:
+            value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+            if not isinstance(value, dict):
+                fail(path, expected, "no JSON object")
+            return value
+        except ValueError:  # MeasurementError is one
+            if self.force:
+                return {}
+            raise
+
+    def clear(self, names: Iterable[str] | None = None) -> None:
+        """Remove what is the job's own, or some of it."""
+        remove(self.folder, self.own if names is None else names)
+
+    def each(
+        self,
+        steps: Any,
+        items: Sequence[Item],
+        where: Where,
+        *,
+        done: Callable[[Item], bool],
+        name: Callable[[Item], str] = lambda item: "",
+        tolerated: Callable[[ClradarError], bool] = lambda error: False,
+        progress: Progress | None = None,
+        say: Callable[[str], None] = lambda text: None,
+        noun: str = "item",
+    ) -> Iterator[tuple[Item, Any]]:
+        """Work on the items that are not done; yield each with its result, as they are done.
+
+        Parameters
+        ----------
+        steps, where
+            As of `Where.outcomes`.
+        items : sequence
+        done : callable
+            Whether the files of an item are there.
+        name : callable
+            Of an item, in front of its warnings; each text is given once.
+        tolerated : callable
+            Whether an error is of its item alone: then it is a warning, and the others go on.
+        progress : callable, optional
+        say : callable
+            Is told how many were done before.
+        noun : str
+            Of an item, for that.
+        """
+        left = [item for item in items if not done(item)]
+        before = len(items) - len(left)
+        if before:
+            say(f"{self.folder}: resumes with {before} of {len(items)} {noun}s done before")
+        said: set[str] = set()
+        for item, (result, warned) in where.outcomes(steps, left, self.folder, progress):
+            failed = isinstance(result, ClradarError)
+            if failed and tolerated(result):
+                warned = [*warned, str(result)]
+            for text in warned:
+                if text not in said:
+                    warn(f"{name(item)}{text}")
+                said.add(text)
+            if not failed:
+                yield item, result
+            elif not tolerated(result):
+                raise result
+
+
+def changed_files(inputs: Mapping[str, Sequence[Path]], known: Any) -> list[str]:
+    """Which files hold something else than at their records (`content_record`), in words."""
+    found = []
+    for name in inputs:
+        before = known.get(name, []) if isinstance(known, dict) else []
+        if len(before) != len(inputs[name]):
+            files = f"{len(before)} file{'s'[: len(before) != 1]}"
+            found.append(f"{name} of {files}, now of {len(inputs[name])}")
+            continue
+        for path, record in zip(inputs[name], before, strict=True):
+            if not holds_still(path, record):
+                found.append(f"{name} '{path}' holds something else now")
+    return found
+
+
+def remove(folder: Path, names: Iterable[str]) -> None:
+    """Remove files and folders of these names, in this order."""
+    try:
+        for name in names:
+            path = folder / name
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"{shown(folder)}: cannot be cleared: {error}") from error
+
+
+def _plain(settings: Mapping[str, Any]) -> Any:
+    return json.loads(json.dumps(settings, allow_nan=False))
+
+
+class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):
+    """Arrays by name, each name a file that is there whole or not at all."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(exist_ok=True)
+
+    def _path(self, name: str) -> Path:
+        return self._folder / f"{name}.npz"
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and self._path(name).is_file()
+
+    def __getitem__(self, name: str) -> dict[str, np.ndarray]:
+        if name not in self:
+            raise KeyError(name)
+        path = self._path(name)
+        with reading(path, "the arrays of an image"), np.load(path, allow_pickle=False) as arrays:
+            return {key: arrays[key] for key in arrays.files}
+
+    def __setitem__(self, name: str, arrays: dict[str, np.ndarray]) -> None:
+        with replacing(self._path(name), force=True) as temporary, open(temporary, "xb") as file:
+            values: dict[str, Any] = dict(arrays)
+            np.savez(file, **values)
+
+    def __delitem__(self, name: str) -> None:
+        self._path(name).unlink()
+
+    def __iter__(self) -> Iterator[str]:
+        return (path.stem for path in sorted(self._folder.glob("*.npz")))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)

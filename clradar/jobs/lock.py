@@ -1,0 +1,162 @@
+"""Folders of work: one writer at a time, and no remains of a killed one."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from clradar.errors import OutputError, warn
+from clradar.files.failures import shown
+from clradar.files.interrupts import postponed
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
+LOCK = ".lock"
+
+TEMPORARY = ".*.tmp"
+"""Names of what is being written (`clradar.files.atomic`)."""
+
+SCRATCH = "clradar-scratch-"
+"""Names of scratch folders that have their lock."""
+
+WAIT_S = 0.2
+"""For a lock whose holder removes it at this moment."""
+
+NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL}
+"""What file systems without locks say: Lustre and NFS by some of their options."""
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove what a killed process was writing: files and folders."""
+    for path in folder.glob(TEMPORARY):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                path.unlink()
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """A folder for the time of the block, which goes with it, interrupted or not.
+
+    Those of processes that were killed are removed, too.
+    """
+    for left in Path(tempfile.gettempdir()).glob(f"{SCRATCH}*"):
+        with suppress(OSError):
+            if os.access(left / LOCK, os.W_OK):
+                lock = locked(left / LOCK, wait_s=0)
+                if lock is not None:
+                    shutil.rmtree(left, ignore_errors=True)
+                    unlock(lock)
+    folder = Path(tempfile.mkdtemp(prefix="clradar-"))
+    lock = locked(folder / LOCK)
+    if sys.platform != "win32":  # where no folder with an open file can get another name
+        folder = folder.rename(folder.with_name(folder.name.replace("clradar-", SCRATCH)))
+    try:
+        yield folder
+    finally:
+        with postponed():
+            shutil.rmtree(folder, ignore_errors=True)
+            if lock is not None:
+                lock.release()
+            shutil.rmtree(folder, ignore_errors=True)  # Windows removes no open file
+
+
+@contextmanager
+def held(folder: Path, work: str) -> Iterator[None]:
+    """Make the folder, and keep other processes from working in it while the block runs.
+
+    The lock is there only meanwhile; a folder that was made and stays empty is removed again. A
+    `KeyboardInterrupt` gets the words that the work there is to be resumed. `work` is what is going
+    on in it, for the message: "sweep".
+
+    Raises
+    ------
+    OutputError
+        Another process holds it, it is a file, or it cannot be written.
+    """
+    try:
+        if os.path.lexists(folder) and not folder.is_dir():
+            raise OutputError(f"{shown(folder)}: expected a folder's name, got a file")
+        missing = not folder.is_dir()
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = locked(folder / LOCK)
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{shown(folder)}: cannot be written: {error}") from error
+    if lock is None:
+        raise OutputError(
+            f"{shown(folder)}: another {work} is writing into it{_holder(folder / LOCK)}"
+        )
+    try:
+        yield
+    except KeyboardInterrupt as interruption:
+        if any(entry.name != LOCK for entry in folder.iterdir()):
+            interruption.args = (f"the same command resumes {shown(folder)}",)
+        raise
+    finally:
+        unlock(lock)
+        if missing:
+            with suppress(OSError):  # it holds something
+                folder.rmdir()
+
+
+def locked(path: Path, wait_s: float = WAIT_S) -> BaseFileLock | None:
+    """Lock a file, which is made; None if another process has it.
+
+    The system lets go of the lock when the process ends, however it ends. A file system without
+    locks gets a file that stands for one: filelock removes that of a process of this machine that
+    is gone.
+    """
+    from filelock import FileLock, SoftFileLock, Timeout
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for kind in (FileLock, SoftFileLock):
+            lock = kind(path, timeout=wait_s, poll_interval=0.01, thread_local=False)
+            try:
+                lock.acquire()
+                break
+            except Timeout:
+                return None
+            except OSError as error:
+                if kind is SoftFileLock or error.errno not in NO_LOCKS:
+                    raise
+    if isinstance(lock, SoftFileLock):
+        warn(
+            f"{shown(path.parent)}: its file system has no locks; the file '{path.name}' stands "
+            "for one, and is to be removed by hand where a machine is lost while it writes there"
+        )
+    return lock
+
+
+def unlock(lock: BaseFileLock) -> None:
+    """Remove the file of a lock, and let go of it."""
+    path = Path(lock.lock_file)
+    if sys.platform != "win32":  # where no open file can be removed: of another one, neither
+        with suppress(OSError):
+            path.unlink()
+    lock.release()
+    if sys.platform == "win32":
+        with suppress(OSError):
+            path.unlink()
+
+
+def _holder(path: Path) -> str:
+    """Who holds a lock, where the file says it."""
+    with suppress(OSError, ValueError):
+        process, machine = path.read_text("utf-8").split("\n")[:2]
+        if process.isdecimal() and machine:
+            return f": process {process} of {machine}; if that is gone, remove '{shown(path)}'"
+    return ""

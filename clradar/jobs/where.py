@@ -1,0 +1,416 @@
+"""Where items are worked on: here, or by Dask on processes of this machine or of others.
+
+Processes and not threads: the host's part of a simulation holds Python's global lock, filters of
+warnings belong to a process, and where a driver crashes it is known whose it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from clradar.errors import ClradarError, ClusterError, DeviceError, ModelError, warn
+from clradar.jobs.outcome import Outcome, outcome_of
+from clradar.jobs.resources import (
+    WorkerResources,
+    check_alike,
+    divided,
+    listed,
+    own_cores,
+    own_device,
+    worker_resources,
+)
+from clradar.model.progress import Progress, part_of
+from clradar.opencl import Device, DeviceInfo, open_device
+from clradar.opencl.choice import select_devices
+from clradar.opencl.program import compiled
+from clradar.opencl.self_test import self_test
+
+if TYPE_CHECKING:
+    from clradar.jobs.distributed import Distributed
+
+AHEAD = 4
+"""Items per device that may be made before the turn of their results: these are kept."""
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+Work = Callable[[Any, Device, Progress], Iterable[Result]]
+"""Makes the results of an item on a device; says by the last argument how far it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """The devices of a batch.
+
+    Attributes
+    ----------
+    infos : tuple of DeviceInfo
+    first : Device
+        The first of them, opened in this process. A single one makes all items here; each of
+        several has a worker process.
+
+    Examples
+    --------
+    >>> from clradar.jobs import open_devices
+    >>> devices = open_devices("pocl")
+    >>> def squares(n, device, progress):
+    ...     yield n * n
+    >>> list(devices.made(squares, [3, 4])), list(devices.in_order(squares, [3, 4]))
+    ([(0, 9), (1, 16)], [9, 16])
+    """
+
+    infos: tuple[DeviceInfo, ...]
+    first: Device
+
+    @property
+    def text(self) -> str:
+        """Their names, for a person."""
+        return self.first.info.label if len(self.infos) == 1 else listed(self.infos)
+
+    def check_alike(self, what: str) -> None:
+        """Raise `DeviceError` unless all are of one name and driver, so that bits are the same."""
+        check_alike(self.infos, what)
+
+    def made(
+        self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
+    ) -> Iterator[tuple[int, Result]]:
+        """Make the results of all items, in any order; yields the number of an item with each.
+
+        With several devices `work` and the items are pickled. The first error ends the batch; a
+        warning of workers is given once.
+        """
+        for i, results in self._made(work, list(items), progress, None):
+            for result in results:
+                yield i, result
+
+    def in_order(
+        self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
+    ) -> Iterator[Result]:
+        """As `made`, the results in the order of the items; a few items ahead are kept."""
+        early: dict[int, list[Result]] = {}
+        turn = 0
+
+        def limit() -> int:
+            return turn + AHEAD * len(self.infos)
+
+        for i, results in self._made(work, list(items), progress, limit):
+            if len(self.infos) == 1:
+                yield from results
+                continue
+            early[i] = list(results)
+            while turn in early:
+                yield from early.pop(turn)
+                turn += 1
+
+    def _made(
+        self,
+        work: Work[Result],
+        items: list[Any],
+        progress: Progress | None,
+        limit: Callable[[], int] | None,
+    ) -> Iterator[tuple[int, Iterable[Result]]]:
+        if len(self.infos) > 1 and len(items) > 1:
+            yield from self._on_workers(work, items, progress, limit or (lambda: len(items)))
+            return
+        for i, item in enumerate(items):
+            part = part_of(progress, i / len(items), (i + 1) / len(items))
+            yield i, work(item, self.first, part or _silent)
+            if part is not None:
+                part(1, 1)
+
+    def _on_workers(
+        self, work: Work[Result], items: list[Any], progress: Progress | None, limit: Any
+    ) -> Iterator[tuple[int, Iterable[Result]]]:
+        with _dask():
+            from distributed import KilledWorker, as_completed
+
+            from clradar.jobs.cluster import local_cluster, silence
+        silence()
+        infos = self.infos[: len(items)]
+        cores = own_cores()
+        threads = max(1, len(cores) // len(infos))
+        each = [WorkerResources(info.selector, tuple(cores), threads) for info in infos]
+        said: set[str] = set()
+        with local_cluster(each) as (client, _):
+            given = 0
+            pending: set[Any] = set()
+
+            def more() -> list[Any]:
+                nonlocal given
+                futures = []
+                while given < min(len(items), limit()) and len(pending) < 2 * len(infos):
+                    task = partial(_results, work, items[given])
+                    futures.append(
+                        client.submit(task, key=("item", given), pure=False, resources=_ONE)
+                    )
+                    pending.add(futures[-1])
+                    given += 1
+                return futures
+
+            running = as_completed(more(), loop=client.loop)
+            for done, future in enumerate(running, start=1):
+                pending.discard(future)
+                i = future.key[1]
+                try:
+                    results, warned, selector = future.result()
+                except KilledWorker as error:
+                    name = listed([infos[int(str(error.last_worker.name))]])
+                    raise DeviceError(
+                        f"device {name}: its process died at item {i}; choose other devices, see "
+                        "`clradar devices`"
+                    ) from error
+                for text in warned:
+                    if text not in said:
+                        warn(text)
+                    said.add(text)
+                if type(results) is DeviceError:  # with its selector: names may be the same
+                    (info,) = (one for one in infos if one.selector == selector)
+                    text = str(results).removeprefix(f"device {info.label}: ")
+                    raise DeviceError(f"device {listed([info])}: {text}")
+                if isinstance(results, BaseException):
+                    raise results
+                yield i, results
+                if progress is not None:
+                    progress(done, len(items))
+                running.update(more())
+
+
+_ONE = {"DEVICE": 1}
+
+
+def _results(work: Work[Any], item: Any) -> tuple[Any, list[str], str]:
+    """All results of an item: what a worker of a device runs."""
+    device = _tested_device()
+    results, warned = outcome_of(lambda: list(work(item, device, _silent)))
+    return results, warned, device.info.selector
+
+
+@lru_cache(maxsize=1)
+def _tested_device() -> Device:
+    device = open_device()
+    self_test(device, compiled)
+    return device
+
+
+def _silent(done: int, total: int) -> None:
+    pass
+
+
+def open_devices(device: Devices | Device | str | Sequence[str] | None = "all") -> Devices:
+    """Choose the devices of a batch.
+
+    Parameters
+    ----------
+    device : Devices, Device, str, sequence of str or None
+        `Devices` are returned as they are. "all": all GPUs, those of one name by the first driver
+        that offers them; without GPUs the CPU device that is used anyway, and others of its name
+        and driver. A sequence, or names with commas between them: those. Else as
+        `clradar.open_device`.
+
+    Raises
+    ------
+    DeviceError
+        No such device, or one is named twice.
+
+    Examples
+    --------
+    >>> from clradar.jobs import open_devices
+    >>> [info.kind for info in open_devices("pocl").infos]
+    ['cpu']
+    """
+    if isinstance(device, Devices):
+        return device
+    if isinstance(device, Device):
+        return Devices((device.info,), device)
+    infos = select_devices(device)
+    return Devices(tuple(infos), open_device(infos[0].selector))
+
+
+def map_devices(
+    function: Callable[[Any, Device], Result],
+    items: Iterable[Any],
+    *,
+    device: Device | str | Sequence[str] | None = "all",
+    progress: Progress | None = None,
+) -> Iterator[Result]:
+    """Call a function for every item, on several devices at the same time.
+
+    Every device has a process of its own, which takes the next item when it is free; a single
+    device works in this process. Frames, alphas or samples of a batch come out as from one device:
+    the same bits from devices of one name and driver, else what differs between runtimes.
+
+    Parameters
+    ----------
+    function : callable
+        Called with an item and an opened device. With several devices, which need Dask (pip install
+        'clradar[dataset]'), function, items and results are pickled, and a script that calls this
+        has its own code under ``if __name__ == "__main__":``.
+    items : iterable
+    device : Device, str, sequence of str or None
+        "all": all GPUs, or without one the CPU device that is used anyway; names with commas, or a
+        sequence of names: those; else as `clradar.open_device`.
+    progress : callable, optional
+        Called with (done, total) units of work.
+
+    Yields
+    ------
+    object
+        What the function returns, in the order of the items. Up to four items per device are made
+        ahead of the one that is waited for.
+
+    Raises
+    ------
+    DeviceError
+        There is no such device, it fails its test, or it fails; the message names it.
+    Exception
+        What the function raises. The other processes are ended.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> def lanes(item, device):
+    ...     return item * device.width
+    >>> list(clradar.map_devices(lanes, [1, 2, 3], device="pocl"))
+    [8, 16, 24]
+    """
+    return open_devices(device).in_order(_Plain(function), items, progress)
+
+
+@dataclass(frozen=True, slots=True)
+class _Plain:
+    """Work by a function that returns one result and says nothing meanwhile."""
+
+    function: Callable[[Any, Device], Any]
+
+    def __call__(self, item: Any, device: Device, progress: Progress) -> list[Any]:
+        return [self.function(item, device)]
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Where the items of a job are worked on.
+
+    Attributes
+    ----------
+    device : str or None
+        As of `open_devices`: each of several has a worker process.
+    workers : int or None
+        Processes of this machine, each with its own device and cores; None: this one.
+    scheduler : str or None
+        The address of a Dask scheduler, whose workers see the same files under the same names.
+    files : tuple of Path
+        What those read: files and folders.
+    """
+
+    device: str | None = None
+    workers: int | None = None
+    scheduler: str | None = None
+    files: tuple[Path, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.scheduler is not None:
+            raise ModelError("workers, scheduler: expected one of the two: a scheduler has its own")
+
+    @property
+    def here(self) -> bool:
+        """Whether all is done by this process."""
+        if self.workers is not None or self.scheduler is not None:
+            return False
+        return len(select_devices(self.device)) == 1
+
+    def outcomes(
+        self, steps: Any, items: Sequence[Item], folder: Path, progress: Progress | None = None
+    ) -> Iterator[tuple[Item, Outcome]]:
+        """Run the steps of every item; yield items with their outcomes, as they are done.
+
+        Parameters
+        ----------
+        steps : dataclass
+            With a field `device` and a method `run`, which is called with an item and a progress
+            callback or None. It can be pickled, and so can the items.
+        items : sequence
+        folder : Path
+            Where the steps write.
+        progress : callable, optional
+            Called with (done, total) units of work.
+        """
+        if not items:
+            return
+        if self.here:
+            opened = open_devices(self.device).first
+            for i, item in enumerate(items):
+                part = part_of(progress, i / len(items), (i + 1) / len(items))
+                yield item, outcome_of(replace(steps, device=opened).run, item, part)
+                if part is not None:
+                    part(1, 1)
+            return
+        elsewhere = replace(steps, device=None)  # each opens the device that it is given
+        with ExitStack() as stack:
+            engine, device = stack.enter_context(self.engine(len(items)))
+            make = _Numbered(
+                elsewhere, dict(enumerate(items)), folder.absolute(), device,
+                tuple(str(path.absolute()) for path in self.files),
+            )  # fmt: skip
+            for done, made in enumerate(engine.outcomes(range(len(items)), make), start=1):
+                if isinstance(made, tuple):
+                    number, outcome = made
+                    yield items[number], outcome
+                else:
+                    yield items[made.sample], (ClradarError(made.reason), [])
+                if progress is not None:
+                    progress(done, len(items))
+            engine.stop()
+
+    @contextmanager
+    def engine(self, n_items: int) -> Iterator[tuple[Distributed, str | None]]:
+        """The workers, for so many items, and the device that each is told to open."""
+        with _dask():
+            from clradar.jobs.cluster import local_cluster, running_cluster, silence
+            from clradar.jobs.distributed import Distributed
+        silence()
+        if self.scheduler is not None:
+            with running_cluster(self.scheduler) as client:
+                engine = Distributed(client, self.device)
+                try:
+                    yield engine, self.device
+                finally:
+                    engine.stop()
+            return
+        workers, device = divided(self.workers, self.device)
+        assert workers is not None
+        with local_cluster(worker_resources(min(workers, n_items), device)) as (client, end):
+            # Each worker has its device in CLRADAR_DEVICE.
+            yield Distributed(client, end_workers=end), None
+
+
+@contextmanager
+def _dask() -> Iterator[None]:
+    try:
+        yield
+    except ImportError as error:
+        raise ClusterError(
+            f"several processes need Dask: pip install 'clradar[dataset]' ({error})"
+        ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class _Numbered:
+    """Steps and their items by numbers: work of `Distributed`."""
+
+    steps: Any
+    items: Mapping[int, Any]
+    folder: Path
+    device: str | None
+    files: tuple[str, ...]
+
+    def alone(self, sample: int) -> _Numbered:
+        return replace(self, items={sample: self.items[sample]})
+
+    def __call__(self, sample: int) -> tuple[int, Outcome]:
+        steps = replace(self.steps, device=own_device(self.device))
+        return sample, outcome_of(steps.run, self.items[sample], None)

@@ -1,0 +1,180 @@
+"""The one way to the page: requests of pages of this machine, passed on to where viser listens."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import socket
+from collections.abc import Coroutine, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+from clradar.errors import ClradarError
+
+T = TypeVar("T")
+
+HOST = "127.0.0.1"
+"""This machine alone: who may log in may look, through ssh."""
+
+LOCAL_NAMES = {"localhost", "127.0.0.1", "::1"}
+
+PORTS_TRIED = 100
+
+MAX_HEAD_BYTES = 2**16
+
+HEAD_S = 10.0
+"""A request has to be complete after that."""
+
+BUFFER_BYTES = 2**16
+"""Of what is on its way to a browser: a slow link gets the newest frame, not those between."""
+
+
+def listen(port: int, host: str = HOST) -> socket.socket:
+    """Return a socket that listens at `port`, or at the next one that is free."""
+    last = min(port + PORTS_TRIED - 1, 65535)
+    for tried in range(port, last + 1):
+        try:
+            return socket.create_server((host, tried))
+        except OSError as error:
+            reason = error.strerror
+    raise ClradarError(f"port: expected one of {port} to {last} free at {host}, got: {reason}")
+
+
+def hidden_host() -> str:
+    """Return an address of this machine that no page can guess: one of 16 million.
+
+    Where there is only 127.0.0.1, as on macOS, it is that: there the port alone is not known.
+    """
+    host = f"127.{secrets.randbelow(254) + 1}.{secrets.randbelow(254)}.{secrets.randbelow(254) + 1}"
+    try:
+        with socket.create_server((host, 0)):
+            return host
+    except OSError:
+        return HOST
+
+
+def refusal(headers: Mapping[str, Sequence[str]], protocol: str) -> str | None:
+    """Return why a request with these headers is refused, None if it is not.
+
+    A page of another site that is open in the same browser can connect to this machine, too: its
+    origin says so. One whose own name was made to point here has itself as the host.
+    """
+    hosts = headers.get("host", ())
+    try:
+        named = [urlsplit(f"//{host}").hostname for host in hosts]
+    except ValueError:
+        named = []
+    if len(named) != 1 or named[0] not in LOCAL_NAMES:
+        return "expected the host localhost or 127.0.0.1"
+    origins = headers.get("origin", ())  # programs send none
+    if any(origin.lower() != f"http://{hosts[0].lower()}" for origin in origins):
+        return "expected the page of this server"
+    if "upgrade" in headers and protocol not in headers.get("sec-websocket-protocol", ()):
+        return "expected the page of this version: reload it"
+    return None
+
+
+def headers_of(head: bytes) -> dict[str, list[str]]:
+    """Return the headers of a request, by their names in lower case."""
+    first, *lines = head.decode("latin-1").split("\r\n")
+    method, _, version = first.split(" ")
+    if method != "GET" or version != "HTTP/1.1":
+        raise ValueError("not GET of HTTP/1.1")
+    headers: dict[str, list[str]] = {}
+    for line in lines:
+        name, colon, value = line.partition(":")
+        if not colon or not name or name != name.strip():
+            raise ValueError("not a header")
+        headers.setdefault(name.lower(), []).append(value.strip())
+    return headers
+
+
+class Gate:
+    """Takes requests at a socket and passes those that may on."""
+
+    def __init__(
+        self,
+        listening: socket.socket,
+        target: tuple[str, int],
+        protocol: str,
+        loop: asyncio.AbstractEventLoop,
+    ) -> None:
+        self._target, self._protocol, self._loop = target, protocol, loop
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._server = self._run(asyncio.start_server(self._serve, sock=listening)).result()
+
+    def close(self) -> None:
+        """Take no more requests, and end those that there are."""
+
+        async def close() -> None:
+            self._server.close()
+            for task in list(self._tasks):
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+
+        self._run(close()).result()
+
+    def _run(self, work: Coroutine[Any, Any, T]) -> Future[T]:
+        return asyncio.run_coroutine_threadsafe(work, self._loop)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.add(task)
+        try:
+            with suppress(OSError, asyncio.CancelledError):
+                await self._pass_on(reader, writer)
+        finally:
+            self._tasks.discard(task)
+            writer.close()
+
+    async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_S)
+            refused = refusal(headers_of(head[:-4]), self._protocol)
+        except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, ValueError):
+            refused = "expected a request of a browser"
+        except asyncio.TimeoutError:  # which is another one before Python 3.11
+            refused = "expected a request of a browser"
+        if refused is not None:
+            body = f"{refused}\n".encode()
+            writer.write(
+                b"HTTP/1.1 403 Forbidden\r\nContent-Type: text/plain\r\nConnection: close\r\n"
+                b"Content-Length: %d\r\n\r\n%s" % (len(body), body)
+            )
+            await writer.drain()
+            return
+        # viser ends a connection after each answer but that of a websocket: one head is all.
+        inner = socket.socket()
+        inner.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        inner.setblocking(False)
+        try:
+            await self._loop.sock_connect(inner, self._target)
+            from_viser, to_viser = await asyncio.open_connection(sock=inner, limit=BUFFER_BYTES)
+        except OSError:
+            inner.close()
+            raise
+        outer = writer.get_extra_info("socket")
+        outer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        for one in (writer, to_viser):
+            one.transport.set_write_buffer_limits(BUFFER_BYTES)
+        to_viser.write(head)
+        copies = [
+            asyncio.ensure_future(_copy(*ends))
+            for ends in ((reader, to_viser), (from_viser, writer))
+        ]
+        try:
+            await asyncio.wait(copies, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for copy in copies:
+                copy.cancel()
+            await asyncio.gather(*copies, return_exceptions=True)
+            to_viser.close()
+
+
+async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while data := await reader.read(BUFFER_BYTES):
+        writer.write(data)
+        await writer.drain()

@@ -1,0 +1,66 @@
+"""Read files of measurements in confined processes: readers are not safe on damaged files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from clradar.files.confined import process
+from clradar.files.failures import regular_file_size
+from clradar.files.limits import (
+    CPU_LIMIT_BYTES,
+    CPU_LIMIT_INFLATED_BYTES,
+    CPU_LIMIT_S,
+    MEMORY_BYTES,
+)
+
+HDF5 = "the HDF5 library"
+EXPECTED = "a readable HDF5 file"
+
+
+def run(
+    function: Callable[..., Any],
+    path: Path,
+    *arguments: Any,
+    most_bytes: int | None = None,
+    expected: str = EXPECTED,
+    library: str = HDF5,
+    modules: tuple[str, ...] = ("h5py",),
+    mapped_bytes: int = 0,
+    copies: int = 2,
+    companion: process.Companion | None = None,
+) -> Any:
+    """Call `function(path, *arguments)` in a confined process and return its result.
+
+    Parameters
+    ----------
+    function : callable
+        As of `clradar.files.confined.process.run`.
+    path : Path
+    *arguments
+        What JSON can hold.
+    most_bytes : int, optional
+        Most bytes of arrays that may come back; eight times the file's size if not given.
+    expected, library, modules : str, str, tuple of str
+        As of `clradar.files.confined.process.Reader`.
+    mapped_bytes : int
+        Of the file that are mapped into memory, which takes none.
+    copies : int
+        Of what comes back, or of the file, that may be in memory at a time.
+    companion : Companion, optional
+    """
+    size = regular_file_size(path, expected)
+    inflated = 0 if most_bytes is None else most_bytes
+    blocks = getattr(os.stat(path), "st_blocks", None)  # which Windows has not
+    backed = size if blocks is None else min(size, 512 * blocks)  # a sparse file claims any size
+    reader = process.Reader(
+        expected=expected,
+        library=library,
+        cpu_s=CPU_LIMIT_S * (1 + backed // CPU_LIMIT_BYTES + inflated // CPU_LIMIT_INFLATED_BYTES),
+        memory_bytes=MEMORY_BYTES + copies * (inflated or backed) + mapped_bytes,
+        most_bytes=8 * backed if most_bytes is None else most_bytes,
+        modules=modules,
+    )
+    return process.run(reader, function, path, *arguments, companion=companion)

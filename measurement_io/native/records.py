@@ -1,0 +1,435 @@
+"""Native HDF5 files of captures, volumes and calibrated channels (docs/files.md)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import ModelError
+from clradar.files import json_text
+from clradar.files.failures import clean, fail, reading
+from clradar.model import (
+    AntennaArray,
+    AntennaPattern,
+    Capture,
+    ChannelCalibration,
+    ChannelResponse,
+    ImageScale,
+    Volume,
+    VoxelGrid,
+    Waveform,
+    checks,
+)
+from clradar.model.volume import Planes, depth_map_of_planes
+from measurement_io.confined import reading as confined
+from measurement_io.native import contents as native_contents
+from measurement_io.native.scheme import (
+    EXPECTED,
+    VIEW_AXES,
+    VIEWS,
+    WEIGHTS,
+    NativeHeader,
+    View,
+    check_hdf5,
+    plain_text,
+    write,
+)
+
+
+def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool = False) -> None:
+    """Write a capture to a native HDF5 file; reading it gives the same bits.
+
+    Parameters
+    ----------
+    path : path-like
+        Target, whatever its extension. Its folder has to exist.
+    capture : Capture
+    force : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    ModelError
+        No capture; `capture.meta` holds what JSON cannot hold, or the array's name is no plain
+        text. Nothing is written.
+    OutputError
+        The target exists and `force` is not set, its folder does not exist, or the system refuses
+        to write. Nothing half-written stays behind.
+
+    Examples
+    --------
+    >>> from measurement_io import open_capture, save_capture
+    >>> save_capture("capture.h5", capture)
+    >>> read = open_capture("capture.h5")
+    >>> np.array_equal(read.data, capture.data), dict(read.meta)
+    (True, {'room': 'B 12'})
+    """
+    checks.instance("save_capture: capture", capture, Capture)
+    texts = {"array_name": plain_text("AntennaArray.name", capture.array.name)}
+    values = {"data": capture.data, **instrument_values(capture.array, capture.waveform)}
+    text = json_text.to_json("Capture.meta", capture.meta)
+    write(Path(path), "capture", text, texts, values, force=force)
+
+
+def save_volume(path: str | os.PathLike[str], volume: Volume, *, force: bool = False) -> None:
+    """Write a volume to a native HDF5 file; reading it gives the same bits.
+
+    Parameters and errors as for `save_capture`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_volume, save_volume
+    >>> grid = clradar.VoxelGrid([-0.01, -0.01, 0.3], [0.01, 0.01, 0.01], (3, 3, 2))
+    >>> data = np.zeros(grid.shape, np.complex64)
+    >>> data[1, 1, 2] = 1j
+    >>> save_volume("volume.h5", clradar.Volume(data, grid, {"method": "exact"}))
+    >>> np.array_equal(open_volume("volume.h5").data, data)
+    True
+    """
+    checks.instance("save_volume: volume", volume, Volume)
+    save_planes(path, volume.data, volume.grid, volume.meta, volume.scale, force=force)
+
+
+def save_planes(
+    path: str | os.PathLike[str],
+    planes: Planes,
+    grid: VoxelGrid,
+    meta: Mapping[str, Any],
+    scale: ImageScale | None,
+    *,
+    force: bool = False,
+) -> None:
+    """Write a volume whose planes are read a few at a time; as `save_volume`."""
+    texts = {}
+    values = {
+        "data": _Rows(planes, grid.shape),
+        **{f"{a}_m": getattr(grid, f"{a}_m") for a in "xyz"},
+    }
+    values |= {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
+    if scale is not None:
+        texts["array_name"] = plain_text("AntennaArray.name", scale.array.name)
+        values |= instrument_values(scale.array, scale.waveform)
+        values[WEIGHTS] = scale.weights
+    text = json_text.to_json("Volume.meta", meta)
+    views = _views(planes, grid)
+    write(Path(path), "volume", text, texts, values, force=force, views=views)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Planes as what gives an array a few rows at a time."""
+
+    planes: Planes
+    shape: tuple[int, ...]
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        return self.planes[rows]
+
+
+def instrument_values(array: AntennaArray, waveform: Waveform) -> dict[str, Any]:
+    """Return antennas and frequencies by the names of their datasets."""
+    values: dict[str, Any] = {
+        "tx": np.arange(array.n_tx),
+        "rx": np.arange(array.n_rx),
+        "frequency_hz": waveform.frequencies_hz,
+        "tx_m": array.tx_m,
+        "rx_m": array.rx_m,
+    }
+    for side, own in zip(("tx", "rx"), array.sides, strict=True):
+        if own.gain is not None:
+            values[f"{side}_antenna_gain"] = own.gain.view(np.float64).reshape(-1, 2)
+        if own.boresight is not None:
+            values[f"{side}_antenna_boresight"] = own.boresight
+        if own.pattern is None:
+            continue
+        values[f"{side}_pattern"] = np.array([own.pattern.gain_dbi, own.pattern.exponent])
+        if own.pattern.angle_deg is not None:
+            values[f"{side}_pattern_angle_deg"] = own.pattern.angle_deg
+            values[f"{side}_pattern_field"] = own.pattern.field
+    return values
+
+
+def _views(planes: Planes, grid: VoxelGrid) -> list[View]:
+    """Return what viewers show of a volume; nothing where an amplitude is beyond float32."""
+    try:
+        depth = depth_map_of_planes(planes, grid, DYNAMIC_RANGE_DB)
+    except ModelError:
+        return []
+    titles = (
+        "Maximum amplitude along z",
+        f"Depth of the maximum along z, within {depth.dynamic_range_db:g} dB of the strongest",
+    )
+    return [
+        View(VIEWS[0], titles[0], VIEW_AXES, depth.amplitude, "amplitude", None),
+        View(VIEWS[1], titles[1], VIEW_AXES, depth.depth_m, "depth", "m"),
+    ]
+
+
+Record = Capture | Volume | ChannelCalibration
+
+
+def read_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Record] | None:
+    """Return header and record of a native file of a format, of any without `kind`.
+
+    None for an HDF5 file of another program; every failure is a `MeasurementError`.
+    """
+    with reading(path, EXPECTED):
+        found = confined.run(native_contents.read_if_native, path, kind)
+        if found is None:
+            return None
+        header = _header(found["header"])
+        values = {**found["header"]["texts"], **found["arrays"]}
+        return header, _RECORDS[header.format](path, header, values)
+
+
+def _of(path: Path, kind: str, noun: str) -> Any:
+    check_hdf5(path, noun)
+    found = read_native(path, kind)
+    if found is None:
+        fail(path, noun, "an HDF5 file of another program, without the attribute clradar_format")
+    return found[1]
+
+
+def _capture(path: Path, header: NativeHeader, found: native_contents.Contents) -> Capture:
+    return Capture(_read_only(found["data"]), *instrument(found), header.meta)
+
+
+def _volume(path: Path, header: NativeHeader, found: native_contents.Contents) -> Volume:
+    axes = [found[name] for name in ("x_m", "y_m", "z_m")]
+    counts = (len(axes[0]), len(axes[1]), len(axes[2]))
+    grid = VoxelGrid(found["origin_m"], found["spacing_m"], counts)
+    for axis, have, want in zip("xyz", axes, (grid.x_m, grid.y_m, grid.z_m), strict=True):
+        if np.abs(have - want).max() > 1e-9 * max(1.0, float(np.abs(want).max())):
+            fail(path, f"{axis}_m by origin_m and spacing_m", "another axis")
+    scale = None
+    if WEIGHTS in found:
+        scale = ImageScale(*instrument(found), found[WEIGHTS])
+    return Volume(_read_only(found["data"]), grid, header.meta, scale)
+
+
+def read_header(path: Path) -> NativeHeader:
+    """Return the header of a native file without reading its data."""
+    with reading(path, EXPECTED):
+        return _header(confined.run(native_contents.read_header, path))
+
+
+def nexus_problems(path: Path) -> list[str]:
+    """Return missing NeXus attributes and checksums, which reading does not need."""
+    with reading(path, EXPECTED):
+        return [clean(line) for line in confined.run(native_contents.nexus_problems, path)]
+
+
+VIEW_TOLERANCE = 1e-6
+"""Relative: another processor may round an amplitude's root to the neighbouring float32, 1.2e-7."""
+
+
+def view_problems(path: Path, volume: Volume) -> list[str]:
+    """Return which of the images that viewers show are not those of the volume in the file."""
+    with reading(path, EXPECTED):
+        found = confined.run(native_contents.read_views, path)
+        wanted = {view.name: view.data for view in _views(volume.data, volume.grid)}
+    problems = [f"/entry/{name}: expected none, got one" for name in found if name not in wanted]
+    for name in wanted.keys() & found.keys():
+        # Where two depths are equally bright, rounding may choose the other one.
+        off = ~np.isclose(found[name], wanted[name], VIEW_TOLERANCE, 0.0, equal_nan=True)
+        if off.mean() > (0.0 if name == VIEWS[0] else 1e-3):
+            problems.append(f"/entry/{name}: {off.sum()} of {off.size} pixels are not the data's")
+    return sorted(problems)
+
+
+def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]:
+    """Return the antennas and the frequencies of a capture or of its channels."""
+    sides: dict[str, Any] = {}
+    for side in ("tx", "rx"):
+        lobe = found.get(f"{side}_pattern")
+        sides[f"{side}_pattern"] = None
+        if lobe is not None:
+            kept: dict[str, Any] = {
+                c: found.get(f"{side}_pattern_{c}") for c in ("angle_deg", "field")
+            }
+            sides[f"{side}_pattern"] = AntennaPattern(*lobe.tolist(), **kept)
+        gain = found.get(f"{side}_antenna_gain")
+        sides[f"{side}_gain"] = None if gain is None else gain.view(np.complex128)[:, 0]
+        sides[f"{side}_boresight"] = found.get(f"{side}_antenna_boresight")
+    array = AntennaArray(found["tx_m"], found["rx_m"], found["array_name"], **sides)
+    return array, Waveform(found["frequency_hz"])
+
+
+def _header(found: native_contents.Contents) -> NativeHeader:
+    meta = json_text.parse_object(found["provenance"], strict=True)
+    return NativeHeader(found["format"], found["version"], found["created"], meta)
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False  # the record keeps a read-only array without another copy
+    return array
+
+
+def open_volume(path: str | os.PathLike[str]) -> Volume:
+    """Return the volume of a native HDF5 file.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, no native file, a capture, a newer version, damaged, or NaN in the data.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from measurement_io import open_volume, save_volume
+    >>> grid = clradar.VoxelGrid([-0.01, -0.01, 0.3], [0.01, 0.01, 0.01], (3, 3, 2))
+    >>> data = np.zeros(grid.shape, np.complex64)
+    >>> data[1, 1, 2] = 1j
+    >>> save_volume("volume.h5", clradar.Volume(data, grid, {"method": "exact"}))
+    >>> volume = open_volume("volume.h5")
+    >>> z, y, x = np.unravel_index(np.abs(volume.data).argmax(), volume.data.shape)
+    >>> round(float(volume.grid.x_m[x]), 3), round(float(volume.grid.z_m[z]), 3)
+    (0.01, 0.31)
+    """
+    volume: Volume = _of(Path(path), "volume", "a native volume file")
+    return volume
+
+
+LIVE, DEAD, NOISY = 0, 1, 2
+"""Names of the values of `tx_state` and `rx_state`."""
+
+_BY_CHANNEL = ("gain", "delay_s", "noise", "phase_std_rad", "delay_std_s")
+_NUMBERS = ("target_amplitude", "residual_db", "noise_residual_db")
+
+
+def save_channels(
+    path: str | os.PathLike[str], channels: ChannelCalibration, *, force: bool = False
+) -> None:
+    """Write calibrated channels to a native HDF5 file; reading it gives the same bits.
+
+    Parameters
+    ----------
+    path : path-like
+        Target, whatever its extension. Its folder has to exist.
+    channels : ChannelCalibration
+    force : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    ModelError
+        `meta` holds what JSON cannot hold, a name is no plain text, or the target has no parameter.
+        Nothing is written.
+    OutputError
+        The target exists and `force` is not set, its folder does not exist, or the system refuses
+        to write. Nothing half-written stays behind.
+
+    Examples
+    --------
+    >>> from measurement_io import open_channels, save_channels
+    >>> save_channels("channels.h5", channels)
+    >>> read = open_channels("channels.h5")
+    >>> read.target, read.target_position["z_m"], read.residual_db
+    ('corner', 0.3, -20.0)
+    """
+    names = list(channels.target_position)
+    if not names or any("," in name for name in names):
+        raise ModelError(
+            "ChannelCalibration.target_position: expected at least one name, and none with a "
+            f"comma, got {names!r:.100}"
+        )
+    texts = {
+        "array_name": plain_text("AntennaArray.name", channels.array.name),
+        "target": plain_text("ChannelCalibration.target", channels.target),
+        "target_parameters": plain_text("ChannelCalibration.target_position", ",".join(names)),
+    }
+
+    values = instrument_values(channels.array, channels.waveform)
+    for side in ("tx", "rx"):
+        for name in _BY_CHANNEL:
+            owner = channels.response if name in ("gain", "delay_s") else channels
+            values[f"{side}_{name}"] = getattr(owner, f"{side}_{name}")
+        state = np.full(len(getattr(channels.array, f"{side}_m")), LIVE)
+        state[getattr(channels, f"dead_{side}")] = DEAD
+        state[getattr(channels, f"noisy_{side}")] = NOISY
+        values[f"{side}_state"] = state
+    values["target_position"] = np.array([float(v) for v in channels.target_position.values()])
+    values["target_covariance"] = channels.target_covariance
+    values["reference_hz"] = np.array([channels.response.reference_hz])
+    values |= {name: np.array([getattr(channels, name)]) for name in _NUMBERS}
+    text = json_text.to_json("ChannelCalibration.meta", channels.meta)
+    write(Path(path), "channels", text, texts, values, force=force)
+
+
+def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:
+    """Return the calibrated channels of a native HDF5 file.
+
+    Raises
+    ------
+    MeasurementError
+        Missing, no native file, a capture or a volume, a newer version, damaged, or NaN.
+
+    Examples
+    --------
+    >>> from measurement_io import open_channels, save_channels
+    >>> save_channels("channels.h5", channels)
+    >>> read = open_channels("channels.h5")
+    >>> read.response.tx_gain.tolist(), read.response.reference_hz / 1e9
+    ([(1+0j), 1j], 77.0)
+    """
+    channels: ChannelCalibration = _of(Path(path), "channels", "a native file of channels")
+    return channels
+
+
+def _channels(
+    path: Path, header: NativeHeader, found: native_contents.Contents
+) -> ChannelCalibration:
+    array, waveform = instrument(found)
+    fields: dict[str, Any] = {}
+    for side in ("tx", "rx"):
+        for name in _BY_CHANNEL:
+            fields[f"{side}_{name}"] = found[f"{side}_{name}"]
+        state = found[f"{side}_state"]
+        if not np.isin(state, (LIVE, DEAD, NOISY)).all():
+            fail(path, f"{side}_state of 0, 1 and 2", f"{state.min()} to {state.max()}")
+        fields[f"dead_{side}"] = np.flatnonzero(state == DEAD)
+        fields[f"noisy_{side}"] = np.flatnonzero(state == NOISY)
+    for name in _NUMBERS:
+        fields[name] = float(found[name][0])
+    names = found["target_parameters"].split(",")
+    position = found["target_position"]
+    if len(set(names)) != len(names) or len(names) != len(position):
+        fail(
+            path,
+            f"target_parameters of {len(position)} different names",
+            clean(", ".join(names)),
+        )
+    response = ChannelResponse(
+        tx_gain=fields.pop("tx_gain"),
+        rx_gain=fields.pop("rx_gain"),
+        tx_delay_s=fields.pop("tx_delay_s"),
+        rx_delay_s=fields.pop("rx_delay_s"),
+        reference_hz=float(found["reference_hz"][0]),
+    )
+    return ChannelCalibration(
+        response=response,
+        array=array,
+        waveform=waveform,
+        target=found["target"],
+        target_position=dict(zip(names, position.tolist(), strict=True)),
+        target_covariance=found["target_covariance"],
+        meta=header.meta,
+        **fields,
+    )
+
+
+_RECORDS: dict[str, Callable[..., Record]] = {
+    "capture": _capture,
+    "volume": _volume,
+    "channels": _channels,
+}
+"""What makes the record of a format."""

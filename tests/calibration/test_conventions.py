@@ -1,0 +1,437 @@
+"""Diagnosis of conventions: each of the eight is found, up to symmetries of array and scene."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import exit_status as run
+from shapes import plate
+
+import clradar
+from calibration import HYPOTHESES, Hypothesis, apply_convention, diagnose
+from calibration.conventions import search_grids
+from clradar import AntennaArray, Capture, VoxelGrid, Waveform, reference
+from clradar.cli.commands.diagnose import COARSE_GRID_MM, SearchGridOptions
+from clradar.errors import ModelError
+from clradar.hand import hand_mesh
+from clradar.model.range_profile import antenna_subset
+from measurement_io import open_capture, save_capture
+
+C = 299_792_458.0
+QAR50 = clradar.arrays.qar50()
+SWEEP = Waveform.sfcw(72e9, 82e9, 128)
+SHORT = Waveform.sfcw(72e9, 82e9, 64)
+
+LINE = np.r_[0:47:4, 46]
+THIN = AntennaArray(QAR50.tx_m[np.r_[LINE, 47 + LINE]], QAR50.rx_m[np.r_[LINE, 47 + LINE]], "thin")
+"""26 x 26 of the imager's antennas, with the four end elements."""
+
+
+def scattered(n_tx: int, n_rx: int) -> AntennaArray:
+    """Antennas without any symmetry."""
+    rng = np.random.default_rng(4)
+    tx, rx = (np.c_[rng.uniform(-0.07, 0.07, (n, 2)), np.zeros(n)] for n in (n_tx, n_rx))
+    return AntennaArray(tx, rx)
+
+
+def points(array: AntennaArray, n: int, waveform: Waveform = SHORT) -> Capture:
+    rng = np.random.default_rng(3)
+    where = rng.uniform([-0.07, -0.07, 0.28], [0.07, 0.07, 0.34], (n, 3))
+    return reference.point_targets(array, waveform, where, np.ones(n))
+
+
+def noise(capture: Capture, seed: int = 0) -> np.ndarray:
+    """Circular Gaussian, as strong as the capture or of variance 1 where it is zero."""
+    rng = np.random.default_rng(seed)
+    rms = np.sqrt((np.abs(capture.data) ** 2).mean()) or 1.0
+    re, im = rng.normal(size=(2, *capture.data.shape))
+    return rms * (re + 1j * im) / np.sqrt(2)
+
+
+def coupling(capture: Capture) -> np.ndarray:
+    """Straight from Tx to Rx, 30 times as strong as the echo where antennas are 5 cm apart."""
+    array = capture.array
+    path_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)[..., None]
+    rms = np.sqrt((np.abs(capture.data) ** 2).mean())
+    k = 2 * np.pi * capture.waveform.frequencies_hz / C
+    return 30 * rms * (0.05 / path_m) * np.exp(-1j * k * path_m)
+
+
+def with_data(capture: Capture, data: np.ndarray) -> Capture:
+    return Capture(data, capture.array, capture.waveform)
+
+
+def made(name: str, array: AntennaArray) -> Capture:
+    if name == "one point":
+        return reference.point_targets(array, SHORT, [[0.03, -0.05, 0.3]], [1.0])
+    if name == "five points in noise of 0 dB":
+        clean = points(array, 5)
+        return with_data(clean, clean.data + noise(clean))
+    if name == "three points and coupling":
+        clean = points(array, 3)
+        return with_data(clean, clean.data + coupling(clean) + 0.3 * noise(clean))
+    raise AssertionError(name)
+
+
+SCENES = ("one point", "five points in noise of 0 dB", "three points and coupling")
+
+
+ALL = [Hypothesis(*flags) for flags in product((False, True), repeat=4)]
+
+
+def unmirrored(h: Hypothesis) -> Hypothesis:
+    return replace(h, mirrored=False)
+
+
+def swapped_too(h: Hypothesis) -> set[Hypothesis]:
+    return {replace(h, swapped=s, mirrored=False) for s in (False, True)}
+
+
+# --- the conventions themselves
+
+
+def written(h: Hypothesis, point_m: np.ndarray, array: AntennaArray, tx: int, rx: int) -> complex:
+    """From the definitions: the first sample of one entry of a file, of one point."""
+    if h.swapped:
+        tx, rx = rx, tx
+    x = np.array([-1.0 if h.mirrored else 1.0, 1.0, 1.0])
+    segments_m = [float(np.linalg.norm(point_m - a * x)) for a in (array.tx_m[tx], array.rx_m[rx])]
+    f = SHORT.frequencies_hz[-1 if h.reversed else 0]
+    return complex(np.exp((1j if h.conjugated else -1j) * 2 * np.pi * f * sum(segments_m) / C))
+
+
+# complex64 phases of a unit phasor, formed in float64: rounding of either part.
+ROUNDING = 2e-7
+
+
+@pytest.mark.parametrize("h", ALL, ids=lambda h: h.label)
+def test_undoing_gives_the_capture_of_the_definition(h: Hypothesis) -> None:
+    array, point_m = scattered(5, 5), np.array([0.03, -0.05, 0.3])
+    # The file has these positions, and data according to the hypothesis.
+    file = np.zeros((5, 5, SHORT.n_freq), dtype=complex)
+    for tx, rx in product(range(5), repeat=2):
+        file[tx, rx, 0] = written(h, point_m, array, tx, rx)
+    fixed = apply_convention(Capture(file, array, SHORT), h)
+    at = -1 if h.reversed else 0
+    f = SHORT.frequencies_hz[at]
+    segments_m = [np.linalg.norm(point_m - a, axis=1) for a in (fixed.array.tx_m, fixed.array.rx_m)]
+    want = np.exp(-2j * np.pi * f * (segments_m[0][:, None] + segments_m[1][None]) / C)
+    assert np.abs(fixed.data[..., at] - want).max() <= ROUNDING
+
+
+@pytest.mark.parametrize("h", ALL, ids=lambda h: h.label)
+def test_doing_it_twice_undoes_it(h: Hypothesis) -> None:
+    capture = points(scattered(4, 4), 2)
+    once = apply_convention(capture, h)
+    twice = apply_convention(once, h)
+    assert np.array_equal(twice.data, capture.data)
+    assert np.array_equal(twice.array.tx_m, capture.array.tx_m)
+    changed = not np.array_equal(once.data, capture.data) or not np.array_equal(
+        once.array.tx_m, capture.array.tx_m
+    )
+    assert changed == (h.changes > 0)
+    assert once.meta.get("conventions_applied", []) == ([h.label] if h.changes else [])
+
+
+def test_axes_of_different_length_cannot_be_swapped() -> None:
+    with pytest.raises(ModelError, match="5 Tx and 4 Rx"):
+        apply_convention(points(scattered(5, 4), 1), Hypothesis(swapped=True))
+    with pytest.raises(ModelError, match="True or False"):
+        Hypothesis(swapped=2)  # type: ignore[arg-type]
+
+
+# --- diagnoses
+
+
+# Of all sixteen six in which every two choices occur in all four combinations.
+@pytest.mark.parametrize(
+    ("h", "scene"),
+    [(h, SCENES[0]) for h in ALL[::3]] + [(h, scene) for scene in SCENES[1:] for h in ALL[::5]],
+    ids=lambda value: getattr(value, "label", value),
+)
+def test_an_array_without_symmetry_leaves_the_mirror_image_only(
+    h: Hypothesis, scene: str, device: clradar.Device
+) -> None:
+    result = diagnose(apply_convention(made(scene, scattered(16, 16)), h), device=device)
+    assert result.candidates == (unmirrored(h),)
+    assert result.best == unmirrored(h)
+    assert result.decided
+    assert not result.mirror_known
+    assert "only a known target tells" in result.recommendation
+
+
+def test_the_imagers_symmetry_leaves_swapped_axes(device: clradar.Device) -> None:
+    """A mirror at the diagonal maps nearly every Tx on an Rx: both images are as sharp."""
+    h = Hypothesis(swapped=True, conjugated=True)
+    capture = apply_convention(made("one point", THIN), h)
+    result = diagnose(capture, device=device)
+    assert set(result.candidates) == swapped_too(h)
+    assert result.best == Hypothesis(conjugated=True)  # the least that has to be changed
+    assert not result.decided
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
+@pytest.mark.parametrize("scene", ["point", "plate", "rough plate", "hand"])
+def test_the_whole_imager_under_all(h: Hypothesis, scene: str, device: clradar.Device) -> None:
+    if scene == "point":
+        capture = reference.point_targets(QAR50, SWEEP, [[0.03, -0.05, 0.3]], [1.0])
+    else:
+        if scene == "hand":
+            hand = hand_mesh("F")
+            target = clradar.Scene(hand.vertices_m, hand.faces, 0.5)
+        else:
+            vertices, faces = plate(0.1, 0.3)
+            target = clradar.Scene(vertices, faces, 0.0 if scene == "plate" else 0.5)
+        capture = clradar.simulate(target, QAR50, SWEEP, samples_per_mm2=1.0, device=device)
+    result = diagnose(apply_convention(capture, h), device=device)
+    assert h in result.candidates
+    assert set(result.candidates) <= swapped_too(h)
+
+
+def test_unequal_numbers_of_antennas_rule_swapped_axes_out(device: clradar.Device) -> None:
+    h = Hypothesis(reversed=True)
+    result = diagnose(apply_convention(made("one point", scattered(16, 14)), h), device=device)
+    assert result.candidates == (h,)
+    for score in result.scores:
+        assert np.isnan(score.relative_db) == score.hypothesis.swapped
+
+
+def test_a_single_frequency_has_no_order(device: clradar.Device) -> None:
+    tone = Waveform([77e9])
+    h = Hypothesis(conjugated=True)
+    capture = reference.point_targets(scattered(16, 16), tone, [[0.03, -0.05, 0.3]], [1.0])
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (4e-3, 4e-3, 2e-2))
+    result = diagnose(apply_convention(capture, h), grid=grid, device=device)
+    assert result.best == h
+    assert set(result.candidates) == {Hypothesis(False, True, r) for r in (False, True)}
+    with pytest.raises(ModelError, match="a grid"):
+        diagnose(capture, device=device)
+
+
+def test_a_few_frequencies_need_a_grid(device: clradar.Device) -> None:
+    h = Hypothesis(reversed=True)
+    few = Waveform.sfcw(76e9, 78e9, 3)
+    capture = reference.point_targets(scattered(16, 16), few, [[0.03, -0.05, 0.3]], [1.0])
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (4e-3, 4e-3, 2e-2))
+    # 2 GHz resolve ranges 15 cm apart: signs differ, but the order of three frequencies is
+    # undecidable; the right one is among the candidates.
+    assert h in diagnose(apply_convention(capture, h), grid=grid, device=device).candidates
+    with pytest.raises(ModelError, match="3 frequencies"):
+        diagnose(capture, device=device)
+
+
+def test_antennas_are_left_out_where_a_grid_is_large(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = antenna_subset(points(THIN, 1), 200)
+    assert 150 <= part.array.n_tx * part.array.n_rx <= 200
+    assert part.array.n_tx == part.array.n_rx
+    kept = [np.flatnonzero((THIN.tx_m == a).all(axis=1))[0] for a in part.array.tx_m]
+    assert np.array_equal(part.array.rx_m, THIN.rx_m[kept])
+    assert np.array_equal(part.data, points(THIN, 1).data[np.ix_(kept, kept)])
+
+    formed = []
+    ours = sys.modules[diagnose.__module__]
+
+    def counted(capture: Capture, *args: Any, **kwargs: Any) -> clradar.Volume:
+        formed.append(capture.array.n_tx)
+        return clradar.backproject(capture, *args, **kwargs)
+
+    monkeypatch.setattr(ours, "backproject", counted)
+    monkeypatch.setattr(ours, "MOST_TERMS", 2e8)
+    h = Hypothesis(conjugated=True)
+    result = diagnose(apply_convention(made("one point", THIN), h), device=device)
+    assert max(formed) < THIN.n_tx
+    assert result.best == h
+
+
+def test_large_images_are_formed_by_the_fast_method(
+    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ours = sys.modules[diagnose.__module__]
+    methods: list[str] = []
+
+    def noted(*_: Any, method: str, **__: Any) -> None:
+        methods.append(method)
+
+    monkeypatch.setattr(ours, "backproject", noted)
+    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (2.5e-3, 2.5e-3, 16e-3))
+    for array in (QAR50, THIN):  # 3.5e8 and 2.7e7 pairs times voxels
+        tone = Waveform([77e9])
+        silent = Capture(np.zeros((array.n_tx, array.n_rx, 1)), array, tone)
+        ours._image(silent, grid, device)
+    assert methods == ["fast", "range"]
+
+
+def test_where_both_orders_are_alike_neither_is_chosen(device: clradar.Device) -> None:
+    # At half the ambiguous path the delays of either sign are alike: 0.95 m for 64 steps.
+    capture = reference.point_targets(THIN, SHORT, [[0.02, 0.03, 0.46]], [1.0])
+    for h in (Hypothesis(), Hypothesis(conjugated=True)):
+        result = diagnose(apply_convention(capture, h), device=device)
+        assert result.best is None
+        assert {(c.conjugated, c.reversed) for c in result.candidates} == {
+            (h.conjugated, False),
+            (h.conjugated, True),
+        }
+
+
+@pytest.mark.parametrize("array", [THIN, scattered(16, 16)], ids=["thin", "scattered"])
+def test_no_echo_is_undecidable(array: AntennaArray, device: clradar.Device) -> None:
+    shape = (array.n_tx, array.n_rx, SHORT.n_freq)
+    zero = Capture(np.zeros(shape), array, SHORT)
+    one = made("one point", array)
+    captures = {
+        "zero": zero,
+        "coupling in noise": with_data(one, coupling(one) + noise(one)),
+        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(6)},
+    }
+    for name, capture in captures.items():
+        result = diagnose(capture, device=device)
+        assert result.best is None, name
+        assert not result.decided, name
+        assert result.recommendation.startswith("Undecidable"), name
+
+
+def test_channels_without_calibration_are_undecidable(device: clradar.Device) -> None:
+    capture = made("one point", THIN)
+    rng = np.random.default_rng(1)
+    tx, rx = (np.exp(2j * np.pi * rng.random(n)) for n in (THIN.n_tx, THIN.n_rx))
+    data = capture.data * tx[:, None, None] * rx[None, :, None]
+    result = diagnose(with_data(capture, data), device=device)
+    assert result.best is None
+    assert "calibrated" in result.recommendation
+
+
+def test_a_pair_of_antennas_is_undecidable(device: clradar.Device) -> None:
+    pair = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
+    result = diagnose(made("one point", pair), device=device)
+    assert result.best is None
+
+
+# --- expected positions, grids
+
+
+@pytest.mark.parametrize("mirror", [False, True])
+def test_a_known_target_decides_the_mirror(mirror: bool, device: clradar.Device) -> None:
+    h = Hypothesis(conjugated=True, mirrored=mirror)
+    capture = apply_convention(made("one point", scattered(16, 16)), h)
+    near = diagnose(capture, expected_m=(0.035, -0.06, 0.31), device=device)
+    assert near.candidates == (h,)
+    assert near.decided
+    assert near.mirror_known
+    # x = 0 is its own mirror image, and an empty place decides nothing.
+    for place in ((0.0, -0.05, 0.3), (0.05, 0.2, 0.6)):
+        other = diagnose(capture, expected_m=place, device=device)
+        assert other.candidates == (unmirrored(h),)
+        assert not other.mirror_known
+        assert "does not tell" in other.recommendation
+
+
+def test_invalid_positions(device: clradar.Device) -> None:
+    capture = made("one point", scattered(16, 16))
+    with pytest.raises(ModelError, match="z > 0"):
+        diagnose(capture, expected_m=(0, 0, -0.3), device=device)
+    with pytest.raises(ModelError, match="shape"):
+        diagnose(capture, expected_m=(0, 0.3), device=device)
+
+
+def test_peaks_and_images_are_those_of_each_hypothesis(device: clradar.Device) -> None:
+    h = Hypothesis(reversed=True)
+    result = diagnose(apply_convention(made("one point", scattered(16, 16)), h), device=device)
+    (score,) = (score for score in result.scores if score.hypothesis == h)
+    grid_m = 0.01  # half the diagonal of a voxel of the coarse grid, generously
+    assert score.relative_db == 0
+    assert np.linalg.norm(score.peak_m - [0.03, -0.05, 0.3]) < grid_m
+    assert score.image is not None
+    row, column = np.unravel_index(score.image.amplitude.argmax(), score.image.amplitude.shape)
+    assert abs(score.image.x_m[column] - 0.03) < grid_m
+    assert abs(score.image.y_m[row] + 0.05) < grid_m
+
+
+def test_the_search_grid_holds_the_scene() -> None:
+    """For either sign of the phase, whose echoes are at both ends of the profile."""
+    long = Waveform.sfcw(72e9, 82e9, 128)
+    for h in (Hypothesis(), Hypothesis(conjugated=True)):
+        (grid,) = search_grids(apply_convention(points(THIN, 5, long), h))
+        limits_m = ((-0.07, 0.07), (-0.07, 0.07), (0.28, 0.34))
+        for axis, (low, high) in zip((grid.x_m, grid.y_m, grid.z_m), limits_m, strict=True):
+            assert axis[0] <= low
+            assert axis[-1] >= high
+
+
+# --- command line
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Path:
+    monkeypatch.setenv("CLRADAR_DEVICE", device.info.selector)
+    h = Hypothesis(swapped=True, conjugated=True, mirrored=True)
+    wrong = apply_convention(made("one point", scattered(16, 16)), h)
+    save_capture(tmp_path / "wrong.h5", Capture(wrong.data, wrong.array, wrong.waveform))
+    save_capture(tmp_path / "zero.h5", Capture(0 * wrong.data, wrong.array, wrong.waveform))
+    return tmp_path
+
+
+def test_command(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong, fixed = files / "wrong.h5", files / "fixed.h5"
+    status = run(
+        "diagnose", wrong, "-o", files / "all.png", "--json", files / "all.json",
+        "--fix-to", fixed, "--expect-mm", "30,-50,300",
+    )  # fmt: skip
+    out = capsys.readouterr().out
+    assert status == 0
+    assert "exp(+j 2 pi f d / c)" in out
+    assert "the axes are [rx, tx, freq]" in out
+    assert (files / "all.png").stat().st_size > 10_000
+    record = json.loads((files / "all.json").read_text())
+    assert record["decided"]
+    assert record["best"]["label"] == "swapped, conjugated, mirrored"
+    assert len(record["hypotheses"]) == 8
+    assert record["inputs"][0]["file"] == "wrong.h5"
+    right, want = open_capture(fixed), made("one point", scattered(16, 16))
+    assert np.array_equal(right.data, want.data)
+    assert np.array_equal(right.array.tx_m, want.array.tx_m)
+    assert right.meta["conventions_applied"] == ["swapped, conjugated, mirrored"]
+    assert right.meta["command"] == "diagnose"
+    assert run("diagnose", wrong, "--fix-to", fixed) == 1  # exists
+
+
+def test_help_states_the_grid_that_is_used(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    assert run("diagnose", "--help") == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    for axis, text in zip("xyz", COARSE_GRID_MM, strict=True):
+        options = shown[shown.index(f"--{axis}-mm RANGE") :]
+        stated = options[: options.index("]")].split("default: ")[1]
+        assert stated == f"around the echo; {text} if another axis is given"
+    assert SearchGridOptions().x_mm is None  # nothing given: the grid is around the echo
+
+
+def test_command_warns_of_indistinguishable_hypotheses(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("diagnose", files / "wrong.h5", "--fix-to", files / "fixed.h5") == 0
+    captured = capsys.readouterr()
+    assert "the mirror image cannot be ruled out" in captured.err
+    assert "x may be mirrored" in captured.out
+
+
+def test_command_on_undecidable_captures(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("diagnose", files / "zero.h5", "-o", files / "none.png") == 0
+    captured = capsys.readouterr()
+    assert "Undecidable: the capture is zero everywhere" in captured.out
+    assert "not drawn" in captured.err
+    assert not (files / "none.png").exists()
+    assert run("diagnose", files / "zero.h5", "--fix-to", files / "fixed.h5") == 1
+    assert not (files / "fixed.h5").exists()
+    assert run("diagnose", files / "wrong.h5", "--expect-mm", "1,2") == 2

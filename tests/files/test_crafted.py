@@ -1,0 +1,263 @@
+"""Files made to do harm: each ends in one line, in seconds, with little memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import resource
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import maroon_files
+import numpy as np
+import pytest
+from layout_files import layout
+from systems import linux_only
+
+import clradar
+import measurement_io
+from clradar.errors import ClradarError
+from clradar.rigs import read_rig
+
+CPU_LIMIT_S = 20.0
+"""Of this process and of those that it started: on a loaded machine the clock says nothing."""
+
+LIMIT_BYTES = 2 * 2**30
+"""Of this process; that which reads has a limit of its own (tests/files/confined)."""
+
+LAYOUT = """
+[data]
+key = "data"
+axes = ["tx", "rx", "freq"]
+[tx]
+array = "qar50"
+[rx]
+array = "qar50"
+[frequency]
+values = [72e9, 73e9, 74e9, 75e9]
+unit = "Hz"
+"""
+
+
+class Evil:
+    def __init__(self, call: Any, *arguments: Any) -> None:
+        self._reduced = call, arguments
+
+    def __reduce__(self) -> Any:
+        return self._reduced
+
+
+def frame(content: bytes) -> bytes:
+    return maroon_files.npy(content)
+
+
+def header(shape: Any, descr: str = "<c8") -> bytes:
+    text = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    return b"\x93NUMPY\1\0" + struct.pack("<H", len(text)) + text
+
+
+def sparse(path: Path, start: bytes, size: int = 2**40) -> None:
+    path.write_bytes(start)
+    os.truncate(path, size)
+
+
+BOMB = (2**16, 3 * 2**9)
+PICKLED = np.array([Evil(os.system, "touch owned")], object)
+
+
+def zip_of(path: Path, content: bytes | tuple[int, int], count: int = 1) -> None:
+    if isinstance(content, tuple):
+        content = header(content) + bytes(8 * content[0] * content[1])
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for i in range(count):
+            archive.writestr(f"data{i or ''}.npy", content)
+
+
+def hdf5(change: Callable[[h5py.File, Path], None]) -> Callable[[Path], None]:
+    def make(path: Path) -> None:
+        with h5py.File(path, "w") as file:
+            change(file, path)
+
+    return make
+
+
+def _virtual(file: h5py.File, path: Path) -> None:
+    with h5py.File(path.with_name("other.h5"), "w") as other:
+        other["data"] = np.zeros((94, 94, 4), np.complex64)
+    made = h5py.VirtualLayout((94, 94, 4), np.complex64)
+    made[:] = h5py.VirtualSource(path.with_name("other.h5"), "data", (94, 94, 4))
+    file.create_virtual_dataset("data", made)
+
+
+def _external(file: h5py.File, path: Path) -> None:
+    secret = path.with_name("secret")
+    secret.write_bytes(bytes(94 * 94 * 4 * 8))
+    file.create_dataset("data", (94, 94, 4), np.complex64, external=[(str(secret), 0, 282752)])
+
+
+def _unbacked(file: h5py.File, path: Path) -> None:
+    file.create_dataset("data", (94, 94, 2**40), np.complex64, chunks=(1, 1, 2**20))
+
+
+def _linked(file: h5py.File, path: Path) -> None:
+    with h5py.File(path.with_name("other.h5"), "w") as other:
+        other["data"] = np.zeros((94, 94, 4), np.complex64)
+    file["data"] = h5py.ExternalLink("other.h5", "/data")
+
+
+def _deep(file: h5py.File, path: Path) -> None:
+    file.create_group("/".join("abcdefghij" * 20))
+
+
+def mat5(shape: tuple[int, ...], content: bytes, *, deflated: bool = False) -> bytes:
+    def element(kind: int, body: bytes) -> bytes:
+        return struct.pack("<II", kind, len(body)) + body + bytes(-len(body) % 8)
+
+    inner = element(6, struct.pack("<II", 6, 0))
+    inner += element(5, struct.pack(f"<{len(shape)}i", *shape))
+    inner += element(1, b"data") + content
+    whole = element(14, inner)
+    if deflated:
+        packed = zlib.compress(whole, 9)
+        whole = struct.pack("<II", 15, len(packed)) + packed
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + whole
+
+
+def gltf(**changes: Any) -> bytes:
+    tree = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"componentType": 5126, "count": 3, "type": "VEC3", "bufferView": 0}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"uri": "data.bin", "byteLength": 36}],
+    }  # fmt: skip
+    return json.dumps({**tree, **changes}).encode()
+
+
+def png(width: int, height: int, size: int) -> bytes:
+    def chunk(name: bytes, body: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
+        )
+
+    start = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
+    data = chunk(b"IDAT", zlib.compress(bytes(size), 9))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", start) + data + chunk(b"IEND", b"")
+
+
+def nested_tuples(depth: int) -> bytes:
+    return b"\x80\x02}" + b")" + b"\x85" * depth + b"K\x01s."
+
+
+CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
+    "os.system": ("frame.npy", frame(pickle.dumps(Evil(os.system, "touch owned")))),
+    "eval": ("frame.npy", frame(pickle.dumps(Evil(eval, "open('owned', 'w')"), 4))),
+    "a file opened": ("frame.npy", frame(pickle.dumps({"xr": Evil(open, "owned", "w")}, 2))),
+    "bytes of 2^62": ("frame.npy", frame(b"\x80\x04\x8e" + b"\xff" * 7 + b"\x3f.")),
+    "text of 2^62": ("frame.npy", frame(b"\x80\x04\x8d" + b"\xff" * 7 + b"\x3f.")),
+    "memo of 2^31": ("frame.npy", frame(b"\x80\x02K\x01r\xff\xff\xff\x7f.")),
+    "deep keys": ("frame.npy", frame(nested_tuples(10**6))),
+    "deep lists": ("frame.npy", frame(b"\x80\x02" + b"]" * 10**6 + b"a" * (10**6 - 1) + b".")),
+    "a sparse frame": ("frame.npy", lambda path: sparse(path, frame(b"\x80\x02}."))),
+    "a sparse plain array": ("lab.npy", lambda path: sparse(path, header((2**19, 2**18)))),
+    "a shape of 2^62": ("lab.npy", header((2**31, 2**31)) + bytes(64)),
+    "a zip bomb": ("lab.npz", lambda path: zip_of(path, BOMB)),
+    "members": ("lab.npz", lambda path: zip_of(path, header((1,)) + bytes(8), 11_000)),
+    "a pickle in an archive": ("lab.npz", lambda path: np.savez(path, data=PICKLED)),
+    "MATLAB of 2^62": ("lab.mat", mat5((2**31 - 1,) * 2, struct.pack("<II", 9, 8) + bytes(8))),
+    "a MATLAB bomb": ("lab.mat", mat5(
+        (94, 94, 2**14), struct.pack("<II", 9, 94 * 94 * 2**17), deflated=True)),
+    "a sparse MATLAB file": ("lab.mat", lambda path: sparse(
+        path, mat5((94, 94, 4), struct.pack("<II", 9, 2**31)))),
+    "a virtual dataset": ("lab.h5", hdf5(_virtual)),
+    "external storage": ("lab.h5", hdf5(_external)),
+    "an external link": ("lab.h5", hdf5(_linked)),
+    "an unbacked dataset": ("lab.h5", hdf5(_unbacked)),
+    "groups in groups": ("lab.h5", hdf5(_deep)),
+    "a sparse HDF5 file": ("lab.h5", lambda path: sparse(path, b"\x89HDF\r\n\x1a\n")),
+    "vertices of 2^40": ("mesh.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex "
+                         b"1099511627776\nproperty float x\nproperty float y\nproperty float z\n"
+                         b"element face 0\nproperty list uchar int vertex_indices\nend_header\n"),
+    "triangles of 2^32": ("mesh.stl", bytes(80) + b"\xff\xff\xff\xff" + bytes(50)),
+    "a sparse mesh": ("mesh.stl", lambda path: sparse(path, bytes(80) + b"\xff\xff\xff\xff")),
+    "deep JSON": ("mesh.gltf", b'{"asset": ' + b"[" * 10**6 + b"]" * 10**6 + b"}"),
+    "numbers of 2^40": ("mesh.gltf", gltf(accessors=[
+        {"componentType": 5126, "count": 2**40, "type": "VEC3"}])),
+    "a buffer elsewhere": ("mesh.gltf", gltf(buffers=[
+        {"uri": "../../../../../../../../etc/passwd", "byteLength": 36}])),
+    "a buffer by address": ("mesh.gltf", gltf(buffers=[
+        {"uri": "file:///etc/passwd", "byteLength": 36}])),
+    "an OBJ of one line": ("mesh.obj", b"f " + b"1 " * 10**6),
+    "a hand with os.system": ("hand.pkl", pickle.dumps({"f": Evil(os.system, "touch owned")}, 2)),
+    "a rig with numbers of 2^40": ("hand.gltf", gltf(skins=[{"joints": [0]}], accessors=[
+        {"componentType": 5126, "count": 2**40, "type": "VEC3"}])),
+    "a PNG bomb": ("depth.png", png(4000, 4000, 10**8)),
+    "a PNG of 2^62": ("depth.png", png(2**31 - 1, 2**31 - 1, 10**3)),
+    "deep TOML": ("layout.toml", b"data = " + b"[" * 5000 + b"]" * 5000),
+    "a long key": ("layout.toml", b".".join([b"a"] * 10**5) + b" = 1"),
+    "a huge number": ("layout.toml", LAYOUT.replace("72e9", "9" * 5000).encode()),
+    "deep JSON of a pose": ("transform.json", b"[" * 10**6 + b"]" * 10**6),
+}  # fmt: skip
+CRAFTED |= {
+    f"a pipe for {name}": (name, os.mkfifo)
+    for name in ("frame.npy", "mesh.ply", "hand.pkl", "depth.png", "layout.toml")
+}
+CRAFTED |= {
+    f"a device for {name}": (name, lambda path: os.symlink("/dev/zero", path))
+    for name in ("frame.npy", "lab.h5", "mesh.ply", "hand.glb", "transform.json")
+}
+
+
+def read(path: Path) -> object:
+    kind = path.stem
+    if kind == "mesh":
+        return clradar.Scene.from_mesh(path)
+    if kind == "hand":
+        return read_rig(path, handedness="right", unit="m")
+    if kind == "depth":
+        radar = path.parent / "radar_72.0_82.0_2"
+        (radar / "depth").mkdir(parents=True)
+        os.rename(path, radar / "depth" / "000000.png")
+        grid = {"volume": {"bb_min": [0, 0, 0], "bb_max": [1, 1, 1], "grid_size": [2, 2, 2]}}
+        (radar / "calibration.json").write_text(json.dumps({"000000": grid}))
+        return measurement_io.read_depth_map(radar, 0)
+    if kind == "layout":
+        return measurement_io.read_layout(path)
+    if kind == "transform":
+        return measurement_io.read_transform(path)
+    if kind == "lab":
+        return measurement_io.open_with_layout(path, layout(path.parent, LAYOUT))
+    return measurement_io.open_capture(path)
+
+
+def processor_s() -> float:
+    return sum(os.times()[:4])
+
+
+@linux_only
+@pytest.mark.parametrize("name", CRAFTED)
+def test_crafted_files(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, content = CRAFTED[name]
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / file
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = processor_s()
+    with pytest.raises(ClradarError) as caught:
+        read(path)
+    message = str(caught.value)
+    assert all(line.isprintable() and len(line) < 1000 for line in message.split("\n")), message
+    assert processor_s() - began < CPU_LIMIT_S
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    assert grown * 1024 < LIMIT_BYTES
+    assert not (tmp_path / "owned").exists()
+    assert "root:" not in message

@@ -1,0 +1,111 @@
+"""Pickles as plain data: what is read, what is refused, and that nothing of them is run."""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clradar.files.pickles import ARRAYS, UnsafePickle, load
+
+
+def read(content: bytes) -> Any:
+    return load(content, ARRAYS, "frame")
+
+
+@pytest.mark.parametrize("protocol", range(6))
+def test_plain_data_of_every_protocol(protocol: int) -> None:
+    value = {
+        "text": "\u00e4\n'\"", "numbers": [0, -1, 255, 65536, 2**31, -(2**70), 1.5, 1j],
+        "rest": (None, True, False, (), (1,), (1, 2), (1, 2, 3), (1, 2, 3, 4)),
+        "deep": {"a": [{"b": []}]}, 7: "x" * 300,
+    }  # fmt: skip
+    shared = [value, value]
+    found = read(pickle.dumps(shared, protocol))
+    assert found == shared
+    assert found[0] is found[1]
+    assert read(pickle.dumps(b"\x00\xff" * 200, max(protocol, 2))) == b"\x00\xff" * 200
+
+
+@pytest.mark.parametrize("protocol", range(2, 6))
+@pytest.mark.parametrize("code", ["?", "<i2", ">u8", "<f4", ">f8", "<c8", ">c16", "<U3", "S2"])
+@pytest.mark.parametrize(
+    "layout",
+    [np.ascontiguousarray, np.asfortranarray, lambda a: a.transpose(1, 0, 2), lambda a: a[0, 0, 0]],
+    ids=["c", "fortran", "permuted", "scalar"],
+)
+def test_arrays_keep_their_bits(
+    protocol: int, code: str, layout: Callable[[np.ndarray], Any]
+) -> None:
+    array = layout(np.arange(24).reshape(2, 3, 4).astype(code))
+    found = read(pickle.dumps(array, protocol))
+    value = found.value
+    assert (value.dtype, value.shape) == (array.dtype, array.shape)
+    assert value.tobytes() == array.tobytes()
+
+
+def test_arrays_of_other_types_have_no_numbers() -> None:
+    objects = np.array([{}, None], dtype=object)
+    assert read(pickle.dumps(objects)).value == [{}, None]
+    assert read(pickle.dumps(np.zeros(2, "datetime64[D]"))).value is None
+    assert read(pickle.dumps(np.zeros(2, [("a", "f4")]))).value is None
+
+
+WHOLE = pickle.dumps(np.arange(6.0), 2)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "no end: it is cut short"),
+        (b"\x80\x02K\x01", "cut short"),
+        (b"K\x01.K\x01.", "3 bytes after the end"),
+        (b"\xff\xff", "no operation"),
+        (b"\x82\x01.", "the operation EXT1, which no frame needs"),
+        (b"Pname\n.", "the operation PERSID"),
+        (b"\x97.", "the operation NEXT_BUFFER"),
+        (b"K\x01r\xff\xff\xff\x7f.", "memo entry 2147483647, which is too many"),
+        (b"cos\nsystem\n.", "the name os.system, which no frame needs; nothing was run"),
+        (b"(cposix\nsystem\nU\x01ao.", r"the name posix.system \(os.system\)"),
+        (b"(int\nsystem\n.", r"the name nt.system \(os.system\)|the name nt.system"),
+        (b"\x80\x04\x8c\x08builtins\x8c\x04eval\x93.", "the name builtins.eval"),
+        (b"\x80\x04\x8c\x05numpy\x8c\x0fndarray.__new__\x93.", "the name numpy.ndarray.__new__"),
+        (b"cnumpy\ndtype\nK\x01\x85R.", "a data type that is not given by its code"),
+        (b"cnumpy\nndarray\n)R.", "a call of numpy.ndarray"),
+        (b"c_codecs\nencode\nX\x01\0\0\0aX\x05\0\0\0utf-8\x86R.", "something else than latin1"),
+        (WHOLE.replace(b"K\x06\x85", b"K\x07\x85"), "56 bytes with 48 bytes of data"),
+        (WHOLE.replace(b"K\x06\x85", b"K\xff\x88"), "no tuple of sizes|unknown kind"),
+    ],
+)
+def test_what_is_refused(content: bytes, message: str) -> None:
+    with pytest.raises(UnsafePickle, match=rf"a pickle with .*({message})") as info:
+        read(content)
+    assert str(info.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"K\x01K\x02.", b"(K\x01.", b"\x80\x06K\x01.", b"h\x07.", b"0.", b"]e.", b"}(K\x01u.",
+        b"]K\x01}s.", b"}K\x01a.", b"K\x01K\x02\x93.", b"K\x01K\x02\x86R.", b"cnumpy\ndtype\n(ttR.",
+        b"]}b.", b"S1\n.", b"\x8e\xff\xff\xff\xff\xff\xff\xff?.", b"}(K\x01K\x02e.",
+        b"cnumpy\ndtype\n}U\x04codeK\x01sb.",
+    ],
+)  # fmt: skip
+def test_damaged_streams_are_exceptions(content: bytes) -> None:
+    with contextlib.suppress(Exception):
+        assert read(content) in (2, 1, ())
+
+
+def test_states_cannot_change_the_classes() -> None:
+    """BUILD with attributes for a name: not one of them is set."""
+    for (module, name), made in ARRAYS.items():
+        before = dict(vars(made))
+        for state in (b"}U\x08__init__K\x01s", b"N}U\x0c__setstate__K\x01s\x86"):
+            with contextlib.suppress(Exception):  # whatever the unpickler raises
+                read(f"c{module}\n{name}\n".encode() + state + b"b.")
+        assert dict(vars(made)) == before

@@ -1,0 +1,211 @@
+"""Folders of long work: what they resume, what they refuse, what they leave."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from systems import posix_only
+
+from clradar.errors import (
+    ClradarWarning,
+    MeasurementError,
+    ModelError,
+    OutputError,
+    handled_warnings,
+    warn,
+)
+from clradar.files.atomic import write_file
+from clradar.jobs import FolderStore, Job, Where
+from clradar.jobs.job import KEY
+from clradar.jobs.lock import LOCK, scratch_folder
+
+HERE = Where("pocl")
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Write the square of an item; one fails, and each warns."""
+
+    folder: Path
+    device: Any = None
+    fails: int = -1
+
+    def run(self, item: int, progress: Any) -> int:
+        warn("each says this")
+        if item == self.fails:
+            raise MeasurementError("item 2 cannot be read")
+        write_file(self.folder / "done" / str(item), str(item**2).encode(), force=True)
+        return item**2
+
+
+def job(folder: Path, key: Any = None, **more: Any) -> Job:
+    more = {"own": (KEY, "done"), "resumable": lambda at: any(at.glob("done/*")), **more}
+    return Job(folder=folder, work="sweep", key=key or {"a": 1}, **more)
+
+
+def done(one: Job, steps: Steps, **more: Any) -> list[tuple[int, int]]:
+    with one.held():
+        (one.folder / "done").mkdir(exist_ok=True)
+        there = one.folder / "done"
+        return list(
+            one.each(steps, range(4), HERE, done=lambda i: (there / str(i)).is_file(), **more)
+        )
+
+
+@pytest.mark.device
+@pytest.mark.filterwarnings("ignore:each says this")
+def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+    at, said = tmp_path / "out", []
+    with pytest.raises(MeasurementError, match="item 2"):
+        done(job(at), Steps(at, fails=2))
+    assert sorted(path.name for path in at.rglob("*")) == ["0", "1", "done", KEY]
+    (at / "done" / ".2.0.tmp").mkdir()  # as a kill leaves it
+    found = done(job(at), Steps(at), say=said.append)
+    assert (found, said) == ([(2, 4), (3, 9)], [f"{at}: resumes with 2 of 4 items done before"])
+    assert sorted(path.name for path in (at / "done").iterdir()) == ["0", "1", "2", "3"]
+
+
+@pytest.mark.device
+def test_an_error_of_one_item_alone_is_a_warning(tmp_path: Path) -> None:
+    steps = Steps(tmp_path, fails=2)
+    with pytest.warns(ClradarWarning) as said:
+        found = done(
+            job(tmp_path), steps, name=lambda i: f"{i}: ",
+            tolerated=lambda error: isinstance(error, MeasurementError),
+        )  # fmt: skip
+    assert [item for item, _ in found] == [0, 1, 3]
+    assert [str(one.message) for one in said] == ["0: each says this", "2: item 2 cannot be read"]
+
+
+def test_a_folder_takes_one_key(tmp_path: Path) -> None:
+    at = tmp_path / "deep" / "out"
+    one, other = {"a": {"b": 1, "c": 2}}, {"a": {"b": 3, "c": 2}}
+    more: dict[str, Any] = {"resumable": lambda at: True, "own": (KEY, "result", "work")}
+    for _ in range(2):
+        with job(at, one, **more).held():
+            (at / "result").touch()
+            FolderStore(at / "work")["one"] = {"x": np.arange(3)}
+    with pytest.raises(OutputError, match=r"a\.b 1, now 3"), job(at, other, **more).held():
+        pass
+    (at / "thesis.tex").touch()
+    store = FolderStore(at / "work")
+    assert np.array_equal(store["one"]["x"], [0, 1, 2])
+    assert (list(store), "one" in store, "two" in store) == (["one"], True, False)
+    with job(at, other, force=True, **more).held():
+        assert {p.name for p in at.iterdir()} == {KEY, LOCK, "thesis.tex"}
+        with pytest.raises(OutputError, match="another sweep"), job(at).held():
+            pass
+
+
+def test_inputs_count_by_what_they_hold(tmp_path: Path) -> None:
+    at, mesh = tmp_path / "out", tmp_path / "a.ply"
+    mesh.write_bytes(b"one")
+    more: dict[str, Any] = {"inputs": {"--mesh": [mesh]}, "resumable": lambda at: True}
+    with job(at, **more).held():
+        pass
+    mesh.unlink()
+    mesh.write_bytes(b"one")
+    with job(at, **more).held():
+        pass
+    mesh.write_bytes(b"two")
+    expected = r"--mesh '.*a\.ply' holds something else"
+    with pytest.raises(OutputError, match=expected), job(at, **more).held():
+        pass
+
+
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(OutputError, match="no begun sweep"), job(tmp_path).held():
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_damaged_settings_are_an_error_and_can_be_replaced(tmp_path: Path) -> None:
+    (tmp_path / KEY).write_text("[1")
+    with (
+        pytest.raises(ValueError, match="settings of a begun sweep"),
+        job(tmp_path, resumable=lambda at: True).held(),
+    ):
+        pass
+    with job(tmp_path, force=True, resumable=lambda at: True).held():
+        assert json.loads((tmp_path / KEY).read_text()) == {"a": 1}
+
+
+def test_what_fails_before_there_is_anything_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="refused"), job(tmp_path / "out").held():
+        raise OutputError("refused")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_place_at_a_time() -> None:
+    with pytest.raises(ModelError, match="one of the two"):
+        Where(workers=2, scheduler="tcp://127.0.0.1:1")
+
+
+HOLDING = """
+import sys, time
+from pathlib import Path
+from clradar.jobs.lock import held
+with held(Path(sys.argv[1]), "sweep"):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+
+
+@posix_only
+def test_a_killed_holder_holds_nothing(tmp_path: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-c", HOLDING, tmp_path], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    with process, process.stdout:
+        process.stdout.readline()
+        with pytest.raises(OutputError, match="another sweep"), job(tmp_path).held():
+            pass
+        process.kill()
+    assert (tmp_path / LOCK).exists()
+    with job(tmp_path).held():
+        pass
+    assert not (tmp_path / LOCK).exists()
+
+
+def test_a_file_stands_for_a_lock_where_there_are_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Lustre and NFS by some of their options: no other process is blamed."""
+    import errno
+
+    import filelock
+
+    def refused(self: Any) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(filelock.FileLock, "_acquire", refused)
+    one = job(tmp_path / "out", resumable=lambda at: True)
+    said: list[str] = []
+    with handled_warnings(said.append), one.held():
+        expected = r"another sweep .*: process [0-9]+ of "
+        with pytest.raises(OutputError, match=expected), one.held():
+            pass
+    assert "its file system has no locks" in said[0]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [KEY]
+
+
+@posix_only
+def test_scratch_folders_of_killed_processes_are_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    (tmp_path / "clradar-scratch-left").mkdir()
+    (tmp_path / "clradar-scratch-left" / LOCK).touch()
+    with scratch_folder() as one:
+        assert list(tmp_path.iterdir()) == [one]
+        with scratch_folder() as other:
+            assert set(tmp_path.iterdir()) == {one, other}
+    assert list(tmp_path.iterdir()) == []

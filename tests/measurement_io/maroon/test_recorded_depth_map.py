@@ -1,0 +1,308 @@
+"""Cached products: where each pixel lands, in both directions, and what damaged files end in."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import maroon_products as made
+import numpy as np
+import pytest
+from systems import posix_only
+
+from clradar.errors import MeasurementError
+from measurement_io import read_depth_map
+from measurement_io.maroon import png16
+
+TARGETS = [(0.092, 0.024, 0.30, 900.0), (-0.06, -0.054, 0.28, 600.0), (0.02, 0.037, 0.32, 400.0)]
+"""x, y, z of radar space on voxels of the scene, and amplitude: no two share |x|, |y| or z."""
+
+EXACT_M = 1e-12
+"""Axes are a few float64 operations on numbers below 1 m."""
+
+HALF_MM_M = 0.5e-3 + EXACT_M
+"""Rounding to whole millimetres."""
+
+N_FREQ = 2
+
+
+@pytest.fixture(scope="module")
+def scene() -> made.RadarScene:
+    return made.scene(TARGETS)
+
+
+@pytest.fixture
+def radar(tmp_path: Path, scene: made.RadarScene) -> Path:
+    folder = tmp_path / "30" / f"radar_72.0_82.0_{N_FREQ}"
+    made.write_products(folder, 0, scene)
+    return folder
+
+
+def refused(radar: Path, number: int = 0) -> str:
+    with pytest.raises(MeasurementError) as caught:
+        read_depth_map(radar, number)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def change_entry(radar: Path, change) -> None:
+    content = json.loads((radar / "calibration.json").read_text())
+    change(content["000000"])
+    (radar / "calibration.json").write_text(json.dumps(content))
+
+
+def nearest(axis: np.ndarray, value: float) -> int:
+    return int(np.abs(axis - value).argmin())
+
+
+# ---- where things land
+
+
+def test_depth_map_lands_in_the_antenna_frame(radar, scene):
+    depth = read_depth_map(radar, 0)
+    np.testing.assert_allclose(depth.x_m, -scene.x_m[::-1], rtol=0, atol=EXACT_M)
+    np.testing.assert_allclose(depth.y_m, scene.y_m, rtol=0, atol=EXACT_M)
+    for x, y, z, strength in TARGETS:
+        i, j = nearest(depth.y_m, y), nearest(depth.x_m, -x)
+        assert abs(depth.depth_m[i, j] - z) <= HALF_MM_M
+        assert depth.amplitude[i, j] == int(strength + 2)  # the floor of the scene; cut off
+        # Every mirror image of a target is empty.
+        for dx, dy in ((x, y), (-x, -y), (x, -y)):
+            assert np.isnan(depth.depth_m[nearest(depth.y_m, dy), nearest(depth.x_m, dx)])
+    _, expected = scene.strongest()
+    np.testing.assert_allclose(depth.depth_m, expected[::-1].T, rtol=0, atol=HALF_MM_M)
+    assert depth.dynamic_range_db == made.DEPTH_CUT_DB
+
+
+def test_a_radar_folder_is_named_by_a_string_too(radar):
+    expected = read_depth_map(radar, 0).depth_m
+    assert np.array_equal(read_depth_map(str(radar), 0).depth_m, expected, equal_nan=True)
+
+
+def test_older_depth_maps_are_rotated_in_memory(radar, scene):
+    expected = read_depth_map(radar, 0)
+    path = radar / "depth" / "000000.png"
+    path.write_bytes(made.png(made.png_pixels(path.read_bytes())[::-1]))
+    assert not np.array_equal(read_depth_map(radar, 0).depth_m, expected.depth_m, equal_nan=True)
+
+    def older(entry):
+        entry["depth"] = {"transform": np.eye(4).tolist()}
+
+    before = path.read_bytes()
+    change_entry(radar, older)
+    turned = read_depth_map(radar, 0)
+    assert np.array_equal(turned.depth_m, expected.depth_m, equal_nan=True)
+    assert np.array_equal(turned.amplitude, expected.amplitude)  # maxproj is not turned
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("threshold", "expected"), [(14, 14.0), (-14, 14.0), (-0.5, 0.5), (0, 15.0), (None, 15.0)]
+)
+def test_threshold_of_a_depth_map(radar, threshold, expected):
+    amplitude = {"amplitude_filter_kernel_size": 1, "amplitude_filter_threshold_dB": threshold}
+    change_entry(radar, lambda entry: entry.update(amplitude=amplitude))
+    assert read_depth_map(radar, 0).dynamic_range_db == expected
+
+
+@pytest.mark.parametrize("where", ["depth box", "depth box in 3-D", "intrinsics", "its inverse"])
+def test_pixels_are_placed_by_what_there_is(radar, where):
+    expected = read_depth_map(radar, 0)
+
+    def change(entry):
+        box = {k: v for k, v in entry.pop("volume").items() if "amp" not in k and "abs" not in k}
+        if where == "depth box":
+            entry["depth"] = {k: v[:2] for k, v in box.items()}
+        elif where == "depth box in 3-D":
+            entry["depth"] = box
+        elif where == "its inverse":
+            entry["depth"]["intrinsics"] = np.linalg.inv(entry["depth"]["intrinsics"]).tolist()
+
+    change_entry(radar, change)
+    depth = read_depth_map(radar, 0)
+    assert np.array_equal(depth.depth_m, expected.depth_m, equal_nan=True)
+    np.testing.assert_allclose(depth.x_m, expected.x_m, rtol=0, atol=EXACT_M)
+    np.testing.assert_allclose(depth.y_m, expected.y_m, rtol=0, atol=EXACT_M)
+
+
+@pytest.mark.parametrize("other", [None, (5, 7)])
+def test_amplitude_of_a_depth_map_without_maxproj(radar, other):
+    path = radar / "maxproj" / "000000.png"
+    if other is None:
+        path.unlink()
+    else:
+        path.write_bytes(made.png(np.ones(other, int)))
+    depth = read_depth_map(radar, 0)
+    assert np.array_equal(depth.amplitude, depth.mask.astype(np.float32))
+
+
+# ---- what is missing or contradicts itself
+
+
+def test_a_missing_depth_map_lists_the_frames_that_have_one(radar, scene):
+    made.write_products(radar, 3, scene)
+    message = refused(radar, 1)
+    assert "depth/000001." in message
+    assert "0, 3" in message
+    for path in (radar / "depth").iterdir():
+        path.unlink()
+    assert "none of any frame" in refused(radar)
+    (radar / "depth").rmdir()
+    assert "none of any frame" in refused(radar)
+
+
+def test_without_calibration_pixels_have_no_position(radar):
+    change_entry(radar, dict.clear)
+    assert "bb_min" in refused(radar)
+    (radar / "calibration.json").write_text("{}")
+    assert "'000000'" in refused(radar)
+    (radar / "calibration.json").unlink()
+    assert "calibration.json" in refused(radar)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "found"),
+    [
+        ("bb_min", [0, 0], "as many numbers as"),
+        ("bb_min", [0] * 4, "a list of 2 or 3"),
+        ("bb_min", "0", 'got "0"'),
+        ("bb_min", [0, 0, True], "bb_min[2]: expected a finite number, got true"),
+        ("bb_min", [0, 0, float("nan")], "finite number, got nan"),
+        ("bb_max", [-1, -1, -1], "bb_min below bb_max"),
+        ("grid_size", [31, 21, 9.5], "whole numbers"),
+        ("grid_size", [31, 0, 9], "whole numbers"),
+        ("grid_size", [1, 21, 9], "one point"),
+        ("grid_size", [21, 31, 9], "31 rows of 21 pixels"),
+        ("grid_size", [10**12, 21, 9], "21 rows of 1000000000000 pixels"),
+        ("grid_size", [10**400, 21, 9], "got a huge number"),
+    ],
+)
+def test_invalid_entries(radar, key, value, found):
+    change_entry(radar, lambda entry: entry["volume"].update({key: value}))
+    assert found in refused(radar)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.eye(4).tolist(),
+        np.diag([1, -1, 1000, 1]) + np.eye(4)[::-1],
+        np.zeros((4, 4)),
+        np.diag([100, 100, 1000, 1]),
+        [[1, 2]] * 4,
+        [1] * 5,
+        1e308 * (np.diag([1, -1, 1e-305, 0]) + np.eye(4)[::-1]),
+        1e-200 * np.diag([1, -1, 1000, 1]),
+        np.diag([1e-300, -1e-300, 1000, 1]) + 1e308 * np.eye(4)[3] * np.eye(4)[:, :1],
+        "no matrix",
+    ],
+)
+def test_matrices_that_place_no_pixels(radar, matrix):
+    def change(entry):
+        del entry["volume"]
+        entry["depth"]["intrinsics"] = np.asarray(matrix).tolist()
+
+    change_entry(radar, change)
+    assert "intrinsics" in refused(radar)
+
+
+def test_two_grids_of_one_frame(radar, scene):
+    box = {"bb_min": [-0.1, -0.08], "bb_max": [0.14, 0.05], "grid_size": [31, 21]}
+    rounded = box | {"bb_min": [float(np.float32(v)) for v in box["bb_min"]]}
+    change_entry(radar, lambda entry: entry["depth"].update(rounded))
+    read_depth_map(radar, 0)
+    change_entry(radar, lambda entry: entry["depth"].update(bb_max=[0.14, 0.06]))
+    assert "0.05 m and 31" in refused(radar)
+
+
+def test_image_of_another_size_than_the_grid(radar):
+    (radar / "depth" / "000000.png").write_bytes(made.png(np.ones((31, 21), int)))
+    assert "31 rows of 21" in refused(radar)
+
+
+# ---- hostile files
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        (b"", "empty"),
+        (b"GIF89a" * 9, "something else"),
+        (made.png(np.ones((3, 3), int), bits=8), "mode L"),
+        (made.png(np.ones((3, 3), int))[:-20], "cut short|Truncated"),
+        (made.png(np.ones((3, 3), int))[:-16] + b"\0" * 16, "broken PNG"),
+        (made.png_of_chunks([(b"IEND", b"")]), "16-bit grey"),
+        (made.png_of_chunks([(b"IHDR", b"\0" * 5), (b"IEND", b"")]), "16-bit grey"),
+    ],
+)
+def test_other_images(radar, content, found):
+    (radar / "depth" / "000000.png").write_bytes(content)
+    assert re.search(found, refused(radar))
+
+
+def bomb(width: int, height: int, kind: int = 0, size: int = 10**8) -> bytes:
+    header = struct.pack(">IIBBBBB", width, height, 16, kind, 0, 0, 0)
+    data = zlib.compress(bytes(size), 9)
+    return made.png_of_chunks([(b"IHDR", header), (b"IDAT", data), (b"IEND", b"")])
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "found"),
+    [
+        (2**31 - 1, 2**31 - 1, "pixels"),
+        (0, 5, "16-bit grey"),
+        (60_000, 60_000, "pixels"),
+        (9, 9, "9 rows of 9"),
+    ],
+)
+def test_images_that_would_grow_are_not_decompressed(radar, width, height, found):
+    (radar / "depth" / "000000.png").write_bytes(bomb(width, height))
+    tracemalloc.start()
+    message = refused(radar)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found in message
+    assert peak < 5e6, f"{peak:.3g} bytes for a file of 0.1 MB"
+
+
+@pytest.mark.parametrize("size", [1000, 10**8])
+def test_other_chunks_do_not_matter_and_do_not_grow(radar, size):
+    path = radar / "depth" / "000000.png"
+    plain, expected = made.png_pixels(path.read_bytes()), read_depth_map(radar, 0)
+    header = struct.pack(">IIBBBBB", *plain.shape[::-1], 16, 0, 0, 0, 0)
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in plain)
+    packed = zlib.compress(bytes(size), 9)
+    chunks = [(b"IHDR", header), (b"zTXt", b"Comment\0\0" + packed), (b"tEXt", b"a\0b")]
+    chunks += [(b"iCCP", b"profile\0\0" + packed), (b"abCd", b"private")]
+    chunks += [(b"IDAT", zlib.compress(rows)), (b"iTXt", b"b\0\1\0\0\0" + packed), (b"IEND", b"")]
+    path.write_bytes(made.png_of_chunks(chunks))
+    tracemalloc.start()
+    if size == 1000:
+        assert (
+            read_depth_map(radar, 0).depth_m[expected.mask] == expected.depth_m[expected.mask]
+        ).all()
+    else:
+        assert "too large" in refused(radar)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 5e6, f"{peak:.3g} bytes for a file of 0.1 MB"
+
+
+@posix_only
+def test_a_depth_map_that_is_no_file(radar):
+    (radar / "depth" / "000000.png").unlink()
+    os.mkfifo(radar / "depth" / "000000.png")
+    assert "regular file" in refused(radar)
+    (radar / "depth" / "000000.png").unlink()
+    (radar / "depth" / "000000.png").mkdir()
+    assert "folder" in refused(radar)
+
+
+def test_limits_hold_before_anything_is_read(radar, monkeypatch):
+    monkeypatch.setattr(png16, "MAX_IMAGE_PIXELS", 31 * 21 - 1)
+    assert "at most 650 pixels" in refused(radar)

@@ -1,0 +1,250 @@
+"""Who may connect to the view, where it listens, and what others send."""
+
+from __future__ import annotations
+
+import base64
+import logging
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+import clradar
+from clradar.errors import ClradarError, MeasurementError
+from clradar.view.server import running, serving
+from clradar.view.sources import FixedFrames
+from clradar.view.wish import Wish
+
+viser = pytest.importorskip("viser")
+
+GRID = clradar.VoxelGrid(np.array([0, 0, 0.3]), np.full(3, 1e-3), (4, 3, 2))
+
+
+def source() -> FixedFrames:
+    volume = clradar.Volume(np.ones(GRID.shape, np.complex64), GRID)
+    return FixedFrames("volume", ("volume",), lambda _: volume)
+
+
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    with serving(source(), Wish(), port=8500) as (port, _):
+        yield port
+
+
+def connected(
+    port: int, *headers: str, upgrade: bool = True, version: str = viser.__version__
+) -> socket.socket:
+    """A connection that has sent a request."""
+    key = base64.b64encode(bytes(16)).decode()
+    lines = ["GET / HTTP/1.1", *headers]
+    if upgrade:
+        lines += ["Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13"]
+        lines += [f"Sec-WebSocket-Key: {key}", f"Sec-WebSocket-Protocol: viser-v{version}"]
+    return sent(port, "\r\n".join([*lines, "", ""]).encode())
+
+
+def sent(port: int, data: bytes) -> socket.socket:
+    connection = socket.create_connection(("127.0.0.1", port))
+    connection.sendall(data)
+    return connection
+
+
+def status(connection: socket.socket) -> int:
+    with closing(connection):
+        return int(connection.makefile("rb").readline().split()[1])
+
+
+@pytest.mark.parametrize(
+    ("host", "origin", "expected"),
+    [
+        ("127.0.0.1:{port}", "http://127.0.0.1:{port}", 101),
+        ("localhost:9000", "http://localhost:9000", 101),  # through a tunnel from another port
+        ("[::1]:9000", "http://[::1]:9000", 101),
+        ("127.0.0.1:{port}", None, 101),  # a program
+        ("127.0.0.1:{port}", "https://example.org", 403),
+        ("127.0.0.1:{port}", "http://127.0.0.1:9000", 403),  # another server's page
+        ("127.0.0.1:{port}", "http://127.0.0.1:{port}.example.org", 403),
+        ("127.0.0.1:{port}", "null", 403),  # a page in a frame without an origin, or a file
+        ("example.org:{port}", "http://example.org:{port}", 403),  # a name made to point here
+        ("localhost.example.org", None, 403),
+        ("[::1", None, 403),
+    ],
+)
+def test_only_its_own_page_connects(
+    port: int, host: str, origin: str | None, expected: int
+) -> None:
+    headers = [f"Host: {host.format(port=port)}"]
+    if origin is not None:
+        headers.append(f"Origin: {origin.format(port=port)}")
+    assert status(connected(port, *headers)) == expected
+
+
+def test_the_page_is_for_names_of_this_machine_alone(port: int) -> None:
+    here = f"Host: localhost:{port}"
+    assert status(connected(port, here, upgrade=False)) == 200
+    assert status(connected(port, "Host: example.org", upgrade=False)) == 403
+    assert status(connected(port, upgrade=False)) == 403
+    assert status(connected(port, here, here, upgrade=False)) == 403
+    assert status(connected(port, here, version="0.1")) == 403  # viser would print a line
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\xff\x00 no request\r\n\r\n",
+        b"GET / HTTP/1.0\r\n\r\n",
+        b"POST / HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        b"GET / HTTP/1.1\r\n Host: localhost\r\n\r\n",
+        b"GET / HTTP/1.1\r\nX: " + 2**17 * b"x" + b"\r\n\r\n",
+    ],
+)
+def test_what_is_no_request_is_refused(port: int, data: bytes) -> None:
+    assert status(sent(port, data)) == 403
+
+
+def test_viser_itself_is_where_no_page_can_guess() -> None:
+    with running("view", 0) as (server, port):
+        host = server.get_host()
+        assert host != "127.0.0.1" or not _has_many_addresses()
+        assert server.get_port() != port or host != "127.0.0.1"
+        assert server.request_share_url() is None  # nothing leaves this machine
+
+
+def _has_many_addresses() -> bool:
+    try:
+        with socket.create_server(("127.2.3.4", 0)):
+            return True
+    except OSError:
+        return False
+
+
+def test_a_port_in_use_is_passed_over() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        number = taken.getsockname()[1]
+        with serving(source(), Wish(), port=number) as (port, _):
+            assert number < port < number + 100
+
+
+def test_without_a_free_port_the_error_says_which_were_tried() -> None:
+    with (
+        socket.create_server(("127.0.0.1", 65535)),
+        pytest.raises(ClradarError, match="65535"),
+        serving(source(), Wish(), port=65535),
+    ):
+        pass
+
+
+def messages(browser: Any) -> list[dict[str, Any]]:
+    """The messages that the next of viser's packets holds."""
+    import msgspec.msgpack
+    import zstandard
+
+    packet = browser.recv()
+    compressed = packet[16 : 16 + int.from_bytes(packet[8:16], "little")]
+    packed = zstandard.ZstdDecompressor().decompress(compressed)
+    found: list[dict[str, Any]] = msgspec.msgpack.decode(packed)["messages"]
+    return found
+
+
+def browser_at(port: int) -> Any:
+    from websockets.sync.client import connect
+
+    protocol: Any = f"viser-v{viser.__version__}"
+    return connect(f"ws://127.0.0.1:{port}", subprotocols=[protocol], max_size=None)
+
+
+def test_a_first_frame_that_cannot_be_read_is_said_on_the_page() -> None:
+    volume = source().read(0)
+
+    def read(frame: int) -> Any:
+        if frame == 0:
+            raise MeasurementError("000000.npy: expected a frame, got noise")
+        return volume
+
+    frames = FixedFrames("broken", ("frame A", "frame B"), read)
+    with serving(frames, Wish(), port=0) as (port, session):
+        session.settle()
+        with browser_at(port) as browser:
+            while "expected a frame, got noise" not in str(messages(browser)):
+                pass
+            session.step(1)
+            while "frame B: volume of" not in str(messages(browser)):
+                pass
+
+
+@contextmanager
+def halting_link(port: int) -> Iterator[tuple[int, threading.Event]]:
+    """The port of a link that passes on what the server at `port` sends while the event is set."""
+    passing, always = threading.Event(), threading.Event()
+    passing.set()
+    always.set()
+    with socket.create_server(("127.0.0.1", 0)) as entrance:
+        link = socket.create_connection(("127.0.0.1", port))
+
+        def pass_on(source: socket.socket, target: socket.socket, when: threading.Event) -> None:
+            try:
+                while block := source.recv(2**16):
+                    when.wait()
+                    target.sendall(block)
+            except OSError:
+                pass  # the test has ended
+
+        def run() -> None:
+            browser, _ = entrance.accept()
+            threading.Thread(target=pass_on, args=(browser, link, always), daemon=True).start()
+            pass_on(link, browser, passing)
+            browser.close()
+
+        threading.Thread(target=run, daemon=True).start()
+        try:
+            yield entrance.getsockname()[1], passing
+        finally:
+            passing.set()
+            link.close()
+
+
+def test_a_link_that_does_not_keep_up_gets_fewer_frames() -> None:
+    def frames_until(browser: Any, last: str) -> int:
+        """How many frames come until the last one has."""
+        count = 0
+        while True:
+            got = messages(browser)
+            count += sum(m["type"] == "PointCloudMessage" and m["name"] == "/big" for m in got)
+            if any(last in str(m) for m in got):
+                return count
+
+    points = np.zeros((30_000, 3), np.float32)
+    with running("view", 0) as (server, port):
+        state = server.gui.add_markdown("frame none")
+        with (
+            halting_link(port) as (slow_port, passing),
+            browser_at(port) as fast,
+            browser_at(slow_port) as slow,
+        ):
+            frames_until(slow, "frame none")
+            frames_until(fast, "frame none")
+            passing.clear()
+            for i in range(80):  # 22 MB
+                with server.atomic():
+                    server.scene.add_point_cloud("/big", points, np.zeros(3, np.uint8))
+                    state.content = f"frame {i}."
+                frames_until(fast, f"frame {i}.")
+            passing.set()
+            assert frames_until(slow, "frame 79.") < 30
+
+
+def test_what_others_send_prints_no_traceback(port: int, capfd: pytest.CaptureFixture[str]) -> None:
+    # Binary frames of one byte and of an unknown message, masked with zeros.
+    for payload in (b"\xff", b"\x81\xa4type\xa3odd"):
+        head = b"\x82" + bytes([0x80 | len(payload)]) + bytes(4)
+        with closing(connected(port, f"Host: 127.0.0.1:{port}")) as connection:
+            connection.sendall(head + payload)
+            connection.shutdown(socket.SHUT_WR)
+            while connection.recv(65536):
+                pass
+    assert capfd.readouterr() == ("", "")
+    assert logging.getLogger("websockets.server").handlers  # while it is served
