@@ -97,7 +97,9 @@ def test_polynomials_through_as_many_instants_are_exact(count: int) -> None:
     np.testing.assert_allclose(found, times_s ** (count - 1), rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", UNSEEN)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if "16 Hz" in n else []) for n in UNSEEN]
+)
 def test_what_comes_back_between_two_probes_is_seen(name: str) -> None:
     # One Rx beside the Tx, which are close: lengths alias alike for all pairs.
     radar = RADAR.part(slice(10, 13), [0])

@@ -208,7 +208,13 @@ def largest_error(found: list[np.ndarray], wanted: list[np.ndarray]) -> float:
     )
 
 
-@pytest.mark.parametrize("way", WAYS)
+RARELY = {"one lane, little memory", "one lane in parts", "a GPU, groups of 256"}
+"""What is a mixture of others, or another number of what they have."""
+
+
+@pytest.mark.parametrize(
+    "way", [pytest.param(way, marks=[pytest.mark.slow] if way in RARELY else []) for way in WAYS]
+)
 @pytest.mark.parametrize("work", WORKS)
 def test_no_way_changes_a_result(work: str, way: str) -> None:
     found = made(work, way)
@@ -225,7 +231,9 @@ def anew(work: str, device: clradar.Device) -> list[np.ndarray]:
     return WORKS[work](device)
 
 
-@pytest.mark.parametrize("way", ["one lane", "little memory"])
+@pytest.mark.parametrize(
+    "way", ["little memory", pytest.param("one lane", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("work", WORKS)
 def test_after_a_device_failed_in_the_middle_all_is_free_and_the_next_call_works(
     work: str, way: str, monkeypatch: pytest.MonkeyPatch
