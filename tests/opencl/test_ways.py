@@ -231,9 +231,7 @@ def anew(work: str, device: clradar.Device) -> list[np.ndarray]:
     return WORKS[work](device)
 
 
-@pytest.mark.parametrize(
-    "way", ["little memory", pytest.param("one lane", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("way", ["little memory", pytest.param("one lane", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("work", WORKS)
 def test_after_a_device_failed_in_the_middle_all_is_free_and_the_next_call_works(
     work: str, way: str, monkeypatch: pytest.MonkeyPatch
