@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.comparison import Comparison, simulated_surface
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.options.common import (
     SearchOptions,
     UnitOptions,
 )
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.groups import option, recorded, wrong_usage
 from clradar.cli.options.scene import (
     ESTIMATORS,
     PHYSICAL,
@@ -20,13 +21,12 @@ from clradar.cli.options.scene import (
     SamplingOptions,
 )
 from clradar.cli.outputs import save
-from clradar.cli.parse import FIT, alpha_or_fit, wrong_usage
+from clradar.cli.parse import FIT, alpha_or_fit
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from calibration import Registration, Round
-    from clradar import Device, Scene, Volume
 
 
 PLACED, TRANSFORM, CAPTURE = "placed.ply", "transform.json", "capture.h5"
@@ -66,11 +66,11 @@ class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
 
 
 def registered(
-    volume: Volume,
-    scene: Scene,
+    volume: cl.Volume,
+    scene: cl.Scene,
     registration: RegistrationOptions,
     radar: dict[str, Any],
-    device: Device,
+    device: cl.Device,
 ) -> Registration:
     """Register the mesh, and show each round as it is done."""
     from calibration import register
@@ -98,7 +98,11 @@ def round_text(number: int, step: Round) -> str:
 
 
 def write_registration(
-    folder: Path, measured: Volume, result: Registration, source: str, origin: dict[str, Any]
+    folder: Path,
+    measured: cl.Volume,
+    result: Registration,
+    source: str,
+    origin: dict[str, Any],
 ) -> None:
     """Write all files of a registration into `folder`."""
     import numpy as np

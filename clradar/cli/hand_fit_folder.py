@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import clradar as cl
 from clradar.cli.comparison import Comparison, simulated_surface
 from clradar.cli.console import counted, print_line, print_table, progress_bar
 from clradar.cli.outputs import save
@@ -18,7 +19,6 @@ from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from calibration import HandFit
-    from clradar import Capture, Device, Scene, Volume
 
 POSE, PLACED, FIT, OVERLAY = "pose.toml", "placed.ply", "fit.json", "overlay.png"
 FIGURE, METRICS, CAPTURE, VOLUME = "comparison.png", "metrics.json", "capture.h5", "volume.h5"
@@ -39,28 +39,32 @@ BASIN_COLUMNS = ("pose", "start", "hand", "deviance", "tips apart (mm)")
 class FittedImages:
     """A fitted hand, its simulation, and before that one of the starting pose, moved rigidly."""
 
-    measured: Volume
+    measured: cl.Volume
     fit: HandFit
-    before: Volume
-    capture: Capture
-    after: Volume
+    before: cl.Volume
+    capture: cl.Capture
+    after: cl.Volume
 
     @classmethod
     def of(
-        cls, measured: Volume, fit: HandFit, radar: dict[str, Any], seed: int, device: Device
+        cls,
+        measured: cl.Volume,
+        fit: HandFit,
+        radar: dict[str, Any],
+        seed: int,
+        device: cl.Device,
     ) -> FittedImages:
         """Simulate both as `clradar simulate` does; `radar` as in `ImageInput.radar`."""
         from calibration.registration.radar import Radar
-        from clradar import backproject, simulate
 
         used = Radar.of("fit_hand", radar.get("array"), radar.get("waveform"))
 
-        def imaged(scene: Scene) -> tuple[Capture, Volume]:
+        def imaged(scene: cl.Scene) -> tuple[cl.Capture, cl.Volume]:
             with progress_bar("simulating") as progress:
-                capture = simulate(
+                capture = cl.simulate(
                     scene, used.array, used.waveform, seed=seed, device=device, progress=progress
                 )
-            return capture, backproject(capture, measured.grid, check_grid=False, device=device)
+            return capture, cl.backproject(capture, measured.grid, check_grid=False, device=device)
 
         return cls(measured, fit, imaged(fit.started)[1], *imaged(fit.scene))
 

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import clradar as cl
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import ImageInput
+from clradar.cli.options.groups import wrong_usage
 from clradar.cli.options.measured import FrameOptions
-from clradar.cli.parse import wrong_usage
 from clradar.files.atomic import replacing
 from clradar.imaging.several_captures import mean_over_pairs
 from clradar.jobs import Job, Where
@@ -23,7 +24,6 @@ from clradar.jobs.job import KEY
 from clradar.model.volume import depth_map_of_planes, plane_slabs
 
 if TYPE_CHECKING:
-    from clradar import Capture, DepthMap, Device, Volume, VoxelGrid
     from clradar.imaging.fast import GridPiece
     from clradar.jobs import Where
     from clradar.model import ImageScale
@@ -44,12 +44,11 @@ Part = tuple[int, int]
 """Numbers of a piece and of a capture."""
 
 
-def capture_of(path: Path, frames: FrameOptions) -> tuple[Capture, list[Path]]:
+def capture_of(path: Path, frames: FrameOptions) -> tuple[cl.Capture, list[Path]]:
     """A capture and its files; wrong usage if the file is a volume."""
-    from clradar import Volume
 
     found = ImageInput.open(path, frames)
-    if isinstance(found.content, Volume):
+    if isinstance(found.content, cl.Volume):
         raise wrong_usage("CAPTURE...", f"expected captures, got the volume {path}")
     return found.content, found.files
 
@@ -61,9 +60,9 @@ class PartSteps:
     folder: Path
     captures: tuple[Path, ...]
     frames: FrameOptions
-    grid: VoxelGrid
+    grid: cl.VoxelGrid
     imaging: Mapping[str, Any]
-    device: Device | str | None = None
+    device: cl.Device | str | None = None
 
     @cached_property
     def pieces(self) -> list[GridPiece]:
@@ -73,12 +72,11 @@ class PartSteps:
 
     def run(self, part: Part, progress: Progress | None = None) -> None:
         """Image a capture on a piece of the grid, and write it."""
-        from clradar import backproject
 
         piece, number = part
         capture, _ = capture_of(self.captures[number], self.frames)
         grid = self.pieces[piece].grid
-        image = backproject(
+        image = cl.backproject(
             capture, grid, check_grid=False, device=self.device, progress=progress, **self.imaging
         )
         _write(self.file_of(part), image.data)
@@ -133,7 +131,7 @@ class PartedImage:
     scale: ImageScale | None
 
     @property
-    def grid(self) -> VoxelGrid:
+    def grid(self) -> cl.VoxelGrid:
         return self.steps.grid
 
     @property
@@ -154,17 +152,16 @@ class PartedImage:
                 out[low - first : high - first, piece.tile.y] = found
         return out
 
-    def depth_map(self, dynamic_range_db: float) -> DepthMap:
+    def depth_map(self, dynamic_range_db: float) -> cl.DepthMap:
         """That of `volume`, which need not be in memory for it."""
         return depth_map_of_planes(self, self.grid, dynamic_range_db)
 
-    def volume(self) -> Volume:
+    def volume(self) -> cl.Volume:
         """The whole image, in memory."""
-        from clradar import Volume
 
         data = self[:]
         data.flags.writeable = False
-        return Volume(data, self.grid, self.meta, self.scale)
+        return cl.Volume(data, self.grid, self.meta, self.scale)
 
     def save(self, path: Path, origin: Mapping[str, Any], *, force: bool) -> None:
         """Write it as a native volume, a few planes in memory at a time."""

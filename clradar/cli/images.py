@@ -8,10 +8,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.image_parts import OWN_NAMES, PartedImage, PartSteps, capture_of, made_by_parts
 from clradar.cli.inputs import ImageInput, nothing_to_draw, title_of
-from clradar.cli.options.groups import option, output_option, recorded
+from clradar.cli.options.groups import option, output_option, recorded, wrong_usage
 from clradar.cli.options.measured import (
     MODEL_METHODS,
     SLICE_HELP,
@@ -30,12 +31,10 @@ from clradar.cli.outputs import (
     check_suffix,
     provenance,
 )
-from clradar.cli.parse import wrong_usage
 from clradar.files.atomic import write_file
 from clradar.jobs import Where
 
 if TYPE_CHECKING:
-    from clradar import Capture, DepthMap, Device, Volume, VoxelGrid
     from clradar.jobs import Where
 
 
@@ -78,7 +77,7 @@ class ImageFiles:
         """That of them which comes first."""
         return next(file for file in (self.output, self.png, self.report) if file is not None)
 
-    def shown_of(self, image: PartedImage, range_db: float) -> Volume | DepthMap:
+    def shown_of(self, image: PartedImage, range_db: float) -> cl.Volume | cl.DepthMap:
         """What is drawn of a large image: its depth map, where that is enough."""
         from clradar.plot.views import thin_view
 
@@ -89,7 +88,7 @@ class ImageFiles:
 
     def draw(
         self,
-        volume: Volume | DepthMap,
+        volume: cl.Volume | cl.DepthMap,
         title: str,
         source: str,
         origin: Mapping[str, Any],
@@ -98,7 +97,6 @@ class ImageFiles:
         force: bool,
     ) -> bool:
         """Write figure and page, as far as they were asked for; False where nothing is to see."""
-        from clradar import DepthMap
         from clradar.plot import image_figure, plane_of, save_figure
         from clradar.report import ReportImage, image_report
 
@@ -112,7 +110,7 @@ class ImageFiles:
         if self.png is not None:
             drawn = volume
             if self.slice is not None:
-                if isinstance(volume, DepthMap):
+                if isinstance(volume, cl.DepthMap):
                     raise wrong_usage("--slice", "of an image in one piece, or of its volume (-o)")
                 drawn = plane_of(volume, *plane(self.slice))
             with progress_bar("drawing"):
@@ -120,7 +118,7 @@ class ImageFiles:
             print_line(f"{self.png}: the picture, {range_db:g} dB")
         if self.report is not None:
             with progress_bar("writing the page"):
-                assert not isinstance(volume, DepthMap)
+                assert not isinstance(volume, cl.DepthMap)
                 page = image_report(ReportImage(title, volume, source), settings=origin, **shown)
             write_file(self.report, page.encode("utf-8"), force=force)
             print_line(f"{self.report}: the image as a page, to be opened in a browser")
@@ -134,9 +132,8 @@ def check_several(
     absolute: bool,
 ) -> None:
     """Raise where something has no meaning for one image of several captures."""
-    from clradar import Volume
 
-    if isinstance(loaded.content, Volume):
+    if isinstance(loaded.content, cl.Volume):
         raise wrong_usage("CAPTURE...", f"expected captures, got the volume {loaded.path}")
     if imaging.method in MODEL_METHODS:
         raise wrong_usage("--method", f"expected back-projection of several: {imaging.method}")
@@ -178,17 +175,16 @@ def title_of_several(captures: Sequence[Path]) -> str:
 def image_of_all(
     captures: list[Path],
     frames: FrameOptions,
-    grid: VoxelGrid,
+    grid: cl.VoxelGrid,
     imaging: ModelImagingOptions,
     tolerance_db: float | None,
-    device: Device,
-) -> tuple[Volume, list[Path]]:
+    device: cl.Device,
+) -> tuple[cl.Volume, list[Path]]:
     """One image of several captures, and the files that were read; one capture at a time."""
-    from clradar import backproject
 
     read: list[Path] = []
 
-    def opened() -> Iterator[Capture]:
+    def opened() -> Iterator[cl.Capture]:
         with progress_bar("imaging") as progress:
             for i, path in enumerate(captures):
                 capture, found = capture_of(path, frames)
@@ -197,7 +193,7 @@ def image_of_all(
                 if progress is not None:
                     progress(i + 1, len(captures))
 
-    volume = backproject(
+    volume = cl.backproject(
         opened(), grid, tolerance_db=tolerance_db, device=device, **imaging.arguments
     )
     return volume, read
@@ -205,11 +201,11 @@ def image_of_all(
 
 def image_by_parts(
     parts: PartSteps,
-    samples: Capture,
+    samples: cl.Capture,
     files: ImageFiles,
     imaging: ModelImagingOptions,
     depth: DepthMapOptions,
-    opened: Device,
+    opened: cl.Device,
     where: Where,
     *,
     force: bool,

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+import clradar as cl
 from clradar import __version__
 from clradar.errors import OutputError
 from clradar.files.atomic import refuse_special, remove_left, write_file
@@ -24,10 +25,9 @@ from clradar.files.hashing import sha256_of
 from clradar.versions import package_versions
 
 if TYPE_CHECKING:
-    from clradar import Capture, ChannelCalibration, Volume
     from clradar.hand import HandMesh
 
-    Result = TypeVar("Result", Capture, Volume, ChannelCalibration)
+    Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
 
 
 @contextmanager
@@ -212,13 +212,12 @@ def check_figure(path: Path | None) -> None:
 
 def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) -> Result:
     """Write a capture, a volume or channels with their provenance; return it as written."""
-    from clradar import Capture, Volume
     from measurement_io import save_capture, save_channels, save_volume
 
     written = replace(result, meta={**result.meta, **origin})
-    if isinstance(written, Capture):
+    if isinstance(written, cl.Capture):
         save_capture(path, written, force=force)
-    elif isinstance(written, Volume):
+    elif isinstance(written, cl.Volume):
         save_volume(path, written, force=force)
     else:
         save_channels(path, written, force=force)

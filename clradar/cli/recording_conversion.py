@@ -11,7 +11,9 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, print_warning, progress_bar
+from clradar.cli.options.groups import wrong_usage
 from clradar.cli.options.measured import AntennaOptions, recording_files
 from clradar.cli.outputs import (
     check_folder,
@@ -21,11 +23,9 @@ from clradar.cli.outputs import (
     provenance,
     save,
 )
-from clradar.cli.parse import wrong_usage
 from clradar.errors import MeasurementError, ModelError, OutputError
 
 if TYPE_CHECKING:
-    from clradar import Capture
     from measurement_io import Recording
 
 
@@ -238,7 +238,7 @@ def _one_frame(recording: Recording, frame: int) -> Recording:
     return recording[at : at + 1]
 
 
-def _whole_or_not(recording: Recording, index: int) -> Capture:
+def _whole_or_not(recording: Recording, index: int) -> cl.Capture:
     try:
         return recording[index]
     except MeasurementError as error:
@@ -248,7 +248,7 @@ def _whole_or_not(recording: Recording, index: int) -> Capture:
         ) from error
 
 
-def _open_file(path: Path, antennas: AntennaOptions) -> Capture:
+def _open_file(path: Path, antennas: AntennaOptions) -> cl.Capture:
     from measurement_io import open_capture
     from measurement_io.opening import kind_of
 
@@ -273,7 +273,7 @@ class _Frames:
     """Captures of one variant, each opened when it is written, with its provenance."""
 
     variant: str
-    sources: Sequence[tuple[Path, Callable[[], Capture]]]
+    sources: Sequence[tuple[Path, Callable[[], cl.Capture]]]
     options: Mapping[str, Any]
     antenna_files: Sequence[Path]
     latest: Path | None = field(default=None, init=False)
@@ -281,7 +281,7 @@ class _Frames:
     def __len__(self) -> int:
         return len(self.sources)
 
-    def __iter__(self) -> Iterator[Capture]:
+    def __iter__(self) -> Iterator[cl.Capture]:
         for path, opened in self.sources:
             self.latest = path
             capture = opened()
@@ -290,7 +290,7 @@ class _Frames:
             yield described(capture, provenance("convert", options, inputs))
 
 
-def described(capture: Capture, origin: Mapping[str, Any]) -> Capture:
+def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:
     """A capture whose provenance is a JSON text, which the file format can hold.
 
     A frame holds numbers and strings alone, so all of `meta` goes into one string: that of the

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.options.scene import (
     CLUSTER_NAME,
@@ -25,16 +26,6 @@ from clradar.jobs.job import KEY
 if TYPE_CHECKING:
     import numpy as np
 
-    from clradar import (
-        AntennaArray,
-        Capture,
-        Device,
-        MovingScene,
-        Scene,
-        SimulationSettings,
-        SweepTiming,
-        Waveform,
-    )
     from clradar.model.progress import Progress
     from clradar.motion.motion_file import Motion
 
@@ -50,7 +41,7 @@ class MeshScene:
     transform: np.ndarray | None
     materials: MaterialOptions
 
-    def load(self) -> Scene:
+    def load(self) -> cl.Scene:
         """Read the files."""
         scene = load_scene(self.meshes, self.alpha, self.alpha_of_parts, self.unit, self.transform)
         return self.materials.on(scene)
@@ -62,12 +53,11 @@ def load_scene(
     by_part: dict[str, float],
     unit: str,
     transform: Any,
-) -> Scene:
+) -> cl.Scene:
     """All meshes as one scene."""
-    from clradar import Scene
 
-    scene = Scene.combine(
-        Scene.from_mesh(path, alpha=default if a is None else a, unit=unit, transform=transform)
+    scene = cl.Scene.combine(
+        cl.Scene.from_mesh(path, alpha=default if a is None else a, unit=unit, transform=transform)
         for path, a in meshes
     )
     return with_part_alphas(scene, by_part)
@@ -75,13 +65,13 @@ def load_scene(
 
 PATTERN = "cluster_*.h5"
 
-Item = tuple[int, "AntennaArray"]
+Item = tuple[int, "cl.AntennaArray"]
 
-_scenes: dict[str, Scene] = {}
+_scenes: dict[str, cl.Scene] = {}
 """The scene that this process simulates, by its digest."""
 
 
-def keep_scene(scene: Scene) -> str:
+def keep_scene(scene: cl.Scene) -> str:
     """Have this process simulate a scene that it has read; return its digest."""
     _scenes.clear()
     digest = scene.digest()
@@ -100,25 +90,24 @@ class ClusterSteps:
 
     scene: MeshScene
     digest: str
-    waveform: Waveform
-    settings: SimulationSettings
+    waveform: cl.Waveform
+    settings: cl.SimulationSettings
     folder: Path
     origin: Mapping[str, Any]
-    device: Device | str | None = None
+    device: cl.Device | str | None = None
 
     def run(self, item: Item, progress: Progress | None = None) -> str:
         """Simulate a cluster, write its capture, and return it in words."""
-        from clradar import simulate
 
         number, array = item
-        capture = simulate(
+        capture = cl.simulate(
             self._scene(), array, self.waveform,
             settings=self.settings, device=self.device, progress=progress,
         )  # fmt: skip
         save(self.folder / capture_name(number), capture, self.origin, force=True)
         return summary(capture)
 
-    def _scene(self) -> Scene:
+    def _scene(self) -> cl.Scene:
         if self.digest not in _scenes:
             scene = self.scene.load()
             if keep_scene(scene) != self.digest:
@@ -160,7 +149,7 @@ def check_clusters_folder(folder: Path, inputs: Sequence[Path]) -> None:
     check_place_of_folder(folder, own_names(folder), inputs)
 
 
-def summary(capture: Capture) -> str:
+def summary(capture: cl.Capture) -> str:
     """A simulated capture in words."""
     rays, settings = capture.meta["rays"], capture.meta["settings"]
     shape = " x ".join(str(n) for n in capture.data.shape)
@@ -194,10 +183,10 @@ class MotionRecording:
     """What a recording is simulated from; of several clusters each has its own."""
 
     motion: Motion
-    moving: MovingScene
-    clusters: Sequence[AntennaArray]
-    waveform: Waveform
-    settings: SimulationSettings
+    moving: cl.MovingScene
+    clusters: Sequence[cl.AntennaArray]
+    waveform: cl.Waveform
+    settings: cl.SimulationSettings
     rate_hz: float
 
     def write(
@@ -205,7 +194,7 @@ class MotionRecording:
         output: Path,
         n_frames: int | None,
         origin: Mapping[str, Any],
-        device: Device,
+        device: cl.Device,
         progress: Progress | None,
         *,
         force: bool,
@@ -258,12 +247,11 @@ class MotionRecording:
         self,
         number: int,
         n_frames: int,
-        timing: SweepTiming,
-        device: Device,
+        timing: cl.SweepTiming,
+        device: cl.Device,
         progress: Progress | None,
-    ) -> Iterator[Capture]:
+    ) -> Iterator[cl.Capture]:
         """The frames of one cluster."""
-        from clradar import simulate_moving
 
         total = n_frames * len(self.clusters)
         for i in range(n_frames):
@@ -273,14 +261,14 @@ class MotionRecording:
                     before = number * n_frames + i
                     progress(before * _STEPS + _STEPS * done // of, total * _STEPS)
 
-            capture = simulate_moving(
+            capture = cl.simulate_moving(
                 self.moving, self.clusters[number], self.waveform, timing=timing,
                 start_s=self._start_s(i), settings=self.settings, device=device, progress=show,
             )  # fmt: skip
             stamp_us = round(1e6 * self._start_s(i))
             yield replace(capture, meta={**capture.meta, "frame": i, "timestamp_us": stamp_us})
 
-    def _truth(self, stamps_us: list[int], timing: SweepTiming) -> list[dict[str, Any]]:
+    def _truth(self, stamps_us: list[int], timing: cl.SweepTiming) -> list[dict[str, Any]]:
         """Where everything is in the middle of each sweep."""
         from clradar.cli.sweeps import joints_record
         from clradar.motion.hands import MovingHand

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from clradar.cli.comparison import METRIC_COLUMNS
+import clradar as cl
+from clradar.cli.comparison import METRIC_COLUMNS, write_csv
 from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.groups import given, recorded
+from clradar.cli.options.groups import given, recorded, wrong_usage
 from clradar.cli.options.measured import (
     DepthMapOptions,
     FrameOptions,
@@ -36,10 +35,8 @@ from clradar.cli.options.sweep import (
     RoughnessOptions,
     read_alphas,
 )
-from clradar.cli.parse import wrong_usage
 from clradar.compare import METRICS
 from clradar.errors import CompareError
-from clradar.files.atomic import write_file
 from clradar.files.hashing import sha256_of_arrays
 from clradar.files.json_file import write_json
 from clradar.jobs import FolderStore, Job
@@ -47,7 +44,6 @@ from clradar.jobs.job import KEY
 
 if TYPE_CHECKING:
     from calibration import RoughnessEstimate, RoughnessSweep, Sweep
-    from clradar import Capture, Device, Scene, Volume, VoxelGrid
 
 TRANSFORM, RESULT = "transform.json", "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
@@ -65,15 +61,15 @@ Swept = TypeVar("Swept")
 
 def sweep_into(
     folder: Path,
-    measured: Volume | None,
-    scene: Scene,
+    measured: cl.Volume | None,
+    scene: cl.Scene,
     run: Callable[..., Swept],
     write: Callable[[Path, Swept, Mapping[str, Any], str], None],
     *,
     source: str,
     origin: Mapping[str, Any],
     align: Mapping[str, Any] | None = None,
-    device: Device,
+    device: cl.Device,
     force: bool = False,
 ) -> Swept | None:
     """Sweep in a folder, or resume a sweep that was killed there."""
@@ -106,9 +102,9 @@ def _resumable(folder: Path) -> bool:
 
 def _aligned(
     path: Path,
-    measured: Volume,
-    scene: Scene,
-    device: Device,
+    measured: cl.Volume,
+    scene: cl.Scene,
+    device: cl.Device,
     origin: Mapping[str, Any],
     settings: Mapping[str, Any],
 ) -> np.ndarray:
@@ -155,15 +151,6 @@ def _region_rows(result: Sweep) -> Iterator[Sequence[Any]]:
                 yield name, float(alpha), seed, float(found.values[k, i]), float(found.score[k, i])
 
 
-def write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows below their names."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(rows)
-    write_file(path, text.getvalue().encode(), force=True)
-
-
 def is_finished(folder: Path) -> bool:
     """Whether all results are there; the last to be written is RESULT."""
     return all((folder / name).is_file() for name in RESULTS)
@@ -179,11 +166,10 @@ class SweepKind:
     show: Callable[..., None]
     estimator: Estimator | None = None
 
-    def check_measured(self, path: Path, content: Volume | Capture) -> None:
+    def check_measured(self, path: Path, content: cl.Volume | cl.Capture) -> None:
         """Raise where the measurement is an image, and parts of the aperture are asked for."""
-        from clradar import Volume
 
-        if self.estimator == PHYSICAL and isinstance(content, Volume):
+        if self.estimator == PHYSICAL and isinstance(content, cl.Volume):
             raise CompareError(
                 f"{path}: expected a capture with --roughness-mm, got a volume: roughness is told "
                 "from images by parts of the aperture"
@@ -195,7 +181,11 @@ def over_roughness(options: RoughnessOptions) -> SweepKind:
     heights_m, lengths_m = options.grid_m()
 
     def run(
-        radar: dict[str, Any], content: Capture, volume: Volume, scene: Scene, **more: Any
+        radar: dict[str, Any],
+        content: cl.Capture,
+        volume: cl.Volume,
+        scene: cl.Scene,
+        **more: Any,
     ) -> RoughnessSweep:
         from calibration import sweep_roughness
 
@@ -262,7 +252,7 @@ def over_alpha(alphas: AlphaOptions, imaging: ImagingOptions, depth: DepthMapOpt
     values = read_alphas(ALPHAS if alphas.alpha is None else alphas.alpha)
 
     def run(
-        radar: dict[str, Any], content: Volume | Capture, volume: Volume, scene: Scene,
+        radar: dict[str, Any], content: cl.Volume | cl.Capture, volume: cl.Volume, scene: cl.Scene,
         **options: Any,
     ) -> Sweep:  # fmt: skip
         from calibration import sweep
@@ -290,12 +280,11 @@ class SweepInputs:
         radar: RadarOptions,
         voxels: GridOptions,
         imaging: ImagingOptions,
-        device: Device,
+        device: cl.Device,
     ) -> None:
-        from clradar import Scene
 
         self.align = {"search_deg": place.search_deg} if place.align else None
-        self.scene = made_of.on(Scene.from_mesh(mesh, unit=place.unit))
+        self.scene = made_of.on(cl.Scene.from_mesh(mesh, unit=place.unit))
         self.labels = regions.read(self.scene, place.unit)
         self.matrix = place.matrix()
         self.image = ImageInput.open(measured, frames)
@@ -307,7 +296,7 @@ class SweepInputs:
         ]  # fmt: skip
 
     @property
-    def placed(self) -> Scene:
+    def placed(self) -> cl.Scene:
         """The mesh at the given transform."""
         return self.scene if self.matrix is None else self.scene.transformed(self.matrix)
 
@@ -327,8 +316,8 @@ class SweepInputs:
 
 
 def sweep_grid(
-    image: ImageInput, voxels: GridOptions, imaging: ImagingOptions, device: Device
-) -> VoxelGrid:
+    image: ImageInput, voxels: GridOptions, imaging: ImagingOptions, device: cl.Device
+) -> cl.VoxelGrid:
     """The grid of a volume; for a capture that of the options, or one that shows the object."""
     if image.grid is None:
         return common_grid(voxels, image, device=device)
@@ -343,11 +332,10 @@ def sweep_grid(
     return image.grid
 
 
-def digest(image: Volume | Capture) -> str:
+def digest(image: cl.Volume | cl.Capture) -> str:
     """The SHA-256 of everything in a capture or volume that a result depends on."""
-    from clradar import Volume
 
-    if isinstance(image, Volume):
+    if isinstance(image, cl.Volume):
         return sha256_of_arrays(image.data, image.grid.x_m, image.grid.y_m, image.grid.z_m)
     antennas_m = image.array.tx_m, image.array.rx_m
     return sha256_of_arrays(image.data, *antennas_m, image.waveform.frequencies_hz)

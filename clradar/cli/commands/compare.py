@@ -9,8 +9,16 @@ from pathlib import Path
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid, recording_words
-from clradar.cli.options.common import DevicesOption, ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
+from clradar.cli.options.common import DEVICES, FORCE
+from clradar.cli.options.groups import (
+    REQUIRED,
+    argument,
+    given,
+    option,
+    output_option,
+    recorded,
+    wrong_usage,
+)
 from clradar.cli.options.measured import (
     DepthMapOptions,
     FrameOptions,
@@ -19,7 +27,6 @@ from clradar.cli.options.measured import (
     grid_text,
 )
 from clradar.cli.outputs import check_figure, check_outputs, check_suffix, provenance
-from clradar.cli.parse import wrong_usage
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
@@ -50,8 +57,8 @@ def command(
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """Captures are imaged first: on the grid of the options, or without them on that of the first
     volume that is given, or without volumes on the paper's where MEASURED is in it, else around its

@@ -8,11 +8,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 from clradar.cli.console import print_line
-from clradar.cli.options.common import ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
+from clradar.cli.options.common import FORCE
+from clradar.cli.options.groups import (
+    REQUIRED,
+    argument,
+    option,
+    output_option,
+    recorded,
+    wrong_usage,
+)
 from clradar.cli.options.measured import AntennaOptions, FrameOptions, recording_files
 from clradar.cli.outputs import check_outputs, provenance, save
-from clradar.cli.parse import wrong_usage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +69,7 @@ def command(
     formats: FormatOptions,
     frames: FrameOptions,
     antennas: AntennaOptions,
-    force: ForceOption = False,
+    force: bool = FORCE,
 ) -> None:
     """The content of a SOURCE decides its kind, not its name. The data stays as recorded, bit by
     bit.

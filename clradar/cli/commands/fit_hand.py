@@ -7,9 +7,9 @@ from pathlib import Path
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.hand_fit_folder import FILES, FittedImages, print_fit, write_fit
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.common import DevicesOption, ForceOption, MeasuredArgument
+from clradar.cli.options.common import DEVICES, FORCE, MEASURED
 from clradar.cli.options.groups import REQUIRED, output_option, recorded
-from clradar.cli.options.hand import HandFitOptions, RigFileOptions, ShapeOptions, fit_settings
+from clradar.cli.options.hand import HandFitOptions, RigFileOptions, ShapeOptions, StartNames
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
@@ -22,7 +22,7 @@ from clradar.cli.outputs import check_folder, provenance, whole_folder
 
 def command(
     *,
-    measured: MeasuredArgument,
+    measured: Path = MEASURED,
     output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
     fitting: HandFitOptions,
     shape: ShapeOptions,
@@ -31,8 +31,8 @@ def command(
     imaging: ImagingOptions,
     frame: FrameOptions,
     radar: RadarOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """Joint angles within their limits, place, alpha, and with --fit-shape the hand's size, so that
     the hand looks like MEASURED. No mesh is needed. DIR gets pose.toml (for `clradar hand` and data
@@ -43,9 +43,9 @@ def command(
     from calibration import fit_hand
     from clradar.jobs import open_devices
 
-    read = [*fitting.files, *rigged.files, *radar.files]
+    read = [*StartNames(fitting.pose).files, *rigged.files, *radar.files]
     check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
-    settings = fit_settings(fitting, shape, rigged)
+    settings = fitting.fit_settings(shape, rigged)
     voxels.grid()  # wrong usage is reported before a file is read
     image = ImageInput.open(measured, frame)
     instrument = image.radar_or(radar)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
+import clradar as cl
 from clradar.cli.console import print_line
 from clradar.cli.image_parts import PartSteps
 from clradar.cli.images import (
@@ -19,8 +20,8 @@ from clradar.cli.images import (
     title_of_several,
 )
 from clradar.cli.inputs import ImageInput, form_image, grid_for, title_of
-from clradar.cli.options.common import DevicesOption, ForceOption, WorkerOptions
-from clradar.cli.options.groups import REQUIRED, argument, given, option, recorded
+from clradar.cli.options.common import DEVICES, FORCE, WorkerOptions
+from clradar.cli.options.groups import REQUIRED, argument, given, option, recorded, wrong_usage
 from clradar.cli.options.measured import (
     MODEL_METHODS,
     DepthMapOptions,
@@ -30,7 +31,6 @@ from clradar.cli.options.measured import (
     grid_text,
 )
 from clradar.cli.outputs import provenance, save
-from clradar.cli.parse import wrong_usage
 
 
 def command(
@@ -61,8 +61,8 @@ def command(
     depth: DepthMapOptions,
     frames: FrameOptions,
     processes: WorkerOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
     1 mm, if the object is in it and the radar resolves it there, and larger where it would cut the
@@ -72,7 +72,6 @@ def command(
     piece: what is done is kept beside the output until all is, and the same command resumes.
     Workers and devices share the pieces of large grids, and several captures.
     """
-    from clradar import Volume, open_device
     from clradar.errors import MeasurementError
     from clradar.jobs import open_devices
 
@@ -91,7 +90,7 @@ def command(
     if imaging.method in MODEL_METHODS:
         for name in given(processes):
             raise wrong_usage(name, "expected back-projection")
-    if isinstance(loaded.content, Volume):
+    if isinstance(loaded.content, cl.Volume):
         options = {**given(voxels), **given(imaging), **given(processes)}
         options |= {"--absolute": 1} if absolute else {}
         options |= {"--all-echoes": 1} if everything else {}
@@ -99,7 +98,7 @@ def command(
         volume, origin = loaded.content, provenance("image", {}, loaded.files)
     else:
         fitted = imaging.method in MODEL_METHODS
-        devices = open_devices(open_device(device) if fitted else device)
+        devices = open_devices(cl.open_device(device) if fitted else device)
         opened = devices.first
         samples = loaded.content
         if absolute:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import clradar as cl
 from clradar.cli.console import print_line, print_text
 from clradar.cli.fits import (
     FILES,
@@ -14,9 +15,9 @@ from clradar.cli.fits import (
 )
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import (
-    DeviceOption,
-    ForceOption,
-    MeasuredArgument,
+    DEVICE,
+    FORCE,
+    MEASURED,
 )
 from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded
 from clradar.cli.options.measured import (
@@ -35,7 +36,7 @@ from clradar.cli.outputs import check_folder, provenance, whole_folder
 
 def command(
     *,
-    measured: MeasuredArgument,
+    measured: Path = MEASURED,
     mesh: Path = argument(REQUIRED, "Mesh file, placed anywhere.", metavar="MESH"),
     output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
     registration: RegistrationOptions,
@@ -43,25 +44,24 @@ def command(
     voxels: GridOptions,
     frames: FrameOptions,
     radar: RadarOptions,
-    device: DeviceOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICE,
+    force: bool = FORCE,
 ) -> None:
     """Writes into DIR the placed mesh, the transform (for `clradar simulate --transform`), the
     simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
     first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
     """
-    from clradar import Scene, open_device
 
     registration = replace(registration, estimator=made_of.estimator(registration.estimator))
     alpha = registration.alpha_value(registration.estimator == PHYSICAL)
     read = [mesh, *made_of.files, *radar.files]
     check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
-    scene = Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
+    scene = cl.Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
     scene = made_of.on(scene)
     voxels.grid()  # wrong usage is reported before a file is read
     recorded_image = ImageInput.open(measured, frames)
     instrument = recorded_image.radar_or(radar)
-    opened = open_device(device)
+    opened = cl.open_device(device)
     grid = common_grid(voxels, recorded_image, device=opened)
     volume = recorded_image.volume(grid, ImagingOptions(), opened)
     result = registered(volume, scene, registration, instrument, opened)

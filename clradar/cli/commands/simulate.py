@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from time import perf_counter
 
+import clradar as cl
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.options.common import DevicesOption, ForceOption
-from clradar.cli.options.groups import REQUIRED, given, output_option, recorded
+from clradar.cli.options.common import DEVICES, FORCE
+from clradar.cli.options.groups import REQUIRED, given, output_option, recorded, wrong_usage
 from clradar.cli.options.measured import RadarOptions
 from clradar.cli.options.scene import (
     PHYSICAL,
@@ -22,7 +23,7 @@ from clradar.cli.options.scene import (
     with_part_alphas,
 )
 from clradar.cli.outputs import provenance, save
-from clradar.cli.parse import chosen_frames, wrong_usage
+from clradar.cli.parse import chosen_frames
 from clradar.cli.simulations import MeshScene
 from clradar.errors import warn
 
@@ -41,8 +42,8 @@ def command(
     estimator: EstimatorOptions,
     radar: RadarOptions,
     divided: ClusterOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0, or that of --array.
     Meshes are in its antenna frame: x to the right of a person who faces the aperture, y up, z away
@@ -59,8 +60,6 @@ def command(
     What is done is not done again; workers and devices divide the clusters and change no bit. With
     --motion clusters record one after the other, and --frames makes a recording of each.
     """
-    import clradar
-    from clradar import Scene
     from clradar.cli.simulations import (
         ClusterSteps,
         MotionRecording,
@@ -101,11 +100,11 @@ def command(
         meshes=named, alpha=default, alpha_of_parts=by_part, unit=scenery.unit, transform=matrix,
         materials=made_of,
     )  # fmt: skip
-    bodies: dict[str, Scene] = {}
+    bodies: dict[str, cl.Scene] = {}
     still = meshes.load() if motion is None else None
     if motion is not None:
         bodies = {
-            path.name: Scene.from_mesh(
+            path.name: cl.Scene.from_mesh(
                 path, alpha=default if a is None else a, unit=scenery.unit, transform=matrix
             )
             for path, a in named
@@ -149,7 +148,7 @@ def command(
         words = f"{len(numbers)} of {len(clusters)} clusters"
     elif still is not None:
         with progress_bar("tracing") as progress:
-            capture = clradar.simulate(
+            capture = cl.simulate(
                 still, antennas, waveform, settings=settings, device=opened, progress=progress
             )
         save(output, capture, origin, force=force)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from clradar.cli.console import print_line
 from clradar.cli.options.common import (
-    DevicesOption,
-    ForceOption,
-    MeasuredArgument,
+    DEVICES,
+    FORCE,
+    MEASURED,
 )
 from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded
 from clradar.cli.options.measured import (
@@ -38,7 +38,7 @@ from clradar.cli.sweeps import (
 
 def command(
     *,
-    measured: MeasuredArgument,
+    measured: Path = MEASURED,
     mesh: Path = argument(REQUIRED, "Mesh file.", metavar="MESH"),
     output: Path = output_option(REQUIRED, "New folder, or one to resume.", metavar="DIR"),
     alphas: AlphaOptions,
@@ -52,8 +52,8 @@ def command(
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
     gets sweep.png, sweep.csv, sweep.json, the settings, and with --align the transform. The same

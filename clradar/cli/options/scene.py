@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
+import clradar as cl
 from clradar.cli.options.common import (
     Amplitude,
     UnitOptions,
     WorkerOptions,
 )
-from clradar.cli.options.groups import argument, given, option, recorded
+from clradar.cli.options.groups import argument, given, option, recorded, wrong_usage
 from clradar.cli.outputs import check_folder, check_outputs
-from clradar.cli.parse import ALL, FRAMES_METAVAR, check_unit, wrong_usage
+from clradar.cli.parse import ALL, FRAMES_METAVAR, check_unit
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
@@ -30,7 +31,6 @@ from clradar.tracing.settings import (
 from clradar.tracing.suited import RECEPTION_RADIUS_M
 
 if TYPE_CHECKING:
-    from clradar import Material, Scene
     from clradar.motion.motion_file import Motion
 
 Estimator = Literal["stochastic", "expected", "physical"]
@@ -163,7 +163,7 @@ def read_alpha(option: str, text: str) -> float:
     return value
 
 
-def with_part_alphas(scene: Scene, by_part: Mapping[str, float]) -> Scene:
+def with_part_alphas(scene: cl.Scene, by_part: Mapping[str, float]) -> cl.Scene:
     """The scene with the alpha of each named part; all else keeps its own."""
     unknown = sorted(set(by_part) - set(scene.part_names))
     if unknown:
@@ -223,12 +223,12 @@ class MaterialOptions:
         warn(f"--material: not used by --estimator {chosen}; {PHYSICAL} knows materials")
         return chosen
 
-    def on(self, scene: Scene) -> Scene:
+    def on(self, scene: cl.Scene) -> cl.Scene:
         """The scene of these materials."""
         known = self._known()
         if self.material is not None:
             scene = scene.with_material(_found("--material", self.material, known))
-        by_part: dict[str, Material] = {}
+        by_part: dict[str, cl.Material] = {}
         for text in self.material_of or []:
             part, equals, name = text.rpartition("=")
             if not equals or not part:
@@ -244,13 +244,12 @@ class MaterialOptions:
             )
         return scene.with_material(by_part) if by_part else scene
 
-    def _known(self) -> dict[str, Material]:
-        from clradar import read_materials
+    def _known(self) -> dict[str, cl.Material]:
         from clradar.model.known_materials import KNOWN
 
         known = dict(KNOWN)
         for path in self.materials or []:
-            own = read_materials(path)
+            own = cl.read_materials(path)
             hidden = sorted(set(own) & set(known))
             if hidden:
                 warn(f"--materials: {path} has its own {', '.join(hidden)}, which hide known ones")
@@ -268,12 +267,11 @@ def _split(text: str) -> tuple[Path | None, str]:
     return None, text
 
 
-def _found(option: str, text: str, known: dict[str, Material]) -> Material:
-    from clradar import read_materials
+def _found(option: str, text: str, known: dict[str, cl.Material]) -> cl.Material:
 
     file, name = _split(text)
     if file is not None:
-        known = read_materials(file)
+        known = cl.read_materials(file)
     if name not in known:
         where = " or FILE.toml:NAME" if file is None else f" of {file}"
         raise wrong_usage(option, f"expected one of {', '.join(known)}{where}, got '{name}'")

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import clradar as cl
 from clradar.cli.options.common import SearchOptions
-from clradar.cli.options.groups import option
+from clradar.cli.options.groups import option, wrong_usage
 from clradar.cli.options.scene import MaterialOptions, PlacementOptions
-from clradar.cli.parse import RANGE_RULE, ascending, wrong_usage
+from clradar.cli.parse import RANGE_RULE, ascending
 from clradar.compare import METRICS
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.files.failures import fail, read_bytes, reading
@@ -21,7 +22,6 @@ from clradar.files.limits import MAX_SMALL_JSON_BYTES
 
 if TYPE_CHECKING:
     from calibration import Regions
-    from clradar import Scene
 
 
 CORRELATIONS_MM = "1.5,3,6"
@@ -73,7 +73,7 @@ class RoughnessOptions:
 LIMIT_BYTES = 2**28
 
 
-def read_regions(path: Path, scene: Scene) -> Regions:
+def read_regions(path: Path, scene: cl.Scene) -> Regions:
     """The regions of a mesh in a file.
 
     A .npy file has one whole number per face; a .json file has a list of one number or string per
@@ -190,7 +190,7 @@ class RegionOptions:
             *([Path(str(self.regions))] if named else []),
         ]
 
-    def read(self, scene: Scene, unit: str) -> Regions | None:
+    def read(self, scene: cl.Scene, unit: str) -> Regions | None:
         """The regions of a mesh as it is in its file, whose unit is that of the joints."""
         from calibration import Regions
         from clradar.model.plausible import MESH_UNITS_M
