@@ -9,17 +9,9 @@ from typing import TYPE_CHECKING, Any
 import clradar as cl
 from clradar.cli.comparison import Comparison, simulated_surface
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.options.common import (
-    SearchOptions,
-    UnitOptions,
-)
+from clradar.cli.options.common import SearchOptions, UnitOptions
 from clradar.cli.options.groups import option, recorded, wrong_usage
-from clradar.cli.options.scene import (
-    ESTIMATORS,
-    PHYSICAL,
-    Estimator,
-    SamplingOptions,
-)
+from clradar.cli.options.scene import ESTIMATORS, PHYSICAL, Estimator, SamplingOptions
 from clradar.cli.outputs import save
 from clradar.cli.parse import FIT, alpha_or_fit
 from clradar.files.atomic import write_file

@@ -13,7 +13,6 @@ import clradar as cl
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.options.groups import given, option, wrong_usage
 from clradar.cli.options.measured import (
-    MODEL_METHODS,
     FrameOptions,
     GridOptions,
     ImagingOptions,
@@ -32,7 +31,7 @@ def form_image(
 ) -> cl.Volume:
     """The image of a capture, with a progress bar on a terminal."""
 
-    form = cl.reconstruct if imaging.method in MODEL_METHODS else cl.backproject
+    form = cl.reconstruct if imaging.fitted else cl.backproject
     with progress_bar(label) as progress:
         return form(
             capture, grid, tolerance_db=tolerance_db, device=device, progress=progress,
@@ -121,7 +120,7 @@ def grid_for(
     """
     from clradar.imaging.placement import placement, placement_words
 
-    if given(options):
+    if options.given:
         return options.grid()
     placed = placement(capture, cl.open_device(device), everything=everything)
     if placed.shown:
@@ -134,7 +133,7 @@ def common_grid(
 ) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
 
-    if not given(options):
+    if not options.given:
         for image in images:
             if image.grid is not None:
                 return image.grid

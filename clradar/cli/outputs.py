@@ -210,6 +210,11 @@ def check_figure(path: Path | None) -> None:
     check_suffix(path, SUFFIXES)
 
 
+def check_page(path: Path | None) -> None:
+    """Raise unless a page can be written under this name."""
+    check_suffix(path, (".html", ".htm"))
+
+
 def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) -> Result:
     """Write a capture, a volume or channels with their provenance; return it as written."""
     from measurement_io import save_capture, save_channels, save_volume

@@ -35,16 +35,9 @@ from clradar.cli.moving_hands import (
     hand_columns,
     print_sequence,
 )
-from clradar.cli.options.groups import given
 from clradar.cli.options.measured import GridOptions
 from clradar.cli.outputs import save
-from clradar.errors import (
-    ClusterError,
-    CompareError,
-    DeviceError,
-    MeasurementError,
-    OutputError,
-)
+from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
 from clradar.files.json_differences import listed_differences
 from clradar.files.json_file import read_json_object, write_json
@@ -197,7 +190,7 @@ class RecordingWork:
 
     def _place_grid(self, steps: FrameSteps) -> tuple[cl.VoxelGrid, dict[str, Any]]:
         """The grid, with the frame that placed it."""
-        if given(self.voxels):
+        if self.voxels.given:
             return self.voxels.grid(), {}
         failure: MeasurementError | None = None
         for group in self.groups:

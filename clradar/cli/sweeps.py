@@ -13,7 +13,7 @@ import clradar as cl
 from clradar.cli.comparison import METRIC_COLUMNS, write_csv
 from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.groups import given, recorded, wrong_usage
+from clradar.cli.options.groups import recorded, wrong_usage
 from clradar.cli.options.measured import (
     DepthMapOptions,
     FrameOptions,
@@ -22,11 +22,7 @@ from clradar.cli.options.measured import (
     RadarOptions,
     grid_text,
 )
-from clradar.cli.options.scene import (
-    PHYSICAL,
-    Estimator,
-    MaterialOptions,
-)
+from clradar.cli.options.scene import PHYSICAL, Estimator, MaterialOptions
 from clradar.cli.options.sweep import (
     ALPHAS,
     AlphaOptions,
@@ -236,16 +232,6 @@ def write_roughness(
     write_json(folder / RESULT, {"measured": source, **result.to_dict(), **origin}, force=True)
 
 
-def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
-    """The JSON object that `read_joints` reads; None, which it refuses, for an unknown joint."""
-    from clradar.hand import JOINT_NAMES
-
-    return {
-        name: at.tolist() if np.isfinite(at).all() else None
-        for name, at in zip(JOINT_NAMES, joints, strict=True)
-    }
-
-
 def over_alpha(alphas: AlphaOptions, imaging: ImagingOptions, depth: DepthMapOptions) -> SweepKind:
     """A sweep over alpha."""
 
@@ -291,7 +277,7 @@ class SweepInputs:
         self.radar = self.image.radar_or(radar)
         self.grid = sweep_grid(self.image, voxels, imaging, device)
         self.files = [
-            *self.image.files, mesh, *place.files, *regions.files, *made_of.files,
+            *self.image.files, mesh, *place.files, *regions.files, *made_of.material_files,
             *radar.files,
         ]  # fmt: skip
 
@@ -321,7 +307,7 @@ def sweep_grid(
     """The grid of a volume; for a capture that of the options, or one that shows the object."""
     if image.grid is None:
         return common_grid(voxels, image, device=device)
-    if given(voxels):
+    if voxels.given:
         raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
     window = image.content.meta.get("window", imaging.window)
     if window != imaging.window:

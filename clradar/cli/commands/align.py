@@ -9,13 +9,7 @@ from typing import Any
 import clradar as cl
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.common import (
-    DEVICE,
-    FORCE,
-    MEASURED,
-    SearchOptions,
-    UnitOptions,
-)
+from clradar.cli.options.common import DEVICE, FORCE, MEASURED, SearchOptions, UnitOptions
 from clradar.cli.options.groups import argument, given, option, output_option, recorded, wrong_usage
 from clradar.cli.options.measured import (
     FrameOptions,

@@ -11,7 +11,7 @@ import clradar as cl
 from clradar.cli.console import print_line, print_table, print_warning, progress_bar
 from clradar.cli.inputs import title_of
 from clradar.cli.options.common import CAPTURE, DEVICE, FORCE
-from clradar.cli.options.groups import given, option, output_option, recorded
+from clradar.cli.options.groups import option, output_option, recorded
 from clradar.cli.options.measured import FrameOptions, GridOptions, axis_option, grid_text
 from clradar.cli.outputs import check_figure, check_outputs, provenance, save
 from clradar.cli.parse import position_m
@@ -70,7 +70,7 @@ def command(
     from clradar.plot import save_figure
 
     expected_m = None if expect_mm is None else position_m("--expect-mm", expect_mm)
-    grid = voxels.grid(COARSE_GRID_MM) if given(voxels) else None
+    grid = voxels.grid(COARSE_GRID_MM) if voxels.given else None
     check_figure(files.output)
     check_outputs([files.output, files.json, files.fix_to], force=force, inputs=[capture])
     loaded, sources = frames.open(capture)

@@ -76,7 +76,7 @@ def command(
 
     With --from A --to B the hand goes from pose to pose (docs/movement.md).
     """
-    from clradar.cli.sweeps import joints_record
+    from clradar.cli.options.sweep import joints_record
     from clradar.hand import POSES
 
     if list_poses:

@@ -16,13 +16,7 @@ from clradar.cli.frames import (
     KeepOptions,
 )
 from clradar.cli.options.common import DEVICES, FORCE, WorkerOptions
-from clradar.cli.options.groups import (
-    REQUIRED,
-    argument,
-    output_option,
-    recorded,
-    wrong_usage,
-)
+from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded, wrong_usage
 from clradar.cli.options.hand import RigFileOptions, ShapeOptions, StartNames
 from clradar.cli.options.measured import DepthMapOptions, GateOptions, GridOptions, ImagingOptions
 from clradar.cli.outputs import check_place_of_folder, provenance

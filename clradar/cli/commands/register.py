@@ -7,18 +7,9 @@ from pathlib import Path
 
 import clradar as cl
 from clradar.cli.console import print_line, print_text
-from clradar.cli.fits import (
-    FILES,
-    RegistrationOptions,
-    registered,
-    write_registration,
-)
+from clradar.cli.fits import FILES, RegistrationOptions, registered, write_registration
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.common import (
-    DEVICE,
-    FORCE,
-    MEASURED,
-)
+from clradar.cli.options.common import DEVICE, FORCE, MEASURED
 from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded
 from clradar.cli.options.measured import (
     FrameOptions,
@@ -27,10 +18,7 @@ from clradar.cli.options.measured import (
     RadarOptions,
     grid_text,
 )
-from clradar.cli.options.scene import (
-    PHYSICAL,
-    MaterialOptions,
-)
+from clradar.cli.options.scene import PHYSICAL, MaterialOptions
 from clradar.cli.outputs import check_folder, provenance, whole_folder
 
 
@@ -54,7 +42,7 @@ def command(
 
     registration = replace(registration, estimator=made_of.estimator(registration.estimator))
     alpha = registration.alpha_value(registration.estimator == PHYSICAL)
-    read = [mesh, *made_of.files, *radar.files]
+    read = [mesh, *made_of.material_files, *radar.files]
     check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
     scene = cl.Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
     scene = made_of.on(scene)

@@ -7,11 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from clradar.cli.console import print_line
-from clradar.cli.options.common import (
-    DEVICES,
-    FORCE,
-    MEASURED,
-)
+from clradar.cli.options.common import DEVICES, FORCE, MEASURED
 from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded
 from clradar.cli.options.measured import (
     DepthMapOptions,
@@ -21,19 +17,9 @@ from clradar.cli.options.measured import (
     RadarOptions,
 )
 from clradar.cli.options.scene import MaterialOptions, SimulationOptions
-from clradar.cli.options.sweep import (
-    AlphaOptions,
-    PlaceOptions,
-    RegionOptions,
-    check_together,
-)
+from clradar.cli.options.sweep import AlphaOptions, PlaceOptions, RegionOptions, check_together
 from clradar.cli.outputs import check_place_of_folder, package_versions, provenance
-from clradar.cli.sweeps import (
-    RoughnessOptions,
-    SweepInputs,
-    over_alpha,
-    over_roughness,
-)
+from clradar.cli.sweeps import RoughnessOptions, SweepInputs, over_alpha, over_roughness
 
 
 def command(
@@ -69,7 +55,7 @@ def command(
     from clradar.compare import depth_map_of
     from clradar.jobs import open_devices
 
-    read = [measured, mesh, *place.files, *regions.files, *made_of.files]
+    read = [measured, mesh, *place.files, *regions.files, *made_of.material_files]
     check_place_of_folder(output, replaced=sweeps.OWN_NAMES, inputs=read)
     kind = over_roughness(roughness) if roughness.given else over_alpha(alphas, imaging, depth)
     check_together(alphas, roughness, made_of)

@@ -12,7 +12,7 @@ from clradar.cli.options.common import DEVICE, FORCE
 from clradar.cli.options.groups import REQUIRED, argument, option, wrong_usage
 from clradar.cli.options.measured import DepthMapOptions, Variant
 from clradar.cli.options.scene import PlacementOptions
-from clradar.cli.outputs import check_outputs, check_suffix
+from clradar.cli.outputs import check_outputs, check_page
 
 if TYPE_CHECKING:
     import numpy as np
@@ -122,7 +122,7 @@ def command(
     """Serves a page at 127.0.0.1 until Ctrl-C, and prints its address. Needs viser: pip install
     'clradar[view]'. Captures are imaged as `clradar image` does, with larger voxels at first.
     """
-    check_suffix(html, (".html", ".htm"))
+    check_page(html)
     check_outputs([html], force=force, inputs=[path])
     if watch and html is not None:
         raise wrong_usage("--watch", "expected without --html, which ends once it is written")

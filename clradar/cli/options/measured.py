@@ -155,6 +155,11 @@ class GridOptions:
     y_mm: str | None = axis_option("y", PAPER_GRID_MM[1])
     z_mm: str | None = axis_option("z", PAPER_GRID_MM[2])
 
+    @property
+    def given(self) -> bool:
+        """Whether there is an axis of the options."""
+        return (self.x_mm, self.y_mm, self.z_mm) != (None, None, None)
+
     def grid(self, defaults_mm: tuple[str, str, str] = PAPER_GRID_MM) -> VoxelGrid:
         """The grid, with default ranges for the axes that were not given."""
         texts = (self.x_mm, self.y_mm, self.z_mm)
@@ -178,6 +183,11 @@ class ImagingOptions:
         "-54 dB; exact: the plain sum.",
     )
     window: Literal["rect", "hann", "taylor"] = option("rect", "Weights over frequency.")
+
+    @property
+    def fitted(self) -> bool:
+        """Whether it is formed by iteration: by `clradar.reconstruct`."""
+        return self.method in MODEL_METHODS
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -207,10 +217,9 @@ class ModelImagingOptions(ImagingOptions):
     )
 
     def __post_init__(self) -> None:
-        fitted = self.method in MODEL_METHODS
         fits = {
-            "--window": not fitted,
-            "--iterations": fitted,
+            "--window": not self.fitted,
+            "--iterations": self.fitted,
             "--damping-db": self.method == "least-squares",
             "--sparsity-db": self.method == "sparse",
         }
@@ -221,7 +230,7 @@ class ModelImagingOptions(ImagingOptions):
     @property
     def arguments(self) -> dict[str, Any]:
         """Of `clradar.backproject`, or of `clradar.reconstruct`."""
-        if self.method not in MODEL_METHODS:
+        if not self.fitted:
             return super().arguments
         names = ("method", "iterations", "damping_db", "sparsity_db")
         return {name: getattr(self, name) for name in names}

@@ -121,6 +121,16 @@ def read_joints(path: Path) -> np.ndarray:
         return joints
 
 
+def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
+    """The JSON object that `read_joints` reads; None, which it refuses, for an unknown joint."""
+    from clradar.hand import JOINT_NAMES
+
+    return {
+        name: at.tolist() if np.isfinite(at).all() else None
+        for name, at in zip(JOINT_NAMES, joints, strict=True)
+    }
+
+
 ALPHA_RULE = f"{RANGE_RULE}, or a list with commas"
 
 
