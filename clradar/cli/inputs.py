@@ -141,6 +141,37 @@ def common_grid(
     return grid_for(captures[0], options, device) if captures else options.grid()
 
 
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """A measured image, what it was formed of, and the radar that simulations of it have."""
+
+    path: Path
+    content: cl.Volume | cl.Capture
+    volume: cl.Volume
+    radar: dict[str, Any]
+    own_radar: dict[str, Any]  # that of a capture, without that of options
+    files: list[Path]
+
+
+def measurement(
+    path: Path,
+    frames: FrameOptions,
+    radar: RadarOptions,
+    voxels: GridOptions,
+    imaging: ImagingOptions,
+    device: cl.Device,
+) -> Measurement:
+    """Open a volume, or form the image of a capture."""
+    voxels.grid()  # wrong usage is reported before a file is read
+    image = ImageInput.open(path, frames)
+    known = image.radar_or(radar)
+    if image.grid is not None and voxels.given:
+        raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
+    volume = image.volume(common_grid(voxels, image, device=device), imaging, device)
+    files = [*image.files, *radar.files]
+    return Measurement(path, image.content, volume, known, image.radar, files)
+
+
 def mean_capture(
     path: Path, *, variant: str | None = None, align_phase: bool = False
 ) -> tuple[cl.Capture, list[Path]]:

@@ -256,24 +256,24 @@ def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandM
     return mesh.moved(np.eye(3), -centre_m).moved(matrix, centre_m)
 
 
-def save_hand(path: Path, mesh: HandMesh, *, force: bool) -> None:
-    """Write a hand's mesh whole or not at all, in metres."""
+def save_mesh(path: Path, mesh: HandMesh | cl.Scene, *, force: bool) -> None:
+    """Write a mesh whole or not at all, in metres."""
     import trimesh
 
     from clradar.files.meshes.ply_parts import ply_of_parts
 
-    kind = path.suffix.lower()[1:]
+    kind, part = path.suffix.lower()[1:], np.asarray(mesh.part)
     if kind == "ply":
-        content = ply_of_parts(
-            mesh.vertices_m, mesh.faces, mesh.part, mesh.part_names, mesh.texture_m
-        )
+        names, texture_m = mesh.part_names, mesh.texture_m
+        content = ply_of_parts(mesh.vertices_m, mesh.faces, part, names, texture_m)
     elif kind == "glb":
         scene = trimesh.Scene()
         for i, name in enumerate(mesh.part_names):
-            piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[mesh.part == i], process=False)
+            piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[part == i], process=False)
             piece.remove_unreferenced_vertices()
             scene.add_geometry(piece, node_name=name, geom_name=name)
         content = scene.export(file_type=kind)
     else:
-        content = mesh.to_trimesh().export(file_type=kind)
+        whole = trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False)
+        content = whole.export(file_type=kind)
     write_file(path, content.encode() if isinstance(content, str) else content, force=force)

@@ -9,9 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import clradar as cl
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.options.scene import PHYSICAL, SceneOptions
+from clradar.cli.options.scene import PHYSICAL, MotionOptions, SceneOptions
 from clradar.cli.options.sweep import joints_record
-from clradar.cli.outputs import save, whole_folder
+from clradar.cli.outputs import (
+    check_folder,
+    check_outputs,
+    check_place_of_folder,
+    save,
+    whole_folder,
+)
 from clradar.cli.recording_conversion import described
 from clradar.errors import MeshError, warn
 from clradar.files.json_file import write_json
@@ -53,6 +59,18 @@ def recording_files(folder: Path) -> list[str]:
     """What a recording of this command replaces in a folder."""
     found = [*folder.glob("radar_*"), *folder.glob("cluster_*")]
     return [TRUTH, *(path.name for path in found)]
+
+
+def check_output(
+    output: Path, moving: MotionOptions, several: bool, inputs: Sequence[Path], *, force: bool
+) -> None:
+    """Raise unless the capture, the recording or the folder of clusters may be written."""
+    if several and moving.motion is None:
+        check_place_of_folder(output, cluster_files(output), inputs)
+    elif several or moving.frames is not None:
+        check_folder(output, force=force, replaced=recording_files(output), inputs=inputs)
+    else:
+        check_outputs([output], force=force, inputs=inputs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

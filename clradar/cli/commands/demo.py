@@ -16,7 +16,7 @@ from clradar.cli.console import print_line, progress_bar
 from clradar.cli.options.common import DEVICE
 from clradar.cli.options.groups import option, output_option, recorded
 from clradar.cli.options.measured import RadarOptions, grid_text
-from clradar.cli.outputs import check_folder, made_folder, provenance, save, save_hand, turned
+from clradar.cli.outputs import check_folder, made_folder, provenance, save, save_mesh, turned
 from clradar.files.json_file import write_json
 
 TURN_DEG = 25.0
@@ -80,7 +80,7 @@ def run_demo(
     from measurement_io import open_capture, save_maroon_frame
 
     mesh = folder / "hand_f.ply"
-    save_hand(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
+    save_mesh(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
     origin = provenance("demo", recorded(radar, rays=rays, grid=grid_text(grid)), [mesh])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.hand_fit_folder import FILES, FittedImages, print_fit, write_fit
-from clradar.cli.inputs import ImageInput, common_grid
+from clradar.cli.fits import HAND_FILES, print_hand_fit, write_hand_fit
+from clradar.cli.inputs import measurement
 from clradar.cli.options.common import DEVICES, FORCE, MEASURED
 from clradar.cli.options.groups import REQUIRED, output_option, recorded
 from clradar.cli.options.hand import HandFitOptions, RigFileOptions, ShapeOptions, StartNames
@@ -43,18 +43,13 @@ def command(
     from calibration import fit_hand
     from clradar.jobs import open_devices
 
-    read = [*StartNames(fitting.pose).files, *rigged.files, *radar.files]
-    check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
+    read = [*StartNames(fitting.pose).files, *rigged.files]
+    check_folder(output, force=force, replaced=HAND_FILES, inputs=[measured, *read, *radar.files])
     settings = fitting.fit_settings(shape, rigged)
-    voxels.grid()  # wrong usage is reported before a file is read
-    image = ImageInput.open(measured, frame)
-    instrument = image.radar_or(radar)
     opened = open_devices(device).first
-    grid = common_grid(voxels, image, device=opened)
-    volume = image.volume(grid, imaging, opened)
+    found = measurement(measured, frame, radar, voxels, imaging, opened)
     with progress_bar("fitting") as progress:
-        fit = fit_hand(volume, device=opened, progress=progress, **settings, **instrument)
-    images = FittedImages.of(volume, fit, instrument, fitting.seed, opened)
+        fit = fit_hand(found.volume, device=opened, progress=progress, **settings, **found.radar)
     options = recorded(
         fitting,
         shape,
@@ -63,10 +58,10 @@ def command(
         frame,
         radar,
         measured=measured,
-        grid=grid_text(volume.grid),
+        grid=grid_text(found.volume.grid),
     )
-    origin = provenance("fit-hand", options, [*image.files, *read])
-    with whole_folder(output, force=force, replaced=FILES) as made:
-        write_fit(made, images, str(measured), origin)
-    print_fit(fit)
-    print_line(f"{output}: {', '.join(FILES)}")
+    origin = provenance("fit-hand", options, [*found.files, *read])
+    with whole_folder(output, force=force, replaced=HAND_FILES) as made:
+        write_hand_fit(made, found, fit, fitting.seed, opened, origin)
+    print_hand_fit(fit)
+    print_line(f"{output}: {', '.join(HAND_FILES)}")

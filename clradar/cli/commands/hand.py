@@ -10,7 +10,7 @@ from clradar.cli.console import print_line, print_table
 from clradar.cli.options.common import DEVICE, FORCE
 from clradar.cli.options.groups import argument, option, output_option, wrong_usage
 from clradar.cli.options.hand import EmbeddedHandOptions, MovementOptions, RigOptions
-from clradar.cli.outputs import SUFFIXES, check_outputs, check_suffix, save_hand, turned
+from clradar.cli.outputs import SUFFIXES, check_outputs, check_suffix, save_mesh, turned
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def command(
     else:
         mesh, words = rigged.posed(joint_angles, pose.name, center_m)
     mesh = turned(mesh, pose.turn_deg, center_m)
-    save_hand(output, mesh, force=force)
+    save_mesh(output, mesh, force=force)
     if joints is not None:
         write_json(joints, joints_record(mesh.joints_m), force=force)
     print_line(f"{output}: {words}, {len(mesh.faces)} faces")

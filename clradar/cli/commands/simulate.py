@@ -18,14 +18,13 @@ from clradar.cli.options.scene import (
     SceneOptions,
     SimulationOptions,
 )
-from clradar.cli.outputs import check_folder, check_outputs, check_place_of_folder, provenance, save
+from clradar.cli.outputs import provenance, save
 from clradar.cli.parse import chosen_frames
 from clradar.cli.simulations import (
     ClusterSteps,
     MotionRecording,
-    cluster_files,
+    check_output,
     keep_scene,
-    recording_files,
     simulate_clusters,
     summary,
 )
@@ -69,20 +68,20 @@ def command(
     if not scenery.meshes and moving.motion is None:
         raise wrong_usage("MESH", "expected a mesh file, or --motion with a hand")
     inputs, clusters, waveform = [*scenery.files, *radar.files], radar.clusters(), radar.waveform()
+    inputs += [] if moving.motion is None else [moving.motion]
     several, numbers = len(clusters) > 1, range(1, len(clusters) + 1)
-    motion = None if moving.motion is None else read_motion(moving.motion)
-    inputs += [] if motion is None else motion.files
-    if several and motion is None:
+    if several and moving.motion is None:
         chosen = chosen_frames(divided.clusters, numbers, "--clusters")
-        check_place_of_folder(output, cluster_files(output), inputs)
     else:
         for name in given(divided):
             words = "without --motion" if several else "an --array of clusters with it"
             raise wrong_usage(name, f"expected {words}")
-        if several or moving.frames is not None:
-            check_folder(output, force=force, replaced=recording_files(output), inputs=inputs)
-        else:
-            check_outputs([output], force=force, inputs=inputs)
+    check_output(output, moving, several, inputs, force=force)
+    motion = None
+    if moving.motion is not None:
+        motion = read_motion(moving.motion)
+        inputs += motion.files[1:]
+        check_output(output, moving, several, inputs, force=force)  # they are known only now
     kind = scenery.estimator(estimator.estimator)
     if kind == PHYSICAL and scenery.has_alpha:
         warn(f"--alpha: not used by --estimator {PHYSICAL}; --material has the roughness")

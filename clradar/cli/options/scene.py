@@ -125,11 +125,13 @@ class MaterialOptions:
         "What the meshes are made of, which chooses the physical estimator: a name that "
         "`clradar materials` lists, or one of a file. [default: a perfect conductor]",
         metavar="NAME|FILE.toml:NAME",
+        needs="--roughness-mm",
     )
     material_of: list[str] | None = option(
         None,
         "The same of a part; may be repeated: --material palm --material-of thumb=skin.",
         metavar="PART=NAME",
+        needs="--roughness-mm",
     )
     materials: list[Path] | None = option(
         None, "Files whose materials have names, too; may be repeated.", metavar="FILE.toml"
