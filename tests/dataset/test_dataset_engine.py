@@ -344,7 +344,7 @@ def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path
     from clradar.jobs.distributed import _contract, make_part, worker_facts
 
     facts = worker_facts("pocl")
-    make = _Numbered(ShardMaker(tmp_path, plan), {}, tmp_path, "pocl", ())
+    make = _Numbered(ShardMaker(tmp_path, plan), {}, tmp_path, "pocl", (), str(tmp_path))
     with _contract(make, facts) as contract:
         assert contract.breach() is None
         assert "cannot see the folder" in str(replace(contract, token="other").breach())
