@@ -1,108 +1,79 @@
-"""How fast the live view plays: frames that a headless Chromium on this machine draws per second.
+"""Frames that `clradar view` shows of a folder that is written at a rate, and their latency.
 
-Ten frames of a simulated hand, 101 x 101 x 41 voxels of 2 mm, from memory, with projection, depth
-map, slices and points or voxels of each; WebGL is in software. Reading and imaging are not timed.
+    PYTHONPATH=tests/support python benchmarks/view_rate.py [--rate-hz 10] [--seconds 20] [--mm 2]
 
-    PYTHONPATH=tests/support python benchmarks/view_rate.py [--frames 60]
+A hand of 94 x 94 x 128 samples moves to the side by a voxel per frame; files come by one rename.
+A headless Chromium on this machine shows them, with WebGL in software. Prints what the page says
+of itself: frames shown, and over the last 30 rate and latency from the last write of a file.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import subprocess
+import sys
 import tempfile
+import time
 from pathlib import Path
 
 import chromium
 import numpy as np
+from study import ARRAY, WAVEFORM
 
 import clradar
 from clradar.hand import hand_mesh
-from clradar.view.playing import Player
 from clradar.view.server import serving
-from clradar.view.sources import FixedFrames
-from clradar.view.wish import Wish
+from clradar.view.sources import open_source
+from clradar.view.wish import Wish, grid_mm
+from measurement_io import save_capture
 
-FRAMES = 10
 SIZE = (1200, 900)
-MOST_PER_S = 30.0
+FRAMES = 10
 
-COUNT = """
-new Promise(done => {
-  let shown = '', changes = -1, start = 0;
-  const look = now => {
-    const frame = document.body.textContent.match(/frame [0-9]+: volume/);
-    if (frame && frame[0] !== shown) {
-      shown = frame[0]; changes += 1;
-      if (changes === 0) start = now;
-      if (changes === WANTED) return done(1000 * changes / (now - start));
-    }
-    requestAnimationFrame(look);
-  };
-  requestAnimationFrame(look);
-})
+WRITE = """
+import os, shutil, sys, time
+made, folder, rate_hz, seconds = sys.argv[1], sys.argv[2], float(sys.argv[3]), float(sys.argv[4])
+start_s, n = time.monotonic(), 0
+while time.monotonic() - start_s < seconds:
+    path = os.path.join(folder, f"{n:06d}.h5")
+    shutil.copyfile(os.path.join(made, f"{n % 10}.h5"), path + ".part")
+    os.replace(path + ".part", path)
+    n += 1
+    time.sleep(max(0.0, start_s + n / rate_hz - time.monotonic()))
 """
-"""Frames per second from animation frame to animation frame: a drawn frame that is not new is not
-counted."""
-
-
-def volumes() -> list[clradar.Volume]:
-    """A hand that moves to the side by a voxel per frame."""
-    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-3)
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
-    scene = clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5)
-    capture = clradar.simulate(scene, clradar.arrays.qar50(), waveform, seed=0)
-    first = clradar.backproject(capture, grid)
-    return [clradar.Volume(np.roll(first.data, i, axis=2), grid) for i in range(FRAMES)]
-
-
-def processor_s() -> float:
-    """Processor time of this process and of all that it started, which the browser's are."""
-    used: dict[int, tuple[int, float]] = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            fields = (folder / "stat").read_text().rpartition(")")[2].split()
-        except OSError:  # it has ended
-            continue
-        ticks = int(fields[11]) + int(fields[12])
-        used[int(folder.name)] = int(fields[1]), ticks / os.sysconf("SC_CLK_TCK")
-    ours = {os.getpid()}
-    while more := {pid for pid, (parent, _) in used.items() if parent in ours} - ours:
-        ours |= more
-    return sum(used[pid][1] for pid in ours)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=60, help="that are counted, of each kind")
-    wanted = parser.parse_args().frames
-    contents = volumes()
-    labels = tuple(f"frame {i}" for i in range(FRAMES))
-    source = FixedFrames("hand", labels, contents.__getitem__)
-    with (
-        serving(source, Wish(dynamic_range_db=20.0), port=0) as (port, session),
-        tempfile.TemporaryDirectory() as folder,
-        chromium.chromium(Path(folder), webgl=True) as page,
-    ):
-        page.resize(*SIZE)
-        page.open(f"http://127.0.0.1:{port}/")
-        player = Player(session, MOST_PER_S)
-        for voxels in (False, True):
-            session.change(voxels=voxels)
-            session.settle()
-            player.play(True)
-            page.js(COUNT.replace("WANTED", "10"))
-            before_s = processor_s()
-            per_s = page.js(COUNT.replace("WANTED", str(wanted)))
-            used_ms = 1e3 * (processor_s() - before_s) / wanted
-            player.play(False)
-            session.settle()
-            print(
-                f"{'voxels' if voxels else 'points'}: {per_s:.1f} frames/s, {used_ms:.0f} ms of "
-                f"processor time for each in server and browser, load {os.getloadavg()[0]:.1f}"
-            )
-        session.close()
-        player.close()
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--rate-hz", type=float, default=10.0)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--mm", type=float, default=2.0, help="voxel size")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as top:
+        made, folder = Path(top, "made"), Path(top, "frames")
+        made.mkdir()
+        folder.mkdir()
+        scene = clradar.Scene.from_mesh(hand_mesh("F"), alpha=0.5)
+        for n in range(FRAMES):
+            there = scene.transformed(np.eye(4) + np.eye(4, k=3) * 2e-3 * n)
+            save_capture(made / f"{n}.h5", clradar.simulate(there, ARRAY, WAVEFORM, seed=0))
+        grid = grid_mm((-100, 100), (-100, 100), (260, 340), given.mm)
+        with (
+            serving(open_source(folder, watch=True), Wish(frame=-1, grid=grid), port=0) as (
+                port,
+                _,
+            ),
+            chromium.chromium(Path(top), webgl=True) as page,
+        ):
+            page.resize(*SIZE)
+            page.open(f"http://127.0.0.1:{port}/")
+            options = [str(made), str(folder), str(given.rate_hz), str(given.seconds)]
+            with subprocess.Popen([sys.executable, "-c", WRITE, *options]) as writer:
+                time.sleep(given.seconds - 1.0)
+                said = page.js("document.body.textContent.match(/[0-9]+ shown[^]*?dropped/)[0]")
+                print(f"{said}, load {os.getloadavg()[0]:.1f}")
+                writer.wait()
 
 
 if __name__ == "__main__":
