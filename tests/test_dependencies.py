@@ -1,4 +1,4 @@
-"""What would be installed on the systems of docs/platforms.md, resolved here without them."""
+"""What would be installed on the systems of docs/install.md, resolved here without them."""
 
 from __future__ import annotations
 
