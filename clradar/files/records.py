@@ -45,6 +45,8 @@ def mistake(expected: str, got: object = None, *, key: Any = "") -> PydanticCust
     """Return what a validator raises; without `got` it is the value, `key` names an inner place."""
     if got is not None and not isinstance(got, str):
         got = toml_brief(got)
+    if got is not None:  # pydantic refuses half of a surrogate pair, which JSON can hold
+        got = got.encode("utf-8", "backslashreplace").decode()
     return PydanticCustomError(
         "mistake", "{expected}", {"expected": expected, "got": got, "key": key}
     )
