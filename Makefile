@@ -10,7 +10,7 @@ JOBS ?= 2
 # Tests start many programs, and each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-spawn test-slow test-intel mutants fuzz memcheck gpucheck lint size format figures validation docs bench release clean
+.PHONY: demo test test-spawn test-slow test-intel test-lowest nightly mutants fuzz memcheck gpucheck lint size format figures validation docs bench release clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -36,6 +36,13 @@ test-intel: $(VENV)-intel/.installed
 # twenty minutes. ONLY="tracing lobe": of these folders and files, or with ids that begin so.
 mutants: $(VENV)/.installed-dev
 	$(BIN)/python tests/mutants/run.py --jobs $(JOBS) $(ONLY)
+
+# Everything that `.ci/run` leaves out, to be run over night. Each part has its own command, too.
+nightly: test-slow memcheck gpucheck test-spawn test-lowest test-intel mutants fuzz
+
+# The oldest versions of the dependencies that pyproject.toml allows, in an environment of its own.
+test-lowest: $(VENV)-lowest/.installed
+	$(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile
 
 # 100 000 mutated files for every reader: some hours.
 fuzz: $(VENV)/.installed-dev
@@ -127,7 +134,12 @@ $(VENV)-intel/.installed: pyproject.toml
 	$(VENV)-intel/bin/python -m pip install --quiet --editable ".[test,intel]"
 	touch $@
 
+$(VENV)-lowest/.installed: pyproject.toml $(VENV)/.installed-dev
+	$(PYTHON) -m venv $(VENV)-lowest
+	$(BIN)/uv pip install --quiet --python $(VENV)-lowest/bin/python --resolution lowest-direct --editable ".[test]"
+	touch $@
+
 clean:
-	rm -rf $(VENV) $(VENV)-intel $(VENV)-memcheck $(VENV)-gpucheck demo demo-full fuzz-faults dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-intel $(VENV)-memcheck $(VENV)-gpucheck $(VENV)-lowest demo demo-full fuzz-faults dist build .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	rm -rf docs/tutorials
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -22,7 +22,10 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
     "sphinx_gallery.gen_gallery",
+    "sphinx-mathjax-offline",
     "public_names",
     "command_line",
 ]
@@ -40,7 +43,7 @@ napoleon_custom_sections = [("Warns", "params_style")]
 
 public_packages = (HERE / "api" / "index.md").read_text().split("```")[1].split()[3:]
 
-myst_enable_extensions = ["colon_fence", "deflist"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 
 # Executed beside copies of themselves: what they write stays out of the source tree. The files are

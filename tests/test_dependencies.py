@@ -1,4 +1,4 @@
-"""What would be installed on the systems of docs/platforms.md, resolved here without them."""
+"""What would be installed on the systems of docs/install.md, resolved here without them."""
 
 from __future__ import annotations
 
@@ -73,6 +73,7 @@ def what_the_index_lacks(folder: Path) -> str:
     return said if status else ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_there_are_wheels_for_all_that_is_needed(

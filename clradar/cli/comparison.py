@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.inputs import nothing_to_draw, title_of
-from clradar.cli.parse import wrong_usage
+from clradar.cli.options.groups import wrong_usage
 from clradar.compare.metric_table import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import warn
+from clradar.files.atomic import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from clradar import DepthMap, Metrics, Volume
 
 METRIC_COLUMNS = {one.name: (one.field, one.scale, one.digits) for one in METRIC_TABLE}
 """Title of a column: field of `Metrics`, factor to the unit of the column, decimals."""
@@ -60,7 +63,7 @@ def figure_labels(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> 
     ]
 
 
-def print_metrics(labels: Sequence[str], metrics: Sequence[Metrics]) -> None:
+def print_metrics(labels: Sequence[str], metrics: Sequence[cl.Metrics]) -> None:
     """Print one row of metrics per simulated image."""
     rows = []
     for label, found in zip(labels, metrics, strict=True):
@@ -73,23 +76,22 @@ def print_metrics(labels: Sequence[str], metrics: Sequence[Metrics]) -> None:
 class Comparison:
     """A measured image and simulated ones, with the metrics of each."""
 
-    maps: Sequence[DepthMap]
+    maps: Sequence[cl.DepthMap]
     labels: Sequence[str]
-    metrics: Sequence[Metrics]
+    metrics: Sequence[cl.Metrics]
     dynamic_range_db: float
 
     @classmethod
     def of(
         cls,
-        volumes: Sequence[Volume],
+        volumes: Sequence[cl.Volume],
         labels: Sequence[str],
         dynamic_range_db: float = DYNAMIC_RANGE_DB,
     ) -> Comparison:
         """Compare the first volume with each of the labelled ones after it."""
-        from clradar import compare
 
         maps = [volume.depth_map(dynamic_range_db) for volume in volumes]
-        metrics = [compare(maps[0], m, dynamic_range_db=dynamic_range_db) for m in maps[1:]]
+        metrics = [cl.compare(maps[0], m, dynamic_range_db=dynamic_range_db) for m in maps[1:]]
         return cls(maps, labels, metrics, dynamic_range_db)
 
     def print(self) -> None:
@@ -158,3 +160,12 @@ def figure_of(
         return channels_figure(channels, title_of(path, channels.meta))
     capture = open_capture(path)
     return capture_figure(capture, title_of(path, capture.meta))
+
+
+def write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """Write rows below their names."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows)
+    write_file(path, text.getvalue().encode(), force=True)

@@ -5,38 +5,33 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+import clradar as cl
 from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.options.groups import given, option
+from clradar.cli.options.groups import given, option, wrong_usage
 from clradar.cli.options.measured import (
-    MODEL_METHODS,
     FrameOptions,
     GridOptions,
     ImagingOptions,
     RadarOptions,
     recording_files,
 )
-from clradar.cli.parse import wrong_usage
-
-if TYPE_CHECKING:
-    from clradar import Capture, DepthMap, Device, Volume, VoxelGrid
 
 
 def form_image(
-    capture: Capture,
-    grid: VoxelGrid,
+    capture: cl.Capture,
+    grid: cl.VoxelGrid,
     imaging: ImagingOptions,
-    device: Device | str | None,
+    device: cl.Device | str | None,
     label: str,
     tolerance_db: float | None = None,
-) -> Volume:
+) -> cl.Volume:
     """The image of a capture, with a progress bar on a terminal."""
-    from clradar import backproject, reconstruct
 
-    form = reconstruct if imaging.method in MODEL_METHODS else backproject
+    form = cl.reconstruct if imaging.fitted else cl.backproject
     with progress_bar(label) as progress:
         return form(
             capture, grid, tolerance_db=tolerance_db, device=device, progress=progress,
@@ -49,7 +44,7 @@ class ImageInput:
     """A volume, or a capture that is still to be imaged, and where it comes from."""
 
     path: Path
-    content: Volume | Capture
+    content: cl.Volume | cl.Capture
 
     @classmethod
     def open(cls, path: Path, frames: FrameOptions | None = None) -> ImageInput:
@@ -65,18 +60,16 @@ class ImageInput:
         return cls(path, open_capture(path, **frames.chosen))
 
     @property
-    def grid(self) -> VoxelGrid | None:
+    def grid(self) -> cl.VoxelGrid | None:
         """The voxel grid of a volume; None for a capture."""
-        from clradar import Volume
 
-        return self.content.grid if isinstance(self.content, Volume) else None
+        return self.content.grid if isinstance(self.content, cl.Volume) else None
 
     @property
     def radar(self) -> dict[str, Any]:
         """`array` and `waveform` of a capture, as keyword arguments; none for a volume."""
-        from clradar import Volume
 
-        if isinstance(self.content, Volume):
+        if isinstance(self.content, cl.Volume):
             return {}
         return {"array": self.content.array, "waveform": self.content.waveform}
 
@@ -95,17 +88,16 @@ class ImageInput:
         return recording_files(self.path, self.content.meta)
 
     def volume(
-        self, grid: VoxelGrid, imaging: ImagingOptions, device: Device | str | None
-    ) -> Volume:
+        self, grid: cl.VoxelGrid, imaging: ImagingOptions, device: cl.Device | str | None
+    ) -> cl.Volume:
         """The volume, or the image of the capture on `grid`."""
-        from clradar import Volume
 
-        if isinstance(self.content, Volume):
+        if isinstance(self.content, cl.Volume):
             return self.content
         return form_image(self.content, grid, imaging, device, f"imaging {self.path.name}")
 
 
-def nothing_to_draw(image: Volume | DepthMap) -> str | None:
+def nothing_to_draw(image: cl.Volume | cl.DepthMap) -> str | None:
     """What an image is that has nothing to see; None for any other."""
     values = np.asarray(image.data if hasattr(image, "data") else image.amplitude)
     if not values.any():
@@ -116,44 +108,73 @@ def nothing_to_draw(image: Volume | DepthMap) -> str | None:
 
 
 def grid_for(
-    capture: Capture,
+    capture: cl.Capture,
     options: GridOptions,
-    device: Device | str | None = None,
+    device: cl.Device | str | None = None,
     *,
     everything: bool = False,
-) -> VoxelGrid:
+) -> cl.VoxelGrid:
     """The grid of the options; without them one that shows what is in the capture, and say which.
 
     `everything` is that of `clradar.place_grid`.
     """
-    from clradar import open_device
     from clradar.imaging.placement import placement, placement_words
 
-    if given(options):
+    if options.given:
         return options.grid()
-    placed = placement(capture, open_device(device), everything=everything)
+    placed = placement(capture, cl.open_device(device), everything=everything)
     if placed.shown:
         print_line(f"no grid given: {placement_words(capture, placed)}")
     return placed.grid
 
 
 def common_grid(
-    options: GridOptions, *images: ImageInput, device: Device | str | None = None
-) -> VoxelGrid:
+    options: GridOptions, *images: ImageInput, device: cl.Device | str | None = None
+) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
-    from clradar import Capture
 
-    if not given(options):
+    if not options.given:
         for image in images:
             if image.grid is not None:
                 return image.grid
-    captures = [image.content for image in images if isinstance(image.content, Capture)]
+    captures = [image.content for image in images if isinstance(image.content, cl.Capture)]
     return grid_for(captures[0], options, device) if captures else options.grid()
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """A measured image, what it was formed of, and the radar that simulations of it have."""
+
+    path: Path
+    content: cl.Volume | cl.Capture
+    volume: cl.Volume
+    radar: dict[str, Any]
+    own_radar: dict[str, Any]  # that of a capture, without that of options
+    files: list[Path]
+
+
+def measurement(
+    path: Path,
+    frames: FrameOptions,
+    radar: RadarOptions,
+    voxels: GridOptions,
+    imaging: ImagingOptions,
+    device: cl.Device,
+) -> Measurement:
+    """Open a volume, or form the image of a capture."""
+    voxels.grid()  # wrong usage is reported before a file is read
+    image = ImageInput.open(path, frames)
+    known = image.radar_or(radar)
+    if image.grid is not None and voxels.given:
+        raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
+    volume = image.volume(common_grid(voxels, image, device=device), imaging, device)
+    files = [*image.files, *radar.files]
+    return Measurement(path, image.content, volume, known, image.radar, files)
 
 
 def mean_capture(
     path: Path, *, variant: str | None = None, align_phase: bool = False
-) -> tuple[Capture, list[Path]]:
+) -> tuple[cl.Capture, list[Path]]:
     """The coherent mean of all frames of a recording, and their files.
 
     Missing frames are left out; a warning says how many the recording should have.
@@ -170,7 +191,7 @@ def mean_capture(
 
     with progress_bar("averaging") as progress:
 
-        def frames() -> Iterator[Capture]:
+        def frames() -> Iterator[cl.Capture]:
             for capture in recording:
                 files.extend(recording_files(path, capture.meta))
                 yield capture
@@ -242,7 +263,7 @@ class AverageOptions:
         if self.average and not any(path.is_dir() for path in sources):
             raise wrong_usage("--average", f"expected a radar folder among {names}")
 
-    def read(self, path: Path, frames: FrameOptions) -> tuple[Capture, list[Path], str]:
+    def read(self, path: Path, frames: FrameOptions) -> tuple[cl.Capture, list[Path], str]:
         """One frame or the mean of all, the files it comes from, and the mean in words."""
         if self.average and path.is_dir():
             mean, files = mean_capture(

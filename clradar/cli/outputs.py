@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+import clradar as cl
 from clradar import __version__
 from clradar.errors import OutputError
 from clradar.files.atomic import refuse_special, remove_left, write_file
@@ -24,10 +25,9 @@ from clradar.files.hashing import sha256_of
 from clradar.versions import package_versions
 
 if TYPE_CHECKING:
-    from clradar import Capture, ChannelCalibration, Volume
     from clradar.hand import HandMesh
 
-    Result = TypeVar("Result", Capture, Volume, ChannelCalibration)
+    Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
 
 
 @contextmanager
@@ -210,15 +210,19 @@ def check_figure(path: Path | None) -> None:
     check_suffix(path, SUFFIXES)
 
 
+def check_page(path: Path | None) -> None:
+    """Raise unless a page can be written under this name."""
+    check_suffix(path, (".html", ".htm"))
+
+
 def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) -> Result:
     """Write a capture, a volume or channels with their provenance; return it as written."""
-    from clradar import Capture, Volume
     from measurement_io import save_capture, save_channels, save_volume
 
     written = replace(result, meta={**result.meta, **origin})
-    if isinstance(written, Capture):
+    if isinstance(written, cl.Capture):
         save_capture(path, written, force=force)
-    elif isinstance(written, Volume):
+    elif isinstance(written, cl.Volume):
         save_volume(path, written, force=force)
     else:
         save_channels(path, written, force=force)
@@ -252,24 +256,24 @@ def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandM
     return mesh.moved(np.eye(3), -centre_m).moved(matrix, centre_m)
 
 
-def save_hand(path: Path, mesh: HandMesh, *, force: bool) -> None:
-    """Write a hand's mesh whole or not at all, in metres."""
+def save_mesh(path: Path, mesh: HandMesh | cl.Scene, *, force: bool) -> None:
+    """Write a mesh whole or not at all, in metres."""
     import trimesh
 
     from clradar.files.meshes.ply_parts import ply_of_parts
 
-    kind = path.suffix.lower()[1:]
+    kind, part = path.suffix.lower()[1:], np.asarray(mesh.part)
     if kind == "ply":
-        content = ply_of_parts(
-            mesh.vertices_m, mesh.faces, mesh.part, mesh.part_names, mesh.texture_m
-        )
+        names, texture_m = mesh.part_names, mesh.texture_m
+        content = ply_of_parts(mesh.vertices_m, mesh.faces, part, names, texture_m)
     elif kind == "glb":
         scene = trimesh.Scene()
         for i, name in enumerate(mesh.part_names):
-            piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[mesh.part == i], process=False)
+            piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[part == i], process=False)
             piece.remove_unreferenced_vertices()
             scene.add_geometry(piece, node_name=name, geom_name=name)
         content = scene.export(file_type=kind)
     else:
-        content = mesh.to_trimesh().export(file_type=kind)
+        whole = trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False)
+        content = whole.export(file_type=kind)
     write_file(path, content.encode() if isinstance(content, str) else content, force=force)

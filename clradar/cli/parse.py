@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import typer
 
+from clradar.cli.options.groups import wrong_usage
 from clradar.errors import ModelError
 from clradar.model.plausible import implausible
 
@@ -24,11 +25,6 @@ FIT = "fit"
 """In place of a value that is to be found."""
 
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
-
-
-def wrong_usage(option: str, text: str) -> typer.BadParameter:
-    """The error that names the option and ends in exit status 2."""
-    return typer.BadParameter(text, param_hint=option)
 
 
 def check_unit(

@@ -1,4 +1,4 @@
-"""Meshes of a command line, and the folders of their simulations: of clusters, of what moves."""
+"""Folders of simulations: captures of clusters, and recordings of what moves."""
 
 from __future__ import annotations
 
@@ -7,81 +7,42 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.options.scene import (
-    CLUSTER_NAME,
-    TRUTH,
-    MaterialOptions,
-    replaced_in,
-    with_part_alphas,
+from clradar.cli.options.scene import PHYSICAL, MotionOptions, SceneOptions
+from clradar.cli.options.sweep import joints_record
+from clradar.cli.outputs import (
+    check_folder,
+    check_outputs,
+    check_place_of_folder,
+    save,
+    whole_folder,
 )
-from clradar.cli.outputs import check_place_of_folder, save, whole_folder
 from clradar.cli.recording_conversion import described
 from clradar.errors import MeshError, warn
 from clradar.files.json_file import write_json
 from clradar.jobs import Job, Where
 from clradar.jobs.job import KEY
+from clradar.model.progress import Progress
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from clradar import (
-        AntennaArray,
-        Capture,
-        Device,
-        MovingScene,
-        Scene,
-        SimulationSettings,
-        SweepTiming,
-        Waveform,
-    )
-    from clradar.model.progress import Progress
     from clradar.motion.motion_file import Motion
 
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class MeshScene:
-    """Files that make up a scene, and how: plain values that a worker process gets."""
-
-    meshes: Sequence[tuple[Path, float | None]]
-    alpha: float
-    alpha_of_parts: dict[str, float]
-    unit: str
-    transform: np.ndarray | None
-    materials: MaterialOptions
-
-    def load(self) -> Scene:
-        """Read the files."""
-        scene = load_scene(self.meshes, self.alpha, self.alpha_of_parts, self.unit, self.transform)
-        return self.materials.on(scene)
-
-
-def load_scene(
-    meshes: Sequence[tuple[Path, float | None]],
-    default: float,
-    by_part: dict[str, float],
-    unit: str,
-    transform: Any,
-) -> Scene:
-    """All meshes as one scene."""
-    from clradar import Scene
-
-    scene = Scene.combine(
-        Scene.from_mesh(path, alpha=default if a is None else a, unit=unit, transform=transform)
-        for path, a in meshes
-    )
-    return with_part_alphas(scene, by_part)
-
+CLUSTER_NAME = "cluster_{:03d}"
+"""Capture or recording of one cluster, counted from 1, in the folder of all."""
 
 PATTERN = "cluster_*.h5"
 
-Item = tuple[int, "AntennaArray"]
+TRUTH = "truth"
+"""Folder beside the frames with what a recording was made of."""
 
-_scenes: dict[str, Scene] = {}
+Item = tuple[int, "cl.AntennaArray"]
+
+_scenes: dict[str, cl.Scene] = {}
 """The scene that this process simulates, by its digest."""
 
 
-def keep_scene(scene: Scene) -> str:
+def keep_scene(scene: cl.Scene) -> str:
     """Have this process simulate a scene that it has read; return its digest."""
     _scenes.clear()
     digest = scene.digest()
@@ -89,41 +50,59 @@ def keep_scene(scene: Scene) -> str:
     return digest
 
 
-def capture_name(number: int) -> str:
-    """The file of a cluster, counted from 1."""
-    return f"cluster_{number:03d}.h5"
+def cluster_files(folder: Path) -> list[str]:
+    """What --force replaces in a folder: also clusters of an earlier array of more of them."""
+    return [KEY, *sorted(path.name for path in folder.glob(PATTERN))]
+
+
+def recording_files(folder: Path) -> list[str]:
+    """What a recording of this command replaces in a folder."""
+    found = [*folder.glob("radar_*"), *folder.glob("cluster_*")]
+    return [TRUTH, *(path.name for path in found)]
+
+
+def check_output(
+    output: Path, moving: MotionOptions, several: bool, inputs: Sequence[Path], *, force: bool
+) -> None:
+    """Raise unless the capture, the recording or the folder of clusters may be written."""
+    if several and moving.motion is None:
+        check_place_of_folder(output, cluster_files(output), inputs)
+    elif several or moving.frames is not None:
+        check_folder(output, force=force, replaced=recording_files(output), inputs=inputs)
+    else:
+        check_outputs([output], force=force, inputs=inputs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClusterSteps:
     """What is done with a cluster, as plain values that a worker process gets."""
 
-    scene: MeshScene
+    scene: SceneOptions
     digest: str
-    waveform: Waveform
-    settings: SimulationSettings
+    waveform: cl.Waveform
+    settings: cl.SimulationSettings
     folder: Path
     origin: Mapping[str, Any]
-    device: Device | str | None = None
+    device: cl.Device | str | None = None
 
     def run(self, item: Item, progress: Progress | None = None) -> str:
         """Simulate a cluster, write its capture, and return it in words."""
-        from clradar import simulate
-
         number, array = item
-        capture = simulate(
+        capture = cl.simulate(
             self._scene(), array, self.waveform,
             settings=self.settings, device=self.device, progress=progress,
         )  # fmt: skip
-        save(self.folder / capture_name(number), capture, self.origin, force=True)
+        save(self.file_of(number), capture, self.origin, force=True)
         return summary(capture)
 
-    def _scene(self) -> Scene:
-        if self.digest not in _scenes:
-            scene = self.scene.load()
-            if keep_scene(scene) != self.digest:
-                names = ", ".join(str(path) for path, _ in self.scene.meshes)
-                raise MeshError(f"{names}: changed while clusters were simulated")
+    def file_of(self, number: int) -> Path:
+        """The capture of a cluster."""
+        return self.folder / f"{CLUSTER_NAME.format(number)}.h5"
+
+    def _scene(self) -> cl.Scene:
+        if self.digest not in _scenes and keep_scene(self.scene.load()) != self.digest:
+            names = ", ".join(str(path) for path, _ in self.scene.named)
+            raise MeshError(f"{names}: changed while clusters were simulated")
         return _scenes[self.digest]
 
 
@@ -138,39 +117,27 @@ def simulate_clusters(
         "clradar": origin["clradar"],
     }  # fmt: skip
     job = Job(
-        folder=folder, work="simulation of clusters", key=key, own=own_names(folder), force=force,
-        resumable=lambda folder: any(folder.glob(PATTERN)),
+        folder=folder, work="simulation of clusters", key=key, own=cluster_files(folder),
+        force=force, resumable=lambda folder: any(folder.glob(PATTERN)),
     )  # fmt: skip
     with job.held(), progress_bar("tracing") as progress:
         for (number, _), words in job.each(
-            steps, clusters, where, done=lambda one: (folder / capture_name(one[0])).is_file(),
+            steps, clusters, where, done=lambda one: steps.file_of(one[0]).is_file(),
             name=lambda one: f"cluster {one[0]}: ", progress=progress, say=print_line,
             noun="cluster",
         ):  # fmt: skip
-            print_line(f"{folder / capture_name(number)}: {words}")
+            print_line(f"{steps.file_of(number)}: {words}")
 
 
-def own_names(folder: Path) -> list[str]:
-    """What --force replaces in a folder: also clusters of an earlier array of more of them."""
-    return [KEY, *sorted(path.name for path in folder.glob(PATTERN))]
-
-
-def check_clusters_folder(folder: Path, inputs: Sequence[Path]) -> None:
-    """Raise unless there is or may be such a folder, with no input where it is written."""
-    check_place_of_folder(folder, own_names(folder), inputs)
-
-
-def summary(capture: Capture) -> str:
+def summary(capture: cl.Capture) -> str:
     """A simulated capture in words."""
     rays, settings = capture.meta["rays"], capture.meta["settings"]
     shape = " x ".join(str(n) for n in capture.data.shape)
-    estimator = settings["estimator"]
-    if estimator == "physical":
+    if settings["estimator"] == PHYSICAL:
         materials = ", ".join(own["name"] for own in capture.meta["scene"]["materials"])
-        lit = capture.meta["kirchhoff"]["lit"]
-        points = f"{rays['samples']} points of which {lit} are seen"
+        points = f"{rays['samples']} points of which {capture.meta['kirchhoff']['lit']} are seen"
         return f"{shape} S-parameters of {materials}, {points}"
-    if estimator == "expected":
+    if settings["estimator"] == "expected":
         density = settings["samples_per_mm2"]
         each = "" if density is None else f" ({density:.3g} per mm^2)"
         return (
@@ -194,10 +161,10 @@ class MotionRecording:
     """What a recording is simulated from; of several clusters each has its own."""
 
     motion: Motion
-    moving: MovingScene
-    clusters: Sequence[AntennaArray]
-    waveform: Waveform
-    settings: SimulationSettings
+    moving: cl.MovingScene
+    clusters: Sequence[cl.AntennaArray]
+    waveform: cl.Waveform
+    settings: cl.SimulationSettings
     rate_hz: float
 
     def write(
@@ -205,7 +172,7 @@ class MotionRecording:
         output: Path,
         n_frames: int | None,
         origin: Mapping[str, Any],
-        device: Device,
+        device: cl.Device,
         progress: Progress | None,
         *,
         force: bool,
@@ -231,12 +198,8 @@ class MotionRecording:
             instants = capture.meta["movement"].get("instants", 1)
             times = "1 instant" if instants == 1 else f"{instants} instants"
             return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {times}"
-        words = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
-        words += f" of {1e3 * sweep_s:.3g} ms"
-        if several:
-            words += f", {len(self.clusters)} clusters"
         stamps_us = [round(1e6 * self._start_s(i)) for i in range(n_frames or 1)]
-        with whole_folder(output, force=force, replaced=replaced_in(output)) as made:
+        with whole_folder(output, force=force, replaced=recording_files(output)) as made:
             for number, timing in enumerate(timings):
                 captures = self._captures(number, len(stamps_us), timing, device, progress)
                 name = CLUSTER_NAME.format(number + 1)
@@ -247,9 +210,12 @@ class MotionRecording:
                 described_frames = (described(capture, origin) for capture in captures)
                 save_recording(folder, described_frames, timestamps_us=stamps_us, force=True)
                 (folder / TRUTH).mkdir()
-                truth = {"frames": self._truth(stamps_us, timing), **origin}
+                frames = [self._truth(i, stamp, timing) for i, stamp in enumerate(stamps_us)]
+                truth = {"frames": frames, **origin}
                 write_json(folder / TRUTH / "truth.json", truth, force=False)
-        return words
+        words = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
+        words += f" of {1e3 * sweep_s:.3g} ms"
+        return words + (f", {len(self.clusters)} clusters" if several else "")
 
     def _start_s(self, frame: int) -> float:
         return frame / self.rate_hz
@@ -258,13 +224,11 @@ class MotionRecording:
         self,
         number: int,
         n_frames: int,
-        timing: SweepTiming,
-        device: Device,
+        timing: cl.SweepTiming,
+        device: cl.Device,
         progress: Progress | None,
-    ) -> Iterator[Capture]:
+    ) -> Iterator[cl.Capture]:
         """The frames of one cluster."""
-        from clradar import simulate_moving
-
         total = n_frames * len(self.clusters)
         for i in range(n_frames):
 
@@ -273,37 +237,25 @@ class MotionRecording:
                     before = number * n_frames + i
                     progress(before * _STEPS + _STEPS * done // of, total * _STEPS)
 
-            capture = simulate_moving(
+            capture = cl.simulate_moving(
                 self.moving, self.clusters[number], self.waveform, timing=timing,
                 start_s=self._start_s(i), settings=self.settings, device=device, progress=show,
             )  # fmt: skip
             stamp_us = round(1e6 * self._start_s(i))
             yield replace(capture, meta={**capture.meta, "frame": i, "timestamp_us": stamp_us})
 
-    def _truth(self, stamps_us: list[int], timing: SweepTiming) -> list[dict[str, Any]]:
-        """Where everything is in the middle of each sweep."""
-        from clradar.cli.sweeps import joints_record
-        from clradar.motion.hands import MovingHand
-
-        frames = []
-        hands = [body for body in self.moving.bodies if isinstance(body, MovingHand)]
-        for i, stamp_us in enumerate(stamps_us):
-            middle_s = self._start_s(i) + 0.5 * (timing.begin_s + timing.end_s)
-            bodies = {name: m.at(middle_s).tolist() for name, m in self.motion.bodies.items()}
-            frames.append(
-                {
-                    "frame": i,
-                    "timestamp_us": stamp_us,
-                    "middle_s": middle_s,
-                    "bodies": bodies,
-                    "hands": [
-                        {
-                            "pose": hand.pose(middle_s).name,
-                            "transform": hand.transform(middle_s).tolist(),
-                            "joints_m": joints_record(hand.joints_m(middle_s)),
-                        }
-                        for hand in hands
-                    ],
-                }
-            )
-        return frames
+    def _truth(self, frame: int, stamp_us: int, timing: cl.SweepTiming) -> dict[str, Any]:
+        """Where everything is in the middle of a sweep."""
+        middle_s = self._start_s(frame) + 0.5 * (timing.begin_s + timing.end_s)
+        hands = [
+            {
+                "pose": body.pose(middle_s).name,
+                "transform": body.transform(middle_s).tolist(),
+                "joints_m": joints_record(body.joints_m(middle_s)),
+            }
+            for body in self.moving.bodies
+            if isinstance(body, cl.MovingHand)
+        ]
+        bodies = {name: m.at(middle_s).tolist() for name, m in self.motion.bodies.items()}
+        times = {"frame": frame, "timestamp_us": stamp_us, "middle_s": middle_s}
+        return {**times, "bodies": bodies, "hands": hands}

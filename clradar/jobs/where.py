@@ -6,6 +6,7 @@ warnings belong to a process, and where a driver crashes it is known whose it wa
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -352,10 +353,10 @@ class Where:
         elsewhere = replace(steps, device=None)  # each opens the device that it is given
         with ExitStack() as stack:
             engine, device = stack.enter_context(self.engine(len(items)))
-            make = _Numbered(
-                elsewhere, dict(enumerate(items)), folder.absolute(), device,
-                tuple(str(path.absolute()) for path in self.files),
-            )  # fmt: skip
+            here = os.getcwd()
+            files = (here, *(str(path.absolute()) for path in self.files))
+            numbered = dict(enumerate(items))
+            make = _Numbered(elsewhere, numbered, folder.absolute(), device, files, here)
             for done, made in enumerate(engine.outcomes(range(len(items)), make), start=1):
                 if isinstance(made, tuple):
                     number, outcome = made
@@ -407,10 +408,18 @@ class _Numbered:
     folder: Path
     device: str | None
     files: tuple[str, ...]
+    here: str
 
     def alone(self, sample: int) -> _Numbered:
         return replace(self, items={sample: self.items[sample]})
 
     def __call__(self, sample: int) -> tuple[int, Outcome]:
-        steps = replace(self.steps, device=own_device(self.device))
-        return sample, outcome_of(steps.run, self.items[sample], None)
+        before = os.getcwd()
+        if before != self.here:  # names of files are relative to the client's folder
+            os.chdir(self.here)
+        try:
+            steps = replace(self.steps, device=own_device(self.device))
+            return sample, outcome_of(steps.run, self.items[sample], None)
+        finally:
+            if before != self.here:
+                os.chdir(before)

@@ -294,7 +294,7 @@ def _meant(wanted: str | None, origin: str) -> list[DeviceInfo]:
     if several(wanted):
         raise DeviceError(
             f"{origin}: expected one device, got {wanted!r}: what is asked for is not split over "
-            "several; see docs/runtimes.md for what is"
+            "several; see docs/install.md for what is"
         )
     if key in ("gpu", "cpu"):
         matches = [info for info in usable if info.kind == key]

@@ -18,7 +18,7 @@ from clradar.opencl.runtimes import platforms
 
 INSTALL_HINT = (
     "install one: pip install 'pyopencl[pocl]' (Linux on x86-64) or 'clradar[intel]' (any x86), "
-    "conda-forge's pocl, the system's PoCL from 5.0 on, or a GPU's driver; see docs/platforms.md"
+    "conda-forge's pocl, the system's PoCL from 5.0 on, or a GPU's driver; see docs/install.md"
 )
 
 MEMORY_SHARE = 0.75

@@ -18,7 +18,7 @@ import clradar
 from calibration import HandFit
 from calibration.hand_fit.starts import read_start
 from clradar.cli.commands import fit_hand as command
-from clradar.cli.hand_fit_folder import CAPTURE, FILES, VOLUME, FittedImages
+from clradar.cli.fits import CAPTURE, HAND_FILES, VOLUME, digit_rows
 from clradar.files.json_file import write_json
 from clradar.hand import HandShape, read_pose
 from clradar.model import Volume
@@ -53,10 +53,10 @@ def recorded_fit(made: Path, monkeypatch: pytest.MonkeyPatch) -> Recorded:
 def record_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Writes fit.json and no pictures, which take most of the time."""
 
-    def written(folder: Path, images: FittedImages, source: str, origin: dict[str, Any]) -> None:
-        write_json(folder / "fit.json", {**images.fit.to_dict(), **origin}, force=False)
+    def written(folder: Path, measured: object, fit: HandFit, *rest: Any) -> None:
+        write_json(folder / "fit.json", {**fit.to_dict(), **rest[-1]}, force=False)
 
-    monkeypatch.setattr(command, "write_fit", written)
+    monkeypatch.setattr(command, "write_hand_fit", written)
 
 
 def test_a_folder_with_all_that_was_found(
@@ -66,7 +66,7 @@ def test_a_folder_with_all_that_was_found(
     folder = tmp_path / "fit"
     outcome = run("fit-hand", "sim.h5", "--pose", "L", "-o", folder, *GRID)
     assert outcome.status == 0, outcome.err
-    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+    assert sorted(path.name for path in folder.iterdir()) == sorted(HAND_FILES)
     assert read_pose(folder / "pose.toml").name == "F, fitted to sim.h5"
     record = json.loads((folder / "fit.json").read_text())
     assert record["transform"] == closed.transform.tolist()
@@ -170,10 +170,10 @@ def test_a_fit_goes_on_from_an_earlier_one(
     [
         ("--alpha 1.5", "expected a number in [0, 1] or 'fit', got '1.5'"),
         ("--hand both", "--hand"),
-        ("--mapping m.toml", "expected together with --rig"),
-        ("--rig hand.glb --girth 1.1", "a rig keeps its size and proportions"),
-        ("--rig hand.glb --fit-shape", "a rig keeps its size and proportions"),
-        ("--rig hand.glb --hand left", "--rig-hand says which"),
+        ("--mapping m.toml", "--mapping: expected --rig with it"),
+        ("--rig hand.glb --girth 1.1", "--girth: expected without --rig"),
+        ("--rig hand.glb --fit-shape", "--fit-shape: expected without --rig"),
+        ("--rig hand.glb --hand left", "--hand: expected without --rig"),
         ("--x-mm 10:0:1", "--x-mm"),
     ],
 )
@@ -213,8 +213,6 @@ def test_errors_are_one_line_and_leave_nothing(
 
 
 def test_untold_angles_are_in_the_table_of_their_digit() -> None:
-    from clradar.cli.hand_fit_folder import digit_rows
-
     rows = {row[0]: row for row in digit_rows(made_up_fit())}
     assert set(rows) == {"thumb", "index", "middle", "ring", "pinky", "palm"}
     assert rows["thumb"][4:] == ["4 of 5", "phalanx-distal flexion"]

@@ -16,7 +16,7 @@ import two_devices
 from command_line import Run, one_error_line
 
 import clradar
-from clradar.cli.image_parts import PartSteps
+from clradar.cli.images import PartSteps
 from clradar.imaging import fast
 from measurement_io import check_file, open_capture, open_volume, save_capture
 
@@ -120,15 +120,15 @@ KILLED = PROGRAM.replace(
     "if __name__",
     """
 import os, signal
-from clradar.cli import image_parts
-write, written = image_parts._write, []
+from clradar.cli import images
+write, written = images._write, []
 def until_killed(path, image):
     written.append(path)
     if len(written) == {last}:
         path.with_name(f".{{path.name}}.0.tmp").write_bytes(b"half")
         os.kill(os.getpid(), signal.SIGKILL)
     write(path, image)
-image_parts._write = until_killed
+images._write = until_killed
 if __name__""",
 )
 

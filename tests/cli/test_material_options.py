@@ -42,7 +42,7 @@ def test_materials_of_all_and_of_parts(scene: clradar.Scene, own: Path) -> None:
     assert names(MaterialOptions(material="palm").on(scene)) == ["palm"] * 3
     some = MaterialOptions(material="palm", material_of=["thumb=skin", f"nail={own}:resin"])
     assert names(some.on(scene)) == ["palm", "skin", "resin"]
-    assert some.files == [own]
+    assert some.material_files == [own]
     alone = MaterialOptions(material_of=["thumb=skin"]).on(scene)
     assert names(alone) == ["perfect conductor", "skin", "perfect conductor"]
     # Names of files come before those that come along, unless the file is named, too.
@@ -51,7 +51,7 @@ def test_materials_of_all_and_of_parts(scene: clradar.Scene, own: Path) -> None:
         found = mine.on(scene)
     assert names(found) == ["palm", "skin", "palm"]
     assert found.materials[0].permittivity == 3
-    assert mine.files == [own]
+    assert mine.material_files == [own]
     file = MaterialOptions(material=f"{own}:resin").on(scene)
     assert file.materials == (clradar.read_materials(own)["resin"],)
 

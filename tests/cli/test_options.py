@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from clradar.cli.options.common import DeviceOption
+from clradar.cli.options.common import DEVICE
 from clradar.cli.options.groups import REQUIRED, argument, expanded, given, option, recorded
 
 
@@ -24,8 +24,10 @@ class Group(Base):
     source: Path = argument(REQUIRED, "What is read.", metavar="SOURCE")
     edge_mm: float | None = option(None, "Length of an edge.", metavar="MM")
     size: tuple[float, float] | None = option(None, "Width and height.")
-    parts: list[Literal["palm", "thumb"]] | None = option(None, "Parts.", names=("-p", "--part"))
-    left: bool = option(False, "A left hand.")
+    parts: list[str] | None = option(None, "Parts.", names=("-p", "--part"))
+    left: bool = option(False, "A left hand.", needs="--edge-mm")
+    right: bool = option(False, "A right hand.", without="--left -p")
+    other: bool = option(False, "Of another command.", needs="--nowhere")
 
 
 def outcome_of(*arguments: str) -> tuple[int, str, list[object]]:
@@ -33,7 +35,7 @@ def outcome_of(*arguments: str) -> tuple[int, str, list[object]]:
     received: list[object] = []
 
     def command(
-        *, group: Group, count: int = option(REQUIRED, "How many."), device: DeviceOption = None
+        *, group: Group, count: int = option(REQUIRED, "How many."), device: str | None = DEVICE
     ) -> None:
         received.extend([group, count, device])
 
@@ -58,7 +60,7 @@ def test_a_command_receives_records_and_single_options() -> None:
     # What JSON reads back equal.
     assert recorded(group, n=1) == {
         "source": "a.h5", "edge_mm": 2.0, "size": [3.0, 4.0], "window": "hann",
-        "parts": ["palm", "thumb"], "left": True, "n": 1,
+        "parts": ["palm", "thumb"], "left": True, "right": False, "other": False, "n": 1,
     }  # fmt: skip
 
 
@@ -67,8 +69,9 @@ def test_defaults_and_what_was_given() -> None:
     assert status == 0, output
     assert group == Group(source=Path("a.h5"))
     assert device is None
-    assert given(group) == {"--source": Path("a.h5")}
-    assert list(given(Group(source=Path("a"), edge_mm=0.0))) == ["--source", "--edge-mm"]
+    assert given(group) == {"SOURCE": Path("a.h5")}
+    assert list(given(Group(source=Path("a"), edge_mm=0.0))) == ["SOURCE", "--edge-mm"]
+    assert outcome_of("a.h5", "--count", "7", "--other")[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -77,7 +80,8 @@ def test_defaults_and_what_was_given() -> None:
         (["--count", "7"], "SOURCE"),
         (["a.h5"], "--count"),
         (["a.h5", "--count", "7", "--window", "taylor"], "hann"),
-        (["a.h5", "--count", "7", "--part", "wrist"], "thumb"),
+        (["a.h5", "--count", "7", "--left"], "--left: expected --edge-mm with it"),
+        (["a.h5", "--count", "7", "--right", "-p", "x"], "--right: expected without -p"),
         (["a.h5", "--count", "7", "--edge-mm", "long"], "--edge-mm"),
     ],
 )

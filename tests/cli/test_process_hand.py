@@ -21,7 +21,7 @@ import calibration
 import clradar.plot
 from calibration.hand_fit.starts import read_start
 from calibration.registration.mesh_pose import depth_for_mesh
-from clradar.cli.moving_hands import FIGURE, OWN_NAMES, RESULT, SHEET, TABLE
+from clradar.cli.moving_hands import FIGURE, FRAMES, SHEET
 from clradar.hand import read_pose
 from clradar.plot import save_figure
 from measurement_io import open_capture, save_recording
@@ -83,7 +83,7 @@ def test_a_folder_with_frames_table_and_figures(
     assert outcome.status == 0, outcome.err
     # 16 frequencies may be few for this grid: said once at most, not of every frame.
     assert outcome.err.count("warning") == outcome.err.count("unambiguous") <= 1
-    assert {path.name for path in folder.iterdir()} == set(OWN_NAMES) - {"work"}
+    assert {path.name for path in folder.iterdir()} == {FIGURE, SHEET, FRAMES}
     assert "4 frames, 1 followed, 2 searched, 1 without a hand" in outcome.out
     assert "the misfit per cell is 1.30" in outcome.out
     frame = json.loads((folder / "frames/000003.json").read_text())
@@ -93,20 +93,15 @@ def test_a_folder_with_frames_table_and_figures(
     assert read_pose(folder / "frames/000003.toml").joints.keys() == MOVEMENT.poses[3].joints.keys()
     start = read_start(folder / "frames/000003.json")
     assert np.array_equal(start.transform, MOVEMENT.transforms[3])
-    rows = list(csv.DictReader((folder / TABLE).read_text().splitlines()))
-    assert [row["how"] for row in rows] == ["searched", "nothing found", "searched", "followed"]
-    tip_mm = [float(rows[3][f"index tip {axis} mm"]) for axis in "xyz"]
-    np.testing.assert_allclose(tip_mm, 1e3 * MOVEMENT.joints_m(3)[9], rtol=0, atol=5.1e-4)
-    record = json.loads((folder / RESULT).read_text())
-    assert record["frames"][3] == frame
-    assert record["options"]["frames"] == list(range(N))
+    fitted = [one["hand"] for one in json.loads((whole / "recording.json").read_text())["frames"]]
+    assert [one["how"] for one in fitted] == ["searched", "nothing found", "searched", "followed"]
+    assert fitted[3] == frame
     for name in (FIGURE, SHEET):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     overall = list(csv.DictReader((whole / "frames.csv").read_text().splitlines()))
     tip_mm = [float(overall[3][f"hand index tip {axis} mm"]) for axis in "xyz"]
     np.testing.assert_allclose(tip_mm, 1e3 * MOVEMENT.joints_m(3)[9], rtol=0, atol=5.1e-4)
     assert overall[1]["hand index tip x mm"] == ""  # nothing is seen there
-    assert json.loads((whole / "recording.json").read_text())["frames"][3]["hand"] == frame
     before = contents(whole)
     again = run(*FIT, recording, "-o", whole)
     assert again.status == 0, again.err
@@ -129,7 +124,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
     cut = tmp_path / "cut"
     monkeypatch.setattr(calibration, "fit_hands", interrupted)
     assert run(*command, cut).status == 130
-    assert not (cut / "hand" / RESULT).exists()
+    assert not (cut / "recording.json").exists()
     (cut / "hand/frames/000002.json").write_text("{}")
     (cut / "hand/frames/.000003.json.0123.tmp").touch()
     tried: list[int] = []

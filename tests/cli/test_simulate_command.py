@@ -12,8 +12,7 @@ import pytest
 from command_line import DENSITY, Run, one_error_line
 
 import clradar
-from clradar.cli.options.scene import PlacementOptions, read_part_alphas, split_alpha
-from clradar.cli.simulations import load_scene
+from clradar.cli.options.scene import PlacementOptions, SceneOptions, split_alpha
 from clradar.errors import ClradarError, ModelError
 from clradar.files.hashing import sha256_of
 from measurement_io import open_capture
@@ -88,10 +87,8 @@ def test_every_option_of_simulate_reaches_the_library(
 
 
 def test_alpha_by_mesh_and_by_part(made: Path) -> None:
-    named = [split_alpha(str(made / n)) for n in ("hand.ply:0.2", "parts.glb")]
-    default, by_part = read_part_alphas(["palm-2=0.6", "0.9", "thumb=0"])
-    assert default == 0.9
-    scene = load_scene(named, default, by_part, "m", None)
+    meshes = [str(made / name) for name in ("hand.ply:0.2", "parts.glb")]
+    scene = SceneOptions(meshes=meshes, alpha=["palm-2=0.6", "0.9", "thumb=0"]).load()
     alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)
     # Both meshes have the parts of a hand.
     expected = {"palm": 0.2, "palm-2": 0.6, "thumb": 0.0, "thumb-2": 0.9, "index-2": 0.9}
@@ -116,8 +113,7 @@ def test_transform_moves_the_mesh(made: Path, tmp_path: Path, run: Run) -> None:
         path.write_text(json.dumps(form))
         read = PlacementOptions(transform=path).matrix()
         assert np.array_equal(read, matrix)
-    named = [(made / "hand.ply", None)]
-    moved = load_scene(named, 0.5, {}, "m", read)
+    moved = SceneOptions(meshes=[str(made / "hand.ply")], transform=path).load()
     assert moved.digest() == clradar.Scene.from_mesh(made / "hand.ply", transform=matrix).digest()
     for text in ("", "{", "[1, 2]", '{"matrix": []}', '["a"]', json.dumps([0] * 16),
                  "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]",

@@ -216,7 +216,7 @@ def test_the_direct_coupling_is_no_object() -> None:
     assert low[2] > 0.9
 
 
-@pytest.mark.parametrize("z_m", [0.05, 0.065, 0.09, 0.12])
+@pytest.mark.parametrize("z_m", [0.05, 0.09])
 def test_an_object_nearer_than_the_antennas_are_apart_is_no_coupling(z_m: float) -> None:
     size_m = np.array([0.08, 0.12, 0.01])
     near = object_of([0.01, -0.02, z_m], size_m, 20)

@@ -71,8 +71,6 @@ def tremor(per_s: float, n_keys: int, profile: str = "linear") -> RigidMotion:
 ONE_MM = np.array([0.0, 0.0, 1e-3])
 # What is where it was at the ends of the sweep, at its eighths, and at its twelfths.
 UNSEEN = {
-    "tremor of 8 Hz": tremor(8, 129),
-    "tremor of 16 Hz": tremor(16, 161),
     "tremor of 16 Hz, from rest to rest": tremor(16, 33, "smooth"),
     "twitch": RigidMotion([0.53, 0.56, 0.59], [0 * ONE_MM, 3 * ONE_MM, 0 * ONE_MM]),
     "twitch of the first Tx": RigidMotion([0.01, 0.03, 0.05], [0 * ONE_MM, 3 * ONE_MM, 0 * ONE_MM]),

@@ -182,7 +182,6 @@ WAYS: dict[str, Callable[..., Any]] = {
     ),
     "one lane": of_cpu(width=1),
     "one lane, little memory": of_little_memory(1),
-    "one lane in parts": of_cpu(width=1, launch_work=3e6),
     "a GPU, groups of 32": of_gpu(32),
     "a GPU, groups of 256": of_gpu(256),
 }  # fmt: skip
@@ -208,7 +207,10 @@ def largest_error(found: list[np.ndarray], wanted: list[np.ndarray]) -> float:
     )
 
 
-@pytest.mark.parametrize("way", WAYS)
+RARELY = {way: [pytest.mark.slow] for way in ("one lane, little memory", "a GPU, groups of 256")}
+
+
+@pytest.mark.parametrize("way", [pytest.param(w, marks=RARELY.get(w, [])) for w in WAYS])
 @pytest.mark.parametrize("work", WORKS)
 def test_no_way_changes_a_result(work: str, way: str) -> None:
     found = made(work, way)
@@ -225,13 +227,12 @@ def anew(work: str, device: clradar.Device) -> list[np.ndarray]:
     return WORKS[work](device)
 
 
-@pytest.mark.parametrize("way", ["one lane", "little memory"])
 @pytest.mark.parametrize("work", WORKS)
 def test_after_a_device_failed_in_the_middle_all_is_free_and_the_next_call_works(
-    work: str, way: str, monkeypatch: pytest.MonkeyPatch
+    work: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = made(work, way)
-    with WAYS[way](work) as device:
+    whole = made(work, "little memory")
+    with WAYS["little memory"](work) as device:
         used, left = device.used_bytes, math.inf
         enqueue = cl.enqueue_nd_range_kernel
 
@@ -265,7 +266,7 @@ def test_launches_are_divided(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("clradar.opencl.program.launch_parts", recorded)
     for work in ("stochastic", "expected", "physical", "fast, fine"):
-        with WAYS["one lane in parts"](work) as device:
+        with WAYS["a GPU, groups of 32"](work) as device:
             WORKS[work](device)
     assert sum(n > 1 for n in n_parts) > len(n_parts) / 4
 

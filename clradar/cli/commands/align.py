@@ -6,16 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import clradar as cl
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.common import (
-    DeviceOption,
-    ForceOption,
-    MeasuredArgument,
-    SearchOptions,
-    UnitOptions,
-)
-from clradar.cli.options.groups import argument, given, option, output_option, recorded
+from clradar.cli.options.common import DEVICE, FORCE, MEASURED, SearchOptions, UnitOptions
+from clradar.cli.options.groups import argument, given, option, output_option, recorded, wrong_usage
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
@@ -24,7 +19,6 @@ from clradar.cli.options.measured import (
     grid_text,
 )
 from clradar.cli.outputs import check_outputs, provenance
-from clradar.cli.parse import wrong_usage
 from clradar.files.json_file import write_json
 
 
@@ -69,15 +63,15 @@ class AlignedOptions(UnitOptions, SearchOptions):
 
 def command(
     *,
-    measured: MeasuredArgument,
+    measured: Path = MEASURED,
     output: Path | None = output_option(None, "JSON file for transform and report.  [required]"),
     aligned: AlignedOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,
     frames: FrameOptions,
     radar: RadarOptions,
-    device: DeviceOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICE,
+    force: bool = FORCE,
 ) -> None:
     """The 4 x 4 matrix in the JSON file, "transform", moves the simulated object, or the mesh, onto
     the measured one: `clradar simulate --transform` takes the file. Captures are imaged first, on
@@ -85,7 +79,6 @@ def command(
     is the more exact of the two: see docs/calibration.md.
     """
     from calibration import align, align_mesh
-    from clradar import Scene, open_device
 
     if output is None:
         raise wrong_usage("-o", "expected a JSON file to write")
@@ -95,8 +88,8 @@ def command(
     check_outputs([output], force=force, inputs=[measured, path, *radar.files])
     voxels.grid()  # wrong usage is reported before a file is read
     # A mesh that cannot be read should not cost an image first.
-    scene = None if aligned.mesh is None else Scene.from_mesh(path, unit=aligned.unit)
-    opened = open_device(device)
+    scene = None if aligned.mesh is None else cl.Scene.from_mesh(path, unit=aligned.unit)
+    opened = cl.open_device(device)
     images = [ImageInput.open(measured, frames)]
     instrument = {} if scene is None else images[0].radar_or(radar)
     if scene is None:

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
-from clradar.cli.options.common import ForceOption
+from clradar.cli.options.common import FORCE
 from clradar.cli.options.groups import argument, option, output_option
 from clradar.cli.options.measured import ARRAY_HELP, BandOptions, RadarOptions
 from clradar.cli.outputs import check_figure, check_outputs
 from clradar.cli.parse import check_unit, position_m
 
 if TYPE_CHECKING:
-    from clradar import AntennaArray
     from clradar.arrays import ArrayFigures
 
 FARTHEST_M = 100.0
@@ -33,7 +33,7 @@ def command(
         metavar="DEG",
     ),
     as_json: bool = option(False, "Print JSON for programs, in metres.", names=("--json",)),
-    force: ForceOption = False,
+    force: bool = FORCE,
 ) -> None:
     """Widths are those of the response at -3 dB, which back-projection has without a window. A lobe
     is another direction whose echoes appear at the focus, too, with its level over the whole band.
@@ -74,7 +74,7 @@ def _focus(text: str) -> list[float]:
     return focus_m
 
 
-def _print_figures(name: str, clusters: Sequence[AntennaArray], found: ArrayFigures) -> None:
+def _print_figures(name: str, clusters: Sequence[cl.AntennaArray], found: ArrayFigures) -> None:
     from clradar.arrays.figures_of_merit import LEVEL_DB
 
     at = ", ".join(f"{1e3 * value:g}" for value in found.focus_m)

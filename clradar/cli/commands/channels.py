@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import clradar as cl
 from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.inputs import AverageOptions, title_of
 from clradar.cli.options.channels import EstimateOptions, TargetOptions
-from clradar.cli.options.common import ForceOption
+from clradar.cli.options.common import FORCE
 from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
 from clradar.cli.options.measured import FrameOptions
 from clradar.cli.outputs import check_figure, check_outputs, provenance, save
-
-if TYPE_CHECKING:
-    from clradar import ChannelCalibration
 
 
 def command(
@@ -30,7 +27,7 @@ def command(
     plot: Path | None = option(None, "Also draw gains, phases and delays: .png, .pdf or .svg."),
     mean: AverageOptions,
     frames: FrameOptions,
-    force: ForceOption = False,
+    force: bool = FORCE,
 ) -> None:
     """The target's position is refined, too. Which errors are observable:
     docs/channel-calibration.md.
@@ -57,7 +54,7 @@ def command(
         print_line(f"{plot}: gains, phases and delays")
 
 
-def print_summary(output: Path, channels: ChannelCalibration) -> None:
+def print_summary(output: Path, channels: cl.ChannelCalibration) -> None:
     """Print gains and delays of both sides, the target's position, and the residual."""
     import numpy as np
 

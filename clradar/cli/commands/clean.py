@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 
 from clradar.cli.console import print_line
 from clradar.cli.inputs import AverageOptions
-from clradar.cli.options.common import CaptureArgument, CaptureOutput, ForceOption
-from clradar.cli.options.groups import option, recorded
+from clradar.cli.options.common import CAPTURE, FORCE
+from clradar.cli.options.groups import REQUIRED, option, output_option, recorded, wrong_usage
 from clradar.cli.options.measured import ChannelOptions, EmptyOptions, FrameOptions, GateOptions
 from clradar.cli.outputs import check_outputs, provenance, save
-from clradar.cli.parse import wrong_usage
 from clradar.files.failures import fail
 
 
 def command(
     *,
-    capture: CaptureArgument,
-    output: CaptureOutput,
+    capture: Path = CAPTURE,
+    output: Path = output_option(REQUIRED, "Capture to write (HDF5)."),
     background: EmptyOptions,
     gate: GateOptions,
     known: ChannelOptions,
@@ -30,7 +30,7 @@ def command(
     ),
     mean: AverageOptions,
     frames: FrameOptions,
-    force: ForceOption = False,
+    force: bool = FORCE,
 ) -> None:
     """In this order: average the frames, subtract EMPTY, gate, correct. At least one has to be
     requested. `clradar process` does the same to every frame of a recording.

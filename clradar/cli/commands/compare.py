@@ -9,8 +9,15 @@ from pathlib import Path
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid, recording_words
-from clradar.cli.options.common import DevicesOption, ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, recorded
+from clradar.cli.options.common import DEVICES, FORCE
+from clradar.cli.options.groups import (
+    REQUIRED,
+    argument,
+    option,
+    output_option,
+    recorded,
+    wrong_usage,
+)
 from clradar.cli.options.measured import (
     DepthMapOptions,
     FrameOptions,
@@ -18,8 +25,7 @@ from clradar.cli.options.measured import (
     ImagingOptions,
     grid_text,
 )
-from clradar.cli.outputs import check_figure, check_outputs, check_suffix, provenance
-from clradar.cli.parse import wrong_usage
+from clradar.cli.outputs import check_figure, check_outputs, check_page, provenance
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
@@ -37,7 +43,7 @@ class ComparisonFiles:
     def check(self, *, force: bool, inputs: Sequence[Path]) -> None:
         """Raise unless all of them may be written."""
         check_figure(self.output)
-        check_suffix(self.report, (".html", ".htm"))
+        check_page(self.report)
         check_outputs([self.output, self.json, self.report], force=force, inputs=inputs)
 
 
@@ -50,8 +56,8 @@ def command(
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """Captures are imaged first: on the grid of the options, or without them on that of the first
     volume that is given, or without volumes on the paper's where MEASURED is in it, else around its
@@ -64,7 +70,7 @@ def command(
     voxels.grid()  # wrong usage is reported before a file is read
     files.check(force=force, inputs=[measured, *simulated])
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
-    if all(image.grid is not None for image in images) and given(voxels):
+    if all(image.grid is not None for image in images) and voxels.given:
         raise wrong_usage(
             "--x-mm, --y-mm, --z-mm", "there is no capture to image: all inputs are volumes"
         )

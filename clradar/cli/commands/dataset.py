@@ -17,10 +17,9 @@ from clradar.cli.console import (
     print_warning,
     progress_bar,
 )
-from clradar.cli.options.common import DevicesOption, WorkerOptions
-from clradar.cli.options.groups import argument, option, output_option
+from clradar.cli.options.common import DEVICES, WorkerOptions
+from clradar.cli.options.groups import argument, option, output_option, wrong_usage
 from clradar.cli.outputs import check_outputs, check_place_of_folder
-from clradar.cli.parse import wrong_usage
 
 if TYPE_CHECKING:
     from clradar.dataset.engine.part_making import Engine
@@ -59,7 +58,7 @@ def command(
     repetition: ReplayOptions,
     processes: WorkerOptions,
     retry: bool = option(False, "Try the samples again that were set aside."),
-    device: DevicesOption = None,
+    device: str | None = DEVICES,
     force: bool = option(
         False,
         "Remove the data set that is in the folder, of this plan or another, and begin "

@@ -8,18 +8,16 @@ from __future__ import annotations
 
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+import clradar as cl
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.options.common import DeviceOption
+from clradar.cli.options.common import DEVICE
 from clradar.cli.options.groups import option, output_option, recorded
 from clradar.cli.options.measured import RadarOptions, grid_text
-from clradar.cli.outputs import check_folder, made_folder, provenance, save, save_hand, turned
+from clradar.cli.outputs import check_folder, made_folder, provenance, save, save_mesh, turned
 from clradar.files.json_file import write_json
-
-if TYPE_CHECKING:
-    from clradar import Device, VoxelGrid
 
 TURN_DEG = 25.0
 """At 0 the palm is a mirror that faces the aperture and outshines the fingers by about 15 dB at
@@ -39,7 +37,7 @@ def command(
         "Of the images over alpha: stochastic is the paper's. [default: as `clradar simulate`]",
     ),
     radar: RadarOptions,
-    device: DeviceOption = None,
+    device: str | None = DEVICE,
     force: bool = option(False, "Write into a folder that holds files already."),
 ) -> None:
     """Simulates the letter F at alpha 0, 0.5 and 1, and by the physical estimator with the
@@ -50,13 +48,12 @@ def command(
     The hand is turned by 25 degrees (`clradar hand F --turn-deg 25`), so that the glint of the palm
     does not outshine the fingers. Voxels of 2 mm, to take less than a minute on two cores.
     """
-    from clradar import VoxelGrid, open_device
 
     radar.antennas()  # wrong usage is reported before anything is made
     check_folder(output, force=force)
-    opened = open_device(device)
+    opened = cl.open_device(device)
     voxel_m = 1e-3 if full else 2e-3
-    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), voxel_m)
+    grid = cl.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), voxel_m)
     print_line(f"device: {opened.info.label}")
     print_line(grid_text(grid))
     if not full:
@@ -67,21 +64,24 @@ def command(
 
 
 def run_demo(
-    folder: Path, radar: RadarOptions, grid: VoxelGrid, rays: dict[str, Any], device: Device
+    folder: Path,
+    radar: RadarOptions,
+    grid: cl.VoxelGrid,
+    rays: dict[str, Any],
+    device: cl.Device,
 ) -> None:
     """Write the files of the demonstration into a folder; those of an earlier one are replaced.
 
     `rays` are settings of the simulations over alpha.
     """
-    from clradar import Scene, backproject, impair, simulate
     from clradar.hand import hand_mesh
     from clradar.hand.flesh import PART_NAMES
     from clradar.hand.mesh import DEFAULT_CENTER_M
     from measurement_io import open_capture, save_maroon_frame
 
     mesh = folder / "hand_f.ply"
-    save_hand(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
-    scene = Scene.from_mesh(mesh)  # as `clradar simulate` has it
+    save_mesh(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
+    scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
     origin = provenance("demo", recorded(radar, rays=rays, grid=grid_text(grid)), [mesh])
     simulated = {f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)}
@@ -93,17 +93,17 @@ def run_demo(
     }.items():  # fmt: skip
         start_s = perf_counter()
         with progress_bar(f"simulating {name}") as progress:
-            capture = simulate(
+            capture = cl.simulate(
                 surface, radar.antennas(), radar.waveform(), seed=seed, device=device,
                 progress=progress, **how,
             )  # fmt: skip
         if name == measured.name:
-            save_maroon_frame(measured, impair(capture, seed=2, snr_db=SNR_DB), force=True)
+            save_maroon_frame(measured, cl.impair(capture, seed=2, snr_db=SNR_DB), force=True)
             capture = open_capture(measured)
         else:
             capture = save(folder / f"{name}.h5", capture, origin, force=True)
         with progress_bar(f"imaging {name}") as progress:
-            image = backproject(capture, grid, device=device, progress=progress)
+            image = cl.backproject(capture, grid, device=device, progress=progress)
         volumes.append(save(folder / f"{name}_volume.h5", image, origin, force=True))
         print_line(f"{name}: simulated and imaged in {perf_counter() - start_s:.1f} s")
     paths = [folder / f"{name}_volume.h5" for name in simulated]

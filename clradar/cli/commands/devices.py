@@ -48,7 +48,7 @@ def command() -> None:
         elif info.target:
             print_line(
                 f"{info.selector} {info.label}: this PoCL does not know the processor; it compiles "
-                f"for {info.target} (docs/platforms.md)"
+                f"for {info.target} (docs/install.md)"
             )
     if failure is not None:
         raise failure

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, print_table, print_warning, progress_bar
 from clradar.cli.inputs import title_of
-from clradar.cli.options.common import CaptureArgument, DeviceOption, ForceOption
-from clradar.cli.options.groups import given, option, output_option, recorded
+from clradar.cli.options.common import CAPTURE, DEVICE, FORCE
+from clradar.cli.options.groups import option, output_option, recorded
 from clradar.cli.options.measured import FrameOptions, GridOptions, axis_option, grid_text
 from clradar.cli.outputs import check_figure, check_outputs, provenance, save
 from clradar.cli.parse import position_m
@@ -19,7 +20,6 @@ from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from calibration import Diagnosis, Score
-    from clradar import Capture
 
 COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
 
@@ -50,7 +50,7 @@ class DiagnosisFiles:
 
 def command(
     *,
-    capture: CaptureArgument,
+    capture: Path = CAPTURE,
     files: DiagnosisFiles,
     expect_mm: str | None = option(
         None,
@@ -59,23 +59,22 @@ def command(
     ),
     voxels: SearchGridOptions,
     frames: FrameOptions,
-    device: DeviceOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICE,
+    force: bool = FORCE,
 ) -> None:
     """Forms a coarse image under each of eight hypotheses and compares how sharp they are. The
     range profile shows where to image; with one of --x-mm, --y-mm, --z-mm, the grid is that of the
     options, whose steps should be coarse (4 mm). See docs/diagnose.md.
     """
     from calibration import diagnose
-    from clradar import open_device
     from clradar.plot import save_figure
 
     expected_m = None if expect_mm is None else position_m("--expect-mm", expect_mm)
-    grid = voxels.grid(COARSE_GRID_MM) if given(voxels) else None
+    grid = voxels.grid(COARSE_GRID_MM) if voxels.given else None
     check_figure(files.output)
     check_outputs([files.output, files.json, files.fix_to], force=force, inputs=[capture])
     loaded, sources = frames.open(capture)
-    opened = open_device(device)
+    opened = cl.open_device(device)
     with progress_bar("imaging") as progress:
         result = diagnose(
             loaded, grid=grid, expected_m=expected_m, device=opened, progress=progress
@@ -101,7 +100,7 @@ def command(
 def write_fixed(
     path: Path,
     source: Path,
-    capture: Capture,
+    capture: cl.Capture,
     result: Diagnosis,
     origin: dict[str, Any],
     *,

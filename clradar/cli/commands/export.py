@@ -6,13 +6,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import clradar as cl
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput
-from clradar.cli.options.common import ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
+from clradar.cli.options.common import FORCE
+from clradar.cli.options.groups import (
+    REQUIRED,
+    argument,
+    option,
+    output_option,
+    recorded,
+    wrong_usage,
+)
 from clradar.cli.options.measured import DepthMapOptions, FrameOptions
 from clradar.cli.outputs import check_outputs, check_suffix, provenance
-from clradar.cli.parse import wrong_usage
 
 
 def command(
@@ -26,14 +33,13 @@ def command(
     depth_map: bool = option(False, "Of a volume its depth map; to .ply it is that anyway."),
     depth: DepthMapOptions,
     frames: FrameOptions,
-    force: ForceOption = False,
+    force: bool = FORCE,
 ) -> None:
     """A volume goes to .vti (ParaView, VTK: amplitude, and real and imaginary part), its depth map
     to .ply (MeshLab, Blender: a surface with the amplitude as grey), and either of them or a
     capture to .mat (MATLAB) or .npz (numpy). Lengths are metres, frequencies hertz, in the antenna
     frame.
     """
-    from clradar import Capture
     from measurement_io import export_file
     from measurement_io.export.exporting import FORMATS, check_export
 
@@ -41,9 +47,9 @@ def command(
     check_outputs([output], force=force, inputs=[source])
     loaded = ImageInput.open(source, frames)
     content: Any = loaded.content
-    if depth_map and isinstance(content, Capture):
+    if depth_map and isinstance(content, cl.Capture):
         raise wrong_usage("--depth-map", f"expected a volume, got a capture: {source}")
-    if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, Capture)):
+    if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, cl.Capture)):
         content = content.depth_map(depth.dynamic_range_db)
     else:
         origin = provenance("export", recorded(frames), loaded.files)

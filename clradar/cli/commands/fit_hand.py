@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.hand_fit_folder import FILES, FittedImages, print_fit, write_fit
-from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.common import DevicesOption, ForceOption, MeasuredArgument
+from clradar.cli.fits import HAND_FILES, print_hand_fit, write_hand_fit
+from clradar.cli.inputs import measurement
+from clradar.cli.options.common import DEVICES, FORCE, MEASURED
 from clradar.cli.options.groups import REQUIRED, output_option, recorded
-from clradar.cli.options.hand import HandFitOptions, RigFileOptions, ShapeOptions, fit_settings
+from clradar.cli.options.hand import HandFitOptions, RigFileOptions, ShapeOptions, StartNames
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
@@ -22,7 +22,7 @@ from clradar.cli.outputs import check_folder, provenance, whole_folder
 
 def command(
     *,
-    measured: MeasuredArgument,
+    measured: Path = MEASURED,
     output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
     fitting: HandFitOptions,
     shape: ShapeOptions,
@@ -31,8 +31,8 @@ def command(
     imaging: ImagingOptions,
     frame: FrameOptions,
     radar: RadarOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """Joint angles within their limits, place, alpha, and with --fit-shape the hand's size, so that
     the hand looks like MEASURED. No mesh is needed. DIR gets pose.toml (for `clradar hand` and data
@@ -43,18 +43,13 @@ def command(
     from calibration import fit_hand
     from clradar.jobs import open_devices
 
-    read = [*fitting.files, *rigged.files, *radar.files]
-    check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
-    settings = fit_settings(fitting, shape, rigged)
-    voxels.grid()  # wrong usage is reported before a file is read
-    image = ImageInput.open(measured, frame)
-    instrument = image.radar_or(radar)
+    read = [*StartNames(fitting.pose).files, *rigged.files]
+    check_folder(output, force=force, replaced=HAND_FILES, inputs=[measured, *read, *radar.files])
+    settings = fitting.fit_settings(shape, rigged)
     opened = open_devices(device).first
-    grid = common_grid(voxels, image, device=opened)
-    volume = image.volume(grid, imaging, opened)
+    found = measurement(measured, frame, radar, voxels, imaging, opened)
     with progress_bar("fitting") as progress:
-        fit = fit_hand(volume, device=opened, progress=progress, **settings, **instrument)
-    images = FittedImages.of(volume, fit, instrument, fitting.seed, opened)
+        fit = fit_hand(found.volume, device=opened, progress=progress, **settings, **found.radar)
     options = recorded(
         fitting,
         shape,
@@ -63,10 +58,10 @@ def command(
         frame,
         radar,
         measured=measured,
-        grid=grid_text(volume.grid),
+        grid=grid_text(found.volume.grid),
     )
-    origin = provenance("fit-hand", options, [*image.files, *read])
-    with whole_folder(output, force=force, replaced=FILES) as made:
-        write_fit(made, images, str(measured), origin)
-    print_fit(fit)
-    print_line(f"{output}: {', '.join(FILES)}")
+    origin = provenance("fit-hand", options, [*found.files, *read])
+    with whole_folder(output, force=force, replaced=HAND_FILES) as made:
+        write_hand_fit(made, found, fit, fitting.seed, opened, origin)
+    print_hand_fit(fit)
+    print_line(f"{output}: {', '.join(HAND_FILES)}")

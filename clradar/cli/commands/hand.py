@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clradar.cli.console import print_line, print_table
-from clradar.cli.options.common import DeviceOption, ForceOption
-from clradar.cli.options.groups import argument, given, option, output_option
-from clradar.cli.options.hand import EmbeddedHandOptions, RigOptions, WayOptions
-from clradar.cli.outputs import SUFFIXES, check_outputs, check_suffix, save_hand, turned
-from clradar.cli.parse import wrong_usage
+from clradar.cli.options.common import DEVICE, FORCE
+from clradar.cli.options.groups import argument, option, output_option, wrong_usage
+from clradar.cli.options.hand import EmbeddedHandOptions, MovementOptions, RigOptions
+from clradar.cli.outputs import SUFFIXES, check_outputs, check_suffix, save_mesh, turned
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ class PoseOptions:
 def command(
     *,
     pose: PoseOptions,
-    way: WayOptions,
+    movement: MovementOptions,
     output: Path | None = output_option(
         None, "Mesh file: .ply, .stl, .obj, .off, .glb; with --from a motion file, .toml."
     ),
@@ -64,8 +63,8 @@ def command(
     ),
     rigged: RigOptions,
     list_poses: bool = option(False, "List the poses and exit.", names=("--list",)),
-    device: DeviceOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICE,
+    force: bool = FORCE,
 ) -> None:
     """The mesh is closed, in metres and in the antenna frame, palm to the radar. Files .ply and
     .glb keep palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha
@@ -77,7 +76,7 @@ def command(
 
     With --from A --to B the hand goes from pose to pose (docs/movement.md).
     """
-    from clradar.cli.sweeps import joints_record
+    from clradar.cli.options.sweep import joints_record
     from clradar.hand import POSES
 
     if list_poses:
@@ -85,26 +84,17 @@ def command(
         return
     if output is None:
         raise wrong_usage("-o", "expected a mesh file to write, or --list")
-    moves = bool(way.poses)
-    if moves and (pose.pose is not None or rigged.theta is not None or joints is not None):
-        raise wrong_usage("--from", "expected no POSE, --theta or --joints beside it")
-    check_suffix(output, (".toml",) if moves else SUFFIXES)
-    if rigged.rig is not None:
-        for name in given(embedded):
-            raise wrong_usage(name, "a rig keeps mesh, size and side as it is; see --rig-hand")
-        if device is not None:
-            raise wrong_usage("--device", "a rig's mesh is posed without one")
-    if rigged.theta is not None and pose.pose is not None:
-        raise wrong_usage("--theta", f"expected instead of a pose, got '{pose.pose}', too")
+    check_suffix(output, (".toml",) if movement.poses else SUFFIXES)
     if not abs(pose.turn_deg) <= 360.0:
         raise wrong_usage(
             "--turn-deg", f"expected an angle from -360 to 360 degrees, got {pose.turn_deg:g}"
         )
-    inputs = [*pose.files, *way.files, *rigged.files]
+    inputs = [*pose.files, *movement.files, *rigged.files]
     check_outputs([output, joints], force=force, inputs=inputs)
-    if moves:
-        way.write_motion(output, embedded, rigged, pose.center_mm, pose.turn_deg, force=force)
-        print_line(f"{output}: hand from '{way.start}' to '{way.end}' in {way.duration_s:g} s")
+    if movement.poses:
+        movement.write_motion(output, embedded, rigged, pose.center_mm, pose.turn_deg, force=force)
+        ends = " to ".join(f"'{end}'" for end in movement.poses)
+        print_line(f"{output}: hand from {ends} in {movement.duration_s:g} s")
         return
     joint_angles, center_m = pose.read(), [value / 1e3 for value in pose.center_mm]
     if rigged.rig is None:
@@ -113,7 +103,7 @@ def command(
     else:
         mesh, words = rigged.posed(joint_angles, pose.name, center_m)
     mesh = turned(mesh, pose.turn_deg, center_m)
-    save_hand(output, mesh, force=force)
+    save_mesh(output, mesh, force=force)
     if joints is not None:
         write_json(joints, joints_record(mesh.joints_m), force=force)
     print_line(f"{output}: {words}, {len(mesh.faces)} faces")

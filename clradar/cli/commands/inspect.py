@@ -9,11 +9,10 @@ from typing import Any
 import typer
 
 from clradar.cli.console import counted, print_error, print_line, print_text, progress_bar
-from clradar.cli.options.common import ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, option
+from clradar.cli.options.common import FORCE
+from clradar.cli.options.groups import REQUIRED, argument, option, wrong_usage
 from clradar.cli.options.measured import SLICE_HELP, VIEW_HELP, ViewName, plane
 from clradar.cli.outputs import check_figure, check_outputs
-from clradar.cli.parse import wrong_usage
 from clradar.errors import MeasurementError
 
 
@@ -34,7 +33,7 @@ def command(
     ),
     view: ViewName | None = option(None, f"Of a volume's picture. {VIEW_HELP}"),
     slice_: str | None = option(None, SLICE_HELP, metavar="AXIS[=MM]", names=("--slice",)),
-    force: ForceOption = False,
+    force: bool = FORCE,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
     from clradar.dataset.store.check import check_dataset, describe_dataset

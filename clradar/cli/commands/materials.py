@@ -6,15 +6,15 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, print_table, print_text
-from clradar.cli.options.groups import argument, option
-from clradar.cli.parse import check_unit, finite, numbers, wrong_usage
+from clradar.cli.options.groups import argument, option, wrong_usage
+from clradar.cli.parse import check_unit, finite, numbers
 from clradar.constants import PLAUSIBLE_HZ
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from clradar import Material
 
 ROUGHNESS = ("roughness_rms", "correlation_length", "micro_roughness_rms")
 
@@ -69,7 +69,7 @@ def _band(text: str) -> tuple[float, float]:
     return 1e9 * ends[0], 1e9 * ends[1]
 
 
-def _figures(material: Material, frequencies_hz: np.ndarray) -> dict[str, Any]:
+def _figures(material: cl.Material, frequencies_hz: np.ndarray) -> dict[str, Any]:
     """The record of a material with its reflectance: values of JSON, metres and hertz."""
     import numpy as np
 

@@ -5,19 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import clradar as cl
 from clradar.cli.console import print_line, print_text
-from clradar.cli.fits import (
-    FILES,
-    RegistrationOptions,
-    registered,
-    write_registration,
-)
-from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.common import (
-    DeviceOption,
-    ForceOption,
-    MeasuredArgument,
-)
+from clradar.cli.fits import FILES, RegistrationOptions, registered, write_registration
+from clradar.cli.inputs import measurement
+from clradar.cli.options.common import DEVICE, FORCE, MEASURED
 from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded
 from clradar.cli.options.measured import (
     FrameOptions,
@@ -26,16 +18,13 @@ from clradar.cli.options.measured import (
     RadarOptions,
     grid_text,
 )
-from clradar.cli.options.scene import (
-    PHYSICAL,
-    MaterialOptions,
-)
+from clradar.cli.options.scene import MaterialOptions
 from clradar.cli.outputs import check_folder, provenance, whole_folder
 
 
 def command(
     *,
-    measured: MeasuredArgument,
+    measured: Path = MEASURED,
     mesh: Path = argument(REQUIRED, "Mesh file, placed anywhere.", metavar="MESH"),
     output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
     registration: RegistrationOptions,
@@ -43,34 +32,29 @@ def command(
     voxels: GridOptions,
     frames: FrameOptions,
     radar: RadarOptions,
-    device: DeviceOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICE,
+    force: bool = FORCE,
 ) -> None:
     """Writes into DIR the placed mesh, the transform (for `clradar simulate --transform`), the
     simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
     first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
     """
-    from clradar import Scene, open_device
 
     registration = replace(registration, estimator=made_of.estimator(registration.estimator))
-    alpha = registration.alpha_value(registration.estimator == PHYSICAL)
-    read = [mesh, *made_of.files, *radar.files]
-    check_folder(output, force=force, replaced=FILES, inputs=[measured, *read])
-    scene = Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
+    alpha = registration.alpha_value()
+    read = [mesh, *made_of.material_files]
+    check_folder(output, force=force, replaced=FILES, inputs=[measured, *read, *radar.files])
+    scene = cl.Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
     scene = made_of.on(scene)
-    voxels.grid()  # wrong usage is reported before a file is read
-    recorded_image = ImageInput.open(measured, frames)
-    instrument = recorded_image.radar_or(radar)
-    opened = open_device(device)
-    grid = common_grid(voxels, recorded_image, device=opened)
-    volume = recorded_image.volume(grid, ImagingOptions(), opened)
-    result = registered(volume, scene, registration, instrument, opened)
+    opened = cl.open_device(device)
+    found = measurement(measured, frames, radar, voxels, ImagingOptions(), opened)
+    result = registered(found, scene, registration, opened)
     options = recorded(
         registration, made_of, frames, radar,
-        measured=measured, mesh=mesh, grid=grid_text(volume.grid),
+        measured=measured, mesh=mesh, grid=grid_text(found.volume.grid),
     )  # fmt: skip
-    origin = provenance("register", options, [*recorded_image.files, *read])
+    origin = provenance("register", options, [*found.files, *read])
     with whole_folder(output, force=force, replaced=FILES) as made:
-        write_registration(made, volume, result, str(measured), origin)
+        write_registration(made, found, result, origin)
     print_text(result.alignment.report())
     print_line(f"{output}: {', '.join(FILES)}")

@@ -5,26 +5,31 @@ from __future__ import annotations
 from pathlib import Path
 from time import perf_counter
 
+import clradar as cl
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.options.common import DevicesOption, ForceOption
-from clradar.cli.options.groups import REQUIRED, given, output_option, recorded
+from clradar.cli.options.common import DEVICES, FORCE
+from clradar.cli.options.groups import REQUIRED, given, output_option, recorded, wrong_usage
 from clradar.cli.options.measured import RadarOptions
 from clradar.cli.options.scene import (
     PHYSICAL,
     ClusterOptions,
     EstimatorOptions,
-    MaterialOptions,
     MotionOptions,
     SceneOptions,
     SimulationOptions,
-    read_part_alphas,
-    split_alpha,
-    with_part_alphas,
 )
 from clradar.cli.outputs import provenance, save
-from clradar.cli.parse import chosen_frames, wrong_usage
-from clradar.cli.simulations import MeshScene
+from clradar.cli.parse import chosen_frames
+from clradar.cli.simulations import (
+    ClusterSteps,
+    MotionRecording,
+    check_output,
+    keep_scene,
+    simulate_clusters,
+    summary,
+)
 from clradar.errors import warn
+from clradar.jobs import open_devices
 
 
 def command(
@@ -36,13 +41,12 @@ def command(
         "that of their captures, which is resumed if begun.",
     ),
     *,
-    made_of: MaterialOptions,
     simulation: SimulationOptions,
     estimator: EstimatorOptions,
     radar: RadarOptions,
     divided: ClusterOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0, or that of --array.
     Meshes are in its antenna frame: x to the right of a person who faces the aperture, y up, z away
@@ -59,104 +63,61 @@ def command(
     What is done is not done again; workers and devices divide the clusters and change no bit. With
     --motion clusters record one after the other, and --frames makes a recording of each.
     """
-    import clradar
-    from clradar import Scene
-    from clradar.cli.simulations import (
-        ClusterSteps,
-        MotionRecording,
-        check_clusters_folder,
-        keep_scene,
-        simulate_clusters,
-        summary,
-    )
-    from clradar.jobs import open_devices
+    from clradar.motion.motion_file import read_motion
 
-    named = [split_alpha(text) for text in scenery.meshes or []]
-    if not named and moving.motion is None:
+    if not scenery.meshes and moving.motion is None:
         raise wrong_usage("MESH", "expected a mesh file, or --motion with a hand")
-    default, by_part = read_part_alphas(scenery.alpha or [])
-    inputs = [*(path for path, _ in named), *scenery.files, *made_of.files, *radar.files]
+    inputs, clusters, waveform = [*scenery.files, *radar.files], radar.clusters(), radar.waveform()
     inputs += [] if moving.motion is None else [moving.motion]
-    clusters = radar.clusters()
-    several = len(clusters) > 1
+    several, numbers = len(clusters) > 1, range(1, len(clusters) + 1)
     if several and moving.motion is None:
-        numbers = chosen_frames(divided.clusters, range(1, len(clusters) + 1), "--clusters")
-        check_clusters_folder(output, inputs)
+        chosen = chosen_frames(divided.clusters, numbers, "--clusters")
     else:
         for name in given(divided):
             words = "without --motion" if several else "an --array of clusters with it"
             raise wrong_usage(name, f"expected {words}")
-        moving.check(output, several=several, force=force, inputs=inputs)
-    motion = moving.read()
-    if motion is not None and len(motion.files) > 1:
+    check_output(output, moving, several, inputs, force=force)
+    motion = None
+    if moving.motion is not None:
+        motion = read_motion(moving.motion)
         inputs += motion.files[1:]
-        moving.check(output, several=several, force=force, inputs=inputs)  # they are known only now
-    matrix = scenery.matrix()
-    chosen = made_of.estimator(estimator.estimator)
-    if chosen == PHYSICAL and (scenery.alpha or any(a is not None for _, a in named)):
+        check_output(output, moving, several, inputs, force=force)  # they are known only now
+    kind = scenery.estimator(estimator.estimator)
+    if kind == PHYSICAL and scenery.has_alpha:
         warn(f"--alpha: not used by --estimator {PHYSICAL}; --material has the roughness")
-    settings = simulation.settings(seed=estimator.seed, estimator=chosen)
+    settings = simulation.settings(seed=estimator.seed, estimator=kind)
     # Meshes that cannot be read are said before their content is part of the record.
-    meshes = MeshScene(
-        meshes=named, alpha=default, alpha_of_parts=by_part, unit=scenery.unit, transform=matrix,
-        materials=made_of,
-    )  # fmt: skip
-    bodies: dict[str, Scene] = {}
-    still = meshes.load() if motion is None else None
-    if motion is not None:
-        bodies = {
-            path.name: Scene.from_mesh(
-                path, alpha=default if a is None else a, unit=scenery.unit, transform=matrix
-            )
-            for path, a in named
-        }
-        if len(bodies) < len(named):
-            raise wrong_usage("MESH", "expected different names of files with --motion")
-    antennas, waveform = clusters[0], radar.waveform()
+    scene = scenery.load() if motion is None else None
+    bodies = {} if motion is None else scenery.bodies_by_name()
     devices = open_devices(device)
     opened = devices.first
-    if (still is None or not several) and len(devices.infos) > 1:
+    if len(devices.infos) > 1 and not (several and motion is None):
         warn(f"--device: only clusters are divided; simulated on the first, {opened.info.label}")
-    recording = None
-    if motion is not None:
-        finish = lambda scene: made_of.on(with_part_alphas(scene, by_part))  # noqa: E731
-        recording = MotionRecording(
-            motion, motion.scene(bodies, finish=finish, alpha=default, device=opened),
-            clusters, waveform, settings, moving.rate_hz,
-        )  # fmt: skip
-    options = recorded(
-        made_of,
-        moving,
-        meshes=[{"file": p.name, "alpha": default if a is None else a} for p, a in named],
-        alpha_of_parts=by_part,
-        unit=scenery.unit,
-        transform=None if matrix is None else matrix.tolist(),
-        array=antennas.name,
-        waveform_ghz=radar.band_ghz,
-    )
+    facts = {"array": clusters[0].name, "waveform_ghz": radar.band_ghz}
+    options = recorded(moving, **scenery.record(), **facts)
     origin = provenance("simulate", options, inputs)
-    start_s = perf_counter()
-    if still is not None and several:
-        settings = settings.for_scene(still, antennas, waveform)  # one for all, whose images add up
+    start_s, label = perf_counter(), opened.info.label
+    if motion is not None:
+        moved = motion.scene(
+            bodies, finish=scenery.finished, alpha=scenery.default_alpha, device=opened
+        )
+        recording = MotionRecording(motion, moved, clusters, waveform, settings, moving.rate_hz)
+        with progress_bar("simulating") as progress:
+            words = recording.write(output, moving.frames, origin, opened, progress, force=force)
+    elif several and scene is not None:
+        settings = settings.for_scene(scene, clusters[0], waveform)  # one for all: images add up
         steps = ClusterSteps(
-            scene=meshes, digest=keep_scene(still), waveform=waveform, settings=settings,
+            scene=scenery, digest=keep_scene(scene), waveform=waveform, settings=settings,
             folder=output, origin=origin,
         )  # fmt: skip
-        simulate_clusters(
-            steps, [(i, clusters[i - 1]) for i in numbers], divided.where(device, inputs),
-            force=force,
-        )  # fmt: skip
-        words = f"{len(numbers)} of {len(clusters)} clusters"
-    elif still is not None:
+        items = [(i, clusters[i - 1]) for i in chosen]
+        simulate_clusters(steps, items, divided.where(device, inputs), force=force)
+        words, label = f"{len(chosen)} of {len(clusters)} clusters", devices.text
+    elif scene is not None:
         with progress_bar("tracing") as progress:
-            capture = clradar.simulate(
-                still, antennas, waveform, settings=settings, device=opened, progress=progress
+            capture = cl.simulate(
+                scene, clusters[0], waveform, settings=settings, device=opened, progress=progress
             )
         save(output, capture, origin, force=force)
         words = summary(capture)
-    elif recording is not None:
-        with progress_bar("simulating") as progress:
-            words = recording.write(output, moving.frames, origin, opened, progress, force=force)
-    took_s = perf_counter() - start_s
-    text = devices.text if several and still is not None else opened.info.label
-    print_line(f"{output}: {words}, {took_s:.1f} s on {text}")
+    print_line(f"{output}: {words}, {perf_counter() - start_s:.1f} s on {label}")

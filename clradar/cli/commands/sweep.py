@@ -3,42 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 
-from clradar.cli.console import print_line
-from clradar.cli.options.common import (
-    DevicesOption,
-    ForceOption,
-    MeasuredArgument,
-)
-from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded
+import clradar as cl
+from clradar.cli.inputs import measurement
+from clradar.cli.options.common import DEVICES, FORCE, MEASURED
+from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded, wrong_usage
 from clradar.cli.options.measured import (
     DepthMapOptions,
     FrameOptions,
     GridOptions,
     ImagingOptions,
     RadarOptions,
+    grid_text,
 )
 from clradar.cli.options.scene import MaterialOptions, SimulationOptions
-from clradar.cli.options.sweep import (
-    AlphaOptions,
-    PlaceOptions,
-    RegionOptions,
-    check_together,
-)
+from clradar.cli.options.sweep import AlphaOptions, PlaceOptions, RegionOptions, RoughnessOptions
 from clradar.cli.outputs import check_place_of_folder, package_versions, provenance
 from clradar.cli.sweeps import (
-    RoughnessOptions,
-    SweepInputs,
+    OWN_NAMES,
+    check_window,
+    digest,
     over_alpha,
     over_roughness,
+    sweep_into,
 )
+from clradar.files.hashing import sha256_of_arrays
+from clradar.jobs import open_devices
 
 
 def command(
     *,
-    measured: MeasuredArgument,
+    measured: Path = MEASURED,
     mesh: Path = argument(REQUIRED, "Mesh file.", metavar="MESH"),
     output: Path = output_option(REQUIRED, "New folder, or one to resume.", metavar="DIR"),
     alphas: AlphaOptions,
@@ -52,8 +48,8 @@ def command(
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
-    device: DevicesOption = None,
-    force: ForceOption = False,
+    device: str | None = DEVICES,
+    force: bool = FORCE,
 ) -> None:
     """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
     gets sweep.png, sweep.csv, sweep.json, the settings, and with --align the transform. The same
@@ -65,52 +61,43 @@ def command(
     of given --material, by the physical estimator.
     """
     from calibration.roughness.sweep import check_within_grid
-    from clradar.cli import sweeps
     from clradar.compare import depth_map_of
-    from clradar.jobs import open_devices
 
-    read = [measured, mesh, *place.files, *regions.files, *made_of.files]
-    check_place_of_folder(output, replaced=sweeps.OWN_NAMES, inputs=read)
-    kind = over_roughness(roughness) if roughness.given else over_alpha(alphas, imaging, depth)
-    check_together(alphas, roughness, made_of)
-    alphas.check()
-    regions.check(simulation.max_bounces)
+    read = [mesh, *place.files, *regions.files, *made_of.material_files]
+    check_place_of_folder(output, replaced=OWN_NAMES, inputs=[measured, *read])
+    if regions.regions is not None and simulation.max_bounces > 1:
+        words = "expected 1 with --regions: a path of two bounces belongs to no single region"
+        raise wrong_usage("--max-bounces", words)
+    range_db = depth.dynamic_range_db
+    kind = over_alpha(alphas, recorded(imaging), range_db)
+    if roughness.roughness_mm is not None:
+        kind = over_roughness(roughness)
     settings = simulation.settings(seed=alphas.seed, estimator=kind.estimator)
     devices = open_devices(device)
     devices.check_alike("a sweep")
-    opened = devices.first
-    inputs = SweepInputs(
-        place, mesh, made_of, regions, measured, frames, radar, voxels, imaging, opened
-    )
-    kind.check_measured(measured, inputs.image.content)
+    scene = made_of.on(cl.Scene.from_mesh(mesh, unit=place.unit))
+    labels, matrix = regions.read(scene, place.unit), place.matrix()
+    found = measurement(measured, frames, radar, voxels, imaging, devices.first)
+    check_window(found, imaging.window)
+    band_hz = found.radar["waveform"].frequencies_hz
+    align = {"search_deg": place.search_deg} if place.align else None
     record = recorded(
-        imaging,
-        **inputs.record(),
-        **kind.record,
-        seeds=alphas.seeds,
-        simulation=asdict(settings.resolved()),
-        dynamic_range_db=depth.dynamic_range_db,
-        device=dict(opened.describe()),
-        packages=package_versions(),
-    )
-    image = inputs.image
-    origin = provenance("sweep", record, inputs.files)
-    volume = image.volume(inputs.grid, imaging, opened)
+        imaging, **kind.record, measured_sha256=digest(found.content), mesh_sha256=scene.digest(),
+        regions=None if labels is None else list(labels.names),
+        regions_sha256=None if labels is None else sha256_of_arrays(labels.face),
+        transform=None if matrix is None else matrix.tolist(), align=align,
+        frequencies_ghz=[float(band_hz[0] / 1e9), float(band_hz[-1] / 1e9), len(band_hz)],
+        grid=grid_text(found.volume.grid), seeds=alphas.seeds,
+        simulation=asdict(settings.resolved()), dynamic_range_db=range_db,
+        device=dict(devices.first.describe()), packages=package_versions(),
+    )  # fmt: skip
+    origin = provenance("sweep", record, [*found.files, *read])
     # A sweep that is impossible should leave no folder behind.
-    depth_map_of(volume, depth.dynamic_range_db, str(measured))
-    if inputs.align is None:
-        check_within_grid(inputs.placed, volume.grid)
-    run = partial(
-        kind.run, inputs.radar, image.content, volume, seeds=alphas.seeds, regions=inputs.labels,
-        settings=settings, device=devices,
+    depth_map_of(found.volume, range_db, str(measured))
+    placed = scene if matrix is None else scene.transformed(matrix)
+    if align is None:
+        check_within_grid(placed, found.volume.grid)
+    sweep_into(
+        output, kind, found, placed, origin, align and {**align, "device": devices.first},
+        force=force, seeds=alphas.seeds, regions=labels, settings=settings, device=devices,
     )  # fmt: skip
-    result = sweeps.sweep_into(
-        output, volume, inputs.placed, run, kind.write,
-        source=str(measured), origin=origin, force=force, device=opened,
-        align=None if inputs.align is None else {**inputs.align, **image.radar},
-    )  # fmt: skip
-    if result is None:
-        print_line(f"{output}: finished before with these settings; nothing to do")
-    else:
-        kind.show(result)
-        print_line(f"{output}: {', '.join(sweeps.RESULTS)}")

@@ -6,18 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import clradar as cl
 from clradar.cli.console import print_line, print_warning
-from clradar.cli.options.common import DeviceOption, ForceOption
-from clradar.cli.options.groups import REQUIRED, argument, option
+from clradar.cli.options.common import DEVICE, FORCE
+from clradar.cli.options.groups import REQUIRED, argument, option, wrong_usage
 from clradar.cli.options.measured import DepthMapOptions, Variant
 from clradar.cli.options.scene import PlacementOptions
-from clradar.cli.outputs import check_outputs, check_suffix
-from clradar.cli.parse import wrong_usage
+from clradar.cli.outputs import check_outputs, check_page
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from clradar import Device, Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,28 +41,28 @@ class BesideOptions(PlacementOptions):
     )
     left: bool = option(False, "With --pose: a left hand, unless a fit says which.")
 
-    def scene(self, device: Device) -> Scene | None:
+    def scene(self, device: cl.Device) -> cl.Scene | None:
         """The mesh where it is, if there is one."""
-        from clradar import Scene
 
         if self.mesh is None and self.pose is None:
             if self.transform is not None:
                 raise wrong_usage("--transform", "expected --mesh or --pose with it")
             return None
         if self.pose is None:
-            return Scene.from_mesh(self.mesh, unit=self.unit, transform=self.matrix())
+            return cl.Scene.from_mesh(self.mesh, unit=self.unit, transform=self.matrix())
         if self.mesh is not None:
             raise wrong_usage("--pose", "expected without --mesh")
         handedness = "left" if self.left else "right"
         return posed_hand(self.pose, handedness, self.matrix(), device)
 
 
-def posed_hand(text: str, handedness: str, transform: np.ndarray | None, device: Device) -> Scene:
+def posed_hand(
+    text: str, handedness: str, transform: np.ndarray | None, device: cl.Device
+) -> cl.Scene:
     """The hand of a pose, at 300 mm, where it was fitted, or its wrist where `transform` has it."""
     import numpy as np
 
     from calibration.hand_fit.starts import FIT_FILE, starts_of
-    from clradar import Scene
     from clradar.errors import ModelError
     from clradar.files.json_file import read_json_object
     from clradar.hand import HandShape, hand_mesh
@@ -91,7 +89,7 @@ def posed_hand(text: str, handedness: str, transform: np.ndarray | None, device:
     matrix = start.transform if transform is None else transform
     if matrix is not None:
         mesh = mesh.moved(np.eye(3), -mesh.joints_m[0])
-    return Scene.from_mesh(mesh, transform=matrix)
+    return cl.Scene.from_mesh(mesh, transform=matrix)
 
 
 def command(
@@ -113,22 +111,21 @@ def command(
         "Write scene and time line of all frames into this .html file, and serve nothing.",
         metavar="FILE",
     ),
-    force: ForceOption = False,
+    force: bool = FORCE,
     port: int = option(
         8080, "Port at 127.0.0.1, or the next one that is free; 0: any free one.", min=0, max=65535
     ),
     beside: BesideOptions,
     depth: DepthMapOptions,
-    device: DeviceOption = None,
+    device: str | None = DEVICE,
 ) -> None:
     """Serves a page at 127.0.0.1 until Ctrl-C, and prints its address. Needs viser: pip install
     'clradar[view]'. Captures are imaged as `clradar image` does, with larger voxels at first.
     """
-    check_suffix(html, (".html", ".htm"))
+    check_page(html)
     check_outputs([html], force=force, inputs=[path])
     if watch and html is not None:
         raise wrong_usage("--watch", "expected without --html, which ends once it is written")
-    from clradar import open_device
     from clradar.view.beside import Others, Simulation
     from clradar.view.samples import SampleFrames
     from clradar.view.server import serve
@@ -140,7 +137,7 @@ def command(
     if path.suffix == ".json":
         path, compared = compared_files(path)
         simulated = [*compared, *simulated]
-    opened = open_device(device)
+    opened = cl.open_device(device)
     scene = beside.scene(opened)  # a mesh that cannot be read should not cost an image first
     source = open_source(path, variant, watch=watch)
     second: Others | Simulation | None = None

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli.options.common import Amplitude
-from clradar.cli.options.groups import REQUIRED, given, option, recorded
-from clradar.cli.parse import numbers, wrong_usage
+from clradar.cli.options.groups import REQUIRED, given, option, recorded, wrong_usage
+from clradar.cli.parse import numbers
 
 if TYPE_CHECKING:
     from calibration import Target

@@ -4,49 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import typer
-
-from clradar.cli.options.groups import option
-from clradar.cli.parse import wrong_usage
+from clradar.cli.options.groups import REQUIRED, argument, option
 
 if TYPE_CHECKING:
     from clradar.jobs import Where
+
+own_option = partial(option, needs="--fit-hand", without="--rig")
+"""Of the embedded hand: a rig is one hand, whose mesh, size and side are what they are."""
+
+rig_option = partial(option, needs="--rig")
 
 Unit = Literal["m", "mm", "cm", "inch"]
 
 Amplitude = Literal["unit", "spreading"]
 
-
-CaptureArgument = Annotated[
-    Path,
-    typer.Argument(metavar="CAPTURE", help="Native capture, recorded .npy frame, or radar folder."),
-]
-MeasuredArgument = Annotated[
-    Path, typer.Argument(metavar="MEASURED", help="Volume, capture or recording.")
-]
-CaptureOutput = Annotated[Path, typer.Option("-o", "--output", help="Capture to write (HDF5).")]
-DeviceOption = Annotated[
-    str | None,
-    typer.Option(
-        "--device",
-        metavar="NAME",
-        help="OpenCL device: its selector or part of its name (see `clradar devices`). "
-        "[default: CLRADAR_DEVICE, else PYOPENCL_CTX, else a GPU, else a CPU]",
-    ),
-]
-DevicesOption = Annotated[
-    str | None,
-    typer.Option(
-        "--device",
-        metavar="NAME",
-        help="OpenCL device, or several to divide the work among: names with commas, or all (all "
-        "GPUs). [default: as `clradar devices` shows]",
-    ),
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+CAPTURE: Any = argument(
+    REQUIRED, "Native capture, recorded .npy frame, or radar folder.", metavar="CAPTURE"
+)
+MEASURED: Any = argument(REQUIRED, "Volume, capture or recording.", metavar="MEASURED")
+DEVICE: Any = option(
+    None,
+    "OpenCL device: its selector or part of its name (see `clradar devices`). "
+    "[default: CLRADAR_DEVICE, else PYOPENCL_CTX, else a GPU, else a CPU]",
+    metavar="NAME",
+    names=("--device",),
+)
+DEVICES: Any = option(
+    None,
+    "OpenCL device, or several to divide the work among: names with commas, or all (all GPUs). "
+    "[default: as `clradar devices` shows]",
+    metavar="NAME",
+    names=("--device",),
+)
+FORCE: Any = option(False, "Replace files that exist.", names=("--force",))
+JSON: Any = option(False, "Print JSON for programs, in SI units.", names=("--json",))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,11 +74,8 @@ class WorkerOptions:
         "The workers of a Dask scheduler, tcp://HOST:PORT, that see the same files; see "
         "docs/datasets-cluster.md.",
         metavar="ADDRESS",
+        without="--workers",
     )
-
-    def __post_init__(self) -> None:
-        if self.workers is not None and self.scheduler is not None:
-            raise wrong_usage("--scheduler", "expected no --workers with it: it has its own")
 
     def where(self, device: str | None, files: Sequence[Path] = ()) -> Where:
         """Where the work is done; workers of a scheduler have to see the files."""

@@ -9,11 +9,9 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import Field, field, fields, is_dataclass
-from enum import Enum
 from inspect import Parameter
 from pathlib import Path
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -21,12 +19,26 @@ REQUIRED = Parameter.empty
 """The default of an option without which a command is wrong usage."""
 
 
-def option(default: Any, help: str, *, names: tuple[str, ...] = (), **details: Any) -> Any:
+def wrong_usage(option: str, text: str) -> typer.BadParameter:
+    """The error that names the option and ends in exit status 2."""
+    return typer.BadParameter(text, param_hint=option)
+
+
+def option(
+    default: Any,
+    help: str,
+    *,
+    names: tuple[str, ...] = (),
+    needs: str = "",
+    without: str = "",
+    **details: Any,
+) -> Any:
     """A field that is an option; without `names` ``edge_mm`` is ``--edge-mm``.
 
-    `details` are those of `typer.Option`.
+    In a command that has the option `needs` it goes with that one only, and never with those of
+    `without`. `details` are those of `typer.Option`.
     """
-    return _field(default, lambda name: typer.Option(*names or (name,), help=help, **details))
+    return _field(default, typer.Option, names, needs, without, help=help, **details)
 
 
 def output_option(default: Any, help: str, **details: Any) -> Any:
@@ -34,86 +46,84 @@ def output_option(default: Any, help: str, **details: Any) -> Any:
     return option(default, help, names=("-o", "--output"), **details)
 
 
-def option_name(field: str) -> str:
-    """The name of the option of a field."""
-    return "--" + field.replace("_", "-")
-
-
 def argument(default: Any, help: str, **details: Any) -> Any:
     """A field that is a positional argument; `details` are those of `typer.Argument`."""
-    return _field(default, lambda _: typer.Argument(help=help, **details))
+    return _field(default, typer.Argument, (), "", "", help=help, **details)
 
 
-def _field(default: Any, declared: Callable[[str], Any]) -> Any:
-    given = {} if default is REQUIRED else {"default": default}
-    return field(metadata={"default": default, "declared": declared}, **given)
+def _field(
+    default: Any, kind: Callable[..., Any], names: Any, needs: str, without: str, **details: Any
+) -> Any:
+    known = {"default": default, "names": names, "needs": needs, "without": without}
+    metadata = {**known, "kind": kind, "details": details}
+    return field(metadata=metadata, **({} if default is REQUIRED else {"default": default}))
+
+
+def option_name(name: str, one: Field[Any]) -> str:
+    """The name of the option of a field, or that which help gives an argument."""
+    if one.metadata["kind"] is typer.Argument:
+        return str(one.metadata["details"].get("metavar") or name.upper())
+    return str((one.metadata["names"] or ("--" + name.replace("_", "-"),))[0])
 
 
 def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command one keyword for each field of its groups: the parameters that typer reads."""
     shown = inspect.signature(command, eval_str=True)
-    groups: dict[str, Any] = {}
+    groups: dict[str, Any] = {
+        n: p.annotation for n, p in shown.parameters.items() if is_dataclass(p.annotation)
+    }
+    declared: dict[str, Field[Any]] = {}
     parameters: list[Parameter] = []
     for name, parameter in shown.parameters.items():
-        if is_dataclass(parameter.annotation):
-            groups[name] = parameter.annotation
-            parameters += _parameters_of(parameter.annotation)
-        else:
-            parameters.append(_parameter(name, parameter.annotation, parameter.default))
+        own, hints = {name: parameter.default}, {name: parameter.annotation}
+        if name in groups:
+            own, hints = {f.name: f for f in fields(groups[name])}, get_type_hints(groups[name])
+        declared |= own
+        parameters += [_parameter(n, hints[n], one) for n, one in own.items()]
 
     def run(**values: Any) -> Any:
-        chosen = {name: _chosen(value) for name, value in values.items()}
+        _check_together(declared, values)
         records = {
-            name: group(**{field.name: chosen.pop(field.name) for field in fields(group)})
+            name: group(**{one.name: values.pop(one.name) for one in fields(group)})
             for name, group in groups.items()
         }
-        return command(**records, **chosen)
+        return command(**records, **values)
 
     run.__signature__ = shown.replace(parameters=parameters)  # type: ignore[attr-defined]
     return run
 
 
-def _parameters_of(group: Any) -> list[Parameter]:
-    hints = get_type_hints(group)
-    return [_parameter(one.name, hints[one.name], one) for one in fields(group)]
-
-
-def _parameter(name: str, hint: Any, default: Any) -> Parameter:
-    if isinstance(default, Field):
-        declared = default.metadata["declared"](option_name(name))
-        default = default.metadata["default"]
-    else:
-        hint, declared = get_args(hint)  # of Annotated
-    annotation: Any = Annotated[_type_for_typer(hint), declared]
+def _parameter(name: str, hint: Any, one: Field[Any]) -> Parameter:
+    known = one.metadata
+    names = known["names"] or ((option_name(name, one),) if known["kind"] is typer.Option else ())
+    annotation: Any = Annotated[hint, known["kind"](*names, **known["details"])]
+    default = known["default"]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _type_for_typer(hint: Any) -> Any:
-    """The same type with an enumeration for each literal; the typers before 0.19 know none."""
-    origin, arguments = get_origin(hint), get_args(hint)
-    if origin is Literal:
-        return Enum("Choice", {value: value for value in arguments}, type=str)
-    if origin in (Union, UnionType):
-        return Union[tuple(map(_type_for_typer, arguments))]  # noqa: UP007
-    return list[_type_for_typer(arguments[0])] if origin is list else hint  # type: ignore[misc]
-
-
-def _chosen(value: Any) -> Any:
-    """A value of typer in the type that the field has."""
-    if isinstance(value, list):
-        return [_chosen(item) for item in value]
-    return value.value if isinstance(value, Enum) else value
+def _check_together(declared: dict[str, Field[Any]], values: dict[str, Any]) -> None:
+    names = {name: option_name(name, one) for name, one in declared.items()}
+    there = {names[n] for n, f in declared.items() if values[n] not in (f.metadata["default"], [])}
+    for name, one in declared.items():
+        needs, without = one.metadata["needs"], one.metadata["without"]
+        if names[name] not in there:
+            continue
+        if needs in names.values() and needs not in there:
+            raise wrong_usage(names[name], f"expected {needs} with it")
+        for other in without.split():
+            if other in there:
+                raise wrong_usage(names[name], f"expected without {other}")
 
 
 def given(group: Any) -> dict[str, Any]:
     """The options of a group that are not at their default: name -> value."""
-    values = {field: getattr(group, field.name) for field in fields(group)}
-    return {option_name(f.name): value for f, value in values.items() if value != f.default}
+    values = {one: getattr(group, one.name) for one in fields(group)}
+    return {option_name(f.name, f): value for f, value in values.items() if value != f.default}
 
 
 def recorded(*groups: Any, **options: Any) -> dict[str, Any]:
     """The options of groups, and single ones, in types that JSON reads back as they were."""
-    values = {field.name: getattr(group, field.name) for group in groups for field in fields(group)}
+    values = {one.name: getattr(group, one.name) for group in groups for one in fields(group)}
     return {name: _plain(value) for name, value in {**values, **options}.items()}
 
 

@@ -5,22 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-from clradar.cli.options.groups import given, option, recorded
-from clradar.cli.parse import (
-    RANGE_RULE,
-    check_unit,
-    finite,
-    numbers,
-    whole_steps,
-    wrong_usage,
-)
+import clradar as cl
+from clradar.cli.options.groups import given, option, recorded, wrong_usage
+from clradar.cli.parse import RANGE_RULE, check_unit, finite, numbers, whole_steps
 from clradar.constants import DYNAMIC_RANGE_DB, FINEST_SPACING_M, PLAUSIBLE_HZ, PLAUSIBLE_RANGE_M
 from clradar.model import VoxelGrid, checks
-
-if TYPE_CHECKING:
-    from clradar import AntennaArray, Capture, ChannelCalibration, Waveform
 
 START_GHZ, STOP_GHZ, STEPS = 72.0, 82.0, 128
 
@@ -56,12 +47,11 @@ class BandOptions:
             raise wrong_usage("--band", f"expected {expected}, got '{self.band}'")
         return first, last, steps
 
-    def waveform(self) -> Waveform:
+    def waveform(self) -> cl.Waveform:
         """The frequencies, those of the paper without the option."""
-        from clradar.model import Waveform
 
         start_ghz, stop_ghz, steps = self.band_ghz
-        return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
+        return cl.Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +67,7 @@ class RadarOptions(BandOptions):
 
         return [] if self.array is None or self.array in KNOWN else [Path(self.array)]
 
-    def antennas(self) -> AntennaArray:
+    def antennas(self) -> cl.AntennaArray:
         """The array, the imager's without the option."""
         from clradar import arrays
         from clradar.arrays.instruments import KNOWN
@@ -85,7 +75,7 @@ class RadarOptions(BandOptions):
         name = "qar50" if self.array is None else self.array
         return KNOWN[name]() if name in KNOWN else arrays.read_array(name)
 
-    def clusters(self) -> tuple[AntennaArray, ...]:
+    def clusters(self) -> tuple[cl.AntennaArray, ...]:
         """The arrays of a file of clusters, each of which has a capture of its own; else one."""
         from clradar import arrays
 
@@ -116,7 +106,7 @@ class FrameOptions:
         """`frame` and `variant` as `measurement_io.open_capture` takes them."""
         return recorded(self)
 
-    def open(self, path: Path) -> tuple[Capture, list[Path]]:
+    def open(self, path: Path) -> tuple[cl.Capture, list[Path]]:
         """The capture of a file or folder, and the files whose content it is."""
         from measurement_io import open_capture
 
@@ -165,6 +155,11 @@ class GridOptions:
     y_mm: str | None = axis_option("y", PAPER_GRID_MM[1])
     z_mm: str | None = axis_option("z", PAPER_GRID_MM[2])
 
+    @property
+    def given(self) -> bool:
+        """Whether there is an axis of the options."""
+        return (self.x_mm, self.y_mm, self.z_mm) != (None, None, None)
+
     def grid(self, defaults_mm: tuple[str, str, str] = PAPER_GRID_MM) -> VoxelGrid:
         """The grid, with default ranges for the axes that were not given."""
         texts = (self.x_mm, self.y_mm, self.z_mm)
@@ -188,6 +183,11 @@ class ImagingOptions:
         "-54 dB; exact: the plain sum.",
     )
     window: Literal["rect", "hann", "taylor"] = option("rect", "Weights over frequency.")
+
+    @property
+    def fitted(self) -> bool:
+        """Whether it is formed by iteration: by `clradar.reconstruct`."""
+        return self.method in MODEL_METHODS
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -217,10 +217,9 @@ class ModelImagingOptions(ImagingOptions):
     )
 
     def __post_init__(self) -> None:
-        fitted = self.method in MODEL_METHODS
         fits = {
-            "--window": not fitted,
-            "--iterations": fitted,
+            "--window": not self.fitted,
+            "--iterations": self.fitted,
             "--damping-db": self.method == "least-squares",
             "--sparsity-db": self.method == "sparse",
         }
@@ -231,7 +230,7 @@ class ModelImagingOptions(ImagingOptions):
     @property
     def arguments(self) -> dict[str, Any]:
         """Of `clradar.backproject`, or of `clradar.reconstruct`."""
-        if self.method not in MODEL_METHODS:
+        if not self.fitted:
             return super().arguments
         names = ("method", "iterations", "damping_db", "sparsity_db")
         return {name: getattr(self, name) for name in names}
@@ -306,11 +305,8 @@ class EmptyOptions:
     scaling: Literal["none", "common", "channel"] = option(
         "none",
         "Multiply EMPTY by complex factors first, for drift: one for all, or one per channel.",
+        needs="--empty",
     )
-
-    def __post_init__(self) -> None:
-        if self.empty is None and self.scaling != "none":
-            raise wrong_usage("--scaling", "expected --empty with it")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,18 +320,18 @@ class GateOptions:
         None,
         "Width of the window's edges, outside it. [default: 4 c / 2B, 60 for 10 GHz]",
         metavar="MM",
+        needs="--gate-mm",
     )
     clutter_db: float | None = option(
         None,
         "How much stronger echoes outside the window are than inside. [default: 40]",
         metavar="DB",
+        needs="--gate-mm",
     )
 
     def settings(self) -> dict[str, Any] | None:
         """Settings of `calibration.range_gate`; None without a window."""
         if self.gate_mm is None:
-            if self.edge_mm is not None or self.clutter_db is not None:
-                raise wrong_usage("--edge-mm, --clutter-db", "expected --gate-mm with it")
             return None
         ends_m = [value / 1e3 for value in numbers(self.gate_mm, ":")]
         if len(ends_m) != 2 or not finite(ends_m) or not 0 <= ends_m[0] < ends_m[1]:
@@ -358,11 +354,7 @@ class ChannelOptions:
     channels: Path | None = option(
         None, "Correct by this file of `clradar channels` (HDF5).", metavar="CHANNELS"
     )
-    keep_noisy: bool = option(False, "With --channels: do not set noisy channels to zero.")
-
-    def __post_init__(self) -> None:
-        if self.keep_noisy and self.channels is None:
-            raise wrong_usage("--keep-noisy", "expected --channels with it")
+    keep_noisy: bool = option(False, "Do not set noisy channels to zero.", needs="--channels")
 
     @property
     def files(self) -> list[Path]:
@@ -374,7 +366,7 @@ class ChannelOptions:
         """Which channels are set to zero."""
         return ("dead",) if self.keep_noisy else ("dead", "noisy")
 
-    def read(self) -> ChannelCalibration | None:
+    def read(self) -> cl.ChannelCalibration | None:
         """The channels of the file."""
         from measurement_io import open_channels
 

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 
-from clradar.cli.options.common import (
-    Amplitude,
-    UnitOptions,
-    WorkerOptions,
-)
-from clradar.cli.options.groups import argument, given, option, recorded
-from clradar.cli.outputs import check_folder, check_outputs
-from clradar.cli.parse import ALL, FRAMES_METAVAR, check_unit, wrong_usage
+import clradar as cl
+from clradar.cli.options.common import Amplitude, UnitOptions, WorkerOptions
+from clradar.cli.options.groups import argument, option, recorded, wrong_usage
+from clradar.cli.parse import ALL, FRAMES_METAVAR, check_unit, numbers
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
@@ -28,10 +24,6 @@ from clradar.tracing.settings import (
     SimulationSettings,
 )
 from clradar.tracing.suited import RECEPTION_RADIUS_M
-
-if TYPE_CHECKING:
-    from clradar import Material, Scene
-    from clradar.motion.motion_file import Motion
 
 Estimator = Literal["stochastic", "expected", "physical"]
 
@@ -117,67 +109,11 @@ class PlacementOptions(UnitOptions):
         return None if self.transform is None else read_transform(self.transform)
 
 
+PHYSICAL: Final = "physical"
+
 DEFAULT_ALPHA = 0.5
 
-
-@dataclass(frozen=True, kw_only=True)
-class AlphaOptions:
-    """The alpha of the meshes, and of named parts."""
-
-    alpha: list[str] | None = option(
-        None,
-        "0 specular to 1 diffuse; may be repeated for named parts: --alpha palm=0.6. "
-        f"[default: {DEFAULT_ALPHA:g}]",
-        metavar="ALPHA|PART=ALPHA",
-    )
-
-
-def read_part_alphas(values: Sequence[str]) -> tuple[float, dict[str, float]]:
-    """The alpha of the parts that are not named, and that of each named part."""
-    default = None
-    by_part: dict[str, float] = {}
-    for text in values:
-        name, equals, number = text.rpartition("=")
-        try:
-            value = read_alpha("--alpha", number)
-        except ValueError:
-            raise wrong_usage(
-                "--alpha", f"expected a number or PART=number, got '{text}'"
-            ) from None
-        if equals:
-            if name in by_part:
-                raise wrong_usage("--alpha", f"part '{name}' is given twice")
-            by_part[name] = value
-        elif default is not None:
-            raise wrong_usage("--alpha", "expected one value without a part's name, got two")
-        else:
-            default = value
-    return DEFAULT_ALPHA if default is None else default, by_part
-
-
-def read_alpha(option: str, text: str) -> float:
-    """The alpha in the text of an option."""
-    value = float(text)
-    if not (math.isfinite(value) and 0.0 <= value <= 1.0):
-        raise wrong_usage(option, f"expected an alpha in [0, 1], got '{text}'")
-    return value
-
-
-def with_part_alphas(scene: Scene, by_part: Mapping[str, float]) -> Scene:
-    """The scene with the alpha of each named part; all else keeps its own."""
-    unknown = sorted(set(by_part) - set(scene.part_names))
-    if unknown:
-        raise ModelError(
-            f"--alpha: expected parts of the meshes ({', '.join(scene.part_names)}), got "
-            f"{', '.join(unknown)}"
-        )
-    values = np.array(scene.alpha)
-    for name, value in by_part.items():
-        values[np.asarray(scene.part) == scene.part_names.index(name)] = value
-    return scene.with_alpha(values)
-
-
-PHYSICAL: Final = "physical"
+Read = TypeVar("Read")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,11 +125,13 @@ class MaterialOptions:
         "What the meshes are made of, which chooses the physical estimator: a name that "
         "`clradar materials` lists, or one of a file. [default: a perfect conductor]",
         metavar="NAME|FILE.toml:NAME",
+        needs="--roughness-mm",
     )
     material_of: list[str] | None = option(
         None,
         "The same of a part; may be repeated: --material palm --material-of thumb=skin.",
         metavar="PART=NAME",
+        needs="--roughness-mm",
     )
     materials: list[Path] | None = option(
         None, "Files whose materials have names, too; may be repeated.", metavar="FILE.toml"
@@ -205,7 +143,7 @@ class MaterialOptions:
         return self.material is not None or bool(self.material_of)
 
     @property
-    def files(self) -> list[Path]:
+    def material_files(self) -> list[Path]:
         """The files that are read, each once."""
         texts = [self.material, *(text.rpartition("=")[2] for text in self.material_of or [])]
         named = [_split(text)[0] for text in texts if text is not None]
@@ -223,39 +161,57 @@ class MaterialOptions:
         warn(f"--material: not used by --estimator {chosen}; {PHYSICAL} knows materials")
         return chosen
 
-    def on(self, scene: Scene) -> Scene:
+    def on(self, scene: cl.Scene) -> cl.Scene:
         """The scene of these materials."""
         known = self._known()
         if self.material is not None:
             scene = scene.with_material(_found("--material", self.material, known))
-        by_part: dict[str, Material] = {}
+        named = by_part(
+            "--material-of", self.material_of, lambda name: _found("--material-of", name, known)
+        )
         for text in self.material_of or []:
-            part, equals, name = text.rpartition("=")
-            if not equals or not part:
+            if "=" not in text:
                 raise wrong_usage("--material-of", f"expected PART=NAME, got '{text}'")
-            if part in by_part:
-                raise wrong_usage("--material-of", f"part '{part}' is given twice")
-            by_part[part] = _found("--material-of", name, known)
-        unknown = sorted(set(by_part) - set(scene.part_names))
-        if unknown:
-            raise ModelError(
-                f"--material-of: expected parts of the meshes ({', '.join(scene.part_names)}), got "
-                f"{', '.join(unknown)}"
-            )
-        return scene.with_material(by_part) if by_part else scene
+        parts = known_parts("--material-of", named, scene)
+        return scene.with_material(parts) if parts else scene
 
-    def _known(self) -> dict[str, Material]:
-        from clradar import read_materials
+    def _known(self) -> dict[str, cl.Material]:
         from clradar.model.known_materials import KNOWN
 
         known = dict(KNOWN)
         for path in self.materials or []:
-            own = read_materials(path)
+            own = cl.read_materials(path)
             hidden = sorted(set(own) & set(known))
             if hidden:
                 warn(f"--materials: {path} has its own {', '.join(hidden)}, which hide known ones")
             known.update(own)
         return known
+
+
+def by_part(
+    option: str, texts: Sequence[str] | None, read: Callable[[str], Read]
+) -> dict[str | None, Read]:
+    """The values of texts ``PART=VALUE``; of None that without a part."""
+    found: dict[str | None, Read] = {}
+    for text in texts or ():
+        name, equals, value = text.rpartition("=")
+        part = name if equals else None
+        if part in found:
+            raise wrong_usage(option, f"part '{part}' is given twice" if equals else "given twice")
+        found[part] = read(value)
+    return found
+
+
+def known_parts(option: str, values: Mapping[str | None, Read], scene: cl.Scene) -> dict[str, Read]:
+    """The values of named parts, all of which the meshes have to have."""
+    named = {part: value for part, value in values.items() if part is not None}
+    unknown = sorted(set(named) - set(scene.part_names))
+    if unknown:
+        raise ModelError(
+            f"{option}: expected parts of the meshes ({', '.join(scene.part_names)}), got "
+            f"{', '.join(unknown)}"
+        )
+    return named
 
 
 def _split(text: str) -> tuple[Path | None, str]:
@@ -268,23 +224,116 @@ def _split(text: str) -> tuple[Path | None, str]:
     return None, text
 
 
-def _found(option: str, text: str, known: dict[str, Material]) -> Material:
-    from clradar import read_materials
-
+def _found(option: str, text: str, known: dict[str, cl.Material]) -> cl.Material:
     file, name = _split(text)
     if file is not None:
-        known = read_materials(file)
+        known = cl.read_materials(file)
     if name not in known:
         where = " or FILE.toml:NAME" if file is None else f" of {file}"
         raise wrong_usage(option, f"expected one of {', '.join(known)}{where}, got '{name}'")
     return known[name]
 
 
-TRUTH = "truth"
-"""Folder beside the frames with what a recording was made of."""
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions(PlacementOptions, MaterialOptions):
+    """Meshes, their position, alpha and materials: what a worker process reads, too."""
 
-CLUSTER_NAME = "cluster_{:03d}"
-"""Capture or recording of one cluster, in the folder of all."""
+    meshes: list[str] | None = argument(
+        None,
+        "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1. None "
+        "where --motion has a hand.",
+        metavar="MESH[:ALPHA]",
+    )
+    alpha: list[str] | None = option(
+        None,
+        "0 specular to 1 diffuse; may be repeated for named parts: --alpha palm=0.6. "
+        f"[default: {DEFAULT_ALPHA:g}]",
+        metavar="ALPHA|PART=ALPHA",
+    )
+
+    @property
+    def files(self) -> list[Path]:
+        """The files of the meshes, of the transform and of the materials."""
+        return [*(path for path, _ in self.named), *super().files, *self.material_files]
+
+    @property
+    def alphas(self) -> dict[str | None, float]:
+        """The alpha of each named part; of None that of the others."""
+        return by_part("--alpha", self.alpha, lambda text: read_alpha("--alpha", text))
+
+    @property
+    def default_alpha(self) -> float:
+        """The alpha of what has no other."""
+        return self.alphas.get(None, DEFAULT_ALPHA)
+
+    @property
+    def named(self) -> list[tuple[Path, float]]:
+        """The files of the meshes, and the alpha of each."""
+        found = [split_alpha(text) for text in self.meshes or []]
+        return [(path, self.default_alpha if a is None else a) for path, a in found]
+
+    @property
+    def has_alpha(self) -> bool:
+        """Whether an alpha was given."""
+        return bool(self.alpha) or any(
+            split_alpha(text)[1] is not None for text in self.meshes or []
+        )
+
+    def load(self) -> cl.Scene:
+        """All meshes as one scene."""
+        return self.finished(cl.Scene.combine(self.bodies()))
+
+    def bodies(self) -> list[cl.Scene]:
+        """The meshes one by one, without the alphas and materials of parts."""
+        place = self.matrix()
+        return [
+            cl.Scene.from_mesh(path, alpha=alpha, unit=self.unit, transform=place)
+            for path, alpha in self.named
+        ]
+
+    def bodies_by_name(self) -> dict[str, cl.Scene]:
+        """The same by the names of their files."""
+        names = [path.name for path, _ in self.named]
+        if len(set(names)) < len(names):
+            raise wrong_usage("MESH", "expected different names of files with --motion")
+        return dict(zip(names, self.bodies(), strict=True))
+
+    def record(self) -> dict[str, Any]:
+        """The options; files by their content, or by names without folders."""
+        place = self.matrix()
+        return {
+            **recorded(self), "transform": None if place is None else place.tolist(),
+            "meshes": [{"file": path.name, "alpha": alpha} for path, alpha in self.named],
+        }  # fmt: skip
+
+    def finished(self, scene: cl.Scene) -> cl.Scene:
+        """The scene with the alphas of named parts, and of these materials."""
+        parts = known_parts("--alpha", self.alphas, scene)
+        if parts:
+            values = np.array(scene.alpha)
+            for name, value in parts.items():
+                values[np.asarray(scene.part) == scene.part_names.index(name)] = value
+            scene = scene.with_alpha(values)
+        return self.on(scene)
+
+
+def read_alpha(option: str, text: str) -> float:
+    """The alpha in the text of an option."""
+    values = numbers(text)
+    if len(values) != 1:
+        raise wrong_usage(option, f"expected a number or PART=number, got '{text}'")
+    if not (math.isfinite(values[0]) and 0.0 <= values[0] <= 1.0):
+        raise wrong_usage(option, f"expected an alpha in [0, 1], got '{text}'")
+    return values[0]
+
+
+def split_alpha(text: str) -> tuple[Path, float | None]:
+    """File and alpha of ``MESH[:ALPHA]``; what follows the last colon has to be a number."""
+    name, colon, number = text.rpartition(":")
+    if not colon or not name or len(numbers(number)) != 1 or Path(text).exists():
+        return Path(text), None
+    return Path(name), read_alpha("MESH:ALPHA", number)
+
 
 MAX_FRAMES = 10_000
 
@@ -299,49 +348,23 @@ class MotionOptions:
         metavar="MOTION.toml",
     )
     frames: int | None = option(
-        None, "Make a recording of so many frames, instead of one capture.", metavar="N"
+        None,
+        "Make a recording of so many frames, instead of one capture.",
+        metavar="N",
+        needs="--motion",
+        min=1,
+        max=MAX_FRAMES,
     )
-    rate_hz: float = option(8.0, "Frames per second; the first begins at time 0.", metavar="HZ")
+    rate_hz: float = option(
+        8.0,
+        "Frames per second; the first begins at time 0.",
+        metavar="HZ",
+        needs="--motion",
+    )
 
     def __post_init__(self) -> None:
-        if self.motion is None:
-            for name in given(self):
-                raise wrong_usage(name, "expected together with --motion")
-        if self.frames is not None and not 1 <= self.frames <= MAX_FRAMES:
-            raise wrong_usage("--frames", f"expected 1 to {MAX_FRAMES}, got {self.frames}")
         if not 0 < self.rate_hz < float("inf"):
             raise wrong_usage("--rate-hz", f"expected a positive number, got {self.rate_hz:g}")
-
-    def read(self) -> Motion | None:
-        """What the motion file says."""
-        from clradar.motion.motion_file import read_motion
-
-        return None if self.motion is None else read_motion(self.motion)
-
-    def check(self, output: Path, *, several: bool, force: bool, inputs: Iterable[Path]) -> None:
-        """Raise unless the capture, the recording or those of several clusters may be written."""
-        if self.frames is None and not several:
-            check_outputs([output], force=force, inputs=inputs)
-        else:
-            check_folder(output, force=force, replaced=replaced_in(output), inputs=inputs)
-
-
-def replaced_in(folder: Path) -> list[str]:
-    """What a recording of this command replaces in a folder."""
-    found = [*folder.glob("radar_*"), *folder.glob("cluster_*")]
-    return [TRUTH, *(path.name for path in found)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneOptions(PlacementOptions, AlphaOptions):
-    """Meshes, their position and their alpha."""
-
-    meshes: list[str] | None = argument(
-        None,
-        "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1. None "
-        "where --motion has a hand.",
-        metavar="MESH[:ALPHA]",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,14 +386,3 @@ class ClusterOptions(WorkerOptions):
     clusters: str = option(
         ALL, "Of an --array of clusters those of these numbers, from 1.", metavar=FRAMES_METAVAR
     )
-
-
-def split_alpha(text: str) -> tuple[Path, float | None]:
-    """File and alpha of ``MESH[:ALPHA]``; what follows the last colon has to be a number."""
-    name, colon, number = text.rpartition(":")
-    if not colon or not name or Path(text).exists():
-        return Path(text), None
-    try:
-        return Path(name), read_alpha("MESH:ALPHA", number)
-    except ValueError:
-        return Path(text), None

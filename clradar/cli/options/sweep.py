@@ -8,23 +8,52 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import clradar as cl
 from clradar.cli.options.common import SearchOptions
-from clradar.cli.options.groups import option
-from clradar.cli.options.scene import MaterialOptions, PlacementOptions
-from clradar.cli.parse import RANGE_RULE, ascending, wrong_usage
+from clradar.cli.options.groups import option, wrong_usage
+from clradar.cli.options.scene import PlacementOptions
+from clradar.cli.parse import RANGE_RULE, ascending
 from clradar.compare import METRICS
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.files.failures import fail, read_bytes, reading
 from clradar.files.json_file import read_json
 from clradar.files.json_text import parse_json
 from clradar.files.limits import MAX_SMALL_JSON_BYTES
+from clradar.model import checks
 
 if TYPE_CHECKING:
     from calibration import Regions
-    from clradar import Scene
+
+ALPHAS = "0:1:0.1"
 
 
-CORRELATIONS_MM = "1.5,3,6"
+@dataclass(frozen=True, kw_only=True)
+class AlphaOptions:
+    """The alphas and the seeds to simulate with."""
+
+    alpha: str | None = option(
+        None,
+        f"{RANGE_RULE}, or a list with commas; in [0, 1]. [default: {ALPHAS}]",
+        metavar="RANGE",
+        without="--roughness-mm",
+    )
+    seeds: int = option(3, "Simulations per alpha, each its own seed.", metavar="N")
+    seed: int = option(0, "The first seed.", metavar="N")
+    # The default of `calibration.sweep`, whose import would slow the help down.
+    metric: str = option(
+        "db_correlation", "Which metric the best alpha has; see docs/metrics.md.", metavar="NAME"
+    )
+
+    def __post_init__(self) -> None:
+        if self.metric not in METRICS:
+            known = ", ".join(METRICS)
+            raise wrong_usage("--metric", f"expected one of {known}, got '{self.metric}'")
+        checks.whole("--seeds", self.seeds, 1)
+
+    def alphas(self) -> np.ndarray:
+        """The alphas, shape (A,), float64."""
+        text = ALPHAS if self.alpha is None else self.alpha
+        return ascending("--alpha", text, "alphas", (0.0, 1.0), least=2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,18 +68,14 @@ class RoughnessOptions:
         metavar="RANGE",
     )
     correlation_mm: str = option(
-        CORRELATIONS_MM,
-        "With --roughness-mm: correlation lengths, as above; a single one is taken for known.",
+        "1.5,3,6",
+        "Correlation lengths, as above; a single one is taken for known.",
         metavar="RANGE",
+        needs="--roughness-mm",
     )
     calibrated: bool = option(
-        False, "With --roughness-mm: MEASURED is in S-parameters, and its level counts, too."
+        False, "MEASURED is in S-parameters, and its level counts, too.", needs="--roughness-mm"
     )
-
-    @property
-    def given(self) -> bool:
-        """Whether the sweep is over roughness."""
-        return self.roughness_mm is not None
 
     def grid_m(self) -> tuple[np.ndarray, np.ndarray]:
         """Heights and correlation lengths, metres."""
@@ -64,21 +89,56 @@ class RoughnessOptions:
         )
         return heights, lengths
 
-    def check_alone(self) -> None:
-        """Raise where an option needs --roughness-mm, which is not given."""
-        if self.correlation_mm != CORRELATIONS_MM or self.calibrated:
-            raise wrong_usage("--correlation-mm, --calibrated", "expected --roughness-mm with it")
 
+PARTS, FINGERS = "parts", "fingers"
 
 LIMIT_BYTES = 2**28
 
 
-def read_regions(path: Path, scene: Scene) -> Regions:
-    """The regions of a mesh in a file.
+@dataclass(frozen=True, kw_only=True)
+class RegionOptions:
+    """Regions of the mesh that have an alpha each."""
 
-    A .npy file has one whole number per face; a .json file has a list of one number or string per
-    face, or an object: region -> list of the names of its parts.
-    """
+    regions: str | None = option(
+        None,
+        "Find an alpha for each named part, for fingers and palm, or for the regions of a "
+        "file: .npy or .json with a label per face, or .json with region: [parts].",
+        metavar="parts|fingers|FILE",
+    )
+    joints: Path | None = option(
+        None,
+        "For --regions fingers: joint name: [x, y, z] in the unit of the mesh, as "
+        "`clradar hand --joints` writes it. Not needed where palm and fingers are parts.",
+        metavar="JOINTS.json",
+    )
+
+    def __post_init__(self) -> None:
+        if self.joints is not None and self.regions != FINGERS:
+            raise wrong_usage("--joints", "expected --regions fingers with it")
+
+    @property
+    def files(self) -> list[Path]:
+        """Files of joints and regions."""
+        named = [] if self.regions in (None, PARTS, FINGERS) else [Path(str(self.regions))]
+        return [*([] if self.joints is None else [self.joints]), *named]
+
+    def read(self, scene: cl.Scene, unit: str) -> Regions | None:
+        """The regions of a mesh as it is in its file, whose unit is that of the joints."""
+        from calibration import Regions
+        from clradar.model.plausible import MESH_UNITS_M
+
+        if self.regions is None:
+            return None
+        if self.regions == PARTS:
+            return Regions.of_parts(scene)
+        if self.regions == FINGERS:
+            joints = None if self.joints is None else MESH_UNITS_M[unit] * read_joints(self.joints)
+            return Regions.of_fingers(scene, joints)
+        return _read_regions(Path(self.regions), scene)
+
+
+def _read_regions(path: Path, scene: cl.Scene) -> Regions:
+    """A number or string for each face, or names of parts by region."""
     from calibration import Regions
 
     expected = "'parts', 'fingers', or a .npy or .json file with a label for each face"
@@ -121,114 +181,20 @@ def read_joints(path: Path) -> np.ndarray:
         return joints
 
 
-ALPHA_RULE = f"{RANGE_RULE}, or a list with commas"
+def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
+    """The JSON object that `read_joints` reads; None, which it refuses, for an unknown joint."""
+    from clradar.hand import JOINT_NAMES
 
-
-PARTS, FINGERS = "parts", "fingers"
-
-
-ALPHAS = "0:1:0.1"
-
-
-@dataclass(frozen=True, kw_only=True)
-class AlphaOptions:
-    """The alphas and the seeds to simulate with."""
-
-    alpha: str | None = option(
-        None, f"{ALPHA_RULE}; in [0, 1]. [default: {ALPHAS}]", metavar="RANGE"
-    )
-    seeds: int = option(3, "Simulations per alpha, each its own seed.", metavar="N")
-    seed: int = option(0, "The first seed.", metavar="N")
-    # The default of `calibration.sweep`, whose import would slow the help down.
-    metric: str = option(
-        "db_correlation", "Which metric the best alpha has; see docs/metrics.md.", metavar="NAME"
-    )
-
-    def check(self) -> None:
-        """Raise unless there is such a metric, and a seed."""
-        from clradar.model import checks
-
-        if self.metric not in METRICS:
-            known = ", ".join(METRICS)
-            raise wrong_usage("--metric", f"expected one of {known}, got '{self.metric}'")
-        checks.whole("--seeds", self.seeds, 1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RegionOptions:
-    """Regions of the mesh that have an alpha each."""
-
-    regions: str | None = option(
-        None,
-        "Find an alpha for each named part, for fingers and palm, or for the regions of a "
-        "file: .npy or .json with a label per face, or .json with region: [parts].",
-        metavar="parts|fingers|FILE",
-    )
-    joints: Path | None = option(
-        None,
-        "For --regions fingers: joint name: [x, y, z] in the unit of the mesh, as "
-        "`clradar hand --joints` writes it. Not needed where palm and fingers are parts.",
-        metavar="JOINTS.json",
-    )
-
-    def check(self, max_bounces: int) -> None:
-        """Raise unless the options go together."""
-        if self.joints is not None and self.regions != FINGERS:
-            raise wrong_usage("--joints", "expected --regions fingers with it")
-        if self.regions is not None and max_bounces > 1:
-            raise wrong_usage(
-                "--max-bounces",
-                "expected 1 with --regions: a path of two bounces belongs to no single region",
-            )
-
-    @property
-    def files(self) -> list[Path]:
-        """Files of joints and regions."""
-        named = self.regions not in (None, PARTS, FINGERS)
-        return [
-            *([] if self.joints is None else [self.joints]),
-            *([Path(str(self.regions))] if named else []),
-        ]
-
-    def read(self, scene: Scene, unit: str) -> Regions | None:
-        """The regions of a mesh as it is in its file, whose unit is that of the joints."""
-        from calibration import Regions
-        from clradar.model.plausible import MESH_UNITS_M
-
-        if self.regions is None:
-            return None
-        if self.regions == PARTS:
-            return Regions.of_parts(scene)
-        if self.regions == FINGERS:
-            joints = None if self.joints is None else MESH_UNITS_M[unit] * read_joints(self.joints)
-            return Regions.of_fingers(scene, joints)
-        return read_regions(Path(self.regions), scene)
+    return {
+        name: at.tolist() if np.isfinite(at).all() else None
+        for name, at in zip(JOINT_NAMES, joints, strict=True)
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceOptions(PlacementOptions, SearchOptions):
     """The position of the mesh, given or to be found."""
 
-    align: bool = option(False, "Find the pose of the mesh first, as `clradar align`.")
-
-    def __post_init__(self) -> None:
-        if self.align and self.transform is not None:
-            raise wrong_usage("--transform, --align", "expected one of the two")
-
-
-def check_together(
-    alphas: AlphaOptions, roughness: RoughnessOptions, made_of: MaterialOptions
-) -> None:
-    """Raise where options of one kind of sweep are given with the other."""
-    if roughness.given:
-        if alphas.alpha is not None:
-            raise wrong_usage("--alpha, --roughness-mm", "expected one of the two")
-        return
-    roughness.check_alone()
-    if made_of.given:
-        raise wrong_usage("--material", "expected --roughness-mm with it: alpha has no material")
-
-
-def read_alphas(text: str) -> np.ndarray:
-    """The alphas of ``FIRST:LAST:STEP`` or of a list, shape (A,), float64."""
-    return ascending("--alpha", text, "alphas", (0.0, 1.0), least=2)
+    align: bool = option(
+        False, "Find the pose of the mesh first, as `clradar align`.", without="--transform"
+    )

@@ -19,7 +19,7 @@ from calibration.hand_fit.recognition import doubts
 from calibration.hand_fit.result import TIPS
 from calibration.registration.radar import Radar
 from clradar import DepthMap
-from clradar.cli.hand_fit_folder import digit_rows
+from clradar.cli.fits import digit_rows
 from clradar.hand import POSES
 from clradar.hand.shape import AVERAGE
 from clradar.rigs import Rig, read_rig

@@ -532,7 +532,7 @@ def test_the_command_passes_its_options_and_writes_what_is_found(files, capsys, 
 @pytest.mark.parametrize(
     ("more", "status", "words"),
     [
-        (["--alpha", "0:1:0.1"], 2, "one of the two"),
+        (["--alpha", "0:1:0.1"], 2, "expected without"),
         (["--correlation-mm", "3:1:1"], 2, "FIRST below LAST"),
         (["--correlation-mm", "1000"], 2, "numbers in"),
         (["--seeds", "1"], 1, "at least 30 simulations"),

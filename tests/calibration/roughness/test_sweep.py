@@ -29,7 +29,7 @@ from calibration.roughness.figure import MOST_IMAGES, shown_alphas, sweep_figure
 from clradar.cli import sweeps as folder
 from clradar.cli.commands import sweep as command
 from clradar.cli.options.groups import expanded
-from clradar.cli.options.sweep import RegionOptions, read_alphas
+from clradar.cli.options.sweep import AlphaOptions, RegionOptions
 from clradar.compare import METRICS, Metrics, compare, compare_by
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand import hand_mesh
@@ -679,7 +679,7 @@ def test_a_region_out_of_sight_is_an_error():
         (["--alpha", "rough"], 2, "FIRST:LAST:STEP"),
         (["--metric", "beauty"], 2, "db_correlation"),
         (["--band", "70:82:9"], 2, "its antennas and frequencies"),
-        (["--align", "--transform", "t.json"], 2, "one of the two"),
+        (["--align", "--transform", "t.json"], 2, "expected without"),
         (["--regions", "parts", "--max-bounces", "2"], 2, "--regions"),
         (["--joints", "j.json"], 2, "--regions fingers"),
         (["--seeds", "0"], 1, "--seeds"),
@@ -718,8 +718,8 @@ def test_the_command_has_the_defaults_of_the_function():
 
 
 def test_alphas_are_rounded_as_typed():
-    assert read_alphas("0:1:0.1").tolist() == [round(i / 10, 1) for i in range(11)]
-    assert read_alphas("0.1,0.25,1").tolist() == [0.1, 0.25, 1.0]
+    assert AlphaOptions().alphas().tolist() == [round(i / 10, 1) for i in range(11)]
+    assert AlphaOptions(alpha="0.1,0.25,1").alphas().tolist() == [0.1, 0.25, 1.0]
 
 
 # --- regions
