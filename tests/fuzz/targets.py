@@ -156,7 +156,7 @@ def _with_layout(path: Path) -> object:
     return open_with_layout(path, path.with_name("lab.toml"))
 
 
-def _lab(*kinds: str, form: Format = Format(), short_run: int = 100) -> Target:  # noqa: B008
+def _lab(*kinds: str, form: Format = Format(), short_run: int = 100) -> Target:
     files = partial(seeds.containers, *kinds)
     around = partial(dict, {"lab.toml": seeds.LAYOUT})
     return Target("lab.bin", files, _with_layout, Capture, form, around, short_run=short_run)
