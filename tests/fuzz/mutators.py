@@ -54,7 +54,8 @@ def change_bytes(
         return data[:at] + data[at + rng.choice((1, 2, 8, 64, rng.randrange(1, 4096))) :]
     if kind == 7:
         piece = data[at : at + rng.choice((1, 4, 16, 64, 512, 4096))]
-        return data[:at] + piece * min(rng.choice((1, 2, 256)), MAX_GROWTH // len(piece)) + data[at:]
+        times = min(rng.choice((1, 2, 256)), MAX_GROWTH // len(piece))
+        return data[:at] + piece * times + data[at:]
     if kind == 8:
         source, size = _somewhere(data, rng), rng.choice((1, 4, 16, 64, 512))
         return data[:at] + data[source : source + size] + data[at + size :]
@@ -262,8 +263,8 @@ _NAMES = (
 )  # fmt: skip
 _PIECES = (
     b"N", b"\x88", b"K\x00", b"M\xff\xff", b"J\xff\xff\xff\xff", b"]", b"}", b")", b"C\x00",
-    b"U\x01<", b"G\x7f\xf0\0\0\0\0\0\0", b"\x96\x04\0\0\0\0\0\0\0abcd", b"\x8c\x02xr", b"\x8c\x02c8",
-    b"\x8c\x02O8", b"\x8c\x0aU999999999", b"(", b"t", b"\x85", b"\x86", b"a", b"e", b"s", b"u",
+    b"U\x01<", b"G\x7f\xf0\0\0\0\0\0\0", b"\x96\x04\0\0\0\0\0\0\0abcd", b"\x8c\x02xr",
+    b"\x8c\x02c8", b"\x8c\x02O8", b"\x8c\x0aU999999999", b"(", b"t", b"\x85", b"\x86", b"a", b"e", b"s", b"u",
     b"R", b"b", b"\x94", b"q\x00", b"h\x00", b"h\x07", b"r\xff\xff\xff\x7f", b".", b"0", b"2",
     b"\x81", b"\x92", b"\x95\x03\0\0\0\0\0\0\0", b"Ppid\n", b"Q", b"\x97", b"\x80\xff", b"\x82\x01",
     b"i__main__\nf\n", b"o", b"\x90", b"F1e999\n", b"V\\ud800\n",
