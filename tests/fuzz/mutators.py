@@ -264,10 +264,10 @@ _NAMES = (
 _PIECES = (
     b"N", b"\x88", b"K\x00", b"M\xff\xff", b"J\xff\xff\xff\xff", b"]", b"}", b")", b"C\x00",
     b"U\x01<", b"G\x7f\xf0\0\0\0\0\0\0", b"\x96\x04\0\0\0\0\0\0\0abcd", b"\x8c\x02xr",
-    b"\x8c\x02c8", b"\x8c\x02O8", b"\x8c\x0aU999999999", b"(", b"t", b"\x85", b"\x86", b"a", b"e", b"s", b"u",
-    b"R", b"b", b"\x94", b"q\x00", b"h\x00", b"h\x07", b"r\xff\xff\xff\x7f", b".", b"0", b"2",
-    b"\x81", b"\x92", b"\x95\x03\0\0\0\0\0\0\0", b"Ppid\n", b"Q", b"\x97", b"\x80\xff", b"\x82\x01",
-    b"i__main__\nf\n", b"o", b"\x90", b"F1e999\n", b"V\\ud800\n",
+    b"\x8c\x02c8", b"\x8c\x02O8", b"\x8c\x0aU999999999", b"(", b"t", b"\x85", b"\x86", b"a", b"e",
+    b"s", b"u", b"R", b"b", b"\x94", b"q\x00", b"h\x00", b"h\x07", b"r\xff\xff\xff\x7f", b".",
+    b"0", b"2", b"\x81", b"\x92", b"\x95\x03\0\0\0\0\0\0\0", b"Ppid\n", b"Q", b"\x97", b"\x80\xff",
+    b"\x82\x01", b"i__main__\nf\n", b"o", b"\x90", b"F1e999\n", b"V\\ud800\n",
     *(b"\x8a\x09" + n.to_bytes(9, "little") for n in INTERESTING),
 )  # fmt: skip
 PICKLE = (*_NAMES, *_PIECES, b"\x93NUMPY\x02\x00", b"'shape': (),", b"(1,)", b"latin1")

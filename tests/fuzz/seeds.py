@@ -384,4 +384,3 @@ def manifests() -> list[bytes]:
         {1: Aside(1, "no hand", 2)},
     )
     return [json.dumps(manifest.record(), indent=1).encode()]
-
