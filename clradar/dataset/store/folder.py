@@ -30,7 +30,7 @@ from clradar.files.failures import fail, reading, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json_object, write_json
-from clradar.files.table import is_whole
+from clradar.files.records import is_whole
 from clradar.jobs.lock import LOCK, TEMPORARY, held, remove_temporaries
 from clradar.jobs.outcome import Aside
 
