@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -141,19 +141,17 @@ def _plain(value: Any) -> Any:
     return value
 
 
-Place = tuple[str, ...]  # file and keys, for messages
-
-
-def _words(place: Place) -> str:
+def _words(place: Sequence[str]) -> str:
+    """Return file and keys."""
     return ": ".join(filter(None, [place[0], ".".join(quoted(k, 80) for k in place[1:] if k)]))
 
 
-def _fail(place: Place, expected: str, got: Any) -> NoReturn:
+def _fail(place: Sequence[str], expected: str, got: Any) -> NoReturn:
     words = got if isinstance(got, str) else toml_brief(got)
     raise MeasurementError(f"{_words(place)}: expected {expected}, got {quoted(words)}")
 
 
-def _made_of(place: Place, content: Any, kind: type[Made], **given: Any) -> Made:
+def _made_of(place: Sequence[str], content: Any, kind: type[Made], **given: Any) -> Made:
     """Return the record whose fields are the keys of a table, but for those that are given."""
     if not isinstance(content, dict):
         _fail(place, "a table or object", content)
@@ -175,7 +173,7 @@ def _made_of(place: Place, content: Any, kind: type[Made], **given: Any) -> Made
         raise MeasurementError(f"{_words(place)}{remark}") from error
 
 
-def _value(place: Place, value: Any) -> Any:
+def _value(place: Sequence[str], value: Any) -> Any:
     if place[-1] == "coating":
         return _made_of(place, value, Coating)
     if place[-1] != "permittivity" or not isinstance(value, str | list | dict):
