@@ -277,16 +277,16 @@ class ArrayFile(FileRecord):
         if self.pairs == ALL:
             placed = [[Side.joined(own) for own in zip(*placed, strict=True)]]
         _warn_of_same_places(name, *placed[0])
-        patterns = [p and p._pattern for p in (self.tx_pattern, self.rx_pattern)]
+        lobes: list[Any] = [own and own._pattern for own in (self.tx_pattern, self.rx_pattern)]
         found = []
         for i, (tx, rx) in enumerate(placed, start=1):
             own = name if len(placed) == 1 else f"{name}, cluster {i} of {len(placed)}"
-            boresights = [
-                None if pattern is None else side.boresight
-                for pattern, side in zip(patterns, (tx, rx), strict=True)
-            ]
-            gains = (tx.gain, rx.gain)
-            found.append(AntennaArray(tx.at_m, rx.at_m, own, *patterns, *gains, *boresights))
+            found.append(
+                AntennaArray(
+                    tx.at_m, rx.at_m, own, lobes[0], lobes[1], tx.gain, rx.gain,
+                    lobes[0] and tx.boresight, lobes[1] and rx.boresight,
+                )
+            )  # fmt: skip
         return tuple(found)
 
 

@@ -27,7 +27,6 @@ from clradar.motion.rigid import BEYOND, PROFILES, RigidMotion
 from clradar.motion.timing import ORDERS, STEP_S
 
 MAX_PLACES = 10_000
-
 ZERO = (0.0, 0.0, 0.0)
 Time = Annotated[Number, Field(description="a time in seconds")]
 FileName = Annotated[str, text("the name of a file")]
@@ -120,7 +119,7 @@ class HandTable(Moving):
     length_mm: Number | None = None
     breadth_mm: Number | None = None
     girth: Number = AVERAGE.girth
-    finger_lengths: Annotated[tuple[float, ...], numbers(5)] = AVERAGE.finger_lengths
+    finger_lengths: Annotated[Any, numbers(5)] = AVERAGE.finger_lengths
     _motion: RigidMotion | None = PrivateAttr()
 
     @model_validator(mode="after")
@@ -152,7 +151,8 @@ class HandTable(Moving):
         if self.rig is not None:
             from clradar.rigs import read_rig
 
-            rig, mapping = folder / self.rig, self.mapping and folder / self.mapping
+            rig = folder / self.rig
+            mapping = None if self.mapping is None else folder / self.mapping
             files += [rig] if mapping is None else [rig, mapping]
             unit = self.rig_unit
             found["rig"] = read_rig(
