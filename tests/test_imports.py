@@ -91,8 +91,18 @@ def breaches(importers: list[str], forbidden: list[str]) -> list[str]:
     ]
 
 
-# The packages of clradar.dataset, in the same order.
-DATASET_LAYERS = ("plan", "sample", "store", "summary", "engine", "readers")
+# Of clradar.dataset, in the same order.
+DATASET_LAYERS = (
+    "plan",
+    "sample",
+    "shards",
+    "folder",
+    "check",
+    "summary",
+    "runs",
+    "trial",
+    "readers",
+)
 
 
 def modules(*packages: str) -> list[str]:

@@ -149,7 +149,7 @@ def _owner_of(folder: Path, name: str, known: dict[Path, bool]) -> str | None:
     """What a folder is, if what has this name in it is its own; None if anybody may write it."""
     # The files first: these imports take half a second.
     if (folder / "manifest.json").is_file():
-        from clradar.dataset.store.folder import OWN_NAMES, is_dataset
+        from clradar.dataset.folder import OWN_NAMES, is_dataset
 
         if name in OWN_NAMES and is_dataset(folder):
             return "data set"

@@ -9,7 +9,6 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib.util import find_spec
 from typing import Any
 
 import dask
@@ -104,14 +103,6 @@ def local_cluster(
                 yield client, end
         finally:
             end()
-
-
-def cluster_text(client: Client) -> str:
-    """Return how many workers there are, and the address of the dashboard if one is served."""
-    workers = len(client.nthreads())
-    served = client.cluster is None or find_spec("bokeh") is not None  # by this process
-    dashboard = f", dashboard: {client.dashboard_link}" if served else ""
-    return f"{workers} worker{'' if workers == 1 else 's'}{dashboard}"
 
 
 @contextmanager

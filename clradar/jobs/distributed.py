@@ -40,6 +40,9 @@ LATE_S, LATE_STEP_S = 120.0, 0.05
 LOOK_S = 10.0
 """Interval at which the number of workers is read."""
 
+RESTART_S = 10.0
+"""Longest wait for a worker, where there is none."""
+
 KILLED = "its worker process died each time"
 
 
@@ -173,6 +176,8 @@ class Distributed:
         return first[1]
 
     def _results_of(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
+        with suppress(TimeoutError):  # those that were killed are started again
+            self.client.wait_for_workers(1, timeout=RESTART_S)
         workers = self.workers()
         if not workers:
             address = self.client.scheduler_info(n_workers=0)["address"]

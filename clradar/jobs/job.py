@@ -62,6 +62,10 @@ class Job:
         Whether there is anything to resume with, of a folder; without, what failed leaves nothing.
     force : bool
         Begin anew in a folder that was begun with another key.
+    key_name : str
+        Of the file that has the key.
+    compared : callable
+        What of a key has to be equal: a key may tell more, or be of an older version.
     """
 
     folder: Path
@@ -71,6 +75,8 @@ class Job:
     inputs: Mapping[str, Sequence[Path]] = field(default_factory=lambda: MappingProxyType({}))
     resumable: Callable[[Path], bool] = lambda folder: False
     force: bool = False
+    key_name: str = KEY
+    compared: Callable[[Mapping[str, Any]], Mapping[str, Any]] = lambda key: key
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -97,11 +103,14 @@ class Job:
         # Here, where no other process writes, and not by those that share the work later.
         for place in (self.folder, *(self.folder / name for name in self.own)):
             remove_temporaries(place)
-        path = self.folder / KEY
+        path = self.folder / self.key_name
         if path.exists() or path.is_symlink():
             before = self._read_key(path)
             known = before.pop(MADE_FROM, {})
-            different = [*changed_files(self.inputs, known), *differences(before, _plain(self.key))]
+            now = _plain(self.compared(self.key))
+            different = [
+                *changed_files(self.inputs, known), *differences(self.compared(before), now)
+            ]  # fmt: skip
             if not different:
                 return
             if not self.force:

@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset import Sample
+from clradar.dataset.folder import read_manifest
 from clradar.dataset.plan.recipe import pose_and_hand, recipe
 from clradar.dataset.sample import recipe_grid, recipe_radar
-from clradar.dataset.store.confined_reader import read_sample
-from clradar.dataset.store.folder import PART_NAME, PARTS, Manifest, read_manifest, stored_path
-from clradar.dataset.store.shard_schema import data_bytes
+from clradar.dataset.shards import data_bytes, read_sample
 from clradar.files.failures import fail
 from clradar.model import Capture, DepthMap, Volume
 from clradar.view.drawn import Flat
@@ -41,7 +40,7 @@ class SampleFrames:
         self.name = folder.name or folder.absolute().name
         self._folder = folder
         self._manifest = read_manifest(folder)
-        self._all = self._frames = tuple(_stored(folder, self._manifest))
+        self._all = self._frames = tuple(self._manifest.stored)
         if not self._all and not watch:
             fail(folder, "a data set with at least one sample", "none")
         self._looked_s = time.perf_counter()
@@ -103,7 +102,7 @@ class SampleFrames:
         time.sleep(LOOK_S)
         manifest = read_manifest(self._folder)
         self._manifest, before = manifest, self._all
-        self._all = tuple(_stored(self._folder, manifest))
+        self._all = tuple(manifest.stored)
         if self._all != before:
             self.grows, self._looked_s = True, time.perf_counter()
             self.choose(*self._chosen)
@@ -125,33 +124,15 @@ class SampleFrames:
 
     def _sample(self, frame: int) -> Sample:
         if frame not in self._kept:
-            path = stored_path(self._folder, self._manifest, frame)
-            if path is None:
+            place = self._manifest.place_of(frame)
+            if place is None:
                 fail(self._folder, f"sample {frame}", "none that is stored")
             size = data_bytes(recipe(self._manifest.plan, frame))
-            self._kept[frame], _ = read_sample(path, frame, size)
+            self._kept[frame], _ = read_sample(self._folder / place, frame, size)
             while len(self._kept) > KEPT_SAMPLES:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(frame)
         return self._kept[frame]
-
-
-def _stored(folder: Path, manifest: Manifest) -> list[int]:
-    found = [
-        sample
-        for number, shard in manifest.shards.items()
-        if shard.file is not None
-        for sample in manifest.plan.shard_samples(number)
-        if sample not in manifest.aside
-    ]
-    parts = folder / PARTS
-    if not manifest.complete and parts.is_dir():  # of shards that are still open
-        for path in parts.iterdir():
-            if PART_NAME.fullmatch(path.name) and path.suffix == ".h5":
-                sample = int(path.stem)
-                if sample // manifest.plan.output.shard_size not in manifest.shards:
-                    found.append(sample)
-    return sorted(found)
 
 
 def _lines(recipe: Mapping[str, Any]) -> tuple[str, ...]:

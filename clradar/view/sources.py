@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
-from clradar.dataset.store.folder import is_dataset
+from clradar.dataset.folder import is_dataset
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.files.failures import fail
 from clradar.files.watched_folder import WatchedFolder, visible

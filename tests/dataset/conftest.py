@@ -5,12 +5,13 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import faulty_samples
 import pytest
 from dataset_plans import DEVICE, LIGHT, PLAN
 
-from clradar.dataset import run
-from clradar.dataset.store.folder import CONTACT_SHEET, Manifest
+from clradar.dataset import run, summary
 
 
 @pytest.fixture(scope="session")
@@ -31,12 +32,9 @@ def copy(made: Path, tmp_path: Path) -> Path:
 @pytest.fixture(scope="module")
 def no_contact_sheet() -> Iterator[None]:
     """Have runs write a word for the contact sheet, which takes longer to draw than light hands."""
-
-    def written(folder: Path, manifest: Manifest) -> None:
-        (folder / CONTACT_SHEET).write_bytes(b"contact sheet")
-
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("clradar.dataset.engine.run.write_contact_sheet", written)
+        patch.setattr(summary, "contact_sheet", len)
+        patch.setattr(summary, "png_bytes", lambda figure, dpi: b"contact sheet")
         yield
 
 
@@ -46,6 +44,13 @@ def light(no_contact_sheet: None, tmp_path_factory: pytest.TempPathFactory) -> P
     folder = tmp_path_factory.mktemp("dataset") / "light"
     run(LIGHT, folder, device=DEVICE)
     return folder
+
+
+@pytest.fixture
+def faults() -> Iterator[Any]:
+    """Say which samples fail; of this process and of the cluster's."""
+    with faulty_samples.faults({}) as plan_faults:
+        yield plan_faults
 
 
 @pytest.fixture

@@ -22,11 +22,13 @@ from systems import posix_only
 from two_devices import findings_of
 
 from clradar.dataset import Plan, read_plan, run
-from clradar.dataset.engine.part_making import ATTEMPTS, PartMaker, Serial
-from clradar.dataset.engine.run import STOP_AFTER
-from clradar.dataset.store.folder import CONTACT_SHEET
+from clradar.dataset.folder import CONTACT_SHEET
+from clradar.dataset.runs import STOP_AFTER, ShardMaker
 from clradar.errors import DeviceError, ModelError, OutputError
+from clradar.jobs import Where
+from clradar.jobs.outcome import ATTEMPTS
 from clradar.jobs.resources import WorkerResources, partition
+from clradar.jobs.where import _Numbered
 from clradar.opencl import DeviceInfo
 
 SAMPLES = 8
@@ -88,26 +90,14 @@ def undisturbed(
     return digests(folder)
 
 
-@pytest.fixture
-def faults(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., None]]:
-    """Say which samples fail; of this process and of the cluster's."""
-    os.environ.setdefault(faulty_samples.VARIABLE, str(tmp_path_factory.mktemp("f") / "faults"))
-    faulty_samples.plan_faults({})
-    faulty_samples.install()
-    yield faulty_samples.plan_faults
-    faulty_samples.plan_faults({})
-    faulty_samples.uninstall()
-
-
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def cluster() -> Iterator[Any]:
     """A Dask client of two workers whose samples can be made to fail."""
     import dask
 
     from clradar.jobs.cluster import local_cluster
     from clradar.jobs.resources import worker_resources
 
-    os.environ.setdefault(faulty_samples.VARIABLE, str(tmp_path_factory.mktemp("f") / "faults"))
     faulty_samples.plan_faults({})
     preload = [str(Path(faulty_samples.__file__))]
     with (
@@ -143,10 +133,8 @@ def test_a_worker_that_is_killed_while_it_starts_is_started_again(tmp_path: Path
     assert killed.exists()
 
 
-def distributed(client: Any) -> Any:
-    from clradar.jobs.distributed import Distributed
-
-    return Distributed(client)
+def workers(client: Any) -> Where:
+    return Where(scheduler=client.scheduler.address)
 
 
 # Partition of a machine
@@ -240,10 +228,9 @@ def test_a_full_disk_ends_the_run_and_is_no_fault_of_a_sample(
     faults({4: "full"})
     with pytest.raises(OutputError, match=r"00000004.h5: cannot be written: .*No space left"):
         run(plan, tmp_path, device="pocl")
-    names = sorted(digests(tmp_path))
-    assert names == ["manifest.json", "parts/00000003.h5", "shards/shard-00000.h5"]
+    assert sorted(digests(tmp_path)) == ["manifest.json", "shards/shard-00000.h5"]
     faults({})
-    assert run(plan, tmp_path, device="pocl").made == SAMPLES - 4
+    assert run(plan, tmp_path, device="pocl").made == SAMPLES - 3
     assert digests(tmp_path) == undisturbed
 
 
@@ -258,13 +245,15 @@ def test_a_device_that_refuses_all_ends_the_run(
 
 
 def test_two_runs_in_one_folder_are_one_error(plan: Plan, tmp_path: Path) -> None:
-    class Second(Serial):
-        def outcomes(self, samples: Any, make: Any) -> Any:
-            with pytest.raises(OutputError, match="another run of a data set is writing into it"):
-                run(plan, tmp_path, device="pocl")
-            return super().outcomes(samples, make)
+    refused = []
 
-    run(plan, tmp_path, engine=Second("pocl"))
+    def second(done: int, total: int) -> None:
+        with pytest.raises(OutputError, match="another run of a data set is writing into it"):
+            run(plan, tmp_path, device="pocl")
+        refused.append(done)
+
+    run(plan, tmp_path, device="pocl", progress=second)
+    assert refused
 
 
 @posix_only
@@ -274,7 +263,7 @@ def test_a_killed_run_resumes_to_the_same_bytes(
     folder = tmp_path / "set"
     command = [sys.executable, "-m", "clradar.cli", "dataset", str(plan_file), "-o", str(folder)]
     process = subprocess.Popen([*command, "--device", "pocl"], stdout=subprocess.DEVNULL)
-    wait_for(lambda: any(folder.glob("parts/*.h5")) or any(folder.glob("shards/*.h5")))
+    wait_for(lambda: any(folder.glob("shards/*.h5")))
     process.send_signal(signal.SIGKILL)
     process.wait()
     (folder / CONTACT_SHEET).unlink(missing_ok=True)  # drawn if it was killed too late
@@ -288,26 +277,12 @@ def test_a_killed_run_resumes_to_the_same_bytes(
 def test_two_workers_make_the_same_bytes(
     plan: Plan, undisturbed: dict[str, str], cluster: Any, tmp_path: Path
 ) -> None:
-    seen = []
-    result = run(
-        plan, tmp_path, engine=distributed(cluster), progress=lambda *done: seen.append(done)
-    )
+    seen: list[tuple[int, int]] = []
+    progress = lambda *done: seen.append(done)  # noqa: E731
+    result = run(plan, tmp_path, where=workers(cluster), progress=progress)
     assert (result.made, result.aside) == (SAMPLES, ())
-    assert seen == [(n + 1, SAMPLES) for n in range(SAMPLES)]
+    assert seen == [(n + 1, 3) for n in range(3)]
     assert digests(tmp_path) == undisturbed
-
-
-@pytest.mark.parametrize("served", [False, True])
-def test_a_dashboard_is_named_where_one_is_served(
-    cluster: Any, served: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from clradar.jobs import cluster as module
-
-    monkeypatch.setattr(module, "find_spec", lambda _: object() if served else None)
-    count = len(cluster.nthreads())
-    words = f"{count} worker{'s' if count > 1 else ''}"
-    dashboard = f", dashboard: {cluster.dashboard_link}" if served else ""
-    assert module.cluster_text(cluster) == words + dashboard
 
 
 def test_workers_set_aside_what_one_process_does(
@@ -315,7 +290,7 @@ def test_workers_set_aside_what_one_process_does(
 ) -> None:
     faults({2: "raise", 5: "device"})
     run(plan, tmp_path / "serial", device="pocl")
-    run(plan, tmp_path / "cluster", engine=distributed(cluster))
+    run(plan, tmp_path / "cluster", where=workers(cluster))
     assert digests(tmp_path / "cluster") == digests(tmp_path / "serial")
 
 
@@ -323,7 +298,7 @@ def test_a_worker_that_is_killed_costs_nothing(
     plan: Plan, undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
 ) -> None:
     faults({1: "kill once", 2: "raise once", 6: "cut once"})
-    assert run(plan, tmp_path, engine=distributed(cluster)).aside == ()
+    assert run(plan, tmp_path, where=workers(cluster)).aside == ()
     assert digests(tmp_path) == undisturbed
 
 
@@ -331,6 +306,8 @@ def test_a_run_ends_after_samples_that_are_made_twice(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Dask reschedules what a dead worker held, and does not wait for it."""
+    from clradar.jobs.distributed import Distributed
+
     begun, released, ended = (tmp_path / name for name in ("begun", "released", "ended"))
 
     def slowly(begun: Path, released: Path, ended: Path) -> None:
@@ -344,11 +321,11 @@ def test_a_run_ends_after_samples_that_are_made_twice(
     future = cluster.submit(slowly, *arguments, key=key, resources={"DEVICE": 1})
     wait_for(begun.exists)
     future.cancel()
-    distributed(cluster)._await_late("another run")
+    Distributed(cluster)._await_late("another run")
     assert not ended.exists()
     # It ends only once it is waited for.
     monkeypatch.setattr("clradar.jobs.distributed.sleep", lambda _: released.touch())
-    distributed(cluster)._await_late("run")
+    Distributed(cluster)._await_late("run")
     assert ended.exists()
 
 
@@ -357,16 +334,17 @@ def test_a_full_disk_of_a_worker_ends_the_run(
 ) -> None:
     faults({3: "full"})
     with pytest.raises(OutputError, match=r"00000003.h5: cannot be written: .*No space left"):
-        run(plan, tmp_path, engine=distributed(cluster))
+        run(plan, tmp_path, where=workers(cluster))
     faults({})
-    run(plan, tmp_path, engine=distributed(cluster))
+    run(plan, tmp_path, where=workers(cluster))
     assert digests(tmp_path) == undisturbed
 
 
 def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path: Path) -> None:
     from clradar.jobs.distributed import _contract, make_part, worker_facts
 
-    make, facts = PartMaker(tmp_path, plan, "pocl"), worker_facts("pocl")
+    facts = worker_facts("pocl")
+    make = _Numbered(ShardMaker(tmp_path, plan), {}, tmp_path, "pocl", (), str(tmp_path))
     with _contract(make, facts) as contract:
         assert contract.breach() is None
         assert "cannot see the folder" in str(replace(contract, token="other").breach())
@@ -383,11 +361,11 @@ def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(
     plan: Plan, undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
 ) -> None:
     faults({4: "kill"})
-    result = run(plan, tmp_path, engine=distributed(cluster))
-    assert [a.sample for a in result.aside] == [4]
+    result = run(plan, tmp_path, where=workers(cluster))
+    assert (result.made, [a.sample for a in result.aside]) == (SAMPLES - 1, [4])
     assert "worker process died" in result.aside[0].reason
     faults({})
-    assert run(plan, tmp_path, engine=distributed(cluster), retry=True).made == 1
+    assert run(plan, tmp_path, where=workers(cluster), retry=True).made == 1
     assert digests(tmp_path) == undisturbed
 
 

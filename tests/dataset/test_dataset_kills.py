@@ -23,7 +23,6 @@ pytestmark = pytest.mark.slow
 MANY = 150
 KILLS = int(os.environ.get("CLRADAR_TEST_KILLS", "25"))
 SEED = int(os.environ.get("CLRADAR_TEST_KILLS_SEED", "1"))
-STARTED = " worker"
 LIMIT_S = 1800.0
 """Of waits for events that always come, on a machine however busy."""
 
@@ -59,6 +58,11 @@ def started(arguments: list[str]) -> subprocess.Popen[str]:
     )
 
 
+def wait_for_work(process: subprocess.Popen[str], folder: Path) -> None:
+    """Until a shard is being made, or the command has ended."""
+    wait_for(lambda: process.poll() is not None or any(folder.glob("shards/.*.tmp")))
+
+
 def test_kills_at_random_moments_change_no_byte(
     plan_file: Path, undisturbed: dict[str, str], tmp_path: Path
 ) -> None:
@@ -66,10 +70,9 @@ def test_kills_at_random_moments_change_no_byte(
     folder, done, there = tmp_path / "set", 0, []
     while done < KILLS:
         process = started(command(plan_file, folder, "--workers", "2"))
-        assert process.stdout is not None
         begun = draw.random() < 0.8
         if begun:  # else while everything starts
-            assert STARTED in process.stdout.readline()
+            wait_for_work(process, folder)
         time.sleep(draw.uniform(0.0, 4.0))
         victim = draw.choice(["client", "group", "worker", "interrupt"])
         children = psutil.Process(process.pid).children(recursive=True)
@@ -109,8 +112,7 @@ def test_repeated_ctrl_c_ends_the_run(
     folder = tmp_path / "set"
     for delay_s in (0.0, 0.5, 2.0, 4.0):
         process = started(command(plan_file, folder, "--workers", "2"))
-        assert process.stdout is not None
-        assert STARTED in process.stdout.readline()
+        wait_for_work(process, folder)
         time.sleep(delay_s)
         end_s = time.monotonic() + LIMIT_S
         while process.poll() is None:
@@ -170,7 +172,7 @@ def test_a_scheduler_with_three_workers(
     folder = tmp_path / "set"
     run = command(plan_file, folder, "--scheduler", address)
     process = started(run)
-    wait_for(lambda: any(folder.glob("parts/*.h5")))
+    wait_for(lambda: any(folder.glob("shards/*.h5")))
     # One worker with its nanny for good, one worker that its nanny starts anew, and the client.
     os.killpg(processes[1].pid, signal.SIGKILL)
     time.sleep(1)

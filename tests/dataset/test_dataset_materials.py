@@ -12,9 +12,9 @@ from dataset_plans import DEVICE, plan_of
 
 import clradar
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
+from clradar.dataset.check import check_dataset
 from clradar.dataset.plan.plan import plan_from, plan_record
 from clradar.dataset.sample import placed_hand, recipe_radar, scene_of
-from clradar.dataset.store.check import check_dataset
 from clradar.hand import PART_NAMES
 from clradar.model.material_file import material_of
 

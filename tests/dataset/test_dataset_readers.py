@@ -21,10 +21,7 @@ from silx.io import nxdata
 
 import clradar
 from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
-from clradar.dataset.engine.part_making import Serial
-from clradar.dataset.store.content_check import _of_its_time
-from clradar.dataset.store.folder import read_manifest
-from clradar.dataset.store.shard_schema import labels_of
+from clradar.dataset.shards import labels_of
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.hand import JOINT_NAMES
 
@@ -125,8 +122,6 @@ def test_torch_gets_tensors_and_numbers_of_classes(made: Path) -> None:
         assert int(sample["sample"]) == view.sample[at]
     other = pickle.loads(pickle.dumps(data))
     np.testing.assert_array_equal(other[1]["alpha"], data[1]["alpha"])
-    data.close()
-    assert int(data[1]["pose"]) == 1
     with pytest.raises(IndexError):
         data[5]
     assert TorchDataset(made, ("pose",), transform=lambda s: int(s["pose"]) + 10)[2] == 12
@@ -142,33 +137,8 @@ def test_without_torch_only_samples_fail(made: Path, monkeypatch: pytest.MonkeyP
         data[0]
 
 
-def test_a_fork_opens_files_of_its_own(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = TorchDataset(made, ("joints",))
-    path, _ = data._index.locate(0)
-    parent = data._file(path)
-    assert data._file(path) is parent
-    monkeypatch.setattr("os.getpid", lambda: -1)
-    assert data._file(path) is not parent
-    assert parent["entry/labels/sample"][0] == 0  # which is open still
-
-
 def test_poses_around_letters_have_their_names(tmp_path: Path) -> None:
     plan = light_plan(poses={"kind": "around", "names": ["A", "B"]})
-    run(plan, tmp_path / "around", engine=Serial(DEVICE))
+    run(plan, tmp_path / "around", device=DEVICE)
     data = TorchDataset(tmp_path / "around", ("pose", "sample"))
     assert [data._values(i)["pose"] for i in range(3)] == [0, 1, 0]
-
-
-def test_data_sets_of_flat_facets_keep_them(made: Path, tmp_path: Path) -> None:
-    """Before there was a setting for it, facets were flat: neither plan nor recipes say so."""
-    folder = tmp_path / "old"
-    shutil.copytree(made, folder)
-    manifest = json.loads((folder / "manifest.json").read_text())
-    del manifest["plan"]["simulation"]["facets"]
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    plan = read_manifest(folder).plan
-    assert plan.simulation.facets == "flat"
-    stored = recipe(plan, 1)
-    del stored["simulation"]["facets"]
-    assert _of_its_time(stored) == recipe(plan, 1)
-    assert _of_its_time(recipe(PLAN, 1)) == recipe(PLAN, 1)

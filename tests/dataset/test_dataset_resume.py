@@ -1,89 +1,83 @@
-"""Runs that go on where others stopped, and what they refuse."""
+"""Runs that go on where others stopped, that repair, and what they refuse."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from dataset_plans import (
-    DEVICE,
-    LIGHT,
-    Engine,
-    digests,
-    light_plan,
-    plan_of,
-)
+from command_line import exit_status
+from dataset_plans import DEVICE, LIGHT, digests, flip_a_bit, light_plan, plan_of
 
 from clradar.dataset import open_dataset, run
-from clradar.dataset.store.check import check_dataset
-from clradar.dataset.store.folder import (
-    CONTACT_SHEET,
-    MANIFEST,
-    Aside,
-    DatasetFolder,
-    read_manifest,
-)
+from clradar.dataset.check import check_dataset, describe_dataset
+from clradar.dataset.folder import CONTACT_SHEET, MANIFEST, SUMMARIES, read_manifest
 from clradar.errors import ClradarWarning, ModelError, OutputError
+from clradar.jobs.outcome import ATTEMPTS, Aside
 
-pytestmark = pytest.mark.usefixtures("no_contact_sheet")
+pytestmark = [
+    pytest.mark.usefixtures("no_contact_sheet"),
+    # Tested where it is given; elsewhere only what is made counts.
+    pytest.mark.filterwarnings("ignore:.* made again", "ignore:sample . was set aside"),
+]
 
-
-def test_a_stopped_run_resumes_with_the_missing_samples(light: Path, tmp_path: Path) -> None:
-    for stop in (0, 3, 5):
-        folder = tmp_path / f"stopped-{stop}"
-        first, second = Engine(stop), Engine()
-        with pytest.raises(KeyboardInterrupt):
-            run(LIGHT, folder, engine=first)
-        assert not (folder / CONTACT_SHEET).exists()
-        # What a killed process was writing.
-        (folder / "parts" / ".00000003.h5.abc.tmp").write_bytes(b"half")
-        (folder / "shards" / ".shard-00001.h5.abc.tmp").write_bytes(b"half")
-        run(LIGHT, folder, engine=second)
-        assert sorted(first.made + second.made) == list(range(7))
-        assert digests(folder) == digests(light)
+POISONED = Aside(4, "ValueError: sample 4 is poisoned", ATTEMPTS)
 
 
-@pytest.mark.parametrize("step", ["assemble", "write_manifest", "_remove_parts"])
-def test_a_kill_while_a_shard_is_closed_loses_nothing(
-    light: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+@pytest.mark.parametrize("stop", [0, 2, 4, 6])
+def test_a_stopped_run_resumes_with_the_missing_shards(
+    light: Path, faults: Any, tmp_path: Path, stop: int
 ) -> None:
-    write_manifest = DatasetFolder.write_manifest
+    folder = tmp_path / "set"
+    faults({stop: "stop"})
+    with pytest.raises(KeyboardInterrupt):
+        run(LIGHT, folder, device=DEVICE)
+    assert not (folder / CONTACT_SHEET).exists()
+    (folder / "shards" / ".shard-00001.h5.abc.tmp").mkdir()  # what a killed process was writing
+    faults({})
+    assert run(LIGHT, folder, device=DEVICE).made == 7 - stop // 3 * 3
+    assert digests(folder) == digests(light)
 
-    def killed(*args: Any, **kwargs: Any) -> None:
-        if step == "write_manifest" and not args[0].manifest.shards:
-            write_manifest(args[0])  # that of the new data set
-            return
+
+def test_a_kill_between_a_shard_and_the_manifest_loses_nothing(
+    faults: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    faults({1: "raise"})
+    run(LIGHT, tmp_path / "whole", device=DEVICE)
+
+    def killed(*args: Any) -> None:
         raise KeyboardInterrupt
 
-    first, second = Engine(), Engine()
     with monkeypatch.context() as patch:
-        if step == "assemble":
-            patch.setattr("clradar.dataset.store.folder.assemble", killed)
-        else:
-            patch.setattr(DatasetFolder, step, killed)
+        patch.setattr("clradar.dataset.runs.write_manifest", killed)
         with pytest.raises(KeyboardInterrupt):
-            run(LIGHT, tmp_path / "killed", engine=first)
-    run(LIGHT, tmp_path / "killed", engine=second)
-    assert sorted(first.made + second.made) == list(range(7))
-    assert digests(tmp_path / "killed") == digests(light)
+            run(LIGHT, tmp_path / "killed", device=DEVICE)
+    assert read_manifest(tmp_path / "killed").aside == {}
+    faults({})
+    run(LIGHT, tmp_path / "killed", device=DEVICE)
+    assert digests(tmp_path / "killed") == digests(tmp_path / "whole")
 
 
-def test_a_data_set_is_complete_without_samples_that_fail(tmp_path: Path) -> None:
+def test_a_data_set_is_complete_without_samples_that_fail(faults: Any, tmp_path: Path) -> None:
     # A whole shard, and one of another.
-    with pytest.warns(ClradarWarning, match="was set aside after 2 attempts: poisoned") as caught:
-        result = run(LIGHT, tmp_path, engine=Engine(aside=(0, 1, 2, 4)))
-    assert [str(w.message).split()[1] for w in caught] == ["0", "1", "2", "4"]
-    assert [aside.sample for aside in result.aside] == [0, 1, 2, 4]
-    assert read_manifest(tmp_path).aside[4] == Aside(4, "poisoned", 2)
+    aside = [0, 1, 2, 4]
+    faults(dict.fromkeys(aside, "raise"))
+    with pytest.warns(ClradarWarning, match="was set aside after 2 attempts: Value") as caught:
+        result = run(LIGHT, tmp_path, device=DEVICE)
+    assert [int(str(w.message).split()[1]) for w in caught] == aside
+    assert [one.sample for one in result.aside] == aside
+    assert read_manifest(tmp_path).aside[4] == POISONED
     report = check_dataset(tmp_path)
-    assert report.ok
+    assert report.ok, report.problems
     assert "set aside, with their reasons in the manifest: 0, 1, 2, 4" in report.checked
+    assert "yes, but for 4 set aside" in str(describe_dataset(tmp_path))
+    assert all((tmp_path / name).is_file() for name in SUMMARIES)
     assert open_dataset(tmp_path).sample.values.tolist() == [3, 5, 6]
-    with pytest.warns(ClradarWarning, match="was set aside"):
-        assert run(LIGHT, tmp_path, device=DEVICE).aside == result.aside
+    faults({})
+    again = run(LIGHT, tmp_path, device=DEVICE)
+    assert (again.made, again.aside) == (0, result.aside)
 
 
 def test_a_starved_sample_is_warned_of_once_the_data_set_is_there(tmp_path: Path) -> None:
@@ -101,54 +95,33 @@ def test_a_starved_sample_is_warned_of_once_the_data_set_is_there(tmp_path: Path
     assert read_manifest(tmp_path).complete
 
 
-class FullDisk(Engine):
-    """The disk is full after some samples."""
-
-    def __init__(self, samples: int) -> None:
-        super().__init__()
-        self.samples = samples
-
-    def outcomes(self, samples: Sequence[int], make: Any) -> Iterator[Any]:
-        yield from super().outcomes(samples[: self.samples], make)
-        raise OutputError("the disk is full")
-
-
-def test_a_run_that_fails_leaves_what_it_can_resume_with(light: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "set"
-    with pytest.raises(OutputError, match="disk is full"):
-        run(LIGHT, folder, engine=FullDisk(4))
-    assert ".lock" not in {path.name for path in folder.iterdir()}
-    run(LIGHT, folder, engine=Engine())
-    assert digests(folder) == digests(light)
-
-
-def test_a_run_that_makes_nothing_leaves_nothing(light_copy: Path, tmp_path: Path) -> None:
+def test_a_run_that_makes_nothing_leaves_nothing(
+    light_copy: Path, faults: Any, tmp_path: Path
+) -> None:
     before = {path: path.stat().st_mtime_ns for path in light_copy.rglob("*")}
-    engine = FullDisk(0)
-    with pytest.raises(OutputError, match="disk is full"):
-        run(LIGHT, tmp_path / "new" / "set", engine=engine)
+    faults({0: "full"})
+    with pytest.raises(OutputError, match="No space left"):
+        run(LIGHT, tmp_path / "new" / "set", device=DEVICE)
     assert not (tmp_path / "new" / "set").exists()
-    with pytest.raises(OutputError, match="another plan"):
-        run(light_plan(seed=4), light_copy, engine=engine)
+    with pytest.raises(OutputError, match="other settings: seed 3, now 4"):
+        run(light_plan(seed=4), light_copy, device=DEVICE)
     rig = {"file": "none.glb", "handedness": "left", "sha256": 64 * "0"}
+    other = light_plan(hands={"shape": "default", "rigs": [rig]})
     with pytest.raises(ModelError, match=r"none\.glb"):
-        run(
-            light_plan(hands={"shape": "default", "rigs": [rig]}),
-            light_copy,
-            engine=engine,
-            force=True,
-        )
+        run(other, light_copy, device=DEVICE, force=True)
     assert {path: path.stat().st_mtime_ns for path in light_copy.rglob("*")} == before
 
 
 def test_another_plan_is_one_error_unless_forced(light_copy: Path) -> None:
     other = light_plan(seed=4, samples=4)
-    with pytest.raises(OutputError, match="another plan: seed 3, now 4; samples 7, now 4"):
+    with pytest.raises(OutputError, match="other settings: seed 3, now 4; samples 7, now 4"):
         run(other, light_copy, device=DEVICE)
     (light_copy / "thesis.tex").write_text("mine")
     assert run(other, light_copy, device=DEVICE, force=True).made == 4
     assert check_dataset(light_copy).ok
     assert (light_copy / "thesis.tex").read_text() == "mine"
+    # Of the same plan, too: everything is made again.
+    assert run(other, light_copy, device=DEVICE, force=True).made == 4
 
 
 def test_what_differs_is_named_down_to_its_key(light_copy: Path) -> None:
@@ -156,19 +129,67 @@ def test_what_differs_is_named_down_to_its_key(light_copy: Path) -> None:
     rig = {"file": "/somewhere/" + 80 * "a" + "/one.glb", "handedness": "left", "sha256": 64 * "0"}
     manifest["plan"]["hands"] |= {"shape": "default", "rigs": [rig, rig]}
     (light_copy / MANIFEST).write_text(json.dumps(manifest))
-    rigs = [rig, {**rig, "sha256": 64 * "1"}]
-    hands = {"shape": "default", "rigs": rigs}
-    with pytest.raises(OutputError, match=r"another plan: hands.rigs\[1\].sha256 0+…, now 1+…\. "):
-        run(light_plan(hands=hands), light_copy, device=DEVICE)
-    rigs[1] = {**rig, "file": rig["file"].replace("one", "two")}
-    with pytest.raises(OutputError, match=r"rigs\[1\].file …a+/one.glb, now …a+/two.glb\. "):
-        run(light_plan(hands=hands), light_copy, device=DEVICE)
-    rigs.pop()
-    with pytest.raises(OutputError, match=r"another plan: hands.rigs of 2, now of 1\. "):
-        run(light_plan(hands=hands), light_copy, device=DEVICE)
+    renamed = {**rig, "file": rig["file"].replace("one", "two")}
+    for rigs, words in (
+        ([rig, {**rig, "sha256": 64 * "1"}], r"hands.rigs\[1\].sha256 0+…, now 1+…\. "),
+        ([rig, renamed], r"rigs\[1\].file …a+/one.glb, now …a+/two.glb\. "),
+        ([rig], r"hands.rigs of 2, now of 1\. "),
+    ):
+        with pytest.raises(OutputError, match=words):
+            run(light_plan(hands={"shape": "default", "rigs": rigs}), light_copy, device=DEVICE)
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
-    with pytest.raises(OutputError, match=r"holds files \(.*thesis.tex"):
+    with pytest.raises(OutputError, match="holds files, but no begun run of a data set"):
         run(LIGHT, tmp_path, device=DEVICE)
+
+
+def shortened(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-1000])
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, shortened, lambda path: path.write_bytes(b"")])
+def test_a_missing_shard_is_made_again(
+    light: Path, light_copy: Path, damage: Callable[[Path], Any]
+) -> None:
+    path = light_copy / "shards" / "shard-00001.h5"
+    damage(path)
+    facts = describe_dataset(light_copy)
+    if not path.exists():
+        assert facts.values["shards"]["closed"] == 2
+        assert facts.values["complete"] is False
+        assert facts.values["samples"] == {"stored": 4, "plan": 7}
+        assert "shards 1 are missing" in facts.missing[0]
+        assert run(LIGHT, light_copy, device=DEVICE).made == 3
+    else:
+        assert not check_dataset(light_copy).ok
+        with pytest.warns(ClradarWarning, match=r"shard-00001\.h5.* its samples are made again"):
+            assert run(LIGHT, light_copy, device=DEVICE).made == 3
+    assert digests(light_copy) == digests(light)
+
+
+def test_the_command_repairs_on_the_advice_of_inspect(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan, folder = tmp_path / "plan.toml", tmp_path / "set"
+    plan.write_text(
+        "samples = 4\n[poses]\nnames = ['A']\n[hands]\nedge_mm = 4\n"
+        "[output]\nproducts = ['joints']\nshard_size = 2\n"
+    )
+
+    def called(*arguments: Any) -> str:
+        assert exit_status("dataset", plan, "-o", folder, *arguments) == 0
+        return capsys.readouterr().out
+
+    assert "4 of them made now" in called()
+    before = digests(folder)
+    damaged = folder / "shards" / "shard-00001.h5"
+    flip_a_bit(damaged)
+    assert exit_status("inspect", folder, "--check") == 1
+    assert "delete the file, and the same command makes it again" in capsys.readouterr().out
+    damaged.unlink()
+    assert "4 of 4 samples, 2 of them made now" in called()
+    assert digests(folder) == before
+    assert "4 of them made now" in called("--force")
+    assert digests(folder) == before

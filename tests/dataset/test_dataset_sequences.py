@@ -12,10 +12,10 @@ from dataset_plans import DEVICE, tiny
 
 import clradar
 from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
+from clradar.dataset.check import check_dataset
 from clradar.dataset.plan.hand_json import pose_of
 from clradar.dataset.plan.plan import PlanError, plan_from, plan_record
 from clradar.dataset.sample import moving_hand
-from clradar.dataset.store.check import check_dataset
 from clradar.hand import JOINT_NAMES
 
 MOVEMENT = {"frames": 3, "rate_hz": 10, "z_mm": 30, "rotation_y_deg": {"uniform": [10, 20]}}

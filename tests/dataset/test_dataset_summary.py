@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -17,19 +16,11 @@ from dataset_plans import (
 )
 
 from clradar.dataset import make_sample, open_dataset, recipe, run
-from clradar.dataset.engine.estimate import estimate
+from clradar.dataset.folder import CONTACT_SHEET, SHARDS, STATISTICS, SUMMARIES, TABLE, Manifest
 from clradar.dataset.sample import Sample
-from clradar.dataset.store.folder import (
-    CONTACT_SHEET,
-    STATISTICS,
-    SUMMARIES,
-    TABLE,
-)
-from clradar.dataset.store.shard_reader import opened_shard
-from clradar.dataset.store.shard_schema import FIELDS
-from clradar.dataset.store.shard_writer import write_sample
-from clradar.dataset.summary.contact_sheet import contact_sheet
-from clradar.dataset.summary.statistics import Summary, _add_shard
+from clradar.dataset.shards import FIELDS, write_sample
+from clradar.dataset.summary import contact_sheet, statistics
+from clradar.dataset.trial import estimate
 
 SIZE_SHARE = 0.25
 """How far the estimate of bytes may be off: samples compress differently."""
@@ -72,11 +63,9 @@ def test_a_sample_is_silent_whose_image_is_zero_everywhere(
     image = np.zeros((21, 21), np.float32)
     image[3, 5] = brightest
     sample = Sample(recipe(PLAN, 2), {"max_projection": image})
-    write_sample(tmp_path / "one.h5", sample, {}, compression=1, force=False)
-    summary = Summary(counts={"pose": Counter()})
-    with opened_shard(tmp_path / "one.h5") as file:
-        _add_shard(summary, file)
-    assert summary.silent == silent
+    (tmp_path / SHARDS).mkdir()
+    write_sample(tmp_path / SHARDS / "shard-00001.h5", sample, {}, compression=1)
+    assert statistics(tmp_path, Manifest(PLAN, shards={1}))["silent"] == silent
 
 
 def test_there_is_a_contact_sheet(made: Path) -> None:

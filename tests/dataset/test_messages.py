@@ -12,11 +12,12 @@ from typing import Any
 import pytest
 
 from clradar.dataset import PlanError, read_plan
+from clradar.dataset.check import check_dataset, describe_dataset
+from clradar.dataset.folder import Manifest
 from clradar.dataset.plan.plan import plan_from
-from clradar.dataset.store.check import check_dataset, describe_dataset
-from clradar.dataset.store.folder import Aside, Manifest, ShardEntry
 from clradar.errors import MeasurementError
 from clradar.hand import pose_by_name, read_pose, write_pose
+from clradar.jobs.outcome import Aside
 
 LONGEST_LINE = 600
 """A path, a key of 80 characters, what was expected, and a quoted value of 200."""
@@ -121,8 +122,7 @@ def test_plans(tmp_path: Path) -> None:
 
 def manifest_of(tmp_path: Path, *, rig: bool) -> dict[str, Any]:
     plan = plan_from(PLAN, "plan.toml", tmp_path)
-    shard = ShardEntry(0, "shards/shard-00000.h5", "0" * 64, 2, 100)
-    manifest = Manifest(plan, {"clradar": "1"}, {0: shard}, {3: Aside(3, "why", 2)})
+    manifest = Manifest(plan, {"clradar": "1"}, {3: Aside(3, "why", 2)})
     record: dict[str, Any] = json.loads(json.dumps(manifest.record()))
     for pose in record["plan"]["poses"]["resolved"]:
         pose["joints_rad"] = dict(list(pose["joints_rad"].items())[:1])
@@ -154,13 +154,9 @@ def test_manifests(tmp_path: Path, rig: bool) -> None:
 
 def test_entries_of_a_manifest_that_cannot_be_sorted(tmp_path: Path) -> None:
     (tmp_path / "shards").mkdir()
-    for key, more in (
-        ("shards", {"number": "1", "file": None, "sha256": None, "samples": 0}),
-        ("set_aside", {"sample": "1", "reason": "why", "attempts": 1}),
-        ("set_aside", {"sample": [1], "reason": "why", "attempts": 1}),
-    ):
+    for sample in ("1", [1]):
         record = manifest_of(tmp_path, rig=False)
-        record[key].append(more)
+        record["set_aside"].append({"sample": sample, "reason": "why", "attempts": 1})
         (tmp_path / "manifest.json").write_text(json.dumps(record))
         (problem,) = check_dataset(tmp_path).problems
         assert "manifest.json: expected " in problem

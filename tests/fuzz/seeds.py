@@ -20,8 +20,9 @@ import numpy as np
 import trimesh
 
 import clradar
-from clradar.dataset.store.folder import Aside, Manifest, ShardEntry
+from clradar.dataset.folder import Manifest
 from clradar.files.meshes.ply_parts import ply_of_parts
+from clradar.jobs.outcome import Aside
 from clradar.model import ImageScale
 from measurement_io import save_capture, save_channels, save_volume
 
@@ -376,11 +377,10 @@ def hand_archives() -> list[bytes]:
 
 
 def manifests() -> list[bytes]:
-    """A data set with a shard that is closed, and a sample that was set aside."""
+    """A data set with a sample that was set aside."""
     manifest = Manifest(
         dataset_plans.plan_of(),
         {"clradar": "0.0", "device": {"name": "none"}},
-        {0: ShardEntry(0, "shards/shard-00000.h5", 64 * "0", 1, 1000)},
         {1: Aside(1, "no hand", 2)},
     )
     return [json.dumps(manifest.record(), indent=1).encode()]

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from clradar.arrays import read_clusters
+from clradar.dataset.folder import Manifest, read_manifest
 from clradar.dataset.plan.plan import PlanError
-from clradar.dataset.store.folder import Manifest, read_manifest
 from clradar.errors import MeasurementError, MeshError, RigError
 from clradar.hand import HandPose, read_pose
 from clradar.model import Capture, ChannelCalibration, DepthMap, Scene, Volume

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from clradar.dataset import Plan
-from clradar.dataset.engine.part_making import Outcome, PartMaker, Serial
 from clradar.dataset.plan.plan import plan_from
-from clradar.dataset.store.folder import Aside
 
 DEVICE = "pocl"
 
@@ -67,39 +64,6 @@ def light_plan(**tables: Any) -> Plan:
 
 
 PLAN, LIGHT = plan_of(), light_plan()
-
-
-class Engine(Serial):
-    """Makes samples in some order and records which; it may stop before the end, as if killed.
-
-    Parameters
-    ----------
-    stop_after : int, optional
-    backwards : bool
-    aside : sequence of int
-        These samples are set aside.
-    """
-
-    def __init__(
-        self,
-        stop_after: int | None = None,
-        *,
-        backwards: bool = False,
-        aside: Sequence[int] = (),
-    ) -> None:
-        super().__init__(DEVICE)
-        self.stop_after, self.backwards, self.aside = stop_after, backwards, aside
-        self.made: list[int] = []
-
-    def outcomes(self, samples: Sequence[int], make: PartMaker) -> Iterator[Outcome]:
-        for sample in reversed(samples) if self.backwards else samples:
-            if self.stop_after is not None and len(self.made) == self.stop_after:
-                raise KeyboardInterrupt
-            if sample in self.aside:
-                yield Aside(sample, "poisoned", 2)
-            else:
-                self.made.append(sample)
-                yield make(sample)
 
 
 def digests(folder: Path) -> dict[str, str]:

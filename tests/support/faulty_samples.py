@@ -1,7 +1,7 @@
 """Faults on demand in processes that make samples.
 
 A preload of Dask workers (`dask.config`: distributed.worker.preload), and of this process by
-`install`. The file that FAULTS names holds JSON: {"3": "raise", ...}. Faults that end in " once"
+`faults`. The file that FAULTS names holds JSON: {"3": "raise", ...}. Faults that end in " once"
 happen one time only in all processes together.
 """
 
@@ -11,43 +11,50 @@ import errno
 import json
 import os
 import signal
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
-import clradar.dataset.engine.part_making as part_making
+from clradar.dataset import runs
 from clradar.errors import DeviceError
+from clradar.files.atomic import replacing
 
 VARIABLE = "CLRADAR_TEST_FAULTS"
 
-_make_sample = part_making.make_sample
-_write_sample = part_making.write_sample
+_make_sample = runs.make_sample
+_write_sample = runs.write_sample
 
 
 def plan_faults(faults: Mapping[int, str]) -> None:
     """Choose which sample fails how, from now on."""
-    path = Path(os.environ[VARIABLE])
+    folder = tempfile.gettempdir()
+    path = Path(os.environ.setdefault(VARIABLE, f"{folder}/clradar-faults-{os.getpid()}"))
     for mark in path.parent.glob(f"{path.name}.*"):
         mark.unlink()
     path.write_text(json.dumps(faults), encoding="ascii")
 
 
-def install() -> None:
-    part_making.make_sample = _faulty_make  # type: ignore[assignment]
-    part_making.write_sample = _faulty_write  # type: ignore[assignment]
-
-
-def uninstall() -> None:
-    part_making.make_sample = _make_sample
-    part_making.write_sample = _write_sample
+@contextmanager
+def faults(planned: Mapping[int, str]) -> Iterator[Callable[[Mapping[int, str]], None]]:
+    """Have samples fail in this process, and in workers that were preloaded with this file."""
+    plan_faults(planned)
+    with mock.patch.multiple(runs, make_sample=_faulty_make, write_sample=_faulty_write):
+        yield plan_faults
+    plan_faults({})
+    Path(os.environ[VARIABLE]).unlink()
 
 
 def dask_setup(worker: Any) -> None:
-    install()
+    vars(runs).update(make_sample=_faulty_make, write_sample=_faulty_write)
 
 
 def _fault(sample: int, kinds: tuple[str, ...]) -> str | None:
     path = Path(os.environ[VARIABLE])
+    if not path.exists():
+        return None
     wanted = json.loads(path.read_text(encoding="ascii")).get(str(sample), "")
     kind, _, once = wanted.partition(" ")
     if kind not in kinds:
@@ -61,11 +68,13 @@ def _fault(sample: int, kinds: tuple[str, ...]) -> str | None:
 
 
 def _faulty_make(recipe: Mapping[str, Any], device: Any, **settings: Any) -> Any:
-    fault = _fault(recipe["sample"], ("raise", "device", "kill"))
+    fault = _fault(recipe["sample"], ("raise", "device", "kill", "stop"))
     if fault == "raise":
         raise ValueError(f"sample {recipe['sample']} is poisoned")
     if fault == "device":
         raise DeviceError("the device refused")
+    if fault == "stop":
+        raise KeyboardInterrupt
     if fault == "kill":
         os.kill(os.getpid(), signal.SIGKILL)
     return _make_sample(recipe, device, **settings)
@@ -74,8 +83,6 @@ def _faulty_make(recipe: Mapping[str, Any], device: Any, **settings: Any) -> Any
 def _faulty_write(path: Path, sample: Any, made_with: Any, **options: Any) -> None:
     fault = _fault(sample.recipe["sample"], ("full", "cut"))
     if fault == "full":
-        from clradar.files.atomic import replacing
-
         with replacing(path, force=True) as temporary:
             temporary.write_bytes(b"half")
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

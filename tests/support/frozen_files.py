@@ -11,8 +11,9 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import faulty_samples
 import numpy as np
-from dataset_plans import Engine, plan_of
+from dataset_plans import plan_of
 from hand_fits import made_up_fit
 
 import calibration
@@ -105,14 +106,14 @@ def write_recording(folder: Path) -> None:
 
 
 def write_data_sets(folder: Path) -> None:
-    """A complete one of every product, and one that was stopped, with a shard and a part."""
+    """A complete one of every product, and one that was stopped, with a shard that lacks one."""
     small = {"radar": {"every": 24, "steps": 4}, "image": {"step_mm": [25, 25, 50]}}
     whole = plan_of(samples=2, poses={"names": ["A", "F"]}, output={"shard_size": 1}, **small)
     clradar.dataset.run(whole, folder / "data-set", device="pocl")
     products = ["max_projection", "depth_map", "joints"]
     stopped = plan_of(samples=5, output={"products": products}, **small)
-    with suppress(KeyboardInterrupt):
-        clradar.dataset.run(stopped, folder / "data-set-stopped", engine=Engine(2, aside=[1]))
+    with faulty_samples.faults({1: "raise", 2: "stop"}), suppress(KeyboardInterrupt):
+        clradar.dataset.run(stopped, folder / "data-set-stopped", device="pocl")
 
 
 def write_hands(folder: Path) -> None:

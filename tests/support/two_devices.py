@@ -119,8 +119,8 @@ def cluster(folder: str) -> None:
     from dataset_plans import digests
 
     from clradar.dataset import read_plan, run
+    from clradar.jobs import Where
     from clradar.jobs.cluster import local_cluster
-    from clradar.jobs.distributed import Distributed
     from clradar.jobs.resources import (
         WorkerResources,
         own_cores,
@@ -135,7 +135,7 @@ def cluster(folder: str) -> None:
     each = [WorkerResources("all", (cores[i % len(cores)],), 1) for i in range(2)]
     with local_cluster(each) as (client, _):
         devices = client.run(lambda: own_device(None).info.selector)
-        run(plan, Path(folder) / "cluster", engine=Distributed(client))
+        run(plan, Path(folder) / "cluster", where=Where(scheduler=client.scheduler.address))
     run(plan, Path(folder) / "here", device="0:0")
     findings = {
         "devices": sorted(devices.values()),

@@ -14,10 +14,11 @@ from view_tab import Tab, in_browser, viewing
 
 import clradar
 from clradar.dataset import Sample, recipe
+from clradar.dataset.folder import Manifest, shard_name, write_manifest
 from clradar.dataset.sample import recipe_grid
-from clradar.dataset.store.folder import Aside, begin
-from clradar.dataset.store.shard_writer import write_sample
+from clradar.dataset.shards import assemble, write_sample
 from clradar.errors import MeasurementError
+from clradar.jobs.outcome import Aside
 from clradar.view import samples
 from clradar.view.drawn import Drawn, Flat
 from clradar.view.pictures import image_pictures, slice_pictures
@@ -46,23 +47,25 @@ def arrays_of(made: dict[str, Any], products: Sequence[str]) -> dict[str, np.nda
     return {name: array for name, array in found.items() if name.partition("_")[0] in products}
 
 
-def data_set(folder: Path, *products: str, count: int = 12, closed: int = 2) -> Path:
-    """Write a data set in shards of 5 samples, of which the second has one set aside."""
+def data_set(folder: Path, *products: str, count: int = 12, size: int = 5) -> Path:
+    """Write a data set in shards; of sample 6 it is told why there is none."""
     plan = plan_of(
         samples=count,
-        output={"shard_size": 5, "products": ["max_projection", "depth_map", *products]},
+        output={"shard_size": size, "products": ["max_projection", "depth_map", *products]},
     )
     kept = {"max", "depth", *products}
-    with begin(folder, plan, {}) as writer:
-        for sample in range(count):
-            if sample == 6:
-                writer.set_aside(Aside(sample, "poisoned", 2))
-                continue
-            made = recipe(plan, sample)
-            stored = Sample(made, arrays_of(made, kept))
-            write_sample(writer.part(sample), stored, {}, compression=0, force=False)
-        for shard in range(closed):
-            writer.close_shard(shard)
+    (folder / "shards").mkdir(parents=True)
+    aside = {6: Aside(6, "poisoned", 2)} if count > 6 else {}
+    write_manifest(folder, Manifest(plan, {}, aside))
+    for shard in range(plan.n_shards):
+        parts = []
+        for sample in plan.shard_samples(shard):
+            if sample not in aside:
+                made = recipe(plan, sample)
+                parts.append(folder / f"{sample}.h5")
+                stored = Sample(made, arrays_of(made, kept))
+                write_sample(parts[-1], stored, {}, compression=0)
+        assemble(folder / shard_name(shard), parts, compression=0)
     return folder
 
 
@@ -84,14 +87,14 @@ def test_samples_are_read_when_they_are_looked_at(
     monkeypatch.setattr(samples, "read_sample", counted)
     source = open_source(letters)
     assert isinstance(source, SampleFrames)
-    assert source.frames() == (0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11)  # closed shards and open parts
+    assert source.frames() == (0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11)
     source.choose(pose="B")
     source.choose()
     assert read == []
     for sample in (7, 7, 11):
         assert source.read(sample).image.amplitude.max() == 1 + sample
         source.truth(sample)
-    assert read == [("shard-00001.h5", 7), ("00000011.h5", 11)]
+    assert read == [("shard-00001.h5", 7), ("shard-00002.h5", 11)]
     for sample in (*range(KEPT_SAMPLES - 2), 7):
         source.read(sample)
     assert len(read) == KEPT_SAMPLES  # two and six others: 7 was kept
@@ -117,7 +120,7 @@ def test_projection_and_depth_map_are_shown_without_a_volume(letters: Path) -> N
 
 
 def test_captures_are_there_to_be_imaged(tmp_path: Path) -> None:
-    folder = data_set(tmp_path / "captures", "capture", count=2, closed=0)
+    folder = data_set(tmp_path / "captures", "capture", count=2, size=1)
     capture = SampleFrames(folder).read(1)
     assert isinstance(capture, clradar.Capture)
     assert capture.data.shape == (12, 12, 16)
@@ -148,8 +151,8 @@ def test_samples_are_chosen_by_pose_and_hand(letters: Path) -> None:
 
 
 def test_a_data_set_that_is_written_is_followed(tmp_path: Path) -> None:
-    folder = data_set(tmp_path / "growing", count=3, closed=0)
-    third = folder / "parts/00000002.h5"
+    folder = data_set(tmp_path / "growing", count=3, size=1)
+    third = folder / "shards/shard-00002.h5"
     content = third.read_bytes()
     third.unlink()
     source = open_source(folder, watch=True)
@@ -165,14 +168,14 @@ def test_a_data_set_that_is_written_is_followed(tmp_path: Path) -> None:
 
 
 def test_data_sets_that_cannot_be_viewed(tmp_path: Path) -> None:
-    empty = data_set(tmp_path / "empty", count=1, closed=0)
-    (empty / "parts/00000000.h5").unlink()
+    empty = data_set(tmp_path / "empty", count=1, size=1)
+    (empty / "shards/shard-00000.h5").unlink()
     with pytest.raises(MeasurementError, match="at least one sample, got none"):
         open_source(empty)
-    folder = data_set(tmp_path / "damaged", count=2, closed=0)
-    (folder / "parts/00000001.h5").write_bytes(b"no HDF5")
+    folder = data_set(tmp_path / "damaged", count=2, size=1)
+    (folder / "shards/shard-00001.h5").write_bytes(b"no HDF5")
     source = open_source(folder)
-    with pytest.raises(MeasurementError, match=r"00000001\.h5"):
+    with pytest.raises(MeasurementError, match=r"shard-00001\.h5"):
         source.read(1)
     assert source.read(0).image.amplitude.max() == 1.0
     (folder / "manifest.json").write_text("{}")

@@ -22,8 +22,8 @@ from clradar.cli.options.groups import argument, option, output_option, wrong_us
 from clradar.cli.outputs import check_outputs, check_place_of_folder
 
 if TYPE_CHECKING:
-    from clradar.dataset.engine.part_making import Engine
     from clradar.dataset.plan.plan import Plan
+    from clradar.jobs import Where
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,17 +91,7 @@ def command(
     if output is None:
         raise wrong_usage("-o", "expected the folder of the data set, or --dry-run")
     check_place_of_folder(output)
-    where = processes.where(device)
-    if where.here:
-        from clradar.dataset.engine.part_making import Serial
-
-        make(wanted, output, Serial(device), force=force, retry=retry)
-        return
-    with where.engine(wanted.samples) as (engine, _):
-        from clradar.jobs.cluster import cluster_text
-
-        print_line(cluster_text(engine.client))
-        make(wanted, output, engine, force=force, retry=retry)
+    make(wanted, output, processes.where(device), force=force, retry=retry)
 
 
 def checked_plan(path: Path) -> Plan:
@@ -116,12 +106,12 @@ def checked_plan(path: Path) -> Plan:
         raise typer.Exit(1) from None
 
 
-def make(plan: Plan, output: Path, engine: Engine, *, force: bool, retry: bool) -> None:
+def make(plan: Plan, output: Path, where: Where, *, force: bool, retry: bool) -> None:
     """Make a data set, or resume one."""
-    from clradar.dataset.engine.run import run
+    from clradar.dataset.runs import run
 
     with progress_bar("samples") as progress:
-        result = run(plan, output, engine=engine, force=force, retry=retry, progress=progress)
+        result = run(plan, output, where=where, force=force, retry=retry, progress=progress)
     there = result.samples - len(result.aside)
     print_line(f"{output}: {there} of {result.samples} samples, {result.made} of them made now")
     if result.aside:
@@ -132,7 +122,7 @@ def make(plan: Plan, output: Path, engine: Engine, *, force: bool, retry: bool) 
 
 def print_estimate(plan: Plan, device: str | None) -> None:
     """Estimate time and space of a plan from one sample that is made for it."""
-    from clradar.dataset.engine.estimate import estimate
+    from clradar.dataset.trial import estimate
 
     with progress_bar("making two samples"):
         found = estimate(plan, device=device)
@@ -149,7 +139,7 @@ def replay_sample(
     rigs: Path | None,
 ) -> None:
     """Make one sample again and compare it with the stored one."""
-    from clradar.dataset.engine.replay import replay
+    from clradar.dataset.trial import replay
 
     check_outputs([output], force=force)
     with progress_bar("making the sample"):

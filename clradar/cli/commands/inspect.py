@@ -36,8 +36,8 @@ def command(
     force: bool = FORCE,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
-    from clradar.dataset.store.check import check_dataset, describe_dataset
-    from clradar.dataset.store.folder import is_dataset
+    from clradar.dataset.check import check_dataset, describe_dataset
+    from clradar.dataset.folder import is_dataset
     from measurement_io import check_file, describe
 
     if png is not None and (check or as_json):

@@ -1,0 +1,235 @@
+"""Verification and description of data sets: every byte, label and array against the recipes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.dataset.folder import SHARDS, Manifest, read_manifest, shard_name, shard_number
+from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.shards import (
+    EXPECTED,
+    FIELDS,
+    LABELS,
+    Field,
+    axes_of,
+    data_bytes,
+    failed_of,
+    fields_of,
+    fields_of_products,
+    guarded_shard,
+    label_values,
+    read_confined,
+    samples_of,
+)
+from clradar.errors import ClradarError
+from clradar.files.failures import clean, reading, shown
+from clradar.jobs.lock import TEMPORARY
+from clradar.model.progress import Progress
+from clradar.versions import own_version
+from measurement_io import CheckReport, Description, Fact
+
+BLOCK_BYTES = 2**28
+"""Of an array that is in memory at a time."""
+
+MOST_LISTED = 10
+"""Samples listed in a problem."""
+
+
+def describe_dataset(folder: Path) -> Description:
+    """Describe a data set from its manifest and the sizes of its shards, which are not opened."""
+    manifest = read_manifest(folder)
+    plan = manifest.plan
+    names = [pose.name for pose in plan.poses.poses]
+    size = sum((folder / shard_name(number)).stat().st_size for number in manifest.shards)
+    stored, aside = len(manifest.stored), len(manifest.aside)
+    text = f"yes, but for {aside} set aside" if aside else "yes"
+    device = manifest.made_with.get("device", {})
+    facts = [
+        Fact("samples", f"{stored} of {plan.samples}", {"stored": stored, "plan": plan.samples}),
+        Fact("complete", text if manifest.complete else "no", manifest.complete),
+        Fact("set aside", f"{aside}", sorted(manifest.aside)),
+        Fact(
+            "shards",
+            f"{len(manifest.shards)} of {plan.n_shards}, {size / 2**20:.1f} MiB",
+            {"closed": len(manifest.shards), "plan": plan.n_shards, "bytes": size},
+        ),
+        Fact("products", ", ".join(plan.output.products), list(plan.output.products)),
+        Fact("poses", f"{plan.poses.kind} of {len(names)}: {clean(', '.join(names))}", names),
+        Fact("seed", f"{plan.seed}", plan.seed),
+        Fact("made with", clean(json.dumps(device)), dict(manifest.made_with)),
+    ]
+    return Description(shown(folder), "data set", tuple(facts), (), tuple(_missing(manifest)))
+
+
+def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport:
+    """Verify a data set by reading all of it.
+
+    Checked are the manifest; every shard, whose arrays have checksums, and that there are no other
+    files; the samples of shards and their order; recipes against the plan, where this version made
+    them; labels and axes against the recipes; types and shapes; and that numbers are finite, except
+    depth maps, where NaN is no depth, and joints that a rig does not have.
+
+    `progress` is called with (done, total) shards.
+    """
+    try:
+        manifest = read_manifest(folder)
+    except ClradarError as error:
+        return CheckReport(shown(folder), (), (clean(error),))
+    checked = ["manifest: its plan is whole and has no mistakes"]
+    problems = [*_missing(manifest), *_foreign_files(folder)]
+    before = len(problems)
+    for done, number in enumerate(sorted(manifest.shards), start=1):
+        try:
+            problems += _shard_problems(folder, manifest, number)
+        except ClradarError as error:
+            problems.append(f"{clean(error)}; delete the file, and the same command makes it again")
+        if progress is not None:
+            progress(done, len(manifest.shards))
+    if len(problems) == before:
+        checked += [
+            f"{len(manifest.shards)} shards: checksums, format, samples in order",
+            f"{len(manifest.stored)} samples: recipes, labels and axes as the recipes",
+            f"{', '.join(manifest.plan.output.products)}: types, shapes, finite numbers",
+        ]
+    if manifest.aside:
+        samples = _listed(sorted(manifest.aside))
+        checked.append(f"set aside, with their reasons in the manifest: {samples}")
+    return CheckReport(shown(folder), tuple(checked), tuple(problems))
+
+
+def _missing(manifest: Manifest) -> Iterator[str]:
+    if not manifest.complete:
+        yield (
+            f"not complete: shards {_listed(manifest.missing)} are missing; the same command makes "
+            "them"
+        )
+
+
+def _foreign_files(folder: Path) -> Iterator[str]:
+    for path in sorted((folder / SHARDS).glob("*")):
+        if shard_number(path.name) is None:
+            own = path.match(TEMPORARY)
+            what = (
+                "left over; the same command removes it"
+                if own
+                else ("is not of this data set; it can be removed by hand")
+            )
+            yield f"{SHARDS}/{clean(path.name)}: {what}"
+
+
+def _contents(path: Path) -> dict[str, Any]:
+    """Read all of a shard, which verifies its checksums; return it without numbers of arrays."""
+    with guarded_shard(path) as file:
+        if not samples_of(file):
+            return {"failed": sorted(failed_of(file)), "samples": []}
+        labels, axes = file["entry/labels"], file["entry/axes"]
+        return {
+            "failed": sorted(failed_of(file)),
+            "samples": samples_of(file),
+            "labels": {n: labels[n][:] for n in (*LABELS, "made_with") if n in labels},
+            "axes": {name: axes[name][:] for name in axes},
+            "arrays": {name: _array(file, name) for name in fields_of(file)},
+        }
+
+
+def _array(file: Any, name: str) -> dict[str, Any]:
+    """Type and shape of an array, where the samples of a ragged one begin, and rows that have
+    numbers that are not finite; of depth maps, whose NaN is no depth, infinite ones."""
+    spec = FIELDS[name]
+    data = file[spec.place]
+    row_bytes = int(np.prod(data.shape[1:])) * data.dtype.itemsize
+    step = max(1, BLOCK_BYTES // max(1, row_bytes))
+    invalid: list[int] = []
+    for at in range(0, len(data), step):
+        block = data[at : at + step]
+        if block.dtype.kind in "fc":
+            wrong = np.isinf(block) if name == "depth_map" else ~np.isfinite(block)
+            invalid += (at + np.flatnonzero(wrong.reshape(len(block), -1).any(axis=1))).tolist()
+    first = file[spec.first_place][:] if spec.ragged else None
+    return {"dtype": data.dtype.name, "shape": list(data.shape), "first": first, "invalid": invalid}
+
+
+def _shard_problems(folder: Path, manifest: Manifest, number: int) -> Iterator[str]:
+    name, plan = shard_name(number), manifest.plan
+    samples = plan.shard_samples(number)
+    expected = [sample for sample in samples if sample not in manifest.aside]
+    size = len(samples) * data_bytes(recipe(plan, samples[0]))
+    found = read_confined(_contents, folder / name, size=size)
+    with reading(folder / name, EXPECTED):
+        if found["samples"] != expected:
+            got = _listed(found["samples"])
+            yield f"{name}: expected the samples {_listed(expected)}, got {got}"
+        elif expected:
+            for problem in _content_problems(found, manifest, expected):
+                yield f"{name}: {problem}"
+
+
+def _content_problems(
+    found: Mapping[str, Any], manifest: Manifest, samples: list[int]
+) -> Iterator[str]:
+    labels, plan = found["labels"], manifest.plan
+    recipes = [json.loads(text) for text in labels["recipe"]]
+    makers = [json.loads(text)["clradar"] for text in labels["made_with"]]
+    other = [
+        sample
+        for sample, stored, maker in zip(samples, recipes, makers, strict=True)
+        if stored["sample"] != sample or (maker == own_version() and stored != recipe(plan, sample))
+    ]
+    if other:
+        yield f"expected the plan's recipes, got others for the samples {_listed(other)}"
+        return
+    for label, wanted in label_values(recipes).items():
+        if label != "recipe" and not _same(labels.get(label), wanted):
+            yield f"labels/{label}: expected the value of the recipes, got another"
+    axes = axes_of(recipes[0])
+    for axis, (values, _) in axes.items():
+        if not _same(found["axes"][axis], values):
+            yield f"axes/{axis}: expected the values of the recipe, got others"
+    fields = fields_of_products(plan.output.products)
+    if list(found["arrays"]) != fields:
+        yield f"expected the arrays {', '.join(fields)}, got {', '.join(found['arrays'])}"
+        return
+    sizes = {axis: len(values) for axis, (values, _) in axes.items()}
+    for name, array in found["arrays"].items():
+        if name == "joints" and plan.hands.rigs:  # a rig does not have all of them
+            array["invalid"] = []
+        problem = _array_problem(array, name, samples, sizes)
+        if problem is not None:
+            yield f"{FIELDS[name].group}/{FIELDS[name].dataset}{problem}"
+
+
+def _array_problem(
+    array: Mapping[str, Any], name: str, samples: Sequence[int], sizes: Mapping[str, int]
+) -> str | None:
+    spec: Field = FIELDS[name]
+    rest = tuple(sizes.get(axis, 3) for axis in spec.axes)
+    rows, first, bad = len(samples), array["first"], array["invalid"]
+    if first is not None:
+        rows = int(first[-1])
+        if len(first) != len(samples) + 1 or first[0] != 0 or (np.diff(first) <= 0).any():
+            return f"_first: expected ascending rows of {len(samples)} samples"
+        bad = (np.searchsorted(first, bad, side="right") - 1).tolist()
+    if tuple(array["shape"]) != (rows, *rest) or array["dtype"] != spec.dtype:
+        wanted = f"{spec.dtype} {(rows, *rest)}"
+        return f": expected {wanted}, got {array['dtype']} {tuple(array['shape'])}"
+    which = _listed(sorted({samples[row] for row in bad}))
+    return f": expected finite numbers, got others in the samples {which}" if bad else None
+
+
+def _same(stored: np.ndarray | None, wanted: Any) -> bool:
+    if stored is None:
+        return False
+    if isinstance(wanted, np.ndarray):
+        return stored.dtype == wanted.dtype and stored.tobytes() == wanted.tobytes()
+    return [text.decode("utf-8") for text in stored] == list(wanted)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    more = len(numbers) - MOST_LISTED
+    text = ", ".join(map(str, numbers[:MOST_LISTED]))
+    return f"{text} and {more} more" if more > 0 else text or "none"

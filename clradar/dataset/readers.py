@@ -1,0 +1,347 @@
+"""Readers of data sets: an `xarray.Dataset` of Dask arrays; a map-style one for PyTorch."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clradar.dataset.folder import read_manifest, shard_name
+from clradar.dataset.plan.plan import PRODUCTS, plan_record
+from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.shards import (
+    FIELDS,
+    LABELS,
+    fields_of,
+    labels_of,
+    opened_shard,
+    samples_of,
+)
+from clradar.errors import ClradarError, MissingPackage
+from clradar.files.failures import fail
+from clradar.files.json_text import to_json
+from clradar.model import checks
+
+if TYPE_CHECKING:
+    import xarray
+
+CHUNK_BYTES = 2**25
+"""Approximate size of the chunks of Dask arrays."""
+
+NAMES = ("pose", "handedness", "rig")
+"""Labels that are coordinates of the samples."""
+
+SIDES = ("right", "left")
+
+
+class _Stored:
+    """The stored samples of a data set: `rows` has the shard and the row of each."""
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.manifest = read_manifest(Path(folder))
+        self.plan = self.manifest.plan
+        self.paths: list[Path] = []
+        self.rows: list[tuple[Path, int]] = []
+        self.samples: list[int] = []
+        for number in sorted(self.manifest.shards):
+            path = Path(folder) / shard_name(number)
+            with opened_shard(path) as file:
+                samples = samples_of(file)
+            if samples:
+                self.paths.append(path)
+                self.rows += ((path, row) for row in range(len(samples)))
+                self.samples += samples
+        if not self.samples:
+            fail(Path(folder), "a data set with at least one shard of samples", "none")
+
+    def sequences(self, function: str) -> np.ndarray:
+        """Return the positions of the samples of all whole sequences, shape (n, n_frames)."""
+        if self.plan.movement is None:
+            checks.fail(f"{function}: sequences", "a data set whose plan has [movement]", "none")
+        place = {sample: position for position, sample in enumerate(self.samples)}
+        frames = self.plan.movement.frames
+        firsts = sorted(sample for sample in self.samples if sample % frames == 0)
+        wanted = [range(first, first + frames) for first in firsts]
+        whole = [[place[s] for s in own] for own in wanted if all(s in place for s in own)]
+        return np.array(whole, dtype=np.int64).reshape(-1, frames)
+
+
+def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> xarray.Dataset:
+    """Return a data set with its axes, units and labels.
+
+    Parameters
+    ----------
+    folder : path-like
+        A data set, as ``clradar dataset`` writes it, complete or not.
+    sequences : bool
+        Of a data set whose plan has [movement]: along `sequence` and `frame` instead of `sample`;
+        without meshes, and without sequences that lack a frame.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `sample`, whose coordinate is the number in the plan: the products, each label, and
+        `pose`, `handedness` and `rig` as further coordinates. Everything but these is a Dask array
+        that reads its shard when it is computed. Meshes are concatenated along an axis of their
+        own: those of sample i begin at ``mesh_vertices_first[i]`` and end before
+        ``mesh_vertices_end[i]``; faces index the vertices of their own mesh. In `attrs`: `plan` and
+        `made_with` as JSON, `complete`, `set_aside`. Recipes are JSON texts:
+        ``make_sample(view.recipe.values[0])`` makes a sample again.
+
+    Raises
+    ------
+    MeasurementError
+        It is no data set, damaged, or has no shard.
+    MissingPackage
+        xarray or Dask is not installed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import open_dataset, read_plan, run
+    >>> _ = Path("plan.toml").write_text('''samples = 2
+    ... poses.names = ["A", "B"]
+    ... output.products = ["joints"]''')
+    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> view = open_dataset("letters")
+    >>> view.pose.values.tolist(), view.joints.dims
+    (['A', 'B'], ('sample', 'joint', 'coordinate'))
+    >>> bool(view.joints.sel(sample=0, joint="wrist", coordinate="z") > 0.2)  # metres
+    True
+    """
+    try:
+        import dask.array  # noqa: F401 - here, so that the error names what to install
+        import xarray  # noqa: F401
+    except ImportError as error:
+        raise MissingPackage(
+            f"open_dataset: expected xarray and dask, got {error}; pip install 'clradar[dataset]'"
+        ) from error
+    stored = _Stored(folder)
+    whole = stored.sequences("open_dataset") if sequences else None
+    view = _joined([_shard(path) for path in stored.paths])
+    view.attrs = {
+        "complete": int(stored.manifest.complete),
+        "set_aside": len(stored.manifest.aside),
+        "plan": to_json("plan", plan_record(stored.plan)),
+        "made_with": to_json("made_with", stored.manifest.made_with),
+    }
+    return view if whole is None else _sequences(view, whole)
+
+
+def _shard(path: Path) -> xarray.Dataset:
+    """Return the samples of a shard, with rows of ragged arrays along an axis of their own."""
+    import xarray
+
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    with opened_shard(path) as file:
+        for name in fields_of(file):
+            spec = FIELDS[name]
+            first = f"{name}_row" if spec.ragged else "sample"
+            variables[name] = ((first, *spec.axes), *_lazy(path, file[spec.place]))
+            if spec.ragged:
+                begins = file[spec.first_place][:]
+                variables[f"{name}_first"] = ("sample", begins[:-1])
+                variables[f"{name}_end"] = ("sample", begins[1:])
+        labels = file["entry/labels"]
+        axes = {name: label.axes for name, label in LABELS.items()}
+        for name in [*axes, "made_with"]:
+            if name in labels and name not in NAMES:
+                variables[name] = (("sample", *axes.get(name, ())), *_lazy(path, labels[name]))
+        coordinates["sample"] = ("sample", labels["sample"][:])
+        for name in NAMES:
+            coordinates[name] = ("sample", np.char.decode(labels[name][:], "utf-8"))
+        for name, axis in file["entry/axes"].items():
+            values = axis[:]
+            if values.dtype.kind == "S":
+                values = np.char.decode(values, "utf-8")
+            dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
+            coordinates[name] = (dims, values, _units(axis))
+    return xarray.Dataset(variables, coordinates)
+
+
+def _joined(shards: list[xarray.Dataset]) -> xarray.Dataset:
+    """Join shards along their samples, and ragged arrays along their rows."""
+    import xarray
+
+    ragged = [str(name) for name in shards[0].data_vars if f"{name}_first" in shards[0]]
+    for name in ragged:
+        offset = 0
+        for shard in shards:
+            for edge in (f"{name}_first", f"{name}_end"):
+                shard[edge] = shard[edge] + offset
+            offset += shard.sizes[f"{name}_row"]
+    view = xarray.concat(
+        [shard.drop_vars(ragged) for shard in shards], "sample",
+        data_vars="minimal", coords="minimal", compat="override", join="override",
+    )  # fmt: skip
+    for name in ragged:
+        parts = [shard[name].variable for shard in shards]
+        view[name] = xarray.Variable.concat(parts, f"{name}_row")
+    return view
+
+
+def _lazy(path: Path, dataset: Any) -> tuple[Any, dict[str, str]]:
+    """Return a Dask array that reads its shard when it is computed, and units and title."""
+    import dask.array
+
+    text = dataset.dtype.kind == "S"  # no text has more characters than bytes
+    dtype = np.dtype(f"U{dataset.dtype.itemsize}") if text else dataset.dtype
+    rest = dataset.shape[1:]
+    row_bytes = max(1, int(np.prod(rest)) * dtype.itemsize)
+    step = max(1, min(len(dataset), CHUNK_BYTES // row_bytes))
+    lazy = _Lazy(path, dataset.name, dataset.shape, dtype, dataset.ndim)
+    name = f"{dataset.name}-{dask.base.tokenize(lazy, path.stat().st_mtime_ns)}"
+    array = dask.array.from_array(lazy, chunks=(step, *rest), name=name, asarray=False)
+    return array, _units(dataset)
+
+
+@dataclass(frozen=True, slots=True)
+class _Lazy:
+    """One array of one shard; opens the file for each read, so that it can be pickled."""
+
+    path: Path
+    place: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    ndim: int
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        with opened_shard(self.path) as file:
+            found: np.ndarray = file[self.place][key]
+        if self.dtype.kind == "U":
+            found = np.char.decode(found, "utf-8")
+        return found.astype(self.dtype, copy=False)
+
+
+def _units(dataset: Any) -> dict[str, str]:
+    found = {key: str(dataset.attrs[key]) for key in ("units", "long_name") if key in dataset.attrs}
+    if "long_name" in found:  # xarray writes the units beside it
+        found["long_name"] = found["long_name"].removesuffix(f" ({found.get('units')})")
+    return found
+
+
+def _sequences(view: xarray.Dataset, whole: np.ndarray) -> xarray.Dataset:
+    """The samples at positions (n, n_frames) along `sequence` and `frame`."""
+    meshes = [name for name in view.variables if str(name).startswith("mesh_")]
+    kept = view.drop_vars([*meshes, "sequence", "frame"]).isel(sample=whole.reshape(-1))
+    numbers = kept["sample"].values.reshape(whole.shape)
+    split = kept.drop_vars("sample").coarsen(sample=whole.shape[1])
+    made = split.construct(sample=("sequence", "frame"))
+    made = made.assign_coords(
+        sample=(("sequence", "frame"), numbers),
+        sequence=numbers[:, 0] // whole.shape[1],
+        frame=np.arange(whole.shape[1]),
+    )
+    return made.assign_attrs(view.attrs)
+
+
+class TorchDataset:
+    """Samples as dictionaries of tensors, for `torch.utils.data.DataLoader`.
+
+    Parameters
+    ----------
+    folder : path-like
+        A data set, as ``clradar dataset`` writes it.
+    names : sequence of str
+        Keys of each sample: products that all have one shape ("max_projection", "depth_map",
+        "volume", "capture", "joints"), labels ("alpha", "angles_rad", "center_m", ...), "pose" and
+        "handedness" as numbers (see `poses`; 0 is right, 1 left), and "sample", its number in the
+        plan.
+    transform : callable, optional
+        Applied to each dictionary.
+    sequences : bool
+        Of a data set whose plan has [movement]: an item is a sequence, and each value has its
+        frames along a first axis. Sequences that lack a frame are left out.
+
+    Attributes
+    ----------
+    poses : tuple of str
+        Names of the poses by their numbers in "pose".
+
+    Raises
+    ------
+    ModelError
+        A name that the data set lacks.
+    MeasurementError
+        The folder is no data set.
+
+    Notes
+    -----
+    It can be pickled, and forked: no file stays open. Depth maps have NaN where there is no depth.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from clradar.dataset import TorchDataset, read_plan, run
+    >>> _ = Path("plan.toml").write_text('''samples = 2
+    ... poses.names = ["A", "B"]
+    ... output.products = ["joints"]''')
+    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> data = TorchDataset("letters", ("joints", "pose"))
+    >>> len(data), data.poses  # data[0]["joints"] is a tensor of shape (25, 3)
+    (2, ('A', 'B'))
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        names: Sequence[str] = ("max_projection", "pose"),
+        transform: Callable[[dict[str, Any]], Any] | None = None,
+        *,
+        sequences: bool = False,
+    ) -> None:
+        stored = _Stored(folder)
+        self._rows = stored.rows
+        positions = stored.sequences("TorchDataset") if sequences else np.arange(len(stored.rows))
+        self._positions: np.ndarray = positions
+        plan = stored.plan
+        self.poses = tuple(pose.name for pose in plan.poses.poses)
+        self._names, self._transform = tuple(names), transform
+        labels = labels_of(recipe(plan, 0))
+        numbers = [name for name, label in labels.items() if label.axes or label.of == "movement"]
+        arrays = [name for name in PRODUCTS if name in plan.output.products and name in FIELDS]
+        known = [*arrays, *numbers, "handedness", "sample"]
+        named = plan.poses.kind in ("list", "around")
+        if named and (plan.movement is None or plan.movement.poses == "stay"):
+            known.append("pose")
+        for name in self._names:
+            checks.one_of("TorchDataset: names", name, tuple(known))
+
+    def __len__(self) -> int:
+        return len(self._positions)
+
+    def __getitem__(self, position: int) -> Any:
+        """Return the sample or sequence at a position, negative ones from the end."""
+        try:
+            import torch
+        except ImportError as error:
+            raise ClradarError(f"TorchDataset: expected PyTorch, got {error}") from error
+        if not -len(self) <= position < len(self):
+            raise IndexError(f"position {position} of a data set of {len(self)} samples")
+        places = self._positions[position]
+        if places.ndim:
+            frames = [self._values(int(place)) for place in places]
+            values = {name: np.stack([own[name] for own in frames]) for name in self._names}
+        else:
+            values = self._values(int(places))
+        sample = {name: torch.as_tensor(value) for name, value in values.items()}
+        return sample if self._transform is None else self._transform(sample)
+
+    def _values(self, place: int) -> dict[str, Any]:
+        path, row = self._rows[place]
+        with opened_shard(path) as file:
+            return {name: self._value(file, name, row) for name in self._names}
+
+    def _value(self, file: Any, name: str, row: int) -> Any:
+        spec = FIELDS.get(name)
+        value = file[f"entry/labels/{name}" if spec is None else spec.place][row]
+        if name == "handedness":
+            return SIDES.index(value.decode())
+        if name == "pose":
+            return self.poses.index(value.decode("utf-8"))
+        return np.asarray(value)

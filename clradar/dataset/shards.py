@@ -1,0 +1,516 @@
+"""Shards: HDF5 files of samples in the NeXus convention, their schema, writing and reading.
+
+A shard is assembled from parts, shards of one sample. The same samples give the same bytes: no time
+is stored, the order of writing is fixed, and compressed chunks are copied as they are.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.dataset.plan.hand_json import SHAPE_COLUMNS, angles_rad, shape_row
+from clradar.dataset.sample import Sample, recipe_grid, recipe_radar
+from clradar.files.atomic import replacing, require_space, write_file
+from clradar.files.failures import fail, reading, regular_file_size
+from clradar.files.json_text import parse_object
+from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
+from clradar.jobs.outcome import Aside
+from clradar.model.material_file import material_of
+from measurement_io.confined import hdf5_guard
+from measurement_io.confined.reading import run
+
+EXPECTED = "a shard of a data set (HDF5)"
+FORMAT, VERSION = "dataset-shard", 1
+
+CHUNK_BYTES = 2**20
+SMALL_BYTES = 2**16
+RAGGED_ROWS = 2**14
+LIBRARY = ("v110", "v110")
+"""Versions of the HDF5 file format that are written."""
+
+SHOWN_FIRST = ("max_projection", "depth_map")
+"""What viewers draw at once, where a shard has it."""
+
+FAILED = "entry/failed"
+"""Place of the samples that could not be made, and why: a JSON text for each."""
+
+
+# Schema
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One array of every sample.
+
+    `axes` are without the first, which is the sample. The length of a `ragged` one differs between
+    samples: their rows are concatenated, and `<dataset>_first` has the first row of each sample.
+    """
+
+    group: str
+    dataset: str
+    axes: tuple[str, ...]
+    dtype: str
+    units: str | None
+    long_name: str
+    ragged: bool = False
+
+    @property
+    def place(self) -> str:
+        """Path of the dataset in a shard."""
+        return f"entry/{self.group}/{self.dataset}"
+
+    @property
+    def first_place(self) -> str:
+        """Path of the first rows of the samples of a ragged array, and of its end."""
+        return f"{self.place}_first"
+
+
+_ZYX, _YX = ("z_m", "y_m", "x_m"), ("y_m", "x_m")
+_PAIRS, _JOINTS = ("tx", "rx", "frequency_hz"), ("joint", "coordinate")
+FIELDS: Mapping[str, Field] = {
+    "capture": Field("capture", "data", _PAIRS, "complex64", None, "complex response"),
+    "volume": Field("volume", "data", _ZYX, "complex64", None, "complex image"),
+    "max_projection": Field(
+        "max_projection", "data", _YX, "float32", None, "maximum of the amplitude over z"
+    ),
+    "depth_map": Field(
+        "depth_map", "data", _YX, "float32", "m", "depth of the maximum; NaN: nothing"
+    ),
+    "joints": Field("joints", "data", _JOINTS, "float64", "m", "joint centres, antenna frame"),
+    "mesh_vertices": Field(
+        "mesh", "vertices", ("coordinate",), "float32", "m", "vertices, antenna frame", True
+    ),
+    "mesh_faces": Field("mesh", "faces", ("corner",), "int32", None, "vertices of faces", True),
+    "mesh_part": Field("mesh", "part", (), "uint8", None, "index of each face's part", True),
+}
+"""Arrays of samples by their names in `Sample.arrays`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """One label of a sample, from its recipe, if that has the key `of`."""
+
+    of: str
+    value: Callable[[Any], Any]
+    long_name: str
+    units: str | None = None
+    axes: tuple[str, ...] = ()
+    dtype: str = "float64"
+
+
+def _coating_m(record: Any) -> float | None:
+    coating = material_of(record).coating
+    return None if coating is None else coating.thickness_m
+
+
+def _of_parts(value: Callable[[Any], float | None]) -> Callable[[Any], list[float | None]]:
+    """A number of the material of each part; None becomes NaN."""
+    return lambda recipe: [value(recipe["material"][name]) for name in PART_NAMES]
+
+
+_XYZ, _PARTS = ("coordinate",), ("part",)
+LABELS: Mapping[str, Label] = {
+    "pose": Label("pose", lambda r: r["pose"]["name"], "name of the pose"),
+    "handedness": Label("hand", lambda r: r["hand"]["handedness"], "right or left"),
+    "angles_rad": Label(
+        "pose", lambda r: angles_rad(r["pose"]), "joint angles", "rad", ("joint", "angle")
+    ),
+    "shape": Label(
+        "hand", lambda r: shape_row(r["hand"].get("shape")),
+        "shape of the hand; NaN: of a rig", None, ("shape_parameter",),
+    ),
+    "rig": Label(
+        "hand", lambda r: Path(r["hand"].get("rig", {}).get("file", "")).name,
+        "file of the rig, if any",
+    ),
+    "center_m": Label(
+        "placement", lambda r: r["placement"]["center_m"],
+        "centre of the hand's bounding box before its turn", "m", _XYZ,
+    ),
+    "rotation_rad": Label(
+        "placement", lambda r: r["placement"]["rotation_rad"],
+        "turns about x, then y, then z", "rad", _XYZ,
+    ),
+    "alpha": Label(
+        "alpha", lambda r: [r["alpha"][name] for name in PART_NAMES],
+        "0 specular to 1 diffuse", None, _PARTS,
+    ),
+    "roughness_rms_m": Label(
+        "material", _of_parts(lambda m: material_of(m).roughness_rms_m),
+        "RMS height of the roughness", "m", _PARTS,
+    ),
+    "correlation_length_m": Label(
+        "material", _of_parts(lambda m: material_of(m).correlation_length_m),
+        "of the roughness; NaN: smooth", "m", _PARTS,
+    ),
+    "coating_thickness_m": Label(
+        "material", _of_parts(_coating_m), "of the coating; NaN: none", "m", _PARTS
+    ),
+    "sequence": Label(
+        "movement", lambda r: r["movement"]["sequence"],
+        "number of the sequence of frames", dtype="int64",
+    ),
+    "frame": Label(
+        "movement", lambda r: r["movement"]["frame"],
+        "number of the frame in its sequence", dtype="int32",
+    ),
+    "time_s": Label(
+        "movement", lambda r: r["movement"]["start_s"],
+        "when the frame begins in its sequence", "s",
+    ),
+    "recipe": Label("sample", lambda r: _text(r), "all that the sample is made of, JSON"),
+}  # fmt: skip
+"""Labels of a sample; of those of the materials None is stored as NaN."""
+
+MADE_WITH = "versions and device, JSON"
+TEXTS = ("pose", "handedness", "rig", "recipe", "made_with")
+
+
+def labels_of(recipe: Mapping[str, Any]) -> dict[str, Label]:
+    """Return those of `LABELS` that a sample has."""
+    return {name: label for name, label in LABELS.items() if label.of in recipe}
+
+
+def label_values(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the labels of samples: lists of text, or arrays."""
+    found: dict[str, Any] = {}
+    for name, label in labels_of(recipes[0]).items():
+        values = [label.value(recipe) for recipe in recipes]
+        found[name] = values if name in TEXTS else np.array(values, dtype=label.dtype)
+    return found
+
+
+def fields_of_products(products: Sequence[str]) -> list[str]:
+    """Return the arrays of products: those with the product's name, or with it before a "_"."""
+    return [name for name in FIELDS if name in products or name.partition("_")[0] in products]
+
+
+def data_bytes(recipe: Mapping[str, Any]) -> int:
+    """Return the size of a sample's arrays, except meshes."""
+    sizes = {name: len(values) for name, (values, _) in axes_of(recipe).items()}
+    fields = [FIELDS[name] for name in fields_of_products(recipe["products"])]
+    return sum(
+        np.dtype(field.dtype).itemsize * prod(sizes[axis] for axis in field.axes)
+        for field in fields
+        if not field.ragged
+    )
+
+
+def axes_of(recipe: Mapping[str, Any]) -> dict[str, tuple[Any, str | None]]:
+    """Return the coordinates of the axes that the samples of a plan share, with their units."""
+    found: dict[str, tuple[Any, str | None]] = {
+        "joint": (JOINT_NAMES, None),
+        "coordinate": (("x", "y", "z"), None),
+        "angle": (ANGLES, None),
+        "part": (PART_NAMES, None),
+        "shape_parameter": (SHAPE_COLUMNS, None),
+    }
+    if "capture" in recipe["products"]:
+        array, waveform = recipe_radar(recipe)
+        found["tx"] = (np.arange(array.n_tx, dtype=np.int32), None)
+        found["rx"] = (np.arange(array.n_rx, dtype=np.int32), None)
+        found["frequency_hz"] = (waveform.frequencies_hz, "Hz")
+        found |= {"tx_m": (array.tx_m, "m"), "rx_m": (array.rx_m, "m")}
+    if recipe["image"] is not None:
+        grid = recipe_grid(recipe)
+        found |= {name: (getattr(grid, name), "m") for name in ("x_m", "y_m", "z_m")}
+    return found
+
+
+# Writing
+
+
+def write_sample(
+    path: Path,
+    sample: Sample,
+    made_with: Mapping[str, Any],
+    *,
+    compression: int,
+    force: bool = True,
+) -> None:
+    """Write one sample with its versions and device, JSON values, whole or not at all."""
+    import h5py
+
+    # In memory first: HDF5 cannot close a file for which the disk is full.
+    with h5py.File(path.name, "x", driver="core", backing_store=False, libver=LIBRARY) as file:
+        _Writer(file, compression).fill(
+            [dict(sample.recipe)], [_text(made_with)], sample.arrays, []
+        )
+        file.flush()
+        content = file.id.get_file_image()
+    write_file(path, content, force=force)
+
+
+def assemble(
+    path: Path, parts: Sequence[Path], failed: Sequence[Aside] = (), *, compression: int
+) -> None:
+    """Assemble a shard from parts in their order, and what failed; replaces the target."""
+    import h5py
+
+    with ExitStack() as stack, replacing(path, force=True) as temporary:
+        require_space(temporary, sum(part.stat().st_size for part in parts))  # take more
+        files = [stack.enter_context(h5py.File(part, "r")) for part in parts]
+        recipes = [json.loads(file["entry/labels/recipe"][0]) for file in files]
+        made_with = [file["entry/labels/made_with"][0].decode() for file in files]
+        with h5py.File(temporary, "x", libver=LIBRARY) as file:
+            writer = _Writer(file, compression)
+            if files:
+                writer.fill(recipes, made_with, {}, files)
+            if failed:
+                texts = [_text({n: getattr(one, n) for n in one.__slots__}) for one in failed]
+                writer.array("entry", "failed", _bytes(texts), None, "what failed, and why, JSON")
+
+
+class _Writer:
+    """Writes the content of a shard."""
+
+    def __init__(self, file: Any, compression: int) -> None:
+        file.attrs["NX_class"] = "NXroot"
+        file.attrs["default"] = "entry"
+        file.attrs["clradar_format"] = FORMAT
+        file.attrs["clradar_version"] = VERSION
+        self._file = file
+        self._group("entry", "NXentry")
+        self._filters = {
+            "compression": "gzip",
+            "compression_opts": compression,
+            "shuffle": True,
+            "fletcher32": True,
+            "track_times": False,
+        }
+
+    def _group(self, name: str, kind: str) -> Any:
+        group = self._file.create_group(name)
+        group.attrs["NX_class"] = kind
+        return group
+
+    def fill(
+        self,
+        recipes: list[dict[str, Any]],
+        made_with: list[str],
+        arrays: Mapping[str, np.ndarray],
+        files: Sequence[Any],
+    ) -> None:
+        """Write the samples of the open parts `files`, or of one sample's `arrays`."""
+        names = fields_of(files[0]) if files else [name for name in FIELDS if name in arrays]
+        shown = next((name for name in SHOWN_FIRST if name in names), names[0])
+        self._file["entry"].attrs["default"] = FIELDS[shown].group
+        self._labels(recipes, made_with)
+        self._group("entry/axes", "NXcollection")
+        for name, (values, units) in axes_of(recipes[0]).items():
+            self.array("entry/axes", name, _bytes(values), units, name)
+        for name in names:
+            spec = FIELDS[name]
+            self._data_group(spec)
+            if spec.ragged:
+                self._ragged(spec, [f[spec.place][:] for f in files] or [arrays[name]])
+            elif files:
+                self._copied(spec, [f[spec.place] for f in files])
+            else:
+                self.array(
+                    f"entry/{spec.group}", spec.dataset, arrays[name][None], spec.units,
+                    spec.long_name,
+                )  # fmt: skip
+            if spec.axes[-2:] == _YX:
+                self._file[spec.place].attrs["interpretation"] = "image"
+
+    def _labels(self, recipes: list[dict[str, Any]], made_with: list[str]) -> None:
+        group = self._group("entry/labels", "NXcollection")
+        index = np.array([recipe["sample"] for recipe in recipes], dtype=np.int64)
+        self.array("entry/labels", "sample", index, None, "number of the sample in the plan")
+        known = labels_of(recipes[0])
+        for name, value in label_values(recipes).items():
+            label = known[name]
+            self.array("entry/labels", name, _bytes(value), label.units, label.long_name)
+            if label.axes:
+                group[name].attrs["axes"] = ["sample", *label.axes]
+        self.array("entry/labels", "made_with", _bytes(made_with), None, MADE_WITH)
+
+    def _data_group(self, spec: Field) -> None:
+        """Make the NXdata group of a field, with links to its axes, if it is missing."""
+        entry = self._file["entry"]
+        if spec.group in entry:
+            return
+        group = self._group(f"entry/{spec.group}", "NXdata")
+        group.attrs["signal"] = spec.dataset
+        group.attrs["title"] = spec.long_name
+        group["sample"] = entry["labels/sample"]
+        if not spec.ragged:
+            group.attrs["axes"] = ["sample", *spec.axes]
+        more = ("tx_m", "rx_m") if spec.group == "capture" else ()
+        for axis in (*spec.axes, *more):
+            if axis in entry["axes"]:
+                group[axis] = entry[f"axes/{axis}"]
+
+    def array(
+        self, group: str, name: str, value: np.ndarray, units: str | None, long_name: str,
+        chunks: tuple[int, ...] | None = None,
+    ) -> None:  # fmt: skip
+        """Write an array of samples, or an axis."""
+        made = self._file[group].create_dataset(
+            name, data=value, chunks=chunks or _chunks(value), **self._filters
+        )
+        _describe(made, units, long_name)
+
+    def _copied(self, spec: Field, sources: Sequence[Any]) -> None:
+        """Concatenate the compressed chunks of parts without decompressing them."""
+        first = sources[0]
+        shape = (len(sources), *first.shape[1:])
+        made = self._file.create_dataset(
+            spec.place, shape=shape, dtype=first.dtype, chunks=first.chunks, **self._filters
+        )
+        for row, source in enumerate(sources):
+            for i in range(source.id.get_num_chunks()):
+                offset = source.id.get_chunk_info(i).chunk_offset
+                mask, content = source.id.read_direct_chunk(offset)
+                made.id.write_direct_chunk((row, *offset[1:]), content, mask)
+        _describe(made, spec.units, spec.long_name)
+
+    def _ragged(self, spec: Field, pieces: Sequence[np.ndarray]) -> None:
+        first = np.concatenate([[0], np.cumsum([len(piece) for piece in pieces])])
+        value = np.concatenate(pieces)
+        group, chunks = f"entry/{spec.group}", (min(len(value), RAGGED_ROWS), *value.shape[1:])
+        self.array(group, spec.dataset, value, spec.units, spec.long_name, chunks)
+        long_name = f"where {spec.dataset} begin, and end"
+        self.array(group, f"{spec.dataset}_first", first.astype(np.int64), None, long_name)
+
+
+def _describe(made: Any, units: str | None, long_name: str) -> None:
+    # Viewers write one or the other; names of axes have their unit already.
+    own = units is None or long_name.endswith(f"_{units}")
+    made.attrs["long_name"] = long_name if own else f"{long_name} ({units})"
+    if units is not None:
+        made.attrs["units"] = units
+    made.flush()  # in this order, and not in that of addresses at closing: files of equal bytes
+
+
+def _chunks(value: np.ndarray) -> tuple[int, ...]:
+    """Return a chunk shape of about 1 MiB within one row of the first axis, or the whole array."""
+    if value.nbytes <= SMALL_BYTES:
+        return value.shape
+    rest = value.shape[1:]
+    if not rest:
+        return (min(len(value), CHUNK_BYTES // value.itemsize),)
+    plane_bytes = max(1, int(np.prod(rest[1:])) * value.itemsize)
+    return (1, min(rest[0], max(1, CHUNK_BYTES // plane_bytes)), *rest[1:])
+
+
+def _text(value: Mapping[str, Any]) -> str:
+    return json.dumps(value, allow_nan=False)
+
+
+def _bytes(values: Any) -> np.ndarray:
+    """Return numbers unchanged, texts as UTF-8 of a fixed length."""
+    if isinstance(values, np.ndarray):
+        return values
+    import h5py
+
+    encoded = [text.encode("utf-8") for text in values]
+    return np.array(encoded, dtype=h5py.string_dtype("utf-8", max(1, *map(len, encoded))))
+
+
+# Reading
+
+
+@contextmanager
+def opened_shard(path: Path) -> Iterator[Any]:
+    """Open a shard for reading, in this process.
+
+    The HDF5 library is not safe against damaged files: what may be damaged is read by
+    `read_confined`; ``clradar inspect DIR --check`` verifies a data set from elsewhere first.
+    """
+    import h5py
+
+    regular_file_size(path, EXPECTED)
+    with reading(path, EXPECTED), h5py.File(path, "r") as file:
+        _check_format(path, file)
+        yield file
+
+
+def _check_format(path: Path, file: Any) -> None:
+    if file.attrs.get("clradar_format") != FORMAT:
+        fail(path, EXPECTED, "another HDF5 file")
+    version = file.attrs.get("clradar_version")
+    if version > VERSION:
+        fail(path, f"version {VERSION} or older", f"{version}; update clradar")
+
+
+def fields_of(file: Any) -> list[str]:
+    """Return the names of `FIELDS` that a shard has."""
+    return [name for name, f in FIELDS.items() if f.place in file]
+
+
+def samples_of(file: Any) -> list[int]:
+    """Return the numbers of the samples in an open shard."""
+    place = "entry/labels/sample"
+    return file[place][:].tolist() if place in file else []
+
+
+def failed_of(file: Any) -> dict[int, Aside]:
+    """Return the samples that failed, and why, by their numbers."""
+    texts = file[FAILED][:] if FAILED in file else ()
+    found = (Aside(**json.loads(text)) for text in texts)
+    return {aside.sample: aside for aside in found}
+
+
+def sample_of(file: Any, row: int) -> tuple[Sample, dict[str, Any]]:
+    """Return one sample of an open shard, and the versions and the device that made it."""
+    arrays = {}
+    for name in fields_of(file):
+        spec = FIELDS[name]
+        dataset = file[spec.place]
+        if spec.ragged:
+            first = file[spec.first_place]
+            arrays[name] = dataset[int(first[row]) : int(first[row + 1])]
+        else:
+            arrays[name] = dataset[row]
+    texts = (file[f"entry/labels/{name}"][row] for name in ("recipe", "made_with"))
+    recipe, made_with = map(json.loads, texts)
+    return Sample(recipe, arrays), made_with
+
+
+def row_of(file: Any, path: Path, sample: int) -> int:
+    """Return the row of a sample in an open shard."""
+    found = samples_of(file)
+    if found.count(sample) != 1:
+        fail(path, f"sample {sample} once", f"{found.count(sample)} times")
+    return found.index(sample)
+
+
+@contextmanager
+def guarded_shard(path: Path) -> Iterator[Any]:
+    """Open a shard that may be damaged or hostile: in a confined process, by `read_confined`."""
+    with hdf5_guard.opened(path, EXPECTED) as file:
+        _check_format(path, file)
+        yield file
+
+
+def read_confined(function: Callable[..., Any], path: Path, *arguments: Any, size: int) -> Any:
+    """Call `function(path, *arguments)` in a confined process; it uses `guarded_shard`.
+
+    Nothing of what it returns is believed; the expected bytes of arrays say what it may use.
+    """
+    return run(function, path, *arguments, most_bytes=size + 8 * path.stat().st_size)
+
+
+def read_sample(path: Path, sample: int, size: int) -> tuple[Sample, dict[str, Any]]:
+    """Return a stored sample of so many bytes (`data_bytes`), and what made it."""
+    found = read_confined(_sample, path, sample, size=size)
+    with reading(path, EXPECTED):
+        recipe, made_with = parse_object(found["recipe"]), parse_object(found["made_with"])
+        return Sample(recipe, found["arrays"]), made_with
+
+
+def _sample(path: Path, sample: int) -> dict[str, Any]:
+    with guarded_shard(path) as file:
+        row = row_of(file, path, sample)
+        texts = {n: file[f"entry/labels/{n}"][row].decode() for n in ("recipe", "made_with")}
+        return {**texts, "arrays": dict(sample_of(file, row)[0].arrays)}

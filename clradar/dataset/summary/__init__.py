@@ -1,1 +1,0 @@
-"""Statistics and contact sheet of a complete data set."""
