@@ -91,10 +91,9 @@ docs: export OPENBLAS_NUM_THREADS := 1
 docs: $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -W --keep-going -b html -d build/doctrees $(DOCS) docs build/site
 
-# Against peers, interleaved, for ratios; then ours alone by pytest-benchmark, results checked.
+# Against peers, in turns, for ratios. BENCH=--quick takes three minutes.
 bench: $(VENV)/.installed-bench
-	$(BIN)/python benchmarks/against_peers.py
-	$(BIN)/python -m pytest benchmarks
+	$(BIN)/python benchmarks/against_peers.py $(BENCH)
 
 # dist/: wheel and sdist, checked, and each tried in an environment of its own. Uploads nothing.
 release:

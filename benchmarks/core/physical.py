@@ -86,6 +86,6 @@ def physical(device: clradar.Device, repeats: int, samples_per_mm2: float) -> li
             f"numpy, a complex GEMM per frequency, sum alone: {share * dense_s:.1f} s "
             f"({len(hand.chosen)} of {WAVEFORM.n_freq} frequencies timed)",
             ratio,
-            f"{error:.0f} dB between them",
+            f"{error:.0f} dB between them; the peer leaves out the phase over a triangle, E12",
         )
     ]

@@ -147,7 +147,7 @@ def spread(
     devices = open_devices(device)
     devices.check_alike("a spread")
     total: _Accumulated | None = None
-    for volume in devices.in_order(seed_images, range(count), progress):
+    for _, volume in devices.made(seed_images, range(count), progress):
         if total is None:
             total = _Accumulated(volume, dynamic_range_db)
         total.add(volume)

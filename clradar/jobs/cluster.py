@@ -31,7 +31,7 @@ BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 HERE = "127.0.0.1"
 
 
-def silence() -> None:
+def _silence() -> None:
     """Silence Dask's own messages: the fate of samples and workers is reported here."""
     # Dask gives some of its loggers levels of their own, so that the parent's does not count.
     known = list(logging.root.manager.loggerDict)
@@ -49,6 +49,7 @@ def local_cluster(
     resources: Sequence[WorkerResources],
 ) -> Iterator[tuple[Client, Callable[[], Any]]]:
     """Start one worker process for each of `resources` on this machine."""
+    _silence()
     threads = str(min(one.threads for one in resources))
     settings = {
         # numpy reads them when it is loaded, so they are set before a process starts. They replace
@@ -108,6 +109,7 @@ def local_cluster(
 @contextmanager
 def running_cluster(address: str) -> Iterator[Client]:
     """Connect to a Dask scheduler; yields the client."""
+    _silence()
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:

@@ -58,11 +58,10 @@ class Devices:
     Examples
     --------
     >>> from clradar.jobs import open_devices
-    >>> devices = open_devices("pocl")
     >>> def squares(n, device, progress):
     ...     yield n * n
-    >>> list(devices.made(squares, [3, 4])), list(devices.in_order(squares, [3, 4]))
-    ([(0, 9), (1, 16)], [9, 16])
+    >>> list(open_devices("pocl").made(squares, [3, 4]))
+    [(0, 9), (1, 16)]
     """
 
     infos: tuple[DeviceInfo, ...]
@@ -80,108 +79,74 @@ class Devices:
     def made(
         self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
     ) -> Iterator[tuple[int, Result]]:
-        """Make the results of all items, in any order; yields the number of an item with each.
+        """Make the results of all items; yields the number of an item with each, in their order.
 
         With several devices `work` and the items are pickled. The first error ends the batch; a
         warning of workers is given once.
         """
-        for i, results in self._made(work, list(items), progress, None):
-            for result in results:
-                yield i, result
-
-    def in_order(
-        self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
-    ) -> Iterator[Result]:
-        """As `made`, the results in the order of the items; a few items ahead are kept."""
-        early: dict[int, list[Result]] = {}
-        turn = 0
-
-        def limit() -> int:
-            return turn + AHEAD * len(self.infos)
-
-        for i, results in self._made(work, list(items), progress, limit):
-            if len(self.infos) == 1:
-                yield from results
-                continue
-            early[i] = list(results)
-            while turn in early:
-                yield from early.pop(turn)
-                turn += 1
-
-    def _made(
-        self,
-        work: Work[Result],
-        items: list[Any],
-        progress: Progress | None,
-        limit: Callable[[], int] | None,
-    ) -> Iterator[tuple[int, Iterable[Result]]]:
+        items = list(items)
         if len(self.infos) > 1 and len(items) > 1:
-            yield from self._on_workers(work, items, progress, limit or (lambda: len(items)))
+            yield from self._on_workers(work, items, progress)
             return
         for i, item in enumerate(items):
             part = part_of(progress, i / len(items), (i + 1) / len(items))
-            yield i, work(item, self.first, part or _silent)
+            for result in work(item, self.first, part or _silent):
+                yield i, result
             if part is not None:
                 part(1, 1)
 
     def _on_workers(
-        self, work: Work[Result], items: list[Any], progress: Progress | None, limit: Any
-    ) -> Iterator[tuple[int, Iterable[Result]]]:
+        self, work: Work[Result], items: list[Any], progress: Progress | None
+    ) -> Iterator[tuple[int, Result]]:
         with _dask():
-            from distributed import KilledWorker, as_completed
+            from distributed import as_completed
 
-            from clradar.jobs.cluster import local_cluster, silence
-        silence()
+            from clradar.jobs.cluster import DEVICE, local_cluster
         infos = self.infos[: len(items)]
         cores = own_cores()
         threads = max(1, len(cores) // len(infos))
         each = [WorkerResources(info.selector, tuple(cores), threads) for info in infos]
         said: set[str] = set()
         with local_cluster(each) as (client, _):
-            given = 0
-            pending: set[Any] = set()
-
-            def more() -> list[Any]:
-                nonlocal given
-                futures = []
-                while given < min(len(items), limit()) and len(pending) < 2 * len(infos):
-                    task = partial(_results, work, items[given])
-                    futures.append(
-                        client.submit(task, key=("item", given), pure=False, resources=_ONE)
-                    )
-                    pending.add(futures[-1])
-                    given += 1
-                return futures
-
-            running = as_completed(more(), loop=client.loop)
-            for done, future in enumerate(running, start=1):
-                pending.discard(future)
-                i = future.key[1]
-                try:
-                    results, warned, selector = future.result()
-                except KilledWorker as error:
-                    name = listed([infos[int(str(error.last_worker.name))]])
-                    raise DeviceError(
-                        f"device {name}: its process died at item {i}; choose other devices, see "
-                        "`clradar devices`"
-                    ) from error
-                for text in warned:
-                    if text not in said:
+            finished = as_completed([], loop=client.loop)
+            numbers: dict[Any, int] = {}
+            ready: dict[int, list[Result]] = {}
+            for i in range(len(items)):
+                for number in range(len(numbers), min(len(items), i + AHEAD * len(infos))):
+                    task = partial(_results, work, items[number])
+                    future = client.submit(task, pure=False, resources={DEVICE: 1})
+                    numbers[future.key] = number
+                    finished.add(future)
+                while i not in ready:
+                    future = next(finished)
+                    number = numbers[future.key]
+                    ready[number], warned = self._result(future, number, infos)
+                    for text in (text for text in warned if text not in said):
                         warn(text)
-                    said.add(text)
-                if type(results) is DeviceError:  # with its selector: names may be the same
-                    (info,) = (one for one in infos if one.selector == selector)
-                    text = str(results).removeprefix(f"device {info.label}: ")
-                    raise DeviceError(f"device {listed([info])}: {text}")
-                if isinstance(results, BaseException):
-                    raise results
-                yield i, results
+                        said.add(text)
+                for result in ready.pop(i):
+                    yield i, result
                 if progress is not None:
-                    progress(done, len(items))
-                running.update(more())
+                    progress(i + 1, len(items))
 
+    def _result(self, future: Any, i: int, infos: tuple[DeviceInfo, ...]) -> Outcome:
+        from distributed import KilledWorker
 
-_ONE = {"DEVICE": 1}
+        try:
+            results, warned, selector = future.result()
+        except KilledWorker as error:
+            name = listed([infos[int(str(error.last_worker.name))]])
+            raise DeviceError(
+                f"device {name}: its process died at item {i}; choose other devices, see "
+                "`clradar devices`"
+            ) from error
+        if type(results) is DeviceError:  # with its selector: names may be the same
+            (info,) = (one for one in infos if one.selector == selector)
+            text = str(results).removeprefix(f"device {info.label}: ")
+            raise DeviceError(f"device {listed([info])}: {text}")
+        if isinstance(results, BaseException):
+            raise results
+        return results, warned
 
 
 def _results(work: Work[Any], item: Any) -> tuple[Any, list[str], str]:
@@ -279,7 +244,8 @@ def map_devices(
     >>> list(clradar.map_devices(lanes, [1, 2, 3], device="pocl"))
     [8, 16, 24]
     """
-    return open_devices(device).in_order(_Plain(function), items, progress)
+    made = open_devices(device).made(_Plain(function), items, progress)
+    return (result for _, result in made)
 
 
 @dataclass(frozen=True, slots=True)
@@ -371,9 +337,8 @@ class Where:
     def engine(self, n_items: int) -> Iterator[tuple[Distributed, str | None]]:
         """The workers, for so many items, and the device that each is told to open."""
         with _dask():
-            from clradar.jobs.cluster import local_cluster, running_cluster, silence
+            from clradar.jobs.cluster import local_cluster, running_cluster
             from clradar.jobs.distributed import Distributed
-        silence()
         if self.scheduler is not None:
             with running_cluster(self.scheduler) as client:
                 engine = Distributed(client, self.device)

@@ -348,28 +348,6 @@ def test_a_recording_that_exists_is_kept(run, recording, tmp_path):
     assert (recording / "metadata.json").read_bytes() == before["metadata.json"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        (["hand/30", "a.h5", "-o", "x", "--to", "maroon"], "one folder"),
-        (["a.h5", "a.h5", "-o", "x.h5"], "SOURCE"),
-        (["a.h5", "a.h5", "-o", "x", "--all-frames"], "SOURCE"),
-        (["a.h5", "-o", "x", "--to", "maroon", "--frame", "0"], "--frame"),
-        (["a.h5", "-o", "x.h5", "--timestamp-us", "0"], "--timestamp-us"),
-        (["hand/30", "-o", "x", "--all-frames", "--to", "maroon"], "--all-frames"),
-        (["hand/30", "-o", "x", "--all-frames", "--frame", "0"], "--all-frames"),
-        (["hand/30", "-o", "x", "--to", "zarr"], "zarr"),
-    ],
-)
-def test_wrong_usage(run, recording, tmp_path, monkeypatch, arguments, part):
-    native(tmp_path / "a.h5")
-    monkeypatch.chdir(tmp_path)
-    status, _, err = run(*arguments)
-    assert status == 2
-    assert part in err
-    assert not list(tmp_path.glob("x*"))
-
-
 def test_all_frames_of_what_is_no_folder(run, tmp_path):
     native(tmp_path / "a.h5")
     for source in ("a.h5", "none"):

@@ -165,53 +165,6 @@ def test_a_fit_goes_on_from_an_earlier_one(
     assert len(recorded_fit.calls[-1]["pose"]) == 24
 
 
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        ("--alpha 1.5", "expected a number in [0, 1] or 'fit', got '1.5'"),
-        ("--hand both", "--hand"),
-        ("--mapping m.toml", "--mapping: expected --rig with it"),
-        ("--rig hand.glb --girth 1.1", "--girth: expected without --rig"),
-        ("--rig hand.glb --fit-shape", "--fit-shape: expected without --rig"),
-        ("--rig hand.glb --hand left", "--hand: expected without --rig"),
-        ("--x-mm 10:0:1", "--x-mm"),
-    ],
-)
-def test_wrong_usage(
-    run: Run, recorded_fit: Recorded, tmp_path: Path, arguments: str, part: str
-) -> None:
-    outcome = run("fit-hand", "volume.h5", "-o", tmp_path / "fit", *arguments.split())
-    assert outcome.status == 2
-    assert part in " ".join(outcome.err.replace("│", " ").split())
-    assert not (tmp_path / "fit").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        ("volume.h5 --pose J", "pose: expected one of 'flat'"),
-        ("volume.h5 --pose ff", "got 'ff' (did you mean 'F'?)"),
-        ("volume.h5 --pose F,al", "got 'al' (did you mean 'all'?)"),
-        ("volume.h5 --pose F,,L", "or the folder of an earlier fit, got ''"),
-        ("volume.h5 --angle-std-deg 0", "--angle-std-deg: expected a positive number"),
-        ("volume.h5 --pose none.toml", "none.toml: "),
-        ("volume.h5 --pose recording", "recording: expected the folder of a fit"),
-        ("volume.h5 --pose F,hand.ply", "pose: expected one of"),
-        ("volume.h5 --length-mm 20", "HandShape.length_m: expected"),
-        ("volume.h5 --rig hand.ply", "hand.ply: "),
-        ("hand.ply", "hand.ply: "),
-        ("none.h5", "none.h5: "),
-        ("volume.h5 --device abacus", "abacus"),
-    ],
-)
-def test_errors_are_one_line_and_leave_nothing(
-    run: Run, recorded_fit: Recorded, tmp_path: Path, arguments: str, part: str
-) -> None:
-    one_error_line(run("fit-hand", "-o", tmp_path / "fit", *arguments.split()), part)
-    assert not recorded_fit.calls
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_untold_angles_are_in_the_table_of_their_digit() -> None:
     rows = {row[0]: row for row in digit_rows(made_up_fit())}
     assert set(rows) == {"thumb", "index", "middle", "ring", "pinky", "palm"}

@@ -121,21 +121,6 @@ def test_report_of_one_image(run: Run, made: Path, tmp_path: Path) -> None:
     assert text.split(row)[1][:60] == saved.read_text(encoding="utf-8").split(row)[1][:60]
 
 
-def test_image_of_a_volume_and_without_outputs_is_wrong_usage(
-    run: Run, made: Path, tmp_path: Path
-) -> None:
-    png = ("--png", tmp_path / "v.png")
-    for options in (("-o", tmp_path / "v.h5"), (*png, "--x-mm", "0"), (*png, "--method", "exact"),
-                    (*png, "--device", "pocl"), (*png, "--tolerance-db", "-60")):  # fmt: skip
-        outcome = run("image", made / "volume.h5", *options)
-        assert outcome.status == 2
-        assert "the input is a volume, which is an image already" in " ".join(outcome.err.split())
-    outcome = run("image", made / "sim.h5", *GRID)
-    assert outcome.status == 2
-    assert "expected a volume to write" in outcome.err
-    one_error_line(run("image", made / "sim.h5", "--report", tmp_path / "v.png"), ".html")
-
-
 def test_convert_keeps_every_bit(run: Run, made: Path, tmp_path: Path) -> None:
     outcome = run("convert", made / "recording", "-o", tmp_path / "c.h5")
     assert outcome.status == 0, outcome.err
@@ -312,22 +297,3 @@ def test_images_by_iteration(run: Run, made: Path, tmp_path: Path) -> None:
     meta = open_volume(target).meta
     assert (meta["method"], meta["iterations"], meta["sparsity_db"]) == ("sparse", 2, -20)
     assert meta["residual_db"] < 0
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        ["--iterations", "3"],
-        ["--method", "sparse", "--window", "hann"],
-        ["--method", "sparse", "--damping-db", "0"],
-        ["--method", "least-squares", "--sparsity-db=-20"],
-        ["--method", "sparse", "--dbsm"],
-    ],
-)
-def test_options_of_another_method_are_wrong_usage(
-    run: Run, made: Path, tmp_path: Path, options: list[str]
-) -> None:
-    outcome = run("image", made / "sim.h5", "-o", tmp_path / "v.h5", *options)
-    assert outcome.status == 2
-    assert "--method" in outcome.err.replace("\n", " ")
-    assert not list(tmp_path.iterdir())

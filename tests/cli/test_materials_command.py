@@ -58,13 +58,6 @@ def test_own_materials(run: Run, tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("band", ["72", "82:72", "a:b", "72:nan", "72e9:82e9", "72:82:1"])
-def test_bands_that_are_none(run: Run, band: str) -> None:
-    outcome = run("materials", "--band-ghz", band)
-    assert outcome.status == 2
-    assert "--band-ghz" in outcome.err
-
-
 def test_files_that_are_none(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text("[x]\npermitivity = 3", encoding="utf-8")

@@ -347,30 +347,6 @@ def test_the_workers_of_a_scheduler_make_the_same_files(
         assert one == other, name
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        (("--empty-by", "frame"), "--empty"),
-        (("--align-phase",), "--average"),
-        (("--keep-noisy",), "--channels"),
-        (("--bias",), "--mesh"),
-        (("--fit-shape",), "--fit-hand"),
-        (("--fit-hand", "F", "--bias"), "--mesh"),
-        (("--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), "--scheduler"),
-        (("--average", "1"), "--average"),
-        (("--workers", "0"), "--workers"),
-        (("--scaling", "common"), "--empty"),
-    ],
-)
-def test_options_that_do_not_go_together(
-    run: Run, recorded: Recording, tmp_path: Path, options: tuple[str, ...], named: str
-) -> None:
-    outcome = run("process", recorded.folder, "-o", tmp_path / "out", *options)
-    assert outcome.status == 2
-    assert named in outcome.err
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_motion_of_a_mesh_is_that_of_its_frames(tmp_path: Path) -> None:
     """The table's columns from alignments: a mesh that moves along x and turns about its centre."""
     from clradar.cli.recordings import table

@@ -26,8 +26,6 @@ WITHOUT = {
     "convert": f"{OWN}, or a layout does",
     "export": OWN,
     "view": OWN,
-    "live": OWN,
-    "replay": OWN,
     "clean": OWN,
     "channels": OWN,
     "process": OWN,

@@ -134,3 +134,12 @@ def test_a_scene_behind_the_aperture_is_warned_of(run: Run, made: Path, tmp_path
     )  # fmt: skip
     assert outcome.status == 0
     assert "clradar: warning: the scene reaches behind the aperture" in outcome.err
+
+
+def test_a_starved_simulation_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
+    outcome = run("simulate", made / "hand.ply", "-o", tmp_path / "s.h5",
+                  "--samples-per-mm2=0.01", "--estimator=stochastic", "--band=72:82:2")  # fmt: skip
+    assert outcome.status == 0
+    (line,) = outcome.err.splitlines()
+    assert line.startswith("clradar: warning: ")
+    assert "pairs of antennas received no ray" in line

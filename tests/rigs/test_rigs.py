@@ -847,10 +847,10 @@ def test_the_command_refuses_in_one_line_and_writes_nothing(
         (("--mapping", "m.toml"), "--rig"),
         (("--rig", "hand.glb", "--left"), "--left"),
         (("--rig", "hand.glb", "--device", "pocl"), "--device"),
-        (("--rig", "hand.glb", "--edge-mm", "2"), "as it is"),
+        (("--rig", "hand.glb", "--edge-mm", "2"), "--edge-mm"),
         (("--rig", "hand.glb", "--rig-unit", "ell"), "--rig-unit"),
         (("--rig", "hand.glb", "--rig-hand", "both"), "right or left"),
-        (("--rig", "hand.glb", "--theta", "t.json"), "instead of a pose"),
+        (("--rig", "hand.glb", "--theta", "t.json"), "--theta"),
     ):
         code, _, err = run(capsys, "hand", "F", *arguments, "-o", "x.ply")
         assert code == 2, err

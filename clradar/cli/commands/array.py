@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import clradar as cl
 from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
-from clradar.cli.options.common import FORCE
+from clradar.cli.options.common import FORCE, JSON
 from clradar.cli.options.groups import argument, option, output_option
 from clradar.cli.options.measured import ARRAY_HELP, BandOptions, RadarOptions
 from clradar.cli.outputs import check_figure, check_outputs
@@ -32,7 +35,7 @@ def command(
         "would take minutes]",
         metavar="DEG",
     ),
-    as_json: bool = option(False, "Print JSON for programs, in metres.", names=("--json",)),
+    as_json: bool = JSON,
     force: bool = FORCE,
 ) -> None:
     """Widths are those of the response at -3 dB, which back-projection has without a window. A lobe
@@ -46,7 +49,9 @@ def command(
     check_figure(output)
     radar = RadarOptions(array=array, band=band.band)
     check_outputs([output], force=force, inputs=radar.files)
-    focus_m, clusters, waveform = _focus(at_mm), radar.clusters(), radar.waveform()
+    focus_m, clusters, waveform = position_m("--at-mm", at_mm), radar.clusters(), radar.waveform()
+    farthest_mm = 1e3 * max(map(abs, focus_m))
+    check_unit("--at-mm", "a coordinate", farthest_mm, (0.0, FARTHEST_M), "mm")
     name = clusters[0].name.partition(", cluster ")[0]
     with progress_bar("searching lobes"):
         found = array_figures(clusters, waveform, focus_m, within_deg=within_deg)
@@ -67,13 +72,6 @@ def command(
             print_line(f"{output}: elements, virtual aperture, response")
 
 
-def _focus(text: str) -> list[float]:
-    focus_m = position_m("--at-mm", text)
-    for value_m in focus_m:
-        check_unit("--at-mm", "a coordinate", 1e3 * abs(value_m), (0.0, FARTHEST_M), "mm")
-    return focus_m
-
-
 def _print_figures(name: str, clusters: Sequence[cl.AntennaArray], found: ArrayFigures) -> None:
     from clradar.arrays.figures_of_merit import LEVEL_DB
 
@@ -91,17 +89,12 @@ def _print_figures(name: str, clusters: Sequence[cl.AntennaArray], found: ArrayF
         return
     if within:
         print_line(f"lobes{within}:")
-    rows = [
-        (
-            f"{round(lobe.azimuth_deg, 1) + 0.0:.1f}",
-            f"{round(lobe.elevation_deg, 1) + 0.0:.1f}",
-            f"{lobe.level_db:.1f}",
-            "grating lobe" if lobe.grating else "",
-        )
-        for lobe in found.lobes
-    ]
-    print_table(("azimuth deg", "elevation deg", "dB", ""), rows, right=("azimuth deg",
-                "elevation deg", "dB"))  # fmt: skip
+    rows = []
+    for lobe in found.lobes:
+        angles = [f"{round(a, 1) + 0.0:.1f}" for a in (lobe.azimuth_deg, lobe.elevation_deg)]
+        rows.append([*angles, f"{lobe.level_db:.1f}", "grating lobe" if lobe.grating else ""])
+    columns = ("azimuth deg", "elevation deg", "dB", "")
+    print_table(columns, rows, right=columns[:3])
     if any(lobe.grating for lobe in found.lobes):
         print_warning(
             f"{name}: echoes from the directions of grating lobes look like the focus; keep them "
@@ -113,24 +106,11 @@ def _mm(length_m: float) -> str:
     return f"{1e3 * length_m:.1f} mm" if length_m < float("inf") else "none"
 
 
-def _record(found: ArrayFigures) -> dict[str, Any]:
-    def plain(length_m: float) -> float | None:
-        return length_m if length_m < float("inf") else None
-
-    return {
-        "focus_m": found.focus_m.tolist(),
-        "widths_m": [plain(width) for width in found.widths_m],
-        "range_cell_m": plain(found.range_cell_m),
-        "unambiguous_range_m": found.unambiguous_range_m,
-        "within_deg": found.within_deg,
-        "lobes": [
-            {
-                "position_m": lobe.position_m.tolist(),
-                "azimuth_deg": lobe.azimuth_deg,
-                "elevation_deg": lobe.elevation_deg,
-                "level_db": lobe.level_db,
-                "grating": lobe.grating,
-            }
-            for lobe in found.lobes
-        ],
-    }
+def _record(value: Any) -> Any:
+    """Fields and numbers in types of JSON; None where a length is endless."""
+    if is_dataclass(value):
+        names = [one.name for one in fields(value) if one.name != "over_directions"]
+        return {name: _record(getattr(value, name)) for name in names}
+    if isinstance(value, tuple | np.ndarray):
+        return [_record(item) for item in value]
+    return None if value == float("inf") else value

@@ -125,8 +125,8 @@ def print_estimate(plan: Plan, device: str | None) -> None:
     from clradar.dataset.trial import estimate
 
     with progress_bar("making two samples"):
-        found = estimate(plan, device=device)
-    for line in found.lines():
+        _, _, lines = estimate(plan, device=device)
+    for line in lines:
         print_line(line)
 
 

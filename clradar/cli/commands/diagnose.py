@@ -94,29 +94,22 @@ def command(
     elif files.output is not None:
         print_warning(f"{files.output}: not drawn, since there is no image")
     if files.fix_to is not None:
-        write_fixed(files.fix_to, capture, loaded, result, origin, force=force)
+        save(files.fix_to, fixed(capture, loaded, result), origin, force=force)
+        assert result.best is not None
+        print_line(f"{files.fix_to}: the capture with '{result.best.label}' undone")
 
 
-def write_fixed(
-    path: Path,
-    source: Path,
-    capture: cl.Capture,
-    result: Diagnosis,
-    origin: dict[str, Any],
-    *,
-    force: bool,
-) -> None:
-    """Write the capture in clradar's convention."""
+def fixed(source: Path, capture: cl.Capture, result: Diagnosis) -> cl.Capture:
+    """The capture in clradar's convention."""
     from calibration import apply_convention
 
     if result.best is None:
-        raise ModelError(f"{path}: not written, since the convention of {source} is not known")
-    save(path, apply_convention(capture, result.best), origin, force=force)
-    print_line(f"{path}: the capture with '{result.best.label}' undone")
+        raise ModelError(f"{source}: not written, since its convention is not known")
     others = [f"'{h.label}'" for h in result.candidates[1:]]
     others += [] if result.mirror_known else ["the mirror image"]
     if others:
-        print_warning(f"{path}: {' / '.join(others)} cannot be ruled out")
+        print_warning(f"{source}: {' / '.join(others)} cannot be ruled out")
+    return apply_convention(capture, result.best)
 
 
 def print_scores(result: Diagnosis) -> None:
@@ -126,23 +119,16 @@ def print_scores(result: Diagnosis) -> None:
         return math.inf if math.isnan(score.relative_db) else -score.relative_db
 
     rows = []
+    left = [replace(candidate, mirrored=False) for candidate in result.candidates]
     for score in sorted(result.scores, key=rank):
         h = score.hypothesis
-        left = [replace(candidate, mirrored=False) for candidate in result.candidates]
         mark = "" if h not in left else "best" if result.best and h == left[0] else "ambiguous"
         place_mm = "n/a"
         if score.image is not None:
             place_mm = ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
-        rows.append(
-            [
-                "[rx, tx]" if h.swapped else "[tx, rx]",
-                "exp(+j)" if h.conjugated else "exp(-j)",
-                "descending" if h.reversed else "ascending",
-                _decibels(score),
-                place_mm,
-                mark,
-            ]
-        )
+        row = ["[rx, tx]" if h.swapped else "[tx, rx]", "exp(+j)" if h.conjugated else "exp(-j)"]
+        row += ["descending" if h.reversed else "ascending", _decibels(score), place_mm, mark]
+        rows.append(row)
     print_table(COLUMNS, rows, right=COLUMNS[3:5], keys=3)
 
 
@@ -159,8 +145,7 @@ def figure_of(result: Diagnosis, name: str) -> Any:
     rows: dict[bool, list[Any]] = {}
     for score in result.scores:
         h = score.hypothesis
-        label = f"{h.label} ({_decibels(score)} dB)"
-        if result.best is not None and h == replace(result.best, mirrored=False):
-            label = f"BEST: {label}"
+        is_best = result.best is not None and h == replace(result.best, mirrored=False)
+        label = f"{'BEST: ' * is_best}{h.label} ({_decibels(score)} dB)"
         rows.setdefault(h.swapped, []).append((label, score.image))
     return panels_figure(list(rows.values()), name)

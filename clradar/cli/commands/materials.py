@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import clradar as cl
 from clradar.cli.console import print_line, print_table, print_text
+from clradar.cli.options.common import JSON
 from clradar.cli.options.groups import argument, option, wrong_usage
 from clradar.cli.parse import check_unit, finite, numbers
 from clradar.constants import PLAUSIBLE_HZ
@@ -27,9 +28,7 @@ def command(
         (), "Materials of your own, in place of those that come along.", metavar="FILE.toml"
     ),
     band_ghz: str = option("72:82", "Band of the reflectance.", metavar="FIRST:LAST"),
-    as_json: bool = option(
-        False, "Print JSON for programs, in metres and hertz.", names=("--json",)
-    ),
+    as_json: bool = JSON,
 ) -> None:
     """Permittivity and phase are at the middle of the band; the reflected power, least and most
     over the band, is relative to metal, and so is the phase. h is the RMS height and l the

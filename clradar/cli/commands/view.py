@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import clradar as cl
-from clradar.cli.console import print_line, print_warning
+from clradar.cli.console import counted, print_line, print_warning
 from clradar.cli.options.common import DEVICE, FORCE
 from clradar.cli.options.groups import REQUIRED, argument, option, wrong_usage
 from clradar.cli.options.measured import DepthMapOptions, Variant
@@ -38,22 +38,21 @@ class BesideOptions(PlacementOptions):
         "The same of the parametric hand: a name or a pose file, its middle at 300 mm or its wrist "
         "where --transform has it; or pose.toml or folder of a fit, the hand where it was found.",
         metavar="POSE",
+        without="--mesh",
     )
-    left: bool = option(False, "With --pose: a left hand, unless a fit says which.")
+    left: bool = option(False, "A left hand, unless a fit says which.", needs="--pose")
 
     def scene(self, device: cl.Device) -> cl.Scene | None:
         """The mesh where it is, if there is one."""
 
-        if self.mesh is None and self.pose is None:
-            if self.transform is not None:
-                raise wrong_usage("--transform", "expected --mesh or --pose with it")
-            return None
-        if self.pose is None:
-            return cl.Scene.from_mesh(self.mesh, unit=self.unit, transform=self.matrix())
         if self.mesh is not None:
-            raise wrong_usage("--pose", "expected without --mesh")
-        handedness = "left" if self.left else "right"
-        return posed_hand(self.pose, handedness, self.matrix(), device)
+            return cl.Scene.from_mesh(self.mesh, unit=self.unit, transform=self.matrix())
+        if self.pose is not None:
+            handedness = "left" if self.left else "right"
+            return posed_hand(self.pose, handedness, self.matrix(), device)
+        if self.transform is not None:
+            raise wrong_usage("--transform", "expected --mesh or --pose with it")
+        return None
 
 
 def posed_hand(
@@ -104,6 +103,7 @@ def command(
         False,
         "PATH is a folder or data set that is being written: it may be empty yet, and the newest "
         "file or sample comes first. Without it, frames that come later are followed, too.",
+        without="--html",
     ),
     variant: Variant = option("raw", "Variant of a recording's frames."),
     html: Path | None = option(
@@ -124,8 +124,6 @@ def command(
     """
     check_page(html)
     check_outputs([html], force=force, inputs=[path])
-    if watch and html is not None:
-        raise wrong_usage("--watch", "expected without --html, which ends once it is written")
     from clradar.view.beside import Others, Simulation
     from clradar.view.samples import SampleFrames
     from clradar.view.server import serve
@@ -149,43 +147,22 @@ def command(
     truth: HasTruth | None = recording_truth(path, source.label)
     if isinstance(source, SampleFrames):
         truth = source
-    if html is not None:
-        from clradar.view.page_file import write_page
-
-        count = write_page(
-            source,
-            html,
-            wish=wish,
-            beside=second,
-            mesh=scene,
-            truth=truth,
-            device=opened,
-            force=force,
-            warn=print_warning,
-        )
-        print_line(f"{html}: {count} {'frame' if count == 1 else 'frames'}, for any browser")
+    shown: dict[str, Any] = {
+        "wish": wish, "beside": second, "mesh": scene, "truth": truth, "device": opened
+    }  # fmt: skip
+    if html is None:
+        serve(source, port=port, say=print_line, **shown)
         return
-    serve(
-        source,
-        beside=second,
-        mesh=scene,
-        truth=truth,
-        port=port,
-        wish=wish,
-        device=opened,
-        say=print_line,
-    )
+    from clradar.view.page_file import write_page
+
+    count = write_page(source, html, force=force, warn=print_warning, **shown)
+    print_line(f"{html}: {counted(count, 'frame')}, for any browser")
 
 
 def compared_files(path: Path) -> tuple[Path, list[Path]]:
     """The files that `clradar compare --json` compared: the measured and the simulated ones.
 
     They are looked for where the comparison was made, and then beside its file.
-
-    Raises
-    ------
-    MeasurementError
-        The file is none of a comparison.
     """
     from clradar.errors import MeasurementError
     from clradar.files.json_file import read_json_object

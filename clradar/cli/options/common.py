@@ -41,7 +41,7 @@ DEVICES: Any = option(
     names=("--device",),
 )
 FORCE: Any = option(False, "Replace files that exist.", names=("--force",))
-JSON: Any = option(False, "Print JSON for programs, in SI units.", names=("--json",))
+JSON: Any = option(False, "Print JSON for programs, in metres and hertz.", names=("--json",))
 
 
 @dataclass(frozen=True, kw_only=True)
