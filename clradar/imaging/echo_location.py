@@ -32,6 +32,10 @@ SEARCH_PAIRS = 144
 MOST_DIRECTIONS = 64
 """Along either sine."""
 
+ALIKE, APART, MOST_DIRECTIONS_TRIED = 0.7, 0.12, 4
+"""Directions with this share of the strongest sum, so far apart (radians), are imaged as well: of a
+fist the strongest was 25 degrees beside it."""
+
 VOXELS_PER_RESOLUTION = 1.5
 """Of a coarse image. A peak between two voxels loses at most 1.6 dB along either axis."""
 
@@ -192,7 +196,14 @@ def locate(capture: Capture, path_m: float, device: Device) -> Echo:
 
 
 def _located(capture: Capture, range_m: float, device: Device) -> Echo:
-    centre_m, step = _direction(capture, range_m)
+    places_m, step = _directions(capture, range_m)
+    found = [_located_about(capture, at_m, step, range_m, device) for at_m in places_m]
+    return max(found, key=lambda echo: echo.amplitude)
+
+
+def _located_about(
+    capture: Capture, centre_m: np.ndarray, step: float, range_m: float, device: Device
+) -> Echo:
     cell_m = capture.waveform.range_resolution_m
     antennas = np.concatenate([capture.array.tx_m, capture.array.rx_m])
     forward_m = centre_m - antennas.mean(axis=0)
@@ -213,10 +224,11 @@ def _located(capture: Capture, range_m: float, device: Device) -> Echo:
     return found
 
 
-def _direction(capture: Capture, range_m: float) -> tuple[np.ndarray, float]:
-    """The point of the strongest incoherent sum of profiles, and the step of the sines tried.
+def _directions(capture: Capture, range_m: float) -> tuple[list[np.ndarray], float]:
+    """The points of the strongest incoherent sums of profiles, and the step of the sines tried.
 
-    The path lengths of the pairs alone tell the direction, so no focus can be missed.
+    The path lengths of the pairs alone tell the direction, so no focus can be missed. Of a rough
+    body the strongest sum may lie beside it: others that are nearly as strong are returned, too.
     """
     part = antenna_subset(capture, SEARCH_PAIRS)
     array, waveform = part.array, part.waveform
@@ -240,7 +252,7 @@ def _direction(capture: Capture, range_m: float) -> tuple[np.ndarray, float]:
     shifts_m = np.arange(-np.ceil(2 * spread_m / cell_m), np.ceil(2 * spread_m / cell_m) + 1)
     shifts_m = shifts_m * cell_m / 2
     power, bins_per_m = _profiles(part)
-    best, place = -1.0, middle_m
+    scores, places_m = [], []
     for shift_m in shifts_m[range_m + shifts_m > range_m / 2]:
         points_m = middle_m + unit * (range_m + shift_m)
         to_tx, to_rx = (
@@ -248,10 +260,15 @@ def _direction(capture: Capture, range_m: float) -> tuple[np.ndarray, float]:
         )
         at = ((to_tx[:, :, None] + to_rx[:, None]) * bins_per_m + 0.5).astype(np.int64)
         at %= power.shape[1]
-        score = np.take_along_axis(power, at.reshape(len(at), -1).T, axis=1).sum(axis=0)
-        if score.max() > best:
-            best, place = float(score.max()), points_m[int(score.argmax())]
-    return place, step
+        scores.append(np.take_along_axis(power, at.reshape(len(at), -1).T, axis=1).sum(axis=0))
+        places_m.append(points_m)
+    score, at_m = np.concatenate(scores), np.concatenate(places_m)
+    found: list[np.ndarray] = []
+    for i in np.argsort(-score, kind="stable")[: np.count_nonzero(score >= ALIKE * score.max())]:
+        apart_m = [np.linalg.norm(at_m[i] - other) for other in found]
+        if min(apart_m, default=np.inf) > APART * range_m and len(found) < MOST_DIRECTIONS_TRIED:
+            found.append(at_m[i])
+    return found, step
 
 
 def _profiles(capture: Capture) -> tuple[np.ndarray, float]:

@@ -359,6 +359,16 @@ def test_hands_of_any_roughness_are_imaged_in_silence(device: clradar.Device) ->
         assert warned(capture, HAND_BOX, device=device) == []
 
 
+@pytest.mark.parametrize("pose", ["A", "S"])
+def test_a_rough_fist_is_found_where_it_is(pose: str) -> None:
+    """Whose incoherent sums are strongest 25 degrees beside it."""
+    moved = np.eye(4)
+    moved[:3, 3] = [0.01, -0.04, 0.004]
+    fist = clradar.Scene.from_mesh(clradar.hand.hand_mesh(pose, 4e-3), material="palm")
+    capture = clradar.simulate(fist.transformed(moved), ARRAY, SWEEP, seed=0)
+    assert place_grid(capture).y_m[0] > -0.15  # it reaches down to -0.11
+
+
 def test_a_grid_beyond_the_unambiguous_range_is_reported() -> None:
     across = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (1.4, 2.1), 2e-2)
     assert warned(echoes_of([0, 0, 1.5]), across, method="range") == [ALIAS]
