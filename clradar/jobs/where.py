@@ -6,15 +6,14 @@ warnings belong to a process, and where a driver crashes it is known whose it wa
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from clradar.errors import ClradarError, ClusterError, DeviceError, ModelError, warn
+from clradar.errors import ClusterError, DeviceError, ModelError, warn
 from clradar.jobs.outcome import Outcome, outcome_of
 from clradar.jobs.resources import (
     WorkerResources,
@@ -22,7 +21,6 @@ from clradar.jobs.resources import (
     divided,
     listed,
     own_cores,
-    own_device,
     worker_resources,
 )
 from clradar.model.progress import Progress, part_of
@@ -317,41 +315,34 @@ class Where:
                     part(1, 1)
             return
         elsewhere = replace(steps, device=None)  # each opens the device that it is given
-        with ExitStack() as stack:
-            engine, device = stack.enter_context(self.engine(len(items)))
-            here = os.getcwd()
-            files = (here, *(str(path.absolute()) for path in self.files))
-            numbered = dict(enumerate(items))
-            make = _Numbered(elsewhere, numbered, folder.absolute(), device, files, here)
-            for done, made in enumerate(engine.outcomes(range(len(items)), make), start=1):
-                if isinstance(made, tuple):
-                    number, outcome = made
-                    yield items[number], outcome
-                else:
-                    yield items[made.sample], (ClradarError(made.reason), [])
+        files = [str(path.absolute()) for path in self.files]
+        with self._engine(len(items)) as engine:
+            made = engine.outcomes(elsewhere, items, folder, files)
+            for done, (number, outcome) in enumerate(made, start=1):
+                yield items[number], outcome
                 if progress is not None:
                     progress(done, len(items))
-            engine.stop()
 
     @contextmanager
-    def engine(self, n_items: int) -> Iterator[tuple[Distributed, str | None]]:
-        """The workers, for so many items, and the device that each is told to open."""
+    def _engine(self, n_items: int) -> Iterator[Distributed]:
+        """The workers, for so many items; they are stopped at the end."""
         with _dask():
             from clradar.jobs.cluster import local_cluster, running_cluster
             from clradar.jobs.distributed import Distributed
-        if self.scheduler is not None:
-            with running_cluster(self.scheduler) as client:
+        with ExitStack() as stack:
+            if self.scheduler is not None:
+                client = stack.enter_context(running_cluster(self.scheduler))
                 engine = Distributed(client, self.device)
-                try:
-                    yield engine, self.device
-                finally:
-                    engine.stop()
-            return
-        workers, device = divided(self.workers, self.device)
-        assert workers is not None
-        with local_cluster(worker_resources(min(workers, n_items), device)) as (client, end):
-            # Each worker has its device in CLRADAR_DEVICE.
-            yield Distributed(client, end_workers=end), None
+            else:
+                workers, device = divided(self.workers, self.device)
+                assert workers is not None
+                each = worker_resources(min(workers, n_items), device)
+                client, end = stack.enter_context(local_cluster(each))
+                engine = Distributed(client, end_workers=end)  # whose device is in CLRADAR_DEVICE
+            try:
+                yield engine
+            finally:
+                engine.stop()
 
 
 @contextmanager
@@ -362,29 +353,3 @@ def _dask() -> Iterator[None]:
         raise ClusterError(
             f"several processes need Dask: pip install 'clradar[dataset]' ({error})"
         ) from error
-
-
-@dataclass(frozen=True, slots=True)
-class _Numbered:
-    """Steps and their items by numbers: work of `Distributed`."""
-
-    steps: Any
-    items: Mapping[int, Any]
-    folder: Path
-    device: str | None
-    files: tuple[str, ...]
-    here: str
-
-    def alone(self, sample: int) -> _Numbered:
-        return replace(self, items={sample: self.items[sample]})
-
-    def __call__(self, sample: int) -> tuple[int, Outcome]:
-        before = os.getcwd()
-        if before != self.here:  # names of files are relative to the client's folder
-            os.chdir(self.here)
-        try:
-            steps = replace(self.steps, device=own_device(self.device))
-            return sample, outcome_of(steps.run, self.items[sample], None)
-        finally:
-            if before != self.here:
-                os.chdir(before)
