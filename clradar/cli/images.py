@@ -359,7 +359,7 @@ def image_by_parts(
     meta = {**image_meta(device=opened, **how), "capture": samples.meta if alone else metas}
     scale = ImageScale(samples.array, samples.waveform, weights) if samples.absolute else None
     image = PartedImage(steps=steps, meta=meta, scale=scale if alone else None)
-    origin = provenance("image", options, read)
+    origin = provenance("image", read, **options)
     job = Job(
         folder=steps.folder, work="image", own=(KEY, PARTS, WHOLE), force=force,
         key={

@@ -251,15 +251,13 @@ def _recording(source: object) -> list[str]:
 class AverageOptions:
     """The mean over the frames of recordings."""
 
-    average: bool = option(False, "Take the coherent mean of all frames of each radar folder.")
-    align_phase: bool = option(False, "With --average: first rotate frames to a common phase.")
+    average: bool = option(
+        False, "Take the coherent mean of all frames of each radar folder.", without="--frame"
+    )
+    align_phase: bool = option(False, "First rotate frames to a common phase.", needs="--average")
 
-    def check(self, frames: FrameOptions, sources: list[Path], names: str) -> None:
-        """Raise unless the options go together."""
-        if self.align_phase and not self.average:
-            raise wrong_usage("--align-phase", "expected --average with it")
-        if self.average and frames.frame is not None:
-            raise wrong_usage("--frame", "expected either --frame or --average")
+    def check(self, sources: list[Path], names: str) -> None:
+        """Raise unless there is a folder to take the mean of."""
         if self.average and not any(path.is_dir() for path in sources):
             raise wrong_usage("--average", f"expected a radar folder among {names}")
 

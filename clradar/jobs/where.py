@@ -44,22 +44,9 @@ Work = Callable[[Any, Device, Progress], Iterable[Result]]
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The devices of a batch.
+    """The devices of a batch, the first of which is opened in this process.
 
-    Attributes
-    ----------
-    infos : tuple of DeviceInfo
-    first : Device
-        The first of them, opened in this process. A single one makes all items here; each of
-        several has a worker process.
-
-    Examples
-    --------
-    >>> from clradar.jobs import open_devices
-    >>> def squares(n, device, progress):
-    ...     yield n * n
-    >>> list(open_devices("pocl").made(squares, [3, 4]))
-    [(0, 9), (1, 16)]
+    A single one makes all items here; each of several has a worker process.
     """
 
     infos: tuple[DeviceInfo, ...]
@@ -166,26 +153,11 @@ def _silent(done: int, total: int) -> None:
 
 
 def open_devices(device: Devices | Device | str | Sequence[str] | None = "all") -> Devices:
-    """Choose the devices of a batch.
+    """Choose the devices of a batch; `Devices` are returned as they are.
 
-    Parameters
-    ----------
-    device : Devices, Device, str, sequence of str or None
-        `Devices` are returned as they are. "all": all GPUs, those of one name by the first driver
-        that offers them; without GPUs the CPU device that is used anyway, and others of its name
-        and driver. A sequence, or names with commas between them: those. Else as
-        `clradar.open_device`.
-
-    Raises
-    ------
-    DeviceError
-        No such device, or one is named twice.
-
-    Examples
-    --------
-    >>> from clradar.jobs import open_devices
-    >>> [info.kind for info in open_devices("pocl").infos]
-    ['cpu']
+    "all": all GPUs, those of one name by the first driver that offers them; without GPUs the CPU
+    device that is used anyway, and others of its name and driver. A sequence, or names with commas
+    between them: those, each once. Else as `clradar.open_device`.
     """
     if isinstance(device, Devices):
         return device
@@ -258,24 +230,12 @@ class _Plain:
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """Where the items of a job are worked on.
+    """Where the items of a job are worked on; workers of a scheduler have to see the files."""
 
-    Attributes
-    ----------
-    device : str or None
-        As of `open_devices`: each of several has a worker process.
-    workers : int or None
-        Processes of this machine, each with its own device and cores; None: this one.
-    scheduler : str or None
-        The address of a Dask scheduler, whose workers see the same files under the same names.
-    files : tuple of Path
-        What those read: files and folders.
-    """
-
-    device: str | None = None
-    workers: int | None = None
-    scheduler: str | None = None
-    files: tuple[Path, ...] = ()
+    device: str | None = None  # as of `open_devices`: each of several has a worker process
+    workers: int | None = None  # processes of this machine, each with its own device and cores
+    scheduler: str | None = None  # the address of a Dask scheduler
+    files: tuple[Path, ...] = ()  # files and folders that are read
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.scheduler is not None:
@@ -293,16 +253,9 @@ class Where:
     ) -> Iterator[tuple[Item, Outcome]]:
         """Run the steps of every item; yield items with their outcomes, as they are done.
 
-        Parameters
-        ----------
-        steps : dataclass
-            With a field `device` and a method `run`, which is called with an item and a progress
-            callback or None. It can be pickled, and so can the items.
-        items : sequence
-        folder : Path
-            Where the steps write.
-        progress : callable, optional
-            Called with (done, total) units of work.
+        `steps` is a dataclass with a field `device` and a method `run`, which is called with an
+        item and a progress callback or None, and writes into `folder`. It can be pickled, and so
+        can the items.
         """
         if not items:
             return
