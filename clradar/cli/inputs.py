@@ -30,7 +30,6 @@ def form_image(
     tolerance_db: float | None = None,
 ) -> cl.Volume:
     """The image of a capture, with a progress bar on a terminal."""
-
     form = cl.reconstruct if imaging.fitted else cl.backproject
     with progress_bar(label) as progress:
         return form(
@@ -62,13 +61,11 @@ class ImageInput:
     @property
     def grid(self) -> cl.VoxelGrid | None:
         """The voxel grid of a volume; None for a capture."""
-
         return self.content.grid if isinstance(self.content, cl.Volume) else None
 
     @property
     def radar(self) -> dict[str, Any]:
         """`array` and `waveform` of a capture, as keyword arguments; none for a volume."""
-
         if isinstance(self.content, cl.Volume):
             return {}
         return {"array": self.content.array, "waveform": self.content.waveform}
@@ -91,7 +88,6 @@ class ImageInput:
         self, grid: cl.VoxelGrid, imaging: ImagingOptions, device: cl.Device | str | None
     ) -> cl.Volume:
         """The volume, or the image of the capture on `grid`."""
-
         if isinstance(self.content, cl.Volume):
             return self.content
         return form_image(self.content, grid, imaging, device, f"imaging {self.path.name}")
@@ -132,7 +128,6 @@ def common_grid(
     options: GridOptions, *images: ImageInput, device: cl.Device | str | None = None
 ) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
-
     if not options.given:
         for image in images:
             if image.grid is not None:

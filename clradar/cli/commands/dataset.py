@@ -58,7 +58,6 @@ def command(
     same command again resumes where it stopped. A sample that cannot be made is set aside; the exit
     status is 1 as long as any is.
     """
-
     from clradar.dataset import plan_schema, run
     from clradar.dataset.plan.plan import read_plan
     from clradar.dataset.trial import estimate

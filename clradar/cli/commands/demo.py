@@ -48,7 +48,6 @@ def command(
     The hand is turned by 25 degrees (`clradar hand F --turn-deg 25`), so that the glint of the palm
     does not outshine the fingers. Voxels of 2 mm, to take less than a minute on two cores.
     """
-
     radar.antennas()  # wrong usage is reported before anything is made
     check_folder(output, force=force)
     opened = cl.open_device(device)

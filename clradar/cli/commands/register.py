@@ -39,7 +39,6 @@ def command(
     simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
     first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
     """
-
     registration = replace(registration, estimator=made_of.estimator(registration.estimator))
     alpha = registration.alpha_value()
     read = [mesh, *made_of.material_files]

@@ -49,7 +49,6 @@ class BandOptions:
 
     def waveform(self) -> cl.Waveform:
         """The frequencies, those of the paper without the option."""
-
         start_ghz, stop_ghz, steps = self.band_ghz
         return cl.Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
