@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -213,12 +214,11 @@ class Work:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What became of the samples of a shard, in their order, with warnings of those made."""
+    """How many samples of a shard were made, with their warnings, and which failed."""
 
-    made: tuple[int, ...]
-    failed: tuple[Aside, ...]
-    warnings: tuple[tuple[int, str], ...]
-    notes: tuple[str, ...]
+    count: int
+    failed: Mapping[int, Aside]
+    warnings: Mapping[int, str]
     made_with: Mapping[str, Any]
 
 
@@ -236,46 +236,40 @@ class ShardMaker:
         size, level = self.plan.output.shard_size, self.plan.output.compression
         target = self.folder / shard_name(work.samples[0] // size)
         failed = {aside.sample: aside for aside in work.deadly}
-        made: list[int] = []
-        notes: list[str] = []
-        warnings: list[tuple[int, str]] = []
+        count, warnings = 0, {}
         with new_folder(target) as scratch:
             parts = {sample: scratch / f"{sample:08d}.h5" for sample in work.samples}
             if work.stored:
-                notes += self._take_over(target, parts)
+                self._take_over(target, parts)
             for done, (sample, part) in enumerate(parts.items(), start=1):
                 if not part.exists() and sample not in failed:
                     texts: list[str] = []
                     aside = self._try(sample, part, selector, texts)
-                    if aside is None:
-                        made.append(sample)
-                        warnings += ((sample, text) for text in texts)
-                    else:
+                    if aside is not None:
                         failed[sample] = aside
+                    elif texts:
+                        warnings[sample] = "; ".join(texts)
+                    count += aside is None
                 if progress is not None:
                     progress(done, len(parts))
             if work.stored:
                 there = [part for part in parts.values() if part.exists()]
                 reasons = [failed[sample] for sample in sorted(failed)]
                 assemble(target, there, reasons, compression=level)
-        found = (tuple(made), tuple(failed.values()), tuple(warnings), tuple(notes))
-        return Made(*found, made_with(open_device(selector)))
+        return Made(count, failed, warnings, made_with(open_device(selector)))
 
-    def _take_over(self, target: Path, parts: Mapping[int, Path]) -> Iterator[str]:
-        """Take what an earlier shard has, and the parts of version 1; yield what is damaged."""
+    def _take_over(self, target: Path, parts: Mapping[int, Path]) -> None:
+        """Take what an earlier shard has, and the parts of version 1; without what is damaged."""
         old = (self.folder / PARTS / part.name for part in parts.values())
         for path in (target, *old):
             if not path.is_file():
                 continue
-            try:
-                with opened_shard(path) as file:
-                    for row, sample in enumerate(samples_of(file)):
-                        if path == target or parts.get(sample, target).name == path.name:
-                            stored, maker = sample_of(file, row)
-                            level = self.plan.output.compression
-                            write_sample(parts[sample], stored, maker, compression=level)
-            except MeasurementError as error:
-                yield f"{error}; made again"
+            with suppress(MeasurementError), opened_shard(path) as file:
+                for row, sample in enumerate(samples_of(file)):
+                    if path == target or parts.get(sample, target).name == path.name:
+                        stored, maker = sample_of(file, row)
+                        level = self.plan.output.compression
+                        write_sample(parts[sample], stored, maker, compression=level)
 
     def _try(self, sample: int, part: Path, selector: str, texts: list[str]) -> Aside | None:
         """Write the part of a sample; return why there is none. Warnings go to `texts`."""
@@ -305,7 +299,7 @@ class _Run:
         self.plan, self.path, self.manifest = plan, path, manifest
         self._made = self._failures = 0
         self._warned: dict[int, str] = {}
-        self._said: set[str] = set()
+        self._makers: Mapping[str, Any] | None = None
 
     def to_make(self, retry: bool) -> list[int]:
         """Return the shards that are missing; to retry, also those that lack samples."""
@@ -339,31 +333,22 @@ class _Run:
 
     def _take(self, work: Work, result: Made) -> None:
         manifest, before = self.manifest, self.manifest.record()
-        earlier = dict(manifest.made_with or result.made_with)
-        others = (
-            f"{self.path}: has samples made with {line}; their bits depend on it"
-            for line in differences(earlier, dict(result.made_with))
-        )
-        for line in (*result.notes, *others):
-            if line not in self._said:
-                warn(line)
-            self._said.add(line)
+        if self._makers != result.made_with:  # all workers are alike
+            for line in differences(dict(manifest.made_with or result.made_with), result.made_with):
+                warn(f"{self.path}: has samples made with {line}; their bits depend on it")
+        self._makers = result.made_with
         manifest.made_with = manifest.made_with or result.made_with
         manifest.shards.add(work.samples[0] // self.plan.output.shard_size)
-        failed = {aside.sample: aside for aside in result.failed}
-        for sample in work.samples:
-            manifest.aside.pop(sample, None)
-        manifest.aside |= failed
+        others = {n: aside for n, aside in manifest.aside.items() if n not in work.samples}
+        manifest.aside = others | dict(result.failed)
         if manifest.record() != before:
             write_manifest(self.path, manifest)
-        self._made += len(result.made)
-        for sample, text in result.warnings:
-            self._warned[sample] = "; ".join(filter(None, (self._warned.get(sample), text)))
+        self._made += result.count
+        self._warned |= result.warnings
         for sample in work.samples:
-            reason = failed[sample].reason if sample in failed else ""
-            self._failures += 1
-            if not reason.startswith(f"{DeviceError.__name__}: "):
-                self._failures = 0
+            reason = result.failed[sample].reason if sample in result.failed else ""
+            refused = reason.startswith(f"{DeviceError.__name__}: ")
+            self._failures = self._failures + 1 if refused else 0
             if self._failures == STOP_AFTER:
                 raise DeviceError(
                     f"{STOP_AFTER} samples in a row failed, the last with {reason}; "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -127,40 +128,12 @@ def _deviation(one: np.ndarray, other: np.ndarray) -> str:
     return f"{changed} of {one.size} numbers differ, by up to {error:.3g}; the peak is {peak:.3g}"
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """Cost of one sample, and of all.
-
-    The first sample of a process, with kernels built, takes `first_s`, a later one `sample_s`, with
-    writing.
-    """
-
-    samples: int
-    device: str
-    first_s: float
-    sample_s: float
-    sample_bytes: int
-    total_bytes: int
-
-    @property
-    def total_s(self) -> float:
-        return self.first_s + (self.samples - 1) * self.sample_s
-
-    def lines(self) -> list[str]:
-        """Return it as text."""
-        return [
-            f"one sample: {self.sample_s:.2f} s, {_bytes_text(self.sample_bytes)} "
-            f"(the first of a process {self.first_s:.2f} s) on {self.device}",
-            f"all {self.samples} samples: {_time_text(self.total_s)} one after the other, "
-            f"{_bytes_text(self.total_bytes)}",
-        ]
-
-
-def estimate(plan: Plan, *, device: str | None = None) -> Estimate:
+def estimate(plan: Plan, *, device: str | None = None) -> tuple[float, float, list[str]]:
     """Make shards of one and of two samples in a temporary folder, and extrapolate to all.
 
-    The first sample builds kernels and fills caches, so the second one counts. The time of a sample
-    depends on its pose: on the area of the hand, and on how much of it is visible to the antennas.
+    Returns seconds and bytes of all samples, and the same in words. The first sample builds kernels
+    and fills caches, so the second one counts. The time of a sample depends on its pose: on the
+    area of the hand, and on how much of it is visible to the antennas.
     """
     opened = open_device(device)
     times_s, sizes, level = [], [], plan.output.compression
@@ -175,27 +148,24 @@ def estimate(plan: Plan, *, device: str | None = None) -> Estimate:
             assemble(whole, parts, compression=level)
             times_s.append(perf_counter() - begun_s)
             sizes.append(whole.stat().st_size)
-    sample_bytes = sizes[1] - sizes[0]
-    total = plan.samples * sample_bytes + plan.n_shards * max(0, sizes[0] - sample_bytes)
-    return Estimate(plan.samples, opened.info.label, times_s[0], times_s[1], sample_bytes, total)
+    (first_s, one_s), one_bytes = times_s, sizes[1] - sizes[0]
+    all_s = first_s + (plan.samples - 1) * one_s
+    all_bytes = plan.samples * one_bytes + plan.n_shards * max(0, sizes[0] - one_bytes)
+    text = [
+        f"one sample: {one_s:.2f} s, {_rounded(one_bytes, BYTES)} (the first of a process "
+        f"{first_s:.2f} s) on {opened.info.label}",
+        f"all {plan.samples} samples: {_rounded(all_s, TIMES)} one after the other, "
+        f"{_rounded(all_bytes, BYTES)}",
+    ]
+    return all_s, all_bytes, text
 
 
-def _time_text(seconds: float) -> str:
-    for limit_s, text in (
-        (120, f"{seconds:.0f} s"),
-        (7200, f"{seconds / 60:.0f} min"),
-        (48 * 3600, f"{seconds / 3600:.1f} h"),
-    ):
-        if seconds < limit_s:
-            return text
-    return f"{seconds / 86400:.1f} days"
+TIMES = {"s": 1, "min": 60, "h": 3600, "days": 86400}
+BYTES = {"bytes": 1, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30, "TiB": 2**40}
 
 
-def _bytes_text(count: float) -> str:
-    if count < 1024:
-        return f"{count:.0f} bytes"
-    for unit in ("KiB", "MiB", "GiB"):
-        count /= 1024
-        if count < 1024:
-            return f"{count:.1f} {unit}"
-    return f"{count / 1024:.1f} TiB"
+def _rounded(number: float, units: Mapping[str, int]) -> str:
+    """A number in the largest unit of which there are at least two, or in the smallest."""
+    fitting = [unit for unit, size in units.items() if number >= 2 * size]
+    unit = fitting[-1] if fitting else next(iter(units))
+    return f"{number / units[unit]:.{int(units[unit] > 1)}f} {unit}"

@@ -98,11 +98,10 @@ def test_summaries_that_were_lost_are_written_again(copy: Path) -> None:
 
 
 def test_the_estimate_is_near_what_is_written(made: Path) -> None:
-    found = estimate(PLAN, device=DEVICE)
-    size = sum(path.stat().st_size for path in (made / "shards").iterdir())
-    assert abs(found.total_bytes - size) < SIZE_SHARE * size
-    assert found.sample_s > 0
-    assert found.total_s == pytest.approx(found.first_s + 4 * found.sample_s)
+    seconds, size, _ = estimate(PLAN, device=DEVICE)
+    made_bytes = sum(path.stat().st_size for path in (made / "shards").iterdir())
+    assert abs(size - made_bytes) < SIZE_SHARE * made_bytes
+    assert seconds > 0
 
 
 def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -71,7 +71,7 @@ class PartMaterial(FileRecord):
         if self.coating_thickness_mm is not None and self.of.coating is None:
             got = repr(self.of.name)
             raise mistake("a material with a coating", got, key="coating_thickness_mm")
-        tried(self.extremes)
+        tried(lambda: (self.least, self.drawn({n: d.bounds()[1] for n, d in self.draws.items()})))
         return self
 
     @property
@@ -89,13 +89,10 @@ class PartMaterial(FileRecord):
             values["coating"] = replace(self.of.coating, thickness_m=thickness_m)
         return replace(self.of, **values)
 
-    def extremes(self) -> tuple[Material, Material]:
-        """Return the materials of the least and of the greatest lengths."""
-        least, greatest = (
-            self.drawn({name: draw.bounds()[end] for name, draw in self.draws.items()})
-            for end in (0, 1)
-        )
-        return least, greatest
+    @property
+    def least(self) -> Material:
+        """The material of the least lengths, which are those of a sample where nothing is drawn."""
+        return self.drawn({name: draw.bounds()[0] for name, draw in self.draws.items()})
 
 
 def _part(value: Any, info: ValidationInfo) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,9 +26,8 @@ from clradar.dataset.plan.values import Value, whole
 from clradar.errors import MeasurementError
 from clradar.files.failures import shown
 from clradar.files.limits import MAX_PLAN_BYTES
-from clradar.files.records import FileRecord, mistake, mistakes_of
-from clradar.files.table import choice_text
-from clradar.files.toml_file import read_toml, toml_brief
+from clradar.files.records import FileRecord, mistake, mistakes_of, raise_mistakes
+from clradar.files.toml_file import choice_text, read_toml, toml_brief
 from clradar.hand import HandPose
 from clradar.model import Material
 from clradar.model.material_file import material_record
@@ -45,9 +44,6 @@ MAX_SHARDS = 50_000
 """Limit of the manifest's size."""
 
 EXPECTED = "a plan of a data set (a TOML file, see docs/datasets.md)"
-
-MOST_MISTAKES = 20
-"""That the text of an error lists; its `mistakes` has all."""
 
 
 class PlanError(MeasurementError):
@@ -71,18 +67,6 @@ class PlanError(MeasurementError):
     plan.toml: alpha: expected values from 0 to 1, got 2
     plan.toml: sampels: unknown key; expected one of ... (did you mean 'samples'?)
     """
-
-    def __init__(self, mistakes: Sequence[str]) -> None:
-        self.mistakes = tuple(mistakes)
-        lines = list(self.mistakes[:MOST_MISTAKES])
-        if len(self.mistakes) > len(lines):
-            lines.append(f"and {len(self.mistakes) - len(lines)} more")
-        if len(self.mistakes) > 1:
-            lines.insert(0, f"{len(self.mistakes)} mistakes, one per line:")
-        super().__init__("\n".join(lines))
-
-    def __reduce__(self) -> tuple[type[PlanError], tuple[tuple[str, ...]]]:
-        return PlanError, (self.mistakes,)
 
 
 def _products(value: Any) -> tuple[str, ...]:
@@ -227,14 +211,14 @@ def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
     try:
         plan = Plan.model_validate(dict(parsed), context={"folder": folder})
     except ValidationError as found:
-        raise PlanError(mistakes_of(found, Plan, source)) from found
+        raise_mistakes(mistakes_of(found, Plan, source), PlanError, found)
     plan._folder = folder.absolute()
     contradictions = [
         f"{shown(source)}: {key}: expected {expected}, got {got}"
         for key, expected, got in _contradictions(plan)
     ]
     if contradictions:
-        raise PlanError(contradictions)
+        raise_mistakes(contradictions, PlanError)
     return plan
 
 

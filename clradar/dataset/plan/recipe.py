@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
-from clradar.dataset.plan.draws import Draw, stream
+from clradar.dataset.plan.draws import Draw, fixed, stream
 from clradar.dataset.plan.hand_json import pose_record, shape_record
-from clradar.dataset.plan.hands import Hands, MovementPlan, Poses, RigFile
-from clradar.dataset.plan.materials import PartMaterial
+from clradar.dataset.plan.hands import MovementPlan, Placement, RigFile
 from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.radar import ChannelErrors, Impairments, plan_array
+from clradar.dataset.plan.radar import plan_array
 from clradar.hand import (
     PART_NAMES,
     HandPose,
@@ -33,6 +33,8 @@ SEED_BITS = 63
 
 EARLIER_SETTINGS = {"facets": "flat"}
 """What settings were before there was a key for them: recipes without it are older."""
+
+IMAGING = ("method", "window", "tolerance_db", "dynamic_range_db")
 
 Recipe = dict[str, Any]
 """JSON values only. Lengths in metres, angles in radians, frequencies in hertz."""
@@ -63,28 +65,28 @@ def recipe(plan: Plan, index: int) -> Recipe:
     ('B', 'right', [0.0, 0.0, 0.3])
     """
     index = checks.whole("sample", index, 0, plan.samples - 1)
-    # All frames of a sequence have the draws of the sequence.
-    number = _number(plan, index)
-    drawn = _Drawn(plan.seed, number)
-    pose = _pose(plan.poses, drawn, number)
-    movement = {} if plan.movement is None else _movement(plan, plan.movement, drawn, pose, index)
+    impaired, drawn = plan.impairments.any, _Drawn(plan, index)
+    plan, radar = drawn.plan, plan.radar
     return {
         "version": VERSION if plan.movement is None else MOVING_VERSION,
         "sample": index,
-        "pose": pose_record(_pose_of_sample(plan, index)),
-        **movement,
-        "hand": _hand(plan.hands, drawn),
-        "placement": _placement(plan, drawn),
-        **_surface(plan, drawn),
-        "radar": {
-            "array": plan.radar.array,
-            "every": plan.radar.every,
-            "start_hz": plan.radar.start_ghz * 1e9,
-            "stop_hz": plan.radar.stop_ghz * 1e9,
-            "steps": plan.radar.steps,
+        "pose": pose_record(drawn.pose()),
+        **_movement(drawn),
+        "hand": _hand(drawn),
+        "placement": {
+            "center_m": _metres(plan.placement),
+            "rotation_rad": _radians(plan.placement),
         },
-        "simulation": _simulation(plan, drawn),
-        "impairments": _impairments(plan.impairments, plan, drawn),
+        **_surface(plan),
+        "radar": {
+            "array": radar.array,
+            "every": radar.every,
+            "start_hz": radar.start_ghz * 1e9,
+            "stop_hz": radar.stop_ghz * 1e9,
+            "steps": radar.steps,
+        },
+        "simulation": _simulation(drawn),
+        "impairments": _impairments(drawn) if impaired else None,
         "image": _image(plan) if plan.keeps_images else None,
         "products": list(plan.output.products),
     }
@@ -92,113 +94,121 @@ def recipe(plan: Plan, index: int) -> Recipe:
 
 def pose_and_hand(plan: Plan, index: int) -> tuple[str, str]:
     """Return the name of the pose and the handedness of sample `index`, as its recipe has them."""
-    drawn = _Drawn(plan.seed, _number(plan, index))
-    return _pose_of_sample(plan, index).name, _side_and_rig(plan.hands, drawn)[0]
+    drawn = _Drawn(plan, index)
+    return drawn.pose().name, drawn.side_and_rig()[0]
 
 
-def _number(plan: Plan, index: int) -> int:
-    """What a sample's draws are numbered by: itself, or its sequence."""
-    return index if plan.movement is None else index // plan.movement.frames
+class _Drawn:
+    """The draws of one sample, or of its sequence, whose frames share them.
+
+    In its `plan` a number stands in place of every draw.
+    """
+
+    def __init__(self, plan: Plan, index: int) -> None:
+        self._seed, self.index = plan.seed, index
+        self.number = index if plan.movement is None else index // plan.movement.frames
+        self.plan: Plan = self._numbers(plan, "")
+
+    def _numbers(self, node: Any, path: str) -> Any:
+        if isinstance(node, Draw):
+            return node if node.kind == "fixed" else fixed(node.draw(self.stream(path)))
+        if not isinstance(node, BaseModel):
+            return node
+        values = {name: getattr(node, name) for name in type(node).model_fields}
+        above = f"{path}." if path else ""
+        return node.model_copy(
+            update={name: self._numbers(value, above + name) for name, value in values.items()}
+        )
+
+    def stream(self, quantity: str) -> np.random.Generator:
+        return stream(self._seed, self.number, quantity)
+
+    def one_of(self, quantity: str, choices: tuple[Any, ...]) -> Any:
+        return choices[int(self.stream(quantity).integers(len(choices)))]
+
+    def seed(self, quantity: str, number: int | None = None) -> int:
+        random = stream(self._seed, self.number if number is None else number, quantity)
+        return int(random.integers(2**SEED_BITS))
+
+    def first_pose(self) -> HandPose:
+        """The pose of a sample, or of the first frame of its sequence."""
+        poses, random = self.plan.poses, self.stream("poses")
+        if poses.kind == "sampler":
+            return random_pose(random)
+        count = len(poses.poses)
+        cycle = poses.order == "cycle"
+        first = self.number % count if cycle else int(random.integers(count))
+        if poses.kind == "list":
+            return poses.poses[first]
+        if poses.kind == "around":
+            return pose_around(poses.poses[first], self.stream("poses.spread"), poses.spread_deg)
+        # Two different ones: the second is any but the first.
+        second = (first + 1 + int(random.integers(count - 1))) % count
+        share = poses.share.values[0]
+        return interpolate_poses(poses.poses[first], poses.poses[second], share)
+
+    def last_pose(self, movement: MovementPlan, first: HandPose) -> HandPose:
+        if movement.poses == "stay":
+            return first
+        if self.plan.poses.kind == "sampler":
+            return random_pose(self.stream("movement.pose"))
+        return self.one_of("movement.pose", self.plan.poses.poses)
+
+    def pose(self) -> HandPose:
+        """The pose of a sample; of a frame of a sequence that in the middle of its sweep."""
+        first, movement, radar = self.first_pose(), self.plan.movement, self.plan.radar
+        if movement is None:
+            return first
+        last = self.last_pose(movement, first)
+        slots = plan_array(radar.array, radar.every).n_tx * radar.steps
+        sweep_s = 1e-6 * (slots - 1) * movement.step_us
+        middle_s = self.index % movement.frames / movement.rate_hz + 0.5 * sweep_s
+        share = minimum_jerk(min(1.0, middle_s * movement.rate_hz / (movement.frames - 1)))
+        if last == first or share in (0.0, 1.0):
+            return last if share == 1.0 else first
+        return interpolate_poses(first, last, share)
+
+    def side_and_rig(self) -> tuple[str, RigFile | None]:
+        hands = self.plan.hands
+        sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)
+        side = self.one_of("hands.handedness", sides)
+        if not hands.rigs:
+            return side, None
+        rig = self.one_of("hands.rigs", hands.rigs)
+        return (rig.handedness if side == "as it is" else side), rig
 
 
-def _pose_of_sample(plan: Plan, index: int) -> HandPose:
-    """The pose of a sample; of a frame of a sequence that in the middle of its sweep."""
-    number = _number(plan, index)
-    drawn = _Drawn(plan.seed, number)
-    pose = _pose(plan.poses, drawn, number)
-    if plan.movement is None:
-        return pose
-    movement, radar = plan.movement, plan.radar
-    last = _last_pose(plan, movement, drawn, pose)
-    slots = plan_array(radar.array, radar.every).n_tx * radar.steps
-    middle_s = index % movement.frames / movement.rate_hz + 0.5e-6 * (slots - 1) * movement.step_us
-    share = minimum_jerk(min(1.0, middle_s * movement.rate_hz / (movement.frames - 1)))
-    if last == pose or share in (0.0, 1.0):
-        return last if share == 1.0 else pose
-    return interpolate_poses(pose, last, share)
+def _metres(place: Placement | MovementPlan) -> list[float]:
+    return [draw.values[0] / 1e3 for draw in (place.x_mm, place.y_mm, place.z_mm)]
 
 
-def _last_pose(plan: Plan, movement: MovementPlan, drawn: _Drawn, first: HandPose) -> HandPose:
-    if movement.poses == "stay":
-        return first
-    random = drawn.stream("movement.pose")
-    if plan.poses.kind == "sampler":
-        return random_pose(random)
-    poses = plan.poses.poses
-    return poses[int(random.integers(len(poses)))]
+def _radians(place: Placement | MovementPlan) -> list[float]:
+    turns = (place.rotation_x_deg, place.rotation_y_deg, place.rotation_z_deg)
+    return [float(np.deg2rad(draw.values[0])) for draw in turns]
 
 
-def _movement(
-    plan: Plan, movement: MovementPlan, drawn: _Drawn, first: HandPose, index: int
-) -> Recipe:
-    def three(keys: tuple[str, str, str]) -> list[float]:
-        return [drawn.number(f"movement.{key}", getattr(movement, key)) for key in keys]
-
-    shift_mm = three(("x_mm", "y_mm", "z_mm"))
-    turn_deg = three(("rotation_x_deg", "rotation_y_deg", "rotation_z_deg"))
-    frame = index % movement.frames
-    last = _last_pose(plan, movement, drawn, first)
+def _movement(drawn: _Drawn) -> Recipe:
+    movement = drawn.plan.movement
+    if movement is None:
+        return {}
+    frame, first = drawn.index % movement.frames, drawn.first_pose()
     return {
         "movement": {
-            "sequence": index // movement.frames,
+            "sequence": drawn.number,
             "frame": frame,
             "start_s": frame / movement.rate_hz,
             "duration_s": (movement.frames - 1) / movement.rate_hz,
-            "poses": [pose_record(first), pose_record(last)],
-            "shift_m": [value / 1e3 for value in shift_mm],
-            "rotation_rad": [float(np.deg2rad(value)) for value in turn_deg],
+            "poses": [pose_record(pose) for pose in (first, drawn.last_pose(movement, first))],
+            "shift_m": _metres(movement),
+            "rotation_rad": _radians(movement),
             "order": movement.order,
             "step_s": movement.step_us * 1e-6,
         }
     }
 
 
-class _Drawn:
-    """The draws of one sample."""
-
-    def __init__(self, seed: int, index: int) -> None:
-        self._seed, self._index = seed, index
-
-    def stream(self, quantity: str) -> np.random.Generator:
-        return stream(self._seed, self._index, quantity)
-
-    def number(self, quantity: str, draw: Draw) -> float:
-        return draw.draw(self.stream(quantity))
-
-    def one_of(self, quantity: str, choices: tuple[Any, ...]) -> Any:
-        return choices[int(self.stream(quantity).integers(len(choices)))]
-
-    def seed(self, quantity: str) -> int:
-        return int(self.stream(quantity).integers(2**SEED_BITS))
-
-
-def _pose(poses: Poses, drawn: _Drawn, index: int) -> HandPose:
-    if poses.kind == "sampler":
-        return random_pose(drawn.stream("poses"))
-    count = len(poses.poses)
-    random = drawn.stream("poses")
-    first = index % count if poses.order == "cycle" else int(random.integers(count))
-    if poses.kind == "list":
-        return poses.poses[first]
-    if poses.kind == "around":
-        return pose_around(poses.poses[first], drawn.stream("poses.spread"), poses.spread_deg)
-    # Two different ones: the second is any but the first.
-    second = (first + 1 + int(random.integers(count - 1))) % count
-    share = drawn.number("poses.share", poses.share)
-    return interpolate_poses(poses.poses[first], poses.poses[second], share)
-
-
-def _side_and_rig(hands: Hands, drawn: _Drawn) -> tuple[str, RigFile | None]:
-    sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)
-    side = drawn.one_of("hands.handedness", sides)
-    if not hands.rigs:
-        return side, None
-    rig = drawn.one_of("hands.rigs", hands.rigs)
-    return (rig.handedness if side == "as it is" else side), rig
-
-
-def _hand(hands: Hands, drawn: _Drawn) -> Recipe:
-    side, rig = _side_and_rig(hands, drawn)
+def _hand(drawn: _Drawn) -> Recipe:
+    (side, rig), hands = drawn.side_and_rig(), drawn.plan.hands
     if rig is not None:
         return {"handedness": side, "rig": {**rig.model_dump(), "betas": list(rig.betas)}}
     shape = HandShape()
@@ -206,44 +216,23 @@ def _hand(hands: Hands, drawn: _Drawn) -> Recipe:
         shape = random_shape(drawn.stream("hands.shape"))
     elif hands.shape == "list":
         shape = drawn.one_of("hands.shape", hands.shapes).shape
-    return {
-        "handedness": side,
-        "shape": shape_record(shape),
-        "edge_length_m": hands.edge_mm / 1e3,
-    }
+    edge_m = hands.edge_mm / 1e3
+    return {"handedness": side, "shape": shape_record(shape), "edge_length_m": edge_m}
 
 
-def _placement(plan: Plan, drawn: _Drawn) -> Recipe:
-    def three(keys: tuple[str, str, str]) -> list[float]:
-        return [drawn.number(f"placement.{key}", getattr(plan.placement, key)) for key in keys]
-
-    centre_mm = three(("x_mm", "y_mm", "z_mm"))
-    angles_deg = three(("rotation_x_deg", "rotation_y_deg", "rotation_z_deg"))
-    return {
-        "center_m": [value / 1e3 for value in centre_mm],
-        "rotation_rad": [float(np.deg2rad(value)) for value in angles_deg],
-    }
-
-
-def _surface(plan: Plan, drawn: _Drawn) -> Recipe:
+def _surface(plan: Plan) -> Recipe:
     """Return the alphas of all parts; for the physical estimator their materials."""
     if plan.material is not None:
-        others = _material(plan.material.others, "others", drawn)
-        parts = {n: _material(own, n, drawn) for n, own in plan.material.parts.items()}
-        return {"material": {name: parts.get(name, others) for name in PART_NAMES}}
+        own, others = plan.material.parts, plan.material.others
+        parts = {name: own.get(name, others) for name in PART_NAMES}
+        return {"material": {name: material_record(part.least) for name, part in parts.items()}}
     assert plan.alpha is not None, "it has one of the two"
-    alpha = drawn.number("alpha.others", plan.alpha.others)
-    own = {name: drawn.number(f"alpha.{name}", draw) for name, draw in plan.alpha.parts.items()}
-    return {"alpha": {name: own.get(name, alpha) for name in PART_NAMES}}
+    alphas = {name: plan.alpha.parts.get(name, plan.alpha.others) for name in PART_NAMES}
+    return {"alpha": {name: alpha.values[0] for name, alpha in alphas.items()}}
 
 
-def _material(part: PartMaterial, name: str, drawn: _Drawn) -> Recipe:
-    lengths_mm = {k: drawn.number(f"material.{name}.{k}", draw) for k, draw in part.draws.items()}
-    return material_record(part.drawn(lengths_mm))
-
-
-def _simulation(plan: Plan, drawn: _Drawn) -> Recipe:
-    settings = plan.simulation.settings(drawn.seed("simulation.seed"))
+def _simulation(drawn: _Drawn) -> Recipe:
+    settings = drawn.plan.simulation.settings(drawn.seed("simulation.seed"))
     return {name: getattr(settings, name) for name in settings.__slots__}
 
 
@@ -252,54 +241,39 @@ def _image(plan: Plan) -> Recipe:
     return {
         **{f"{axis}_m": [v / 1e3 for v in getattr(image, f"{axis}_mm")] for axis in "xyz"},
         "step_m": [step / 1e3 for step in image.step_mm],
-        "method": image.method,
-        "window": image.window,
-        "tolerance_db": image.tolerance_db,
-        "dynamic_range_db": image.dynamic_range_db,
+        **{name: getattr(image, name) for name in IMAGING},
     }
 
 
-def _impairments(impairments: Impairments, plan: Plan, drawn: _Drawn) -> Recipe | None:
-    if not impairments.any:
-        return None
-
-    def level(key: str) -> float | None:
-        draw = getattr(impairments, key)
-        return None if draw is None else drawn.number(f"impairments.{key}", draw)
-
-    channels = impairments.channels
+def _impairments(drawn: _Drawn) -> Recipe:
+    given = drawn.plan.impairments
+    channels, seed = None, "impairments.channels.seed"
+    if given.channels is not None:
+        own = given.channels
+        channels = {
+            # With one instrument for all, the draw of sample 0.
+            "seed": drawn.seed(seed, 0 if own.per == "dataset" else None),
+            "gain_db": own.gain_db,
+            "phase_rad": float(np.deg2rad(own.phase_deg)),
+            "delay_s": 1e-12 * own.delay_ps,
+            "dead_tx": list(own.dead_tx),
+            "dead_rx": list(own.dead_rx),
+        }
     return {
         "seed": drawn.seed("impairments.seed"),
-        "snr_db": level("snr_db"),
-        "coupling_db": level("coupling_db"),
-        "coupling_delay_s": 1e-12
-        * drawn.number("impairments.coupling_delay_ps", impairments.coupling_delay_ps),
-        "iq_gain_db": level("iq_gain_db"),
-        "iq_phase_rad": float(
-            np.deg2rad(drawn.number("impairments.iq_phase_deg", impairments.iq_phase_deg))
-        ),
-        "adc_bits": impairments.adc_bits,
-        "channels": None if channels is None else _channels(channels, plan, drawn),
+        "snr_db": None if given.snr_db is None else given.snr_db.values[0],
+        "coupling_db": None if given.coupling_db is None else given.coupling_db.values[0],
+        "coupling_delay_s": 1e-12 * given.coupling_delay_ps.values[0],
+        "iq_gain_db": given.iq_gain_db.values[0],
+        "iq_phase_rad": float(np.deg2rad(given.iq_phase_deg.values[0])),
+        "adc_bits": given.adc_bits,
+        "channels": channels,
         "walls": [
             {
                 "point_m": [value / 1e3 for value in wall.point_mm],
                 "normal": list(wall.normal),
                 "amplitude": wall.amplitude,
             }
-            for wall in impairments.walls
+            for wall in given.walls
         ],
-    }
-
-
-def _channels(channels: ChannelErrors, plan: Plan, drawn: _Drawn) -> Recipe:
-    seed = drawn.seed("impairments.channels.seed")
-    if channels.per == "dataset":  # one instrument: the draw of sample 0 for all
-        seed = _Drawn(plan.seed, 0).seed("impairments.channels.seed")
-    return {
-        "seed": seed,
-        "gain_db": channels.gain_db,
-        "phase_rad": float(np.deg2rad(channels.phase_deg)),
-        "delay_s": 1e-12 * channels.delay_ps,
-        "dead_tx": list(channels.dead_tx),
-        "dead_rx": list(channels.dead_rx),
     }
