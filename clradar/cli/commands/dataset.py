@@ -73,8 +73,8 @@ def command(
     wanted = read_plan(plan)
     if dry_run:
         with progress_bar("making two samples"):
-            found = estimate(wanted, device=device)
-        print_text("\n".join(found.lines()))
+            _, _, lines = estimate(wanted, device=device)
+        print_text("\n".join(lines))
         return
     if output is None:
         raise wrong_usage("-o", "expected the folder of the data set, or --dry-run")
@@ -86,22 +86,7 @@ def command(
     print_line(f"{output}: {there} of {result.samples} samples, {result.made} of them made now")
     if result.aside:
         count = counted(len(result.aside), "sample")
-<<<<<<< HEAD
         raise ClradarError(f"{output}: {count} set aside; --retry tries again")
-=======
-        print_error(f"{output}: {count} set aside; --retry tries again")
-        raise typer.Exit(1)
-
-
-def print_estimate(plan: Plan, device: str | None) -> None:
-    """Estimate time and space of a plan from one sample that is made for it."""
-    from clradar.dataset.trial import estimate
-
-    with progress_bar("making two samples"):
-        _, _, lines = estimate(plan, device=device)
-    for line in lines:
-        print_line(line)
->>>>>>> main
 
 
 def replay_sample(
