@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -13,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.dataset.folder import CONTACT_SHEET, STATISTICS, TABLE, Manifest, shard_name
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.recipe import metres, read_recipe
 from clradar.dataset.sample import Sample
 from clradar.dataset.shards import (
     FIELDS,
@@ -23,6 +24,7 @@ from clradar.dataset.shards import (
     row_of,
     sample_of,
     samples_of,
+    stored_recipe,
 )
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
@@ -32,7 +34,9 @@ from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-IMPAIRMENTS = {"snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_rad": "rad"}
+IMPAIRMENTS = {
+    "snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_deg": "deg"
+}  # fmt: skip
 """Impairments that may be drawn for each sample, and their units."""
 
 STATISTICS_OF: Mapping[str, Callable[[np.ndarray], Any]] = {
@@ -87,7 +91,7 @@ def statistics(folder: Path, manifest: Manifest) -> dict[str, Any]:
                 continue
             for name, counter in counts.items():
                 counter.update(t.decode("utf-8") for t in file[f"entry/labels/{name}"][:])
-            for name, unit, values in (*_of_labels(file), *_of_products(file)):
+            for name, unit, values in (*_of_labels(file, manifest.plan), *_of_products(file)):
                 features.setdefault(name, (unit or "", []))[1].append(values)
             silent += _silent(file)
     if set(counts["rig"]) == {""}:
@@ -120,7 +124,7 @@ def _table(quantities: dict[str, dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def _of_labels(file: Any) -> Iterator[tuple[str, str | None, np.ndarray]]:
+def _of_labels(file: Any, plan: Plan) -> Iterator[tuple[str, str | None, np.ndarray]]:
     labels = file["entry/labels"]
     for name, label in LABELS.items():
         if len(label.axes) == 1 and name in labels:
@@ -128,10 +132,10 @@ def _of_labels(file: Any) -> Iterator[tuple[str, str | None, np.ndarray]]:
             values = labels[name][:]
             for i, column in enumerate(columns):
                 yield f"{name}: {column}", label.units, values[:, i]
-    faults = [json.loads(text)["impairments"] for text in labels["recipe"][:]]
+    faults = [stored_recipe(text, plan)["impairments"] for text in labels["recipe"][:]]
     for key, unit in IMPAIRMENTS.items():
-        values = [fault[key] for fault in faults if fault is not None and fault[key] is not None]
-        if values:
+        values = [fault[key] for fault in faults if key in fault]
+        if any(values):
             yield f"impairments: {key}", unit, np.array(values)
 
 
@@ -183,7 +187,7 @@ def _shown(manifest: Manifest) -> list[int]:
 def _read(folder: Path, manifest: Manifest, sample: int) -> Sample:
     path = folder / str(manifest.place_of(sample))
     with opened_shard(path) as file:
-        return sample_of(file, row_of(file, path, sample))[0]
+        return sample_of(file, row_of(file, path, sample), manifest.plan)[0]
 
 
 def contact_sheet(samples: list[Sample]) -> Figure:
@@ -213,10 +217,10 @@ def contact_sheet(samples: list[Sample]) -> Figure:
         bottom = height - MARGIN_INCHES - (row + 1) * (CELL_INCHES + TITLE_INCHES)
         place = (left / width, bottom / height, inner / width, inner / height)
         axes = figure.add_axes(place)
-        _draw(axes, sample)
-        recipe = sample.recipe
-        text = f"{recipe['sample']}: {recipe['pose']['name']}"
-        side = "" if recipe["hand"]["handedness"] == "right" else ", left"
+        drawn = read_recipe(sample.recipe)
+        _draw(axes, drawn.plan, sample.arrays)
+        text = f"{drawn.sample}: {drawn.pose.name}"
+        side = "" if drawn.plan.hands.handedness == "right" else ", left"
         axes.set_title(_short(text) + side, fontsize=TITLE_PT, pad=2, parse_math=False)
     return figure
 
@@ -225,11 +229,11 @@ def _short(text: str) -> str:
     return text if len(text) <= 20 else text[:19] + "…"
 
 
-def _draw(axes: Any, sample: Sample) -> None:
+def _draw(axes: Any, plan: Plan, arrays: Mapping[str, np.ndarray]) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     axes.set_facecolor(AMPLITUDE_BACKGROUND)
-    rendering = _rendering(sample)
+    rendering = _rendering(plan, arrays)
     if rendering is not None:
         image, (x_m, y_m), limits = rendering
         half = [0.5 * (a[1] - a[0]) if len(a) > 1 else 0.5e-3 for a in (x_m, y_m)]
@@ -240,18 +244,18 @@ def _draw(axes: Any, sample: Sample) -> None:
         )  # fmt: skip
         axes.set_xlim(extent[1], extent[0])
         axes.set_ylim(extent[2], extent[3])
-        if sample.recipe["image"] is None:  # the axes are Tx and Rx
+        if not plan.keeps_images:  # the axes are Tx and Rx
             return
     else:
-        x_m, y_m = sample.recipe["placement"]["center_m"][:2]
+        x_m, y_m, _ = metres(plan.placement)
         axes.set_xlim(x_m + FRAME_M, x_m - FRAME_M)
         axes.set_ylim(y_m - FRAME_M, y_m + FRAME_M)
         axes.set_aspect("equal")
-        if "mesh_vertices" in sample.arrays:
-            points = sample.arrays["mesh_vertices"]
+        if "mesh_vertices" in arrays:
+            points = arrays["mesh_vertices"]
             axes.plot(points[:, 0], points[:, 1], ",", color="#bbbbbb")
-    if "joints" in sample.arrays:
-        _draw_joints(axes, sample.arrays["joints"])
+    if "joints" in arrays:
+        _draw_joints(axes, arrays["joints"])
 
 
 def _draw_joints(axes: Any, joints_m: np.ndarray) -> None:
@@ -262,10 +266,11 @@ def _draw_joints(axes: Any, joints_m: np.ndarray) -> None:
         axes.plot(chain[:, 0], chain[:, 1], color=LINE_COLOUR, linewidth=0.4, alpha=0.8)
 
 
-def _rendering(sample: Sample) -> tuple[np.ndarray, tuple[Any, Any], tuple[float, float]] | None:
+def _rendering(
+    plan: Plan, arrays: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, tuple[Any, Any], tuple[float, float]] | None:
     """Return an image, its axes and the limits of its colours."""
-    arrays = sample.arrays
-    axes = axes_of(sample.recipe)
+    axes = axes_of(plan)
     if "max_projection" in arrays or "volume" in arrays:
         amplitude = arrays.get("max_projection")
         if amplitude is None:

@@ -16,9 +16,9 @@ from rig_files import RigMaker
 
 from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.plan.draws import Draw, fixed, stream
-from clradar.dataset.plan.hand_json import pose_of
 from clradar.dataset.plan.plan import Plan, plan_from, plan_record
-from clradar.dataset.sample import recipe_radar
+from clradar.dataset.plan.recipe import SamplePlan, read_recipe
+from clradar.dataset.sample import radar_of
 from clradar.errors import MeasurementError, ModelError
 from clradar.files.toml_file import read_toml
 from clradar.hand import (
@@ -248,10 +248,10 @@ points_m = [[0, 0.03, 0]]
     plan = read_plan(tmp_path / "plan.toml")
     (tmp_path / "few.toml").unlink()
     assert plan_from(json.loads(json.dumps(plan_record(plan))), "manifest", tmp_path) == plan
-    array, _ = recipe_radar(json.loads(json.dumps(recipe(plan, 0))))
+    array, _ = radar_of(read_recipe(json.dumps(recipe(plan, 0))).plan)
     assert array.tx_m.tolist() == [[0, 0, 0], [0.02, 0, 0]]
     assert array.tx_gain.tolist() == [1, 1]
-    assert array is recipe_radar(recipe(plan, 0))[0]
+    assert array is radar_of(plan)[0]
     for name, words in (("few.toml", "few.toml"), ("qar5", "got .qar5")):
         (tmp_path / "plan.toml").write_text(text.format(name))
         with pytest.raises(PlanError, match=f"radar.array: .*{words}"):
@@ -264,7 +264,9 @@ def test_recipes_are_json_and_depend_on_their_number_alone() -> None:
     for sample in range(plan.samples):
         found = recipe(plan, sample)
         assert json.loads(json.dumps(found, allow_nan=False)) == found
-        assert recipe(other, sample) == found
+        more = {"samples": 50, "output": {**found["output"], "shard_size": 7}}
+        assert recipe(other, sample) == found | more
+        assert read_recipe(found).record == found  # there is nothing more to draw
     assert recipe(other, 1) != recipe(other, 4)  # of the same pose
 
 
@@ -278,11 +280,10 @@ def test_another_quantity_leaves_the_draws_as_they_are() -> None:
         ),
         2,
     )
-    for key in ("pose", "hand", "simulation", "radar", "image"):
+    for key in ("poses", "hands", "simulation", "radar", "image"):
         assert more[key] == plain[key]
-    for i in (0, 2):
-        assert more["placement"]["center_m"][i] == plain["placement"]["center_m"][i]
-    assert more["placement"]["center_m"][1] != plain["placement"]["center_m"][1]
+    assert more["placement"] == plain["placement"] | {"y_mm": more["placement"]["y_mm"]}
+    assert more["placement"]["y_mm"] != 0.0
 
 
 def test_draws_have_the_distributions_that_they_are_named_after() -> None:
@@ -317,9 +318,9 @@ def test_streams_of_samples_quantities_and_seeds_differ() -> None:
 def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
     names = ["A", "B", "F"]
     cycle = plan_of(samples=7)
-    assert [recipe(cycle, i)["pose"]["name"] for i in range(7)] == [names[i % 3] for i in range(7)]
+    assert [SamplePlan(cycle, i).pose.name for i in range(7)] == [names[i % 3] for i in range(7)]
     random = plan_of(samples=300, poses={"order": "random"})
-    found = [recipe(random, i)["pose"]["name"] for i in range(300)]
+    found = [SamplePlan(random, i).pose.name for i in range(300)]
     assert found[:6] != names * 2
     for name in names:
         # Binomial: variance n p (1 - p) with p = 1/3.
@@ -327,12 +328,12 @@ def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
     between = plan_of(poses={"kind": "interpolation", "share": {"choice": [0.25]}})
     poses = dict(zip(names, between.poses.poses, strict=True))
     for i in range(5):
-        made = pose_of(recipe(between, i)["pose"])
+        made = SamplePlan(between, i).pose
         ends = [p for n, p in poses.items() if n != names[i % 3]]
         assert made in [interpolate_poses(poses[names[i % 3]], end, 0.25) for end in ends]
     near = plan_of(poses={"kind": "around", "spread_deg": 3})
     for i in range(4):
-        made = pose_of(recipe(near, i)["pose"])
+        made = SamplePlan(near, i).pose
         letter = poses[names[i % 3]]
         assert made.name == letter.name
         assert made != letter
@@ -342,7 +343,7 @@ def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
         )
         assert np.abs(off_deg).max() < 6 * 3  # the plan's bound of normal draws
     sampled = plan_of(poses={"kind": "sampler", "names": None})
-    angles = [json.dumps(recipe(sampled, i)["pose"]) for i in range(5)]
+    angles = [json.dumps(recipe(sampled, i)["poses"]) for i in range(5)]
     assert len(set(angles)) == 5
 
 
@@ -352,17 +353,15 @@ def test_hands_and_alphas_are_those_that_are_listed() -> None:
         hands={"shape": None, "shapes": [{"length_mm": 170}, {"length_mm": 200, "girth": 1.1}]},
         poses={"names": ["A"]},
     )
-    found = [recipe(plan, i) for i in range(40)]
-    lengths = {r["hand"]["shape"]["length_m"] for r in found}
-    assert lengths == {0.17, 0.2}
-    assert {r["hand"]["handedness"] for r in found} == {"right", "left"}
-    assert {r["alpha"]["palm"] for r in found} == {0.2, 0.8}
-    for r in found:
-        others = {r["alpha"][name] for name in ("thumb", "index", "middle", "ring", "pinky")}
-        assert len(others) == 1
-        assert 0.3 <= others.pop() <= 0.7
-    average = HandShape()
-    assert recipe(plan_of(hands={"shape": None}), 0)["hand"]["shape"]["girth"] == average.girth
+    found = [SamplePlan(plan, i).plan for i in range(40)]
+    assert {one.hands.shapes[0].shape.length_m for one in found} == {0.17, 0.2}
+    assert {one.hands.handedness for one in found} == {"right", "left"}
+    alphas = [one.alpha.of_parts for one in found]
+    assert {own["palm"] for own in alphas} == {0.2, 0.8}
+    for own in alphas:
+        (others,) = {own[name] for name in ("thumb", "index", "middle", "ring", "pinky")}
+        assert 0.3 <= others <= 0.7
+    assert SamplePlan(plan_of(hands={"shape": None}), 0).plan.hands.shapes[0].shape == HandShape()
 
 
 def test_one_instrument_or_one_per_sample() -> None:
