@@ -16,13 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.plan.hand_json import (
-    SHAPE_COLUMNS,
-    angles_rad,
-    pose_record,
-    shape_record,
-    shape_row,
-)
+from clradar.dataset.plan.hand_json import SHAPE_COLUMNS, angles_rad, shape_row
 from clradar.dataset.plan.hands import Alpha
 from clradar.dataset.plan.materials import PlanMaterials
 from clradar.dataset.plan.plan import Plan
@@ -123,19 +117,17 @@ def _of_parts(value: Callable[[Material], float | None]) -> Callable[[SamplePlan
     return lambda d: [value(own) for own in (d.plan.material or PlanMaterials()).of_parts.values()]
 
 
-def _shape(drawn: SamplePlan) -> list[float]:
-    shapes = drawn.plan.hands.shapes
-    return shape_row(shape_record(shapes[0].shape) if shapes else None)
-
-
 _XYZ, _PARTS = ("coordinate",), ("part",)
 LABELS: Mapping[str, Label] = {
     "pose": Label(lambda d: d.pose.name, "name of the pose"),
     "handedness": Label(lambda d: d.plan.hands.handedness, "right or left"),
     "angles_rad": Label(
-        lambda d: angles_rad(pose_record(d.pose)), "joint angles", "rad", ("joint", "angle")
+        lambda d: angles_rad(d.pose), "joint angles", "rad", ("joint", "angle")
     ),
-    "shape": Label(_shape, "shape of the hand; NaN: of a rig", None, ("shape_parameter",)),
+    "shape": Label(
+        lambda d: shape_row(d.plan.hands.shapes[0].shape if d.plan.hands.shapes else None),
+        "shape of the hand; NaN: of a rig", None, ("shape_parameter",),
+    ),
     "rig": Label(
         lambda d: "".join(Path(rig.file).name for rig in d.plan.hands.rigs),
         "file of the rig, if any",

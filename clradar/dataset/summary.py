@@ -91,9 +91,13 @@ def statistics(folder: Path, manifest: Manifest) -> dict[str, Any]:
                 continue
             for name, counter in counts.items():
                 counter.update(t.decode("utf-8") for t in file[f"entry/labels/{name}"][:])
-            for name, unit, values in (*_of_labels(file, manifest.plan), *_of_products(file)):
+            samples = np.array(samples_of(file))
+            zero = np.zeros(len(samples), dtype=bool)
+            for name, unit, values in (
+                *_of_labels(file, manifest.plan), *_of_products(file, zero)
+            ):  # fmt: skip
                 features.setdefault(name, (unit or "", []))[1].append(values)
-            silent += _silent(file)
+            silent += samples[zero].tolist()
     if set(counts["rig"]) == {""}:
         del counts["rig"]
     return {
@@ -139,38 +143,28 @@ def _of_labels(file: Any, plan: Plan) -> Iterator[tuple[str, str | None, np.ndar
             yield f"impairments: {key}", unit, np.array(values)
 
 
-def _blocks(file: Any, *without: str) -> Iterator[tuple[str, int, np.ndarray]]:
-    """Yield the samples of products, shape (n, size), and the row of the first."""
+def _of_products(file: Any, silent: np.ndarray) -> Iterator[tuple[str, str | None, np.ndarray]]:
+    """Features of products; marks the samples whose image or capture is zero everywhere."""
     for name in fields_of(file):
         data = file[FIELDS[name].place]
-        if not FIELDS[name].ragged and name not in without:
-            for at in range(0, len(data), BLOCK):
-                block = data[at : at + BLOCK]
-                yield name, at, block.reshape(len(block), -1)
-
-
-def _of_products(file: Any) -> Iterator[tuple[str, str | None, np.ndarray]]:
-    for name, _, block in _blocks(file, "joints"):
-        if name == "depth_map":
-            known = np.isfinite(block)
-            count = known.sum(axis=1)
-            total = np.where(known, block, 0.0).sum(axis=1, dtype=np.float64)
-            mean_m = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-            yield f"{name}: share with a depth", None, count / block.shape[1]
-            yield f"{name}: mean depth", "m", mean_m
-        else:
-            amplitude = np.abs(block)
-            power = np.square(amplitude, dtype=np.float64).mean(axis=1)
-            yield f"{name}: peak", None, amplitude.max(axis=1)
-            yield f"{name}: RMS", None, np.sqrt(power)
-
-
-def _silent(file: Any) -> list[int]:
-    samples = np.array(samples_of(file))
-    silent = np.zeros(len(samples), dtype=bool)
-    for _, at, block in _blocks(file, "joints", "depth_map"):
-        silent[at : at + BLOCK] |= ~block.any(axis=1)
-    return samples[silent].tolist()
+        if FIELDS[name].ragged or name == "joints":
+            continue
+        for at in range(0, len(data), BLOCK):
+            block = data[at : at + BLOCK]
+            block = block.reshape(len(block), -1)
+            if name == "depth_map":
+                known = np.isfinite(block)
+                count = known.sum(axis=1)
+                total = np.where(known, block, 0.0).sum(axis=1, dtype=np.float64)
+                mean_m = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+                yield f"{name}: share with a depth", None, count / block.shape[1]
+                yield f"{name}: mean depth", "m", mean_m
+            else:
+                amplitude = np.abs(block)
+                power = np.square(amplitude, dtype=np.float64).mean(axis=1)
+                yield f"{name}: peak", None, amplitude.max(axis=1)
+                yield f"{name}: RMS", None, np.sqrt(power)
+                silent[at : at + BLOCK] |= ~block.any(axis=1)
 
 
 # Contact sheet

@@ -65,7 +65,7 @@ def recipe(plan: Plan, index: int) -> Recipe:
     >>> found["poses"]["resolved"][0]["name"], found["hands"]["handedness"]
     ('B', 'right')
     >>> round(found["placement"]["z_mm"], 1)
-    290.5
+    301.2
     """
     return SamplePlan(plan, checks.whole("sample", index, 0, plan.samples - 1)).record
 
