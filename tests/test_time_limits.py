@@ -49,7 +49,7 @@ def test_no_limit_is_reached_under_load() -> None:
     # Those of processor time, which the harness of the fuzzer has to enforce.
     assert short == {
         ("run.py", "LIMIT_S", 300.0),
-        ("broken_readers.py", "limit_s", 60.0),
+        ("test_campaigns.py", "limit_s", 60.0),
         ("targets.py", "processor_limit_s", 10.0),
     }
 

@@ -14,7 +14,7 @@ from calibration.registration.alignment import check_rigid
 from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
 from clradar.files.failures import fail, shown
 from clradar.files.json_file import read_json_object
-from clradar.files.table import nearest
+from clradar.files.toml_file import nearest
 from clradar.hand import LETTERS, POSES, HandPose, HandShape, pose_by_name, read_pose
 from clradar.hand.pose_file import SUFFIXES, pose_of_table
 from clradar.model import checks

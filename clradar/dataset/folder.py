@@ -23,7 +23,7 @@ from clradar.dataset.plan.recipe import EARLIER_SETTINGS
 from clradar.errors import MeasurementError, OutputError, quoted
 from clradar.files.failures import fail, reading, shown
 from clradar.files.json_file import read_json_object, write_json
-from clradar.files.table import is_whole
+from clradar.files.records import is_whole
 from clradar.jobs.outcome import Aside
 
 FORMAT, VERSION = "dataset", 2

@@ -6,6 +6,7 @@ when a file is read: pydantic takes longer to import than all of `import clradar
 
 from __future__ import annotations
 
+import re
 import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,14 +15,17 @@ from typing import Annotated, Any, NoReturn, TypeVar, Union, get_args, get_origi
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic_core import PydanticCustomError
 
-from clradar.errors import ClradarError, MeasurementError, quoted
+from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
 from clradar.files.failures import clean, read_bytes, reading, shown
 from clradar.files.json_text import parse_json
 from clradar.files.limits import MAX_JSON_BYTES, MAX_TOML_BYTES
-from clradar.files.table import LONGEST, choice_text, is_number, is_whole, nearest
-from clradar.files.toml_file import parse_toml, toml_brief
+from clradar.files.toml_file import choice_text, parse_toml, toml_brief, unknown_key
 
 Model = TypeVar("Model", bound="FileRecord")
+Made = TypeVar("Made")
+
+LONGEST = 1e15
+"""Decimal numbers below this are shown as the whole number to write instead."""
 
 MOST_MISTAKES = 20
 """That the text of an error lists."""
@@ -45,9 +49,32 @@ def mistake(expected: str, got: object = None, *, key: Any = "") -> PydanticCust
     """Return what a validator raises; without `got` it is the value, `key` names an inner place."""
     if got is not None and not isinstance(got, str):
         got = toml_brief(got)
+    if got is not None:  # pydantic refuses half of a surrogate pair, which JSON can hold
+        got = got.encode("utf-8", "backslashreplace").decode()
     return PydanticCustomError(
         "mistake", "{expected}", {"expected": expected, "got": got, "key": key}
     )
+
+
+def made(call: Callable[..., Made], *args: Any, **fields: Any) -> Made:
+    """Return `call(...)`; a `ModelError`, which may name record and field, is a mistake there."""
+    try:
+        return call(*args, **fields)
+    except ModelError as error:
+        found = re.fullmatch(r"(?:\w*\.)?(\w+): (expected .*)", str(error), re.DOTALL)
+        key, text = found.groups() if found else ("", str(error))
+        raise PydanticCustomError("said", "{text}", {"text": clean(text), "key": key}) from error
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of TOML or JSON is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) < 1e300  # an int of any length, or an infinity, is larger; NaN is not less
+
+
+def is_whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def checked(expected: str, good: Callable[[Any], bool], made: Callable[[Any], Any]) -> Any:
@@ -73,7 +100,9 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str) and 0 < len(value) <= 1000 and "\0" not in value
 
 
-def _numbers(value: Any, expected: str, counts: Sequence[int], *above: int) -> tuple[float, ...]:
+def number_tuple(
+    value: Any, expected: str, counts: Sequence[int], *above: int
+) -> tuple[float, ...]:
     """Return a list of numbers; a mistake names the first that is none, by its place."""
     if not isinstance(value, list | tuple) or not value or (counts and len(value) not in counts):
         raise mistake(expected, key=above)
@@ -83,11 +112,11 @@ def _numbers(value: Any, expected: str, counts: Sequence[int], *above: int) -> t
     return tuple(map(float, value))
 
 
-def _rows(value: Any) -> tuple[tuple[float, ...], ...]:
+def row_tuple(value: Any) -> tuple[tuple[float, ...], ...]:
     expected = "a list of rows of numbers, all as long as each other"
     if not isinstance(value, list) or not value or not isinstance(value[0], list):
         raise mistake(expected)
-    return tuple(_numbers(row, expected, [len(value[0])], i) for i, row in enumerate(value))
+    return tuple(number_tuple(row, expected, [len(value[0])], i) for i, row in enumerate(value))
 
 
 def text(expected: str) -> Any:
@@ -102,16 +131,16 @@ NumberOrText = Annotated[
     float | str,
     checked("a number or text", lambda v: is_number(v) or _is_text(v), lambda v: v),
 ]
-Rows = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_rows)]
+Rows = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(row_tuple)]
 Numbers = Annotated[
-    tuple[float, ...], BeforeValidator(lambda value: _numbers(value, "a list of numbers", ()))
+    tuple[float, ...], BeforeValidator(lambda value: number_tuple(value, "a list of numbers", ()))
 ]
 
 
 def numbers(*counts: int) -> Any:
     """Return the annotation of a list of as many numbers as one of `counts`."""
     expected = f"a list of {' or '.join(map(str, counts))} numbers"
-    return BeforeValidator(lambda value: _numbers(value, expected, counts))
+    return BeforeValidator(lambda value: number_tuple(value, expected, counts))
 
 
 Vector = Annotated[tuple[float, ...], numbers(3)]
@@ -193,9 +222,7 @@ def _line(found: Any, model: type[BaseModel], source: str, above: str) -> str:
     if kind == "said":
         return f"{source}: {f'{place}: ' if place else ''}{context['text']}"
     if kind == "extra_forbidden" and owner is not None:
-        names = list(owner.model_fields)
-        known = f"{', '.join(names)}{nearest(loc[-1], names)}"
-        return f"{source}: {place}: unknown key; expected one of {known}"
+        return f"{source}: {place}: {unknown_key(loc[-1], list(owner.model_fields))}"
     expected, got = _expected(kind, context), context.get("got")
     if kind == "missing":
         expected = "a value" if _model_in(field.annotation) is None else "a table"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -101,3 +102,18 @@ def toml_brief(value: object) -> str:
     if isinstance(value, int) and abs(value) >= 2**64:
         return "a huge number"
     return f"{value:g}" if isinstance(value, float) else repr(value)[:200]
+
+
+def nearest(given: object, known: Sequence[str]) -> str:
+    """Return " (did you mean ...?)" where a known word is near, whatever its case, else nothing."""
+    folded = {word.casefold(): word for word in known}
+    found = get_close_matches(str(given).casefold(), folded, n=1)
+    return f" (did you mean '{folded[found[0]]}'?)" if found else ""
+
+
+def unknown_key(key: str, names: Sequence[str]) -> str:
+    return f"unknown key; expected one of {', '.join(names)}{nearest(key, names)}"
+
+
+def choice_text(given: object, choices: Sequence[str]) -> str:
+    return "one of " + ", ".join(f'"{c}"' for c in choices) + nearest(given, choices)

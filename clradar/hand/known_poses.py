@@ -7,8 +7,7 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
-from clradar.files.table import nearest
-from clradar.files.toml_file import parse_toml
+from clradar.files.toml_file import nearest, parse_toml
 from clradar.hand.pose import HandPose
 from clradar.hand.pose_file import pose_of_table
 from clradar.model import checks

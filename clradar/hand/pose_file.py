@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from clradar.files.atomic import write_file
 from clradar.files.failures import fail, read_bytes, reading, shown
 from clradar.files.json_text import indented, parse_json
 from clradar.files.limits import MAX_TOML_BYTES
-from clradar.files.toml_file import parse_toml, toml_document
+from clradar.files.toml_file import parse_toml, toml_document, unknown_key
 from clradar.hand.joints import ANGLES
 from clradar.hand.pose import HandPose, JointAngles, check_angles
 
@@ -92,43 +93,37 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
     write_file(target, text.encode("utf-8"), force=force)
 
 
-def _table(
-    path: Path, place: str, value: Any, keys: tuple[str, ...] | None = None
-) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        fail(path, f"{place} to be a table", quoted(repr(value)))
-    for key in value:
-        if keys is not None and key not in keys:
-            got = quoted(repr(key))
-            raise MeasurementError(
-                f"{shown(path)}: {place}: expected one of {', '.join(keys)}, got {got}"
-            )
-    return value
-
-
 def pose_of_table(parsed: Any, path: Path) -> HandPose:
     """Return the pose of a parsed file; `path` is what errors name."""
-    top = _table(path, "the pose", parsed, _KEYS)
+    top = _table(path, "", parsed, _KEYS)
     texts = {key: top.get(key, "") for key in _KEYS[:3]}
     for key, text in texts.items():
-        if not isinstance(text, str):
-            fail(path, f"{key} to be a string", quoted(repr(text)))
-    if not texts["name"].strip():
-        fail(path, "a name", "none" if "name" not in top else quoted(repr(texts["name"])))
+        if not isinstance(text, str) or (key == "name" and not text.strip()):
+            got = "none" if key not in top else quoted(repr(text))
+            fail(path, f"{key} to be a string that is not empty", got)
     if "joints" not in top:
         fail(path, "a table joints, with the angles of each joint", "none")
-    angle_keys = tuple(f"{name}_deg" for name in ANGLES)
     joints = {}
     for joint, table in _table(path, "joints", top["joints"]).items():
-        given = _table(path, f"joints.{quoted(joint)}", table, angle_keys)
+        place = f"joints.{quoted(joint)}"
+        given = _table(path, place, table, [f"{name}_deg" for name in ANGLES])
         try:
-            angles = JointAngles.from_degrees(**given)
-            check_angles(joint, angles)
+            joints[joint] = JointAngles.from_degrees(**given)
+            check_angles(joint, joints[joint])
         except ModelError as error:
             place = "" if str(error).startswith("joint") else f"joint {quoted(joint)}: "
             raise MeasurementError(f"{shown(path)}: {place}{error}") from error
-        joints[joint] = angles
     return HandPose(texts["name"], joints, texts["description"], texts["source"])
+
+
+def _table(path: Path, place: str, value: Any, keys: Sequence[str] = ()) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        fail(path, f"{place or 'the pose'} to be a table", quoted(repr(value)))
+    for key in value:
+        if keys and key not in keys:
+            at = f"{place}.{quoted(key)}".lstrip(".")
+            raise MeasurementError(f"{shown(path)}: {at}: {unknown_key(key, keys)}")
+    return value
 
 
 def _decimal_deg(angle_rad: float) -> float:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
-from clradar.errors import MeasurementError, ModelError, OutputError
+from clradar.errors import MeasurementError, ModelError, OutputError, quoted
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail, read_bytes, reading, shown
 from clradar.files.json_text import indented, parse_object
 from clradar.files.limits import MAX_TOML_BYTES
-from clradar.files.table import StrictTable
-from clradar.files.toml_file import parse_toml, toml_document
+from clradar.files.toml_file import parse_toml, toml_brief, toml_document, unknown_key
 from clradar.model import checks
 from clradar.model.material import Coating, Material
 from clradar.model.permittivity import ColeCole, PermittivityTable, PowerLaw
@@ -67,7 +66,7 @@ def read_materials(path: str | os.PathLike[str]) -> dict[str, Material]:
     found, mistakes = {}, []
     for name, table in parsed.items():
         try:
-            found[name] = _material(str(path), name, table)
+            found[name] = _made_of((shown(path), name), table, Material, name=name)
         except MeasurementError as error:
             mistakes.append(str(error))
     if mistakes:
@@ -113,11 +112,11 @@ def write_materials(
     content: dict[str, Any] = {}
     for material in materials:
         checks.instance("write_materials: materials", material, Material)
-        name = (record := material_record(material)).pop("name")
-        if name in content:
-            raise ModelError(f"write_materials: expected different names, got {name!r} twice")
-        content[name] = record
-    text = (indented if target.suffix.lower() == ".json" else toml_document)(content)
+        record = material_record(material)
+        if material.name in content:
+            checks.fail("write_materials", "different names", f"{material.name!r} twice")
+        content[record.pop("name")] = record
+    text = indented(content) if target.suffix.lower() == ".json" else toml_document(content)
     write_file(target, text.encode(), force=force)
 
 
@@ -129,7 +128,7 @@ def material_record(own: Any) -> dict[str, Any]:
 
 def material_of(record: Mapping[str, Any], source: str = "material") -> Material:
     """Return the material of a `material_record`; `source` is named in messages."""
-    return _made_of(StrictTable(source, "", dict(record)), Material)
+    return _made_of((source,), dict(record), Material)
 
 
 def _plain(value: Any) -> Any:
@@ -142,49 +141,49 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _material(source: str, name: str, content: Any) -> Material:
-    table = StrictTable(source, name, content)
-    if table.has("name"):
-        table.fail("name", "no such key: a table's name is the material's", table.raw("name"))
-    return _made_of(table, Material, name=name)
+def _words(place: Sequence[str]) -> str:
+    """Return file and keys."""
+    return ": ".join(filter(None, [place[0], ".".join(quoted(k, 80) for k in place[1:] if k)]))
 
 
-def _made_of(table: StrictTable, kind: type[Made], **given: Any) -> Made:
-    """Return the record whose fields are the keys of a table."""
-    known = [f.name for f in fields(kind) if f.name not in given]  # type: ignore[arg-type]
-    table.done(known)
-    values = {key: _value(table, key) for key in known if table.has(key)}
-    for own in fields(kind):  # type: ignore[arg-type]
-        if own.default is MISSING and own.name not in {**given, **values}:
-            table.fail(own.name, "a value", "none")
+def _fail(place: Sequence[str], expected: str, got: Any) -> NoReturn:
+    words = got if isinstance(got, str) else toml_brief(got)
+    raise MeasurementError(f"{_words(place)}: expected {expected}, got {quoted(words)}")
+
+
+def _made_of(place: Sequence[str], content: Any, kind: type[Made], **given: Any) -> Made:
+    """Return the record whose fields are the keys of a table, but for those that are given."""
+    if not isinstance(content, dict):
+        _fail(place, "a table or object", content)
+    own: list[Any] = [f for f in fields(kind) if f.name not in given]  # type: ignore[arg-type]
+    known = [f.name for f in own]
+    for key, value in content.items():
+        if key in given:
+            _fail((*place, key), f"no such key: a table's {key} is the material's", value)
+        if key not in known:
+            raise MeasurementError(f"{_words((*place, key))}: {unknown_key(key, known)}")
+    values = {key: _value((*place, key), content[key]) for key in known if key in content}
+    for name in (f.name for f in own if f.default is MISSING and f.name not in values):
+        _fail((*place, name), "a value", "none")
     try:
         return kind(**given, **values)
     except ModelError as error:
-        # The record names its class and field; a file's reader looks for a table and a key.
-        table.fail_with(str(error).removeprefix(kind.__name__))
+        remark = str(error).removeprefix(kind.__name__)  # a reader looks for a table and a key
+        remark = remark if any(place[1:]) else f": {remark.lstrip('.: ')}"
+        raise MeasurementError(f"{_words(place)}{remark}") from error
 
 
-def _value(table: StrictTable, key: str) -> Any:
-    value = table.raw(key)
-    if key == "coating":
-        return _made_of(table.table(key), Coating)
-    if key != "permittivity":
+def _value(place: Sequence[str], value: Any) -> Any:
+    if place[-1] == "coating":
+        return _made_of(place, value, Coating)
+    if place[-1] != "permittivity" or not isinstance(value, str | list | dict):
         return value
     if isinstance(value, list):
-        return [_number(table, key, item) for item in value]
-    if not isinstance(value, dict):
-        return _number(table, key, value)
-    kind = next((_KINDS[name] for name in _KINDS if name in value), None)
-    if kind is None:
-        table.fail(key, _PERMITTIVITY, value)
-    return _made_of(table.table(key), kind)
-
-
-def _number(table: StrictTable, key: str, value: Any) -> Any:
-    """Return text as a complex number, and what is none as it is: the record checks it."""
-    if not isinstance(value, str):
-        return value
+        return [_value(place, item) for item in value]
+    if isinstance(value, dict):
+        kind = next((_KINDS[name] for name in _KINDS if name in value), None)
+        return _fail(place, _PERMITTIVITY, value) if kind is None else _made_of(place, value, kind)
     try:
         return complex(value.replace(" ", ""))
     except ValueError:
-        table.fail(key, _PERMITTIVITY, value)
+        _fail(place, _PERMITTIVITY, toml_brief(value))

@@ -24,12 +24,12 @@ from clradar.files.records import (
     Text,
     Vector,
     Whole,
+    is_whole,
     mistake,
     one_of,
     read_record,
     text,
 )
-from clradar.files.table import is_whole
 
 FREQUENCY_UNITS_HZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9}
 """Known units of frequency and what one of them is in hertz."""

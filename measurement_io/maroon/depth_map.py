@@ -21,11 +21,11 @@ from clradar.files.records import (
     OpenRecord,
     Rows,
     checked,
+    is_number,
     mistake,
     numbers,
     record_of,
 )
-from clradar.files.table import is_number
 from clradar.model import DepthMap, checks
 from measurement_io.maroon.folders import CALIBRATION_FILE, product_files, ranges
 from measurement_io.maroon.png16 import read_png16

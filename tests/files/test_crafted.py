@@ -163,6 +163,8 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "text of 2^62": ("frame.npy", frame(b"\x80\x04\x8d" + b"\xff" * 7 + b"\x3f.")),
     "memo of 2^31": ("frame.npy", frame(b"\x80\x02K\x01r\xff\xff\xff\x7f.")),
     "deep keys": ("frame.npy", frame(nested_tuples(10**6))),
+    "keys that take for ever": ("frame.npy", frame(b"\x80\x02}K\x01" + b"".join(
+        b"q%ch%c\x86" % (i, i) for i in range(60)) + b"K\x01s.")),
     "deep lists": ("frame.npy", frame(b"\x80\x02" + b"]" * 10**6 + b"a" * (10**6 - 1) + b".")),
     "a sparse frame": ("frame.npy", lambda path: sparse(path, frame(b"\x80\x02}."))),
     "a sparse plain array": ("lab.npy", lambda path: sparse(path, header((2**19, 2**18)))),

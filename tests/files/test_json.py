@@ -12,6 +12,7 @@ from clradar.files.json_differences import differences
 from clradar.files.json_file import read_json, read_json_object, write_json
 from clradar.files.json_text import parse_object, to_json
 from clradar.files.limits import MAX_JSON_DEPTH
+from measurement_io import read_alignment
 
 
 def nested(depth: int) -> object:
@@ -72,3 +73,10 @@ def test_differences_in_words() -> None:
         f"d …{'x' * 20}1, now …{'x' * 20}2",
         "e None, now 3",
     ]
+
+
+def test_half_of_a_surrogate_pair_is_named(tmp_path):
+    path = tmp_path / "alignment.json"
+    path.write_text('{"kinect2radar": [["\\ud800"]]}')
+    with pytest.raises(MeasurementError, match=r"kinect2radar.*finite number, got .*ud800"):
+        read_alignment(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import pickle
+import tracemalloc
 from collections.abc import Callable
 from typing import Any
 
@@ -99,6 +100,40 @@ def test_what_is_refused(content: bytes, message: str) -> None:
 def test_damaged_streams_are_exceptions(content: bytes) -> None:
     with contextlib.suppress(Exception):
         assert read(content) in (2, 1, ())
+
+
+NDARRAY = b"cnumpy\nndarray\n"
+FLOAT64 = b"cnumpy\ndtype\nU\x02f8K\x00K\x01\x87R(K\x03U\x01<NNN"
+FLOAT64 += 2 * b"J\xff\xff\xff\xff" + b"K\x00tb"
+EMPTY = b"cnumpy.core.multiarray\n_reconstruct\n" + NDARRAY + b"K\x00\x85U\x01b\x87R"
+MILLION = b"J\x40\x42\x0f\x00"
+
+
+def filled(shape: bytes) -> bytes:
+    return EMPTY + b"(K\x01" + shape + FLOAT64 + b"\x89U\x00tb"
+
+
+BOMBS = {
+    "8 TB by a state": filled(2 * MILLION + b"\x86") + b".",
+    "a negative size": filled(b"J\xff\xff\xff\xff\x85") + b".",
+    "8 TB by frombuffer": b"cnumpy.core.numeric\n_frombuffer\n(C\x01x" + FLOAT64
+    + b"J\0\0\0\x40\x85X\x01\0\0\0CtR.",
+    "beyond its buffer": NDARRAY + b"(K\x08\x85" + FLOAT64 + b"C\x08xxxxxxxxK\x00" + MILLION
+    + b"\x85tR.",
+    "a frame that ends within": b"\x95\x03\0\0\0\0\0\0\0X\x04\0\0\0abcd.",
+    "a frame beyond the end": b"\x95\x63\0\0\0\0\0\0\0K\x01.",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_bombs_take_no_memory(name: str) -> None:
+    tracemalloc.start()
+    try:
+        with pytest.raises(Exception):  # noqa: B017, PT011 - the reader makes one of all
+            read(b"\x80\x05" + BOMBS[name])
+        assert tracemalloc.get_traced_memory()[1] < 40e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_states_cannot_change_the_classes() -> None:

@@ -6,8 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from fuzz import campaign
-from fuzz.oracle import judge
+from fuzz import harness
 from fuzz.targets import TARGETS
 
 
@@ -18,23 +17,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--start", type=int, default=0, help="number of the first input")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-faults"), help="inputs at fault")
-    parser.add_argument(
-        "--read", type=Path, help="read this one file with TARGET and print the outcome"
-    )
+    parser.add_argument("--read", type=Path, help="read this one file as TARGET would")
     options = parser.parse_args()
-    unknown = [name for name in options.targets if name not in TARGETS]
-    if unknown:
+    if unknown := [name for name in options.targets if name not in TARGETS]:
         parser.error(f"no target {', '.join(unknown)}; there are {', '.join(TARGETS)}")
     if options.read is not None:
-        if len(options.targets) != 1:
-            parser.error("--read needs one TARGET")
-        target = TARGETS[options.targets[0]]
-        print(*judge(target, options.read))
-        print(target.read(options.read))
+        print(*harness.judge(TARGETS[options.targets[0]], options.read))
         return 0
     failed = False
     for name in options.targets or TARGETS:
-        outcome = campaign.run(
+        outcome = harness.run(
             name, options.runs, seed=options.seed, start=options.start, keep=options.keep
         )
         print(f"{name}: {outcome}", flush=True)

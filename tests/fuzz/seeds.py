@@ -116,13 +116,6 @@ def _by_hand(capture: clradar.Capture, options: dict[str, Any], crowd: int = 0) 
     return stream.getvalue()
 
 
-def radar_folder(folder: Path) -> None:
-    """Put what lies around a calibration.json: a radar folder with an unreadable frame."""
-    frames_folder = folder / "radar_72.0_82.0_2" / "calibrated_data"
-    frames_folder.mkdir(parents=True, exist_ok=True)
-    (frames_folder / "000000.npy").write_bytes(b"no frame, so that reading it takes no time")
-
-
 def calibrations() -> list[bytes]:
     """calibration.json of a recording, with the entries of one frame in both generations."""
     box = {"bb_min": [-0.1, -0.1, 0.26], "bb_max": [0.1, 0.1, 0.34], "grid_size": [201, 201, 81]}
@@ -180,25 +173,17 @@ def metadata() -> list[bytes]:
     return [json.dumps(tree).encode() for tree in (full, {"mask_bb": {"ymin": 0}}, {})]
 
 
-def _product_folder(folder: Path) -> Path:
-    """Write the four products of one small image; return the radar folder."""
-    radar = maroon_files.write_recording(folder, n_frames=1, n_freq=2)
-    maroon_products.write_products(
-        radar, 0, maroon_products.scene([(0.02, 0, 0.3, 900)], (4, 3, 5))
-    )
-    return radar
+RADAR = "radar_72.0_82.0_2"
 
 
-def products_folder(folder: Path) -> None:
-    """Put the recording there that a product belongs to."""
-    if not (folder / "radar_72.0_82.0_2" / "calibration.json").exists():
-        _product_folder(folder)
-
-
-def product(name: str) -> list[bytes]:
-    """One cached product: depth/000000.png and the like."""
-    with TemporaryDirectory() as folder:
-        return [(_product_folder(Path(folder)) / name).read_bytes()]
+def products() -> dict[str, bytes]:
+    """The files of one small recorded image, in its radar folder."""
+    with TemporaryDirectory() as name:
+        radar = maroon_files.write_recording(Path(name), n_frames=1, n_freq=2)
+        image = maroon_products.scene([(0.02, 0, 0.3, 900)], (4, 3, 5))
+        maroon_products.write_products(radar, 0, image)
+        wanted = ("calibration.json", "depth/000000.png", "maxproj/000000.png")
+        return {f"{RADAR}/{path}": (radar / path).read_bytes() for path in wanted}
 
 
 LAYOUT = b"""
@@ -224,11 +209,6 @@ keys = ["note"]
 """
 
 
-def layout_file(folder: Path) -> None:
-    """Put the layout there that a lab's file is read with."""
-    (folder / "lab.toml").write_bytes(LAYOUT)
-
-
 def containers(*kinds: str) -> list[bytes]:
     """A lab's capture in files of these kinds."""
     capture = layout_files.random_capture()
@@ -243,22 +223,19 @@ def containers(*kinds: str) -> list[bytes]:
     return found
 
 
+ROOT = Path(__file__).resolve().parents[2]
+
+
 def layouts() -> list[bytes]:
     """Layouts: the small one above, and those that are shipped."""
-    shipped = Path(__file__).resolve().parents[2] / "examples" / "layouts"
+    shipped = ROOT / "examples" / "layouts"
     return [LAYOUT, *(path.read_bytes() for path in sorted(shipped.glob("*.toml")))]
 
 
-def materials() -> list[bytes]:
-    """The file of docs/materials.md, which has every kind of permittivity."""
-    page = Path(__file__).resolve().parents[2] / "docs" / "materials.md"
-    return [page.read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0].encode()]
-
-
-def _toml_of(page: str) -> bytes:
+def of_page(page: str) -> bytes:
     """The longest TOML file of a page of the documentation."""
-    text = (Path(__file__).resolve().parents[2] / "docs" / page).read_text(encoding="utf-8")
-    return max(text.split("```toml\n")[1:], key=len).split("```")[0].encode()
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return max((part.split("```")[0] for part in text.split("```toml\n")[1:]), key=len).encode()
 
 
 def arrays() -> list[bytes]:
@@ -297,28 +274,8 @@ rotation_deg = [0, 10, 0]
 
 
 POSE = b'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80\n'
-
-
-def motions() -> list[bytes]:
-    """The motion of docs/movement.md, and one with a table of times."""
-    table = b'[sweep]\ntable_us = "times.csv"\n[[body]]\nturn_deg_per_s = [0, 1, 0]\n'
-    return [_toml_of("movement.md"), table]
-
-
-def motion_folder(folder: Path) -> None:
-    """Put there what motions name."""
-    (folder / "motion" / "bent.toml").write_bytes(POSE)
-    (folder / "motion" / "times.csv").write_bytes(b"0, 1, 2\n3, 4, 5\n")
-
-
-def times() -> list[bytes]:
-    """Tables of times in microseconds."""
-    return [b"0, 1.5, 2\n3, 4, 5e3\n", b"\xef\xbb\xbf7\r\n8\r\n"]
-
-
-def motion_of_times(folder: Path) -> None:
-    """Put the motion there that names a table."""
-    (folder / "motion.toml").write_bytes(motions()[1])
+TIMES = [b"0, 1.5, 2\n3, 4, 5e3\n", b"\xef\xbb\xbf7\r\n8\r\n"]
+MOTION_OF_TIMES = b'[sweep]\ntable_us = "times.csv"\n[[body]]\nturn_deg_per_s = [0, 1, 0]\n'
 
 
 def _hand_model() -> dict[str, Any]:
@@ -427,9 +384,3 @@ def manifests() -> list[bytes]:
         {1: Aside(1, "no hand", 2)},
     )
     return [json.dumps(manifest.record(), indent=1).encode()]
-
-
-def mesh_folder(folder: Path) -> None:
-    """Put the alignment there that places a mesh."""
-    (folder / "photogrammetry").mkdir(exist_ok=True)
-    (folder / "alignment.json").write_bytes(alignments()[0])

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from fuzz import campaign
-from fuzz.broken_readers import ENDLESS, FATAL, MILD
-from fuzz.mutate_hdf5 import lookup3, with_right_checksums
-from fuzz.targets import TARGETS
+from clradar.errors import MeasurementError
+from fuzz import harness
+from fuzz.mutators import hdf5_checksums, lookup3
+from fuzz.targets import TARGETS, Target
 
 ROOT = Path(__file__).resolve().parents[2]
 LONG_RUN = 100_000
@@ -17,13 +22,16 @@ LONG_RUN = 100_000
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_short_run(name, tmp_path):
-    count = TARGETS[name].short_run
-    outcome = campaign.run(name, count, keep=tmp_path)
+    target = TARGETS[name]
+    outcome = harness.run(name, target.short_run, keep=tmp_path)
     assert not outcome.faults, str(outcome)
-    assert outcome.results + outcome.errors == count
+    assert outcome.results + outcome.errors == target.short_run
     # Mutants that are all refused at the first byte, or all accepted, try nothing.
     assert outcome.results > 0, str(outcome)
     assert outcome.errors > 0 or name == "calibration_json", str(outcome)
+    made = [target.mutated(3, index) for index in range(20)]
+    assert made == [target.mutated(3, index) for index in range(20)]
+    assert len(set(made)) > 10
 
 
 @pytest.mark.slow
@@ -31,12 +39,84 @@ def test_short_run(name, tmp_path):
 @pytest.mark.parametrize("name", TARGETS)
 def test_long_run(name):
     keep = ROOT / "fuzz-faults"  # stays, to be looked at
-    outcome = campaign.run(name, LONG_RUN, seed=1, keep=keep)
+    outcome = harness.run(name, LONG_RUN, seed=1, keep=keep)
     assert not outcome.faults, str(outcome)
     assert outcome.results + outcome.errors == LONG_RUN
 
 
-# ---- the harness itself
+# ---- the harness itself: readers that misbehave, each in a way that it has to notice
+
+
+class Numbered(Target):
+    """A target whose input number `index` is that number, as text."""
+
+    def mutated(self, seed: int, index: int) -> bytes:
+        return b"%d" % index
+
+
+def _raise(error: Exception) -> None:
+    raise error
+
+
+def _run_a_command(path: Path) -> None:
+    try:
+        os.system("true")
+    except Exception as error:
+        raise MeasurementError(f"{path}: hidden") from error
+
+
+def _import(path: Path) -> None:
+    import this  # noqa: F401
+
+
+def _hang(path: Path) -> None:
+    while True:
+        pass
+
+
+MILD: dict[str, Callable[[Path], object]] = {
+    "raises KeyError": lambda path: _raise(KeyError("a key")),
+    "says": lambda path: _raise(MeasurementError(f"{path}: one line\nand another")),
+    "does not name the file": lambda path: _raise(MeasurementError("something is wrong")),
+    "raises Derived": lambda path: _raise(type("Derived", (MeasurementError,), {})(f"{path}: no")),
+    "os.system": _run_a_command,
+    "subprocess.Popen": lambda path: subprocess.run(["true"], check=True),
+    "executes": lambda path: eval("1 + 1"),
+    "imports this": _import,
+    "for writing": lambda path: path.with_name("written").write_text("x"),
+    "/etc/hostname": lambda path: Path("/etc/hostname").read_bytes(),
+}
+"""Message of a fault -> the reader that has it; the worker continues."""
+
+FATAL: dict[str, Callable[[Path], object]] = {
+    "MB of memory": lambda path: np.ones(100_000_000, np.uint8),
+    "ends the process with -11": lambda path: signal.raise_signal(signal.SIGSEGV),
+}
+"""The same where a fresh worker has to go on."""
+
+ENDLESS: dict[str, Callable[[Path], object]] = {"takes more than 0.5 s": _hang}
+"""The same with a short limit of time, which the others may reach on a machine under load."""
+
+
+def _target(kinds: Mapping[str, Callable[[Path], object]], limit_s: float = 60.0) -> Target:
+    """Return a target of which every second input has the next of the faults."""
+
+    def read(path: Path) -> object:
+        content = path.read_bytes()
+        if content == b"seed":
+            return content
+        number, rest = divmod(int(content), 2)
+        if rest:
+            list(kinds.values())[number](path)
+        raise MeasurementError(f"{path}: expected the seed, got something else")
+
+    return Numbered(
+        "input", lambda: [b"seed"], read, bytes, processor_limit_s=limit_s,
+        resident_limit_bytes=50_000_000,
+    )  # fmt: skip
+
+
+mild, fatal, endless = _target(MILD), _target(FATAL), _target(ENDLESS, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -44,41 +124,25 @@ def test_long_run(name):
 )
 def test_faults_of_readers_are_detected(name, faults, tmp_path):
     count = 2 * len(faults) + 1
-    outcome = campaign.run(f"fuzz.broken_readers:{name}", count, keep=tmp_path / "kept")
-    assert len(outcome.faults) == len(faults), str(outcome)
+    outcome = harness.run(f"fuzz.test_campaigns:{name}", count, keep=tmp_path / "kept")
+    assert [fault.index for fault in outcome.faults] == list(range(1, count, 2)), str(outcome)
     for fault in outcome.faults:
-        number = int(fault.saved.read_bytes())
-        assert number == fault.index
-        assert list(faults)[number // 2] in fault.what
+        assert int(fault.saved.read_bytes()) == fault.index
+        assert list(faults)[fault.index // 2] in fault.what
         assert str(fault.saved) in str(outcome)
     # All others were read, each once.
     assert (outcome.results, outcome.errors) == (0, count - len(faults))
 
 
-@pytest.mark.parametrize("name", TARGETS)
-def test_inputs_can_be_made_again(name):
-    target = TARGETS[name]
-    made = [target.mutated(3, index) for index in range(20)]
-    assert made == [target.mutated(3, index) for index in range(20)]
-    assert len(set(made)) > 10
-    assert made != [target.mutated(4, index) for index in range(20)]
-
-
-@pytest.mark.parametrize("name", ["native_capture", "native_volume"])
-def test_checksums_of_hdf5(name):
-    # Right ones stay, wrong ones become right: the hash is HDF5's.
-    for content in TARGETS[name].seeds():
-        assert with_right_checksums(content) == content
-    content = TARGETS[name].seeds()[0]
-    for place in (10, 40, content.index(b"OHDR") + 20):  # the superblock and the first header
-        damaged = bytearray(content)
-        damaged[place] ^= 1
-        repaired = with_right_checksums(bytes(damaged))
-        assert repaired != bytes(damaged)
-        assert with_right_checksums(repaired) == repaired
-
-
-def test_lookup3():
+def test_checksums_of_hdf5():
     # From the comments of the hash's source, lookup3.c.
     assert lookup3(b"") == 0xDEADBEEF
     assert lookup3(b"Four score and seven years ago") == 0x17770551
+    # Right ones stay, wrong ones become right: the hash is HDF5's.
+    for content in TARGETS["native_capture"].seeds() + TARGETS["native_volume"].seeds():
+        assert hdf5_checksums(content) == content
+    for place in (10, 40, content.index(b"OHDR") + 20):  # the superblock and the first header
+        damaged = content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
+        repaired = hdf5_checksums(damaged)
+        assert repaired != damaged
+        assert hdf5_checksums(repaired) == repaired

@@ -564,95 +564,65 @@ def test_units_are_given_and_checked(tmp_path: Path) -> None:
 # --- wrong rigs
 
 
-def no_weights(document: GLTF2) -> None:
-    attributes = document.meshes[0].primitives[0].attributes
-    attributes.JOINTS_0 = attributes.WEIGHTS_0 = None
+def put(place: str, value: Any) -> Callable[[GLTF2], None]:
+    """Set an attribute of the document, such as ``nodes[3].rotation``."""
+    owner, _, name = place.rpartition(".")
+
+    def change(document: GLTF2) -> None:
+        at: Any = document
+        for part in filter(None, owner.split(".")):
+            at = getattr(at, part.split("[")[0])
+            at = at[int(part.split("[")[1][:-1])] if "[" in part else at
+        old = getattr(at, name)
+        setattr(at, name, value(old) if callable(value) else value)
+
+    return change
 
 
-def no_skin(document: GLTF2) -> None:
-    document.skins = []
-    document.nodes[-1].skin = None
+def both(*changes: Callable[[GLTF2], None]) -> Callable[[GLTF2], None]:
+    return lambda document: [change(document) for change in changes] and None
 
 
 def cycle(document: GLTF2) -> None:
-    document.nodes[5].children.append(2)
-    document.nodes[2].name = document.nodes[2].name
     for node in document.nodes:
-        if node is not document.nodes[5] and 2 in node.children:
-            node.children.remove(2)
-
-
-def two_parents(document: GLTF2) -> None:
-    document.nodes[0].children.append(5)
-
-
-def not_a_number(document: GLTF2) -> None:
-    document.nodes[4].matrix[3] = float("nan")
-
-
-def lost_view(document: GLTF2) -> None:
-    document.accessors[1].bufferView = 77
-
-
-def other_component(document: GLTF2) -> None:
-    document.accessors[1].componentType = 1234
-
-
-def too_many(document: GLTF2) -> None:
-    document.accessors[1].count += 1
-
-
-def short_skin(document: GLTF2) -> None:
-    document.skins[0].joints = document.skins[0].joints[:3]
-
-
-def draco(document: GLTF2) -> None:
-    document.extensionsRequired = ["KHR_draco_mesh_compression"]
-
-
-def version_1(document: GLTF2) -> None:
-    document.asset.version = "1.0"
-
-
-def zero_quaternion(document: GLTF2) -> None:
-    document.nodes[3].matrix = None
-    document.nodes[3].rotation = [0.0, 0.0, 0.0, 0.0]
+        node.children = [child for child in node.children if child != 2]
+    document.nodes[5].children.append(2)
 
 
 def one_place(document: GLTF2) -> None:
-    for node in document.nodes:
-        if node.name == "index-finger-phalanx-distal":
-            node.matrix = np.eye(4).reshape(-1).tolist()
+    (node,) = (n for n in document.nodes if n.name == "index-finger-phalanx-distal")
+    node.matrix = np.eye(4).reshape(-1).tolist()
 
 
-def no_inverse(document: GLTF2) -> None:
-    document.skins[0].inverseBindMatrices = None
-
-
-def lines(document: GLTF2) -> None:
-    document.meshes[0].primitives[0].mode = 1
-
-
+PRIMITIVE = "meshes[0].primitives[0]"
 DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
-    (no_weights, "mesh 'skin', primitive 0: JOINTS_0 and WEIGHTS_0, got none"),
-    (no_skin, "a mesh with a skin, got a mesh that no joint moves .not skinned."),
+    (both(*(put(f"{PRIMITIVE}.attributes.{n}_0", None) for n in ("JOINTS", "WEIGHTS"))),
+     "mesh 'skin', primitive 0: JOINTS_0 and WEIGHTS_0, got none"),
+    (both(put("skins", []), put("nodes[-1].skin", None)),
+     "a mesh with a skin, got a mesh that no joint moves .not skinned."),
     (cycle, "nodes that form a tree, got a cycle that holds 'thumb-metacarpal' .node 2."),
-    (two_parents, "one parent of node 5, got "),
-    (not_a_number, "matrix of node 4: finite numbers"),
-    (lost_view, r"bufferView of .*: a whole number in \[0, 5\), got 77"),
-    (other_component, "numbers of a known type, got type VEC3 of component type 1234"),
-    (too_many, r"mesh 'skin', primitive 0: POSITION: \d+ elements up to byte"),
-    (short_skin, r"JOINTS below 3, got \d+"),
-    (draco, "no extension for its geometry, got KHR_draco_mesh_compression"),
-    (version_1, "a glTF 2.0 file, got version 1.0"),
-    (zero_quaternion, "rotation of node 3: a quaternion, got zeros"),
+    (put("nodes[0].children", lambda old: [*old, 5]), "one parent of node 5, got "),
+    (put("nodes[4].matrix", lambda old: [*old[:3], float("nan"), *old[4:]]),
+     "matrix of node 4: finite numbers"),
+    (put("accessors[1].bufferView", 77), r"bufferView of .*: a whole number in \[0, 5\), got 77"),
+    (put("accessors[1].componentType", 1234),
+     "numbers of a known type, got type VEC3 of component type 1234"),
+    (put("accessors[1].count", lambda old: old + 1),
+     r"mesh 'skin', primitive 0: POSITION: \d+ elements up to byte"),
+    (put("skins[0].joints", lambda old: old[:3]), r"JOINTS below 3, got \d+"),
+    (put("extensionsRequired", ["KHR_draco_mesh_compression"]),
+     "no extension for its geometry, got KHR_draco_mesh_compression"),
+    (put("asset.version", "1.0"), "a glTF 2.0 file, got version 1.0"),
+    (both(put("nodes[3].matrix", None), put("nodes[3].rotation", [0.0] * 4)),
+     "rotation of node 3: a quaternion, got zeros"),
     (one_place, "'index-finger-phalanx-distal' and 'index-finger-phalanx-intermediate' at the sam"),
-    (no_inverse, "vertices of fingers that mostly lie within 0.5 .* inverse bind matrices missing"),
-    (lines, "a mesh with triangles that the hand's joints move, got none"),
-]
+    (put("skins[0].inverseBindMatrices", None),
+     "vertices of fingers that mostly lie within 0.5 .* inverse bind matrices missing"),
+    (put(f"{PRIMITIVE}.mode", 1), "a mesh with triangles that the hand's joints move, got none"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("change", "message"), DOCUMENTS, ids=lambda v: getattr(v, "__name__", ""))
+@pytest.mark.parametrize(("change", "message"), DOCUMENTS, ids=range(len(DOCUMENTS)))
 def test_wrong_documents_are_named(
     tmp_path: Path, change: Callable[[GLTF2], None], message: str
 ) -> None:
@@ -815,23 +785,6 @@ def test_cut_and_foreign_files_are_named(tmp_path: Path) -> None:
         read_rig(tmp_path)
 
 
-def test_damaged_files_raise_rig_errors_only(tmp_path: Path) -> None:
-    rng = np.random.default_rng(3)
-    content = make(tmp_path).read_bytes()
-    path = tmp_path / "damaged.glb"
-    refused = 0
-    for _ in range(40):
-        damaged = bytearray(content)
-        for at in rng.integers(0, 12000, size=rng.integers(1, 6)):
-            damaged[at] = rng.integers(256)
-        path.write_bytes(damaged)
-        try:
-            read_rig(path).posed("flat")
-        except RigError:
-            refused += 1
-    assert refused > 20
-
-
 def test_a_whole_body_is_refused(tmp_path: Path) -> None:
     path = make(tmp_path, edit=edited("positions", [0.0, -1.6, 0.0]))
     with pytest.raises(RigError, match="remove everything but hand and forearm"):
@@ -892,12 +845,12 @@ def test_the_command_refuses_in_one_line_and_writes_nothing(
     for arguments, message in (
         (("--rig-unit", "mm"), "--rig-unit"),
         (("--mapping", "m.toml"), "--rig"),
-        (("--rig", "hand.glb", "--left"), "--rig-hand"),
+        (("--rig", "hand.glb", "--left"), "--left"),
         (("--rig", "hand.glb", "--device", "pocl"), "--device"),
-        (("--rig", "hand.glb", "--edge-mm", "2"), "as it is"),
+        (("--rig", "hand.glb", "--edge-mm", "2"), "--edge-mm"),
         (("--rig", "hand.glb", "--rig-unit", "ell"), "--rig-unit"),
         (("--rig", "hand.glb", "--rig-hand", "both"), "right or left"),
-        (("--rig", "hand.glb", "--theta", "t.json"), "instead of a pose"),
+        (("--rig", "hand.glb", "--theta", "t.json"), "--theta"),
     ):
         code, _, err = run(capsys, "hand", "F", *arguments, "-o", "x.ply")
         assert code == 2, err

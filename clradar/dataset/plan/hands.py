@@ -15,8 +15,7 @@ from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
 from clradar.files.hashing import sha256_of
 from clradar.files.records import FileRecord, mistake
-from clradar.files.table import choice_text
-from clradar.files.toml_file import toml_brief
+from clradar.files.toml_file import choice_text, toml_brief
 from clradar.hand import (
     DIGITS,
     LETTERS,

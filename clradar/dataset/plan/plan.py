@@ -27,8 +27,7 @@ from clradar.errors import MeasurementError
 from clradar.files.failures import shown
 from clradar.files.limits import MAX_PLAN_BYTES
 from clradar.files.records import FileRecord, mistake, mistakes_of, raise_mistakes
-from clradar.files.table import choice_text
-from clradar.files.toml_file import read_toml, toml_brief
+from clradar.files.toml_file import choice_text, read_toml, toml_brief
 from clradar.hand import HandPose
 from clradar.model import Material
 from clradar.model.material_file import material_record

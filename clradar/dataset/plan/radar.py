@@ -26,9 +26,8 @@ from clradar.dataset.plan.values import (
     tried,
     whole,
 )
-from clradar.files.records import FileRecord, mistake
-from clradar.files.table import choice_text, is_number
-from clradar.files.toml_file import toml_brief
+from clradar.files.records import FileRecord, is_number, mistake
+from clradar.files.toml_file import choice_text, toml_brief
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import AntennaArray, VoxelGrid, Waveform
 from clradar.tracing.settings import (

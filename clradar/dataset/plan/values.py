@@ -11,9 +11,8 @@ from pydantic_core import PydanticCustomError, core_schema
 from clradar.dataset.plan.draws import KINDS, SIGMAS, Draw, fixed
 from clradar.errors import ClradarError
 from clradar.files.failures import clean
-from clradar.files.records import mistake
-from clradar.files.table import LONGEST, choice_text, is_number, is_whole, nearest
-from clradar.files.toml_file import toml_brief
+from clradar.files.records import LONGEST, is_number, is_whole, mistake
+from clradar.files.toml_file import choice_text, nearest, toml_brief
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import reader_probes
 from fuzz import seeds
-from fuzz.mutate_hdf5 import with_right_checksums
+from fuzz.mutators import hdf5_checksums
 from opened_files import OpenedFiles
 from systems import linux_only
 
@@ -183,7 +183,7 @@ def test_user_defined_link(path, watch):
     for kind in (65, 200, 255):
         damaged = bytearray(content)
         damaged[found[0] + 2] = kind
-        path.write_bytes(with_right_checksums(bytes(damaged)))
+        path.write_bytes(hdf5_checksums(bytes(damaged)))
         found_texts = outcomes(path)
         assert all("expected" in text for text in found_texts)
         with h5py.File(path) as file:
@@ -247,7 +247,7 @@ def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
     places = [match.start() + 2 for match in re.finditer(rb"\x02\x01\x02\x00", content)]
     assert len(places) == 1
     content[places[0] : places[0] + 10] = struct.pack("<5H", _FOREIGN_FILTER, 0, 0, 0, 0)
-    path.write_bytes(with_right_checksums(bytes(content)))
+    path.write_bytes(hdf5_checksums(bytes(content)))
     Path("out/libfilter.so").write_bytes(b"no library")
     process._stop_server()  # the next one has the variable from the start
     monkeypatch.setenv("HDF5_PLUGIN_PATH", str(path.parent / "out"))
@@ -286,7 +286,7 @@ def test_text_that_claims_gigabytes(path, name, length):
     at = content.index(name + b"\0")
     sizes = struct.unpack_from("<3H", content, at - 7)
     struct.pack_into("<I", content, at + sum(sizes), length)
-    path.write_bytes(with_right_checksums(bytes(content)))
+    path.write_bytes(hdf5_checksums(bytes(content)))
     cost = confined.run(reader_probes.cost_of_reading, path)
     assert cost["bytes"] < MOST_BYTES
     assert cost["outcome"] != "result"
@@ -304,7 +304,7 @@ def test_index_of_chunks_without_end(path: Path) -> None:
     at = content.index(b"FAHD") + 8
     for count in (2**28, 2**40, 2**62):
         struct.pack_into("<Q", content, at, count)
-        path.write_bytes(with_right_checksums(bytes(content)))
+        path.write_bytes(hdf5_checksums(bytes(content)))
         cost = confined.run(reader_probes.cost_of_reading, path)
         assert cost["bytes"] < MOST_BYTES
         assert "expected" in outcomes(path)[0]
@@ -320,7 +320,7 @@ def test_a_file_on_which_the_library_divides_by_zero(tmp_path):
     assert struct.unpack_from("<H", content, at)[0] > 0
     struct.pack_into("<H", content, at, 0)
     target = tmp_path / "c.h5"
-    target.write_bytes(with_right_checksums(bytes(content)))
+    target.write_bytes(hdf5_checksums(bytes(content)))
     trusting = f"import h5py; h5py.File({str(target)!r}).attrs['clradar_format']"
     done = subprocess.run([sys.executable, "-c", trusting], capture_output=True)
     if done.returncode == 0:

@@ -22,7 +22,6 @@ import pytest
 from systems import posix_only
 
 import clradar
-import clradar.reference
 from clradar.errors import MeasurementError, ModelError, OutputError
 from measurement_io import (
     check_file,
@@ -509,32 +508,11 @@ def test_one_frame_at_a_time_is_in_memory(tmp_path, sized):
     assert seen == [(i + 1, n_frames if sized else 0) for i in range(n_frames)]
 
 
-# ---- the same scene through the files alone
-
-FIRST_HZ, LAST_HZ, IMAGE_FREQ = 72e9, 82e9, 6
-TARGETS_M = [
-    (0.030, -0.020, 0.305, 40.0),
-    (-0.050, 0.010, 0.295, 25.0),
-    (0.000, 0.030, 0.310, 30.0),
-]
-"""x, y, z of the antenna frame and amplitude; x and y differ in size and sign."""
-
-FLOAT32_STEPS = 2
-"""Whole numbers of maxproj may differ by one where float32 and float64 fall on either side of it,
-and by one more for the rounding of the capture to complex64."""
-
-
 def test_every_numpy_finds_the_names_in_a_frame(tmp_path: Path) -> None:
-    frame = save_maroon_frame(tmp_path / "30", random_qar50_capture())
+    frame = save_maroon_frame(tmp_path / "30", capture_of(0))
     names = [
         argument
         for operation, argument, _ in pickletools.genops(frame.read_bytes()[128:])
         if operation.name in ("GLOBAL", "STACK_GLOBAL")
     ]
     assert names == ["numpy.core.multiarray _reconstruct", "numpy ndarray", "numpy dtype"]
-
-
-def random_qar50_capture() -> clradar.Capture:
-    rng = np.random.default_rng(0)
-    data = rng.normal(size=(94, 94, 2)) + 1j * rng.normal(size=(94, 94, 2))
-    return clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform([72e9, 82e9]))

@@ -443,61 +443,6 @@ def test_provenance_that_is_no_json_object(tmp_path, text):
     refused(tmp_path / "c.h5")
 
 
-def external_link(file: h5py.File) -> None:
-    file["entry/data/data"] = h5py.ExternalLink("other.h5", "/entry/data/data")
-
-
-def soft_link(file: h5py.File) -> None:
-    file["entry/data/data"] = h5py.SoftLink("/hidden")
-
-
-def external_storage(file: h5py.File) -> None:
-    file["entry/data"].create_dataset(
-        "data", (3, 2, 5), "c8", external=[("secret.raw", 0, h5py.h5f.UNLIMITED)]
-    )
-
-
-def virtual_dataset(file: h5py.File) -> None:
-    layout = h5py.VirtualLayout((3, 2, 5), np.complex64)
-    layout[...] = h5py.VirtualSource("other.h5", "/entry/data/data", (3, 2, 5))
-    file["entry/data"].create_virtual_dataset("data", layout)
-
-
-@pytest.mark.parametrize(
-    ("action", "found"),
-    [
-        (external_link, "ExternalLink"),
-        (soft_link, "SoftLink"),
-        (external_storage, "external storage"),
-        (virtual_dataset, "virtual"),
-    ],
-)
-def test_nothing_outside_the_place_is_read(path, monkeypatch, action, found):
-    monkeypatch.chdir(path.parent)
-    capture = open_capture(path)
-    save_capture("other.h5", capture)
-    Path("secret.raw").write_bytes(capture.data.tobytes())
-    change(path, lambda file: file.move("entry/data/data", "hidden"))
-    change(path, action)
-    with h5py.File(path) as file:
-        # The trap works: h5py alone follows it.
-        assert same_bits(file["entry/data/data"][()], capture.data)
-    assert found in refused(path)
-
-
-@pytest.mark.parametrize("group", ["entry", "entry/data"])
-def test_linked_groups(path, monkeypatch, group):
-    monkeypatch.chdir(path.parent)
-    save_capture("other.h5", open_capture(path))
-
-    def action(file: h5py.File) -> None:
-        del file[group]
-        file[group] = h5py.ExternalLink("other.h5", f"/{group}")
-
-    change(path, action)
-    assert "ExternalLink" in refused(path)
-
-
 def test_volume_is_no_capture_and_the_other_way_round(tmp_path, path):
     save_volume(tmp_path / "v.h5", small_volume())
     assert "open_volume" in refused(tmp_path / "v.h5")
@@ -520,13 +465,6 @@ def test_antenna_files_do_not_apply(path):
 
 
 # ---- damaged files
-
-
-def test_truncated_everywhere(path):
-    whole = path.read_bytes()
-    for cut in {*range(0, 64), *range(64, len(whole), 41), len(whole) - 1}:
-        path.write_bytes(whole[:cut])
-        refused(path)
 
 
 def test_flipped_bits_are_found_or_do_not_matter(path):

@@ -1,0 +1,206 @@
+"""Records of motion files: bodies, hands, and the order of a sweep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, PrivateAttr, model_validator
+
+from clradar.files.records import (
+    FileRecord,
+    Number,
+    NumberOrText,
+    Numbers,
+    Vector,
+    made,
+    mistake,
+    numbers,
+    one_of,
+    text,
+)
+from clradar.hand.mesh import DEFAULT_CENTER_M, DEFAULT_EDGE_LENGTH_M
+from clradar.hand.shape import AVERAGE, HandShape
+from clradar.motion.hands import MovingHand
+from clradar.motion.rigid import BEYOND, PROFILES, RigidMotion
+from clradar.motion.timing import ORDERS, STEP_S
+
+MAX_PLACES = 10_000
+ZERO = (0.0, 0.0, 0.0)
+Time = Annotated[Number, Field(description="a time in seconds")]
+FileName = Annotated[str, text("the name of a file")]
+
+
+class PlaceTable(FileRecord):
+    """Where a body is at a time."""
+
+    time_s: Time
+    shift_mm: Vector = ZERO
+    turn_deg: Vector = ZERO
+
+
+class Moving(FileRecord):
+    """The rigid motion of a body or a hand."""
+
+    velocity_mm_per_s: Vector | None = None
+    turn_deg_per_s: Vector | None = None
+    about_mm: Vector | None = None
+    place: tuple[PlaceTable, ...] = Field((), max_length=MAX_PLACES)
+    beyond: Annotated[str, one_of(*BEYOND)] = "hold"
+
+    def rigid(self, profile: str, *, needed: bool) -> RigidMotion | None:
+        """Return the motion; None if there is none and none is needed."""
+        steady = self.velocity_mm_per_s is not None or self.turn_deg_per_s is not None
+        if steady == bool(self.place) and (needed or steady):
+            expected = "either velocity_mm_per_s or turn_deg_per_s, or [[place]] with times"
+            raise mistake(expected, "both" if steady else "none", key="place")
+        if "beyond" in self.model_fields_set and not self.place:
+            raise mistake("[[place]] beside it", "none", key="beyond")
+        if self.about_mm is not None and not steady and not self.place:
+            raise mistake("a motion beside it", "none", key="about_mm")
+        about_m = [v / 1e3 for v in self.about_mm or ZERO]
+        if steady:
+            velocity_m = np.asarray(self.velocity_mm_per_s or ZERO) / 1e3
+            return RigidMotion.steady(velocity_m, np.radians(self.turn_deg_per_s or ZERO), about_m)
+        if not self.place:
+            return None
+        return made(
+            RigidMotion, np.array([own.time_s for own in self.place]),
+            np.array([own.shift_mm for own in self.place]) / 1e3,
+            np.radians([own.turn_deg for own in self.place]), about_m, profile, self.beyond,
+        )  # fmt: skip
+
+
+class BodyTable(Moving):
+    """The motion of a mesh, or of all that have none of their own."""
+
+    mesh: Annotated[str, text("the name of a mesh file")] = ""
+    profile: Annotated[str, one_of(*PROFILES)] = "linear"
+    _motion: RigidMotion = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _moves(self) -> BodyTable:
+        if "profile" in self.model_fields_set and not self.place:
+            raise mistake("[[place]] beside it", "none", key="profile")
+        motion = self.rigid(self.profile, needed=True)
+        assert motion is not None
+        self._motion = motion
+        return self
+
+
+class PoseTable(FileRecord):
+    """The pose of a hand at a time."""
+
+    time_s: Time
+    pose: Annotated[str, text("the name of a pose, or of a pose file")]
+
+
+_OF_RIGS = ("mapping", "rig_unit", "rig_hand", "betas")
+_OF_EMBEDDED = ("handedness", "edge_mm", "length_mm", "breadth_mm", "girth", "finger_lengths")
+
+
+class HandTable(Moving):
+    """A hand of this package, or a rigged one, and its poses."""
+
+    pose: tuple[PoseTable, ...] = Field(
+        min_length=1, max_length=MAX_PLACES,
+        description=f"[[hand.pose]] with time_s and pose, from one to {MAX_PLACES}",
+    )  # fmt: skip
+    profile: Annotated[str, one_of(*PROFILES)] = "smooth"
+    center_mm: Vector | None = None
+    rig: FileName | None = None
+    mapping: FileName | None = None
+    rig_unit: NumberOrText | None = None
+    rig_hand: Annotated[str | None, one_of("right", "left")] = None
+    betas: Numbers | None = None
+    handedness: Annotated[str, one_of("right", "left")] = "right"
+    edge_mm: Number = 1e3 * DEFAULT_EDGE_LENGTH_M
+    length_mm: Number | None = None
+    breadth_mm: Number | None = None
+    girth: Number = AVERAGE.girth
+    finger_lengths: Annotated[Any, numbers(5)] = AVERAGE.finger_lengths
+    _motion: RigidMotion | None = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> HandTable:
+        given = self.model_fields_set
+        for key in _OF_EMBEDDED if self.rig else _OF_RIGS:
+            if key in given:
+                expected = "none beside rig, which keeps mesh, size and side as it is"
+                raise mistake(*((expected, "both") if self.rig else ("a rig", "none")), key=key)
+        self._motion = self.rigid("linear", needed=False)
+        return self
+
+    def arguments(self, folder: Path, files: list[Path]) -> dict[str, Any]:
+        """Return those of `MovingHand`, whose files are in a folder and are added to a list."""
+        poses = []
+        for own in self.pose:
+            is_file = bool(Path(own.pose).suffix)
+            files += [folder / own.pose] if is_file else []
+            poses.append(str(files[-1]) if is_file else own.pose)
+        found: dict[str, Any] = {
+            "times_s": [own.time_s for own in self.pose], "poses": poses, "profile": self.profile,
+            "motion": self._motion, "handedness": self.handedness,
+            "center_m": DEFAULT_CENTER_M, "edge_length_m": DEFAULT_EDGE_LENGTH_M,
+        }  # fmt: skip
+        if "edge_mm" in self.model_fields_set:
+            found["edge_length_m"] = self.edge_mm / 1e3
+        if self.center_mm is not None:
+            found["center_m"] = [v / 1e3 for v in self.center_mm]
+        if self.rig is not None:
+            from clradar.rigs import read_rig
+
+            rig = folder / self.rig
+            mapping = None if self.mapping is None else folder / self.mapping
+            files += [rig] if mapping is None else [rig, mapping]
+            unit = self.rig_unit
+            found["rig"] = read_rig(
+                rig, mapping=mapping, handedness=self.rig_hand, betas=self.betas,
+                unit=unit if unit is None or isinstance(unit, str) else unit / 1e3,
+            )  # fmt: skip
+        found["shape"] = HandShape(
+            AVERAGE.length_m if self.length_mm is None else self.length_mm / 1e3,
+            AVERAGE.breadth_m if self.breadth_mm is None else self.breadth_mm / 1e3,
+            self.finger_lengths, self.girth,
+        )  # fmt: skip
+        return {**found, "poses": MovingHand(**found).poses}  # which it reads
+
+
+class SweepTable(FileRecord):
+    """When the samples of a sweep are recorded."""
+
+    order: Annotated[str, one_of(*ORDERS)] = "tx"
+    step_us: Annotated[
+        Number, Field(ge=0, lt=1e9, description="a time of at least 0 microseconds")
+    ] = 1e6 * STEP_S
+    table_us: Annotated[str | None, text("the name of a table of times, .csv")] = None
+    cluster_us: (
+        Annotated[Number, Field(ge=0, lt=1e12, description="a time of at least 0 microseconds")]
+        | None
+    ) = None
+
+    @model_validator(mode="after")
+    def _has_one_order(self) -> SweepTable:
+        if self.table_us is not None and self.model_fields_set & {"order", "step_us"}:
+            raise mistake("neither order nor step_us beside it", "both", key="table_us")
+        return self
+
+
+class MotionFile(FileRecord):
+    """What a motion file says."""
+
+    body: tuple[BodyTable, ...] = Field((), description="tables [[body]]")
+    hand: tuple[HandTable, ...] = Field((), description="tables [[hand]]")
+    sweep: SweepTable = SweepTable()
+
+    @model_validator(mode="after")
+    def _moves_something(self) -> MotionFile:
+        names = [own.mesh for own in self.body]
+        for i, name in enumerate(names):
+            if name in names[:i]:
+                expected = "one [[body]] of each mesh, one without"
+                raise mistake(expected, f"two of '{name}'", key=("body", i, "mesh"))
+        if not names and not self.hand:
+            raise mistake("[[body]] or [[hand]], at least one", "none", key="body")
+        return self
