@@ -36,13 +36,7 @@ _OF_THE_FORM = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class RadarFolder:
-    """Name and frequencies of the radar folder that a waveform belongs into.
-
-    Attributes
-    ----------
-    low_ghz, high_ghz : float
-    points : int
-    """
+    """Name and frequencies of the radar folder that a waveform belongs into."""
 
     low_ghz: float
     high_ghz: float
