@@ -12,14 +12,7 @@ import numpy as np
 
 from clradar.dataset.folder import read_manifest, shard_name
 from clradar.dataset.plan.plan import PRODUCTS, plan_record
-from clradar.dataset.shards import (
-    FIELDS,
-    LABELS,
-    fields_of,
-    labels_of,
-    opened_shard,
-    samples_of,
-)
+from clradar.dataset.shards import FIELDS, LABELS, fields_of, labels_of, opened_shard, samples_of
 from clradar.errors import ClradarError, MissingPackage
 from clradar.files.failures import fail
 from clradar.files.json_text import to_json

@@ -28,7 +28,6 @@ from clradar.errors import DeviceError, ModelError, OutputError
 from clradar.jobs import Where
 from clradar.jobs.outcome import ATTEMPTS
 from clradar.jobs.resources import WorkerResources, partition
-from clradar.jobs.where import _Numbered
 from clradar.opencl import DeviceInfo
 
 SAMPLES = 8
@@ -310,7 +309,7 @@ def test_a_run_ends_after_samples_that_are_made_twice(
         ended.touch()
 
     arguments = (begun, released, ended)
-    key = ("sample", "run", 1)
+    key = ("item", "run", 1)
     future = cluster.submit(slowly, *arguments, key=key, resources={"DEVICE": 1})
     wait_for(begun.exists)
     future.cancel()
@@ -323,17 +322,16 @@ def test_a_run_ends_after_samples_that_are_made_twice(
 
 
 def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path: Path) -> None:
-    from clradar.jobs.distributed import _contract, make_part, worker_facts
+    from clradar.jobs.distributed import _contract, run_item, worker_facts
 
     facts = worker_facts("pocl")
-    make = _Numbered(ShardMaker(tmp_path, plan), {}, tmp_path, "pocl", (), str(tmp_path))
-    with _contract(make, facts) as contract:
+    with _contract(tmp_path, facts, "pocl", ()) as contract:
         assert contract.breach() is None
         assert "cannot see the folder" in str(replace(contract, token="other").breach())
         assert "cannot see /none" in str(replace(contract, files=("/none",)).breach())
-        older = json.dumps({**facts, "clradar": "0.0.1"})
-        refusal = make_part(0, make, replace(contract, made_with=older))
-        assert "device of the other workers: clradar 0.0.1, now" in getattr(refusal, "reason", "")
+        older = replace(contract, made_with=json.dumps({**facts, "clradar": "0.0.1"}))
+        error, _ = run_item(ShardMaker(tmp_path, plan), None, str(tmp_path), older)
+        assert "device of the other workers: clradar 0.0.1, now" in str(error)
     assert "cannot see the folder" in str(contract.breach())
     assert list(tmp_path.iterdir()) == []
 

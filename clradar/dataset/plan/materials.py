@@ -8,11 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
-from clradar.constants import (
-    PLAUSIBLE_COATING_M,
-    PLAUSIBLE_CORRELATION_M,
-    PLAUSIBLE_ROUGHNESS_M,
-)
+from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.dataset.plan.draws import Draw
 from clradar.dataset.plan.hands import folder_of
 from clradar.dataset.plan.values import Value, draws, tried
