@@ -20,18 +20,10 @@ _EXPECTED = "an antenna file (a header x,y,z, then a row of three numbers per an
 
 
 def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
-    """Return the imaging antennas of one file.
+    """Return the imaging antennas of a text file, shape (94, 3), metres, in the antenna frame.
 
-    Parameters
-    ----------
-    path : path-like
-        Text: a header `x,y,z`, then 96 rows of three comma-separated numbers in metres, of which
-        rows 1 to 94 (counted from 0) are the imaging antennas; or those 94 rows alone.
-
-    Returns
-    -------
-    ndarray, shape (94, 3), float64, metres
-        In the antenna frame.
+    Of 96 rows below the header `x,y,z` these are rows 1 to 94 (counted from 0); or it has those
+    alone.
     """
     positions = read_position_file(path)
     if len(positions) not in (CHANNELS, CHANNELS - 2):
@@ -40,13 +32,7 @@ def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def read_position_file(path: str | os.PathLike[str]) -> np.ndarray:
-    """Return the rows of a text file of positions: a header `x,y,z`, then any number of rows.
-
-    Returns
-    -------
-    ndarray, shape (n, 3), float64
-        In the file's unit.
-    """
+    """Return the rows below the header `x,y,z` of a text file, shape (n, 3), in the file's unit."""
     path = Path(path)
     content = read_bytes(path, _EXPECTED, MAX_ANTENNA_FILE_BYTES)
     with reading(path, _EXPECTED):

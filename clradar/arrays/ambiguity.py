@@ -49,20 +49,8 @@ def ghosts(
 ) -> list[list[Lobe]]:
     """Return grating lobes of the image of a point, those from `GHOST_DB` on, strongest first.
 
-    Parameters
-    ----------
-    array : AntennaArray or sequence of AntennaArray
-        Several: lobes of one image of all.
-    waveform : Waveform
-    at_m : ndarray, shape (3,), metres
-        In front of the antennas.
-    *among : callable
-        From positions at the distance of the point, shape (n, 3), to those that count, shape (n,).
-
-    Returns
-    -------
-    list of list of Lobe
-        For each of `among` the strongest of its own.
+    One list for each of `among`, which say of positions (n, 3) at the distance of the point,
+    metres, which count. Of several arrays: lobes of one image of all.
     """
     clusters = clusters_of(array)
     if len(clusters) == 1 and _needs_no_search(clusters[0], waveform):
@@ -143,22 +131,12 @@ def _candidates_about(
 def range_aliases(
     array: Clusters, waveform: Waveform, at_m: np.ndarray, periods: Sequence[int]
 ) -> list[tuple[np.ndarray, float]]:
-    """Return where a point appears some unambiguous ranges farther, and how bright.
+    """Return where a point appears some unambiguous ranges farther (negative: nearer), and how
+    bright.
 
-    Parameters
-    ----------
-    array : AntennaArray or sequence of AntennaArray
-    waveform : Waveform
-    at_m : ndarray, shape (3,), metres
-    periods : sequence of int
-        Negative: nearer.
-
-    Returns
-    -------
-    list of (ndarray, float)
-        Position, metres, and amplitude relative to the point itself, `ALIAS_DB` or more: 1 far
-        away, and less where the curvature of the wavefronts tells the range. Nothing behind the
-        antennas, and for so few frequencies that they resolve no range.
+    Positions, metres, and amplitudes relative to the point itself, `ALIAS_DB` or more: 1 far away,
+    and less where the curvature of the wavefronts tells the range. Nothing behind the antennas, and
+    for so few frequencies that they resolve no range.
     """
     if waveform.n_freq < MIN_STEPS or waveform.span_hz <= 0 or not len(periods):
         return []

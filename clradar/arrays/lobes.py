@@ -47,13 +47,7 @@ AT_POLE = 1e-3
 class DirectionMap:
     """The response at one frequency over directions, at the distance of the focus.
 
-    Attributes
-    ----------
-    directions : ndarray, shape (n_y, n_x, 3)
-        Unit vectors, on a lattice of sines.
-    level : ndarray, shape (n_y, n_x)
-        Relative to the focus.
-    frequency_hz : float
+    Unit vectors (n_y, n_x, 3) on a lattice of sines, and levels relative to the focus.
     """
 
     directions: np.ndarray
@@ -174,20 +168,10 @@ def response_over_directions(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Magnitude of the response at one frequency, at the distance of the focus.
 
-    Returns
-    -------
-    directions : ndarray, shape (n_y, n_x, 3)
-        Unit vectors on a lattice of sines, twice as fine as the array resolves; along an axis
-        without aperture only that of the focus.
-    level : ndarray, shape (n_y, n_x)
-        Relative to the focus; 0 beyond the angle.
-    step : ndarray, shape (2,)
-        Of the sines along x and y; 0 without aperture.
-
-    Raises
-    ------
-    ModelError
-        More than `MOST_TERMS` antennas times directions.
+    Returns directions (n_y, n_x, 3), unit vectors on a lattice of sines, twice as fine as the array
+    resolves (along an axis without aperture only that of the focus); levels relative to the focus,
+    0 beyond the angle; and steps (2,) of the sines along x and y, 0 without aperture. More than
+    `MOST_TERMS` antennas times directions are an error.
     """
     most = np.sin(np.deg2rad(within_deg))
     distance_m = float(np.linalg.norm(focus_m))
@@ -221,14 +205,9 @@ def climbed_lobes(
     starts_m: np.ndarray,
     step: np.ndarray,
 ) -> list[Lobe]:
-    """The maxima of the response next to some points, at the ranges that suit them.
+    """The maxima of the response next to points (n, 3) at the distance of the focus, metres.
 
-    Parameters
-    ----------
-    starts_m : ndarray, shape (n, 3), metres
-        At the distance of the focus.
-    step : ndarray, shape (2,)
-        Of sines, as `response_over_directions` returns it.
+    They are at the ranges that suit them; `step` is that of `response_over_directions`.
     """
     if not len(starts_m):
         return []

@@ -48,21 +48,11 @@ def wavenumbers(frequencies_hz: np.ndarray) -> np.ndarray:
 def pair_sums(
     array: Clusters, frequencies_hz: np.ndarray, focus_m: np.ndarray, points_m: np.ndarray
 ) -> np.ndarray:
-    """The response per frequency, before the sum over frequencies.
+    """The response at points (n, 3) per frequency, shape (n, n_freq), before the sum over
+    frequencies.
 
-    Parameters
-    ----------
-    array : AntennaArray or sequence of AntennaArray
-        Patterns and gains weigh the antennas towards each point, as echoes from there would be.
-    frequencies_hz : ndarray, shape (n_freq,)
-    focus_m : ndarray, shape (3,), metres
-        Where the point is, whose response is 1.
-    points_m : ndarray, shape (n, 3), metres
-
-    Returns
-    -------
-    ndarray, shape (n, n_freq), complex128
-        To 1e-5, as phasors are complex64.
+    1 at the focus; to 1e-5, as phasors are complex64. Patterns and gains weigh the antennas towards
+    each point, as echoes from there would be.
     """
     total = np.zeros((len(points_m), len(frequencies_hz)), dtype=np.complex128)
     top = 0.0j
@@ -124,14 +114,8 @@ def width_m(
     axis: np.ndarray,
     longest_m: float,
 ) -> float:
-    """Full width of the main lobe at -3 dB along a direction, metres; infinite beyond `longest_m`.
-
-    Parameters
-    ----------
-    axis : ndarray, shape (3,)
-        Of length 1.
-    longest_m : float, metres
-        Half of the longest width that is looked for.
+    """Full width of the main lobe at -3 dB along a unit vector, metres; infinite beyond twice
+    `longest_m`.
     """
 
     def levels(steps_m: np.ndarray) -> np.ndarray:

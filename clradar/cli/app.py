@@ -46,17 +46,10 @@ COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; always ends in `SystemExit`.
+    """Run the command line with these arguments, or those of the process.
 
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Without the program's name; those of the process if not given.
-
-    Raises
-    ------
-    SystemExit
-        0 done, 1 an error (one line on stderr), 2 wrong usage, 130 interrupted, 143 terminated.
+    Always ends in `SystemExit`: 0 done, 1 an error (one line on stderr), 2 wrong usage, 130
+    interrupted, 143 terminated.
     """
     given, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
     command = typer.main.get_command(_app(_requested(given), debug))

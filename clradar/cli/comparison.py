@@ -89,7 +89,6 @@ class Comparison:
         dynamic_range_db: float = DYNAMIC_RANGE_DB,
     ) -> Comparison:
         """Compare the first volume with each of the labelled ones after it."""
-
         maps = [volume.depth_map(dynamic_range_db) for volume in volumes]
         metrics = [cl.compare(maps[0], m, dynamic_range_db=dynamic_range_db) for m in maps[1:]]
         return cls(maps, labels, metrics, dynamic_range_db)

@@ -21,14 +21,11 @@ from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput, nothing_to_draw, title_of
 from clradar.cli.options.groups import given, option, output_option, wrong_usage
 from clradar.cli.options.measured import (
-    SLICE_HELP,
-    VIEW_HELP,
     FrameOptions,
     GridOptions,
     ModelImagingOptions,
-    ViewName,
+    PictureOptions,
     grid_text,
-    plane,
 )
 from clradar.cli.outputs import check_figure, check_outputs, check_page, provenance
 from clradar.errors import MeasurementError
@@ -47,7 +44,7 @@ from clradar.model.volume import depth_map_of_planes, plane_slabs
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImageFiles:
+class ImageFiles(PictureOptions):
     """Files of an image, one of which has to be written."""
 
     output: Path | None = output_option(None, "Volume to write (HDF5).")
@@ -55,16 +52,12 @@ class ImageFiles:
     report: Path | None = option(
         None, "Page to write: figure, 3-D view, facts and settings in one .html file."
     )
-    view: ViewName | None = option(None, VIEW_HELP)
-    slice: str | None = option(None, SLICE_HELP, metavar="AXIS[=MM]", needs="--png")
     dbsm: bool = option(
         False, "Draw radar cross sections in dBsm, of samples that are S-parameters."
     )
 
     def check(self, *, force: bool, inputs: list[Path]) -> None:
         """Raise unless all of them may be written, and there is one."""
-        if self.slice is not None:
-            plane(self.slice)
         files = [file for file in (self.output, self.png, self.report) if file is not None]
         if not files:
             raise wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
@@ -112,10 +105,10 @@ class ImageFiles:
         shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": self.view, "dbsm": self.dbsm}
         if self.png is not None:
             drawn = volume
-            if self.slice is not None:
+            if self.plane is not None:
                 if isinstance(volume, cl.DepthMap):
                     raise wrong_usage("--slice", "of an image in one piece, or of its volume (-o)")
-                drawn = plane_of(volume, *plane(self.slice))
+                drawn = plane_of(volume, *self.plane)
             with progress_bar("drawing"):
                 save_figure(image_figure(drawn, title, **shown), self.png, force=force)
             print_line(f"{self.png}: the picture, {range_db:g} dB")
@@ -359,7 +352,7 @@ def image_by_parts(
     meta = {**image_meta(device=opened, **how), "capture": samples.meta if alone else metas}
     scale = ImageScale(samples.array, samples.waveform, weights) if samples.absolute else None
     image = PartedImage(steps=steps, meta=meta, scale=scale if alone else None)
-    origin = provenance("image", options, read)
+    origin = provenance("image", read, **options)
     job = Job(
         folder=steps.folder, work="image", own=(KEY, PARTS, WHOLE), force=force,
         key={

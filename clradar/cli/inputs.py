@@ -30,7 +30,6 @@ def form_image(
     tolerance_db: float | None = None,
 ) -> cl.Volume:
     """The image of a capture, with a progress bar on a terminal."""
-
     form = cl.reconstruct if imaging.fitted else cl.backproject
     with progress_bar(label) as progress:
         return form(
@@ -62,13 +61,11 @@ class ImageInput:
     @property
     def grid(self) -> cl.VoxelGrid | None:
         """The voxel grid of a volume; None for a capture."""
-
         return self.content.grid if isinstance(self.content, cl.Volume) else None
 
     @property
     def radar(self) -> dict[str, Any]:
         """`array` and `waveform` of a capture, as keyword arguments; none for a volume."""
-
         if isinstance(self.content, cl.Volume):
             return {}
         return {"array": self.content.array, "waveform": self.content.waveform}
@@ -91,7 +88,6 @@ class ImageInput:
         self, grid: cl.VoxelGrid, imaging: ImagingOptions, device: cl.Device | str | None
     ) -> cl.Volume:
         """The volume, or the image of the capture on `grid`."""
-
         if isinstance(self.content, cl.Volume):
             return self.content
         return form_image(self.content, grid, imaging, device, f"imaging {self.path.name}")
@@ -132,7 +128,6 @@ def common_grid(
     options: GridOptions, *images: ImageInput, device: cl.Device | str | None = None
 ) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
-
     if not options.given:
         for image in images:
             if image.grid is not None:
@@ -251,15 +246,13 @@ def _recording(source: object) -> list[str]:
 class AverageOptions:
     """The mean over the frames of recordings."""
 
-    average: bool = option(False, "Take the coherent mean of all frames of each radar folder.")
-    align_phase: bool = option(False, "With --average: first rotate frames to a common phase.")
+    average: bool = option(
+        False, "Take the coherent mean of all frames of each radar folder.", without="--frame"
+    )
+    align_phase: bool = option(False, "First rotate frames to a common phase.", needs="--average")
 
-    def check(self, frames: FrameOptions, sources: list[Path], names: str) -> None:
-        """Raise unless the options go together."""
-        if self.align_phase and not self.average:
-            raise wrong_usage("--align-phase", "expected --average with it")
-        if self.average and frames.frame is not None:
-            raise wrong_usage("--frame", "expected either --frame or --average")
+    def check(self, sources: list[Path], names: str) -> None:
+        """Raise unless there is a folder to take the mean of."""
         if self.average and not any(path.is_dir() for path in sources):
             raise wrong_usage("--average", f"expected a radar folder among {names}")
 

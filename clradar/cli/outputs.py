@@ -19,6 +19,7 @@ import numpy as np
 
 import clradar as cl
 from clradar import __version__
+from clradar.cli.options.groups import recorded
 from clradar.errors import OutputError
 from clradar.files.atomic import refuse_special, remove_left, write_file
 from clradar.files.hashing import sha256_of
@@ -230,16 +231,16 @@ def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) 
 
 
 def provenance(
-    command: str, options: Mapping[str, Any], inputs: Sequence[Path] = ()
+    command: str, inputs: Sequence[Path], *groups: Any, **options: Any
 ) -> dict[str, Any]:
-    """The record that goes into the `meta` of a written file."""
+    """The record that goes into the `meta` of a written file: of groups of options, and others."""
     return {
         "clradar": __version__,
         "packages": package_versions(),
         "python": platform.python_version(),
         "machine": platform.platform(),
         "command": command,
-        "options": dict(options),
+        "options": recorded(*groups, **options),
         "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in inputs],
     }
 

@@ -61,7 +61,7 @@ def write_captures(
                 continue
             options = {key: capture.meta[key] for key in ("frame", "variant")}
             inputs = [*recording_files(source, capture.meta), *antennas.files]
-            origin = provenance("convert", {"source": str(source), **options}, inputs)
+            origin = provenance("convert", inputs, source=source, **options)
             save(path, capture, origin, force=force)
             written.append(path.name)
             del capture  # before the next one is read
@@ -117,7 +117,7 @@ def write_recording(
             capture = opened()
             inputs = [*recording_files(path, capture.meta), *antennas.files]
             options = {"source": str(path), "variant": frames.variant, "frame": frames.frame}
-            yield described(capture, provenance("convert", {**options, "to": "maroon"}, inputs))
+            yield described(capture, provenance("convert", inputs, to="maroon", **options))
 
     (variant, first), *others = views.items()
     with progress_bar("converting") as progress:

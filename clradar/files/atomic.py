@@ -23,17 +23,7 @@ from clradar.files.interrupts import postponed
 def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
     """Yield a temporary name in the target's folder; on success sync it and rename it to `path`.
 
-    Parameters
-    ----------
-    path : path-like
-        The target. Its folder has to exist.
-    force : bool
-        Replace an existing file. A folder is never replaced.
-
-    Yields
-    ------
-    Path
-        A name that does not exist yet, for the caller to create and close.
+    The folder has to exist. With `force` a file is replaced, a folder never.
     """
     target = Path(path)
     refuse_existing(target, force=force)

@@ -67,14 +67,9 @@ class PickledDtype(metaclass=Fixed):
 
 
 class PickledArray(metaclass=Fixed):
-    """An array of the file.
+    """An array of the file: numbers and text, read-only, or the items of an object array.
 
-    Attributes
-    ----------
-    value : ndarray or list or None
-        Numbers and text, read-only; the items of an object array; None if it is of other types, or
-        was never filled.
-    shape : tuple of int
+    None if it is of other types, or was never filled.
     """
 
     __slots__ = ("shape", "value")
@@ -207,14 +202,7 @@ class _Unpickler(pickle.Unpickler):
 def load(content: bytes, names: Names, kind: str, offset: int = 0) -> Any:
     """Return the value of the one pickle that reaches from `offset` to the end.
 
-    Parameters
-    ----------
-    content : bytes
-    names : mapping
-        The names that it may use: `ARRAYS` and others.
-    kind : str
-        What needs no other names, for the message: "frame".
-    offset : int
+    It may use `names` (`ARRAYS` and others); `kind` is what needs no other, for messages: "frame".
     """
     stream = io.BytesIO(content)
     stream.seek(offset)

@@ -22,13 +22,9 @@ def visible(name: str) -> bool:
 
 
 class WatchedFolder:
-    """Files of a folder, looked at when asked; works where a system tells nothing of changes.
+    """Files of a folder whose names count, looked at when asked.
 
-    Parameters
-    ----------
-    folder : Path
-    accepts : callable
-        Given the name of a file, whether it counts.
+    It works where a system tells nothing of changes.
     """
 
     def __init__(self, folder: Path, accepts: Callable[[str], bool] = visible) -> None:

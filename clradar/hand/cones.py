@@ -9,14 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cone:
-    """A round cone: the convex hull of two spheres.
-
-    Parameters
-    ----------
-    begin_m, end_m : ndarray, shape (3,), float64, metres
-        Centres of the spheres; neither sphere may hold the other.
-    begin_radius_m, end_radius_m : float, metres
-    """
+    """A round cone: the convex hull of two spheres, neither of which may hold the other."""
 
     begin_m: np.ndarray
     end_m: np.ndarray

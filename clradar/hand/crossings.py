@@ -12,21 +12,9 @@ _LEAST_SLOPE = 1e-7
 def crossing_faces(
     vertices_m: np.ndarray, faces: np.ndarray, among: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the pairs of faces without a common corner that intersect.
+    """Return the pairs (N, 2) of faces, of those `among`, without a common corner that intersect.
 
     Two triangles intersect if an edge of one meets the other, unless it lies in its plane.
-
-    Parameters
-    ----------
-    vertices_m : ndarray, shape (V, 3), metres
-    faces : ndarray, shape (F, 3), int
-    among : ndarray, int, optional
-        Indices of the faces to test; all of them by default.
-
-    Returns
-    -------
-    ndarray, shape (N, 2), int
-        Indices into `faces`.
     """
     chosen = np.arange(len(faces)) if among is None else among
     corners = faces[chosen]
@@ -45,21 +33,8 @@ def crossing_faces(
 def faces_beside(
     vertices_m: np.ndarray, faces: np.ndarray, among: np.ndarray, chosen: np.ndarray
 ) -> np.ndarray:
-    """Return faces near the chosen ones: a superset of those that touch them.
-
-    Parameters
-    ----------
-    vertices_m : ndarray, shape (V, 3), metres
-    faces : ndarray, shape (F, 3), int
-    among : ndarray, int
-        Indices of the faces to test.
-    chosen : ndarray, shape (F,), bool
-        At least one of `among`.
-
-    Returns
-    -------
-    ndarray, int
-        Those of `among`.
+    """Return those of `among` near the chosen faces (F,), bool: a superset of those that touch
+    them.
     """
     from scipy.spatial import cKDTree
 

@@ -59,22 +59,14 @@ _THUMB_TIP_TISSUE_MM = 5.7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flesh:
-    """The solid of a posed right hand in the frame of its skeleton.
+    """The solid of a posed right hand in the frame of its skeleton, whose origin is the wrist.
 
-    Parameters
-    ----------
-    forearm : ndarray, shape (3,)
-        Unit vector along the forearm, from the elbow to the wrist, which is the origin.
-    palm : tuple of Cone
-        Forearm stub, wrist, palm with the muscles of the thumb and the little finger, and webs.
-    roots, ends : tuple of tuple of Cone
-        For the thumb and each finger: the cones that grow out of the palm, and those beyond; each
-        digit has as many as the others.
-
-    Notes
-    -----
-    `FleshField` computes the signed distance: smooth unions of cones with the blend radii of this
-    module, then of digits with the palm, minus what lies beyond the plane that ends the forearm.
+    `forearm` is the unit vector from the elbow to the wrist; `palm` has forearm stub, wrist, palm
+    with the muscles of the thumb and the little finger, and webs; `roots` and `ends` have, for the
+    thumb and each finger, the cones that grow out of the palm and those beyond, as many for each
+    digit. `FleshField` computes the signed distance: smooth unions of cones with the blend radii of
+    this module, then of digits with the palm, minus what lies beyond the plane that ends the
+    forearm.
     """
 
     forearm: np.ndarray

@@ -47,20 +47,8 @@ class FleshField:
 
     Coordinates are float32 about the middle of the hand's box on the device, so that distances are
     within 0.1 um. The nodes lie half a spacing inside cells of 4 x 4 x 4; each cell has a bit mask
-    of the cones that matter in it.
-
-    Parameters
-    ----------
-    flesh : Flesh
-    spacing_m : float, metres
-        Of the nodes.
-    buffers : Buffers
-        Owner of the device memory.
-
-    Attributes
-    ----------
-    first_m : ndarray, shape (3,), float64, metres
-        The first node, a spacing below the box of the flesh; the last one is not below its top.
+    of the cones that matter in it. `first_m` is the first node, a spacing below the box of the
+    flesh; the last one is not below its top.
     """
 
     def __init__(self, flesh: Flesh, spacing_m: float, buffers: Buffers) -> None:

@@ -220,13 +220,6 @@ def hand_mesh(
     HandMesh
         On the same device and driver the same bits.
 
-    Raises
-    ------
-    ModelError
-        An argument is invalid.
-    DeviceError
-        The device is missing, out of memory or fails.
-
     Examples
     --------
     >>> from clradar.hand import hand_mesh
@@ -278,17 +271,9 @@ def kept_from_skin(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bring points near the skin of a right hand to their distances from it, by two Newton steps.
 
-    Parameters
-    ----------
-    vertices_m : ndarray, shape (V, 3), metres
-        In the frame of the hand: that of `posed_skeleton`.
-    away_m : ndarray, shape (V,), metres, or None
-        Negative inside. None: they stay.
-
-    Returns
-    -------
-    tuple of ndarray
-        Points (V, 3), unit normals of the field there (V, 3), and distances (V,) before.
+    Points (V, 3), metres, are in the frame of `posed_skeleton`; distances are negative inside,
+    None: they stay. Returns points, unit normals of the field there (V, 3), and distances (V,)
+    before.
     """
     straight = _with_straight_wrist(pose)
     turn = posed_skeleton(pose, shape).frames[0]

@@ -127,14 +127,8 @@ class Skeleton:
 class Proportions:
     """Scale factors from the average hand to one of another shape.
 
-    Parameters
-    ----------
-    palm : ndarray, shape (3,)
-        Of the positions of bones in the palm.
-    digits : dict of str to float
-        Of the lengths of the bones of the thumb and of each finger.
-    thickness : float
-        Of the flesh around the bones.
+    `palm` (3,) of the positions of bones there, `digits` of the lengths of bones, `thickness` of
+    flesh.
     """
 
     palm: np.ndarray

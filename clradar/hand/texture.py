@@ -39,21 +39,10 @@ SKIN_BONES: tuple[int, ...] = tuple(JOINT_INDEX[bone] for bone in _BONES)
 
 
 def skin_weights(vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton) -> np.ndarray:
-    """Return by how much every bone moves points of the skin of a posed hand.
+    """Return by how much every bone moves points of the skin of a posed hand, (V, len(SKIN_BONES)).
 
-    Parameters
-    ----------
-    vertices_m : ndarray, shape (V, 3), metres
-        In the frame of the skeleton.
-    normals : ndarray, shape (V, 3)
-        Outward unit vectors.
-    posed : Skeleton
-
-    Returns
-    -------
-    ndarray, shape (V, len(SKIN_BONES)), float64
-        With sums of 1. The weights of the bones beside the nearest fall to zero as (1 - d / c)^2,
-        where d is how much farther their flesh is than that of the nearest, c = `BLEND_M`.
+    Rows sum to 1. The weights of the bones beside the nearest fall to zero as (1 - d / c)^2, where
+    d is how much farther their flesh is than that of the nearest, c = `BLEND_M`.
     """
     distance_m = np.stack([_distance_m(vertices_m, normals, posed, b) for b in _BONES], axis=1)
     nearest = distance_m.argmin(axis=1)
@@ -66,24 +55,11 @@ def skin_weights(vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton) -
 def texture_coordinates_m(
     vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton, flat: Skeleton
 ) -> np.ndarray:
-    """Return where points of the skin of a posed hand are in a flat hand.
+    """Return where points (V, 3) of the skin of a posed hand are in a flat hand of the same bones,
+    metres.
 
-    Parameters
-    ----------
-    vertices_m : ndarray, shape (V, 3), metres
-        In the frame of the posed skeleton.
-    normals : ndarray, shape (V, 3)
-        Outward unit vectors.
-    posed, flat : Skeleton
-        Of the same bones.
-
-    Returns
-    -------
-    ndarray, shape (V, 3), float64, metres
-        q = sum_b w_b (G_b F_b^T (v - p_b) + o_b), where F and p are the axes and the beginning of a
-        bone in the pose, and G and o in the flat hand. The weights of the bones beside the nearest
-        fall to zero as (1 - d / c)^2, where d is how much farther their flesh is than that of the
-        nearest, c = `BLEND_M`.
+    q = sum_b w_b (G_b F_b^T (v - p_b) + o_b), where F and p are the axes and the beginning of a
+    bone in the pose, G and o in the flat hand, and w are the `skin_weights`.
     """
     weight = skin_weights(vertices_m, normals, posed)
     texture_m = np.zeros(vertices_m.shape)

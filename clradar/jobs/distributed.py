@@ -1,7 +1,7 @@
-"""The engine that makes samples, or other numbered work, on the workers of a Dask cluster.
+"""The items of a job on the workers of a Dask client.
 
-Dask schedules the samples, retries failed ones and restarts dead workers. This module limits the
-number of submitted samples and interprets their outcomes.
+Dask schedules the items, retries failed ones and restarts dead workers. This module limits the
+number of submitted items, checks that workers are alike, and interprets outcomes.
 """
 
 from __future__ import annotations
@@ -11,31 +11,30 @@ import os
 import secrets
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
 from socket import gethostname
 from time import monotonic, sleep
-from typing import Any, Protocol
+from typing import Any
 
 from distributed import CancelledError, Client, Future, KilledWorker, as_completed
 from distributed.comm import CommClosedError
 
-from clradar.errors import ClusterError, OutputError
+from clradar.errors import ClradarError, ClusterError, OutputError
 from clradar.files.atomic import write_file
 from clradar.files.failures import shown
 from clradar.files.json_differences import differences
 from clradar.jobs.cluster import DEVICE
-from clradar.jobs.outcome import ATTEMPTS, Aside, reason_of
+from clradar.jobs.outcome import ATTEMPTS, Outcome, outcome_of, reason_of
 from clradar.jobs.resources import made_with, own_device
 from clradar.versions import own_version
 
 WAITING = 2
-"""Submitted samples per worker: the one being made, and the next."""
+"""Submitted items per worker: the one being made, and the next."""
 
 LATE_S, LATE_STEP_S = 120.0, 0.05
-"""Longest wait for samples that are made twice, and the interval of polling."""
+"""Longest wait for items that are made twice, and the interval of polling."""
 
 LOOK_S = 10.0
 """Interval at which the number of workers is read."""
@@ -46,43 +45,18 @@ RESTART_S = 10.0
 KILLED = "its worker process died each time"
 
 
-class Maker(Protocol):
-    """Work that can be sent to workers, such as `PartMaker`."""
-
-    @property
-    def folder(self) -> Path: ...
-
-    @property
-    def device(self) -> str | None: ...
-
-    @property
-    def files(self) -> tuple[str, ...]: ...
-
-    def alone(self, sample: int) -> Maker:
-        """The work without what only other samples need."""
-
-    def __call__(self, sample: int) -> Any: ...
-
-
-class SampleError(Exception):
-    """A sample could not be made, with the reason as text, so that it can be pickled."""
-
-
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """Why a worker can make no sample at all."""
-
-    reason: str
+class ItemError(Exception):
+    """An item could not be made, with the reason as text, so that it can be pickled."""
 
 
 def worker_facts(device: str | None) -> dict[str, Any]:
-    """Return the versions and the device of the worker that runs this."""
+    """The versions and the device of the worker that runs this."""
     return made_with(own_device(device))
 
 
 @dataclass(frozen=True, slots=True)
 class Contract:
-    """Conditions on a worker, which each process verifies before its first sample."""
+    """Conditions on a worker, which each process verifies before its first item."""
 
     made_with: str
     device: str | None
@@ -91,7 +65,7 @@ class Contract:
     files: tuple[str, ...]
 
     def breach(self) -> str | None:
-        """Return the condition that this process violates, or None."""
+        """The condition that this process violates, or None."""
         different = differences(json.loads(self.made_with), worker_facts(self.device))
         if different:
             return f"expected versions and device of the other workers: {'; '.join(different)}"
@@ -115,21 +89,25 @@ def _breach(contract: Contract) -> str | None:
     return contract.breach()
 
 
-def make_part(sample: int, make: Maker, contract: Contract) -> Any:
-    """Make a sample: the task that Dask runs."""
+def run_item(steps: Any, item: Any, here: str, contract: Contract) -> Outcome:
+    """Run the steps of an item: the task that Dask runs."""
     breach = _breach(contract)
     if breach is not None:
-        return Refusal(f"worker on {gethostname()}: {breach}")
+        return OutputError(f"worker on {gethostname()}: {breach}"), []
+    before = os.getcwd()
     try:
-        return make(sample)
-    except OutputError as error:
-        return Refusal(str(error))
+        if before != here:  # names of files are relative to the client's folder
+            os.chdir(here)
+        return outcome_of(replace(steps, device=own_device(contract.device)).run, item, None)
     except Exception as error:
-        raise SampleError(reason_of(error)) from None
+        raise ItemError(reason_of(error)) from None
+    finally:
+        if before != here:
+            os.chdir(before)
 
 
 class Distributed:
-    """An engine that makes samples on the workers of a Dask client."""
+    """The workers of a Dask client."""
 
     def __init__(
         self,
@@ -140,16 +118,61 @@ class Distributed:
     ) -> None:
         self.client, self.device = client, device
         self._end_workers = end_workers
-        self._pending: set[Future] = set()
+        self._pending: dict[Future, int] = {}
         self._window, self._counted_s = 1, -LOOK_S
 
+    def outcomes(
+        self, steps: Any, items: Sequence[Any], folder: Path, files: Sequence[str]
+    ) -> Iterator[tuple[int, Outcome]]:
+        """Yield the number of each item with its outcome, as soon as it is known.
+
+        When a worker dies, Dask blames all items that it had. So those that it gives up are
+        retried at the end, each alone in the whole cluster.
+        """
+        here = os.getcwd()
+        with _contract(folder, self.made_with(), self.device, (here, *files)) as contract:
+            for address, breach in self._results_of(_breach, contract).items():
+                if breach is not None:
+                    raise ClusterError(f"{address}: {breach}")
+            made = lambda *some: self._made(steps, dict(some), here, contract)  # noqa: E731
+            blamed = []
+            for number, outcome in made(*enumerate(items)):
+                if outcome is None:
+                    blamed.append(number)
+                else:
+                    yield number, outcome
+            for number in sorted(blamed):
+                for _, outcome in made((number, items[number])):
+                    yield number, outcome or (ClradarError(KILLED), [])
+
+    def _made(
+        self, steps: Any, items: dict[int, Any], here: str, contract: Contract
+    ) -> Iterator[tuple[int, Outcome | None]]:
+        """The same without another try; None where a worker died."""
+        left, run = iter(items.items()), secrets.token_hex(4)
+        finished = as_completed([], loop=self.client.loop)
+        for _ in range(len(items)):
+            while len(self._pending) < self._most():
+                number, item = next(left, (None, None))
+                if number is None:
+                    break
+                future = self.client.submit(
+                    run_item, steps, item, here, contract, key=("item", run, number),
+                    resources={DEVICE: 1}, retries=ATTEMPTS - 1,
+                )  # fmt: skip
+                self._pending[future] = number
+                finished.add(future)
+            future = next(finished)
+            yield self._pending.pop(future), _outcome(future)
+        self._await_late(run)
+
     def workers(self) -> list[str]:
-        """Return the addresses of the workers with a device."""
+        """The addresses of the workers with a device."""
         known = self.client.scheduler_info(n_workers=-1)["workers"]
         return [address for address, worker in known.items() if worker["resources"].get(DEVICE)]
 
-    def window(self) -> int:
-        """Return how many samples may be submitted; it follows the number of workers."""
+    def _most(self) -> int:
+        """How many items may be submitted; it follows the number of workers."""
         now_s = monotonic()
         if now_s >= self._counted_s + LOOK_S:
             self._counted_s = now_s
@@ -157,7 +180,7 @@ class Distributed:
         return self._window
 
     def made_with(self) -> Mapping[str, Any]:
-        """Return versions and device of all workers."""
+        """Versions and device of all workers."""
         facts = self._results_of(worker_facts, self.device)
         for address, fact in facts.items():
             if fact["clradar"] != own_version():
@@ -194,61 +217,10 @@ class Distributed:
                 ) from answer
         return answers
 
-    def outcomes(self, samples: Sequence[int], make: Maker) -> Iterator[Any]:
-        """Yield the outcome of each sample as soon as it is known.
-
-        When a worker dies, Dask blames all samples that it had. So those that it gives up are
-        retried at the end, each alone in the whole cluster.
-        """
-        with _contract(make, self.made_with()) as contract:
-            for address, breach in self._results_of(_breach, contract).items():
-                if breach is not None:
-                    raise ClusterError(f"{address}: {breach}")
-            blamed = []
-            for outcome in self._made(samples, make, contract, self.window):
-                if isinstance(outcome, Aside) and outcome.reason == KILLED:
-                    blamed.append(outcome.sample)
-                else:
-                    yield outcome
-            yield from self._made(sorted(blamed), make, contract, lambda: 1)
-
-    def _made(
-        self,
-        samples: Sequence[int],
-        make: Maker,
-        contract: Contract,
-        window: Callable[[], int],
-    ) -> Iterator[Any]:
-        left = iter(samples)
-        run = secrets.token_hex(4)
-
-        def submitted() -> list[Future]:
-            futures = [
-                self.client.submit(
-                    make_part,
-                    sample,
-                    make.alone(sample),
-                    contract,
-                    key=("sample", run, sample),
-                    resources={DEVICE: 1},
-                    retries=ATTEMPTS - 1,
-                )
-                for sample in islice(left, max(0, window() - len(self._pending)))
-            ]
-            self._pending.update(futures)
-            return futures
-
-        finished = as_completed(submitted(), loop=self.client.loop)
-        for future in finished:
-            self._pending.discard(future)
-            finished.update(submitted())
-            yield _outcome(future)
-        self._await_late(run)
-
     def _await_late(self, run: str) -> None:
-        """Wait for samples that are made twice, so that no part is written after the run.
+        """Wait for items that are made twice, so that no file is written after the run.
 
-        Dask reschedules the samples of a dying worker, even finished ones.
+        Dask reschedules the items of a dying worker, even finished ones.
         """
         until_s = monotonic() + LATE_S
         while monotonic() < until_s:
@@ -259,8 +231,8 @@ class Distributed:
     def stop(self) -> None:
         """Submit no more, and end the workers if this process started them.
 
-        Workers of a running cluster finish the samples that they have begun, and leave their parts
-        to the next run.
+        Workers of a running cluster finish the items that they have begun, and leave what they
+        made to the next run.
         """
         with suppress(Exception):
             self.client.cancel(list(self._pending))
@@ -270,39 +242,38 @@ class Distributed:
 
 
 def _is_busy(run: str, dask_worker: Any) -> bool:
-    """Return whether a worker is making a sample of a run."""
+    """Whether a worker is making an item of a run."""
     keys = list(dask_worker.active_threads.values())
-    return any(isinstance(key, tuple) and key[:2] == ("sample", run) for key in keys)
+    return any(isinstance(key, tuple) and key[:2] == ("item", run) for key in keys)
 
 
-def _outcome(future: Future) -> Any:
-    sample = future.key[-1]
+def _outcome(future: Future) -> Outcome | None:
     try:
-        made = future.result()
-    except SampleError as error:
-        return Aside(sample, str(error), ATTEMPTS)
-    except KilledWorker as error:
-        return Aside(sample, KILLED, error.allowed_failures + 1)
+        made: Outcome = future.result()
+    except ItemError as error:
+        return ClradarError(str(error)), []
+    except KilledWorker:
+        return None
     except (CancelledError, CommClosedError) as error:
         raise ClusterError(
             "the scheduler is gone, or cancelled the samples; the same command resumes"
         ) from error
     except Exception as error:
-        raise ClusterError(f"sample {sample}: a worker failed: {reason_of(error)}") from error
-    if isinstance(made, Refusal):
-        raise OutputError(made.reason)
+        raise ClusterError(f"{future.key[-1]}: a worker failed: {reason_of(error)}") from error
     return made
 
 
 @contextmanager
-def _contract(make: Maker, made_with: Mapping[str, Any]) -> Iterator[Contract]:
+def _contract(
+    folder: Path, made_with: Mapping[str, Any], device: str | None, files: Sequence[str]
+) -> Iterator[Contract]:
     """Yield the conditions on workers, with the token file in the folder meanwhile."""
     token = secrets.token_hex(16)
     # A later run removes it as a temporary file, if this one is killed.
-    token_file = make.folder / f".visible.{token}.tmp"
+    token_file = folder.absolute() / f".visible.{token}.tmp"
     write_file(token_file, token.encode("ascii"))
     try:
-        yield Contract(json.dumps(made_with), make.device, token_file, token, make.files)
+        yield Contract(json.dumps(made_with), device, token_file, token, tuple(files))
     finally:
         with suppress(OSError):
             token_file.unlink()

@@ -44,38 +44,19 @@ class Job:
         with job.held():
             for item, _ in job.each(steps, items, where, done=lambda i: path_of(i).is_file()):
                 ...
-
-    Attributes
-    ----------
-    folder : Path
-    work : str
-        What goes on in it, for messages: "sweep".
-    key : mapping
-        Settings, as JSON knows them. Files count by their digests or as `inputs`, and not by their
-        places.
-    own : sequence of str
-        Names in the folder that are the job's own, in the order in which they are removed; nothing
-        else is.
-    inputs : mapping
-        Files by the option or argument that names them: what they hold is part of the key.
-    resumable : callable, optional
-        Whether there is anything to resume with, of a folder; without, what failed leaves nothing.
-    force : bool
-        Begin anew in a folder that was begun with another key.
-    key_name : str
-        Of the file that has the key.
-    compared : callable
-        What of a key has to be equal: a key may tell more, or be of an older version.
     """
 
     folder: Path
-    work: str
-    key: Mapping[str, Any]
-    own: Sequence[str]
+    work: str  # what goes on in it, for messages: "sweep"
+    key: Mapping[str, Any]  # settings, as JSON knows them, without places of files
+    own: Sequence[str]  # names in the folder that are the job's own, in the order of removal
+    # Files by the option or argument that names them: what they hold is part of the key.
     inputs: Mapping[str, Sequence[Path]] = field(default_factory=lambda: MappingProxyType({}))
+    # Whether there is anything to resume with; without, what failed leaves nothing.
     resumable: Callable[[Path], bool] = lambda folder: False
-    force: bool = False
+    force: bool = False  # begin anew in a folder that was begun with another key
     key_name: str = KEY
+    # What of a key has to be equal: a key may tell more, or be of an older version.
     compared: Callable[[Mapping[str, Any]], Mapping[str, Any]] = lambda key: key
 
     @contextmanager
@@ -84,11 +65,6 @@ class Job:
 
         What fails before there is anything to resume with leaves nothing; an interruption is
         resumed.
-
-        Raises
-        ------
-        OutputError
-            It was begun with another key, holds other files, or another process works there.
         """
         with held(self.folder, self.work):
             self._begin()
@@ -160,22 +136,9 @@ class Job:
     ) -> Iterator[tuple[Item, Any]]:
         """Work on the items that are not done; yield each with its result, as they are done.
 
-        Parameters
-        ----------
-        steps, where
-            As of `Where.outcomes`.
-        items : sequence
-        done : callable
-            Whether the files of an item are there.
-        name : callable
-            Of an item, in front of its warnings; each text is given once.
-        tolerated : callable
-            Whether an error is of its item alone: then it is a warning, and the others go on.
-        progress : callable, optional
-        say : callable
-            Is told how many were done before.
-        noun : str
-            Of an item, for that.
+        `done` is whether the files of an item are there; `name` stands in front of its warnings,
+        each of which is given once; an error that is `tolerated` is a warning, too. `steps` and
+        `where` as of `Where.outcomes`; `say` is told how many were done before.
         """
         left = [item for item in items if not done(item)]
         before = len(items) - len(left)

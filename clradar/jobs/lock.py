@@ -79,11 +79,6 @@ def held(folder: Path, work: str) -> Iterator[None]:
     The lock is there only meanwhile; a folder that was made and stays empty is removed again. A
     `KeyboardInterrupt` gets the words that the work there is to be resumed. `work` is what is going
     on in it, for the message: "sweep".
-
-    Raises
-    ------
-    OutputError
-        Another process holds it, it is a file, or it cannot be written.
     """
     try:
         if os.path.lexists(folder) and not folder.is_dir():

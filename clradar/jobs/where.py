@@ -6,15 +6,14 @@ warnings belong to a process, and where a driver crashes it is known whose it wa
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from clradar.errors import ClradarError, ClusterError, DeviceError, ModelError, warn
+from clradar.errors import ClusterError, DeviceError, ModelError, warn
 from clradar.jobs.outcome import Outcome, outcome_of
 from clradar.jobs.resources import (
     WorkerResources,
@@ -22,7 +21,6 @@ from clradar.jobs.resources import (
     divided,
     listed,
     own_cores,
-    own_device,
     worker_resources,
 )
 from clradar.model.progress import Progress, part_of
@@ -46,22 +44,9 @@ Work = Callable[[Any, Device, Progress], Iterable[Result]]
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The devices of a batch.
+    """The devices of a batch, the first of which is opened in this process.
 
-    Attributes
-    ----------
-    infos : tuple of DeviceInfo
-    first : Device
-        The first of them, opened in this process. A single one makes all items here; each of
-        several has a worker process.
-
-    Examples
-    --------
-    >>> from clradar.jobs import open_devices
-    >>> def squares(n, device, progress):
-    ...     yield n * n
-    >>> list(open_devices("pocl").made(squares, [3, 4]))
-    [(0, 9), (1, 16)]
+    A single one makes all items here; each of several has a worker process.
     """
 
     infos: tuple[DeviceInfo, ...]
@@ -168,26 +153,11 @@ def _silent(done: int, total: int) -> None:
 
 
 def open_devices(device: Devices | Device | str | Sequence[str] | None = "all") -> Devices:
-    """Choose the devices of a batch.
+    """Choose the devices of a batch; `Devices` are returned as they are.
 
-    Parameters
-    ----------
-    device : Devices, Device, str, sequence of str or None
-        `Devices` are returned as they are. "all": all GPUs, those of one name by the first driver
-        that offers them; without GPUs the CPU device that is used anyway, and others of its name
-        and driver. A sequence, or names with commas between them: those. Else as
-        `clradar.open_device`.
-
-    Raises
-    ------
-    DeviceError
-        No such device, or one is named twice.
-
-    Examples
-    --------
-    >>> from clradar.jobs import open_devices
-    >>> [info.kind for info in open_devices("pocl").infos]
-    ['cpu']
+    "all": all GPUs, those of one name by the first driver that offers them; without GPUs the CPU
+    device that is used anyway, and others of its name and driver. A sequence, or names with commas
+    between them: those, each once. Else as `clradar.open_device`.
     """
     if isinstance(device, Devices):
         return device
@@ -260,24 +230,12 @@ class _Plain:
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """Where the items of a job are worked on.
+    """Where the items of a job are worked on; workers of a scheduler have to see the files."""
 
-    Attributes
-    ----------
-    device : str or None
-        As of `open_devices`: each of several has a worker process.
-    workers : int or None
-        Processes of this machine, each with its own device and cores; None: this one.
-    scheduler : str or None
-        The address of a Dask scheduler, whose workers see the same files under the same names.
-    files : tuple of Path
-        What those read: files and folders.
-    """
-
-    device: str | None = None
-    workers: int | None = None
-    scheduler: str | None = None
-    files: tuple[Path, ...] = ()
+    device: str | None = None  # as of `open_devices`: each of several has a worker process
+    workers: int | None = None  # processes of this machine, each with its own device and cores
+    scheduler: str | None = None  # the address of a Dask scheduler
+    files: tuple[Path, ...] = ()  # files and folders that are read
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.scheduler is not None:
@@ -295,16 +253,9 @@ class Where:
     ) -> Iterator[tuple[Item, Outcome]]:
         """Run the steps of every item; yield items with their outcomes, as they are done.
 
-        Parameters
-        ----------
-        steps : dataclass
-            With a field `device` and a method `run`, which is called with an item and a progress
-            callback or None. It can be pickled, and so can the items.
-        items : sequence
-        folder : Path
-            Where the steps write.
-        progress : callable, optional
-            Called with (done, total) units of work.
+        `steps` is a dataclass with a field `device` and a method `run`, which is called with an
+        item and a progress callback or None, and writes into `folder`. It can be pickled, and so
+        can the items.
         """
         if not items:
             return
@@ -317,41 +268,34 @@ class Where:
                     part(1, 1)
             return
         elsewhere = replace(steps, device=None)  # each opens the device that it is given
-        with ExitStack() as stack:
-            engine, device = stack.enter_context(self.engine(len(items)))
-            here = os.getcwd()
-            files = (here, *(str(path.absolute()) for path in self.files))
-            numbered = dict(enumerate(items))
-            make = _Numbered(elsewhere, numbered, folder.absolute(), device, files, here)
-            for done, made in enumerate(engine.outcomes(range(len(items)), make), start=1):
-                if isinstance(made, tuple):
-                    number, outcome = made
-                    yield items[number], outcome
-                else:
-                    yield items[made.sample], (ClradarError(made.reason), [])
+        files = [str(path.absolute()) for path in self.files]
+        with self._engine(len(items)) as engine:
+            made = engine.outcomes(elsewhere, items, folder, files)
+            for done, (number, outcome) in enumerate(made, start=1):
+                yield items[number], outcome
                 if progress is not None:
                     progress(done, len(items))
-            engine.stop()
 
     @contextmanager
-    def engine(self, n_items: int) -> Iterator[tuple[Distributed, str | None]]:
-        """The workers, for so many items, and the device that each is told to open."""
+    def _engine(self, n_items: int) -> Iterator[Distributed]:
+        """The workers, for so many items; they are stopped at the end."""
         with _dask():
             from clradar.jobs.cluster import local_cluster, running_cluster
             from clradar.jobs.distributed import Distributed
-        if self.scheduler is not None:
-            with running_cluster(self.scheduler) as client:
+        with ExitStack() as stack:
+            if self.scheduler is not None:
+                client = stack.enter_context(running_cluster(self.scheduler))
                 engine = Distributed(client, self.device)
-                try:
-                    yield engine, self.device
-                finally:
-                    engine.stop()
-            return
-        workers, device = divided(self.workers, self.device)
-        assert workers is not None
-        with local_cluster(worker_resources(min(workers, n_items), device)) as (client, end):
-            # Each worker has its device in CLRADAR_DEVICE.
-            yield Distributed(client, end_workers=end), None
+            else:
+                workers, device = divided(self.workers, self.device)
+                assert workers is not None
+                each = worker_resources(min(workers, n_items), device)
+                client, end = stack.enter_context(local_cluster(each))
+                engine = Distributed(client, end_workers=end)  # whose device is in CLRADAR_DEVICE
+            try:
+                yield engine
+            finally:
+                engine.stop()
 
 
 @contextmanager
@@ -362,29 +306,3 @@ def _dask() -> Iterator[None]:
         raise ClusterError(
             f"several processes need Dask: pip install 'clradar[dataset]' ({error})"
         ) from error
-
-
-@dataclass(frozen=True, slots=True)
-class _Numbered:
-    """Steps and their items by numbers: work of `Distributed`."""
-
-    steps: Any
-    items: Mapping[int, Any]
-    folder: Path
-    device: str | None
-    files: tuple[str, ...]
-    here: str
-
-    def alone(self, sample: int) -> _Numbered:
-        return replace(self, items={sample: self.items[sample]})
-
-    def __call__(self, sample: int) -> tuple[int, Outcome]:
-        before = os.getcwd()
-        if before != self.here:  # names of files are relative to the client's folder
-            os.chdir(self.here)
-        try:
-            steps = replace(self.steps, device=own_device(self.device))
-            return sample, outcome_of(steps.run, self.items[sample], None)
-        finally:
-            if before != self.here:
-                os.chdir(before)

@@ -37,16 +37,9 @@ _FASTEST = 8
 class Group:
     """Some Tx, and when the scene is simulated for them.
 
-    Attributes
-    ----------
-    tx : ndarray, shape (n,), int
-    pieces_s : tuple of ndarray, seconds
-        Instants of each piece of the time in which these Tx record: its Chebyshev points, or all
-        times of its samples.
-    cuts_s : ndarray, shape (n_pieces - 1,), seconds
-        Where the pieces meet.
-    error : float
-        Of the interpolated phasors of probes on the surface, relative to their amplitude.
+    `pieces_s` are instants of each piece of the time in which these Tx record: its Chebyshev
+    points, or all times of its samples; pieces meet at `cuts_s`. The error is that of the
+    interpolated phasors of probes on the surface, relative to their amplitude.
     """
 
     tx: np.ndarray
@@ -88,18 +81,10 @@ class Way:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Probes:
-    """Points that stand for the surface of all bodies.
+    """Points that stand for the surface of all bodies: some vertices (`rows`) of each.
 
-    Attributes
-    ----------
-    bodies, rows : tuple
-        The bodies, and which vertices of each.
-    marks_s : ndarray, seconds
-        All `BodyInSweep.marks_s`.
-    way : Way or None
-        About the way of the middle of the bodies that move; None: nothing does.
-    stretch : float
-        By how much 1 % of the faces of carried skin become longer, at least.
+    `way` is about the way of the middle of the bodies that move, None: nothing does. 1 % of the
+    faces of carried skin become longer by `stretch` at least.
     """
 
     bodies: tuple[BodyInSweep, ...]
@@ -190,27 +175,11 @@ def plan_groups(
 ) -> tuple[float, list[Group]] | None:
     """Divide the Tx into groups that record together, with as few instants as the tolerance allows.
 
-    Parameters
-    ----------
-    probes : Probes
-    array : AntennaArray
-    waveform : Waveform
-    times_s : ndarray, shape (n_tx, n_rx or 1, n_freq), seconds
-    tolerance : float
-        Of `Group.error`.
-    overhead_tx : float
-        What a simulation costs without its Tx, in Tx.
-    follow : Way or None
-        Phases are taken relative to that of a point that goes this way.
-    cut : bool
-        Interpolate between `Probes.marks_s` only.
-    budget : float
-        What the groups have to cost less than, in Tx.
-
-    Returns
-    -------
-    tuple of float and list of Group, or None
-        The cost. None: no division is within the budget, or 256 instants are too few for any.
+    Returns their cost, and the groups; None: no division costs less than the budget, in Tx, or 256
+    instants are too few for any. Samples are recorded at `times_s` (n_tx, n_rx or 1, n_freq); the
+    tolerance is of `Group.error`; a simulation costs `overhead_tx` without its Tx. Phases are taken
+    relative to that of a point that goes the way `follow`; with `cut` they are interpolated between
+    `Probes.marks_s` only.
     """
     order = np.argsort(times_s.mean(axis=(1, 2)), kind="stable")
 

@@ -27,20 +27,10 @@ _EXPECTED = "a motion (a TOML file, see docs/movement.md)"
 class Motion:
     """What a motion file says.
 
-    Attributes
-    ----------
-    bodies : mapping of str to RigidMotion
-        By the name of a mesh file; "" stands for all that have none of their own.
-    hands : tuple of mapping
-        Arguments of `MovingHand`.
-    order, step_s : str, float
-        As `SweepTiming.in_order` takes them.
-    table_s : ndarray, shape (n_tx, n_freq) or (n_tx * n_rx, n_freq), seconds, or None
-        Times of a table, instead.
-    cluster_s : float or None, seconds
-        From the sweep of one cluster to that of the next; None: when it has ended.
-    files : tuple of Path
-        All files that were read.
+    Motions by the name of a mesh file ("" stands for all that have none of their own), arguments of
+    `MovingHand`, order and step as `SweepTiming.in_order` takes them or times (n_tx, n_freq) or
+    (n_tx * n_rx, n_freq) of a table, seconds, the time from the sweep of one cluster to that of the
+    next (None: when it has ended), and all files that were read.
     """
 
     bodies: Mapping[str, RigidMotion]
@@ -83,13 +73,7 @@ class Motion:
         alpha: float = 0.5,
         device: Device | str | None = None,
     ) -> MovingScene:
-        """Return the moving scene of meshes by their names, and of the hands of the file.
-
-        Raises
-        ------
-        ModelError
-            The file names a mesh that is not there, or there is nothing at all.
-        """
+        """Return the moving scene of meshes by their names, and of the hands of the file."""
         for name in self.bodies:
             if name and name not in bodies:
                 named = ", ".join(map(repr, bodies)) or "none"
@@ -108,14 +92,6 @@ class Motion:
 
 def read_motion(path: str | os.PathLike[str]) -> Motion:
     """Return what a motion file says; docs/movement.md has the format.
-
-    Raises
-    ------
-    MeasurementError
-        The file, a pose or a table of times is missing or damaged, a key is unknown, or a value
-        invalid. The message names the file, the key, what was expected and found.
-    RigError
-        A rig is missing or damaged.
 
     Examples
     --------

@@ -59,16 +59,10 @@ def parents_of(known: np.ndarray) -> np.ndarray:
 
 
 def check_joints(label: str, joints: np.ndarray) -> None:
-    """Raise `RigError` unless the joints (25, 3) are those of a hand.
+    """Raise `RigError` unless joints (25, 3), in any unit, NaN where there is none, are those of a
+    hand.
 
     Bones have a length, and the knuckles are side by side in the order of the fingers.
-
-    Parameters
-    ----------
-    label : str
-        Name of the file.
-    joints : ndarray, shape (25, 3), float64
-        NaN where the rig has none; in any unit.
     """
     known = np.isfinite(joints).all(axis=1)
     for joint, parent in enumerate(parents_of(known)):
@@ -155,14 +149,8 @@ def side_of(joints: np.ndarray) -> str | None:
 
 
 def canonical_axes(joints: np.ndarray, side: str) -> np.ndarray:
-    """Return the matrix (3, 3) from offsets from the wrist to the canonical frame.
-
-    Parameters
-    ----------
-    joints : ndarray, shape (25, 3)
-        At least wrist and knuckles.
-    side : "right" or "left"
-        For a left hand the matrix holds a mirror.
+    """Return the matrix (3, 3), with a mirror for a left hand, from offsets from the wrist to the
+    canonical frame.
     """
     mirror = np.diag([-1.0 if side == "left" else 1.0, 1.0, 1.0])
     reference = _reference()[0]
@@ -173,28 +161,14 @@ def canonical_axes(joints: np.ndarray, side: str) -> np.ndarray:
 def rest_frames(
     joints_m: np.ndarray, local_axes: np.ndarray, flesh_m: dict[int, np.ndarray]
 ) -> np.ndarray:
-    """Return the axes of every bone of a rig at rest, as `Skeleton.frames` has them.
+    """Return the axes (25, 3, 3) of every bone of a rig at rest, as `Skeleton.frames` has them.
 
-    Parameters
-    ----------
-    joints_m : ndarray, shape (25, 3), float64, metres
-        In the canonical frame; NaN where the rig has none.
-    local_axes : ndarray, shape (25, 3, 3), float64
-        Rotation of the rig's own coordinates at each joint, in the canonical frame.
-    flesh_m : dict of int to ndarray, shape (3,), metres
-        Centroid of the vertices of each digit's last bone, for digits without a tip.
-
-    Returns
-    -------
-    ndarray, shape (25, 3, 3), float64
-        Columns: bending axis, along the bone, dorsal.
-
-    Notes
-    -----
-    The palm, with the finger metacarpals, is one rigid piece at rest: where a rig lets metacarpals
-    begin carries no information on how they are bent. A finger's axes follow from the joint angles
-    of `clradar.hand`; a digit that is bent by more than 20 degrees in all, and within 45 degrees of
-    that axis, bends about the normal of its own plane.
+    Joints (25, 3), metres, NaN where the rig has none, and the directions (25, 3, 3) of its own
+    coordinates are in the canonical frame; `flesh_m` has the centroid of the vertices of each
+    digit's last bone, for digits without a tip. The palm, with the finger metacarpals, is one rigid
+    piece at rest: where a rig lets metacarpals begin carries no information on how they are bent. A
+    finger's axes follow from the joint angles of `clradar.hand`; a digit that is bent by more than
+    20 degrees in all, and within 45 degrees of that axis, bends about the normal of its own plane.
     """
     known = np.isfinite(joints_m).all(axis=1)
     frames = _reference()[1].copy()

@@ -28,15 +28,10 @@ _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 class GltfFile:
-    """A parsed glTF file, GLB or JSON, with its buffers, which may be in files beside it.
+    """A glTF file, GLB or JSON, with its buffers, which may be in files beside it.
 
-    Once they are read, the confined process that this runs in can open nothing any more.
-
-    Attributes
-    ----------
-    path : Path
-    document : dict
-        The JSON of the file. Nothing of it is known to be of the right type.
+    Once they are read, the confined process that this runs in can open nothing any more. Nothing of
+    `document` is known to be of the right type.
     """
 
     def __init__(self, path: Path, content: bytes) -> None:

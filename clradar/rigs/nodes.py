@@ -14,16 +14,10 @@ from clradar.rigs.gltf_file import GltfFile
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NodeTree:
-    """Nodes with their parents and global transforms.
+    """Nodes with their parents (-1: a root) and transforms (N, 4, 4) to the scene, in the file's
+    unit.
 
-    Attributes
-    ----------
-    names : tuple of str
-        As the file has them; a node without a name is called ``node N``.
-    parents : tuple of int
-        -1 for a root.
-    world : ndarray, shape (N, 4, 4), float64
-        From each node's own coordinates to the scene's, in the file's unit.
+    A node without a name is called ``node N``.
     """
 
     names: tuple[str, ...]

@@ -29,16 +29,10 @@ for _part, _chain in enumerate(CHAINS, start=1):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Influences(Record):
-    """Skinning weights as a sparse matrix: one row per pair of vertex and joint.
+    """Skinning weights as a sparse matrix: one row per pair of vertex and joint, in that order.
 
-    Parameters
-    ----------
-    vertex, joint : array_like, shape (N,), int64
-        Ascending in vertex, then joint.
-    weight : array_like, shape (N,), float64
-        Sums to 1 over the rows of a vertex.
-    point_m : array_like, shape (N, 3), float64, metres
-        The weight times the position of the vertex at rest as that joint alone would have it.
+    Weights sum to 1 over a vertex; `point_m` (N, 3) is the weight times the position of the vertex
+    at rest as that joint alone would have it, metres.
     """
 
     vertex: np.ndarray
@@ -62,14 +56,9 @@ class Influences(Record):
 class PoseBlend(Record):
     """Pose-dependent offsets of the vertices before skinning: the pose blend shapes of MANO.
 
-    Parameters
-    ----------
-    joints : tuple of int
-        The joints, without the root, in the model's order.
-    directions : array_like, shape (n_vertices, 3, 9 * len(joints)), float64, metres
-        Offset per element of (rotation of the joint against its parent) - identity, row by row.
-    hands_mean : array_like, shape (3 * len(joints),), float64, radians
-    hands_components : array_like, shape (n, 3 * len(joints)), float64
+    `joints` are without the root, in the model's order; `directions` (n_vertices, 3, 9 n_joints),
+    metres, per element of (rotation of the joint against its parent) - identity, row by row;
+    `hands_mean` (3 n_joints,), radians, and `hands_components` (n, 3 n_joints).
     """
 
     joints: tuple[int, ...]
@@ -168,11 +157,6 @@ class Rig(Record):
         HandMesh
             Its `joints_m` are NaN where the rig has no joint. Its `texture_m` are the vertices at
             rest.
-
-        Raises
-        ------
-        ModelError
-            An argument is invalid.
         """
         return self.turned(self.rotations(pose), center_m)
 

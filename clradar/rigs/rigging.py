@@ -43,16 +43,8 @@ _MAX_DISTANCE = 0.5
 class Surface:
     """Triangles and their skin at rest, in the file's coordinates.
 
-    Attributes
-    ----------
-    faces : ndarray, shape (F, 3), int64
-    n_vertices : int
-    vertex, joint : ndarray, shape (N,), int64
-        Ascending in vertex, then joint; one row per pair.
-    weight : ndarray, shape (N,), float64
-        Sums to 1 over a vertex.
-    points : ndarray, shape (N, 3), float64
-        Weight times the position of the vertex as that joint alone has it.
+    One row per pair of vertex and joint, ascending; weights sum to 1 over a vertex, and `points`
+    (N, 3) is the weight times the position of the vertex as that joint alone has it.
     """
 
     faces: np.ndarray
@@ -76,10 +68,7 @@ class Surface:
     ) -> Surface:
         """Check and normalise weights, and sum the rows of bones of one joint.
 
-        Parameters
-        ----------
-        points : ndarray, shape (N, 3)
-            Position of the vertex as the row's bone has it, not weighted.
+        `points` (N, 3) are the positions of the vertex as the row's bone has it, not weighted.
         """
         if not np.isfinite(weight).all() or (weight < 0).any():
             bad = int(vertex[~(weight >= 0) | ~np.isfinite(weight)][0])
@@ -161,23 +150,10 @@ def rig_of(
     blend: PoseBlend | None = None,
     ignored: tuple[str, ...] = (),
 ) -> Rig:
-    """Return the rig of a hand from its joints, its side and its surface.
+    """Return the rig of a hand of the file `label`; a unit of None is metres.
 
-    Parameters
-    ----------
-    label : str
-        Name of the file.
-    joints : ndarray, shape (25, 3), float64
-        In the file's coordinates and unit; NaN where the rig has none.
-    local_axes : ndarray, shape (25, 3, 3), float64
-        Directions of the rig's own coordinates at each joint, as columns.
-    surface : Surface
-        In the file's coordinates and unit.
-    side : "right" or "left"
-    unit : "m", "cm", "mm", "inch", a number of metres, or None
-        None: metres.
-    blend : PoseBlend, optional
-    ignored : tuple of str
+    Joints (25, 3), NaN where the rig has none, directions (25, 3, 3) of its own coordinates at
+    each, as columns, and the surface are in the file's coordinates and unit.
     """
     path = Path(label)
     if surface.n_vertices > MAX_VERTICES:

@@ -62,19 +62,7 @@ def group(path: Path, parent: Any, name: str) -> Any:
 def array(
     path: Path, parent: Any, name: str, dtype: Any, shape: tuple[int | None, ...]
 ) -> np.ndarray:
-    """Return a dataset's content as a read-only array.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages and for its size.
-    parent : h5py.Group
-    name : str
-    dtype : numpy dtype
-        What the dataset has to hold, in any byte order.
-    shape : tuple of int or None
-        Expected shape, None for any length.
-    """
+    """Return a dataset of a type, in any byte order, and shape (None: any length), read-only."""
     found = dataset(path, parent, name)
     place = _place(parent, name)
     dtype = np.dtype(dtype)

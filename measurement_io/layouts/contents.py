@@ -56,21 +56,10 @@ class _Opened(Protocol):
 
 
 def read(path: Path, form: str, wanted: list[tuple[str, list[tuple[int, int]]]]) -> dict[str, Any]:
-    """Return the kind of a file, all of its keys, and the values of the keys that are wanted.
+    """Return "kind" and "matlab" of a file of a form, its "keys", and "values" of those wanted.
 
-    Parameters
-    ----------
-    path : Path
-    form : str
-        A key of `_OPENERS`, by the file's first bytes.
-    wanted : list of (str, list of (int, int))
-        Names, and axes from which one index is kept; such axes are not part of the result.
-
-    Returns
-    -------
-    dict
-        "kind", "matlab", "keys" (lists as `Key`), and "values": {"value": array or text} or
-        {"error": text} by name. What is not there, or holds neither, is left out.
+    `wanted` are names, and (axis, index) of axes of which one index is kept. A value is {"value":
+    array or text} or {"error": text}; what is not there, or holds neither, is left out.
     """
     with reading(path, EXPECTED), _OPENERS[form](path) as opened:
         keys: dict[str, Key] = {}

@@ -46,17 +46,10 @@ def form_of(path: Path) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One entry of a file.
+    """One entry of a file, as a layout names it ("/" inside groups and structs).
 
-    Attributes
-    ----------
-    name : str
-        How a layout names it; inside groups and structs with "/" between the levels.
-    shape : tuple of int
-    kind : str
-        Its type in words: a dtype where it holds numbers.
-    content : str
-        What can be read: "numbers", "text", or "other" for nothing.
+    `kind` is its type in words, `content` what can be read: "numbers", "text", or "other" for
+    nothing.
     """
 
     name: str

@@ -33,15 +33,7 @@ _FRAME = re.compile(r"([0-9]{6})(_emptyfiltered)?\.npy\Z")
 
 @dataclass(frozen=True, slots=True)
 class RadarFolderName:
-    """Frequencies in the name of a radar folder.
-
-    Attributes
-    ----------
-    low_ghz, high_ghz : Decimal
-        First and last frequency, as many digits as the name has.
-    points : int
-        Number of frequencies.
-    """
+    """Frequencies in the name of a radar folder, with as many digits as the name has."""
 
     low_ghz: Decimal
     high_ghz: Decimal
@@ -67,18 +59,7 @@ class RadarFolderName:
 
 @dataclass(frozen=True, slots=True)
 class FrameFile:
-    """One frame's file, with number, variant and radar folder by its name and place.
-
-    Attributes
-    ----------
-    path : Path
-    frame : int or None
-        Number from the file's name, None if it has none.
-    variant : str
-        "raw" or "emptyfiltered".
-    folder : RadarFolderName or None
-        None where the file does not lie in a radar folder.
-    """
+    """A frame's file, with number, variant and radar folder by its name and place, if any."""
 
     path: Path
     frame: int | None

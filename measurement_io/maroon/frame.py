@@ -37,24 +37,12 @@ def read_frame_file(
     array: AntennaArray | None = None,
     companion: Companion | None = None,
 ) -> Capture:
-    """Return one `.npy` frame.
+    """Return one `.npy` frame: data[tx, rx, freq] of the imaging channels of the file's [rx, tx,
+    freq].
 
-    Parameters
-    ----------
-    path : Path
-        If it lies in `radar_<low>_<high>_<points>/calibrated_data`, that name has to agree with
-        the frequencies inside.
-    rx_file, tx_file : path-like, optional
-        Antenna files; otherwise those of the radar folder, or `clradar.arrays.qar50()`.
-    array : AntennaArray, optional
-        What `antenna_array` made of such files, for whoever reads many frames.
-    companion : Companion, optional
-        For them, too.
-
-    Returns
-    -------
-    Capture
-        data[tx, rx, freq]: the file's [rx, tx, freq] without the channels 0 and 95, transposed.
+    The name of its radar folder, if it lies in one, has to agree with the frequencies inside.
+    Antennas are `array`, or those of the files, else of the radar folder, else of
+    `clradar.arrays.qar50()`.
     """
     place = frame_file(path)
     if array is None:

@@ -31,10 +31,10 @@ from measurement_io.maroon.folders import (
 )
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.writer import (
-    RadarFolder,
     check_target_folder,
     frame_name,
     grid_entry,
+    radar_folder_name,
     time_stamp,
     write_antennas,
     write_calibration,
@@ -145,28 +145,29 @@ def save_recording(
     if first is None:
         raise ModelError(f"{_NAME}: expected at least one capture, got none")
     checks.instance(f"{_NAME}: captures", first, Capture)
-    folder = RadarFolder.of(first.waveform)
+    name = radar_folder_name(first.waveform)
 
     with new_folder(target) as temporary:
-        radar = temporary / folder.name
+        radar = temporary / name
         (radar / FRAMES_FOLDER).mkdir(parents=True)
         write_antennas(radar, first.array)
         work = _FrameWriter(radar, first, timestamps_us, progress)
         numbers = work.write(_joined(first, frames), _length(captures), variant)
         if emptyfiltered is not None:
-            work.write_beside(emptyfiltered, _length(emptyfiltered))
-        _write_calibration(radar, folder, numbers, source, grid)
+            work.write_beside(emptyfiltered, _length(emptyfiltered), numbers)
+        sources = [i if number is None else number for i, number in enumerate(numbers)]
+        _write_calibration(radar, first.waveform, sources, source, grid)
         if source is not None:
-            _copy_products(source, radar, numbers)
+            _copy_products(source, radar, sources)
             _copy_beside(source.absolute().parent, temporary)
-        for name, content in zip(SIDE_FILES, (metadata, alignment), strict=True):
+        for beside, content in zip(SIDE_FILES, (metadata, alignment), strict=True):
             if content is not None:
-                text = json.dumps(json.loads(to_json(f"{_NAME}: {name}", content)), indent=2)
-                (temporary / name).write_bytes(f"{text}\n".encode("ascii"))
+                text = json.dumps(json.loads(to_json(f"{_NAME}: {beside}", content)), indent=2)
+                (temporary / beside).write_bytes(f"{text}\n".encode("ascii"))
         for mesh in meshes:
             _copy(Path(mesh), temporary / MESH_FOLDER / Path(mesh).name)
-        _put_in_place(temporary, target, folder.name, force=force)
-    return target / folder.name
+        _put_in_place(temporary, target, name, force=force)
+    return target / name
 
 
 class _FrameWriter:
@@ -184,22 +185,15 @@ class _FrameWriter:
         self._timestamps_us = timestamps_us
         self._progress = progress
         self._companion = Companion()
-        self._places: dict[int, int] | None = {}
-        self._total = 0
 
-    def write(self, captures: Iterable[Capture], length: int | None, variant: str) -> list[int]:
-        """Write all frames of a variant; return the numbers that they had where they come from."""
-        numbers: list[int] = []
-        for capture in captures:
-            i = len(numbers)
+    def write(
+        self, captures: Iterable[Capture], length: int | None, variant: str
+    ) -> list[int | None]:
+        """Write all frames of a variant; return the numbers that they had, None: no such number."""
+        numbers: list[int | None] = []
+        for i, capture in enumerate(captures):
             self._write(capture, i, i, length or 1, variant)
-            number = _number(capture)
-            numbers.append(i if number is None else number)
-            if self._places is not None:
-                if number is None or number in self._places:
-                    self._places = None  # numbers that tell the frames apart, or none
-                else:
-                    self._places[number] = i
+            numbers.append(_number(capture))
             if self._progress is not None:
                 self._progress(i + 1, length or 0)
         stamps = None if self._timestamps_us is None else len(self._timestamps_us)
@@ -208,43 +202,38 @@ class _FrameWriter:
             checks.fail(f"{_NAME}: {variant} captures", expected, f"{len(numbers)}")
         if length != len(numbers):
             self._write_again(len(numbers), variant)
-        self._total = len(numbers)
         return numbers
 
-    def write_beside(self, captures: Iterable[Capture], length: int | None) -> None:
-        """Write the emptyfiltered frames, each beside the raw one that it belongs to."""
-        written: set[int] = set()
-        numbered = True
-        done = 0
-        for capture in captures:
-            number = None if self._places is None else _number(capture)
-            numbered = numbered and number is not None
-            place = done if number is None else self._place(number, done)
+    def write_beside(
+        self, captures: Iterable[Capture], length: int | None, raw: Sequence[int | None]
+    ) -> None:
+        """Write the emptyfiltered frames, each beside the raw one of its number or its place."""
+        known = numbered = None not in raw and len(set(raw)) == len(raw)
+        places, written = {number: i for i, number in enumerate(raw)}, set[int]()
+        every = f"{_NAME}: emptyfiltered captures"
+        one_for_each = (
+            f"{len(raw)}, one for each of the raw frames, or numbers in meta['frame'] of both that "
+            "say which belong together"
+        )
+        for done, capture in enumerate(captures):
+            number = _number(capture) if known else None
+            if number is not None and number not in places:
+                wanted = f"one of the raw frames {ranges(n for n in raw if n is not None)}"
+                checks.fail(f"{every}[{done}]", wanted, f"frame {number}")
+            place = done if number is None else places[number]
+            if place >= len(raw):
+                checks.fail(every, one_for_each, "more")
             if place in written:
-                name = f"{_NAME}: emptyfiltered captures[{done}]"
-                checks.fail(name, "one for each raw frame", f"another one for frame {place}")
-            done += 1
-            if place >= self._total:
-                break  # more than there are raw frames, which is refused below
-            self._write(capture, done - 1, place, self._total, "emptyfiltered")
+                checks.fail(
+                    f"{every}[{done}]", "one for each raw frame", f"another one for frame {place}"
+                )
+            self._write(capture, done, place, len(raw), "emptyfiltered")
             written.add(place)
+            numbered = numbered and number is not None
             if self._progress is not None:
-                self._progress(done, length or 0)
-        if not done or (done != self._total and not numbered) or done > self._total:
-            checks.fail(
-                f"{_NAME}: emptyfiltered captures",
-                f"{self._total}, one for each of the raw frames, or numbers in meta['frame'] of "
-                "both that say which belong together",
-                f"{done}" if done <= self._total else "more",
-            )
-
-    def _place(self, number: int, i: int) -> int:
-        assert self._places is not None
-        if number not in self._places:
-            there = ranges(self._places)
-            name = f"{_NAME}: emptyfiltered captures[{i}]"
-            checks.fail(name, f"one of the raw frames {there}", f"frame {number}")
-        return self._places[number]
+                self._progress(done + 1, length or 0)
+        if not written or (len(written) != len(raw) and not numbered):
+            checks.fail(every, one_for_each, f"{len(written)}")
 
     def _write(self, capture: Capture, i: int, place: int, total: int, variant: str) -> None:
         self._check(capture, i)
@@ -307,7 +296,7 @@ def _length(captures: Iterable[Capture]) -> int | None:
 
 def _write_calibration(
     radar: Path,
-    folder: RadarFolder,
+    waveform: Waveform,
     numbers: Sequence[int],
     source: Path | None,
     grid: VoxelGrid | None,
@@ -317,7 +306,7 @@ def _write_calibration(
         there = read_json_object(source / CALIBRATION_FILE)
     new = grid_entry(grid)
     frames = {i: there.get(f"{number:06d}", new) for i, number in enumerate(numbers)}
-    write_calibration(radar / CALIBRATION_FILE, folder, frames)
+    write_calibration(radar / CALIBRATION_FILE, waveform, frames)
 
 
 def _copy_products(source: Path, radar: Path, numbers: Sequence[int]) -> None:

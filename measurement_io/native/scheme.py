@@ -110,28 +110,10 @@ def _by_channel(side: str) -> tuple[Dataset, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """The content of `/entry/data` of one format.
+    """The content of `/entry/data` of one format, in the order in which it is written.
 
-    Attributes
-    ----------
-    noun : str
-        What a file of it holds.
-    opener : str
-        The function that opens it.
-    title : str
-        What viewers write above it.
-    signal : str
-        The dataset that viewers show.
-    axes : tuple of str
-        Of the signal.
-    interpretation : "spectrum" or "image"
-        Whether viewers show the last axis of the signal as curves, or the last two as images.
-    datasets : tuple of Dataset
-        In the order in which they are written.
-    texts : tuple of str
-        String attributes, which the checksum of the file's text covers.
-    optional_texts : tuple of str
-        String attributes that a file may lack, under the same checksum.
+    Viewers show `signal` over its `axes` below `title`: its last axis as curves ("spectrum") or the
+    last two as images. The checksum of the file's text covers the string attributes `texts`.
     """
 
     noun: str
@@ -206,16 +188,7 @@ SCHEMES = {
 class View:
     """An image that is drawn from the data, for viewers alone: an NXdata group beside it.
 
-    Attributes
-    ----------
-    name : str
-        Of the group.
-    title : str
-    axes : tuple of str
-        Datasets of `/entry/data`.
-    data : ndarray
-    long_name : str
-    unit : str or None
+    Its `axes` are datasets of `/entry/data`.
     """
 
     name: str
@@ -233,18 +206,7 @@ VIEWS = ("max_projection", "depth_map")
 
 @dataclass(frozen=True, slots=True)
 class NativeHeader:
-    """The root's attributes of a native file.
-
-    Attributes
-    ----------
-    format : str
-        A key of `SCHEMES`.
-    version : int
-    created : str
-        ISO 8601, UTC.
-    meta : dict
-        The provenance, from JSON.
-    """
+    """The root's attributes of a native file; `created` is ISO 8601, UTC, `meta` the provenance."""
 
     format: str
     version: int
@@ -283,23 +245,10 @@ def write(
     force: bool,
     views: Sequence[View] = (),
 ) -> None:
-    """Write a native file whole or not at all.
+    """Write a native file whole or not at all; viewers show the first of the views, or the data.
 
-    Parameters
-    ----------
-    path : Path
-    kind : str
-        A key of `SCHEMES`.
-    text : str
-        The provenance, JSON.
-    texts : dict
-        The string attributes of its scheme.
-    values : mapping
-        Array by the name of its dataset, or what gives an array a few rows at a time, with a shape.
-    force : bool
-        Replace an existing file.
-    views : sequence of View
-        The first is what viewers show; without one it is the data.
+    `text` is the provenance, JSON; `values` are arrays by the names of their datasets, or what
+    gives an array a few rows at a time and has a shape.
     """
     refuse_existing(path, force=force)
     import h5py

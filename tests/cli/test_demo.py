@@ -113,9 +113,3 @@ def test_command(
     arguments.append("--force")
     assert exit_status(*arguments) == 0
     assert (tmp_path / "demo" / "notes.txt").read_text() == "mine"
-
-
-def test_a_file_in_the_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "file").touch()
-    assert exit_status("demo", "-o", tmp_path / "file") == 1
-    assert "got a file" in capsys.readouterr().err

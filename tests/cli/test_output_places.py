@@ -184,6 +184,20 @@ def test_nothing_is_written_into_data_sets_and_recordings(run: Run, place: Path,
 
 @posix_only
 @pytest.mark.parametrize("line", FILE_OUTPUTS)
+def test_what_is_there_is_kept_without_force(run: Run, place: Path, line: str) -> None:
+    """Refused before an input is read: none can be."""
+    suffix = line.split("{}")[1].split()[0] if "{}." in line else ""
+    (place / f"kept{suffix}").write_text("precious")
+    (place / f"link{suffix}").symlink_to("nowhere")
+    before = tree(place)
+    for name in ("kept", "link"):
+        words = line.removesuffix(" --force").format(name).split()
+        one_error_line(run(*words), f"{name}{suffix}: exists already; --force replaces it")
+    assert tree(place) == before
+
+
+@posix_only
+@pytest.mark.parametrize("line", FILE_OUTPUTS)
 def test_an_output_is_no_input_by_whatever_name(run: Run, place: Path, line: str) -> None:
     suffix = line.split("{}")[1].split()[0] if "{}." in line else ""
     os.link("in.json", "hard" + suffix)

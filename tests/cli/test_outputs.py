@@ -9,61 +9,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import DENSITY, EDGE_MM, GRID, Run, one_error_line
+from command_line import Run, one_error_line
 from systems import posix_only
 
-import clradar
 from clradar.cli import console, outputs
 from clradar.errors import DeviceError, OutputError
-
-
-@pytest.mark.parametrize(
-    ("arguments", "target"),
-    [
-        (["hand", "-o", "{}", "--edge-mm", EDGE_MM], "a.ply"),
-        (
-            ["simulate", "hand.ply", "--samples-per-mm2", DENSITY, "--band", "72:82:2", "-o", "{}"],
-            "a.h5",
-        ),
-        (["image", "sim.h5", *GRID, "-o", "{}"], "a.h5"),
-        (["image", "sim.h5", *GRID, "-o", "b.h5", "--force", "--png", "{}"], "a.png"),
-        (["convert", "recording", "-o", "{}"], "a.h5"),
-        (["compare", "volume.h5", "sim.h5", "-o", "{}"], "a.png"),
-        (["compare", "volume.h5", "sim.h5", "--json", "{}"], "a.json"),
-        (["compare", "volume.h5", "sim.h5", "--report", "{}"], "a.html"),
-    ],
-)
-def test_a_file_is_kept_without_force(
-    run: Run,
-    made: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-    arguments: list[str],
-    target: str,
-) -> None:
-    monkeypatch.chdir(made)
-    kept = tmp_path / target
-    kept.write_bytes(b"precious")
-    command = [a.format(kept).replace("b.h5", str(tmp_path / "b.h5")) for a in arguments]
-    with monkeypatch.context() as patch:
-        # Refused before the work starts: none of these may be reached.
-        for name in ("simulate", "backproject", "open_device"):
-            patch.setattr(clradar, name, None)
-        patch.setattr("clradar.hand.hand_mesh", None)
-        one_error_line(run(*(a for a in command if a != "--force")), target, "--force")
-    assert kept.read_bytes() == b"precious"
-    assert list(tmp_path.iterdir()) == [kept]
-    outcome = run(*command, *([] if "--force" in command else ["--force"]))
-    assert outcome.status == 0, outcome.err
-    assert kept.read_bytes() != b"precious"
-    assert not [p.name for p in tmp_path.iterdir() if p.name.endswith(".tmp")]
-
-
-@posix_only
-def test_a_dangling_link_is_kept(run: Run, tmp_path: Path) -> None:
-    link = tmp_path / "x.ply"
-    link.symlink_to(tmp_path / "nowhere")
-    one_error_line(run("hand", "-o", link), "exists already")
 
 
 @posix_only
@@ -79,39 +29,6 @@ def test_check_outputs_resolves_links(tmp_path: Path) -> None:
         outputs.check_outputs([tmp_path / "new.h5", tmp_path / "NEW.h5"], force=False)
     if not (tmp_path / "IN.h5").exists():  # where case counts
         outputs.check_outputs([tmp_path / "IN.h5"], force=False, inputs=[tmp_path / "in.h5"])
-
-
-@posix_only
-def test_progress_goes_to_terminals_only(made: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "clradar.cli", "simulate", str(made / "hand.ply"),
-               "--samples-per-mm2", DENSITY, "--band", "72:82:2", "-o"]  # fmt: skip
-    # PoCL's compiler writes to stderr when it builds a kernel for the first time; here it has been.
-    piped = subprocess.run([*command, str(tmp_path / "a.h5")], capture_output=True, check=True)
-    assert piped.stderr == b""
-    assert b"\x1b" not in piped.stdout
-    assert piped.stdout.count(b"\n") == 1
-
-    import pty
-
-    ours, theirs = pty.openpty()
-    with subprocess.Popen(
-        [*command, str(tmp_path / "b.h5")], stdout=subprocess.PIPE, stderr=theirs
-    ) as process:
-        os.close(theirs)
-        shown = b""
-        while True:
-            try:
-                block = os.read(ours, 4096)
-            except OSError:  # how Linux reports that the other end is closed
-                break
-            if not block:
-                break
-            shown += block
-        os.close(ours)
-        assert process.stdout is not None
-        process.stdout.read()
-    assert process.returncode == 0
-    assert b"tracing" in shown
 
 
 def test_a_table_in_a_pipe_is_not_cut(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -148,6 +149,26 @@ def test_what_fails_before_there_is_anything_leaves_nothing(tmp_path: Path) -> N
 def test_one_place_at_a_time() -> None:
     with pytest.raises(ModelError, match="one of the two"):
         Where(workers=2, scheduler="tcp://127.0.0.1:1")
+
+
+@dataclass(frozen=True)
+class Placed:
+    device: Any = None
+
+    def run(self, item: int, progress: Any) -> str:
+        return os.getcwd()
+
+
+@pytest.mark.device
+def test_an_item_of_a_scheduler_is_made_in_the_folder_of_the_client(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("clradar.jobs.distributed")
+    monkeypatch.setattr(distributed, "_breach", lambda contract: None)
+    contract = distributed.Contract("{}", "pocl", tmp_path, "", ())
+    before = os.getcwd()
+    made = distributed.run_item(Placed(), 0, str(tmp_path), contract)
+    assert (made, os.getcwd()) == ((str(tmp_path), []), before)
 
 
 HOLDING = """

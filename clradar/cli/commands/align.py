@@ -10,7 +10,7 @@ import clradar as cl
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import DEVICE, FORCE, MEASURED, SearchOptions, UnitOptions
-from clradar.cli.options.groups import argument, given, option, output_option, recorded, wrong_usage
+from clradar.cli.options.groups import argument, given, option, output_option, wrong_usage
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
@@ -34,6 +34,7 @@ class AlignedOptions(UnitOptions, SearchOptions):
         False,
         "Without the simulations that correct the bias of a mesh: up to some millimetres "
         "off where it is specular.",
+        needs="--mesh",
     )
     dynamic_range_db: float | None = option(
         None,
@@ -46,8 +47,6 @@ class AlignedOptions(UnitOptions, SearchOptions):
         path = self.mesh if self.simulated is None else self.simulated
         if path is None or (self.simulated is not None and self.mesh is not None):
             raise wrong_usage("SIMULATED, --mesh", "expected one of the two")
-        if self.quick and self.mesh is None:
-            raise wrong_usage("--quick", "expected --mesh with it")
         return path
 
     def settings(self) -> dict[str, Any]:
@@ -105,9 +104,10 @@ def command(
                 volumes[0], scene, correct_bias=bias, device=opened, progress=progress,
                 **settings, **instrument,
             )  # fmt: skip
-    grid_of_measured = grid_text(volumes[0].grid)
-    options = recorded(aligned, imaging, frames, radar, measured=measured, grid=grid_of_measured)
-    origin = provenance("align", options, [*images[0].files, path, *radar.files])
+    origin = provenance(
+        "align", [*images[0].files, path, *radar.files], aligned, imaging, frames, radar,
+        measured=measured, grid=grid_text(volumes[0].grid),
+    )  # fmt: skip
     write_json(output, {**result.to_dict(), **origin}, force=force)
     print_text(result.report())
     print_line(f"{output}: the transform, its covariance and this report")

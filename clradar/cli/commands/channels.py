@@ -9,7 +9,7 @@ from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.inputs import AverageOptions, title_of
 from clradar.cli.options.channels import EstimateOptions, TargetOptions
 from clradar.cli.options.common import FORCE
-from clradar.cli.options.groups import REQUIRED, argument, option, output_option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, option, output_option
 from clradar.cli.options.measured import FrameOptions
 from clradar.cli.outputs import check_figure, check_outputs, provenance, save
 
@@ -38,15 +38,14 @@ def command(
 
     known = target.read()
     check_figure(plot)
-    mean.check(frames, [capture], "CAPTURE")
+    mean.check([capture], "CAPTURE")
     check_outputs([output, plot], force=force, inputs=[capture])
     loaded, files, words = mean.read(capture, frames)
     if words:
         print_line(f"{capture}: {words}")
     with progress_bar("fitting channels") as progress:
         channels = estimate_channels(loaded, known, progress=progress, **estimate.settings())
-    options = recorded(target, estimate, mean, frames)
-    origin = provenance("channels", options, files)
+    origin = provenance("channels", files, target, estimate, mean, frames)
     save(output, channels, origin, force=force)
     print_summary(output, channels)
     if plot is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from clradar.cli.console import print_line
 from clradar.cli.inputs import AverageOptions
 from clradar.cli.options.common import CAPTURE, FORCE
-from clradar.cli.options.groups import REQUIRED, option, output_option, recorded, wrong_usage
+from clradar.cli.options.groups import REQUIRED, option, output_option, wrong_usage
 from clradar.cli.options.measured import ChannelOptions, EmptyOptions, FrameOptions, GateOptions
 from clradar.cli.outputs import check_outputs, provenance, save
 from clradar.files.failures import fail
@@ -27,6 +27,7 @@ def command(
         False,
         "Instead of --channels: divide by the gains that the array of the capture has (gain_db, "
         "phase_deg).",
+        without="--channels",
     ),
     mean: AverageOptions,
     frames: FrameOptions,
@@ -44,14 +45,12 @@ def command(
 
     window = gate.settings()
     sources = [path for path in (capture, background.empty) if path is not None]
-    if gains and known.channels is not None:
-        raise wrong_usage("--gains", "expected without --channels")
     if not (background.empty or window or known.channels or mean.average or gains):
         raise wrong_usage(
             "--empty",
             "expected --empty, --gate-mm, --channels, --gains or --average: nothing to do",
         )
-    mean.check(frames, sources, "CAPTURE and EMPTY")
+    mean.check(sources, "CAPTURE and EMPTY")
     check_outputs([output], force=force, inputs=[*sources, *known.files])
     channels = known.read()
     loaded, inputs, averaged = mean.read(capture, frames)
@@ -66,8 +65,10 @@ def command(
         mask=known.mask,
     )  # fmt: skip
     done = done.without_gains() if gains else done
-    options = recorded(background, gate, known, mean, frames, capture=capture, gains=gains)
-    origin = provenance("clean", options, [*inputs, *known.files])
+    origin = provenance(
+        "clean", [*inputs, *known.files], background, gate, known, mean, frames,
+        capture=capture, gains=gains,
+    )  # fmt: skip
     save(output, done, origin, force=force)
     steps = [averaged] if averaged else []
     if empty is not None:

@@ -10,14 +10,7 @@ from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid, recording_words
 from clradar.cli.options.common import DEVICES, FORCE
-from clradar.cli.options.groups import (
-    REQUIRED,
-    argument,
-    option,
-    output_option,
-    recorded,
-    wrong_usage,
-)
+from clradar.cli.options.groups import REQUIRED, argument, option, output_option, wrong_usage
 from clradar.cli.options.measured import (
     DepthMapOptions,
     FrameOptions,
@@ -91,8 +84,8 @@ def command(
         print_line(f"{files.output}: the measurement and {len(simulated)} simulated")
     if files.json is None and files.report is None:
         return
-    options = recorded(imaging, frames, grid=grid_text(grid))
-    origin = provenance("compare", options, [file for image in images for file in image.files])
+    inputs = [file for image in images for file in image.files]
+    origin = provenance("compare", inputs, imaging, frames, grid=grid_text(grid))
     if files.json is not None:
         record = {"measured": str(measured), "simulated": compared.records(simulated), **origin}
         write_json(files.json, record, force=force)

@@ -8,14 +8,7 @@ from typing import Literal
 
 from clradar.cli.console import print_line
 from clradar.cli.options.common import FORCE
-from clradar.cli.options.groups import (
-    REQUIRED,
-    argument,
-    option,
-    output_option,
-    recorded,
-    wrong_usage,
-)
+from clradar.cli.options.groups import REQUIRED, argument, option, output_option, wrong_usage
 from clradar.cli.options.measured import AntennaOptions, FrameOptions, recording_files
 from clradar.cli.outputs import check_outputs, provenance, save
 from clradar.cli.recording_conversion import write_captures, write_recording
@@ -89,8 +82,8 @@ def command(
         sides = (capture.meta["layout"][name] for name in ("tx", "rx"))
         inputs += [Path(side["file"]) for side in sides if "file" in side]
         check_outputs([output], force=force, inputs=inputs)  # they are known only now
-    options = recorded(frames, source=source, layout=layout)
-    save(output, capture, provenance("convert", options, inputs), force=force)
+    origin = provenance("convert", inputs, frames, source=source, layout=layout)
+    save(output, capture, origin, force=force)
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)
     print_line(f"{output}: {shape} (tx, rx, frequency), {low:g} to {high:g} GHz")

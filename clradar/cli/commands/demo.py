@@ -14,7 +14,7 @@ import clradar as cl
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.options.common import DEVICE
-from clradar.cli.options.groups import option, output_option, recorded
+from clradar.cli.options.groups import option, output_option
 from clradar.cli.options.measured import RadarOptions, grid_text
 from clradar.cli.outputs import check_folder, made_folder, provenance, save, save_mesh, turned
 from clradar.files.json_file import write_json
@@ -48,7 +48,6 @@ def command(
     The hand is turned by 25 degrees (`clradar hand F --turn-deg 25`), so that the glint of the palm
     does not outshine the fingers. Voxels of 2 mm, to take less than a minute on two cores.
     """
-
     radar.antennas()  # wrong usage is reported before anything is made
     check_folder(output, force=force)
     opened = cl.open_device(device)
@@ -83,7 +82,7 @@ def run_demo(
     save_mesh(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
-    origin = provenance("demo", recorded(radar, rays=rays, grid=grid_text(grid)), [mesh])
+    origin = provenance("demo", [mesh], radar, rays=rays, grid=grid_text(grid))
     simulated = {f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)}
     simulated[PHYSICAL] = (skin, {"estimator": PHYSICAL}, 0)
     measured = folder / "measurement"

@@ -11,7 +11,7 @@ import clradar as cl
 from clradar.cli.console import print_line, print_table, print_warning, progress_bar
 from clradar.cli.inputs import title_of
 from clradar.cli.options.common import CAPTURE, DEVICE, FORCE
-from clradar.cli.options.groups import option, output_option, recorded
+from clradar.cli.options.groups import option, output_option
 from clradar.cli.options.measured import FrameOptions, GridOptions, axis_option, grid_text
 from clradar.cli.outputs import check_figure, check_outputs, provenance, save
 from clradar.cli.parse import position_m
@@ -82,8 +82,8 @@ def command(
     if result.scores:
         print_scores(result)
     print_line(result.recommendation)
-    options = recorded(frames, expect_mm=expect_mm, grid=None if grid is None else grid_text(grid))
-    origin = provenance("diagnose", options, sources)
+    options = {"expect_mm": expect_mm, "grid": None if grid is None else grid_text(grid)}
+    origin = provenance("diagnose", sources, frames, **options)
     if files.json is not None:
         record = {"capture": str(capture), **result.to_dict(), **origin}
         write_json(files.json, record, force=force)

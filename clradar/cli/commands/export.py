@@ -10,14 +10,7 @@ import clradar as cl
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput
 from clradar.cli.options.common import FORCE
-from clradar.cli.options.groups import (
-    REQUIRED,
-    argument,
-    option,
-    output_option,
-    recorded,
-    wrong_usage,
-)
+from clradar.cli.options.groups import REQUIRED, argument, option, output_option, wrong_usage
 from clradar.cli.options.measured import DepthMapOptions, FrameOptions
 from clradar.cli.outputs import check_outputs, check_suffix, provenance
 
@@ -52,7 +45,7 @@ def command(
     if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, cl.Capture)):
         content = content.depth_map(depth.dynamic_range_db)
     else:
-        origin = provenance("export", recorded(frames), loaded.files)
+        origin = provenance("export", loaded.files, frames)
         content = replace(content, meta={**content.meta, **origin})
     check_export(output, type(content))
     export_file(output, content, force=force)

@@ -8,7 +8,7 @@ from clradar.cli.console import print_line, progress_bar
 from clradar.cli.fits import HAND_FILES, print_hand_fit, write_hand_fit
 from clradar.cli.inputs import measurement
 from clradar.cli.options.common import DEVICES, FORCE, MEASURED
-from clradar.cli.options.groups import REQUIRED, output_option, recorded
+from clradar.cli.options.groups import REQUIRED, output_option
 from clradar.cli.options.hand import HandFitOptions, RigFileOptions, ShapeOptions, StartNames
 from clradar.cli.options.measured import (
     FrameOptions,
@@ -50,17 +50,10 @@ def command(
     found = measurement(measured, frame, radar, voxels, imaging, opened)
     with progress_bar("fitting") as progress:
         fit = fit_hand(found.volume, device=opened, progress=progress, **settings, **found.radar)
-    options = recorded(
-        fitting,
-        shape,
-        rigged,
-        imaging,
-        frame,
-        radar,
-        measured=measured,
-        grid=grid_text(found.volume.grid),
-    )
-    origin = provenance("fit-hand", options, [*found.files, *read])
+    origin = provenance(
+        "fit-hand", [*found.files, *read], fitting, shape, rigged, imaging, frame, radar,
+        measured=measured, grid=grid_text(found.volume.grid),
+    )  # fmt: skip
     with whole_folder(output, force=force, replaced=HAND_FILES) as made:
         write_hand_fit(made, found, fit, fitting.seed, opened, origin)
     print_hand_fit(fit)

@@ -55,7 +55,7 @@ def command(
     imaging.check(loaded, captures, files, {**given(processes), "--device": device})
     title = title_of_image(captures, content.meta)
     if isinstance(content, cl.Volume):
-        origin = provenance("image", {}, loaded.files)
+        origin = provenance("image", loaded.files)
         files.draw(content, title, str(captures[0]), origin, range_db, force=force)
         return
     if imaging.absolute:
@@ -74,7 +74,7 @@ def command(
     start_s = perf_counter()
     volume = form_image(content, grid, imaging, opened, "imaging", imaging.tolerance_db)
     took_s = perf_counter() - start_s
-    origin = provenance("image", options, loaded.files)
+    origin = provenance("image", loaded.files, **options)
     if files.output is not None:
         save(files.output, volume, origin, force=force)
         print_line(f"{files.output}: {grid_text(grid)}, {took_s:.1f} s on {opened.info.label}")

@@ -9,9 +9,9 @@ from typing import Any
 import typer
 
 from clradar.cli.console import counted, print_error, print_line, print_text, progress_bar
-from clradar.cli.options.common import FORCE
-from clradar.cli.options.groups import REQUIRED, argument, option, wrong_usage
-from clradar.cli.options.measured import SLICE_HELP, VIEW_HELP, ViewName, plane
+from clradar.cli.options.common import FORCE, JSON
+from clradar.cli.options.groups import REQUIRED, argument, option
+from clradar.cli.options.measured import PictureOptions
 from clradar.cli.outputs import check_figure, check_outputs
 from clradar.errors import MeasurementError
 
@@ -23,16 +23,17 @@ def command(
         "folder that holds one, or the folder of a data set.",
         metavar="FILE",
     ),
+    *,
     check: bool = option(False, "Read and verify everything; exit status 1 if damaged."),
-    as_json: bool = option(False, "Print JSON for programs.", names=("--json",)),
+    as_json: bool = JSON,
     png: Path | None = option(
         None,
         "Also draw it: .png, .pdf or .svg. A volume's image; echoes over range and the level of "
         "every pair of a capture, or over the frames of a recording.",
-        names=("-o", "--png"),
+        names=("--png", "-o"),
+        without="--check --json",
     ),
-    view: ViewName | None = option(None, f"Of a volume's picture. {VIEW_HELP}"),
-    slice_: str | None = option(None, SLICE_HELP, metavar="AXIS[=MM]", names=("--slice",)),
+    picture: PictureOptions,
     force: bool = FORCE,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
@@ -40,12 +41,6 @@ def command(
     from clradar.dataset.folder import is_dataset
     from measurement_io import check_file, describe
 
-    if png is not None and (check or as_json):
-        raise wrong_usage("--png", "expected without --check and --json")
-    for name, value in {"--view": view, "--slice": slice_}.items():
-        if value is not None and png is None:
-            raise wrong_usage(name, "expected with --png, which it is for")
-    drawn: dict[str, Any] = {"view": view, "plane": None if slice_ is None else plane(slice_)}
     check_figure(png)
     check_outputs([png], force=force, inputs=[file])
     dataset = is_dataset(file)
@@ -84,7 +79,7 @@ def command(
         from clradar.cli.comparison import figure_of
         from clradar.plot import save_figure
 
-        figure = figure_of(file, **drawn)
+        figure = figure_of(file, view=picture.view, plane=picture.plane)
         if figure is not None:
             save_figure(figure, png, force=force)
             print_line(f"{png}: the picture")

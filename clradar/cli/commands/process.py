@@ -88,7 +88,7 @@ def command(
         source=recording, run_name=token_hex(), folder=output, chosen=chosen, cleaning=cleaning,
         gate=gate, imaging=imaging, depth=depth, simulated=others, aligned=aligned, grid=grid,
         hand=starts is not None, kept=kept,
-        origin=provenance("process", options, [p for p in (*others, *extra) if p.is_file()]),
+        origin=provenance("process", [p for p in (*others, *extra) if p.is_file()], **options),
         device=open_devices(device).first if where.here else None,
     )  # fmt: skip
     inputs["SIMULATED"] = [path for path in others if path.is_file()]

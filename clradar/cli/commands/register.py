@@ -10,7 +10,7 @@ from clradar.cli.console import print_line, print_text
 from clradar.cli.fits import FILES, RegistrationOptions, registered, write_registration
 from clradar.cli.inputs import measurement
 from clradar.cli.options.common import DEVICE, FORCE, MEASURED
-from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded
+from clradar.cli.options.groups import REQUIRED, argument, output_option
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
@@ -39,7 +39,6 @@ def command(
     simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
     first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
     """
-
     registration = replace(registration, estimator=made_of.estimator(registration.estimator))
     alpha = registration.alpha_value()
     read = [mesh, *made_of.material_files]
@@ -49,11 +48,10 @@ def command(
     opened = cl.open_device(device)
     found = measurement(measured, frames, radar, voxels, ImagingOptions(), opened)
     result = registered(found, scene, registration, opened)
-    options = recorded(
-        registration, made_of, frames, radar,
+    origin = provenance(
+        "register", [*found.files, *read], registration, made_of, frames, radar,
         measured=measured, mesh=mesh, grid=grid_text(found.volume.grid),
     )  # fmt: skip
-    origin = provenance("register", options, [*found.files, *read])
     with whole_folder(output, force=force, replaced=FILES) as made:
         write_registration(made, found, result, origin)
     print_text(result.alignment.report())

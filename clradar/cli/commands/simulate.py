@@ -8,7 +8,7 @@ from time import perf_counter
 import clradar as cl
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.options.common import DEVICES, FORCE
-from clradar.cli.options.groups import REQUIRED, given, output_option, recorded, wrong_usage
+from clradar.cli.options.groups import REQUIRED, given, output_option, wrong_usage
 from clradar.cli.options.measured import RadarOptions
 from clradar.cli.options.scene import (
     PHYSICAL,
@@ -94,8 +94,7 @@ def command(
     if len(devices.infos) > 1 and not (several and motion is None):
         warn(f"--device: only clusters are divided; simulated on the first, {opened.info.label}")
     facts = {"array": clusters[0].name, "waveform_ghz": radar.band_ghz}
-    options = recorded(moving, **scenery.record(), **facts)
-    origin = provenance("simulate", options, inputs)
+    origin = provenance("simulate", inputs, moving, **scenery.record(), **facts)
     start_s, label = perf_counter(), opened.info.label
     if motion is not None:
         moved = motion.scene(

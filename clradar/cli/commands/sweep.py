@@ -81,8 +81,9 @@ def command(
     check_window(found, imaging.window)
     band_hz = found.radar["waveform"].frequencies_hz
     align = {"search_deg": place.search_deg} if place.align else None
-    record = recorded(
-        imaging, **kind.record, measured_sha256=digest(found.content), mesh_sha256=scene.digest(),
+    origin = provenance(
+        "sweep", [*found.files, *read], imaging, **kind.record,
+        measured_sha256=digest(found.content), mesh_sha256=scene.digest(),
         regions=None if labels is None else list(labels.names),
         regions_sha256=None if labels is None else sha256_of_arrays(labels.face),
         transform=None if matrix is None else matrix.tolist(), align=align,
@@ -91,7 +92,6 @@ def command(
         simulation=asdict(settings.resolved()), dynamic_range_db=range_db,
         device=dict(devices.first.describe()), packages=package_versions(),
     )  # fmt: skip
-    origin = provenance("sweep", record, [*found.files, *read])
     # A sweep that is impossible should leave no folder behind.
     depth_map_of(found.volume, range_db, str(measured))
     placed = scene if matrix is None else scene.transformed(matrix)

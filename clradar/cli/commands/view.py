@@ -44,7 +44,6 @@ class BesideOptions(PlacementOptions):
 
     def scene(self, device: cl.Device) -> cl.Scene | None:
         """The mesh where it is, if there is one."""
-
         if self.mesh is not None:
             return cl.Scene.from_mesh(self.mesh, unit=self.unit, transform=self.matrix())
         if self.pose is not None:

@@ -49,7 +49,6 @@ class BandOptions:
 
     def waveform(self) -> cl.Waveform:
         """The frequencies, those of the paper without the option."""
-
         start_ghz, stop_ghz, steps = self.band_ghz
         return cl.Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
@@ -248,21 +247,36 @@ class DepthMapOptions:
         checks.dynamic_range("--dynamic-range-db", self.dynamic_range_db)
 
 
-ViewName = Literal["xy", "xz", "yz", "all"]
-VIEW_HELP = "Axes of the figure, or all three. [default: xy, or across the axis that is thin]"
-SLICE_HELP = (
-    "Draw one plane of voxels: x=12 is the nearest to 12 mm, x the one through the strongest voxel."
-)
+@dataclass(frozen=True, kw_only=True)
+class PictureOptions:
+    """What is drawn of a volume."""
 
+    view: Literal["xy", "xz", "yz", "all"] | None = option(
+        None, "Axes of the figure, or all three. [default: xy, or across the axis that is thin]"
+    )
+    slice: str | None = option(
+        None,
+        "Draw one plane of voxels: x=12 is the nearest to 12 mm, x the one through the strongest "
+        "voxel.",
+        metavar="AXIS[=MM]",
+        needs="--png",
+    )
 
-def plane(text: str) -> tuple[str, float | None]:
-    """Axis of a slice ``AXIS`` or ``AXIS=MM``, and its place, metres; None: the strongest voxel."""
-    axis, equals, place = text.partition("=")
-    values = numbers(place, ":") if equals else []
-    wrong = bool(equals) and (len(values) != 1 or not finite(values))
-    if axis not in ("x", "y", "z") or wrong:
-        raise wrong_usage("--slice", f"expected x, y or z, or one with =MM; got '{text}'")
-    return axis, values[0] / 1e3 if equals else None
+    def __post_init__(self) -> None:
+        _ = self.plane  # raises where the text is none
+
+    @property
+    def plane(self) -> tuple[str, float | None] | None:
+        """Axis of a slice, and its place, metres; None: through the strongest voxel."""
+        if self.slice is None:
+            return None
+        axis, equals, place = self.slice.partition("=")
+        values = numbers(place, ":") if equals else []
+        wrong = bool(equals) and (len(values) != 1 or not finite(values))
+        if axis not in ("x", "y", "z") or wrong:
+            words = f"expected x, y or z, or one with =MM; got '{self.slice}'"
+            raise wrong_usage("--slice", words)
+        return axis, values[0] / 1e3 if equals else None
 
 
 def axis_mm(option: str, text: str) -> tuple[float, float, float]:

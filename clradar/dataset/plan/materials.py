@@ -8,11 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
-from clradar.constants import (
-    PLAUSIBLE_COATING_M,
-    PLAUSIBLE_CORRELATION_M,
-    PLAUSIBLE_ROUGHNESS_M,
-)
+from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.dataset.plan.draws import Draw
 from clradar.dataset.plan.hands import folder_of
 from clradar.dataset.plan.values import Value, draws, tried
@@ -117,9 +113,9 @@ class PlanMaterials(FileRecord):
     others: Part = PartMaterial()
 
     @property
-    def parts(self) -> Mapping[str, PartMaterial]:
-        """The parts that have their own."""
-        return {n: own for n in PART_NAMES if (own := getattr(self, n)) is not None}
+    def of_parts(self) -> Mapping[str, Material]:
+        """The material of every part of a sample, of which nothing is to be drawn."""
+        return {name: (getattr(self, name) or self.others).least for name in PART_NAMES}
 
 
 def _of_all(value: Any, info: ValidationInfo) -> Any:

@@ -53,6 +53,7 @@ except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
 _READY = b"ready"
+_NO_CONTENT = b"\xff" * 8
 _ENCODINGS = ("ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437")
 """Of what is read; the last one is that of names in ZIP archives."""
 
@@ -91,22 +92,9 @@ _confined = False
 class Reader:
     """What reads a kind of file, and how much of the machine it may take for one.
 
-    Attributes
-    ----------
-    expected : str
-        What the file should be, for messages: "a readable HDF5 file".
-    library : str
-        What may crash on it: "the HDF5 library".
-    cpu_s : int
-        Processor time in seconds.
-    memory_bytes : int
-        Memory on top of what the process has when it starts.
-    most_bytes : int
-        Most bytes of arrays that may come back.
-    modules : tuple of str
-        Modules to import before the process is forked: later it can open no file.
-    error : type
-        Class of the errors that `run` raises.
+    `expected` and `library` are words for messages ("a readable HDF5 file", "the HDF5 library");
+    `memory_bytes` is on top of what the process has when it starts, `most_bytes` limits the arrays
+    that come back, and `modules` are imported before the fork: later it can open no file.
     """
 
     expected: str
@@ -159,11 +147,12 @@ def run(
         if _FORKS:
             wall_s = START_LIMIT_S + WALL_FACTOR * reader.cpu_s
             answer = _answer_of(message, reader.most_bytes, wall_s)
-        elif companion is not None:
-            content = read_bytes(path, reader.expected, MAX_FRAME_BYTES, error=reader.error)
-            answer = companion.answer(message, content, reader.most_bytes, reader.cpu_s)
         else:
-            answer = _answer_of_one(message, reader.most_bytes, reader.cpu_s)
+            content = None
+            if companion is not None:
+                content = read_bytes(path, reader.expected, MAX_FRAME_BYTES, error=reader.error)
+            own = companion or Companion()
+            answer = own.answer(message, content, reader.most_bytes, reader.cpu_s)
     except NoServer as error:
         fail(path, "a process to read it in", clean(error), error=reader.error, cause=error)
     except (wire.BrokenMessage, OSError) as error:
@@ -244,38 +233,12 @@ def _started(call: str, **options: Any) -> subprocess.Popen[bytes]:
     )
 
 
-def _answer_of_one(message: bytes, most_bytes: int, cpu_s: int) -> Any:
-    """Send a request to a process that is started for it."""
-    pipe = subprocess.PIPE
-    try:
-        process = _started("serve_one; serve_one()", stdin=pipe, stdout=pipe)
-    except OSError as error:
-        raise NoServer(clean(error)) from error
-    assert process.stdin is not None
-    answer = cast(io.BufferedReader, process.stdout)
-    timer = threading.Timer(START_LIMIT_S + 2 * cpu_s, process.kill)
-    timer.start()
-    try:
-        with process, process.stdin as requests:
-            if answer.read(len(_READY)) != _READY:
-                raise NoServer(f"it does not start: {sys.executable}")
-            requests.write(message)
-            requests.close()
-            link = SimpleNamespace(recv_into=answer.readinto, sendall=None)
-            try:
-                return wire.receive(link, most_bytes)
-            finally:
-                process.kill()
-    finally:
-        timer.cancel()
-
-
 class Companion:
     """A process that reads many files, where one for each would have to be started.
 
-    It is given their content and can open no file itself. It starts at the first need and ends with
-    this object, and another takes over where it dies. In a copy for, or a fork of, another process
-    it is a new one.
+    It is given their content and can open no file itself; without content it opens its one file.
+    It starts at the first need and ends with this object, and another takes over where it dies. In
+    a copy for, or a fork of, another process it is a new one.
     """
 
     def __init__(self) -> None:
@@ -286,7 +249,7 @@ class Companion:
     def __reduce__(self) -> Any:
         return Companion, ()
 
-    def answer(self, message: bytes, content: bytes, most_bytes: int, cpu_s: int) -> Any:
+    def answer(self, message: bytes, content: bytes | None, most_bytes: int, cpu_s: int) -> Any:
         with self._lock:
             process = self._running()
             assert process.stdin is not None
@@ -295,8 +258,8 @@ class Companion:
             timer.start()
             try:
                 for part in (message, content):
-                    process.stdin.write(len(part).to_bytes(8, "little"))
-                    process.stdin.write(part)
+                    size = _NO_CONTENT if part is None else len(part).to_bytes(8, "little")
+                    process.stdin.write(size + (part or b""))
                 process.stdin.flush()
                 link = SimpleNamespace(recv_into=received.readinto, sendall=None)
                 return wire.receive(link, most_bytes)
@@ -384,23 +347,11 @@ def serve(link_number: int) -> None:
                 os.close(handle)
 
 
-def serve_one() -> None:
-    """Answer the request on standard input on standard output."""
-    warnings.simplefilter("ignore")
-    with os.fdopen(os.dup(1), "wb") as answer:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what libraries print is no answer
-        for encoding in _ENCODINGS:
-            codecs.lookup(encoding)
-        answer.write(_READY)
-        answer.flush()
-        request = json.loads(sys.stdin.buffer.read())
-        with suppress(Exception):
-            _import_all(request)
-        _answer(request, SimpleNamespace(sendall=answer.write, recv_into=None))
-
-
 def serve_many() -> None:
-    """Answer requests on standard input, each with the content of its file, until it closes."""
+    """Answer requests on standard input, each with the content of its file, until it closes.
+
+    One without content opens the file, and is the last.
+    """
     global _handed
     warnings.simplefilter("ignore")
     requests = sys.stdin.buffer
@@ -412,14 +363,20 @@ def serve_many() -> None:
         answer.flush()
         while length := requests.read(8):
             request = json.loads(requests.read(int.from_bytes(length, "little")))
-            _handed = requests.read(int.from_bytes(requests.read(8), "little"))
+            size = requests.read(8)
+            link = SimpleNamespace(sendall=answer.write, recv_into=None)
             if not _confined:
                 with suppress(Exception):
                     _import_all(request)
+            if size == _NO_CONTENT:
+                _answer(request, link)
+                return
+            _handed = requests.read(int.from_bytes(size, "little"))
+            if not _confined:
                 _limit(request["cpu_s"], request["memory_bytes"], again=True)
                 forbid_opening()
             _limit(request["cpu_s"], request["memory_bytes"], again=True)
-            _reply(request, SimpleNamespace(sendall=answer.write, recv_into=None))
+            _reply(request, link)
             answer.flush()
 
 

@@ -27,19 +27,9 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """A mesh of parts.
+    """A mesh of parts: `part` has the index into `names`, which are not unique, of each face.
 
-    Attributes
-    ----------
-    vertices : ndarray, shape (n_vertices, 3), float64
-        In the unit of the mesh.
-    faces : ndarray, shape (n_faces, 3), int32
-    part : ndarray, shape (n_faces,), int32
-        Index into `names` of each face.
-    names : tuple of str
-        Not unique.
-    texture : ndarray, shape (n_vertices, 3), float64, optional
-        Coordinates fixed to the body, in the unit of the mesh.
+    `texture` (n_vertices, 3) are coordinates fixed to the body; like `vertices` in the mesh's unit.
     """
 
     vertices: np.ndarray

@@ -92,16 +92,10 @@ def _property(scene: Any, element: str, name: str) -> np.ndarray:
 
 
 def with_parts(parts: Parts, scene: Any, content: bytes) -> Parts:
-    """The parts of a PLY file's mesh, if its faces have a property "part" of whole numbers.
+    """The parts of a PLY file's mesh as trimesh has read it in one part.
 
-    Parameters
-    ----------
-    parts : Parts
-        As read, in one part.
-    scene : trimesh.Scene
-        What trimesh has read from the file.
-    content : bytes
-        Of the file. A part without a name in it has its number as name.
+    They are those of a property "part" of whole numbers of its faces; one without a name in the
+    file's content is named by its number.
     """
     numbers = _property(scene, "face", PROPERTY)
     # Polygons that were cut into triangles have fewer numbers than there are faces.

@@ -24,17 +24,10 @@ _OTHER_PACKAGES = {"3mf": "lxml networkx", "dae": "pycollada"}
 
 
 def parts_of(label: str, mesh: Any, *, limited: bool = False, backwards: bool = False) -> Parts:
-    """Return the parts of a `trimesh.Trimesh` or `trimesh.Scene`.
+    """Return the parts of a `trimesh.Trimesh` or `trimesh.Scene`; `limited`: the limits of files
+    hold.
 
-    Parameters
-    ----------
-    label : str
-        What it is called in messages.
-    mesh : trimesh.Trimesh or trimesh.Scene
-    limited : bool
-        Whether the limits of files hold.
-    backwards : bool
-        Whether the last part comes first: trimesh reads the groups of an OBJ file so.
+    `backwards`: the last part comes first, as trimesh reads the groups of an OBJ file.
     """
     import trimesh
 
