@@ -306,13 +306,7 @@ def save_channels(
 ) -> None:
     """Write calibrated channels to a native HDF5 file; reading it gives the same bits.
 
-    Parameters
-    ----------
-    path : path-like
-        Target, whatever its extension. Its folder has to exist.
-    channels : ChannelCalibration
-    force : bool
-        Replace an existing file.
+    Parameters and errors as for `save_capture`; the target needs a parameter at least.
 
     Examples
     --------
