@@ -259,8 +259,7 @@ def test_the_hand_s_grid_is_extended_to_what_it_would_cut() -> None:
 def test_a_large_object_gets_a_large_grid() -> None:
     size_m = np.array([0.24, 0.2, 0.02])
     capture = object_of([0.1, 0, 1.2], size_m, 12)
-    grid = place_grid(capture)
-    low, high = box_of(grid).T
+    low, high = box_of(place_grid(capture)).T
     assert (low <= np.array([0.1, 0, 1.2]) - size_m / 2).all()
     assert (high >= np.array([0.1, 0, 1.2]) + size_m / 2).all()
 
@@ -354,9 +353,7 @@ def test_hands_of_any_roughness_are_imaged_in_silence(device: clradar.Device) ->
 
 @pytest.mark.parametrize("pose", ["A", "S"])
 def test_a_rough_fist_is_found_where_it_is(pose: str) -> None:
-    """Whose incoherent sums are strongest 25 degrees beside it."""
-    moved = np.eye(4)
-    moved[:3, 3] = [0.01, -0.04, 0.004]
+    moved = np.eye(4) + np.outer([0.01, -0.04, 0.004, 0], [0, 0, 0, 1])
     fist = clradar.Scene.from_mesh(clradar.hand.hand_mesh(pose, 4e-3), material="palm")
     capture = clradar.simulate(fist.transformed(moved), ARRAY, SWEEP, seed=0)
     assert place_grid(capture).y_m[0] > -0.15  # it reaches down to -0.11
