@@ -95,14 +95,16 @@ def run_item(steps: Any, item: Any, here: str, contract: Contract) -> Outcome:
     if breach is not None:
         return OutputError(f"worker on {gethostname()}: {breach}"), []
     before = os.getcwd()
+    # Names of files may be relative to the client's folder; the contract has tried all of them.
+    moves = before != here and os.path.isdir(here)
     try:
-        if before != here:  # names of files are relative to the client's folder
+        if moves:
             os.chdir(here)
         return outcome_of(replace(steps, device=own_device(contract.device)).run, item, None)
     except Exception as error:
         raise ItemError(reason_of(error)) from None
     finally:
-        if before != here:
+        if moves:
             os.chdir(before)
 
 
@@ -130,7 +132,7 @@ class Distributed:
         retried at the end, each alone in the whole cluster.
         """
         here = os.getcwd()
-        with _contract(folder, self.made_with(), self.device, (here, *files)) as contract:
+        with _contract(folder, self.made_with(), self.device, files) as contract:
             for address, breach in self._results_of(_breach, contract).items():
                 if breach is not None:
                     raise ClusterError(f"{address}: {breach}")
