@@ -201,9 +201,9 @@ class Distributed:
         return first[1]
 
     def _results_of(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-        with suppress(TimeoutError):  # those that were killed are started again
-            self.client.wait_for_workers(1, timeout=RESTART_S)
-        workers = self.workers()
+        until_s = monotonic() + RESTART_S
+        while not (workers := self.workers()) and monotonic() < until_s:
+            sleep(LATE_STEP_S)  # those that were killed are started again
         if not workers:
             address = self.client.scheduler_info(n_workers=0)["address"]
             raise ClusterError(
