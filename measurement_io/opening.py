@@ -144,11 +144,6 @@ def kind_of(path: Path) -> Kind:
 def open(path: str | os.PathLike[str]) -> Capture | Volume | ChannelCalibration | Recording:
     """Return what a path holds: a capture, a volume, channels, or the recording of a folder.
 
-    Raises
-    ------
-    MeasurementError
-        As `open_capture` and `open_recording`, whose options choose frames, antennas and layouts.
-
     Examples
     --------
     >>> import measurement_io

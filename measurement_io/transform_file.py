@@ -22,13 +22,6 @@ def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
     object whose "transform" is one of the two. Of the `alignment.json` of a recording it is the
     matrix that moves the recording's own meshes into the antenna frame.
 
-    Raises
-    ------
-    MeasurementError
-        Missing, no JSON, or no such numbers.
-    ModelError
-        Not an invertible affine matrix.
-
     Examples
     --------
     >>> from pathlib import Path

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.folder import SHARDS, Manifest, read_manifest, shard_name, shard_number
-from clradar.dataset.plan.recipe import recipe
+from clradar.dataset.plan.recipe import VERSION, read_recipe, recipe
 from clradar.dataset.shards import (
     EXPECTED,
     FIELDS,
@@ -25,6 +25,7 @@ from clradar.dataset.shards import (
     label_values,
     read_confined,
     samples_of,
+    stored_recipe,
 )
 from clradar.errors import ClradarError
 from clradar.files.failures import clean, reading, shown
@@ -158,7 +159,7 @@ def _shard_problems(folder: Path, manifest: Manifest, number: int) -> Iterator[s
     name, plan = shard_name(number), manifest.plan
     samples = plan.shard_samples(number)
     expected = [sample for sample in samples if sample not in manifest.aside]
-    size = len(samples) * data_bytes(recipe(plan, samples[0]))
+    size = len(samples) * data_bytes(plan)
     found = read_confined(_contents, folder / name, size=size)
     with reading(folder / name, EXPECTED):
         if found["samples"] != expected:
@@ -178,15 +179,20 @@ def _content_problems(
     other = [
         sample
         for sample, stored, maker in zip(samples, recipes, makers, strict=True)
-        if stored["sample"] != sample or (maker == own_version() and stored != recipe(plan, sample))
+        if stored["sample"] != sample
+        or (
+            (maker == own_version() and stored["version"] == VERSION)
+            and stored != recipe(plan, sample)
+        )
     ]
     if other:
         yield f"expected the plan's recipes, got others for the samples {_listed(other)}"
         return
-    for label, wanted in label_values(recipes).items():
+    drawn = [read_recipe(stored_recipe(text, plan)) for text in labels["recipe"]]
+    for label, wanted in label_values(drawn).items():
         if label != "recipe" and not _same(labels.get(label), wanted):
             yield f"labels/{label}: expected the value of the recipes, got another"
-    axes = axes_of(recipes[0])
+    axes = axes_of(drawn[0].plan)
     for axis, (values, _) in axes.items():
         if not _same(found["axes"][axis], values):
             yield f"axes/{axis}: expected the values of the recipe, got others"

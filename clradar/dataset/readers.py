@@ -12,7 +12,6 @@ import numpy as np
 
 from clradar.dataset.folder import read_manifest, shard_name
 from clradar.dataset.plan.plan import PRODUCTS, plan_record
-from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.shards import FIELDS, LABELS, fields_of, labels_of, opened_shard, samples_of
 from clradar.errors import ClradarError, MissingPackage
 from clradar.files.failures import fail
@@ -295,7 +294,7 @@ class TorchDataset:
         plan = stored.plan
         self.poses = tuple(pose.name for pose in plan.poses.poses)
         self._names, self._transform = tuple(names), transform
-        labels = labels_of(recipe(plan, 0))
+        labels = labels_of(plan)
         numbers = [name for name, label in labels.items() if label.axes or label.of == "movement"]
         arrays = [name for name in PRODUCTS if name in plan.output.products and name in FIELDS]
         known = [*arrays, *numbers, "handedness", "sample"]

@@ -173,7 +173,7 @@ def run(
 def _check_rigs(plan: Plan) -> None:
     """Raise `ModelError` unless the files of the rigs are those of the plan."""
     for rig in plan.hands.rigs:
-        found_rig(rig.model_dump(), (plan.folder,))
+        found_rig(rig, (plan.folder,))
 
 
 def _known(path: Path, plan: Plan) -> Manifest:
@@ -267,7 +267,7 @@ class ShardMaker:
             with suppress(MeasurementError), opened_shard(path) as file:
                 for row, sample in enumerate(samples_of(file)):
                     if path == target or parts.get(sample, target).name == path.name:
-                        stored, maker = sample_of(file, row)
+                        stored, maker = sample_of(file, row, self.plan)
                         level = self.plan.output.compression
                         write_sample(parts[sample], stored, maker, compression=level)
 

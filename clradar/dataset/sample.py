@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from clradar.backproject import backproject
-from clradar.dataset.plan.hand_json import pose_of, shape_of
-from clradar.dataset.plan.radar import plan_array
-from clradar.dataset.plan.recipe import EARLIER_SETTINGS
+from clradar.dataset.plan.hands import RigFile
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.radar import plan_array, plan_waveform
+from clradar.dataset.plan.recipe import SamplePlan, metres, radians, read_recipe
 from clradar.errors import ModelError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
@@ -23,8 +23,7 @@ from clradar.hand import HandMesh, HandPose, hand_mesh
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
-from clradar.model import AntennaArray, Capture, Scene, VoxelGrid, Waveform
-from clradar.model.material_file import material_of
+from clradar.model import AntennaArray, Capture, Scene, Waveform
 from clradar.motion.bodies import MovingScene
 from clradar.motion.hands import MovingHand
 from clradar.motion.rigid import RigidMotion
@@ -54,7 +53,7 @@ class Sample:
     ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> sample = make_sample(recipe(plan, 1))
-    >>> sample.recipe["pose"]["name"], sample.arrays["joints"].shape
+    >>> sample.recipe["poses"]["resolved"][0]["name"], sample.arrays["joints"].shape
     ('B', (25, 3))
     """
 
@@ -88,13 +87,13 @@ def make_sample(
     Returns
     -------
     Sample
-        The products that the recipe lists. Their bits depend on the device and its driver, not on
-        earlier samples or the number of threads.
+        With the products that the recipe lists. Their bits depend on the device and its driver,
+        not on earlier samples or the number of threads.
 
     Raises
     ------
     ModelError
-        It is no recipe, lacks a key, or a rig's file is not that of the plan.
+        It is no recipe, has mistakes, or a rig's file is not that of the plan.
     DeviceError
         There is no such device, or it fails.
 
@@ -115,61 +114,39 @@ def make_sample(
     ... output.products = ["capture"]
     ... ''')
     >>> noisy = recipe(read_plan("plan.toml"), 0)
-    >>> clean = {**noisy, "impairments": None}
+    >>> clean = {**noisy, "impairments": {}}
     >>> with_noise, without = (make_sample(r).arrays["capture"] for r in (noisy, clean))
     >>> ratio = np.linalg.norm(without) / np.linalg.norm(with_noise - without)
     >>> round(20 * np.log10(float(ratio)))
     20
     """
-    recipe = _recipe(recipe)
-    try:
-        return _made(recipe, device, rigs)
-    except KeyError as error:
-        raise ModelError(
-            f"recipe: expected all keys that clradar.dataset.recipe gives, got no {error}"
-        ) from error
+    return _made(read_recipe(recipe), device, rigs)
 
 
-def _recipe(given: Mapping[str, Any] | str | bytes) -> Mapping[str, Any]:
-    found: Any = given
-    if isinstance(given, str | bytes):
-        try:
-            found = json.loads(given)
-        except ValueError as error:
-            raise ModelError(
-                f"recipe: expected JSON text of a recipe, got no JSON: {clean(error)}"
-            ) from error
-    if not isinstance(found, Mapping):
-        raise ModelError(
-            f"recipe: expected a mapping, or its JSON text, got {type(found).__name__}"
-        )
-    return found
-
-
-def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders) -> Sample:
-    products = recipe["products"]
+def _made(drawn: SamplePlan, device: Device | str | None, rigs: Folders) -> Sample:
+    plan = drawn.plan
+    products, image = plan.output.products, plan.image
     arrays: dict[str, np.ndarray] = {}
-    hand = moving_hand(recipe, device) if "movement" in recipe else None
-    mesh = placed_hand(recipe, device, rigs) if hand is None else _in_the_middle(hand, recipe)
+    hand = None if plan.movement is None else moving_hand(drawn, device)
+    mesh = placed_hand(drawn, device, rigs) if hand is None else _in_the_middle(hand, drawn)
     if "joints" in products:
         arrays["joints"] = mesh.joints_m
     if "mesh" in products:
         arrays["mesh_vertices"] = mesh.vertices_m.astype(np.float32)
         arrays["mesh_faces"] = mesh.faces
         arrays["mesh_part"] = mesh.part.astype(np.uint8)
-    image = recipe.get("image")
-    if image is None and "capture" not in products:
-        return Sample(recipe, arrays)
-    capture = recorded_capture(recipe, hand or scene_of(mesh, recipe), device)
+    if not plan.needs_capture:
+        return Sample(drawn.record, arrays)
+    capture = recorded_capture(drawn, hand or scene_of(mesh, drawn), device)
     if "capture" in products:
         arrays["capture"] = capture.data
-    if image is not None:
+    if plan.keeps_images:
         volume = backproject(
             capture,
-            recipe_grid(recipe),
-            method=image["method"],
-            window=image["window"],
-            tolerance_db=image["tolerance_db"],
+            image.grid,
+            method=image.method,
+            window=image.window,
+            tolerance_db=image.tolerance_db,
             check_grid=False,
             device=device,
         )
@@ -178,82 +155,78 @@ def _made(recipe: Mapping[str, Any], device: Device | str | None, rigs: Folders)
         if "max_projection" in products:
             arrays["max_projection"] = volume.max_projection()
         if "depth_map" in products:
-            depth = volume.depth_map(image["dynamic_range_db"])
+            depth = volume.depth_map(image.dynamic_range_db)
             arrays["depth_map"] = depth.depth_m.astype(np.float32)
-    return Sample(recipe, arrays)
+    return Sample(drawn.record, arrays)
 
 
 def placed_hand(
-    recipe: Mapping[str, Any], device: Device | str | None = None, rigs: Folders = ""
+    drawn: SamplePlan, device: Device | str | None = None, rigs: Folders = ""
 ) -> HandMesh:
     """Return the posed hand in the antenna frame, metres."""
-    hand, place = recipe["hand"], recipe["placement"]
-    pose = pose_of(recipe["pose"])
-    origin_m = (0.0, 0.0, 0.0)
-    if "rig" in hand:
-        mesh = posed_rig(hand["rig"], pose, hand["handedness"], rigs)
+    hands, place = drawn.plan.hands, drawn.plan.placement
+    if hands.rigs:
+        mesh = posed_rig(hands.rigs[0], drawn.pose, hands.handedness, rigs)
     else:
         mesh = hand_mesh(
-            pose,
-            edge_length_m=hand["edge_length_m"],
-            handedness=hand["handedness"],
-            center_m=origin_m,
-            shape=shape_of(hand["shape"]),
+            drawn.pose,
+            edge_length_m=hands.edge_mm / 1e3,
+            handedness=hands.handedness,
+            center_m=(0.0, 0.0, 0.0),
+            shape=hands.shapes[0].shape,
             device=device,
         )
-    matrix = rotation(place["rotation_rad"])
-    centre_m = np.asarray(place["center_m"])
-    return mesh.moved(matrix, centre_m)
+    return mesh.moved(rotation(radians(place)), np.asarray(metres(place)))
 
 
-def moving_hand(recipe: Mapping[str, Any], device: Device | str | None = None) -> MovingHand:
+def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> MovingHand:
     """Return the hand of the sequence that a sample is a frame of."""
     from scipy.spatial.transform import Rotation
 
-    hand, place, movement = recipe["hand"], recipe["placement"], recipe["movement"]
-    first, last = (pose_of(record) for record in movement["poses"])
-    begin = Rotation.from_matrix(rotation(place["rotation_rad"]))
-    end = Rotation.from_matrix(rotation(movement["rotation_rad"])) * begin
-    times_s = (0.0, movement["duration_s"])
+    hands, place, movement = drawn.plan.hands, drawn.plan.placement, drawn.plan.movement
+    assert movement is not None
+    assert movement.last is not None
+    begin = Rotation.from_matrix(rotation(radians(place)))
+    end = Rotation.from_matrix(rotation(radians(movement))) * begin
+    times_s = (0.0, (movement.frames - 1) / movement.rate_hz)
     motion = RigidMotion(
         times_s,
-        [(0.0, 0.0, 0.0), movement["shift_m"]],
+        [(0.0, 0.0, 0.0), metres(movement)],
         [begin.as_rotvec(), end.as_rotvec()],
-        about_m=place["center_m"],
+        about_m=metres(place),
         profile="smooth",
     )
     return MovingHand(
         times_s,
-        [first, last],
+        [drawn.first, movement.last],
         motion=motion,
-        center_m=place["center_m"],
-        shape=shape_of(hand["shape"]),
-        edge_length_m=hand["edge_length_m"],
-        handedness=hand["handedness"],
+        center_m=metres(place),
+        shape=hands.shapes[0].shape,
+        edge_length_m=hands.edge_mm / 1e3,
+        handedness=hands.handedness,
         device=device,
     )
 
 
-def _in_the_middle(hand: MovingHand, recipe: Mapping[str, Any]) -> HandMesh:
+def _in_the_middle(hand: MovingHand, drawn: SamplePlan) -> HandMesh:
     """The hand in the middle of a frame's sweep."""
-    timing, start_s = _timing(recipe), recipe["movement"]["start_s"]
+    timing, start_s = _timing(drawn), drawn.start_s
     return hand.mesh(0.5 * ((timing.begin_s + start_s) + (timing.end_s + start_s)))
 
 
-def _timing(recipe: Mapping[str, Any]) -> SweepTiming:
-    array, waveform = recipe_radar(recipe)
-    movement = recipe["movement"]
+def _timing(drawn: SamplePlan) -> SweepTiming:
+    array, waveform = radar_of(drawn.plan)
+    movement = drawn.plan.movement
+    assert movement is not None
     return SweepTiming.in_order(
-        array.n_tx, waveform.n_freq, step_s=movement["step_s"], order=movement["order"]
+        array.n_tx, waveform.n_freq, step_s=movement.step_us * 1e-6, order=movement.order
     )
 
 
-def posed_rig(
-    record: Mapping[str, Any], pose: HandPose, handedness: str, rigs: Folders = ""
-) -> HandMesh:
+def posed_rig(record: RigFile, pose: HandPose, handedness: str, rigs: Folders = "") -> HandMesh:
     """Return a rig's hand in a pose about the origin; a hand of the other side is mirrored."""
     folders = (rigs,) if isinstance(rigs, str | os.PathLike) else rigs
-    rig = _rig(json.dumps(record), tuple(os.path.abspath(folder) for folder in folders))
+    rig = _rig(record, tuple(os.path.abspath(folder) for folder in folders))
     mesh = rig.posed(pose, center_m=(0.0, 0.0, 0.0))
     if rig.handedness == handedness:
         return mesh
@@ -261,33 +234,25 @@ def posed_rig(
 
 
 @lru_cache(maxsize=4)
-def _rig(text: str, folders: tuple[str, ...]) -> Any:
+def _rig(record: RigFile, folders: tuple[str, ...]) -> Any:
     from clradar.rigs import read_rig
 
-    record = found_rig(json.loads(text), folders)
+    file, mapping = found_rig(record, folders)
     return read_rig(
-        record["file"],
-        mapping=record["mapping"],
-        unit=record["unit"],
-        handedness=record["handedness"],
-        betas=record["betas"] or None,
+        file,
+        mapping=mapping,
+        unit=record.unit,
+        handedness=record.handedness,
+        betas=record.betas or None,
     )
 
 
-def found_rig(record: Mapping[str, Any], folders: Sequence[str | Path]) -> dict[str, Any]:
-    """Return the record of a rig with the paths of its files.
-
-    Raises
-    ------
-    ModelError
-        They are missing, or not those of the plan.
-    """
-    found = dict(record)
-    for key in ("file", "mapping"):
-        if record[key] is not None:
-            wanted = record["sha256" if key == "file" else "mapping_sha256"]
-            found[key] = _path_of(record[key], wanted, folders)
-    return found
+def found_rig(record: RigFile, folders: Sequence[str | Path]) -> tuple[str, str | None]:
+    """Return the paths of a rig's files; a `ModelError` where they are not those of the plan."""
+    file = _path_of(record.file, record.sha256, folders)
+    if record.mapping is None:
+        return file, None
+    return file, _path_of(record.mapping, str(record.mapping_sha256), folders)
 
 
 def _path_of(name: str, sha256: str, folders: Sequence[str | Path]) -> str:
@@ -316,71 +281,70 @@ def rotation(angles_rad: Any) -> np.ndarray:
     return about_z @ about_y @ about_x
 
 
-def scene_of(mesh: HandMesh, recipe: Mapping[str, Any]) -> Scene:
+def scene_of(mesh: HandMesh, drawn: SamplePlan) -> Scene:
     """Return the scene of a hand with the alphas of its parts, or their materials."""
     scene = Scene(
         mesh.vertices_m, mesh.faces, part=mesh.part, part_names=mesh.part_names,
         normals=mesh.normals, texture_m=mesh.texture_m,
     )  # fmt: skip
-    return _with_surface(scene, recipe)
+    return _with_surface(scene, drawn.plan)
 
 
-def _with_surface(scene: Scene, recipe: Mapping[str, Any]) -> Scene:
-    if "material" in recipe:
-        own = {name: material_of(recipe["material"][name]) for name in scene.part_names}
-        return scene.with_material(own)
-    return scene.with_alpha({name: recipe["alpha"][name] for name in scene.part_names})
+def _with_surface(scene: Scene, plan: Plan) -> Scene:
+    if plan.material is not None:
+        materials = plan.material.of_parts
+        return scene.with_material({name: materials[name] for name in scene.part_names})
+    assert plan.alpha is not None, "it has one of the two"
+    alphas = plan.alpha.of_parts
+    return scene.with_alpha({name: alphas[name] for name in scene.part_names})
 
 
 def recorded_capture(
-    recipe: Mapping[str, Any], scene: Scene | MovingHand, device: Device | str | None
+    drawn: SamplePlan, scene: Scene | MovingHand, device: Device | str | None
 ) -> Capture:
-    """Return the simulated capture of a scene, with the impairments of the recipe."""
-    array, waveform = recipe_radar(recipe)
-    settings = {**EARLIER_SETTINGS, **recipe["simulation"]}
+    """Return the simulated capture of a scene, with the impairments of the plan."""
+    plan = drawn.plan
+    array, waveform = radar_of(plan)
+    found = plan.simulation.settings()
+    settings = {name: getattr(found, name) for name in found.__slots__}
     if isinstance(scene, MovingHand):
-        moving = MovingScene([scene], lambda own: _with_surface(own, recipe))
+        moving = MovingScene([scene], lambda own: _with_surface(own, plan))
         capture = simulate_moving(
-            moving, array, waveform, timing=_timing(recipe),
-            start_s=recipe["movement"]["start_s"], device=device, **settings,
+            moving, array, waveform, timing=_timing(drawn), start_s=drawn.start_s, device=device,
+            **settings,
         )  # fmt: skip
     else:
         capture = simulate(scene, array, waveform, device=device, **settings)
-    impairments = recipe.get("impairments")
-    if not impairments:
+    given = plan.impairments
+    if not given.any:
         return capture
-    errors = {k: v for k, v in impairments.items() if k not in ("channels", "walls")}
-    channels = impairments.get("channels")
-    if channels is not None:
-        errors["channels"] = draw_channels(array, waveform, **channels)
-    if impairments.get("walls"):
-        walls = [Wall(**wall) for wall in impairments["walls"]]
-        errors["room"] = room_capture(array, waveform, walls)
-    return impair(capture, **errors, frame=recipe.get("movement", {}).get("frame", 0))
+    channels = room = None
+    if given.channels is not None:
+        own = given.channels
+        channels = draw_channels(
+            array, waveform, seed=own.seed or 0, gain_db=own.gain_db,
+            phase_rad=float(np.deg2rad(own.phase_deg)), delay_s=1e-12 * own.delay_ps,
+            dead_tx=own.dead_tx, dead_rx=own.dead_rx,
+        )  # fmt: skip
+    if given.walls:
+        walls = [
+            Wall(np.array(wall.point_mm) / 1e3, np.array(wall.normal), wall.amplitude)
+            for wall in given.walls
+        ]
+        room = room_capture(array, waveform, walls)
+    return impair(
+        capture, seed=given.seed or 0, channels=channels, room=room, frame=drawn.frame,
+        snr_db=None if given.snr_db is None else given.snr_db.values[0],
+        coupling_db=None if given.coupling_db is None else given.coupling_db.values[0],
+        coupling_delay_s=1e-12 * given.coupling_delay_ps.values[0],
+        iq_gain_db=given.iq_gain_db.values[0],
+        iq_phase_rad=float(np.deg2rad(given.iq_phase_deg.values[0])),
+        adc_bits=given.adc_bits,
+    )  # fmt: skip
 
 
-def recipe_radar(recipe: Mapping[str, Any]) -> tuple[AntennaArray, Waveform]:
-    """Return antennas and frequencies of a recipe.
-
-    Equal radars give the same objects, and so do equal grids below: image formation then reuses its
-    choice of skeleton antennas and frequencies.
-    """
-    radar = recipe["radar"]
-    array = plan_array(radar["array"], radar["every"])
-    return array, _waveform(radar["start_hz"], radar["stop_hz"], radar["steps"])
-
-
-@lru_cache(maxsize=8)
-def _waveform(start_hz: float, stop_hz: float, steps: int) -> Waveform:
-    return Waveform.sfcw(start_hz, stop_hz, steps)
-
-
-def recipe_grid(recipe: Mapping[str, Any]) -> VoxelGrid:
-    """Return the voxel grid of a recipe that has an image."""
-    image = recipe["image"]
-    return _grid(*(tuple(image[key]) for key in ("x_m", "y_m", "z_m", "step_m")))
-
-
-@lru_cache(maxsize=8)
-def _grid(x_m: Any, y_m: Any, z_m: Any, step_m: Any) -> VoxelGrid:
-    return VoxelGrid.from_extent(x_m, y_m, z_m, step_m)
+def radar_of(plan: Plan) -> tuple[AntennaArray, Waveform]:
+    """Return antennas and frequencies of a plan; equal ones are the same objects."""
+    radar = plan.radar
+    frequencies = plan_waveform(radar.start_ghz, radar.stop_ghz, radar.steps)
+    return plan_array(radar.array, radar.every), frequencies

@@ -17,13 +17,19 @@ from typing import Any
 import numpy as np
 
 from clradar.dataset.plan.hand_json import SHAPE_COLUMNS, angles_rad, shape_row
-from clradar.dataset.sample import Sample, recipe_grid, recipe_radar
+from clradar.dataset.plan.hands import Alpha
+from clradar.dataset.plan.materials import PlanMaterials
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.recipe import VERSION as RECIPES
+from clradar.dataset.plan.recipe import SamplePlan, metres, radians, read_recipe
+from clradar.dataset.plan.recipe import recipe as recipe_of
+from clradar.dataset.sample import Sample, radar_of
 from clradar.files.atomic import replacing, require_space, write_file
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.json_text import parse_object
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 from clradar.jobs.outcome import Aside
-from clradar.model.material_file import material_of
+from clradar.model import Material
 from measurement_io.confined import hdf5_guard
 from measurement_io.confined.reading import run
 
@@ -96,77 +102,69 @@ FIELDS: Mapping[str, Field] = {
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """One label of a sample, from its recipe, if that has the key `of`."""
+    """One label of a sample; only those that have `of` in their plan have it."""
 
-    of: str
-    value: Callable[[Any], Any]
+    value: Callable[[SamplePlan], Any]
     long_name: str
     units: str | None = None
     axes: tuple[str, ...] = ()
+    of: str | None = None
     dtype: str = "float64"
 
 
-def _coating_m(record: Any) -> float | None:
-    coating = material_of(record).coating
-    return None if coating is None else coating.thickness_m
-
-
-def _of_parts(value: Callable[[Any], float | None]) -> Callable[[Any], list[float | None]]:
+def _of_parts(value: Callable[[Material], float | None]) -> Callable[[SamplePlan], Any]:
     """A number of the material of each part; None becomes NaN."""
-    return lambda recipe: [value(recipe["material"][name]) for name in PART_NAMES]
+    return lambda d: [value(own) for own in (d.plan.material or PlanMaterials()).of_parts.values()]
 
 
 _XYZ, _PARTS = ("coordinate",), ("part",)
 LABELS: Mapping[str, Label] = {
-    "pose": Label("pose", lambda r: r["pose"]["name"], "name of the pose"),
-    "handedness": Label("hand", lambda r: r["hand"]["handedness"], "right or left"),
+    "pose": Label(lambda d: d.pose.name, "name of the pose"),
+    "handedness": Label(lambda d: d.plan.hands.handedness, "right or left"),
     "angles_rad": Label(
-        "pose", lambda r: angles_rad(r["pose"]), "joint angles", "rad", ("joint", "angle")
+        lambda d: angles_rad(d.pose), "joint angles", "rad", ("joint", "angle")
     ),
     "shape": Label(
-        "hand", lambda r: shape_row(r["hand"].get("shape")),
+        lambda d: shape_row(d.plan.hands.shapes[0].shape if d.plan.hands.shapes else None),
         "shape of the hand; NaN: of a rig", None, ("shape_parameter",),
     ),
     "rig": Label(
-        "hand", lambda r: Path(r["hand"].get("rig", {}).get("file", "")).name,
+        lambda d: "".join(Path(rig.file).name for rig in d.plan.hands.rigs),
         "file of the rig, if any",
     ),
     "center_m": Label(
-        "placement", lambda r: r["placement"]["center_m"],
+        lambda d: metres(d.plan.placement),
         "centre of the hand's bounding box before its turn", "m", _XYZ,
     ),
     "rotation_rad": Label(
-        "placement", lambda r: r["placement"]["rotation_rad"],
-        "turns about x, then y, then z", "rad", _XYZ,
+        lambda d: radians(d.plan.placement), "turns about x, then y, then z", "rad", _XYZ
     ),
     "alpha": Label(
-        "alpha", lambda r: [r["alpha"][name] for name in PART_NAMES],
-        "0 specular to 1 diffuse", None, _PARTS,
+        lambda d: list((d.plan.alpha or Alpha()).of_parts.values()),
+        "0 specular to 1 diffuse", None, _PARTS, "alpha",
     ),
     "roughness_rms_m": Label(
-        "material", _of_parts(lambda m: material_of(m).roughness_rms_m),
-        "RMS height of the roughness", "m", _PARTS,
+        _of_parts(lambda m: m.roughness_rms_m),
+        "RMS height of the roughness", "m", _PARTS, "material",
     ),
     "correlation_length_m": Label(
-        "material", _of_parts(lambda m: material_of(m).correlation_length_m),
-        "of the roughness; NaN: smooth", "m", _PARTS,
+        _of_parts(lambda m: m.correlation_length_m),
+        "of the roughness; NaN: smooth", "m", _PARTS, "material",
     ),
     "coating_thickness_m": Label(
-        "material", _of_parts(_coating_m), "of the coating; NaN: none", "m", _PARTS
+        _of_parts(lambda m: None if m.coating is None else m.coating.thickness_m),
+        "of the coating; NaN: none", "m", _PARTS, "material",
     ),
     "sequence": Label(
-        "movement", lambda r: r["movement"]["sequence"],
-        "number of the sequence of frames", dtype="int64",
+        lambda d: d.number, "number of the sequence of frames", of="movement", dtype="int64"
     ),
     "frame": Label(
-        "movement", lambda r: r["movement"]["frame"],
-        "number of the frame in its sequence", dtype="int32",
+        lambda d: d.frame, "number of the frame in its sequence", of="movement", dtype="int32"
     ),
     "time_s": Label(
-        "movement", lambda r: r["movement"]["start_s"],
-        "when the frame begins in its sequence", "s",
+        lambda d: d.start_s, "when the frame begins in its sequence", "s", of="movement"
     ),
-    "recipe": Label("sample", lambda r: _text(r), "all that the sample is made of, JSON"),
+    "recipe": Label(lambda d: _text(d.record), "all that the sample is made of, JSON"),
 }  # fmt: skip
 """Labels of a sample; of those of the materials None is stored as NaN."""
 
@@ -174,16 +172,16 @@ MADE_WITH = "versions and device, JSON"
 TEXTS = ("pose", "handedness", "rig", "recipe", "made_with")
 
 
-def labels_of(recipe: Mapping[str, Any]) -> dict[str, Label]:
-    """Return those of `LABELS` that a sample has."""
-    return {name: label for name, label in LABELS.items() if label.of in recipe}
+def labels_of(plan: Plan) -> dict[str, Label]:
+    """Return those of `LABELS` that the samples of a plan have."""
+    return {n: own for n, own in LABELS.items() if own.of is None or getattr(plan, own.of)}
 
 
-def label_values(recipes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def label_values(samples: Sequence[SamplePlan]) -> dict[str, Any]:
     """Return the labels of samples: lists of text, or arrays."""
     found: dict[str, Any] = {}
-    for name, label in labels_of(recipes[0]).items():
-        values = [label.value(recipe) for recipe in recipes]
+    for name, label in labels_of(samples[0].plan).items():
+        values = [label.value(sample) for sample in samples]
         found[name] = values if name in TEXTS else np.array(values, dtype=label.dtype)
     return found
 
@@ -193,10 +191,10 @@ def fields_of_products(products: Sequence[str]) -> list[str]:
     return [name for name in FIELDS if name in products or name.partition("_")[0] in products]
 
 
-def data_bytes(recipe: Mapping[str, Any]) -> int:
+def data_bytes(plan: Plan) -> int:
     """Return the size of a sample's arrays, except meshes."""
-    sizes = {name: len(values) for name, (values, _) in axes_of(recipe).items()}
-    fields = [FIELDS[name] for name in fields_of_products(recipe["products"])]
+    sizes = {name: len(values) for name, (values, _) in axes_of(plan).items()}
+    fields = [FIELDS[name] for name in fields_of_products(plan.output.products)]
     return sum(
         np.dtype(field.dtype).itemsize * prod(sizes[axis] for axis in field.axes)
         for field in fields
@@ -204,7 +202,7 @@ def data_bytes(recipe: Mapping[str, Any]) -> int:
     )
 
 
-def axes_of(recipe: Mapping[str, Any]) -> dict[str, tuple[Any, str | None]]:
+def axes_of(plan: Plan) -> dict[str, tuple[Any, str | None]]:
     """Return the coordinates of the axes that the samples of a plan share, with their units."""
     found: dict[str, tuple[Any, str | None]] = {
         "joint": (JOINT_NAMES, None),
@@ -213,15 +211,14 @@ def axes_of(recipe: Mapping[str, Any]) -> dict[str, tuple[Any, str | None]]:
         "part": (PART_NAMES, None),
         "shape_parameter": (SHAPE_COLUMNS, None),
     }
-    if "capture" in recipe["products"]:
-        array, waveform = recipe_radar(recipe)
+    if "capture" in plan.output.products:
+        array, waveform = radar_of(plan)
         found["tx"] = (np.arange(array.n_tx, dtype=np.int32), None)
         found["rx"] = (np.arange(array.n_rx, dtype=np.int32), None)
         found["frequency_hz"] = (waveform.frequencies_hz, "Hz")
         found |= {"tx_m": (array.tx_m, "m"), "rx_m": (array.rx_m, "m")}
-    if recipe["image"] is not None:
-        grid = recipe_grid(recipe)
-        found |= {name: (getattr(grid, name), "m") for name in ("x_m", "y_m", "z_m")}
+    if plan.keeps_images:
+        found |= {name: (getattr(plan.image.grid, name), "m") for name in ("x_m", "y_m", "z_m")}
     return found
 
 
@@ -242,7 +239,7 @@ def write_sample(
     # In memory first: HDF5 cannot close a file for which the disk is full.
     with h5py.File(path.name, "x", driver="core", backing_store=False, libver=LIBRARY) as file:
         _Writer(file, compression).fill(
-            [dict(sample.recipe)], [_text(made_with)], sample.arrays, []
+            [read_recipe(sample.recipe)], [_text(made_with)], sample.arrays, []
         )
         file.flush()
         content = file.id.get_file_image()
@@ -258,12 +255,12 @@ def assemble(
     with ExitStack() as stack, replacing(path, force=True) as temporary:
         require_space(temporary, sum(part.stat().st_size for part in parts))  # take more
         files = [stack.enter_context(h5py.File(part, "r")) for part in parts]
-        recipes = [json.loads(file["entry/labels/recipe"][0]) for file in files]
+        samples = [read_recipe(file["entry/labels/recipe"][0]) for file in files]
         made_with = [file["entry/labels/made_with"][0].decode() for file in files]
         with h5py.File(temporary, "x", libver=LIBRARY) as file:
             writer = _Writer(file, compression)
             if files:
-                writer.fill(recipes, made_with, {}, files)
+                writer.fill(samples, made_with, {}, files)
             if failed:
                 texts = [_text({n: getattr(one, n) for n in one.__slots__}) for one in failed]
                 writer.array("entry", "failed", _bytes(texts), None, "what failed, and why, JSON")
@@ -294,7 +291,7 @@ class _Writer:
 
     def fill(
         self,
-        recipes: list[dict[str, Any]],
+        samples: list[SamplePlan],
         made_with: list[str],
         arrays: Mapping[str, np.ndarray],
         files: Sequence[Any],
@@ -303,9 +300,9 @@ class _Writer:
         names = fields_of(files[0]) if files else [name for name in FIELDS if name in arrays]
         shown = next((name for name in SHOWN_FIRST if name in names), names[0])
         self._file["entry"].attrs["default"] = FIELDS[shown].group
-        self._labels(recipes, made_with)
+        self._labels(samples, made_with)
         self._group("entry/axes", "NXcollection")
-        for name, (values, units) in axes_of(recipes[0]).items():
+        for name, (values, units) in axes_of(samples[0].plan).items():
             self.array("entry/axes", name, _bytes(values), units, name)
         for name in names:
             spec = FIELDS[name]
@@ -322,13 +319,12 @@ class _Writer:
             if spec.axes[-2:] == _YX:
                 self._file[spec.place].attrs["interpretation"] = "image"
 
-    def _labels(self, recipes: list[dict[str, Any]], made_with: list[str]) -> None:
+    def _labels(self, samples: list[SamplePlan], made_with: list[str]) -> None:
         group = self._group("entry/labels", "NXcollection")
-        index = np.array([recipe["sample"] for recipe in recipes], dtype=np.int64)
+        index = np.array([one.sample for one in samples], dtype=np.int64)
         self.array("entry/labels", "sample", index, None, "number of the sample in the plan")
-        known = labels_of(recipes[0])
-        for name, value in label_values(recipes).items():
-            label = known[name]
+        for name, value in label_values(samples).items():
+            label = LABELS[name]
             self.array("entry/labels", name, _bytes(value), label.units, label.long_name)
             if label.axes:
                 group[name].attrs["axes"] = ["sample", *label.axes]
@@ -461,8 +457,8 @@ def failed_of(file: Any) -> dict[int, Aside]:
     return {aside.sample: aside for aside in found}
 
 
-def sample_of(file: Any, row: int) -> tuple[Sample, dict[str, Any]]:
-    """Return one sample of an open shard, and the versions and the device that made it."""
+def arrays_of(file: Any, row: int) -> dict[str, np.ndarray]:
+    """Return the arrays of one sample of an open shard."""
     arrays = {}
     for name in fields_of(file):
         spec = FIELDS[name]
@@ -472,9 +468,19 @@ def sample_of(file: Any, row: int) -> tuple[Sample, dict[str, Any]]:
             arrays[name] = dataset[int(first[row]) : int(first[row + 1])]
         else:
             arrays[name] = dataset[row]
-    texts = (file[f"entry/labels/{name}"][row] for name in ("recipe", "made_with"))
-    recipe, made_with = map(json.loads, texts)
-    return Sample(recipe, arrays), made_with
+    return arrays
+
+
+def sample_of(file: Any, row: int, plan: Plan) -> tuple[Sample, dict[str, Any]]:
+    """Return one sample of an open shard, and the versions and the device that made it."""
+    recipe, made_with = (file[f"entry/labels/{name}"][row] for name in ("recipe", "made_with"))
+    return Sample(stored_recipe(recipe, plan), arrays_of(file, row)), json.loads(made_with)
+
+
+def stored_recipe(text: str | bytes, plan: Plan) -> dict[str, Any]:
+    """Return a recipe; of those of clradar 0.2, which had other keys, what the plan makes of it."""
+    found = parse_object(text.decode() if isinstance(text, bytes) else text)
+    return found if found["version"] == RECIPES else recipe_of(plan, found["sample"])
 
 
 def row_of(file: Any, path: Path, sample: int) -> int:
@@ -501,16 +507,16 @@ def read_confined(function: Callable[..., Any], path: Path, *arguments: Any, siz
     return run(function, path, *arguments, most_bytes=size + 8 * path.stat().st_size)
 
 
-def read_sample(path: Path, sample: int, size: int) -> tuple[Sample, dict[str, Any]]:
-    """Return a stored sample of so many bytes (`data_bytes`), and what made it."""
-    found = read_confined(_sample, path, sample, size=size)
+def read_sample(path: Path, sample: int, plan: Plan) -> tuple[Sample, dict[str, Any]]:
+    """Return a stored sample of a plan, and what made it."""
+    found = read_confined(_sample, path, sample, size=data_bytes(plan))
     with reading(path, EXPECTED):
-        recipe, made_with = parse_object(found["recipe"]), parse_object(found["made_with"])
-        return Sample(recipe, found["arrays"]), made_with
+        recipe = stored_recipe(found["recipe"], plan)
+        return Sample(recipe, found["arrays"]), parse_object(found["made_with"])
 
 
 def _sample(path: Path, sample: int) -> dict[str, Any]:
     with guarded_shard(path) as file:
         row = row_of(file, path, sample)
         texts = {n: file[f"entry/labels/{n}"][row].decode() for n in ("recipe", "made_with")}
-        return {**texts, "arrays": dict(sample_of(file, row)[0].arrays)}
+        return {**texts, "arrays": arrays_of(file, row)}

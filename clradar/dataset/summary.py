@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -13,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.dataset.folder import CONTACT_SHEET, STATISTICS, TABLE, Manifest, shard_name
+from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.recipe import metres, read_recipe
 from clradar.dataset.sample import Sample
 from clradar.dataset.shards import (
     FIELDS,
@@ -23,6 +24,7 @@ from clradar.dataset.shards import (
     row_of,
     sample_of,
     samples_of,
+    stored_recipe,
 )
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
@@ -32,7 +34,9 @@ from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-IMPAIRMENTS = {"snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_rad": "rad"}
+IMPAIRMENTS = {
+    "snr_db": "dB", "coupling_db": "dB", "iq_gain_db": "dB", "iq_phase_deg": "deg"
+}  # fmt: skip
 """Impairments that may be drawn for each sample, and their units."""
 
 STATISTICS_OF: Mapping[str, Callable[[np.ndarray], Any]] = {
@@ -87,9 +91,13 @@ def statistics(folder: Path, manifest: Manifest) -> dict[str, Any]:
                 continue
             for name, counter in counts.items():
                 counter.update(t.decode("utf-8") for t in file[f"entry/labels/{name}"][:])
-            for name, unit, values in (*_of_labels(file), *_of_products(file)):
+            samples = np.array(samples_of(file))
+            zero = np.zeros(len(samples), dtype=bool)
+            for name, unit, values in (
+                *_of_labels(file, manifest.plan), *_of_products(file, zero)
+            ):  # fmt: skip
                 features.setdefault(name, (unit or "", []))[1].append(values)
-            silent += _silent(file)
+            silent += samples[zero].tolist()
     if set(counts["rig"]) == {""}:
         del counts["rig"]
     return {
@@ -120,7 +128,7 @@ def _table(quantities: dict[str, dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def _of_labels(file: Any) -> Iterator[tuple[str, str | None, np.ndarray]]:
+def _of_labels(file: Any, plan: Plan) -> Iterator[tuple[str, str | None, np.ndarray]]:
     labels = file["entry/labels"]
     for name, label in LABELS.items():
         if len(label.axes) == 1 and name in labels:
@@ -128,45 +136,35 @@ def _of_labels(file: Any) -> Iterator[tuple[str, str | None, np.ndarray]]:
             values = labels[name][:]
             for i, column in enumerate(columns):
                 yield f"{name}: {column}", label.units, values[:, i]
-    faults = [json.loads(text)["impairments"] for text in labels["recipe"][:]]
+    faults = [stored_recipe(text, plan)["impairments"] for text in labels["recipe"][:]]
     for key, unit in IMPAIRMENTS.items():
-        values = [fault[key] for fault in faults if fault is not None and fault[key] is not None]
-        if values:
+        values = [fault[key] for fault in faults if key in fault]
+        if any(values):
             yield f"impairments: {key}", unit, np.array(values)
 
 
-def _blocks(file: Any, *without: str) -> Iterator[tuple[str, int, np.ndarray]]:
-    """Yield the samples of products, shape (n, size), and the row of the first."""
+def _of_products(file: Any, silent: np.ndarray) -> Iterator[tuple[str, str | None, np.ndarray]]:
+    """Features of products; marks the samples whose image or capture is zero everywhere."""
     for name in fields_of(file):
         data = file[FIELDS[name].place]
-        if not FIELDS[name].ragged and name not in without:
-            for at in range(0, len(data), BLOCK):
-                block = data[at : at + BLOCK]
-                yield name, at, block.reshape(len(block), -1)
-
-
-def _of_products(file: Any) -> Iterator[tuple[str, str | None, np.ndarray]]:
-    for name, _, block in _blocks(file, "joints"):
-        if name == "depth_map":
-            known = np.isfinite(block)
-            count = known.sum(axis=1)
-            total = np.where(known, block, 0.0).sum(axis=1, dtype=np.float64)
-            mean_m = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-            yield f"{name}: share with a depth", None, count / block.shape[1]
-            yield f"{name}: mean depth", "m", mean_m
-        else:
-            amplitude = np.abs(block)
-            power = np.square(amplitude, dtype=np.float64).mean(axis=1)
-            yield f"{name}: peak", None, amplitude.max(axis=1)
-            yield f"{name}: RMS", None, np.sqrt(power)
-
-
-def _silent(file: Any) -> list[int]:
-    samples = np.array(samples_of(file))
-    silent = np.zeros(len(samples), dtype=bool)
-    for _, at, block in _blocks(file, "joints", "depth_map"):
-        silent[at : at + BLOCK] |= ~block.any(axis=1)
-    return samples[silent].tolist()
+        if FIELDS[name].ragged or name == "joints":
+            continue
+        for at in range(0, len(data), BLOCK):
+            block = data[at : at + BLOCK]
+            block = block.reshape(len(block), -1)
+            if name == "depth_map":
+                known = np.isfinite(block)
+                count = known.sum(axis=1)
+                total = np.where(known, block, 0.0).sum(axis=1, dtype=np.float64)
+                mean_m = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+                yield f"{name}: share with a depth", None, count / block.shape[1]
+                yield f"{name}: mean depth", "m", mean_m
+            else:
+                amplitude = np.abs(block)
+                power = np.square(amplitude, dtype=np.float64).mean(axis=1)
+                yield f"{name}: peak", None, amplitude.max(axis=1)
+                yield f"{name}: RMS", None, np.sqrt(power)
+                silent[at : at + BLOCK] |= ~block.any(axis=1)
 
 
 # Contact sheet
@@ -183,7 +181,7 @@ def _shown(manifest: Manifest) -> list[int]:
 def _read(folder: Path, manifest: Manifest, sample: int) -> Sample:
     path = folder / str(manifest.place_of(sample))
     with opened_shard(path) as file:
-        return sample_of(file, row_of(file, path, sample))[0]
+        return sample_of(file, row_of(file, path, sample), manifest.plan)[0]
 
 
 def contact_sheet(samples: list[Sample]) -> Figure:
@@ -213,10 +211,10 @@ def contact_sheet(samples: list[Sample]) -> Figure:
         bottom = height - MARGIN_INCHES - (row + 1) * (CELL_INCHES + TITLE_INCHES)
         place = (left / width, bottom / height, inner / width, inner / height)
         axes = figure.add_axes(place)
-        _draw(axes, sample)
-        recipe = sample.recipe
-        text = f"{recipe['sample']}: {recipe['pose']['name']}"
-        side = "" if recipe["hand"]["handedness"] == "right" else ", left"
+        drawn = read_recipe(sample.recipe)
+        _draw(axes, drawn.plan, sample.arrays)
+        text = f"{drawn.sample}: {drawn.pose.name}"
+        side = "" if drawn.plan.hands.handedness == "right" else ", left"
         axes.set_title(_short(text) + side, fontsize=TITLE_PT, pad=2, parse_math=False)
     return figure
 
@@ -225,11 +223,11 @@ def _short(text: str) -> str:
     return text if len(text) <= 20 else text[:19] + "…"
 
 
-def _draw(axes: Any, sample: Sample) -> None:
+def _draw(axes: Any, plan: Plan, arrays: Mapping[str, np.ndarray]) -> None:
     axes.set_xticks([])
     axes.set_yticks([])
     axes.set_facecolor(AMPLITUDE_BACKGROUND)
-    rendering = _rendering(sample)
+    rendering = _rendering(plan, arrays)
     if rendering is not None:
         image, (x_m, y_m), limits = rendering
         half = [0.5 * (a[1] - a[0]) if len(a) > 1 else 0.5e-3 for a in (x_m, y_m)]
@@ -240,18 +238,18 @@ def _draw(axes: Any, sample: Sample) -> None:
         )  # fmt: skip
         axes.set_xlim(extent[1], extent[0])
         axes.set_ylim(extent[2], extent[3])
-        if sample.recipe["image"] is None:  # the axes are Tx and Rx
+        if not plan.keeps_images:  # the axes are Tx and Rx
             return
     else:
-        x_m, y_m = sample.recipe["placement"]["center_m"][:2]
+        x_m, y_m, _ = metres(plan.placement)
         axes.set_xlim(x_m + FRAME_M, x_m - FRAME_M)
         axes.set_ylim(y_m - FRAME_M, y_m + FRAME_M)
         axes.set_aspect("equal")
-        if "mesh_vertices" in sample.arrays:
-            points = sample.arrays["mesh_vertices"]
+        if "mesh_vertices" in arrays:
+            points = arrays["mesh_vertices"]
             axes.plot(points[:, 0], points[:, 1], ",", color="#bbbbbb")
-    if "joints" in sample.arrays:
-        _draw_joints(axes, sample.arrays["joints"])
+    if "joints" in arrays:
+        _draw_joints(axes, arrays["joints"])
 
 
 def _draw_joints(axes: Any, joints_m: np.ndarray) -> None:
@@ -262,10 +260,11 @@ def _draw_joints(axes: Any, joints_m: np.ndarray) -> None:
         axes.plot(chain[:, 0], chain[:, 1], color=LINE_COLOUR, linewidth=0.4, alpha=0.8)
 
 
-def _rendering(sample: Sample) -> tuple[np.ndarray, tuple[Any, Any], tuple[float, float]] | None:
+def _rendering(
+    plan: Plan, arrays: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, tuple[Any, Any], tuple[float, float]] | None:
     """Return an image, its axes and the limits of its colours."""
-    arrays = sample.arrays
-    axes = axes_of(sample.recipe)
+    axes = axes_of(plan)
     if "max_projection" in arrays or "volume" in arrays:
         amplitude = arrays.get("max_projection")
         if amplitude is None:

@@ -15,7 +15,7 @@ from clradar.dataset.folder import read_manifest, refuse_own
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
-from clradar.dataset.shards import assemble, data_bytes, read_sample, write_sample
+from clradar.dataset.shards import assemble, read_sample, write_sample
 from clradar.files.json_differences import differences
 from clradar.jobs.resources import made_with
 from clradar.opencl import open_device
@@ -95,7 +95,7 @@ def replay(
     then: dict[str, Any] = {}
     stored = Sample(wanted, {})
     if place is not None:
-        stored, then = read_sample(folder / place, index, data_bytes(wanted))
+        stored, then = read_sample(folder / place, index, manifest.plan)
     opened = open_device(device)
     now = made_with(opened)
     made = make_sample(stored.recipe, opened, rigs=(Path(), folder) if rigs is None else rigs)

@@ -47,11 +47,6 @@ POSES: Mapping[str, HandPose] = _PackagedPoses()
 def pose_by_name(name: str) -> HandPose:
     """Return a pose of `POSES`; in upper or lower case.
 
-    Raises
-    ------
-    ModelError
-        There is no pose of that name.
-
     Examples
     --------
     >>> from clradar.hand import pose_by_name

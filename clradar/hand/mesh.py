@@ -220,13 +220,6 @@ def hand_mesh(
     HandMesh
         On the same device and driver the same bits.
 
-    Raises
-    ------
-    ModelError
-        An argument is invalid.
-    DeviceError
-        The device is missing, out of memory or fails.
-
     Examples
     --------
     >>> from clradar.hand import hand_mesh

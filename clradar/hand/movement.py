@@ -148,13 +148,6 @@ def hand_movement(
     -------
     HandMovement
 
-    Raises
-    ------
-    ModelError
-        An argument is invalid, or a pose is unknown.
-    MeasurementError
-        A pose file cannot be read.
-
     Examples
     --------
     A fist that opens, in ten frames; and the mesh of the first.

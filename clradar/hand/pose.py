@@ -24,11 +24,6 @@ class JointAngles:
     ----------
     flexion_rad, abduction_rad, twist_rad : float, radians
 
-    Raises
-    ------
-    ModelError
-        An angle is no finite number.
-
     Examples
     --------
     >>> from clradar.hand import JointAngles
@@ -80,11 +75,6 @@ class HandPose:
         all angles 0 are dropped.
     description, source : str
         The appearance of the pose, and the publication that describes it.
-
-    Raises
-    ------
-    ModelError
-        An unknown joint, or an angle beyond `LIMITS_DEG`.
 
     Examples
     --------

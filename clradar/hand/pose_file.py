@@ -27,12 +27,6 @@ _KEYS = ("name", "description", "source", "joints")
 def read_pose(path: str | os.PathLike[str]) -> HandPose:
     """Return the pose of a file whose name ends in .toml or .json; docs/poses.md has the format.
 
-    Raises
-    ------
-    MeasurementError
-        Missing, neither TOML nor JSON, an unknown joint or key, a value of the wrong type, an angle
-        beyond its limit. The message names the file, the joint, what was expected, what was found.
-
     Examples
     --------
     >>> from pathlib import Path
@@ -69,11 +63,6 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
     pose : HandPose
     force : bool
         Replace an existing file.
-
-    Raises
-    ------
-    OutputError
-        The file exists, its folder does not, or it cannot be written.
 
     Examples
     --------

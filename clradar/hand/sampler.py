@@ -100,11 +100,6 @@ def pose_around(
     HandPose
         Of the same name.
 
-    Raises
-    ------
-    ModelError
-        `spread_deg` is out of range.
-
     Notes
     -----
     Whole hands around a fist would nearly all penetrate. So digits are drawn one at a time, six

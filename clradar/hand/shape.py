@@ -34,11 +34,6 @@ class HandShape:
     girth : float
         Thickness of palm and fingers, relative to that of an average hand of this breadth.
 
-    Raises
-    ------
-    ModelError
-        A number is beyond the limits of this module.
-
     Examples
     --------
     >>> from clradar.hand import HandPose, HandShape, posed_skeleton

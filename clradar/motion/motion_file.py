@@ -93,14 +93,6 @@ class Motion:
 def read_motion(path: str | os.PathLike[str]) -> Motion:
     """Return what a motion file says; docs/movement.md has the format.
 
-    Raises
-    ------
-    MeasurementError
-        The file, a pose or a table of times is missing or damaged, a key is unknown, or a value
-        invalid. The message names the file, the key, what was expected and found.
-    RigError
-        A rig is missing or damaged.
-
     Examples
     --------
     >>> from pathlib import Path

@@ -26,11 +26,6 @@ class SweepTiming(Record):
     times_s : array_like, shape (n_tx, n_rx or 1, n_freq), float64, seconds
         Of every sample of a capture; with one column all Rx record at the same time.
 
-    Raises
-    ------
-    ModelError
-        Another number of axes, or a value that is not finite.
-
     Examples
     --------
     Two Tx one after the other, each with three frequencies of 1 ms.

@@ -208,11 +208,6 @@ def theta_of_components(
     -------
     ndarray, shape (48,), float64, radians
 
-    Raises
-    ------
-    ModelError
-        The rig is no MANO model, or has fewer components.
-
     Examples
     --------
     >>> from clradar.rigs import theta_of_components

@@ -9,6 +9,7 @@ import math
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
 
 from clradar.files.limits import MAX_SPARSE_ELEMENTS
 from clradar.files.pickles import (
@@ -66,25 +67,15 @@ class Sparse(_Object):
         shape = array_shape(shape)
         if len(shape) != 2 or indices.dtype.kind not in "iu" or starts.dtype.kind not in "iu":
             refuse("a sparse matrix whose parts do not fit together")
-        major, minor = shape[::-1] if self.columns else shape
-        if (
-            math.prod(shape) > MAX_SPARSE_ELEMENTS
-            or starts.shape != (major + 1,)
-            or data.ndim != 1
-            or data.shape != indices.shape
-            or data.dtype.kind not in "iuf"
-            or starts[0] != 0
-            or starts[-1] > len(data)
-            or (np.diff(starts.astype(np.int64)) < 0).any()
-            or (len(indices) and not 0 <= indices.min() <= indices.max() < minor)
-        ):
+        if math.prod(shape) > MAX_SPARSE_ELEMENTS or data.dtype.kind not in "iuf":
             refuse("a sparse matrix whose parts do not fit together")
-        used = int(starts[-1])
-        lengths: np.ndarray = np.diff(starts.astype(np.int64))
-        outer = np.repeat(np.arange(major), lengths)
-        matrix = np.zeros((major, minor))
-        np.add.at(matrix, (outer, indices[:used].astype(np.int64)), data[:used])
-        return matrix.T if self.columns else matrix
+        form = csc_matrix if self.columns else csr_matrix
+        try:
+            matrix = form((data.astype(np.float64), indices, starts), shape)
+            matrix.check_format(full_check=True)
+        except ValueError:
+            refuse("a sparse matrix whose parts do not fit together")
+        return np.asarray(matrix.toarray())
 
 
 class ByColumns(Sparse):

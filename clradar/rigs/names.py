@@ -136,11 +136,6 @@ def _node(path: Path, tree: NodeTree, name: str, wanted: str | int) -> int:
 def read_mapping(path: Path) -> dict[str, str | int]:
     """Return the table ``[joints]`` of a TOML file: WebXR name = name or number of a node.
 
-    Raises
-    ------
-    RigError
-        Missing, no TOML, or another content.
-
     Examples
     --------
     >>> from pathlib import Path

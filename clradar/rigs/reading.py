@@ -58,13 +58,6 @@ def read_rig(
     -------
     Rig
 
-    Raises
-    ------
-    RigError
-        The file is damaged or contains no such hand.
-    ModelError
-        An argument is invalid.
-
     Warns
     -----
     ClradarWarning

@@ -157,11 +157,6 @@ class Rig(Record):
         HandMesh
             Its `joints_m` are NaN where the rig has no joint. Its `texture_m` are the vertices at
             rest.
-
-        Raises
-        ------
-        ModelError
-            An argument is invalid.
         """
         return self.turned(self.rotations(pose), center_m)
 

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from clradar.dataset import Sample
 from clradar.dataset.folder import read_manifest
-from clradar.dataset.plan.recipe import pose_and_hand, recipe
-from clradar.dataset.sample import recipe_grid, recipe_radar
-from clradar.dataset.shards import data_bytes, read_sample
+from clradar.dataset.plan.recipe import SamplePlan, metres, radians, read_recipe
+from clradar.dataset.sample import radar_of
+from clradar.dataset.shards import read_sample
 from clradar.files.failures import fail
 from clradar.model import Capture, DepthMap, Volume
 from clradar.view.drawn import Flat
@@ -68,14 +66,14 @@ class SampleFrames:
         sample = self._sample(frame)
         arrays = sample.arrays
         if "volume" not in arrays and "capture" in arrays:
-            return Capture(arrays["capture"], *recipe_radar(sample.recipe))
-        grid = recipe_grid(sample.recipe)
+            return Capture(arrays["capture"], *radar_of(read_recipe(sample.recipe).plan))
+        grid = self._manifest.plan.image.grid
         if "volume" in arrays:
             return Volume(arrays["volume"], grid)
         known = {"projection": "max_projection", "depth": "depth_map"}
         known = {name: array for name, array in known.items() if array in arrays}
         if not known:
-            fail(self._folder, "a product that can be drawn", ", ".join(sample.recipe["products"]))
+            fail(self._folder, "a product that can be drawn", ", ".join(arrays))
         depth_m = arrays.get("depth_map", np.full(grid.shape[1:], np.nan))
         amplitude = np.abs(arrays.get("max_projection", np.isfinite(depth_m))).astype(np.float64)
         image = DepthMap(depth_m.astype(np.float64), amplitude, grid.x_m, grid.y_m)
@@ -89,7 +87,7 @@ class SampleFrames:
             arrays.get("mesh_vertices"),
             arrays.get("mesh_faces"),
             arrays.get("joints"),
-            _lines(sample.recipe),
+            _lines(read_recipe(sample.recipe)),
         )
 
     def choose(self, pose: str = ALL, hand: str = ALL) -> None:
@@ -116,7 +114,8 @@ class SampleFrames:
         if self._chosen == (ALL, ALL):
             return True
         if frame not in self._names:
-            self._names[frame] = pose_and_hand(self._manifest.plan, frame)
+            drawn = SamplePlan(self._manifest.plan, frame)
+            self._names[frame] = (drawn.pose.name, drawn.plan.hands.handedness)
         return all(
             wanted in (ALL, found)
             for wanted, found in zip(self._chosen, self._names[frame], strict=True)
@@ -127,25 +126,23 @@ class SampleFrames:
             place = self._manifest.place_of(frame)
             if place is None:
                 fail(self._folder, f"sample {frame}", "none that is stored")
-            size = data_bytes(recipe(self._manifest.plan, frame))
-            self._kept[frame], _ = read_sample(self._folder / place, frame, size)
+            self._kept[frame], _ = read_sample(self._folder / place, frame, self._manifest.plan)
             while len(self._kept) > KEPT_SAMPLES:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(frame)
         return self._kept[frame]
 
 
-def _lines(recipe: Mapping[str, Any]) -> tuple[str, ...]:
-    hand, placement = recipe["hand"], recipe["placement"]
-    centre_mm = ", ".join(f"{1e3 * value:.1f}" for value in placement["center_m"])
-    turns_deg = ", ".join(f"{np.degrees(value):.1f}" for value in placement["rotation_rad"])
+def _lines(drawn: SamplePlan) -> tuple[str, ...]:
+    hands, placement = drawn.plan.hands, drawn.plan.placement
+    centre_mm = ", ".join(f"{1e3 * value:.1f}" for value in metres(placement))
+    turns_deg = ", ".join(f"{np.degrees(value):.1f}" for value in radians(placement))
     lines = [
-        f"pose {recipe['pose']['name']}, {hand['handedness']} hand",
+        f"pose {drawn.pose.name}, {hands.handedness} hand",
         f"centre ({centre_mm}) mm, turned by ({turns_deg})°",
+        *(f"rig {Path(rig.file).name}" for rig in hands.rigs),
     ]
-    if "rig" in hand:
-        lines.append(f"rig {Path(hand['rig']['file']).name}")
-    if "alpha" in recipe:
-        parts = ", ".join(f"{name} {value:.2f}" for name, value in recipe["alpha"].items())
-        lines.append(f"alpha: {parts}")
+    if drawn.plan.alpha is not None:
+        alphas = drawn.plan.alpha.of_parts.items()
+        lines.append("alpha: " + ", ".join(f"{name} {value:.2f}" for name, value in alphas))
     return tuple(lines)

@@ -92,11 +92,6 @@ class SensorAlignment:
         Returns
         -------
         ndarray, shape (4, 4), float64
-
-        Raises
-        ------
-        MeasurementError
-            The file does not connect the two.
         """
         checks.text("SensorAlignment.transform: source", source)
         checks.text("SensorAlignment.transform: target", target)
@@ -176,12 +171,6 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
 
     Keys that are not of the form "<a>2<b>" are listed in `unknown_keys` and not read. A transform
     that is null is one that is not there.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, no JSON object, or a transform that is no invertible 4 x 4 matrix of finite
-        numbers with the last row 0 0 0 1.
 
     Examples
     --------

@@ -155,12 +155,6 @@ def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
         is a depth and 0 elsewhere. `dynamic_range_db` is the magnitude of the threshold that
         `calibration.json` names, or the default where it names none, or 0.
 
-    Raises
-    ------
-    MeasurementError
-        The frame has no such file, it is damaged or another kind of image, or `calibration.json`
-        has no grid for its pixels.
-
     Notes
     -----
     The positions of the pixels are in `volume` of the frame's entry of `calibration.json` (its

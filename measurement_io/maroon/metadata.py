@@ -153,12 +153,6 @@ class RecordingMetadata:
 def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
     """Read a `metadata.json`.
 
-    Raises
-    ------
-    MeasurementError
-        Missing, no JSON object; a distance that is no positive number, a `mask_bb` that is no
-        object of finite numbers, an `empty_measurement` that is no name.
-
     Examples
     --------
     >>> from pathlib import Path

@@ -308,11 +308,6 @@ class Recording(Sequence[Capture]):
             p_antenna = diag(-1, 1, 1) T_photogrammetry2radar p_mesh, metres. Where that mirrors,
             as it does for every proper `alignment.json`, the winding of the faces is turned, so
             that they keep their outside.
-
-        Raises
-        ------
-        MeasurementError
-            No such mesh, one that cannot be read, or no `alignment.json` to place it with.
         """
         checks.text("Recording.scene: name", name)
         alignment = self.alignment

@@ -31,10 +31,10 @@ from measurement_io.maroon.folders import (
 )
 from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.writer import (
-    RadarFolder,
     check_target_folder,
     frame_name,
     grid_entry,
+    radar_folder_name,
     time_stamp,
     write_antennas,
     write_calibration,
@@ -145,10 +145,10 @@ def save_recording(
     if first is None:
         raise ModelError(f"{_NAME}: expected at least one capture, got none")
     checks.instance(f"{_NAME}: captures", first, Capture)
-    folder = RadarFolder.of(first.waveform)
+    name = radar_folder_name(first.waveform)
 
     with new_folder(target) as temporary:
-        radar = temporary / folder.name
+        radar = temporary / name
         (radar / FRAMES_FOLDER).mkdir(parents=True)
         write_antennas(radar, first.array)
         work = _FrameWriter(radar, first, timestamps_us, progress)
@@ -156,18 +156,18 @@ def save_recording(
         if emptyfiltered is not None:
             work.write_beside(emptyfiltered, _length(emptyfiltered), numbers)
         sources = [i if number is None else number for i, number in enumerate(numbers)]
-        _write_calibration(radar, folder, sources, source, grid)
+        _write_calibration(radar, first.waveform, sources, source, grid)
         if source is not None:
             _copy_products(source, radar, sources)
             _copy_beside(source.absolute().parent, temporary)
-        for name, content in zip(SIDE_FILES, (metadata, alignment), strict=True):
+        for beside, content in zip(SIDE_FILES, (metadata, alignment), strict=True):
             if content is not None:
-                text = json.dumps(json.loads(to_json(f"{_NAME}: {name}", content)), indent=2)
-                (temporary / name).write_bytes(f"{text}\n".encode("ascii"))
+                text = json.dumps(json.loads(to_json(f"{_NAME}: {beside}", content)), indent=2)
+                (temporary / beside).write_bytes(f"{text}\n".encode("ascii"))
         for mesh in meshes:
             _copy(Path(mesh), temporary / MESH_FOLDER / Path(mesh).name)
-        _put_in_place(temporary, target, folder.name, force=force)
-    return target / folder.name
+        _put_in_place(temporary, target, name, force=force)
+    return target / name
 
 
 class _FrameWriter:
@@ -296,7 +296,7 @@ def _length(captures: Iterable[Capture]) -> int | None:
 
 def _write_calibration(
     radar: Path,
-    folder: RadarFolder,
+    waveform: Waveform,
     numbers: Sequence[int],
     source: Path | None,
     grid: VoxelGrid | None,
@@ -306,7 +306,7 @@ def _write_calibration(
         there = read_json_object(source / CALIBRATION_FILE)
     new = grid_entry(grid)
     frames = {i: there.get(f"{number:06d}", new) for i, number in enumerate(numbers)}
-    write_calibration(radar / CALIBRATION_FILE, folder, frames)
+    write_calibration(radar / CALIBRATION_FILE, waveform, frames)
 
 
 def _copy_products(source: Path, radar: Path, numbers: Sequence[int]) -> None:

@@ -7,7 +7,6 @@ import math
 import os
 import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,35 +33,19 @@ _OF_THE_FORM = frozenset(
 """Keys of `Capture.meta` that the reader sets anew, or that mean something else in the form."""
 
 
-@dataclass(frozen=True, slots=True)
-class RadarFolder:
-    """Name and frequencies of the radar folder that a waveform belongs into."""
+def frequency_entries(waveform: Waveform) -> dict[str, float | int]:
+    """Return the frequencies as `calibration.json` has them."""
+    low_ghz, high_ghz = (float(f) / 1e9 for f in waveform.frequencies_hz[[0, -1]])
+    return {
+        "frequency_low_ghz": low_ghz,
+        "frequency_high_ghz": high_ghz,
+        "frequency_points": waveform.n_freq,
+    }
 
-    low_ghz: float
-    high_ghz: float
-    points: int
 
-    @classmethod
-    def of(cls, waveform: Waveform) -> RadarFolder:
-        low, high = (float(f) / 1e9 for f in waveform.frequencies_hz[[0, -1]])
-        return cls(low, high, waveform.n_freq)
-
-    @property
-    def name(self) -> str:
-        return f"radar_{self.low_ghz}_{self.high_ghz}_{self.points}"
-
-    @property
-    def frequencies(self) -> dict[str, float | int]:
-        """They, as `calibration.json` has them."""
-        return {
-            "frequency_low_ghz": self.low_ghz,
-            "frequency_high_ghz": self.high_ghz,
-            "frequency_points": self.points,
-        }
-
-    def agrees(self, calibration: Mapping[str, Any]) -> bool:
-        """Whether a `calibration.json` is of these frequencies."""
-        return all(calibration.get(key) == value for key, value in self.frequencies.items())
+def radar_folder_name(waveform: Waveform) -> str:
+    """Return the name of the radar folder that a waveform belongs into."""
+    return "_".join(map(str, ("radar", *frequency_entries(waveform).values())))
 
 
 def save_maroon_frame(
@@ -133,11 +116,10 @@ def save_maroon_frame(
     if channels not in (CHANNELS, CHANNELS - 2):
         checks.fail("save_maroon_frame: channels", "96 or 94", repr(channels))
     stamp = time_stamp("save_maroon_frame: timestamp_us", capture, timestamp_us)
-    folder = RadarFolder.of(capture.waveform)
-    radar = check_target_folder(Path(path)) / folder.name
+    radar = check_target_folder(Path(path)) / radar_folder_name(capture.waveform)
     _make_folders(radar, force=force)
     write_antennas(radar, capture.array)
-    _write_calibration(radar / CALIBRATION_FILE, folder, number)
+    _write_calibration(radar / CALIBRATION_FILE, capture.waveform, number)
     target = radar / FRAMES_FOLDER / frame_name(number, variant)
     write_frame_file(target, capture, total, stamp, channels=channels, force=force)
     return target
@@ -264,9 +246,9 @@ def grid_entry(grid: VoxelGrid | None = None) -> dict[str, Any]:
     return {"volume": {**box, "grid_size": list(grid.counts)}}
 
 
-def write_calibration(path: Path, folder: RadarFolder, frames: Mapping[int, Any]) -> None:
+def write_calibration(path: Path, waveform: Waveform, frames: Mapping[int, Any]) -> None:
     """Write a new `calibration.json` with the entries of frames."""
-    content = {**folder.frequencies, **{f"{n:06d}": frames[n] for n in sorted(frames)}}
+    content = {**frequency_entries(waveform), **{f"{n:06d}": frames[n] for n in sorted(frames)}}
     write_file(path, (json.dumps(content, indent=2) + "\n").encode("ascii"), force=False)
 
 
@@ -283,14 +265,15 @@ def _make_folders(radar: Path, *, force: bool) -> None:
         raise OutputError(f"{shown(radar)}: cannot be made: {clean(error)}") from error
 
 
-def _write_calibration(path: Path, folder: RadarFolder, number: int) -> None:
+def _write_calibration(path: Path, waveform: Waveform, number: int) -> None:
     if not path.exists():
         # The dataset's program asks for the grid of every frame.
-        write_calibration(path, folder, {number: grid_entry()})
+        write_calibration(path, waveform, {number: grid_entry()})
         return
     # A recording's own file holds more than these three entries, so it is never rewritten.
     try:
-        agrees = folder.agrees(json.loads(path.read_text(encoding="utf-8")))
+        there = json.loads(path.read_text(encoding="utf-8"))
+        agrees = all(there.get(k) == value for k, value in frequency_entries(waveform).items())
     except (OSError, ValueError, AttributeError) as error:
         raise OutputError(f"{shown(path)}: cannot be read: {clean(error)}") from error
     if not agrees:

@@ -276,11 +276,6 @@ def _read_only(array: np.ndarray) -> np.ndarray:
 def open_volume(path: str | os.PathLike[str]) -> Volume:
     """Return the volume of a native HDF5 file.
 
-    Raises
-    ------
-    MeasurementError
-        Missing, no native file, a capture, a newer version, damaged, or NaN in the data.
-
     Examples
     --------
     >>> import numpy as np
@@ -311,22 +306,7 @@ def save_channels(
 ) -> None:
     """Write calibrated channels to a native HDF5 file; reading it gives the same bits.
 
-    Parameters
-    ----------
-    path : path-like
-        Target, whatever its extension. Its folder has to exist.
-    channels : ChannelCalibration
-    force : bool
-        Replace an existing file.
-
-    Raises
-    ------
-    ModelError
-        `meta` holds what JSON cannot hold, a name is no plain text, or the target has no parameter.
-        Nothing is written.
-    OutputError
-        The target exists and `force` is not set, its folder does not exist, or the system refuses
-        to write. Nothing half-written stays behind.
+    Parameters and errors as for `save_capture`; the target needs a parameter at least.
 
     Examples
     --------
@@ -367,11 +347,6 @@ def save_channels(
 
 def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:
     """Return the calibrated channels of a native HDF5 file.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, no native file, a capture or a volume, a newer version, damaged, or NaN.
 
     Examples
     --------

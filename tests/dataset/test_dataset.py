@@ -26,7 +26,8 @@ import clradar
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
 from clradar.dataset.check import check_dataset
 from clradar.dataset.folder import MANIFEST
-from clradar.dataset.sample import _rig, placed_hand, recipe_radar, rotation
+from clradar.dataset.plan.recipe import metres, radians, read_recipe
+from clradar.dataset.sample import _rig, placed_hand, radar_of, rotation
 from clradar.dataset.shards import opened_shard, sample_of
 from clradar.errors import ModelError, OutputError
 from clradar.hand import POSES, HandShape, hand_mesh
@@ -42,17 +43,19 @@ HALF_FLOAT_M = 2e-8
 
 def test_a_sample_equals_its_stages_run_one_by_one(made: Path) -> None:
     wanted = recipe(PLAN, 2)
-    hand, place = wanted["hand"], wanted["placement"]
-    assert wanted["pose"]["name"] == "F"
-    shape = HandShape(**{**hand["shape"], "finger_lengths": tuple(hand["shape"]["finger_lengths"])})
-    mesh = hand_mesh(POSES["F"], 4e-3, hand["handedness"], (0.0, 0.0, 0.0), shape)
+    hands, place = wanted["hands"], wanted["placement"]
+    assert wanted["poses"]["resolved"][0]["name"] == "F"
+    (shape,) = hands["shapes"]
+    shape = HandShape(**{**shape, "finger_lengths": tuple(shape["finger_lengths"])})
+    mesh = hand_mesh(POSES["F"], 4e-3, hands["handedness"], (0.0, 0.0, 0.0), shape)
     # About y alone, as the plan has it.
-    angle = place["rotation_rad"][1]
+    angle = np.deg2rad(place["rotation_y_deg"])
+    center_m = [place[f"{axis}_mm"] / 1e3 for axis in "xyz"]
     cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
-    vertices_m = mesh.vertices_m @ turn.T + place["center_m"]
-    joints_m = mesh.joints_m @ turn.T + place["center_m"]
-    alpha = {name: wanted["alpha"][name] for name in mesh.part_names}
+    vertices_m = mesh.vertices_m @ turn.T + center_m
+    joints_m = mesh.joints_m @ turn.T + center_m
+    alpha = {name: wanted["alpha"].get(name, wanted["alpha"]["others"]) for name in mesh.part_names}
     scene = clradar.Scene(
         vertices_m, mesh.faces, 0.5, mesh.part, mesh.part_names, mesh.normals @ turn.T
     ).with_alpha(alpha)
@@ -75,7 +78,7 @@ def test_a_sample_equals_its_stages_run_one_by_one(made: Path) -> None:
     volume = clradar.backproject(capture, grid, device=DEVICE)
 
     with opened_shard(made / "shards" / "shard-00001.h5") as file:
-        sample, _ = sample_of(file, 0)
+        sample, _ = sample_of(file, 0, PLAN)
     assert sample.recipe == wanted
     found = sample.arrays
     np.testing.assert_allclose(found["joints"], joints_m, rtol=0, atol=POINT_ERROR_M)
@@ -125,41 +128,30 @@ def test_a_recipe_may_be_its_text(made: Path) -> None:
             assert again.arrays[name].tobytes() == array.tobytes(), name
 
 
-def test_recipes_older_than_curved_faces_keep_their_bits() -> None:
-    whole = {**recipe(PLAN, 1), "products": ["capture"]}
-    settings = whole["simulation"]
-    assert settings["facets"] == "curved"
-    older = {key: value for key, value in settings.items() if key != "facets"}
-    curved, flat, old = (
-        make_sample({**whole, "simulation": given}, DEVICE).arrays["capture"].tobytes()
-        for given in (settings, {**settings, "facets": "flat"}, older)
-    )
-    assert old == flat != curved
-
-
-def test_what_a_recipe_leaves_out_is_none_or_one_error() -> None:
-    whole = {**recipe(PLAN, 1), "products": ["capture"]}
-    clean = make_sample({**whole, "impairments": None}, DEVICE).arrays["capture"]
+def test_what_a_recipe_leaves_out_is_a_default_or_one_error() -> None:
+    whole = {**recipe(PLAN, 1), "output": {"products": ["capture"]}}
+    clean = make_sample({**whole, "impairments": {}}, DEVICE).arrays["capture"]
     bare = {key: value for key, value in whole.items() if key not in ("impairments", "image")}
-    for without in (bare, {**whole, "impairments": {}}):
-        assert make_sample(without, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
+    assert make_sample(bare, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
     noisy = make_sample({**whole, "impairments": {"snr_db": 3.0}}, DEVICE).arrays["capture"]
     assert noisy.tobytes() != clean.tobytes()
-    drawn = {"seed": 3, "gain_db": 2.0, "dead_rx": [1]}
-    uneven = make_sample({**whole, "impairments": {"channels": drawn}}, DEVICE).arrays["capture"]
-    array, waveform = recipe_radar(whole)
-    channels = clradar.draw_channels(array, waveform, **drawn)
+    given = {"seed": 3, "gain_db": 2.0, "dead_rx": [1]}
+    uneven = make_sample({**whole, "impairments": {"channels": given}}, DEVICE).arrays["capture"]
+    array, waveform = radar_of(PLAN)
+    channels = clradar.draw_channels(array, waveform, **given)
     wanted = clradar.impair(clradar.Capture(clean, array, waveform), channels=channels).data
     assert uneven.tobytes() == wanted.tobytes() != clean.tobytes()
-    for given, words in (
-        ({**whole, "hand": {}}, "got no 'edge_length_m'"),
-        ({}, "'products'"),
+    for wrong, words in (
+        ({**whole, "hands": {"edge_mm": 9}}, "recipe: hands.edge_mm: expected a number from 0.5"),
+        ({**whole, "hand": {}}, "recipe: hand: unknown key"),
+        ({**whole, "version": 2}, "recipe: expected version 3, got 2; older ones follow"),
+        ({}, "samples: expected a value"),
         ("{", "no JSON"),
         ("[1]", "got list"),
         (3, "got int"),
     ):
         with pytest.raises(ModelError, match=words):
-            make_sample(given, DEVICE)  # type: ignore[arg-type]
+            make_sample(wrong, DEVICE)  # type: ignore[arg-type]
 
 
 THREADS = """
@@ -216,9 +208,10 @@ def test_rigs_are_hands_too(
     assert np.isnan(view["shape"].values).all()
 
     one = recipe(plan, 0)
-    turn, centre_m = rotation(one["placement"]["rotation_rad"]), one["placement"]["center_m"]
-    sides = [{**one, "hand": {**one["hand"], "handedness": side}} for side in ("right", "left")]
-    hands = (placed_hand(side, DEVICE, rigs=tmp_path) for side in sides)
+    sides = [{**one, "hands": {**one["hands"], "handedness": side}} for side in ("right", "left")]
+    hands = (placed_hand(read_recipe(side), DEVICE, rigs=tmp_path) for side in sides)
+    place = read_recipe(one).plan.placement
+    turn, centre_m = rotation(radians(place)), metres(place)
     right_m, left_m = ((hand.joints_m - centre_m) @ turn for hand in hands)
     np.testing.assert_allclose(left_m, right_m * [-1.0, 1.0, 1.0], atol=POINT_ERROR_M)
 
@@ -268,7 +261,7 @@ def test_a_sample_made_again_has_the_same_bits(made: Path, tmp_path: Path) -> No
     assert again.stored_in == "shards/shard-00001.h5"
     assert again.differences == ()
     with opened_shard(tmp_path / "sample.h5") as file:
-        written, _ = sample_of(file, 0)
+        written, _ = sample_of(file, 0, PLAN)
     assert written.recipe == recipe(PLAN, 3)
     for name, array in again.sample.arrays.items():
         assert written.arrays[name].tobytes() == array.tobytes()

@@ -195,7 +195,7 @@ def test_poisoned_samples_are_set_aside_and_tried_again_on_request(
     cli: Any,
     tmp_path: Path,
 ) -> None:
-    faults({1: "raise", 3: "raise", 4: "raise", 5: "raise", 7: "raise"})
+    faults(dict.fromkeys((1, 3, 4, 5, 7), "raise"))
     result = run(plan, tmp_path, device="pocl")
     assert result.made == SAMPLES - 5
     assert [a.sample for a in result.aside] == [1, 3, 4, 5, 7]
@@ -204,33 +204,28 @@ def test_poisoned_samples_are_set_aside_and_tried_again_on_request(
     faults({})
     assert run(plan, tmp_path, device="pocl").made == 0  # not without --retry
     faults({4: "raise"})
-    assert run(plan, tmp_path, device="pocl", retry=True).made == 4
+    status, output = cli("dataset", plan_file, "-o", tmp_path, "--retry", "--device", "pocl")
+    assert status == 1
+    assert "sample 4 was set aside after 2 attempts: ValueError: sample 4" in output
+    assert "1 sample set aside; --retry tries again" in output
     faults({})
     status, output = cli("dataset", plan_file, "-o", tmp_path, "--retry", "--device", "pocl")
     assert (status, output) == (0, "")
     assert digests(tmp_path) == undisturbed
 
 
-def test_the_command_ends_with_1_where_samples_are_set_aside(
-    plan_file: Path, faults: Any, cli: Any, tmp_path: Path
-) -> None:
-    faults({6: "raise"})
-    status, output = cli("dataset", plan_file, "-o", tmp_path / "set", "--device", "pocl")
-    assert status == 1
-    assert "sample 6 was set aside after 2 attempts: ValueError: sample 6" in output
-    assert "1 sample set aside; --retry tries again" in output
-
-
 def test_a_full_disk_ends_the_run_and_is_no_fault_of_a_sample(
-    plan: Plan, undisturbed: dict[str, str], faults: Any, tmp_path: Path
+    plan: Plan, undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
 ) -> None:
-    faults({4: "full"})
-    with pytest.raises(OutputError, match=r"00000004.h5: cannot be written: .*No space left"):
-        run(plan, tmp_path, device="pocl")
-    assert sorted(digests(tmp_path)) == ["manifest.json", "shards/shard-00000.h5"]
-    faults({})
-    assert run(plan, tmp_path, device="pocl").made == SAMPLES - 3
-    assert digests(tmp_path) == undisturbed
+    for number, where in enumerate((Where("pocl"), workers(cluster))):
+        folder = tmp_path / str(number)
+        faults({4: "full"})
+        with pytest.raises(OutputError, match=r"00000004.h5: cannot be written: .*No space left"):
+            run(plan, folder, where=where)
+        assert "shards/shard-00001.h5" not in digests(folder)
+        faults({})
+        assert run(plan, folder, where=where).aside == ()
+        assert digests(folder) == undisturbed
 
 
 def test_a_device_that_refuses_all_ends_the_run(
@@ -273,12 +268,18 @@ def test_a_killed_run_resumes_to_the_same_bytes(
 # Several processes
 
 
-def test_two_workers_make_the_same_bytes(
-    plan: Plan, undisturbed: dict[str, str], cluster: Any, tmp_path: Path
+@pytest.mark.parametrize("planned", [{}, {1: "kill once", 2: "raise once", 6: "cut once"}])
+def test_two_workers_make_the_same_bytes_also_if_they_are_killed(
+    plan: Plan,
+    undisturbed: dict[str, str],
+    cluster: Any,
+    faults: Any,
+    planned: dict[int, str],
+    tmp_path: Path,
 ) -> None:
+    faults(planned)
     seen: list[tuple[int, int]] = []
-    progress = lambda *done: seen.append(done)  # noqa: E731
-    result = run(plan, tmp_path, where=workers(cluster), progress=progress)
+    result = run(plan, tmp_path, where=workers(cluster), progress=lambda *done: seen.append(done))
     assert (result.made, result.aside) == (SAMPLES, ())
     assert seen == [(n + 1, 3) for n in range(3)]
     assert digests(tmp_path) == undisturbed
@@ -291,14 +292,6 @@ def test_workers_set_aside_what_one_process_does(
     run(plan, tmp_path / "serial", device="pocl")
     run(plan, tmp_path / "cluster", where=workers(cluster))
     assert digests(tmp_path / "cluster") == digests(tmp_path / "serial")
-
-
-def test_a_worker_that_is_killed_costs_nothing(
-    plan: Plan, undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
-) -> None:
-    faults({1: "kill once", 2: "raise once", 6: "cut once"})
-    assert run(plan, tmp_path, where=workers(cluster)).aside == ()
-    assert digests(tmp_path) == undisturbed
 
 
 def test_a_run_ends_after_samples_that_are_made_twice(
@@ -326,17 +319,6 @@ def test_a_run_ends_after_samples_that_are_made_twice(
     monkeypatch.setattr("clradar.jobs.distributed.sleep", lambda _: released.touch())
     Distributed(cluster)._await_late("run")
     assert ended.exists()
-
-
-def test_a_full_disk_of_a_worker_ends_the_run(
-    plan: Plan, undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
-) -> None:
-    faults({3: "full"})
-    with pytest.raises(OutputError, match=r"00000003.h5: cannot be written: .*No space left"):
-        run(plan, tmp_path, where=workers(cluster))
-    faults({})
-    run(plan, tmp_path, where=workers(cluster))
-    assert digests(tmp_path) == undisturbed
 
 
 def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ import clradar
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
 from clradar.dataset.check import check_dataset
 from clradar.dataset.plan.plan import plan_from, plan_record
-from clradar.dataset.sample import placed_hand, recipe_radar, scene_of
+from clradar.dataset.plan.recipe import SamplePlan, read_recipe
+from clradar.dataset.sample import placed_hand, radar_of, scene_of
 from clradar.hand import PART_NAMES
-from clradar.model.material_file import material_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::clradar.ClradarWarning")  # of few samples
 
@@ -47,23 +47,22 @@ PLAN = plan_of(**physical())
 
 
 def test_lengths_are_drawn_from_streams_of_their_own() -> None:
-    first, second = (recipe(PLAN, i)["material"] for i in (0, 1))
+    first, second = (SamplePlan(PLAN, i).plan.material.of_parts for i in (0, 1))
     assert "alpha" not in recipe(PLAN, 0)
     assert tuple(first) == PART_NAMES
-    palms = [material_of(found["palm"]) for found in (first, second)]
-    assert palms[0] != palms[1]
-    for palm in palms:
+    assert first["palm"] != second["palm"]
+    for palm in (first["palm"], second["palm"]):
         assert 0.1e-3 <= palm.roughness_rms_m <= 0.3e-3
         assert palm.correlation_length_m in (2e-3, 3e-3)
         assert 0.05e-3 <= palm.coating.thickness_m <= 0.2e-3
         assert palm.permittivity == clradar.material("palm").permittivity
-    assert material_of(first["thumb"]) == clradar.material("metal")
+    assert first["thumb"] == clradar.material("metal")
     assert first["index"] == first["pinky"] != second["index"]
     # Another quantity leaves the draws as they are.
     less = {**MATERIAL, "palm": {**MATERIAL["palm"], "correlation_length_mm": 3.0}, "thumb": "skin"}
-    other = material_of(recipe(plan_of(**physical(material=less)), 0)["material"]["palm"])
-    assert other.roughness_rms_m == palms[0].roughness_rms_m
-    assert other.coating == palms[0].coating
+    other = SamplePlan(plan_of(**physical(material=less)), 0).plan.material.of_parts["palm"]
+    assert other.roughness_rms_m == first["palm"].roughness_rms_m
+    assert other.coating == first["palm"].coating
 
 
 def test_a_plan_of_materials_comes_back_from_its_record(tmp_path: Path) -> None:
@@ -82,7 +81,7 @@ def test_a_plan_of_materials_comes_back_from_its_record(tmp_path: Path) -> None:
     plan = plan_of(**physical(material={"palm": f"{own}:resin"}))
     record = plan_record(plan)
     own.unlink()
-    assert plan_from(record, "manifest", tmp_path).material.parts["palm"].of.name == "resin"
+    assert plan_from(record, "manifest", tmp_path).material.palm.of.name == "resin"
     # Without `material` hands are all palm; without the physical estimator there is none.
     bare = {name: table for name, table in physical().items() if name != "material"}
     assert plan_of(**bare).material.others.of == clradar.material("palm")
@@ -123,7 +122,7 @@ def test_a_data_set_of_materials_is_made_checked_and_replayed(tmp_path: Path) ->
     view = open_dataset(folder)
     assert "alpha" not in view
     for sample in (0, 1):
-        palm = material_of(recipe(PLAN, sample)["material"]["palm"])
+        palm = SamplePlan(PLAN, sample).plan.material.of_parts["palm"]
         one = view.sel(sample=sample)
         assert one.roughness_rms_m.sel(part="palm") == palm.roughness_rms_m
         assert one.correlation_length_m.sel(part="palm") == palm.correlation_length_m
@@ -131,12 +130,17 @@ def test_a_data_set_of_materials_is_made_checked_and_replayed(tmp_path: Path) ->
         assert np.isnan(one.coating_thickness_m.sel(part="thumb"))
     # The capture is that of the stages run one by one, from the stored recipe.
     stored = json.loads(view.recipe.values[1])
-    scene = scene_of(placed_hand(stored, DEVICE), stored)
+    drawn = read_recipe(stored)
+    scene = scene_of(placed_hand(drawn, DEVICE), drawn)
     assert {m.name for m in scene.materials} == {"palm", "metal", "skin"}
     assert scene.texture_m is not None
-    array, waveform = recipe_radar(stored)
-    clean = clradar.simulate(scene, array, waveform, device=DEVICE, **stored["simulation"])
-    without_noise = {**stored, "impairments": None}
+    settings = {
+        "estimator": "physical",
+        "samples_per_mm2": 0.5,
+        "seed": stored["simulation"]["seed"],
+    }
+    clean = clradar.simulate(scene, *radar_of(PLAN), device=DEVICE, **settings)
+    without_noise = {**stored, "impairments": {}}
     again = make_sample(without_noise, DEVICE).arrays["capture"]
     assert again.tobytes() == clean.data.tobytes()
     with_noise = make_sample(stored, DEVICE).arrays["capture"]

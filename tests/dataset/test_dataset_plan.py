@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import exit_status
-from dataset_plans import TINY, tiny
+from dataset_plans import tiny
 from rig_files import RigMaker
 
 from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.plan.draws import Draw, fixed, stream
-from clradar.dataset.plan.hand_json import pose_of
 from clradar.dataset.plan.plan import Plan, plan_from, plan_record
-from clradar.dataset.sample import recipe_radar
-from clradar.errors import MeasurementError, ModelError
+from clradar.dataset.plan.recipe import SamplePlan, read_recipe
+from clradar.dataset.sample import radar_of
+from clradar.errors import ModelError
 from clradar.files.toml_file import read_toml
 from clradar.hand import (
     JOINT_NAMES,
@@ -72,6 +72,7 @@ def test_a_plan_comes_back_from_its_record() -> None:
         plan_of(poses={"kind": "interpolation", "share": {"uniform": [0.2, 0.8]}}),
         plan_of(poses={"kind": "sampler", "names": None}, alpha=0.25),
         plan_of(poses={"kind": "around", "spread_deg": 7.5}),
+        *(plan_of(simulation={"reception_radius_mm": mm}) for mm in (0.1, 7.3, 12.345678, 999.999)),
         plan_of(
             impairments={
                 "coupling_db": 20,
@@ -86,12 +87,6 @@ def test_a_plan_comes_back_from_its_record() -> None:
         record = json.loads(json.dumps(plan_record(plan), allow_nan=False))
         assert plan_from(record, "manifest", HERE) == plan
         assert plan_record(plan_from(record, "manifest", HERE)) == plan_record(plan)
-
-
-def test_the_record_of_a_plan_keeps_the_decimals_of_the_reception_radius() -> None:
-    for radius_mm in (0.1, 7.3, 10, 12.345678, 999.999999):
-        record = plan_record(plan_of(simulation={"reception_radius_mm": radius_mm}))
-        assert record["simulation"]["reception_radius_mm"] == radius_mm
 
 
 @pytest.mark.parametrize(
@@ -133,6 +128,7 @@ def test_the_record_of_a_plan_keeps_the_decimals_of_the_reception_radius() -> No
         ({"alpha": 1.5}, "alpha", "from 0 to 1"),
         ({"alpha": {"palm": 0.5, "tumb": 0.5}}, "alpha.tumb", "did you mean 'thumb'?"),
         ({"alpha": {"normal": [0.5, 0.1], "palm": None, "others": None}}, "alpha", "a number or {"),
+        ({"alpha": {"palm": {"normal": [1, 0]}}}, "alpha.palm", "b, ...] }, got { normal = ... }"),
         ({"impairments": {"adc_bits": 99}}, "impairments.adc_bits", "from 2 to 24"),
         ({"impairments": {"coupling_delay_ps": 3}}, "impairments.coupling_delay_ps", "coupling_db"),
         (
@@ -172,13 +168,6 @@ def test_a_mistake_is_one_line_with_its_key(tables: dict[str, Any], key: str, wo
     assert "\n" not in line
 
 
-def test_a_kind_of_draw_that_is_not_for_this_key_is_no_slip() -> None:
-    content = tiny()
-    content["alpha"] = {"others": {"normal": [0.5, 0.1]}}
-    (line,) = mistakes(content)
-    assert line.endswith("or { choice = [a, b, ...] }, got { normal = ... }")
-
-
 def test_mistakes_in_rigs_name_the_key(tmp_path: Path) -> None:
     maker = RigMaker(called=lambda name: f"bone {JOINT_NAMES.index(name)}")
     maker.save(tmp_path / "hand.glb")
@@ -195,22 +184,6 @@ def test_all_mistakes_are_found_at_once() -> None:
     )
     keys = {line.split(": ")[1] for line in found}
     assert keys == {"seed", "hands.handednes", "alpha", "image.step_mm", "radr"}
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"samples = ", "TOML"),
-        (b"\xff\xfe", "TOML"),
-        (b"a" * 20000 + b" = 1", "a line of"),
-    ],
-)
-def test_what_is_no_toml_is_one_error(tmp_path: Path, content: bytes, words: str) -> None:
-    path = tmp_path / "plan.toml"
-    path.write_bytes(content)
-    with pytest.raises(MeasurementError, match=words) as caught:
-        read_plan(path)
-    assert str(path) in str(caught.value)
 
 
 def test_the_command_prints_every_mistake_and_makes_nothing(tmp_path: Path) -> None:
@@ -248,10 +221,10 @@ points_m = [[0, 0.03, 0]]
     plan = read_plan(tmp_path / "plan.toml")
     (tmp_path / "few.toml").unlink()
     assert plan_from(json.loads(json.dumps(plan_record(plan))), "manifest", tmp_path) == plan
-    array, _ = recipe_radar(json.loads(json.dumps(recipe(plan, 0))))
+    array, _ = radar_of(read_recipe(json.dumps(recipe(plan, 0))).plan)
     assert array.tx_m.tolist() == [[0, 0, 0], [0.02, 0, 0]]
     assert array.tx_gain.tolist() == [1, 1]
-    assert array is recipe_radar(recipe(plan, 0))[0]
+    assert array is radar_of(plan)[0]
     for name, words in (("few.toml", "few.toml"), ("qar5", "got .qar5")):
         (tmp_path / "plan.toml").write_text(text.format(name))
         with pytest.raises(PlanError, match=f"radar.array: .*{words}"):
@@ -264,7 +237,9 @@ def test_recipes_are_json_and_depend_on_their_number_alone() -> None:
     for sample in range(plan.samples):
         found = recipe(plan, sample)
         assert json.loads(json.dumps(found, allow_nan=False)) == found
-        assert recipe(other, sample) == found
+        more = {"samples": 50, "output": {**found["output"], "shard_size": 7}}
+        assert recipe(other, sample) == found | more
+        assert read_recipe(found).record == found  # there is nothing more to draw
     assert recipe(other, 1) != recipe(other, 4)  # of the same pose
 
 
@@ -278,34 +253,31 @@ def test_another_quantity_leaves_the_draws_as_they_are() -> None:
         ),
         2,
     )
-    for key in ("pose", "hand", "simulation", "radar", "image"):
+    for key in ("poses", "hands", "simulation", "radar", "image"):
         assert more[key] == plain[key]
-    for i in (0, 2):
-        assert more["placement"]["center_m"][i] == plain["placement"]["center_m"][i]
-    assert more["placement"]["center_m"][1] != plain["placement"]["center_m"][1]
+    assert more["placement"] == plain["placement"] | {"y_mm": more["placement"]["y_mm"]}
+    assert more["placement"]["y_mm"] != 0.0
 
 
-def test_draws_have_the_distributions_that_they_are_named_after() -> None:
-    def drawn(draw: Draw) -> np.ndarray:
-        return np.array([draw.draw(stream(1, i, "x")) for i in range(DRAWS)])
-
-    uniform = drawn(Draw("uniform", (2.0, 6.0)))
-    assert uniform.min() >= 2.0
-    assert uniform.max() <= 6.0
-    deviation = 4.0 / np.sqrt(12.0)
-    assert abs(uniform.mean() - 4.0) < SIGMAS * deviation / np.sqrt(DRAWS)
-    # Variance of a uniform sample variance: sigma^4 (kurtosis 1.8 - 1) / n.
-    bound = SIGMAS * deviation**2 * np.sqrt(0.8 / DRAWS)
-    assert abs(uniform.var() - deviation**2) < bound
-
-    normal = drawn(Draw("normal", (-1.0, 3.0)))
-    assert abs(normal.mean() + 1.0) < SIGMAS * 3.0 / np.sqrt(DRAWS)
-    assert abs(normal.var() - 9.0) < SIGMAS * 9.0 * np.sqrt(2.0 / DRAWS)
-
-    choice = drawn(Draw("choice", (0.1, 0.2, 0.7)))
-    for value in (0.1, 0.2, 0.7):
-        share = np.mean(choice == value)
-        assert abs(share - 1 / 3) < SIGMAS * np.sqrt(2 / 9 / DRAWS)
+@pytest.mark.parametrize(
+    ("draw", "mean", "variance", "kurtosis"),
+    [
+        (Draw("uniform", (2.0, 6.0)), 4.0, 16.0 / 12.0, 1.8),
+        (Draw("normal", (-1.0, 3.0)), -1.0, 9.0, 3.0),
+        (Draw("choice", (0.0, 1.0)), 0.5, 0.25, 1.0),
+    ],
+    ids=lambda value: getattr(value, "kind", ""),
+)
+def test_draws_have_the_distributions_that_they_are_named_after(
+    draw: Draw, mean: float, variance: float, kurtosis: float
+) -> None:
+    found = np.array([draw.draw(stream(1, i, "x")) for i in range(DRAWS)])
+    least, greatest = draw.bounds()
+    assert least <= found.min() < found.max() <= greatest
+    assert abs(found.mean() - mean) < SIGMAS * np.sqrt(variance / DRAWS)
+    # Variance of a sample variance: sigma^4 (kurtosis - 1) / n; of a choice by its mean alone.
+    bound = SIGMAS * variance * np.sqrt((kurtosis - 1.0) / DRAWS)
+    assert abs(found.var() - variance) < max(bound, SIGMAS**2 * variance / DRAWS)
 
 
 def test_streams_of_samples_quantities_and_seeds_differ() -> None:
@@ -317,9 +289,9 @@ def test_streams_of_samples_quantities_and_seeds_differ() -> None:
 def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
     names = ["A", "B", "F"]
     cycle = plan_of(samples=7)
-    assert [recipe(cycle, i)["pose"]["name"] for i in range(7)] == [names[i % 3] for i in range(7)]
+    assert [SamplePlan(cycle, i).pose.name for i in range(7)] == [names[i % 3] for i in range(7)]
     random = plan_of(samples=300, poses={"order": "random"})
-    found = [recipe(random, i)["pose"]["name"] for i in range(300)]
+    found = [SamplePlan(random, i).pose.name for i in range(300)]
     assert found[:6] != names * 2
     for name in names:
         # Binomial: variance n p (1 - p) with p = 1/3.
@@ -327,12 +299,12 @@ def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
     between = plan_of(poses={"kind": "interpolation", "share": {"choice": [0.25]}})
     poses = dict(zip(names, between.poses.poses, strict=True))
     for i in range(5):
-        made = pose_of(recipe(between, i)["pose"])
+        made = SamplePlan(between, i).pose
         ends = [p for n, p in poses.items() if n != names[i % 3]]
         assert made in [interpolate_poses(poses[names[i % 3]], end, 0.25) for end in ends]
     near = plan_of(poses={"kind": "around", "spread_deg": 3})
     for i in range(4):
-        made = pose_of(recipe(near, i)["pose"])
+        made = SamplePlan(near, i).pose
         letter = poses[names[i % 3]]
         assert made.name == letter.name
         assert made != letter
@@ -342,7 +314,7 @@ def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
         )
         assert np.abs(off_deg).max() < 6 * 3  # the plan's bound of normal draws
     sampled = plan_of(poses={"kind": "sampler", "names": None})
-    angles = [json.dumps(recipe(sampled, i)["pose"]) for i in range(5)]
+    angles = [json.dumps(recipe(sampled, i)["poses"]) for i in range(5)]
     assert len(set(angles)) == 5
 
 
@@ -352,17 +324,15 @@ def test_hands_and_alphas_are_those_that_are_listed() -> None:
         hands={"shape": None, "shapes": [{"length_mm": 170}, {"length_mm": 200, "girth": 1.1}]},
         poses={"names": ["A"]},
     )
-    found = [recipe(plan, i) for i in range(40)]
-    lengths = {r["hand"]["shape"]["length_m"] for r in found}
-    assert lengths == {0.17, 0.2}
-    assert {r["hand"]["handedness"] for r in found} == {"right", "left"}
-    assert {r["alpha"]["palm"] for r in found} == {0.2, 0.8}
-    for r in found:
-        others = {r["alpha"][name] for name in ("thumb", "index", "middle", "ring", "pinky")}
-        assert len(others) == 1
-        assert 0.3 <= others.pop() <= 0.7
-    average = HandShape()
-    assert recipe(plan_of(hands={"shape": None}), 0)["hand"]["shape"]["girth"] == average.girth
+    found = [SamplePlan(plan, i).plan for i in range(40)]
+    assert {one.hands.shapes[0].shape.length_m for one in found} == {0.17, 0.2}
+    assert {one.hands.handedness for one in found} == {"right", "left"}
+    alphas = [one.alpha.of_parts for one in found]
+    assert {own["palm"] for own in alphas} == {0.2, 0.8}
+    for own in alphas:
+        (others,) = {own[name] for name in ("thumb", "index", "middle", "ring", "pinky")}
+        assert 0.3 <= others <= 0.7
+    assert SamplePlan(plan_of(hands={"shape": None}), 0).plan.hands.shapes[0].shape == HandShape()
 
 
 def test_one_instrument_or_one_per_sample() -> None:
@@ -377,11 +347,6 @@ def test_one_instrument_or_one_per_sample() -> None:
 def test_a_sample_that_the_plan_does_not_have_is_refused() -> None:
     with pytest.raises(ModelError, match=r"sample: expected a whole number in \[0, 4\], got 5"):
         recipe(plan_of(), 5)
-
-
-def test_tiny_does_not_change_the_plan_it_starts_from() -> None:
-    assert tiny() == TINY
-    assert tiny(poses={"names": None})["poses"] == {}
 
 
 def test_the_schema_has_every_key_of_the_examples(capsys: pytest.CaptureFixture[str]) -> None:

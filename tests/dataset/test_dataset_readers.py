@@ -52,7 +52,7 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
     assert view.tx_m.shape == (12, 3)
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 0.01)
     np.testing.assert_array_equal(view.z_m.values, grid.z_m)
-    labels = labels_of(recipe(PLAN, 0))
+    labels = labels_of(PLAN)
     assert {name for name, label in labels.items() if label.axes} <= set(view.data_vars)
     assert view.attrs["complete"] == 1
 

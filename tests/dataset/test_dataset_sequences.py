@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,8 +14,8 @@ from dataset_plans import DEVICE, tiny
 import clradar
 from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
 from clradar.dataset.check import check_dataset
-from clradar.dataset.plan.hand_json import pose_of
 from clradar.dataset.plan.plan import PlanError, plan_from, plan_record
+from clradar.dataset.plan.recipe import SamplePlan, metres, read_recipe
 from clradar.dataset.sample import moving_hand
 from clradar.hand import JOINT_NAMES
 
@@ -30,21 +31,24 @@ def plan(**movement: object) -> clradar.dataset.Plan:
 def test_frames_share_the_draws_of_their_sequence() -> None:
     found = plan()
     assert plan_from(plan_record(found), "manifest", Path()) == found
+    frames = [SamplePlan(found, i) for i in range(6)]
+    assert [frame.number for frame in frames] == [0, 0, 0, 1, 1, 1]
+    assert [frame.start_s for frame in frames[3:]] == [0.0, 0.1, 0.2]
+    for frame in frames:
+        assert read_recipe(json.dumps(frame.record)).record == frame.record
     recipes = [recipe(found, i) for i in range(6)]
-    assert [r["movement"]["sequence"] for r in recipes] == [0, 0, 0, 1, 1, 1]
-    assert [r["movement"]["start_s"] for r in recipes[3:]] == [0.0, 0.1, 0.2]
-    for key in ("hand", "placement", "alpha", "simulation"):
+    for key in ("hands", "placement", "alpha", "simulation"):
         assert recipes[3][key] == recipes[5][key] != recipes[0][key]
-    hand = moving_hand(recipes[4])
+    hand = moving_hand(frames[4])
     moved_m = hand.transform(0.2)[:3, 3] - hand.transform(0.0)[:3, 3]
     assert moved_m[2] == pytest.approx(0.03, abs=0.03)
     assert hand.motion is not None
-    about = (*recipes[4]["placement"]["center_m"], 1.0)
+    about = (*metres(frames[4].plan.placement), 1.0)
     assert hand.motion.at(0.2) @ about == pytest.approx(np.add(about, (0, 0, 0.03, 0)))
     # The label is the pose in the middle of the sweep.
     slots = 12 * 16
     middle_s = 0.1 + 0.5 * (slots - 1) * 2.5e-6
-    wanted, labelled = hand.pose(middle_s), pose_of(recipes[4]["pose"])
+    wanted, labelled = hand.pose(middle_s), frames[4].pose
     for joint in JOINT_NAMES:
         assert labelled.angles(joint).degrees() == pytest.approx(wanted.angles(joint).degrees())
 

@@ -81,7 +81,7 @@ def test_there_is_a_contact_sheet(made: Path) -> None:
 @pytest.mark.parametrize("products", [["volume"], ["depth_map"], ["capture"], ["mesh", "joints"]])
 def test_every_product_is_drawn_on_contact_sheets(products: list[str]) -> None:
     names = [name for p in products for name in FIELDS if name.partition("_")[0] == p or name == p]
-    sample = make_sample({**recipe(PLAN, 2), "products": products}, DEVICE)
+    sample = make_sample({**recipe(PLAN, 2), "output": {"products": products}}, DEVICE)
     assert set(sample.arrays) == set(names)
     axes = contact_sheet([sample]).axes
     assert len(axes) == 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
-import warnings
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -88,94 +88,90 @@ def assert_short(text: str, lines: int = 1) -> None:
         assert line.isprintable()
 
 
-@pytest.fixture(autouse=True)
-def _no_warnings() -> Iterator[None]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        yield
-
-
-def test_pose_files(tmp_path: Path) -> None:
-    path = tmp_path / "pose.json"
-    write_pose(path, pose_by_name("L"))
-    refused = 0
-    for wrong in altered(json.loads(path.read_text())):
-        path.write_text(json.dumps(wrong))
-        try:
-            read_pose(path)
-        except MeasurementError as error:
-            assert_short(str(error))
-            refused += 1
-    assert refused > 100
-
-
-def test_plans(tmp_path: Path) -> None:
-    refused = 0
-    for wrong in altered(PLAN):
-        try:
-            plan_from(wrong, "plan.toml", tmp_path)
-        except PlanError as error:
-            assert_short(str(error), len(error.mistakes) + (len(error.mistakes) > 1))
-            refused += 1
-    assert refused > 100
-
-
-def manifest_of(tmp_path: Path, *, rig: bool) -> dict[str, Any]:
-    plan = plan_from(PLAN, "plan.toml", tmp_path)
-    manifest = Manifest(plan, {"clradar": "1"}, {3: Aside(3, "why", 2)})
+def manifest_of(folder: Path, hands: dict[str, Any]) -> dict[str, Any]:
+    manifest = Manifest(plan_from(PLAN, "plan.toml", folder), {"clradar": "1"})
+    manifest.aside[3] = Aside(3, "why", 2)
     record: dict[str, Any] = json.loads(json.dumps(manifest.record()))
     for pose in record["plan"]["poses"]["resolved"]:
         pose["joints_rad"] = dict(list(pose["joints_rad"].items())[:1])
-    if rig:
-        record["plan"]["hands"] = {"rigs": [RIG], "handedness": "as it is"}
+    record["plan"]["hands"] = hands or record["plan"]["hands"]
     return record
 
 
-@pytest.mark.parametrize("rig", [False, True])
-def test_manifests(tmp_path: Path, rig: bool) -> None:
+def pose_of(folder: Path) -> dict[str, Any]:
+    write_pose(folder / "pose.json", pose_by_name("L"))
+    record: dict[str, Any] = json.loads((folder / "pose.json").read_text())
+    return record
+
+
+def read_manifest_of(path: Path) -> None:
+    """By the check, which goes on where the manifest is sound, and by the description."""
+    report = check_dataset(path.parent)
+    for problem in report.problems:
+        assert_short(problem)
+    if not report.checked:
+        raise MeasurementError(report.problems[0])
+    describe_dataset(path.parent)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("made", "name", "read"),
+    [
+        (pose_of, "pose.json", read_pose),
+        (
+            lambda folder: PLAN,
+            "plan.json",
+            lambda path: plan_from(json.loads(path.read_text()), path.name, path.parent),
+        ),
+        (lambda folder: manifest_of(folder, {}), "manifest.json", read_manifest_of),
+        (
+            lambda folder: manifest_of(folder, {"rigs": [RIG], "handedness": "as it is"}),
+            "manifest.json",
+            read_manifest_of,
+        ),
+    ],
+    ids=["pose", "plan", "manifest", "rigs"],
+)
+def test_what_is_odd_anywhere_is_told_shortly(
+    tmp_path: Path, made: Any, name: str, read: Any
+) -> None:
     (tmp_path / "shards").mkdir()
     (tmp_path / "shards" / "shard-00000.h5").write_bytes(bytes(100))
-    record = manifest_of(tmp_path, rig=rig)
-    file = tmp_path / "manifest.json"
-    file.write_text(json.dumps(record))
-    assert describe_dataset(tmp_path).kind == "data set"
-    refused = 0
+    record, refused = made(tmp_path), 0
+    (tmp_path / name).write_text(json.dumps(record))
+    read(tmp_path / name)
     for wrong in altered(record):
-        file.write_text(json.dumps(wrong))
-        report = check_dataset(tmp_path)
-        for problem in report.problems:
-            assert_short(problem)
-        if report.checked:
-            describe_dataset(tmp_path)
-        else:  # the manifest itself is refused
+        (tmp_path / name).write_text(json.dumps(wrong))
+        try:
+            read(tmp_path / name)
+        except MeasurementError as error:
+            assert_short(str(error), len(error.mistakes) + (len(error.mistakes) > 1) or 1)
             refused += 1
     assert refused > 100
 
 
-def test_entries_of_a_manifest_that_cannot_be_sorted(tmp_path: Path) -> None:
-    (tmp_path / "shards").mkdir()
-    for sample in ("1", [1]):
-        record = manifest_of(tmp_path, rig=False)
-        record["set_aside"].append({"sample": sample, "reason": "why", "attempts": 1})
-        (tmp_path / "manifest.json").write_text(json.dumps(record))
-        (problem,) = check_dataset(tmp_path).problems
-        assert "manifest.json: expected " in problem
-        assert "TypeError" not in problem
+@pytest.mark.parametrize("sample", ["1", [1]])
+def test_entries_of_a_manifest_that_cannot_be_sorted(tmp_path: Path, sample: Any) -> None:
+    record = manifest_of(tmp_path, {})
+    record["set_aside"].append({"sample": sample, "reason": "why", "attempts": 1})
+    (tmp_path / "manifest.json").write_text(json.dumps(record))
+    (problem,) = check_dataset(tmp_path).problems
+    assert "manifest.json: expected " in problem
+    assert "TypeError" not in problem
 
 
 def test_several_mistakes_are_counted_and_not_all_listed(tmp_path: Path) -> None:
     one = {"samples": 2, "poses": {"names": ["A"]}, "alpha": 2}
-    with pytest.raises(PlanError) as caught:
-        plan_from(one, "plan.toml", tmp_path)
-    assert str(caught.value) == "plan.toml: alpha: expected values from 0 to 1, got 2"
     many = {**one, **{f"key{i}": 1 for i in range(40)}}
     with pytest.raises(PlanError) as caught:
         plan_from(many, "plan.toml", tmp_path)
     lines = str(caught.value).splitlines()
     assert lines[0] == "41 mistakes, one per line:"
     assert lines[-1] == "and 21 more"
-    assert len(lines) == 22
-    assert len(caught.value.mistakes) == 41
+    assert (len(lines), len(caught.value.mistakes)) == (22, 41)
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert again.mistakes == caught.value.mistakes
 
 
 def test_a_plan_file_with_long_keys(tmp_path: Path) -> None:

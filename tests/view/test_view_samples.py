@@ -15,7 +15,7 @@ from view_tab import Tab, in_browser, viewing
 import clradar
 from clradar.dataset import Sample, recipe
 from clradar.dataset.folder import Manifest, shard_name, write_manifest
-from clradar.dataset.sample import recipe_grid
+from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.dataset.shards import assemble, write_sample
 from clradar.errors import MeasurementError
 from clradar.jobs.outcome import Aside
@@ -30,7 +30,7 @@ DEPTH_M = 0.31
 
 def arrays_of(made: dict[str, Any], products: Sequence[str]) -> dict[str, np.ndarray]:
     """Products of a sample that is bright in one pixel, by its number."""
-    ny, nx = recipe_grid(made).shape[1:]
+    ny, nx = read_recipe(made).plan.image.grid.shape[1:]
     depth = np.full((ny, nx), np.nan, np.float32)
     depth[1, 2] = DEPTH_M
     projection = np.full((ny, nx), 0.01, np.float32)
@@ -80,9 +80,9 @@ def test_samples_are_read_when_they_are_looked_at(
     read: list[tuple[str, int]] = []
     read_sample = samples.read_sample
 
-    def counted(path: Path, sample: int, size: int) -> Any:
+    def counted(path: Path, sample: int, plan: Any) -> Any:
         read.append((path.name, sample))
-        return read_sample(path, sample, size)
+        return read_sample(path, sample, plan)
 
     monkeypatch.setattr(samples, "read_sample", counted)
     source = open_source(letters)
@@ -130,13 +130,13 @@ def test_captures_are_there_to_be_imaged(tmp_path: Path) -> None:
 def test_the_truth_is_that_of_the_recipe(letters: Path) -> None:
     source = SampleFrames(letters)
     truth = source.truth(4)
-    made = recipe(samples.read_manifest(letters).plan, 4)
+    made = SamplePlan(samples.read_manifest(letters).plan, 4)
     assert truth.vertices_m is not None
     assert truth.vertices_m.shape == (3, 3)
     assert truth.joints_m is not None
     assert truth.joints_m.shape == (25, 3)
-    assert truth.lines[0] == f"pose {made['pose']['name']}, {made['hand']['handedness']} hand"
-    assert f"palm {made['alpha']['palm']:.2f}" in truth.lines[-1]
+    assert truth.lines[0] == f"pose {made.pose.name}, {made.plan.hands.handedness} hand"
+    assert f"palm {made.plan.alpha.of_parts['palm']:.2f}" in truth.lines[-1]
 
 
 def test_samples_are_chosen_by_pose_and_hand(letters: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -33,25 +33,18 @@ def pose_of(record: Mapping[str, Any]) -> HandPose:
     return HandPose(record["name"], joints)
 
 
-def angles_rad(record: Mapping[str, Any]) -> np.ndarray:
+def angles_rad(pose: HandPose) -> np.ndarray:
     """Return the angles of all joints, shape (25, 3), radians: `JOINT_NAMES` by `ANGLES`."""
-    found = np.zeros((len(JOINT_NAMES), len(ANGLES)))
-    for joint, angles in record["joints_rad"].items():
-        found[JOINT_NAMES.index(joint)] = angles
-    return found
+    joints = (pose.angles(name) for name in JOINT_NAMES)
+    return np.array([[getattr(own, f"{name}_rad") for name in ANGLES] for own in joints])
 
 
 def shape_record(shape: HandShape) -> dict[str, Any]:
     return {**asdict(shape), "finger_lengths": list(shape.finger_lengths)}
 
 
-def shape_of(record: Mapping[str, Any]) -> HandShape:
-    return HandShape(**{**record, "finger_lengths": tuple(record["finger_lengths"])})
-
-
-def shape_row(record: Mapping[str, Any] | None) -> list[float]:
+def shape_row(shape: HandShape | None) -> list[float]:
     """Return a shape as numbers, in the order of `SHAPE_COLUMNS`; NaN if there is none."""
-    if record is None:
+    if shape is None:
         return [float("nan")] * len(SHAPE_COLUMNS)
-    length_m, breadth_m, finger_lengths, girth = (record[f.name] for f in fields(HandShape))
-    return [length_m, breadth_m, *finger_lengths, girth]
+    return [shape.length_m, shape.breadth_m, *shape.finger_lengths, shape.girth]

@@ -254,13 +254,15 @@ class MovementPlan(FileRecord):
     """The table [movement]: consecutive samples are the frames of a sequence.
 
     With `poses` "next" the hand goes from its pose to another, drawn like it, until the last frame;
-    with "stay" it keeps it. `x_mm` to `rotation_z_deg` say how far it has moved and turned in the
-    last frame; `order` and `step_us` when samples are recorded (`clradar.SweepTiming.in_order`).
+    with "stay" it keeps it; in recipes `last` is that pose. `x_mm` to `rotation_z_deg` say how far
+    it has moved and turned in the last frame; `order` and `step_us` when samples are recorded
+    (`clradar.SweepTiming.in_order`).
     """
 
     frames: Annotated[int, whole(2, MOST_FRAMES)] = 8
     rate_hz: Annotated[float, number(0.0, 1e6, above=True)] = RATE_HZ
     poses: Annotated[str, choice("next", "stay")] = "next"
+    last: Annotated[HandPose, Value(_of_record, {"type": "object"})] | None = None
     x_mm: Side = fixed(0.0)
     y_mm: Side = fixed(0.0)
     z_mm: Side = fixed(0.0)
@@ -283,9 +285,9 @@ class Alpha(FileRecord):
     others: Share = fixed(0.5)
 
     @property
-    def parts(self) -> Mapping[str, Draw]:
-        """The parts that have their own."""
-        return {n: draw for n in PART_NAMES if (draw := getattr(self, n)) is not None}
+    def of_parts(self) -> Mapping[str, float]:
+        """The alpha of every part of a sample, of which nothing is to be drawn."""
+        return {name: (getattr(self, name) or self.others).values[0] for name in PART_NAMES}
 
 
 def alpha_of(value: Any) -> Any:

@@ -113,9 +113,9 @@ class PlanMaterials(FileRecord):
     others: Part = PartMaterial()
 
     @property
-    def parts(self) -> Mapping[str, PartMaterial]:
-        """The parts that have their own."""
-        return {n: own for n in PART_NAMES if (own := getattr(self, n)) is not None}
+    def of_parts(self) -> Mapping[str, Material]:
+        """The material of every part of a sample, of which nothing is to be drawn."""
+        return {name: (getattr(self, name) or self.others).least for name in PART_NAMES}
 
 
 def _of_all(value: Any, info: ValidationInfo) -> Any:

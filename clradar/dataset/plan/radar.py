@@ -29,7 +29,7 @@ from clradar.dataset.plan.values import (
 from clradar.files.records import FileRecord, is_number, mistake
 from clradar.files.toml_file import choice_text, toml_brief
 from clradar.geometry.normals import CREASE_DEG
-from clradar.model import AntennaArray, VoxelGrid
+from clradar.model import AntennaArray, VoxelGrid, Waveform
 from clradar.tracing.settings import (
     PHYSICAL_SAMPLES_PER_MM2,
     RECEPTION_RADIUS_M,
@@ -51,6 +51,9 @@ STEP_MM = 2.0
 
 DECIBELS = 300.0
 
+Seed = Annotated[int, whole(0, 2**63 - 1)] | None
+"""SamplePlan for every sample, unless it is given."""
+
 Level = Annotated[Draw, draws(-DECIBELS, DECIBELS)]
 
 
@@ -64,6 +67,7 @@ class ChannelErrors(FileRecord):
     dead_tx: Annotated[tuple[int, ...], channel_numbers(0, 1023)] = ()
     dead_rx: Annotated[tuple[int, ...], channel_numbers(0, 1023)] = ()
     per: Annotated[str, choice("dataset", "sample")] = "dataset"
+    seed: Seed = None
 
 
 class WallPlan(FileRecord):
@@ -91,6 +95,7 @@ class Impairments(FileRecord):
     adc_bits: Annotated[int, whole(2, 24)] | None = None
     channels: ChannelErrors | None = None
     walls: tuple[WallPlan, ...] = ()
+    seed: Seed = None
 
     @model_validator(mode="after")
     def _check(self) -> Impairments:
@@ -143,6 +148,12 @@ class RadarPlan(FileRecord):
         return self
 
 
+@lru_cache(maxsize=8)
+def plan_waveform(start_ghz: float, stop_ghz: float, steps: int) -> Waveform:
+    """Return the frequencies of a plan; equal ones are the same object."""
+    return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
+
+
 def plan_array(array: str | Mapping[str, Any], every: int) -> AntennaArray:
     """Return every n-th antenna of a plan's array; equal ones are the same object."""
     return _part(array if isinstance(array, str) else json.dumps(array), every)
@@ -173,6 +184,7 @@ class SimulationPlan(FileRecord):
     facets: Annotated[str, choice("curved", "flat")] = "curved"
     amplitude: Annotated[str, choice("unit", "spreading")] = "unit"
     pattern_exponent: Annotated[float, number(0.0, 100.0)] = 0.0
+    seed: Seed = None
 
     @model_validator(mode="after")
     def _check(self) -> SimulationPlan:
@@ -187,10 +199,10 @@ class SimulationPlan(FileRecord):
         tried(self.settings)
         return self
 
-    def settings(self, seed: int = 0) -> SimulationSettings:
-        values = {k: v for k, v in self.__dict__.items() if k != "reception_radius_mm"}
-        radius_m = self.reception_radius_mm / 1e3
-        return SimulationSettings(**values, reception_radius_m=radius_m, seed=seed)
+    def settings(self) -> SimulationSettings:
+        values = {**self.__dict__, "seed": self.seed or 0}
+        radius_m = values.pop("reception_radius_mm") / 1e3
+        return SimulationSettings(**values, reception_radius_m=radius_m)
 
 
 def _steps(value: Any) -> tuple[float, ...]:
@@ -234,6 +246,11 @@ class Image(FileRecord):
 
     @property
     def grid(self) -> VoxelGrid:
-        """The voxel grid."""
-        x, y, z = ((low / 1e3, high / 1e3) for low, high in (self.x_mm, self.y_mm, self.z_mm))
-        return VoxelGrid.from_extent(x, y, z, [step / 1e3 for step in self.step_mm])
+        """The voxel grid; equal ones are the same object, which image formation makes use of."""
+        return _grid(self.x_mm, self.y_mm, self.z_mm, self.step_mm)
+
+
+@lru_cache(maxsize=8)
+def _grid(x_mm: Any, y_mm: Any, z_mm: Any, step_mm: Any) -> VoxelGrid:
+    x_m, y_m, z_m = ((low / 1e3, high / 1e3) for low, high in (x_mm, y_mm, z_mm))
+    return VoxelGrid.from_extent(x_m, y_m, z_m, [step / 1e3 for step in step_mm])

@@ -1,19 +1,24 @@
-"""The recipe of one sample: a function of the plan and the sample's number alone."""
+"""The recipe of one sample: the plan with a number in place of every draw."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from clradar.dataset.plan.draws import Draw, fixed, stream
 from clradar.dataset.plan.hand_json import pose_record, shape_record
-from clradar.dataset.plan.hands import MovementPlan, Placement, RigFile
-from clradar.dataset.plan.plan import Plan
+from clradar.dataset.plan.hands import Hands, MovementPlan, Placement, Poses
+from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.dataset.plan.radar import plan_array
+from clradar.errors import ModelError
+from clradar.files.failures import clean
+from clradar.files.records import mistakes_of, raise_mistakes
 from clradar.hand import (
-    PART_NAMES,
     HandPose,
     HandShape,
     interpolate_poses,
@@ -23,29 +28,24 @@ from clradar.hand import (
 )
 from clradar.hand.movement import minimum_jerk
 from clradar.model import checks
-from clradar.model.material_file import material_record
 
-VERSION = 1
-MOVING_VERSION = 2
-"""Of recipes of frames of a sequence, which older programs would take for still hands."""
-
+VERSION = 3
 SEED_BITS = 63
 
 EARLIER_SETTINGS = {"facets": "flat"}
-"""What settings were before there was a key for them: recipes without it are older."""
-
-IMAGING = ("method", "window", "tolerance_db", "dynamic_range_db")
+"""What settings were before there was a key for them: plans without it are older."""
 
 Recipe = dict[str, Any]
-"""JSON values only. Lengths in metres, angles in radians, frequencies in hertz."""
+"""JSON values only: the keys of a plan, the number of the sample, and the version of recipes."""
 
 
 def recipe(plan: Plan, index: int) -> Recipe:
-    """Return the drawn quantities of sample `index`, from which `make_sample` reproduces it.
+    """Return the plan of sample `index` alone, from which `make_sample` reproduces it.
 
-    Every quantity has random numbers of its own, keyed by the plan's seed, the sample's number and
-    the quantity's name (`clradar.dataset.plan.draws.stream`). So a recipe depends neither on other
-    samples nor on other draws.
+    It has the keys and the units of a plan, every one written out, with a number in place of every
+    draw. Every quantity has random numbers of its own, keyed by the plan's seed, the number of the
+    sample and the quantity's path (`clradar.dataset.plan.draws.stream`). So a recipe depends
+    neither on other samples nor on other draws.
 
     Raises
     ------
@@ -58,60 +58,77 @@ def recipe(plan: Plan, index: int) -> Recipe:
     >>> from clradar.dataset import read_plan, recipe
     >>> _ = Path("plan.toml").write_text('''samples = 2
     ... poses.names = ["A", "B"]
+    ... placement.z_mm = { uniform = [290, 310] }
     ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> found = recipe(plan, 1)
-    >>> found["pose"]["name"], found["hand"]["handedness"], found["placement"]["center_m"]
-    ('B', 'right', [0.0, 0.0, 0.3])
+    >>> found["poses"]["resolved"][0]["name"], found["hands"]["handedness"]
+    ('B', 'right')
+    >>> round(found["placement"]["z_mm"], 1)
+    301.2
     """
-    index = checks.whole("sample", index, 0, plan.samples - 1)
-    impaired, drawn = plan.impairments.any, _Drawn(plan, index)
-    plan, radar = drawn.plan, plan.radar
-    return {
-        "version": VERSION if plan.movement is None else MOVING_VERSION,
-        "sample": index,
-        "pose": pose_record(drawn.pose()),
-        **_movement(drawn),
-        "hand": _hand(drawn),
-        "placement": {
-            "center_m": _metres(plan.placement),
-            "rotation_rad": _radians(plan.placement),
-        },
-        **_surface(plan),
-        "radar": {
-            "array": radar.array,
-            "every": radar.every,
-            "start_hz": radar.start_ghz * 1e9,
-            "stop_hz": radar.stop_ghz * 1e9,
-            "steps": radar.steps,
-        },
-        "simulation": _simulation(drawn),
-        "impairments": _impairments(drawn) if impaired else None,
-        "image": _image(plan) if plan.keeps_images else None,
-        "products": list(plan.output.products),
-    }
+    return SamplePlan(plan, checks.whole("sample", index, 0, plan.samples - 1)).record
 
 
-def pose_and_hand(plan: Plan, index: int) -> tuple[str, str]:
-    """Return the name of the pose and the handedness of sample `index`, as its recipe has them."""
-    drawn = _Drawn(plan, index)
-    return drawn.pose().name, drawn.side_and_rig()[0]
+def read_recipe(recipe: Mapping[str, Any] | str | bytes) -> SamplePlan:
+    """Return the sample of a recipe or its JSON text; what is a draw in it is drawn."""
+    found: Any = recipe
+    if isinstance(recipe, str | bytes):
+        try:
+            found = json.loads(recipe)
+        except ValueError as error:
+            raise ModelError(
+                f"recipe: expected JSON text of a recipe, got no JSON: {clean(error)}"
+            ) from error
+    if not isinstance(found, Mapping):
+        got = type(found).__name__
+        raise ModelError(f"recipe: expected a mapping, or its JSON text, got {got}")
+    content = dict(found)
+    version, sample = content.pop("version", VERSION), content.pop("sample", 0)
+    if version != VERSION:
+        raise ModelError(
+            f"recipe: expected version {VERSION}, got {version!r}; older ones follow from their "
+            "plan: clradar.dataset.recipe(plan, sample)"
+        )
+    try:
+        plan = Plan.model_validate(content, context={"folder": Path()})
+    except ValidationError as error:
+        raise_mistakes(mistakes_of(error, Plan, "recipe"), ModelError, error)
+    return SamplePlan(plan, checks.whole("recipe: sample", sample, 0))
 
 
-class _Drawn:
-    """The draws of one sample, or of its sequence, whose frames share them.
+class SamplePlan:
+    """One sample: its number, and its `plan`, in which a number stands in place of every draw.
 
-    In its `plan` a number stands in place of every draw.
+    All frames of a sequence have the draws of the sequence, and its `number`.
     """
 
-    def __init__(self, plan: Plan, index: int) -> None:
-        self._seed, self.index = plan.seed, index
-        self.number = index if plan.movement is None else index // plan.movement.frames
-        self.plan: Plan = self._numbers(plan, "")
+    def __init__(self, plan: Plan, sample: int) -> None:
+        self.sample = sample
+        self.number = sample if plan.movement is None else sample // plan.movement.frames
+        self._seed = plan.seed
+        drawn: Plan = self._numbers(plan, "")
+        first = self._first_pose(drawn.poses)
+        more: dict[str, Any] = {
+            "poses": Poses.model_validate({"resolved": [pose_record(first)]}),
+            "hands": self._hands(drawn.hands),
+            "simulation": self._seeded(drawn.simulation, "simulation.seed"),
+        }
+        if drawn.movement is not None:
+            last = self._last_pose(drawn.movement, drawn.poses, first)
+            more["movement"] = drawn.movement.model_copy(update={"last": last})
+        if plan.impairments.any:
+            impairments = self._seeded(drawn.impairments, "impairments.seed")
+            channels = impairments.channels
+            if channels is not None:  # one instrument for all has the draw of sample 0
+                number = 0 if channels.per == "dataset" else self.number
+                channels = self._seeded(channels, "impairments.channels.seed", number)
+            more["impairments"] = impairments.model_copy(update={"channels": channels})
+        self.plan: Plan = drawn.model_copy(update=more)
 
     def _numbers(self, node: Any, path: str) -> Any:
         if isinstance(node, Draw):
-            return node if node.kind == "fixed" else fixed(node.draw(self.stream(path)))
+            return node if node.kind == "fixed" else fixed(node.draw(self._stream(path)))
         if not isinstance(node, BaseModel):
             return node
         values = {name: getattr(node, name) for name in type(node).model_fields}
@@ -120,19 +137,22 @@ class _Drawn:
             update={name: self._numbers(value, above + name) for name, value in values.items()}
         )
 
-    def stream(self, quantity: str) -> np.random.Generator:
+    def _stream(self, quantity: str) -> np.random.Generator:
         return stream(self._seed, self.number, quantity)
 
-    def one_of(self, quantity: str, choices: tuple[Any, ...]) -> Any:
-        return choices[int(self.stream(quantity).integers(len(choices)))]
+    def _one_of(self, quantity: str, choices: tuple[Any, ...]) -> Any:
+        return choices[int(self._stream(quantity).integers(len(choices)))]
 
-    def seed(self, quantity: str, number: int | None = None) -> int:
+    def _seeded(self, table: Any, quantity: str, number: int | None = None) -> Any:
+        """A table with its seed, which is drawn unless it is given."""
+        if table.seed is not None:
+            return table
         random = stream(self._seed, self.number if number is None else number, quantity)
-        return int(random.integers(2**SEED_BITS))
+        return table.model_copy(update={"seed": int(random.integers(2**SEED_BITS))})
 
-    def first_pose(self) -> HandPose:
+    def _first_pose(self, poses: Poses) -> HandPose:
         """The pose of a sample, or of the first frame of its sequence."""
-        poses, random = self.plan.poses, self.stream("poses")
+        random = self._stream("poses")
         if poses.kind == "sampler":
             return random_pose(random)
         count = len(poses.poses)
@@ -141,139 +161,76 @@ class _Drawn:
         if poses.kind == "list":
             return poses.poses[first]
         if poses.kind == "around":
-            return pose_around(poses.poses[first], self.stream("poses.spread"), poses.spread_deg)
+            return pose_around(poses.poses[first], self._stream("poses.spread"), poses.spread_deg)
         # Two different ones: the second is any but the first.
         second = (first + 1 + int(random.integers(count - 1))) % count
         share = poses.share.values[0]
         return interpolate_poses(poses.poses[first], poses.poses[second], share)
 
-    def last_pose(self, movement: MovementPlan, first: HandPose) -> HandPose:
+    def _last_pose(self, movement: MovementPlan, poses: Poses, first: HandPose) -> HandPose:
+        if movement.last is not None:
+            return movement.last
         if movement.poses == "stay":
             return first
-        if self.plan.poses.kind == "sampler":
-            return random_pose(self.stream("movement.pose"))
-        return self.one_of("movement.pose", self.plan.poses.poses)
+        if poses.kind == "sampler":
+            return random_pose(self._stream("movement.pose"))
+        last: HandPose = self._one_of("movement.pose", poses.poses)
+        return last
 
+    def _hands(self, hands: Hands) -> Hands:
+        sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)
+        side = self._one_of("hands.handedness", sides)
+        if hands.rigs:
+            rig = self._one_of("hands.rigs", hands.rigs)
+            side = rig.handedness if side == "as it is" else side
+            return hands.model_copy(update={"handedness": side, "rigs": (rig,)})
+        shape = HandShape()
+        if hands.shape == "sampled":
+            shape = random_shape(self._stream("hands.shape"))
+        elif hands.shape == "list":
+            shape = self._one_of("hands.shape", hands.shapes).shape
+        given = {"handedness": side, "shapes": [shape_record(shape)], "edge_mm": hands.edge_mm}
+        return Hands.model_validate(given)
+
+    @property
+    def record(self) -> Recipe:
+        """The recipe."""
+        return {"version": VERSION, "sample": self.sample, **plan_record(self.plan)}
+
+    @property
+    def first(self) -> HandPose:
+        return self.plan.poses.poses[0]
+
+    @property
+    def frame(self) -> int:
+        """Its number in its sequence; 0 where nothing moves."""
+        return 0 if self.plan.movement is None else self.sample % self.plan.movement.frames
+
+    @property
+    def start_s(self) -> float:
+        """When its frame begins in its sequence."""
+        return 0.0 if self.plan.movement is None else self.frame / self.plan.movement.rate_hz
+
+    @property
     def pose(self) -> HandPose:
         """The pose of a sample; of a frame of a sequence that in the middle of its sweep."""
-        first, movement, radar = self.first_pose(), self.plan.movement, self.plan.radar
-        if movement is None:
-            return first
-        last = self.last_pose(movement, first)
+        movement, radar = self.plan.movement, self.plan.radar
+        if movement is None or movement.last is None:
+            return self.first
         slots = plan_array(radar.array, radar.every).n_tx * radar.steps
-        sweep_s = 1e-6 * (slots - 1) * movement.step_us
-        middle_s = self.index % movement.frames / movement.rate_hz + 0.5 * sweep_s
+        middle_s = self.start_s + 0.5e-6 * (slots - 1) * movement.step_us
         share = minimum_jerk(min(1.0, middle_s * movement.rate_hz / (movement.frames - 1)))
-        if last == first or share in (0.0, 1.0):
-            return last if share == 1.0 else first
-        return interpolate_poses(first, last, share)
-
-    def side_and_rig(self) -> tuple[str, RigFile | None]:
-        hands = self.plan.hands
-        sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)
-        side = self.one_of("hands.handedness", sides)
-        if not hands.rigs:
-            return side, None
-        rig = self.one_of("hands.rigs", hands.rigs)
-        return (rig.handedness if side == "as it is" else side), rig
+        if movement.last == self.first or share in (0.0, 1.0):
+            return movement.last if share == 1.0 else self.first
+        return interpolate_poses(self.first, movement.last, share)
 
 
-def _metres(place: Placement | MovementPlan) -> list[float]:
+def metres(place: Placement | MovementPlan) -> list[float]:
+    """Return a place or a shift."""
     return [draw.values[0] / 1e3 for draw in (place.x_mm, place.y_mm, place.z_mm)]
 
 
-def _radians(place: Placement | MovementPlan) -> list[float]:
+def radians(place: Placement | MovementPlan) -> list[float]:
+    """Return turns about x, y and z."""
     turns = (place.rotation_x_deg, place.rotation_y_deg, place.rotation_z_deg)
     return [float(np.deg2rad(draw.values[0])) for draw in turns]
-
-
-def _movement(drawn: _Drawn) -> Recipe:
-    movement = drawn.plan.movement
-    if movement is None:
-        return {}
-    frame, first = drawn.index % movement.frames, drawn.first_pose()
-    return {
-        "movement": {
-            "sequence": drawn.number,
-            "frame": frame,
-            "start_s": frame / movement.rate_hz,
-            "duration_s": (movement.frames - 1) / movement.rate_hz,
-            "poses": [pose_record(pose) for pose in (first, drawn.last_pose(movement, first))],
-            "shift_m": _metres(movement),
-            "rotation_rad": _radians(movement),
-            "order": movement.order,
-            "step_s": movement.step_us * 1e-6,
-        }
-    }
-
-
-def _hand(drawn: _Drawn) -> Recipe:
-    (side, rig), hands = drawn.side_and_rig(), drawn.plan.hands
-    if rig is not None:
-        return {"handedness": side, "rig": {**rig.model_dump(), "betas": list(rig.betas)}}
-    shape = HandShape()
-    if hands.shape == "sampled":
-        shape = random_shape(drawn.stream("hands.shape"))
-    elif hands.shape == "list":
-        shape = drawn.one_of("hands.shape", hands.shapes).shape
-    edge_m = hands.edge_mm / 1e3
-    return {"handedness": side, "shape": shape_record(shape), "edge_length_m": edge_m}
-
-
-def _surface(plan: Plan) -> Recipe:
-    """Return the alphas of all parts; for the physical estimator their materials."""
-    if plan.material is not None:
-        own, others = plan.material.parts, plan.material.others
-        parts = {name: own.get(name, others) for name in PART_NAMES}
-        return {"material": {name: material_record(part.least) for name, part in parts.items()}}
-    assert plan.alpha is not None, "it has one of the two"
-    alphas = {name: plan.alpha.parts.get(name, plan.alpha.others) for name in PART_NAMES}
-    return {"alpha": {name: alpha.values[0] for name, alpha in alphas.items()}}
-
-
-def _simulation(drawn: _Drawn) -> Recipe:
-    settings = drawn.plan.simulation.settings(drawn.seed("simulation.seed"))
-    return {name: getattr(settings, name) for name in settings.__slots__}
-
-
-def _image(plan: Plan) -> Recipe:
-    image = plan.image
-    return {
-        **{f"{axis}_m": [v / 1e3 for v in getattr(image, f"{axis}_mm")] for axis in "xyz"},
-        "step_m": [step / 1e3 for step in image.step_mm],
-        **{name: getattr(image, name) for name in IMAGING},
-    }
-
-
-def _impairments(drawn: _Drawn) -> Recipe:
-    given = drawn.plan.impairments
-    channels, seed = None, "impairments.channels.seed"
-    if given.channels is not None:
-        own = given.channels
-        channels = {
-            # With one instrument for all, the draw of sample 0.
-            "seed": drawn.seed(seed, 0 if own.per == "dataset" else None),
-            "gain_db": own.gain_db,
-            "phase_rad": float(np.deg2rad(own.phase_deg)),
-            "delay_s": 1e-12 * own.delay_ps,
-            "dead_tx": list(own.dead_tx),
-            "dead_rx": list(own.dead_rx),
-        }
-    return {
-        "seed": drawn.seed("impairments.seed"),
-        "snr_db": None if given.snr_db is None else given.snr_db.values[0],
-        "coupling_db": None if given.coupling_db is None else given.coupling_db.values[0],
-        "coupling_delay_s": 1e-12 * given.coupling_delay_ps.values[0],
-        "iq_gain_db": given.iq_gain_db.values[0],
-        "iq_phase_rad": float(np.deg2rad(given.iq_phase_deg.values[0])),
-        "adc_bits": given.adc_bits,
-        "channels": channels,
-        "walls": [
-            {
-                "point_m": [value / 1e3 for value in wall.point_mm],
-                "normal": list(wall.normal),
-                "amplitude": wall.amplitude,
-            }
-            for wall in given.walls
-        ],
-    }
