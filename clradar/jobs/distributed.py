@@ -131,12 +131,11 @@ class Distributed:
         When a worker dies, Dask blames all items that it had. So those that it gives up are
         retried at the end, each alone in the whole cluster.
         """
-        here = os.getcwd()
         with _contract(folder, self.made_with(), self.device, files) as contract:
             for address, breach in self._results_of(_breach, contract).items():
                 if breach is not None:
                     raise ClusterError(f"{address}: {breach}")
-            made = lambda *some: self._made(steps, dict(some), here, contract)  # noqa: E731
+            made = lambda *some: self._made(steps, dict(some), os.getcwd(), contract)  # noqa: E731
             blamed = []
             for number, outcome in made(*enumerate(items)):
                 if outcome is None:
