@@ -95,14 +95,16 @@ def run_item(steps: Any, item: Any, here: str, contract: Contract) -> Outcome:
     if breach is not None:
         return OutputError(f"worker on {gethostname()}: {breach}"), []
     before = os.getcwd()
+    # Names of files may be relative to the client's folder; the contract has tried all of them.
+    moves = before != here and os.path.isdir(here)
     try:
-        if before != here:  # names of files are relative to the client's folder
+        if moves:
             os.chdir(here)
         return outcome_of(replace(steps, device=own_device(contract.device)).run, item, None)
     except Exception as error:
         raise ItemError(reason_of(error)) from None
     finally:
-        if before != here:
+        if moves:
             os.chdir(before)
 
 
@@ -129,12 +131,11 @@ class Distributed:
         When a worker dies, Dask blames all items that it had. So those that it gives up are
         retried at the end, each alone in the whole cluster.
         """
-        here = os.getcwd()
-        with _contract(folder, self.made_with(), self.device, (here, *files)) as contract:
+        with _contract(folder, self.made_with(), self.device, files) as contract:
             for address, breach in self._results_of(_breach, contract).items():
                 if breach is not None:
                     raise ClusterError(f"{address}: {breach}")
-            made = lambda *some: self._made(steps, dict(some), here, contract)  # noqa: E731
+            made = lambda *some: self._made(steps, dict(some), os.getcwd(), contract)  # noqa: E731
             blamed = []
             for number, outcome in made(*enumerate(items)):
                 if outcome is None:
@@ -199,9 +200,9 @@ class Distributed:
         return first[1]
 
     def _results_of(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-        with suppress(TimeoutError):  # those that were killed are started again
-            self.client.wait_for_workers(1, timeout=RESTART_S)
-        workers = self.workers()
+        until_s = monotonic() + RESTART_S
+        while not (workers := self.workers()) and monotonic() < until_s:
+            sleep(LATE_STEP_S)  # those that were killed are started again
         if not workers:
             address = self.client.scheduler_info(n_workers=0)["address"]
             raise ClusterError(

@@ -181,8 +181,7 @@ def killed(path, force):
     return replacing(path, force=force)
 images.replacing = killed
 if __name__"""
-    text = PROGRAM.format(voxels=PIECE_VOXELS)
-    program.write_text(text.replace("if __name__", at_the_end))
+    program.write_text(PROGRAM.format(voxels=PIECE_VOXELS).replace("if __name__", at_the_end))
     command = ["image", *map(str, captures), *WORDS, "-o", str(out)]
     done = subprocess.run([sys.executable, program, *command], capture_output=True, text=True)
     assert done.returncode == -signal.SIGKILL, done.stderr

@@ -167,8 +167,9 @@ def test_an_item_of_a_scheduler_is_made_in_the_folder_of_the_client(
     monkeypatch.setattr(distributed, "_breach", lambda contract: None)
     contract = distributed.Contract("{}", "pocl", tmp_path, "", ())
     before = os.getcwd()
-    made = distributed.run_item(Placed(), 0, str(tmp_path), contract)
-    assert (made, os.getcwd()) == ((str(tmp_path), []), before)
+    for here, there in ((str(tmp_path), str(tmp_path)), ("/seen/by/the/client/alone", before)):
+        made = distributed.run_item(Placed(), 0, here, contract)
+        assert (made, os.getcwd()) == ((there, []), before)
 
 
 HOLDING = """

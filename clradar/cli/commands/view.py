@@ -32,7 +32,6 @@ class BesideOptions(PlacementOptions):
         "Draw this mesh, and without --simulated simulate it for the radar of PATH.",
         metavar="MESH",
     )
-
     pose: str | None = option(
         None,
         "The same of the parametric hand: a name or a pose file, its middle at 300 mm or its wrist "
