@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -37,7 +36,7 @@ def test_every_mutant_still_fits_and_has_an_outcome() -> None:
             assert function.split("[")[0] in (ROOT / path).read_text("utf-8"), mutant["id"]
 
 
-@pytest.mark.skipif(shutil.which("git") is None, reason="no git here")
+@pytest.mark.slow
 def test_a_mutant_that_nothing_notices_needs_a_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
