@@ -227,8 +227,7 @@ def _located_about(
 def _directions(capture: Capture, range_m: float) -> tuple[list[np.ndarray], float]:
     """The points of the strongest incoherent sums of profiles, and the step of the sines tried.
 
-    The path lengths of the pairs alone tell the direction, so no focus can be missed. Of a rough
-    body the strongest sum may lie beside it: others that are nearly as strong are returned, too.
+    The path lengths of the pairs alone tell the direction, so no focus can be missed.
     """
     part = antenna_subset(capture, SEARCH_PAIRS)
     array, waveform = part.array, part.waveform
@@ -263,11 +262,12 @@ def _directions(capture: Capture, range_m: float) -> tuple[list[np.ndarray], flo
         scores.append(np.take_along_axis(power, at.reshape(len(at), -1).T, axis=1).sum(axis=0))
         places_m.append(points_m)
     score, at_m = np.concatenate(scores), np.concatenate(places_m)
+    order = np.argsort(-score, kind="stable")
+    left = at_m[order[score[order] >= ALIKE * score[order[0]]]]
     found: list[np.ndarray] = []
-    for i in np.argsort(-score, kind="stable")[: np.count_nonzero(score >= ALIKE * score.max())]:
-        apart_m = [np.linalg.norm(at_m[i] - other) for other in found]
-        if min(apart_m, default=np.inf) > APART * range_m and len(found) < MOST_DIRECTIONS_TRIED:
-            found.append(at_m[i])
+    while len(left) and len(found) < MOST_DIRECTIONS_TRIED:
+        found.append(left[0])
+        left = left[np.linalg.norm(left - left[0], axis=1) > APART * range_m]
     return found, step
 
 
