@@ -32,7 +32,3 @@ __all__ = [
     "save_figure",
     "spread_figure",
 ]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
