@@ -32,3 +32,7 @@ __all__ = [
     "save_figure",
     "spread_figure",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -3,3 +3,7 @@
 from clradar.report.page import ReportImage, html_report, image_report
 
 __all__ = ["ReportImage", "html_report", "image_report"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
