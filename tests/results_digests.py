@@ -12,7 +12,6 @@ is recognised. Digests are compared where `environment` is the same, fingerprint
 from __future__ import annotations
 
 import argparse
-import csv
 import hashlib
 import itertools
 import json
@@ -1415,9 +1414,6 @@ def data_set(works: Works) -> Values:
     found: dict[str, Any] = dict(files(folder))
     for name in ("shards/shard-00000.h5", "shards/shard-00001.h5"):
         del found[f"file {name}"]  # what is in them is read below
-    assert "file statistics.csv" in found
-    with open(folder / "statistics.csv", newline="", encoding="utf-8") as table:
-        found["rows"] = [len(row) for row in csv.reader(table)]
     with clradar.dataset.open_dataset(folder) as view:
         for name, column in view.variables.items():
             values = np.asarray(column.values)

@@ -29,6 +29,12 @@ PACKAGES = (
     "measurement_io",
     "calibration",
 )
+PLAN = """samples = 2
+poses.names = ["A", "B"]
+output.products = ["joints"]
+"""
+"""What the examples of data sets have as plan.toml."""
+
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
 
@@ -88,6 +94,7 @@ def namespace() -> dict[str, Any]:
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_example(name: str, tmp_path, monkeypatch, namespace: dict[str, Any]) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "plan.toml").write_text(PLAN)
     item = DOCUMENTED[name]
     finder = doctest.DocTestFinder(recurse=False)
     (test,) = finder.find(item, name, module=False, globs=dict(namespace))

@@ -98,7 +98,7 @@ DATASET_LAYERS = (
     "shards",
     "folder",
     "check",
-    "summary",
+    "contact_sheet",
     "runs",
     "trial",
     "readers",

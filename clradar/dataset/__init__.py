@@ -2,7 +2,7 @@
 
     plan.toml ──read_plan──> Plan ──recipe(plan, i)──> recipe ──make_sample──> Sample ──> shard
 
-`run` makes a data set; ``docs/datasets.md`` describes plans and files.
+`run` makes a data set; ``docs/plans.md`` describes plans and files.
 """
 
 from clradar.dataset.plan.plan import Plan, PlanError, plan_schema, read_plan

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clradar.dataset.folder import SHARDS, Manifest, read_manifest, shard_name, shard_number
+from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import VERSION, read_recipe, recipe
 from clradar.dataset.shards import (
     EXPECTED,
     FIELDS,
     LABELS,
-    Field,
     axes_of,
     data_bytes,
-    failed_of,
     fields_of,
     fields_of_products,
     guarded_shard,
@@ -70,12 +70,8 @@ def describe_dataset(folder: Path) -> Description:
 def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport:
     """Verify a data set by reading all of it.
 
-    Checked are the manifest; every shard, whose arrays have checksums, and that there are no other
-    files; the samples of shards and their order; recipes against the plan, where this version made
-    them; labels and axes against the recipes; types and shapes; and that numbers are finite, except
-    depth maps, where NaN is no depth, and joints that a rig does not have.
-
-    `progress` is called with (done, total) shards.
+    Recipes are compared with the plan where this version made them, labels and axes with the
+    recipes; numbers have to be finite. `progress` is called with (done, total) shards.
     """
     try:
         manifest = read_manifest(folder)
@@ -113,24 +109,19 @@ def _missing(manifest: Manifest) -> Iterator[str]:
 
 def _foreign_files(folder: Path) -> Iterator[str]:
     for path in sorted((folder / SHARDS).glob("*")):
-        if shard_number(path.name) is None:
-            own = path.match(TEMPORARY)
-            what = (
-                "left over; the same command removes it"
-                if own
-                else ("is not of this data set; it can be removed by hand")
-            )
-            yield f"{SHARDS}/{clean(path.name)}: {what}"
+        if path.match(TEMPORARY):
+            yield f"{SHARDS}/{clean(path.name)}: left over; the same command removes it"
+        elif shard_number(path.name) is None:
+            yield f"{SHARDS}/{clean(path.name)}: is not of this data set; it can be removed by hand"
 
 
 def _contents(path: Path) -> dict[str, Any]:
     """Read all of a shard, which verifies its checksums; return it without numbers of arrays."""
     with guarded_shard(path) as file:
         if not samples_of(file):
-            return {"failed": sorted(failed_of(file)), "samples": []}
+            return {"samples": []}
         labels, axes = file["entry/labels"], file["entry/axes"]
         return {
-            "failed": sorted(failed_of(file)),
             "samples": samples_of(file),
             "labels": {n: labels[n][:] for n in (*LABELS, "made_with") if n in labels},
             "axes": {name: axes[name][:] for name in axes},
@@ -143,14 +134,14 @@ def _array(file: Any, name: str) -> dict[str, Any]:
     numbers that are not finite; of depth maps, whose NaN is no depth, infinite ones."""
     spec = FIELDS[name]
     data = file[spec.place]
-    row_bytes = int(np.prod(data.shape[1:])) * data.dtype.itemsize
-    step = max(1, BLOCK_BYTES // max(1, row_bytes))
+    step = max(1, BLOCK_BYTES // max(1, prod(data.shape[1:]) * data.dtype.itemsize))
     invalid: list[int] = []
     for at in range(0, len(data), step):
         block = data[at : at + step]
+        block = block.reshape(len(block), -1)
         if block.dtype.kind in "fc":
             wrong = np.isinf(block) if name == "depth_map" else ~np.isfinite(block)
-            invalid += (at + np.flatnonzero(wrong.reshape(len(block), -1).any(axis=1))).tolist()
+            invalid += (at + np.flatnonzero(wrong.any(axis=1))).tolist()
     first = file[spec.first_place][:] if spec.ragged else None
     return {"dtype": data.dtype.name, "shape": list(data.shape), "first": first, "invalid": invalid}
 
@@ -159,40 +150,34 @@ def _shard_problems(folder: Path, manifest: Manifest, number: int) -> Iterator[s
     name, plan = shard_name(number), manifest.plan
     samples = plan.shard_samples(number)
     expected = [sample for sample in samples if sample not in manifest.aside]
-    size = len(samples) * data_bytes(plan)
-    found = read_confined(_contents, folder / name, size=size)
+    found = read_confined(_contents, folder / name, size=len(samples) * data_bytes(plan))
     with reading(folder / name, EXPECTED):
         if found["samples"] != expected:
             got = _listed(found["samples"])
             yield f"{name}: expected the samples {_listed(expected)}, got {got}"
         elif expected:
-            for problem in _content_problems(found, manifest, expected):
+            for problem in _content_problems(found, plan, expected):
                 yield f"{name}: {problem}"
 
 
-def _content_problems(
-    found: Mapping[str, Any], manifest: Manifest, samples: list[int]
-) -> Iterator[str]:
-    labels, plan = found["labels"], manifest.plan
+def _content_problems(found: Mapping[str, Any], plan: Plan, samples: list[int]) -> Iterator[str]:
+    labels = found["labels"]
     recipes = [json.loads(text) for text in labels["recipe"]]
     makers = [json.loads(text)["clradar"] for text in labels["made_with"]]
-    other = [
+    own = (own_version(), VERSION)
+    if other := [
         sample
         for sample, stored, maker in zip(samples, recipes, makers, strict=True)
         if stored["sample"] != sample
-        or (
-            (maker == own_version() and stored["version"] == VERSION)
-            and stored != recipe(plan, sample)
-        )
-    ]
-    if other:
+        or ((maker, stored["version"]) == own and stored != recipe(plan, sample))
+    ]:
         yield f"expected the plan's recipes, got others for the samples {_listed(other)}"
         return
     drawn = [read_recipe(stored_recipe(text, plan)) for text in labels["recipe"]]
+    axes = axes_of(drawn[0].plan)
     for label, wanted in label_values(drawn).items():
         if label != "recipe" and not _same(labels.get(label), wanted):
             yield f"labels/{label}: expected the value of the recipes, got another"
-    axes = axes_of(drawn[0].plan)
     for axis, (values, _) in axes.items():
         if not _same(found["axes"][axis], values):
             yield f"axes/{axis}: expected the values of the recipe, got others"
@@ -202,29 +187,21 @@ def _content_problems(
         return
     sizes = {axis: len(values) for axis, (values, _) in axes.items()}
     for name, array in found["arrays"].items():
-        if name == "joints" and plan.hands.rigs:  # a rig does not have all of them
-            array["invalid"] = []
-        problem = _array_problem(array, name, samples, sizes)
-        if problem is not None:
-            yield f"{FIELDS[name].group}/{FIELDS[name].dataset}{problem}"
-
-
-def _array_problem(
-    array: Mapping[str, Any], name: str, samples: Sequence[int], sizes: Mapping[str, int]
-) -> str | None:
-    spec: Field = FIELDS[name]
-    rest = tuple(sizes.get(axis, 3) for axis in spec.axes)
-    rows, first, bad = len(samples), array["first"], array["invalid"]
-    if first is not None:
-        rows = int(first[-1])
-        if len(first) != len(samples) + 1 or first[0] != 0 or (np.diff(first) <= 0).any():
-            return f"_first: expected ascending rows of {len(samples)} samples"
-        bad = (np.searchsorted(first, bad, side="right") - 1).tolist()
-    if tuple(array["shape"]) != (rows, *rest) or array["dtype"] != spec.dtype:
-        wanted = f"{spec.dtype} {(rows, *rest)}"
-        return f": expected {wanted}, got {array['dtype']} {tuple(array['shape'])}"
-    which = _listed(sorted({samples[row] for row in bad}))
-    return f": expected finite numbers, got others in the samples {which}" if bad else None
+        spec, rows, bad = FIELDS[name], len(samples), array["invalid"]
+        place = f"{spec.group}/{spec.dataset}"
+        if spec.ragged:
+            first = array["first"]
+            if len(first) != rows + 1 or first[0] != 0 or (np.diff(first) <= 0).any():
+                yield f"{place}_first: expected ascending rows of {rows} samples"
+                continue
+            rows, bad = int(first[-1]), (np.searchsorted(first, bad, side="right") - 1).tolist()
+        shape = (rows, *(sizes.get(axis, 3) for axis in spec.axes))
+        if tuple(array["shape"]) != shape or array["dtype"] != spec.dtype:
+            got = f"{array['dtype']} {tuple(array['shape'])}"
+            yield f"{place}: expected {spec.dtype} {shape}, got {got}"
+        elif bad and not (name == "joints" and plan.hands.rigs):  # a rig may lack some
+            which = _listed(sorted({samples[row] for row in bad}))
+            yield f"{place}: expected finite numbers, got others in the samples {which}"
 
 
 def _same(stored: np.ndarray | None, wanted: Any) -> bool:

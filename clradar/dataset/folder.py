@@ -2,7 +2,7 @@
 
     manifest.json            the plan, what made the samples, and which samples failed
     shards/shard-00000.h5    samples
-    statistics.json, statistics.csv, contact-sheet.png    when it is complete
+    contact-sheet.png        when it is complete
 
 A shard that is there is done. Of what failed the shards tell, too: the manifest is written anew
 from them. Data sets of version 1, by clradar 0.2 and older, also have `parts`, single samples of
@@ -28,9 +28,9 @@ from clradar.jobs.outcome import Aside
 
 FORMAT, VERSION = "dataset", 2
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
-STATISTICS, TABLE, CONTACT_SHEET = "statistics.json", "statistics.csv", "contact-sheet.png"
-SUMMARIES = (STATISTICS, TABLE, CONTACT_SHEET)
-"""Files that summarise a complete data set."""
+CONTACT_SHEET = "contact-sheet.png"
+SUMMARIES = (CONTACT_SHEET, "statistics.json", "statistics.csv")
+"""What sums up a complete data set; the last two of versions until 0.2."""
 
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""

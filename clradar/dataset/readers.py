@@ -93,12 +93,8 @@ def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> 
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from clradar.dataset import open_dataset, read_plan, run
-    >>> _ = Path("plan.toml").write_text('''samples = 2
-    ... poses.names = ["A", "B"]
-    ... output.products = ["joints"]''')
-    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> result = run(read_plan("plan.toml"), "letters")
     >>> view = open_dataset("letters")
     >>> view.pose.values.tolist(), view.joints.dims
     (['A', 'B'], ('sample', 'joint', 'coordinate'))
@@ -140,20 +136,20 @@ def _shard(path: Path) -> xarray.Dataset:
                 variables[f"{name}_first"] = ("sample", begins[:-1])
                 variables[f"{name}_end"] = ("sample", begins[1:])
         labels = file["entry/labels"]
-        axes = {name: label.axes for name, label in LABELS.items()}
-        for name in [*axes, "made_with"]:
-            if name in labels and name not in NAMES:
-                variables[name] = (("sample", *axes.get(name, ())), *_lazy(path, labels[name]))
-        coordinates["sample"] = ("sample", labels["sample"][:])
-        for name in NAMES:
-            coordinates[name] = ("sample", np.char.decode(labels[name][:], "utf-8"))
+        for name in labels:
+            axes = LABELS[name].axes if name in LABELS else ()
+            where = coordinates if name in (*NAMES, "sample") else variables
+            read = (_values(labels[name]),) if where is coordinates else _lazy(path, labels[name])
+            where[name] = (("sample", *axes), *read)
         for name, axis in file["entry/axes"].items():
-            values = axis[:]
-            if values.dtype.kind == "S":
-                values = np.char.decode(values, "utf-8")
             dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
-            coordinates[name] = (dims, values, _units(axis))
+            coordinates[name] = (dims, _values(axis), _units(axis))
     return xarray.Dataset(variables, coordinates)
+
+
+def _values(dataset: Any, key: Any = ...) -> np.ndarray:
+    found: np.ndarray = dataset[key]
+    return np.char.decode(found, "utf-8") if dataset.dtype.kind == "S" else found
 
 
 def _joined(shards: list[xarray.Dataset]) -> xarray.Dataset:
@@ -204,10 +200,7 @@ class _Lazy:
 
     def __getitem__(self, key: Any) -> np.ndarray:
         with opened_shard(self.path) as file:
-            found: np.ndarray = file[self.place][key]
-        if self.dtype.kind == "U":
-            found = np.char.decode(found, "utf-8")
-        return found.astype(self.dtype, copy=False)
+            return _values(file[self.place], key).astype(self.dtype, copy=False)
 
 
 def _units(dataset: Any) -> dict[str, str]:
@@ -268,12 +261,8 @@ class TorchDataset:
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from clradar.dataset import TorchDataset, read_plan, run
-    >>> _ = Path("plan.toml").write_text('''samples = 2
-    ... poses.names = ["A", "B"]
-    ... output.products = ["joints"]''')
-    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> result = run(read_plan("plan.toml"), "letters")
     >>> data = TorchDataset("letters", ("joints", "pose"))
     >>> len(data), data.poses  # data[0]["joints"] is a tensor of shape (25, 3)
     (2, ('A', 'B'))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from clradar.dataset.contact_sheet import write_contact_sheet
 from clradar.dataset.folder import (
     MANIFEST,
     OWN_NAMES,
@@ -23,16 +23,8 @@ from clradar.dataset.folder import (
 )
 from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.dataset.plan.recipe import recipe
-from clradar.dataset.sample import found_rig, make_sample
-from clradar.dataset.shards import (
-    assemble,
-    failed_of,
-    opened_shard,
-    sample_of,
-    samples_of,
-    write_sample,
-)
-from clradar.dataset.summary import write_summaries
+from clradar.dataset.sample import Sample, found_rig, make_sample
+from clradar.dataset.shards import failed_of, new_shard, opened_shard, sample_of, samples_of
 from clradar.errors import (
     ClradarError,
     DeviceError,
@@ -41,7 +33,6 @@ from clradar.errors import (
     handled_warnings,
     warn,
 )
-from clradar.files.atomic import new_folder
 from clradar.files.json_differences import differences
 from clradar.jobs.job import Job
 from clradar.jobs.lock import remove_temporaries
@@ -79,7 +70,7 @@ class RunResult:
 
 def run(
     plan: Plan,
-    path: Path,
+    path: str | os.PathLike[str],
     *,
     device: str | None = None,
     where: Where | None = None,
@@ -92,7 +83,7 @@ def run(
     Parameters
     ----------
     plan : Plan
-    path : Path
+    path : path-like
         Its folder; a data set of the same plan is resumed.
     device : str or None
         See `clradar.open_device`.
@@ -125,17 +116,12 @@ def run(
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from clradar.dataset import read_plan, run
-    >>> _ = Path("plan.toml").write_text('''samples = 2
-    ... poses.names = ["A", "B"]
-    ... output.products = ["joints"]''')
-    >>> result = run(read_plan("plan.toml"), Path("letters"))
+    >>> result = run(read_plan("plan.toml"), "letters")
     >>> result.made, result.samples, result.aside
     (2, 2, ())
-    >>> sorted(path.name for path in Path("letters").iterdir() if path.is_file())
-    ['contact-sheet.png', 'manifest.json', 'statistics.csv', 'statistics.json']
     """
+    path = Path(path)
     names = [name for rig in plan.hands.rigs for name in (rig.file, rig.mapping)]
     rigs = tuple(plan.folder / name for name in names if name is not None)
     where = replace(Where(device) if where is None else where, files=rigs)
@@ -152,7 +138,8 @@ def run(
             job.clear(OWN_NAMES[1:])
         (path / SHARDS).mkdir(exist_ok=True)
         dataset = _Run(plan, path, _known(path, plan))
-        shards = dataset.to_make(retry)
+        again = {sample // plan.output.shard_size for sample in dataset.manifest.aside if retry}
+        shards = sorted({*dataset.manifest.missing, *again})
         if shards:
             _check_rigs(plan)
             job.clear(SUMMARIES)
@@ -166,7 +153,7 @@ def run(
             )
         write_manifest(path, dataset.manifest)
         job.clear([PARTS])
-        write_summaries(path, dataset.manifest)
+        write_contact_sheet(path, dataset.manifest)
     return dataset.result()
 
 
@@ -202,9 +189,9 @@ def _known(path: Path, plan: Plan) -> Manifest:
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Samples of a shard; some are known to kill their process, and are not tried.
+    """Samples of a shard, without those that kill their process.
 
-    One that is not `stored` is only tried, to find whether it does.
+    One that is not `stored` is only made, to find whether it does.
     """
 
     samples: range
@@ -231,61 +218,57 @@ class ShardMaker:
     device: Any = None
 
     def run(self, work: Work, progress: Progress | None) -> Made:
-        """Make a shard. An `OutputError`, such as of a full disk, is no fault of a sample."""
+        """Make a shard; what an earlier one has of it is kept."""
         selector = open_device(self.device).info.selector
-        size, level = self.plan.output.shard_size, self.plan.output.compression
-        target = self.folder / shard_name(work.samples[0] // size)
+        if not work.stored:
+            for sample in work.samples:
+                self._attempt(sample, selector, [])
+            return Made(0, {}, {}, {})
+        target = self.folder / shard_name(work.samples[0] // self.plan.output.shard_size)
         failed = {aside.sample: aside for aside in work.deadly}
-        count, warnings = 0, {}
-        with new_folder(target) as scratch:
-            parts = {sample: scratch / f"{sample:08d}.h5" for sample in work.samples}
-            if work.stored:
-                self._take_over(target, parts)
-            for done, (sample, part) in enumerate(parts.items(), start=1):
-                if not part.exists() and sample not in failed:
-                    texts: list[str] = []
-                    aside = self._try(sample, part, selector, texts)
-                    if aside is not None:
-                        failed[sample] = aside
-                    elif texts:
-                        warnings[sample] = "; ".join(texts)
-                    count += aside is None
+        warnings: dict[int, str] = {}
+        texts: list[str] = []
+        count = 0
+        with new_shard(target, self.plan) as shard:
+            for done, sample in enumerate(work.samples, start=1):
+                made = None if sample in failed else self._stored(target, sample)
+                if made is not None:
+                    shard.add(*made)
+                elif sample not in failed:
+                    found = self._attempt(sample, selector, texts)
+                    if isinstance(found, Aside):
+                        failed[sample] = found
+                    else:
+                        shard.add(found, made_with(open_device(selector)))
+                        warnings |= {sample: "; ".join(texts)} if texts else {}
+                        count += 1
+                if sample in failed:
+                    shard.fail(failed[sample])
                 if progress is not None:
-                    progress(done, len(parts))
-            if work.stored:
-                there = [part for part in parts.values() if part.exists()]
-                reasons = [failed[sample] for sample in sorted(failed)]
-                assemble(target, there, reasons, compression=level)
+                    progress(done, len(work.samples))
         return Made(count, failed, warnings, made_with(open_device(selector)))
 
-    def _take_over(self, target: Path, parts: Mapping[int, Path]) -> None:
-        """Take what an earlier shard has, and the parts of version 1; without what is damaged."""
-        old = (self.folder / PARTS / part.name for part in parts.values())
-        for path in (target, *old):
-            if not path.is_file():
+    def _stored(self, target: Path, sample: int) -> tuple[Sample, Mapping[str, Any]] | None:
+        """What the shard that is to be replaced has, or the part of a data set of version 1."""
+        for path in (target, self.folder / PARTS / f"{sample:08d}.h5"):
+            try:
+                with opened_shard(path) as file:
+                    if sample in (there := samples_of(file)):
+                        return sample_of(file, there.index(sample), self.plan)
+            except MeasurementError:  # there is none, or it is damaged
                 continue
-            with suppress(MeasurementError), opened_shard(path) as file:
-                for row, sample in enumerate(samples_of(file)):
-                    if path == target or parts.get(sample, target).name == path.name:
-                        stored, maker = sample_of(file, row, self.plan)
-                        level = self.plan.output.compression
-                        write_sample(parts[sample], stored, maker, compression=level)
+        return None
 
-    def _try(self, sample: int, part: Path, selector: str, texts: list[str]) -> Aside | None:
-        """Write the part of a sample; return why there is none. Warnings go to `texts`."""
+    def _attempt(self, sample: int, selector: str, texts: list[str]) -> Sample | Aside:
+        """Make a sample, or return why there is none. Warnings take the place of `texts`."""
         reason = ""
         for _ in range(ATTEMPTS):
+            texts.clear()
             try:
-                device = open_device(selector)
                 with handled_warnings(texts.append):  # for the process that shows them
-                    made = make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
-                level = self.plan.output.compression
-                write_sample(part, made, made_with(device), compression=level)
-                return None
-            except OutputError:
-                raise
+                    device = open_device(selector)
+                    return make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
             except Exception as error:
-                texts.clear()
                 reason = reason_of(error)
                 if isinstance(error, DeviceError):
                     forget_devices()  # a context may stay unusable after a failed launch
@@ -300,12 +283,6 @@ class _Run:
         self._made = self._failures = 0
         self._warned: dict[int, str] = {}
         self._makers: Mapping[str, Any] | None = None
-
-    def to_make(self, retry: bool) -> list[int]:
-        """Return the shards that are missing; to retry, also those that lack samples."""
-        size = self.plan.output.shard_size
-        again = {sample // size for sample in self.manifest.aside} if retry else set()
-        return sorted({*self.manifest.missing, *again})
 
     def make(self, shards: Sequence[int], where: Where, progress: Progress | None) -> None:
         """Make shards. Of one that killed its workers each sample is tried alone to find which."""

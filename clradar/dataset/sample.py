@@ -46,11 +46,7 @@ class Sample:
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from clradar.dataset import make_sample, read_plan, recipe
-    >>> _ = Path("plan.toml").write_text('''samples = 2
-    ... poses.names = ["A", "B"]
-    ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> sample = make_sample(recipe(plan, 1))
     >>> sample.recipe["poses"]["resolved"][0]["name"], sample.arrays["joints"].shape

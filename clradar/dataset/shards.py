@@ -1,14 +1,13 @@
 """Shards: HDF5 files of samples in the NeXus convention, their schema, writing and reading.
 
-A shard is assembled from parts, shards of one sample. The same samples give the same bytes: no time
-is stored, the order of writing is fixed, and compressed chunks are copied as they are.
+The same samples give the same bytes: no time is stored, and the order of writing is fixed.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -16,15 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.plan.hand_json import SHAPE_COLUMNS, angles_rad, shape_row
-from clradar.dataset.plan.hands import Alpha
+from clradar.dataset.plan.hands import SHAPE_COLUMNS, Alpha, angles_rad, shape_row
 from clradar.dataset.plan.materials import PlanMaterials
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import VERSION as RECIPES
 from clradar.dataset.plan.recipe import SamplePlan, metres, radians, read_recipe
 from clradar.dataset.plan.recipe import recipe as recipe_of
 from clradar.dataset.sample import Sample, radar_of
-from clradar.files.atomic import replacing, require_space, write_file
+from clradar.files.atomic import replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.json_text import parse_object
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
@@ -225,158 +223,125 @@ def axes_of(plan: Plan) -> dict[str, tuple[Any, str | None]]:
 # Writing
 
 
-def write_sample(
-    path: Path,
-    sample: Sample,
-    made_with: Mapping[str, Any],
-    *,
-    compression: int,
-    force: bool = True,
-) -> None:
-    """Write one sample with its versions and device, JSON values, whole or not at all."""
+@contextmanager
+def new_shard(path: Path, plan: Plan, *, force: bool = True) -> Iterator[ShardWriter]:
+    """Yield a writer of samples; the shard is put in its place when it is whole."""
     import h5py
 
-    # In memory first: HDF5 cannot close a file for which the disk is full.
-    with h5py.File(path.name, "x", driver="core", backing_store=False, libver=LIBRARY) as file:
-        _Writer(file, compression).fill(
-            [read_recipe(sample.recipe)], [_text(made_with)], sample.arrays, []
-        )
-        file.flush()
-        content = file.id.get_file_image()
-    write_file(path, content, force=force)
+    with (
+        replacing(path, force=force) as temporary,
+        h5py.File(temporary, "x", libver=LIBRARY) as file,
+    ):
+        writer = ShardWriter(file, temporary, plan.output.compression)
+        yield writer
+        writer.finish()
 
 
-def assemble(
-    path: Path, parts: Sequence[Path], failed: Sequence[Aside] = (), *, compression: int
-) -> None:
-    """Assemble a shard from parts in their order, and what failed; replaces the target."""
-    import h5py
+class ShardWriter:
+    """Writes a shard one sample after the other; their arrays are not kept in memory."""
 
-    with ExitStack() as stack, replacing(path, force=True) as temporary:
-        require_space(temporary, sum(part.stat().st_size for part in parts))  # take more
-        files = [stack.enter_context(h5py.File(part, "r")) for part in parts]
-        samples = [read_recipe(file["entry/labels/recipe"][0]) for file in files]
-        made_with = [file["entry/labels/made_with"][0].decode() for file in files]
-        with h5py.File(temporary, "x", libver=LIBRARY) as file:
-            writer = _Writer(file, compression)
-            if files:
-                writer.fill(samples, made_with, {}, files)
-            if failed:
-                texts = [_text({n: getattr(one, n) for n in one.__slots__}) for one in failed]
-                writer.array("entry", "failed", _bytes(texts), None, "what failed, and why, JSON")
-
-
-class _Writer:
-    """Writes the content of a shard."""
-
-    def __init__(self, file: Any, compression: int) -> None:
-        file.attrs["NX_class"] = "NXroot"
-        file.attrs["default"] = "entry"
-        file.attrs["clradar_format"] = FORMAT
-        file.attrs["clradar_version"] = VERSION
-        self._file = file
-        self._group("entry", "NXentry")
+    def __init__(self, file: Any, path: Path, compression: int) -> None:
+        self._file, self._path = file, path
         self._filters = {
-            "compression": "gzip",
-            "compression_opts": compression,
-            "shuffle": True,
-            "fletcher32": True,
-            "track_times": False,
-        }
+            "compression": "gzip", "compression_opts": compression, "shuffle": True,
+            "fletcher32": True, "track_times": False,
+        }  # fmt: skip
+        self._samples: list[SamplePlan] = []
+        self._made_with: list[str] = []
+        self._first: dict[str, list[int]] = {}
+        self._failed: list[Aside] = []
+        file.attrs.update(
+            NX_class="NXroot", default="entry", clradar_format=FORMAT, clradar_version=VERSION
+        )
+        self._group("entry", "NXentry")
+
+    def fail(self, aside: Aside) -> None:
+        """Note that a sample could not be made."""
+        self._failed.append(aside)
+
+    def add(self, sample: Sample, made_with: Mapping[str, Any]) -> None:
+        """Write a sample, with its versions and device, JSON values."""
+        # First, since HDF5 cannot close a file for which the disk is full.
+        size_bytes = sum(array.nbytes for array in sample.arrays.values())
+        free = self._path.with_name(f"{self._path.stem}-space.tmp")
+        require_space(free, size_bytes + 2 * CHUNK_BYTES)
+        if not self._samples:
+            self._begin(read_recipe(sample.recipe), sample.arrays)
+        self._samples.append(read_recipe(sample.recipe))
+        self._made_with.append(_text(made_with))
+        for name, first in self._first.items():
+            field, array = FIELDS[name], sample.arrays[name]
+            rows, data = len(array) if field.ragged else 1, self._file[field.place]
+            data.resize(first[-1] + rows, axis=0)
+            data[first[-1] :] = array
+            first.append(first[-1] + rows)
+
+    def _begin(self, sample: SamplePlan, arrays: Mapping[str, np.ndarray]) -> None:
+        """Make the groups and the empty arrays of all samples, with their axes."""
+        names = [name for name in FIELDS if name in arrays]
+        shown = next((name for name in SHOWN_FIRST if name in names), names[0])
+        self._file["entry"].attrs["default"] = FIELDS[shown].group
+        self._group("entry/labels", "NXcollection")
+        self._group("entry/axes", "NXcollection")
+        for name, (values, units) in axes_of(sample.plan).items():
+            self._array(f"entry/axes/{name}", _bytes(values), units, name)
+        for name in names:
+            field, array = FIELDS[name], arrays[name]
+            group = f"entry/{field.group}"
+            if group not in self._file:
+                attributes: dict[str, Any] = {"signal": field.dataset, "title": field.long_name}
+                if not field.ragged:
+                    attributes["axes"] = ["sample", *field.axes]
+                self._group(group, "NXdata").attrs.update(attributes)
+                more = ("tx_m", "rx_m") if field.group == "capture" else ()
+                for axis in (*field.axes, *more):
+                    if axis in self._file["entry/axes"]:
+                        self._file[group][axis] = self._file[f"entry/axes/{axis}"]
+            shape = array.shape[1:] if field.ragged else array.shape
+            chunks = (RAGGED_ROWS, *shape) if field.ragged else (1, *_chunk(shape, array.itemsize))
+            made = self._file.create_dataset(
+                field.place, shape=(0, *shape), maxshape=(None, *shape), dtype=array.dtype,
+                chunks=chunks, **self._filters,
+            )  # fmt: skip
+            _describe(made, field.units, field.long_name)
+            if field.axes[-2:] == _YX:
+                made.attrs["interpretation"] = "image"
+            self._first[name] = [0]
+
+    def finish(self) -> None:
+        """Write labels, where ragged arrays begin, and what failed."""
+        if self._samples:
+            index = np.array([one.sample for one in self._samples], dtype=np.int64)
+            self._array("entry/labels/sample", index, None, "number of the sample in the plan")
+            for name, value in label_values(self._samples).items():
+                label = LABELS[name]
+                made = self._array(
+                    f"entry/labels/{name}", _bytes(value), label.units, label.long_name
+                )
+                if label.axes:
+                    made.attrs["axes"] = ["sample", *label.axes]
+            self._array("entry/labels/made_with", _bytes(self._made_with), None, MADE_WITH)
+        for name, rows in self._first.items():
+            field, first = FIELDS[name], np.array(rows, dtype=np.int64)
+            if field.ragged:
+                title = f"where {field.dataset} begin, and end"
+                self._array(field.first_place, first, None, title)
+            group = self._file[f"entry/{field.group}"]
+            if "sample" not in group:
+                group["sample"] = self._file["entry/labels/sample"]
+        if self._failed:
+            texts = [_text({n: getattr(one, n) for n in one.__slots__}) for one in self._failed]
+            self._array(FAILED, _bytes(texts), None, "what failed, and why, JSON")
 
     def _group(self, name: str, kind: str) -> Any:
         group = self._file.create_group(name)
         group.attrs["NX_class"] = kind
         return group
 
-    def fill(
-        self,
-        samples: list[SamplePlan],
-        made_with: list[str],
-        arrays: Mapping[str, np.ndarray],
-        files: Sequence[Any],
-    ) -> None:
-        """Write the samples of the open parts `files`, or of one sample's `arrays`."""
-        names = fields_of(files[0]) if files else [name for name in FIELDS if name in arrays]
-        shown = next((name for name in SHOWN_FIRST if name in names), names[0])
-        self._file["entry"].attrs["default"] = FIELDS[shown].group
-        self._labels(samples, made_with)
-        self._group("entry/axes", "NXcollection")
-        for name, (values, units) in axes_of(samples[0].plan).items():
-            self.array("entry/axes", name, _bytes(values), units, name)
-        for name in names:
-            spec = FIELDS[name]
-            self._data_group(spec)
-            if spec.ragged:
-                self._ragged(spec, [f[spec.place][:] for f in files] or [arrays[name]])
-            elif files:
-                self._copied(spec, [f[spec.place] for f in files])
-            else:
-                self.array(
-                    f"entry/{spec.group}", spec.dataset, arrays[name][None], spec.units,
-                    spec.long_name,
-                )  # fmt: skip
-            if spec.axes[-2:] == _YX:
-                self._file[spec.place].attrs["interpretation"] = "image"
-
-    def _labels(self, samples: list[SamplePlan], made_with: list[str]) -> None:
-        group = self._group("entry/labels", "NXcollection")
-        index = np.array([one.sample for one in samples], dtype=np.int64)
-        self.array("entry/labels", "sample", index, None, "number of the sample in the plan")
-        for name, value in label_values(samples).items():
-            label = LABELS[name]
-            self.array("entry/labels", name, _bytes(value), label.units, label.long_name)
-            if label.axes:
-                group[name].attrs["axes"] = ["sample", *label.axes]
-        self.array("entry/labels", "made_with", _bytes(made_with), None, MADE_WITH)
-
-    def _data_group(self, spec: Field) -> None:
-        """Make the NXdata group of a field, with links to its axes, if it is missing."""
-        entry = self._file["entry"]
-        if spec.group in entry:
-            return
-        group = self._group(f"entry/{spec.group}", "NXdata")
-        group.attrs["signal"] = spec.dataset
-        group.attrs["title"] = spec.long_name
-        group["sample"] = entry["labels/sample"]
-        if not spec.ragged:
-            group.attrs["axes"] = ["sample", *spec.axes]
-        more = ("tx_m", "rx_m") if spec.group == "capture" else ()
-        for axis in (*spec.axes, *more):
-            if axis in entry["axes"]:
-                group[axis] = entry[f"axes/{axis}"]
-
-    def array(
-        self, group: str, name: str, value: np.ndarray, units: str | None, long_name: str,
-        chunks: tuple[int, ...] | None = None,
-    ) -> None:  # fmt: skip
-        """Write an array of samples, or an axis."""
-        made = self._file[group].create_dataset(
-            name, data=value, chunks=chunks or _chunks(value), **self._filters
-        )
+    def _array(self, place: str, value: np.ndarray, units: str | None, long_name: str) -> Any:
+        made = self._file.create_dataset(place, data=value, chunks=value.shape, **self._filters)
         _describe(made, units, long_name)
-
-    def _copied(self, spec: Field, sources: Sequence[Any]) -> None:
-        """Concatenate the compressed chunks of parts without decompressing them."""
-        first = sources[0]
-        shape = (len(sources), *first.shape[1:])
-        made = self._file.create_dataset(
-            spec.place, shape=shape, dtype=first.dtype, chunks=first.chunks, **self._filters
-        )
-        for row, source in enumerate(sources):
-            for i in range(source.id.get_num_chunks()):
-                offset = source.id.get_chunk_info(i).chunk_offset
-                mask, content = source.id.read_direct_chunk(offset)
-                made.id.write_direct_chunk((row, *offset[1:]), content, mask)
-        _describe(made, spec.units, spec.long_name)
-
-    def _ragged(self, spec: Field, pieces: Sequence[np.ndarray]) -> None:
-        first = np.concatenate([[0], np.cumsum([len(piece) for piece in pieces])])
-        value = np.concatenate(pieces)
-        group, chunks = f"entry/{spec.group}", (min(len(value), RAGGED_ROWS), *value.shape[1:])
-        self.array(group, spec.dataset, value, spec.units, spec.long_name, chunks)
-        long_name = f"where {spec.dataset} begin, and end"
-        self.array(group, f"{spec.dataset}_first", first.astype(np.int64), None, long_name)
+        return made
 
 
 def _describe(made: Any, units: str | None, long_name: str) -> None:
@@ -385,18 +350,14 @@ def _describe(made: Any, units: str | None, long_name: str) -> None:
     made.attrs["long_name"] = long_name if own else f"{long_name} ({units})"
     if units is not None:
         made.attrs["units"] = units
-    made.flush()  # in this order, and not in that of addresses at closing: files of equal bytes
 
 
-def _chunks(value: np.ndarray) -> tuple[int, ...]:
-    """Return a chunk shape of about 1 MiB within one row of the first axis, or the whole array."""
-    if value.nbytes <= SMALL_BYTES:
-        return value.shape
-    rest = value.shape[1:]
-    if not rest:
-        return (min(len(value), CHUNK_BYTES // value.itemsize),)
-    plane_bytes = max(1, int(np.prod(rest[1:])) * value.itemsize)
-    return (1, min(rest[0], max(1, CHUNK_BYTES // plane_bytes)), *rest[1:])
+def _chunk(shape: tuple[int, ...], item_bytes: int) -> tuple[int, ...]:
+    """Return the shape of a chunk of one sample, about 1 MiB of whole planes."""
+    if prod(shape) * item_bytes <= SMALL_BYTES:
+        return shape
+    plane_bytes = max(1, prod(shape[1:]) * item_bytes)
+    return (min(shape[0], max(1, CHUNK_BYTES // plane_bytes)), *shape[1:])
 
 
 def _text(value: Mapping[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from clradar.dataset.folder import read_manifest, refuse_own
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
-from clradar.dataset.shards import assemble, read_sample, write_sample
+from clradar.dataset.shards import new_shard, read_sample
 from clradar.files.json_differences import differences
 from clradar.jobs.resources import made_with
 from clradar.opencl import open_device
@@ -23,27 +24,16 @@ from clradar.opencl import open_device
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A sample that was made again.
-
-    Attributes
-    ----------
-    sample : Sample
-    stored_in : str or None
-        The file with the stored one, relative to the data set; None if there is none.
-    differences : tuple of str
-        One line per array or key of the recipe that differs; empty if all bits are the same.
-    made_otherwise : tuple of str
-        Versions and devices that differ from those that made the stored one.
-    """
+    """A sample that was made again, beside the stored one."""
 
     sample: Sample
-    stored_in: str | None
-    differences: tuple[str, ...]
-    made_otherwise: tuple[str, ...]
+    stored_in: str | None  # file of the stored one, relative to the data set
+    differences: tuple[str, ...]  # a line for each array that differs in a bit
+    made_otherwise: tuple[str, ...]  # versions and devices that differ
 
 
 def replay(
-    folder: Path,
+    folder: str | os.PathLike[str],
     index: int,
     *,
     device: str | None = None,
@@ -57,7 +47,7 @@ def replay(
 
     Parameters
     ----------
-    folder : Path
+    folder : path-like
     index : int
     device : str or None
         See `clradar.open_device`.
@@ -78,16 +68,13 @@ def replay(
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from clradar.dataset import read_plan, replay, run
-    >>> _ = Path("plan.toml").write_text('''samples = 2
-    ... poses.names = ["A", "B"]
-    ... output.products = ["joints"]''')
-    >>> result = run(read_plan("plan.toml"), Path("letters"))
-    >>> again = replay(Path("letters"), 1)
+    >>> result = run(read_plan("plan.toml"), "letters")
+    >>> again = replay("letters", 1)
     >>> again.stored_in, again.differences
     ('shards/shard-00000.h5', ())
     """
+    folder = Path(folder)
     manifest = read_manifest(folder)
     if output is not None:
         refuse_own(folder, output)
@@ -100,8 +87,8 @@ def replay(
     now = made_with(opened)
     made = make_sample(stored.recipe, opened, rigs=(Path(), folder) if rigs is None else rigs)
     if output is not None:
-        level = manifest.plan.output.compression
-        write_sample(output, made, now, compression=level, force=force)
+        with new_shard(output, manifest.plan, force=force) as shard:
+            shard.add(made, now)
     if place is None:
         return Replay(made, None, (), ())
     return Replay(made, place, tuple(_different(stored, made)), tuple(differences(then, now)))
@@ -132,22 +119,20 @@ def estimate(plan: Plan, *, device: str | None = None) -> tuple[float, float, li
     """Make shards of one and of two samples in a temporary folder, and extrapolate to all.
 
     Returns seconds and bytes of all samples, and the same in words. The first sample builds kernels
-    and fills caches, so the second one counts. The time of a sample depends on its pose: on the
-    area of the hand, and on how much of it is visible to the antennas.
+    and fills caches, so the second one counts.
     """
     opened = open_device(device)
-    times_s, sizes, level = [], [], plan.output.compression
+    times_s, sizes, made = [], [], []
     with tempfile.TemporaryDirectory(prefix="clradar-") as name:
-        parts: list[Path] = []
-        for sample in (0, min(1, plan.samples - 1)):
+        for index in (0, min(1, plan.samples - 1)):
             begun_s = perf_counter()
-            parts.append(Path(name) / f"part-{len(parts)}.h5")
-            made = make_sample(recipe(plan, sample), opened, rigs=plan.folder)
-            write_sample(parts[-1], made, made_with(opened), compression=level)
-            whole = Path(name) / f"shard-{len(parts)}.h5"
-            assemble(whole, parts, compression=level)
+            made.append(make_sample(recipe(plan, index), opened, rigs=plan.folder))
+            path = Path(name) / f"{len(made)}.h5"
+            with new_shard(path, plan) as shard:
+                for one in made:
+                    shard.add(one, made_with(opened))
             times_s.append(perf_counter() - begun_s)
-            sizes.append(whole.stat().st_size)
+            sizes.append(path.stat().st_size)
     (first_s, one_s), one_bytes = times_s, sizes[1] - sizes[0]
     all_s = first_s + (plan.samples - 1) * one_s
     all_bytes = plan.samples * one_bytes + plan.n_shards * max(0, sizes[0] - one_bytes)

@@ -11,7 +11,7 @@ import faulty_samples
 import pytest
 from dataset_plans import DEVICE, LIGHT, PLAN
 
-from clradar.dataset import run, summary
+from clradar.dataset import contact_sheet, run
 
 
 @pytest.fixture(scope="session")
@@ -33,8 +33,8 @@ def copy(made: Path, tmp_path: Path) -> Path:
 def no_contact_sheet() -> Iterator[None]:
     """Have runs write a word for the contact sheet, which takes longer to draw than light hands."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(summary, "contact_sheet", len)
-        patch.setattr(summary, "png_bytes", lambda figure, dpi: b"contact sheet")
+        patch.setattr(contact_sheet, "contact_sheet", len)
+        patch.setattr(contact_sheet, "png_bytes", lambda figure, dpi: b"contact sheet")
         yield
 
 

@@ -15,9 +15,9 @@ from dataset_plans import tiny
 from rig_files import RigMaker
 
 from clradar.dataset import PlanError, read_plan, recipe
-from clradar.dataset.plan.draws import Draw, fixed, stream
 from clradar.dataset.plan.plan import Plan, plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
+from clradar.dataset.plan.values import Draw, fixed, stream
 from clradar.dataset.sample import radar_of
 from clradar.errors import ModelError
 from clradar.files.toml_file import read_toml

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from pathlib import Path
 
 import numpy as np
@@ -15,57 +13,14 @@ from dataset_plans import (
     digests,
 )
 
-from clradar.dataset import make_sample, open_dataset, recipe, run
-from clradar.dataset.folder import CONTACT_SHEET, SHARDS, STATISTICS, SUMMARIES, TABLE, Manifest
-from clradar.dataset.sample import Sample
-from clradar.dataset.shards import FIELDS, write_sample
-from clradar.dataset.summary import contact_sheet, statistics
+from clradar.dataset import make_sample, recipe, run
+from clradar.dataset.contact_sheet import contact_sheet
+from clradar.dataset.folder import CONTACT_SHEET
+from clradar.dataset.shards import FIELDS
 from clradar.dataset.trial import estimate
 
 SIZE_SHARE = 0.25
 """How far the estimate of bytes may be off: samples compress differently."""
-
-
-def test_statistics_are_those_of_the_samples(made: Path) -> None:
-    view = open_dataset(made)
-    record = json.loads((made / STATISTICS).read_text())
-    assert record["samples"] == 5
-    assert record["counts"]["pose"] == {"A": 2, "B": 2, "F": 1}
-    peaks = view.max_projection.max(("y_m", "x_m")).values.astype(np.float64)
-    depths = view.depth_map.values
-    for name, values in (
-        ("max_projection: peak", peaks),
-        ("center_m: z", view.center_m.values[:, 2]),
-        ("alpha: thumb", view.alpha.values[:, 1]),
-        ("depth_map: share with a depth", np.isfinite(depths).mean(axis=(1, 2))),
-        ("depth_map: mean depth", np.nanmean(depths.astype(np.float64), axis=(1, 2))),
-    ):
-        found = record["quantities"][name]
-        wanted = {
-            "min": values.min(),
-            "mean": values.mean(),
-            "std": values.std(),
-            "max": values.max(),
-        }
-        assert found["count"] == 5
-        for key, value in wanted.items():
-            assert found[key] == pytest.approx(value, rel=1e-9, abs=1e-12), (name, key)
-    with open(made / TABLE, newline="") as file:
-        rows = {row["quantity"]: row for row in csv.DictReader(file)}
-    assert set(rows) == set(record["quantities"])
-    assert float(rows["center_m: z"]["mean"]) == record["quantities"]["center_m: z"]["mean"]
-
-
-@pytest.mark.parametrize(("brightest", "silent"), [(0.0, [2]), (1e-6, [])])
-def test_a_sample_is_silent_whose_image_is_zero_everywhere(
-    brightest: float, silent: list[int], tmp_path: Path
-) -> None:
-    image = np.zeros((21, 21), np.float32)
-    image[3, 5] = brightest
-    sample = Sample(recipe(PLAN, 2), {"max_projection": image})
-    (tmp_path / SHARDS).mkdir()
-    write_sample(tmp_path / SHARDS / "shard-00001.h5", sample, {}, compression=1)
-    assert statistics(tmp_path, Manifest(PLAN, shards={1}))["silent"] == silent
 
 
 def test_there_is_a_contact_sheet(made: Path) -> None:
@@ -89,10 +44,9 @@ def test_every_product_is_drawn_on_contact_sheets(products: list[str]) -> None:
     assert drawn == (6 if products == ["mesh", "joints"] else 1)  # the cloud, and five digits
 
 
-def test_summaries_that_were_lost_are_written_again(copy: Path) -> None:
+def test_a_contact_sheet_that_was_lost_is_drawn_again(copy: Path) -> None:
     before = digests(copy)
-    for name in SUMMARIES:
-        (copy / name).unlink()
+    (copy / CONTACT_SHEET).unlink()
     run(PLAN, copy, device=DEVICE)
     assert digests(copy) == before
 

@@ -19,13 +19,13 @@ from typing import Any
 from unittest import mock
 
 from clradar.dataset import runs
+from clradar.dataset.shards import ShardWriter
 from clradar.errors import DeviceError
-from clradar.files.atomic import replacing
 
 VARIABLE = "CLRADAR_TEST_FAULTS"
 
 _make_sample = runs.make_sample
-_write_sample = runs.write_sample
+_add = ShardWriter.add
 
 
 def plan_faults(faults: Mapping[int, str]) -> None:
@@ -41,14 +41,18 @@ def plan_faults(faults: Mapping[int, str]) -> None:
 def faults(planned: Mapping[int, str]) -> Iterator[Callable[[Mapping[int, str]], None]]:
     """Have samples fail in this process, and in workers that were preloaded with this file."""
     plan_faults(planned)
-    with mock.patch.multiple(runs, make_sample=_faulty_make, write_sample=_faulty_write):
+    with (
+        mock.patch.object(runs, "make_sample", _faulty_make),
+        mock.patch.object(ShardWriter, "add", _faulty_add),
+    ):
         yield plan_faults
     plan_faults({})
     Path(os.environ[VARIABLE]).unlink()
 
 
 def dask_setup(worker: Any) -> None:
-    vars(runs).update(make_sample=_faulty_make, write_sample=_faulty_write)
+    runs.make_sample = _faulty_make
+    ShardWriter.add = _faulty_add  # type: ignore[method-assign]
 
 
 def _fault(sample: int, kinds: tuple[str, ...]) -> str | None:
@@ -80,13 +84,10 @@ def _faulty_make(recipe: Mapping[str, Any], device: Any, **settings: Any) -> Any
     return _make_sample(recipe, device, **settings)
 
 
-def _faulty_write(path: Path, sample: Any, made_with: Any, **options: Any) -> None:
+def _faulty_add(shard: ShardWriter, sample: Any, made_with: Any) -> None:
     fault = _fault(sample.recipe["sample"], ("full", "cut"))
     if fault == "full":
-        with replacing(path, force=True) as temporary:
-            temporary.write_bytes(b"half")
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     if fault == "cut":  # killed in the middle of writing
-        path.with_name(f".{path.name}.0.tmp").write_bytes(b"half")
         os.kill(os.getpid(), signal.SIGKILL)
-    _write_sample(path, sample, made_with, **options)
+    _add(shard, sample, made_with)

@@ -16,7 +16,7 @@ import clradar
 from clradar.dataset import Sample, recipe
 from clradar.dataset.folder import Manifest, shard_name, write_manifest
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.shards import assemble, write_sample
+from clradar.dataset.shards import new_shard
 from clradar.errors import MeasurementError
 from clradar.jobs.outcome import Aside
 from clradar.view import samples
@@ -58,14 +58,11 @@ def data_set(folder: Path, *products: str, count: int = 12, size: int = 5) -> Pa
     aside = {6: Aside(6, "poisoned", 2)} if count > 6 else {}
     write_manifest(folder, Manifest(plan, {}, aside))
     for shard in range(plan.n_shards):
-        parts = []
-        for sample in plan.shard_samples(shard):
-            if sample not in aside:
-                made = recipe(plan, sample)
-                parts.append(folder / f"{sample}.h5")
-                stored = Sample(made, arrays_of(made, kept))
-                write_sample(parts[-1], stored, {}, compression=0)
-        assemble(folder / shard_name(shard), parts, compression=0)
+        with new_shard(folder / shard_name(shard), plan) as writer:
+            for sample in plan.shard_samples(shard):
+                if sample not in aside:
+                    made = recipe(plan, sample)
+                    writer.add(Sample(made, arrays_of(made, kept)), {})
     return folder
 
 

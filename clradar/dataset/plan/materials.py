@@ -9,9 +9,8 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
-from clradar.dataset.plan.draws import Draw
 from clradar.dataset.plan.hands import folder_of
-from clradar.dataset.plan.values import Value, draws, tried
+from clradar.dataset.plan.values import Draw, Value, draws, tried
 from clradar.files.records import FileRecord, mistake
 from clradar.files.toml_file import toml_brief
 from clradar.hand import PART_NAMES

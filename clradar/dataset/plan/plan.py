@@ -9,8 +9,6 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, PrivateAttr, ValidationError, model_validator
 
-from clradar.dataset.plan.draws import Draw
-from clradar.dataset.plan.hand_json import pose_record
 from clradar.dataset.plan.hands import (
     Alpha,
     AlphaOfParts,
@@ -18,11 +16,12 @@ from clradar.dataset.plan.hands import (
     MovementPlan,
     Placement,
     Poses,
+    pose_record,
     texts,
 )
 from clradar.dataset.plan.materials import MaterialsOfParts, PlanMaterials
 from clradar.dataset.plan.radar import Image, Impairments, RadarPlan, SimulationPlan, plan_array
-from clradar.dataset.plan.values import Value, whole
+from clradar.dataset.plan.values import Draw, Value, whole
 from clradar.errors import MeasurementError
 from clradar.files.failures import shown
 from clradar.files.limits import MAX_PLAN_BYTES
@@ -43,7 +42,7 @@ MAX_SHARD = 4096
 MAX_SHARDS = 50_000
 """Limit of the manifest's size."""
 
-EXPECTED = "a plan of a data set (a TOML file, see docs/datasets.md)"
+EXPECTED = "a plan of a data set (a TOML file, see docs/plans.md)"
 
 
 class PlanError(MeasurementError):
@@ -108,11 +107,7 @@ class Plan(FileRecord):
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from clradar.dataset import read_plan
-    >>> _ = Path("plan.toml").write_text('''samples = 2
-    ... poses.names = ["A", "B"]
-    ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> plan.n_shards, plan.shard_samples(0), [pose.name for pose in plan.poses.poses]
     (1, range(0, 2), ['A', 'B'])
@@ -177,7 +172,7 @@ class Plan(FileRecord):
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
-    """Return the plan of a TOML file; docs/datasets.md lists its keys.
+    """Return the plan of a TOML file; docs/plans.md lists its keys.
 
     Raises
     ------
@@ -189,11 +184,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from clradar.dataset import read_plan
-    >>> _ = Path("plan.toml").write_text('''samples = 2
-    ... poses.names = ["A", "B"]
-    ... output.products = ["joints"]''')
     >>> plan = read_plan("plan.toml")
     >>> plan.simulation.estimator, plan.placement.z_mm.values
     ('expected', (300.0,))

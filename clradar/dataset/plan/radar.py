@@ -14,13 +14,14 @@ from clradar.arrays.array_file import array_of, array_record
 from clradar.arrays.instruments import KNOWN
 from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.dataset.plan.draws import Draw, fixed
 from clradar.dataset.plan.hands import folder_of
 from clradar.dataset.plan.values import (
+    Draw,
     Value,
     channel_numbers,
     choice,
     draws,
+    fixed,
     floats,
     number,
     tried,

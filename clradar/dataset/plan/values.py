@@ -1,18 +1,67 @@
-"""Values of plans with their limits: as pydantic reads them, and as a JSON schema says them."""
+"""Values of plans: random variables and their streams, and what pydantic reads within limits."""
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from pydantic_core import PydanticCustomError, core_schema
 
-from clradar.dataset.plan.draws import KINDS, SIGMAS, Draw, fixed
 from clradar.errors import ClradarError
 from clradar.files.failures import clean
 from clradar.files.records import LONGEST, is_number, is_whole, mistake
 from clradar.files.toml_file import choice_text, nearest, toml_brief
+
+KINDS = {"uniform": "[low, high]", "normal": "[mean, standard deviation]", "choice": "[a, b, ...]"}
+"""Distributions, and the parameters that a plan gives for each."""
+
+SIGMAS = 6.0
+"""So many standard deviations of a normal draw have to be within the limits of a plan; 1 in 500
+million draws is beyond, and not cut."""
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """A number, or the distribution that it is drawn from for every sample."""
+
+    kind: str  # "fixed", "uniform", "normal" or "choice"
+    values: tuple[float, ...]  # the number; low, high; mean, deviation; equally probable numbers
+
+    def draw(self, random: np.random.Generator) -> float:
+        if self.kind == "fixed":
+            return self.values[0]
+        if self.kind == "uniform":
+            return float(random.uniform(self.values[0], self.values[1]))
+        if self.kind == "normal":
+            return float(random.normal(self.values[0], self.values[1]))
+        return self.values[int(random.integers(len(self.values)))]
+
+    def bounds(self) -> tuple[float, float]:
+        """Return the least and the greatest value; of a normal draw `SIGMAS` about the mean."""
+        if self.kind == "normal":
+            mean, deviation = self.values
+            return mean - SIGMAS * deviation, mean + SIGMAS * deviation
+        return min(self.values), max(self.values)
+
+    def to_plain(self) -> Any:
+        """Return it in the syntax of plans."""
+        return self.values[0] if self.kind == "fixed" else {self.kind: list(self.values)}
+
+
+def fixed(value: float) -> Draw:
+    return Draw("fixed", (value,))
+
+
+def stream(seed: int, index: int, quantity: str) -> np.random.Generator:
+    """Return the random numbers of one quantity, such as "placement.x_mm", of one sample.
+
+    They depend on the plan's seed, the sample's index and the quantity's name alone.
+    """
+    key = (index, zlib.crc32(quantity.encode("utf-8")))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,14 +199,9 @@ def _range(low: float, high: float, above: bool) -> str:
     return f"from {low:g} to {high:g}"
 
 
-def refused(error: Exception) -> PydanticCustomError:
-    """What a validator raises for an error that says by itself what is wrong."""
-    return PydanticCustomError("said", "{text}", {"text": clean(error)})
-
-
 def tried(call: Callable[..., Any], *args: Any) -> Any:
     """Call a function whose errors are mistakes of the plan."""
     try:
         return call(*args)
     except (ClradarError, OSError) as error:
-        raise refused(error) from error
+        raise PydanticCustomError("said", "{text}", {"text": clean(error)}) from error
