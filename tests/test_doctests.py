@@ -58,7 +58,7 @@ DOCUMENTED = documented()
 
 @pytest.fixture(scope="module")
 def namespace() -> dict[str, Any]:
-    """What examples use without making it: a `capture`, `frames`, `channels`, a `rig` like MANO's."""
+    """What examples use without making it: `capture`, `frames`, `channels`, a `rig` like MANO's."""
     waveform = clradar.Waveform([76e9, 77e9, 78e9])
     array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
     cycles = waveform.frequencies_hz * 0.6 / clradar.constants.SPEED_OF_LIGHT_M_PER_S

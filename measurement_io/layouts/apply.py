@@ -399,8 +399,8 @@ def _parts(file: LabFile, layout: DataLayout, channels: tuple[int, int]) -> list
             return [array[by_lower[name]] for name in pair]
     if array.dtype.kind != "c":
         wanted = (
-            "complex numbers (or fields r and i, real and imag, i and q), 'real' and 'imag', or an axis "
-            '"part"'
+            "complex numbers (or fields r and i, real and imag, i and q), 'real' and 'imag', or an "
+            'axis "part"'
         )
         fail(path, wanted, f"{clean(array.dtype)} in '{clean(layout.keys[0])}'")
     return [array]

@@ -22,7 +22,7 @@ from clradar.errors import ModelError
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.json_file import read_json, read_json_object
 from clradar.files.limits import MAX_SMALL_JSON_BYTES
-from clradar.files.records import FileRecord, mistake, record_of, row_tuple
+from clradar.files.records import OpenRecord, mistake, record_of, row_tuple
 from clradar.model import checks
 
 RADAR = "radar"
@@ -57,7 +57,7 @@ def _matrix(value: Any) -> np.ndarray:
 Matrix = Annotated[Any, BeforeValidator(_matrix)]
 
 
-class _Transform(FileRecord):
+class _Transform(OpenRecord):
     transform: Matrix
 
 
