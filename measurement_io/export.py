@@ -25,6 +25,11 @@ STEEPEST = 3.0
 some 70 degrees there is an edge with another surface behind it."""
 
 _NOUNS = {Capture: "a capture", Volume: "a volume", DepthMap: "a depth map"}
+_INSTEAD = {
+    Capture: "form its image first (backproject, `clradar image`)",
+    Volume: "take its depth map (Volume.depth_map, `clradar export --depth-map`)",
+    DepthMap: "take the volume that it is made of",
+}
 
 
 def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool = False) -> None:
@@ -83,7 +88,9 @@ def check_export(target: Path, kind: type) -> None:
         checks.fail("export_file: record", "a Capture, a Volume or a DepthMap", kind.__name__)
     if kind not in FORMATS[suffix]:
         held = " or ".join(_NOUNS[one] for one in FORMATS[suffix])
-        raise OutputError(f"{shown(target)}: a {suffix} file holds {held}, got {_NOUNS[kind]}")
+        raise OutputError(
+            f"{shown(target)}: a {suffix} file holds {held}, got {_NOUNS[kind]}; {_INSTEAD[kind]}"
+        )
 
 
 # ---- arrays by name
