@@ -5,14 +5,9 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from measurement_io.check import CheckReport, check_file
-from measurement_io.describe import describe
-from measurement_io.export.exporting import export_file
-from measurement_io.maroon.alignment import SensorAlignment, read_alignment
-from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_metadata
+from measurement_io.export import export_file
 from measurement_io.maroon.recording import Recording, open_recording
-from measurement_io.maroon.recording_writer import save_recording
-from measurement_io.maroon.writer import save_maroon_frame
+from measurement_io.maroon.writer import save_maroon_frame, save_recording
 from measurement_io.native.records import (
     open_channels,
     open_volume,
@@ -22,20 +17,26 @@ from measurement_io.native.records import (
 )
 from measurement_io.opening import open, open_capture
 from measurement_io.record_facts import Description, Fact
-from measurement_io.transform_file import read_transform
 
 if TYPE_CHECKING:
+    from measurement_io.check import CheckReport, check_file
+    from measurement_io.description import describe
     from measurement_io.layouts.apply import open_with_layout
     from measurement_io.layouts.layout import Layout, read_layout
+    from measurement_io.maroon.alignment import SensorAlignment, read_alignment, read_transform
     from measurement_io.maroon.depth_map import read_depth_map
+    from measurement_io.maroon.metadata import MaskBox, RecordingMetadata, read_metadata
 
 _ON_FIRST_USE = {
-    "Layout": "layouts.layout",
-    "open_with_layout": "layouts.apply",
-    "read_depth_map": "maroon.depth_map",
-    "read_layout": "layouts.layout",
+    "check": ("CheckReport", "check_file"),
+    "description": ("describe",),
+    "layouts.apply": ("open_with_layout",),
+    "layouts.layout": ("Layout", "read_layout"),
+    "maroon.alignment": ("SensorAlignment", "read_alignment", "read_transform"),
+    "maroon.depth_map": ("read_depth_map",),
+    "maroon.metadata": ("MaskBox", "RecordingMetadata", "read_metadata"),
 }
-"""Names whose modules import pydantic, which takes longer than the rest."""
+"""Modules that import pydantic, which takes longer than the rest, and their public names."""
 
 __all__ = [
     "CheckReport",
@@ -69,9 +70,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _ON_FIRST_USE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_ON_FIRST_USE[name]}"), name)
+    for module, names in _ON_FIRST_USE.items():
+        if name in names:
+            return getattr(import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

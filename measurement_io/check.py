@@ -8,7 +8,6 @@ from pathlib import Path
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import reading, shown
-from clradar.model import Volume
 from clradar.model.progress import Progress
 from measurement_io.layouts.lab_file import layout_needed
 from measurement_io.maroon.folders import find_radar_folder
@@ -16,7 +15,7 @@ from measurement_io.maroon.frame import read_frame_file
 from measurement_io.maroon.inspection import inspect_folders
 from measurement_io.maroon.recording_check import check_depth_maps, check_frames
 from measurement_io.native import records as native
-from measurement_io.native import scheme as native_scheme
+from measurement_io.native.scheme import SCHEMES
 from measurement_io.opening import SUPPORTED, kind_of
 
 
@@ -31,14 +30,6 @@ class CheckReport:
         What was verified and found right.
     problems : tuple of str
         What is wrong; empty if all is well.
-
-    Examples
-    --------
-    >>> from measurement_io import CheckReport
-    >>> print(CheckReport("capture.h5", ("checksums",), ("/@created: expected a time, got x",)))
-    capture.h5: not all right
-      ok: checksums
-      problem: /@created: expected a time, got x
     """
 
     path: str
@@ -60,9 +51,9 @@ def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None
     """Verify a native file, a recorded frame or a recording; all of its data is read.
 
     Of a native file: format and version, types and shapes, checksums of every dataset, finite
-    values, axes against the grid, NeXus attributes, the images for viewers. Of a recording: every
-    frame of both variants, all with the same frequencies, numbering, time stamps, cached products,
-    `calibration.json`, `alignment.json`, `metadata.json`, meshes and where they are placed.
+    values, axes against the grid. Of a recording: every frame of both variants, all with the same
+    frequencies, numbering, time stamps, cached products, `calibration.json`, `alignment.json`,
+    `metadata.json`, meshes and where they are placed.
 
     Parameters
     ----------
@@ -92,47 +83,36 @@ def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None
     problems: list[str] = []
     try:
         with reading(source, SUPPORTED):
-            _check(source, checked, problems, progress)
+            kind = kind_of(source)
+            if kind == "container":
+                raise layout_needed(source)
+            if kind == "folder":
+                _check_folder(find_radar_folder(source), checked, problems, progress)
+            elif kind == "frame":
+                read_frame_file(source)
+                checked.append("the pickle holds nothing but numbers and text")
+                checked.append("keys, shapes, frequencies and the folder's name agree; finite")
+            else:
+                _check_native(source, checked, problems)
     except MeasurementError as error:
         problems.append(str(error))
     return CheckReport(shown(source), tuple(checked), tuple(problems))
 
 
-def _check(
-    source: Path, checked: list[str], problems: list[str], progress: Progress | None
-) -> None:
-    kind = kind_of(source)
-    if kind == "container":
-        raise layout_needed(source)
-    if kind == "folder":
-        _check_folder(source, checked, problems, progress)
-    elif kind == "frame":
-        read_frame_file(source)
-        checked.append("the pickle holds nothing but numbers and text")
-        checked.append("keys, shapes, frequencies and the folder's name agree; values finite")
-    else:
-        _check_native(source, checked, problems)
-
-
 def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
-    opened = native.read_native(path)
-    assert opened is not None  # `kind_of` has seen that it is native
-    header, record = opened
-    noun = native_scheme.SCHEMES[header.format].noun
+    header, _ = native.read_native(path)
+    noun = SCHEMES[header.format].noun
     checked.append(f"native: {noun}, version {header.version}, text attributes intact")
-    found = native.view_problems(path, record) if isinstance(record, Volume) else []
     checked.append("all data read: types, shapes, stored in full, values finite")
-    found += native.nexus_problems(path)
-    problems += found
-    if not found:
+    unchecked = native.unchecked_datasets(path)
+    problems += [f"{name}: carries no Fletcher-32 checksum" for name in unchecked]
+    if not unchecked:
         checked.append("every dataset has its Fletcher-32 checksums and they are right")
-        checked.append("NeXus attributes are there")
 
 
 def _check_folder(
-    folder: Path, checked: list[str], problems: list[str], progress: Progress | None
+    radar: Path, checked: list[str], problems: list[str], progress: Progress | None
 ) -> None:
-    radar = find_radar_folder(folder)
     beside = inspect_folders(radar).problems
     problems += beside
     if not beside:

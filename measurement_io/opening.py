@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.meshes.reading import FORMATS
 from clradar.model import Capture, ChannelCalibration, Volume, checks
-from measurement_io.confined import reading as confined
 from measurement_io.layouts.lab_file import form_of, layout_needed
 from measurement_io.maroon import frame as frame_reader
-from measurement_io.maroon.folders import VARIANTS
+from measurement_io.maroon.folders import VARIANTS, find_frame, find_radar_folder
 from measurement_io.maroon.recording import Recording, open_recording
-from measurement_io.native import contents as native_contents
 from measurement_io.native import records as native
 
 if TYPE_CHECKING:
@@ -65,11 +63,8 @@ def open_capture(
     ------
     MeasurementError
         Missing, unreadable, damaged or hostile; of an unknown kind or a newer version; NaN or
-        infinite values; parts that disagree. The message names the file, what was expected and
-        what was found. No code of a file is ever run. Of a file that needs a layout and has none
-        it lists the file's keys.
-    ModelError
-        An invalid argument.
+        infinite values; parts that disagree. No code of a file is ever run. Of a file that needs a
+        layout and has none it lists the file's keys.
 
     Examples
     --------
@@ -85,42 +80,32 @@ def open_capture(
         frame = checks.whole("open_capture: frame", frame, 0)
     if variant is not None:
         variant = checks.one_of("open_capture: variant", variant, VARIANTS)
+    antennas = rx_file is not None or tx_file is not None
     if layout is not None:
-        if variant is not None or rx_file is not None or tx_file is not None:
+        if variant is not None or antennas:
             fail(source, "a layout alone, which has the positions", "other settings with it")
         from measurement_io.layouts.apply import open_with_layout
 
         return open_with_layout(source, layout, frame=frame)
     with reading(source, SUPPORTED):
-        settings = (frame, variant, rx_file, tx_file)
-        if all(setting is None for setting in settings) and _is_hdf5(source):
-            # Kind and content in one go: each process costs as much as reading a small file.
-            found = native.read_native(source, "capture")
-            if found is None:
-                raise layout_needed(source)
-            return cast(Capture, found[1])
-        kind = kind_of(source)
-        if kind == "container":
-            raise layout_needed(source)
-        if kind == "folder":
-            return frame_reader.read_folder(
-                source,
-                frame=0 if frame is None else frame,
-                variant="raw" if variant is None else variant,
-                rx_file=rx_file,
-                tx_file=tx_file,
-            )
+        if source.is_dir():
+            radar = find_radar_folder(source)
+            file = find_frame(radar, frame or 0, variant or "raw")
+            return frame_reader.read_frame_file(file, rx_file=rx_file, tx_file=tx_file)
         if frame is not None or variant is not None:
             fail(source, "a folder of frames, for frame= and variant= to choose from", "one file")
-        if kind == "frame":
-            return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
-        if rx_file is not None or tx_file is not None:
-            fail(source, "a recorded frame, for antenna files to apply to", "a native file")
-        return _native(source, "capture")
-
-
-def _is_hdf5(path: Path) -> bool:
-    return not path.is_dir() and form_of(path) == "hdf5"
+        if form_of(source) == "hdf5":
+            # Kind and content in one go: each process costs as much as reading a small file.
+            found = native.read_if_native(source, "capture")
+            if found is None:
+                raise layout_needed(source)
+            if antennas:
+                fail(source, "a recorded frame, for antenna files to apply to", "a native file")
+            assert isinstance(found[1], Capture)
+            return found[1]
+        if kind_of(source) == "container":
+            raise layout_needed(source)
+        return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
 
 
 def kind_of(path: Path) -> Kind:
@@ -132,7 +117,7 @@ def kind_of(path: Path) -> Kind:
     if form == "npy":
         return "container" if frame_reader.is_plain_array(path) else "frame"
     if form == "hdf5":
-        return "native" if confined.run(native_contents.is_native, path) else "container"
+        return "native" if native.is_native(path) else "container"
     if path.suffix.lower() in FORMATS:
         fail(path, "a capture", "a mesh by its name: simulate it first (clradar simulate)")
     if form is not None:
@@ -155,11 +140,5 @@ def open(path: str | os.PathLike[str]) -> Capture | Volume | ChannelCalibration 
     with reading(source, SUPPORTED):
         if source.is_dir():
             return open_recording(source)
-    found = native.read_native(source) if _is_hdf5(source) else None
+    found = native.read_if_native(source) if form_of(source) == "hdf5" else None
     return open_capture(source) if found is None else found[1]
-
-
-def _native(path: Path, kind: str) -> Capture:
-    found = native.read_native(path, kind)
-    assert found is not None  # `kind_of` has seen that it is native
-    return cast(Capture, found[1])

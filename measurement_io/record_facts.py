@@ -39,12 +39,6 @@ class Fact:
         Text of one or several lines.
     value : JSON value
         The same as numbers, strings, lists and mappings, in SI units; None for "none".
-
-    Examples
-    --------
-    >>> from measurement_io import Fact
-    >>> Fact("frequencies", "3 from 76 to 78 GHz", {"count": 3, "low_hz": 76e9}).value["count"]
-    3
     """
 
     name: str
@@ -73,14 +67,6 @@ class Description:
         What a recording could have and has not, which is no fault.
     template : str
         Of a layout, for the file of another program; else empty.
-
-    Examples
-    --------
-    >>> from measurement_io import Description, Fact
-    >>> description = Description("a.h5", "native capture", (Fact("array", "lab: 2 Tx, 1 Rx", {}),))
-    >>> print(description)
-    a.h5: native capture
-      array  lab: 2 Tx, 1 Rx
     """
 
     path: str
@@ -124,24 +110,80 @@ class Description:
         return "\n".join(lines)
 
 
-def capture_facts(capture: Capture) -> list[Fact]:
-    """Describe a capture."""
+def facts_of(record: Capture | Volume | ChannelCalibration) -> list[Fact]:
+    """Describe a record."""
+    if isinstance(record, Capture):
+        facts = [
+            *_instrument_facts(record.array, record.waveform),
+            *_data_facts(record, "tx rx freq"),
+        ]
+        facts += [_ABSOLUTE] if record.absolute else []
+        facts += _range_facts(record)
+    elif isinstance(record, Volume):
+        facts = _volume_facts(record)
+    else:
+        facts = _channels_facts(record)
+    return (
+        [*facts, Fact("provenance", mapping_text(record.meta), record.meta)]
+        if record.meta
+        else facts
+    )
+
+
+def _data_facts(record: Capture | Volume, axes: str) -> list[Fact]:
+    names, shape = axes.split(), record.data.shape
+    value = {"shape": list(shape), "type": "complex64", "axes": names}
+    amplitude = np.abs(record.data)
+    levels: dict[str, Any] = {
+        "min": float(amplitude.min()),
+        "mean": float(amplitude.mean(dtype=np.float64)),
+        "rms": float(np.sqrt(np.mean(np.square(amplitude, dtype=np.float64)))),
+        "max": float(amplitude.max()),
+    }
+    text = ", ".join(f"{name} {level:.4g}" for name, level in levels.items())
+    size, zeros = int(amplitude.size), int(amplitude.size - np.count_nonzero(amplitude))
     return [
-        *_instrument_facts(capture.array, capture.waveform),
+        Fact("data", f"{shape} complex64 [{', '.join(names)}]", value),
         Fact(
-            "data",
-            f"{capture.data.shape} complex64 [tx, rx, freq]",
-            {
-                "shape": list(capture.data.shape),
-                "type": "complex64",
-                "axes": ["tx", "rx", "freq"],
-            },
+            "amplitude",
+            f"{text}; {zeros} of {size} are zero",
+            {**levels, "zeros": zeros, "size": size},
         ),
-        _amplitude_fact(np.abs(capture.data)),
-        *([_ABSOLUTE] if capture.absolute else []),
-        *_range_facts(capture),
-        *_meta_facts(dict(capture.meta)),
     ]
+
+
+def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
+    low, high = (float(f) for f in waveform.frequencies_hz[[0, -1]])
+    size_m = np.ptp(np.concatenate([array.tx_m, array.rx_m]), axis=0).tolist()
+    name, count = clean(array.name), waveform.n_freq
+    facts = [
+        Fact(
+            "array",
+            f"{name}: {array.n_tx} Tx, {array.n_rx} Rx",
+            {"name": name, "n_tx": array.n_tx, "n_rx": array.n_rx},
+        )
+    ]
+    for side, own in zip(("Tx", "Rx"), array.sides, strict=True):
+        if (pattern := own.pattern) is not None:
+            lobe = f"cos^{pattern.exponent:g}" if pattern.exponent else "the same all around"
+            if pattern.angle_deg is not None:
+                lobe = f"a table of {len(pattern.angle_deg)} angles"
+            value = {"gain_dbi": pattern.gain_dbi, "exponent": pattern.exponent}
+            facts.append(Fact(f"{side} pattern", f"{pattern.gain_dbi:g} dBi, {lobe}", value))
+        if own.gain is not None:
+            level_db = 20 * np.log10(np.maximum(np.abs(own.gain), 1e-15))
+            low_db, high_db = (round(float(v), 3) for v in (level_db.min(), level_db.max()))
+            text = f"{low_db:g} to {high_db:g} dB"
+            facts.append(Fact(f"{side} gains", text, {"span_db": [low_db, high_db]}))
+        if own.boresight is not None:
+            degrees = np.rad2deg(np.arccos(np.clip(own.boresight[:, 2], -1, 1)))
+            most = round(float(degrees.max()), 3)
+            text = f"up to {most:g} degrees off +z"
+            facts.append(Fact(f"{side} boresight", text, {"most_deg": most}))
+    facts.append(Fact("aperture", f"{millimetres(size_m)} (x, y, z)", {"size_m": size_m}))
+    text = f"{count} from {low / 1e9:.6g} to {high / 1e9:.6g} GHz"
+    value = {"count": count, "low_hz": low, "high_hz": high}
+    return [*facts, Fact("frequencies", text, value)]
 
 
 def _range_facts(capture: Capture) -> list[Fact]:
@@ -149,22 +191,20 @@ def _range_facts(capture: Capture) -> list[Fact]:
     if waveform.n_freq == 1:
         return [Fact("range", "none, of a single frequency", None)]
     cell_m, period_m = waveform.range_resolution_m, waveform.unambiguous_range_m
-    words = f"resolution {_length(cell_m)}, unambiguous to {_length(period_m)}"
-    facts = [Fact("range", words, {"resolution_m": cell_m, "unambiguous_m": period_m})]
+    text = f"resolution {_length(cell_m)}, unambiguous to {_length(period_m)}"
+    facts = [Fact("range", text, {"resolution_m": cell_m, "unambiguous_m": period_m})]
     if waveform.n_freq < MIN_STEPS:
         return facts
     profile = echo_profile(capture)
     if profile is None:
-        words = "none above the noise beyond the direct coupling"
-        return [*facts, Fact("strongest echo", words, None)]
+        text = "none above the noise beyond the direct coupling"
+        return [*facts, Fact("strongest echo", text, None)]
     range_m = float(profile.path_m[0]) / 2
     across_m = [lateral_resolution_m(capture, axis, range_m) for axis in (0, 1)]
     lateral = " x ".join(_length(a) if np.isfinite(a) else "none" for a in across_m)
-    words = (
-        f"at {_length(range_m)} (half path length, mean over pairs); resolution across {lateral}"
-    )
+    text = f"at {_length(range_m)} (half path length, mean over pairs); resolution across {lateral}"
     value = {"range_m": range_m, "lateral_resolution_m": across_m}
-    facts.append(Fact("strongest echo", words, value))
+    facts.append(Fact("strongest echo", text, value))
     if capture.absolute:
         facts += _echo_rcs_facts(capture, range_m, float(profile.power[0]))
     return facts
@@ -179,164 +219,96 @@ def _echo_rcs_facts(capture: Capture, range_m: float, power: float) -> list[Fact
     square_metre = float(scale.of_square_metre(grid)[0, 0, 0])
     if not 0 < square_metre < np.inf:
         return []
-    dbsm = 10 * np.log10(power) - 20 * np.log10(square_metre)
-    words = f"{dbsm:.1f} dBsm, as a point target on boresight with its mean power over pairs"
-    return [Fact("echo's radar cross section", words, {"dbsm": float(dbsm)})]
+    dbsm = float(10 * np.log10(power) - 20 * np.log10(square_metre))
+    text = f"{dbsm:.1f} dBsm, as a point target on boresight with its mean power over pairs"
+    return [Fact("echo's radar cross section", text, {"dbsm": dbsm})]
+
+
+def _volume_facts(volume: Volume) -> list[Fact]:
+    axes = [getattr(volume.grid, f"{name}_m") for name in "xyz"]
+    unit = unit_for(*(float(axis[i]) for axis in axes for i in (0, -1)))
+    facts = []
+    for name, values, step in zip("xyz", axes, volume.grid.spacing_m, strict=True):
+        first, last = float(values[0]), float(values[-1])
+        text = (
+            f"{len(values)} voxels from {first * unit.per_m:.6g} to {last * unit.per_m:.6g} "
+            f"{unit.name}, every {step * unit.per_m:.6g} {unit.name}"
+        )
+        value = {"count": len(values), "first_m": first, "last_m": last, "spacing_m": float(step)}
+        facts.append(Fact(f"{name} axis", text, value))
+
+    def strongest(values: np.ndarray) -> tuple[list[float], str]:
+        at = np.unravel_index(int(values.argmax()), values.shape)[::-1]
+        place_m = [float(axis[i]) for axis, i in zip(axes, at, strict=True)]
+        text = ", ".join(f"{n} {p * unit.per_m:.6g}" for n, p in zip("xyz", place_m, strict=True))
+        return place_m, f"{text} {unit.name}"
+
+    facts += _data_facts(volume, "z y x")
+    peak_m, text = strongest(np.abs(volume.data))
+    facts.append(Fact("strongest voxel", text, {"position_m": peak_m}))
+    if volume.scale is not None and volume.data.any():
+        rcs_dbsm = volume.rcs_dbsm()
+        dbsm, (place_m, text) = float(rcs_dbsm.max()), strongest(rcs_dbsm)
+        text = f"{dbsm:.1f} dBsm as a point target, at {text}"
+        target = {"dbsm": dbsm, "position_m": place_m}
+        facts += [_ABSOLUTE, Fact("strongest target", text, target)]
+    return facts
+
+
+def _channels_facts(channels: ChannelCalibration) -> list[Fact]:
+    facts = _instrument_facts(channels.array, channels.waveform)
+    for side in ("tx", "rx"):
+        for state in ("dead", "noisy"):
+            listed = getattr(channels, f"{state}_{side}").tolist()
+            text = ", ".join(map(str, listed)) or "none"
+            facts.append(Fact(f"{state} {side.title()}", text, listed))
+        gain = np.abs(getattr(channels.response, f"{side}_gain"))
+        live = gain > 0
+        if not live.any():
+            facts.append(Fact(f"live {side.title()}", "none", {"count": 0}))
+            continue
+        gain_db = 20 * np.log10(gain[live])
+        delay_s = getattr(channels.response, f"{side}_delay_s")[live]
+        value = {
+            "count": int(gain_db.size),
+            "gain_db": [float(gain_db.min()), float(gain_db.max())],
+            "delay_s": [float(delay_s.min()), float(delay_s.max())],
+        }
+        text = (
+            f"{gain_db.size}: gains {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, delays "
+            f"{1e12 * delay_s.min():+.2f} to {1e12 * delay_s.max():+.2f} ps"
+        )
+        facts.append(Fact(f"live {side.title()}", text, value))
+    for name, number in channels.target_position.items():
+        what, _, unit = clean(name).rpartition("_")
+        scale, shown_unit = (1e3, "mm") if unit == "m" else (1.0, unit)
+        std = channels.target_std[name]
+        text = f"{scale * number:.6g} +- {scale * std:.2g} {shown_unit}"
+        place = {"value": number, "std": std, "unit": unit}
+        facts.append(Fact(f"{clean(channels.target)} {what}", text, place))
+    text = f"{channels.residual_db:.1f} dB, by noise alone {channels.noise_residual_db:.1f} dB"
+    left = {"db": channels.residual_db, "noise_db": channels.noise_residual_db}
+    return [*facts, Fact("residual", text, left)]
+
+
+_ABSOLUTE = Fact("scale", "absolute: S-parameters", {"absolute": True})
 
 
 def _length(length_m: float) -> str:
     return f"{length_m:.4g} m" if length_m >= 1 else f"{1e3 * length_m:.3g} mm"
 
 
-def channels_facts(channels: ChannelCalibration) -> list[Fact]:
-    """Describe calibrated channels."""
-    facts = _instrument_facts(channels.array, channels.waveform)
-    for side in ("tx", "rx"):
-        facts += _side_facts(channels, side)
-    for name, value in channels.target_position.items():
-        what, _, unit = clean(name).rpartition("_")
-        scale, shown = (1e3, "mm") if unit == "m" else (1.0, unit)
-        std = channels.target_std[name]
-        words = f"{scale * value:.6g} +- {scale * std:.2g} {shown}"
-        where = {"value": value, "std": std, "unit": unit}
-        facts.append(Fact(f"{clean(channels.target)} {what}", words, where))
-    words = f"{channels.residual_db:.1f} dB, by noise alone {channels.noise_residual_db:.1f} dB"
-    left = {"db": channels.residual_db, "noise_db": channels.noise_residual_db}
-    return [*facts, Fact("residual", words, left), *_meta_facts(dict(channels.meta))]
-
-
-def _side_facts(channels: ChannelCalibration, side: str) -> list[Fact]:
-    facts = []
-    for state in ("dead", "noisy"):
-        listed = getattr(channels, f"{state}_{side}").tolist()
-        words = ", ".join(map(str, listed)) or "none"
-        facts.append(Fact(f"{state} {side.title()}", words, listed))
-    gain = np.abs(getattr(channels.response, f"{side}_gain"))
-    live = gain > 0
-    if not live.any():
-        return [*facts, Fact(f"live {side.title()}", "none", {"count": 0})]
-    gain_db = 20 * np.log10(gain[live])
-    delay_s = getattr(channels.response, f"{side}_delay_s")[live]
-    value = {
-        "count": int(gain_db.size),
-        "gain_db": [float(gain_db.min()), float(gain_db.max())],
-        "delay_s": [float(delay_s.min()), float(delay_s.max())],
-    }
-    words = (
-        f"{gain_db.size}: gains {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, delays "
-        f"{1e12 * delay_s.min():+.2f} to {1e12 * delay_s.max():+.2f} ps"
-    )
-    return [*facts, Fact(f"live {side.title()}", words, value)]
-
-
-def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
-    low, high = (float(f) for f in waveform.frequencies_hz[[0, -1]])
-    size_m = np.ptp(np.concatenate([array.tx_m, array.rx_m]), axis=0).tolist()
-    return [
-        Fact(
-            "array",
-            f"{clean(array.name)}: {array.n_tx} Tx, {array.n_rx} Rx",
-            {"name": clean(array.name), "n_tx": array.n_tx, "n_rx": array.n_rx},
-        ),
-        *_pattern_facts(array),
-        Fact("aperture", f"{millimetres(size_m)} (x, y, z)", {"size_m": size_m}),
-        Fact(
-            "frequencies",
-            f"{waveform.n_freq} from {low / 1e9:.6g} to {high / 1e9:.6g} GHz",
-            {"count": waveform.n_freq, "low_hz": low, "high_hz": high},
-        ),
-    ]
-
-
-def _pattern_facts(array: AntennaArray) -> list[Fact]:
-    facts = []
-    for side, pattern in (("Tx", array.tx_pattern), ("Rx", array.rx_pattern)):
-        if pattern is not None:
-            if pattern.angle_deg is not None:
-                lobe = f"a table of {len(pattern.angle_deg)} angles"
-            else:
-                lobe = f"cos^{pattern.exponent:g}" if pattern.exponent else "the same all around"
-            value = {"gain_dbi": pattern.gain_dbi, "exponent": pattern.exponent}
-            words = f"{pattern.gain_dbi:g} dBi, {lobe}"
-            facts.append(Fact(f"{side} pattern", words, value))
-    for side, own in zip(("Tx", "Rx"), array.sides, strict=True):
-        if own.gain is not None:
-            level_db = 20 * np.log10(np.maximum(np.abs(own.gain), 1e-15))
-            span = [round(float(v), 3) for v in (level_db.min(), level_db.max())]
-            facts.append(Fact(f"{side} gains", f"{span[0]:g} to {span[1]:g} dB", {"span_db": span}))
-        if own.boresight is not None:
-            degrees = np.rad2deg(np.arccos(np.clip(own.boresight[:, 2], -1, 1)))
-            most = round(float(degrees.max()), 3)
-            facts.append(
-                Fact(f"{side} boresight", f"up to {most:g} degrees off +z", {"most_deg": most})
-            )
-    return facts
-
-
-def volume_facts(volume: Volume) -> list[Fact]:
-    """Describe a volume."""
-    grid = volume.grid
-    axes = (grid.x_m, grid.y_m, grid.z_m)
-    unit = unit_for(*(float(axis[i]) for axis in axes for i in (0, -1)))
-    facts = []
-    for name, values, step in zip("xyz", axes, grid.spacing_m, strict=True):
-        first, last = float(values[0]), float(values[-1])
-        facts.append(
-            Fact(
-                f"{name} axis",
-                f"{len(values)} voxels from {first * unit.per_m:.6g} to {last * unit.per_m:.6g} "
-                f"{unit.name}, every {step * unit.per_m:.6g} {unit.name}",
-                {"count": len(values), "first_m": first, "last_m": last, "spacing_m": float(step)},
-            )
-        )
-    amplitude = np.abs(volume.data)
-    at = np.unravel_index(int(amplitude.argmax()), amplitude.shape)[::-1]
-    peak_m = [float(axis[i]) for axis, i in zip(axes, at, strict=True)]
-    peak = ", ".join(f"{n} {p * unit.per_m:.6g}" for n, p in zip("xyz", peak_m, strict=True))
-    return [
-        *facts,
-        Fact(
-            "data",
-            f"{volume.data.shape} complex64 [z, y, x]",
-            {"shape": list(volume.data.shape), "type": "complex64", "axes": ["z", "y", "x"]},
-        ),
-        _amplitude_fact(amplitude),
-        Fact("strongest voxel", f"{peak} {unit.name}", {"position_m": peak_m}),
-        *_scale_facts(volume),
-        *_meta_facts(dict(volume.meta)),
-    ]
-
-
-_ABSOLUTE = Fact("scale", "absolute: S-parameters", {"absolute": True})
-
-
-def _scale_facts(volume: Volume) -> list[Fact]:
-    if volume.scale is None or not volume.data.any():
-        return []
-    rcs_dbsm = volume.rcs_dbsm()
-    at = np.unravel_index(int(rcs_dbsm.argmax()), rcs_dbsm.shape)[::-1]
-    grid = volume.grid
-    place_m = [float(axis[i]) for axis, i in zip((grid.x_m, grid.y_m, grid.z_m), at, strict=True)]
-    place = ", ".join(f"{n} {p * 1e3:.6g}" for n, p in zip("xyz", place_m, strict=True))
-    dbsm = float(rcs_dbsm.max())
-    value = {"dbsm": dbsm, "position_m": place_m}
-    words = f"{dbsm:.1f} dBsm as a point target, at {place} mm"
-    return [_ABSOLUTE, Fact("strongest target", words, value)]
-
-
 def millimetres(lengths_m: list[float]) -> str:
-    """Return the sides of a box in words."""
+    """Return the sides of a box as text."""
     return " x ".join(f"{1e3 * s:.6g}" for s in lengths_m) + " mm"
 
 
-def json_line(value: Any) -> str:
-    """Return a JSON value on one printable line; a string without quotes."""
-    return clean(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))
-
-
-def mapping_words(mapping: Mapping[str, Any]) -> str:
-    """Return a mapping in words, one entry per line."""
-    lines = [f"{clean(k)[:40]}: {json_line(v)}" for k, v in list(mapping.items())[:_META_LINES]]
+def mapping_text(mapping: Mapping[str, Any]) -> str:
+    """Return a mapping as text, one entry per line."""
+    lines = []
+    for key, value in list(mapping.items())[:_META_LINES]:
+        text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        lines.append(f"{clean(key)[:40]}: {clean(text)}")
     if len(mapping) > _META_LINES:
         lines.append(f"and {len(mapping) - _META_LINES} more entries")
     return "\n".join(lines)
@@ -348,24 +320,3 @@ def _strict(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_strict(item) for item in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _amplitude_fact(amplitude: np.ndarray) -> Fact:
-    zeros = int(amplitude.size - np.count_nonzero(amplitude))
-    value = {
-        "min": float(amplitude.min()),
-        "mean": float(amplitude.mean(dtype=np.float64)),
-        "rms": float(np.sqrt(np.mean(np.square(amplitude, dtype=np.float64)))),
-        "max": float(amplitude.max()),
-        "zeros": zeros,
-        "size": int(amplitude.size),
-    }
-    words = (
-        f"min {value['min']:.4g}, mean {value['mean']:.4g}, RMS {value['rms']:.4g}, "
-        f"max {value['max']:.4g}; {zeros} of {amplitude.size} are zero"
-    )
-    return Fact("amplitude", words, value)
-
-
-def _meta_facts(meta: dict[str, Any]) -> list[Fact]:
-    return [Fact("provenance", mapping_words(meta), meta)] if meta else []

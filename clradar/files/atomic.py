@@ -45,36 +45,9 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
 
 
 def require_space(temporary: Path, size_bytes: int) -> None:
-    """Raise `OSError` unless a file of this size can be written under a name that is free.
-
-    For HDF5, which cannot close a file that the disk has no space for, and says so in many lines.
-    """
-    if sys.platform == "linux" and _reserved(temporary, size_bytes):
-        return
+    """Raise `OSError` unless the disk has this space: HDF5 cannot close a file where it has not."""
     if size_bytes > shutil.disk_usage(temporary.parent).free:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def _reserved(temporary: Path, size_bytes: int) -> bool:
-    """Whether the file system has reserved the space, and let go of it; not all of them do.
-
-    Not by `os.posix_fallocate`: where the file system cannot, such as NFS 3, that writes it all.
-    """
-    import ctypes
-
-    system = ctypes.CDLL(None, use_errno=True)
-    reserve = system.fallocate64 if hasattr(system, "fallocate64") else system.fallocate
-    reserve.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64)
-    try:
-        with open(temporary, "xb") as file:
-            if reserve(file.fileno(), 0, 0, size_bytes) == 0:
-                return True
-            number = ctypes.get_errno()
-            if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-                raise OSError(number, os.strerror(number))
-            return False
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 _MACHINE = sha256(platform.node().encode()).hexdigest()[:6]
@@ -114,7 +87,7 @@ def _is_alive(process: int) -> bool:
     except ProcessLookupError:
         return False
     except OSError:  # of another user
-        return True
+        pass
     return True
 
 
@@ -159,12 +132,10 @@ def _reason(error: BaseException) -> str:
 def _sync(path: Path) -> None:
     # A folder is synced too: the new name is part of the folder, not of the file. Windows opens no
     # folders, and syncs only files that were opened for writing.
-    if path.is_dir():
-        if not hasattr(os, "O_DIRECTORY"):
-            return
-        handle = os.open(path, os.O_RDONLY)
-    else:
-        handle = os.open(path, os.O_RDWR)
+    folder = path.is_dir()
+    if folder and not hasattr(os, "O_DIRECTORY"):
+        return
+    handle = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
     try:
         os.fsync(handle)
     finally:
@@ -175,9 +146,7 @@ def _sync(path: Path) -> None:
 def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary folder beside `path`, for the caller to fill and to move from.
 
-    The folders above are made where missing. Whatever is left of the temporary one at the end is
-    removed, so a failure or an interruption leaves nothing behind; only a kill leaves its hidden
-    name.
+    The folders above are made where missing; what is left of the temporary one is removed.
     """
     target = Path(path).absolute()
     temporary = _temporary(target)

@@ -31,10 +31,7 @@ def shown(path: str | os.PathLike[str]) -> str:
 
 
 def clean(text: object) -> str:
-    """Return a message of another program on one printable line of bounded length.
-
-    Single values, keys and names are quoted shorter, by `clradar.errors.quoted`.
-    """
+    """Return a message of another program on one printable line of bounded length."""
     return quoted(text, MAX_MESSAGE_CHARACTERS)
 
 
@@ -42,11 +39,7 @@ def clean(text: object) -> str:
 def reading(
     path: str | os.PathLike[str], expected: str, *, error: type[ClradarError] = MeasurementError
 ) -> Iterator[None]:
-    """Turn whatever a damaged file makes a parser raise into one `error`.
-
-    The libraries below raise OSError, KeyError, RuntimeError, ValueError, MemoryError and more,
-    by which byte is wrong; a caller wants to catch one class.
-    """
+    """Turn whatever a damaged file makes a parser raise into one `error`."""
     try:
         yield
     except error:
@@ -63,10 +56,7 @@ def reading(
 def regular_file_size(
     path: Path, expected: str, *, error: type[ClradarError] = MeasurementError
 ) -> int:
-    """Return the size in bytes, or raise if `path` is no regular file.
-
-    Opening a pipe or a terminal would block for ever, so readers check this before they open.
-    """
+    """Return the size in bytes, or raise if `path` is no regular file: a pipe would block."""
     with reading(path, expected, error=error):
         try:
             status = os.stat(path)

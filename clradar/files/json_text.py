@@ -68,12 +68,8 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _check_depth(value: Any) -> None:
     level = [value]
     for _ in range(MAX_JSON_DEPTH + 2):
-        level = [
-            inner
-            for item in level
-            if isinstance(item, dict | list)
-            for inner in (item.values() if isinstance(item, dict) else item)
-        ]
+        tables = [list(item.values()) if isinstance(item, dict) else item for item in level]
+        level = [inner for item in tables if isinstance(item, list) for inner in item]
         if not level:
             return
     raise ValueError(f"more than {MAX_JSON_DEPTH} levels of nesting")

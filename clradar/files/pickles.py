@@ -104,12 +104,9 @@ class PickledArray(metaclass=Fixed):
             have = len(raw) if isinstance(raw, bytes | bytearray) else type(raw).__name__
             refuse(f"an array {what} of {need} bytes with {have} bytes of data")
         flat = np.frombuffer(raw, dtype.dtype) if need else np.empty(0, dtype.dtype)
-        if order == "K" and axes is not None:
-            flat = flat.reshape(self.shape).transpose(array_shape(axes))
-            self.shape = flat.shape
-        else:
-            flat = flat.reshape(self.shape, order="F" if order == "F" else "C")
-        self.value = flat
+        flat = flat.reshape(self.shape, order="F" if order == "F" else "C")
+        self.value = flat if order != "K" or axes is None else flat.transpose(array_shape(axes))
+        self.shape = self.value.shape
         return self
 
 
@@ -160,13 +157,6 @@ class _Encode(metaclass=Fixed):
         return text.encode("latin-1")
 
 
-class _Complex(metaclass=Fixed):
-    def __new__(cls, real: Any, imaginary: Any) -> Any:
-        if not isinstance(real, int | float) or not isinstance(imaginary, int | float):
-            refuse("a complex number of something else than numbers")
-        return complex(float(real), float(imaginary))
-
-
 Names = Mapping[tuple[str, str], type]
 """(module, name) as a pickle writes it -> the class that stands for it."""
 
@@ -179,8 +169,8 @@ ARRAYS: Names = {
     # What protocol 5 writes in the place of _reconstruct for contiguous arrays.
     **{(f"{core}.numeric", "_frombuffer"): _FromBuffer for core in _CORES},
     ("_codecs", "encode"): _Encode,
-    ("builtins", "complex"): _Complex,
-    ("__builtin__", "complex"): _Complex,
+    ("builtins", "complex"): complex,
+    ("__builtin__", "complex"): complex,
 }
 """What a dictionary of arrays, numbers and strings needs, by numpy before and since 2.0."""
 

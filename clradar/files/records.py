@@ -21,7 +21,7 @@ from clradar.files.json_text import parse_json
 from clradar.files.limits import MAX_JSON_BYTES, MAX_TOML_BYTES
 from clradar.files.toml_file import choice_text, parse_toml, toml_brief, unknown_key
 
-Model = TypeVar("Model", bound="FileRecord")
+Model = TypeVar("Model", bound=BaseModel)
 Made = TypeVar("Made")
 
 LONGEST = 1e15

@@ -67,7 +67,6 @@ class WatchedFolder:
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return size and time of a file; None if it is gone, or no file."""
     try:
         found = path.stat()
     except OSError:

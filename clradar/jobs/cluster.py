@@ -57,6 +57,11 @@ def local_cluster(
         # a sample a third slower.
         "distributed.nanny.pre-spawn-environ": dict.fromkeys(BLAS_VARIABLES, threads),
         "distributed.worker.multiprocessing-method": "spawn",
+        # Dask gives up a worker that is not back after 15 s, as on a busy machine, or that has died
+        # again by then; its nanny starts it as often as it dies.
+        "distributed.deploy.lost-worker-timeout": "1000 days",
+        # What kills two workers is not given to a third.
+        "distributed.scheduler.allowed-failures": 1,
     }
     scheduler = {
         "cls": Scheduler,

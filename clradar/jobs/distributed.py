@@ -39,8 +39,9 @@ LATE_S, LATE_STEP_S = 120.0, 0.05
 LOOK_S = 10.0
 """Interval at which the number of workers is read."""
 
-RESTART_S = 10.0
-"""Longest wait for a worker, where there is none."""
+FIRST_S, RETURN_S = 10.0, 600.0
+"""Longest wait for a worker: for a first one, and for one that died, which its nanny starts again
+however busy the machine is."""
 
 KILLED = "its worker process died each time"
 
@@ -129,7 +130,7 @@ class Distributed:
         """Yield the number of each item with its outcome, as soon as it is known.
 
         When a worker dies, Dask blames all items that it had. So those that it gives up are
-        retried at the end, each alone in the whole cluster.
+        retried at the end, each alone in the whole cluster. Workers that died are back at the end.
         """
         with _contract(folder, self.made_with(), self.device, files) as contract:
             for address, breach in self._results_of(_breach, contract).items():
@@ -143,8 +144,11 @@ class Distributed:
                 else:
                     yield number, outcome
             for number in sorted(blamed):
-                for _, outcome in made((number, items[number])):
+                again = made((number, items[number])) if len(items) > 1 else [(number, None)]
+                for _, outcome in again:
                     yield number, outcome or (ClradarError(KILLED), [])
+            if blamed:
+                self._await_workers(RETURN_S)
 
     def _made(
         self, steps: Any, items: dict[int, Any], here: str, contract: Contract
@@ -199,17 +203,28 @@ class Distributed:
                 )
         return first[1]
 
+    def _await_workers(self, limit_s: float) -> list[str]:
+        """The addresses of the workers with a device, once there is one."""
+        until_s = monotonic() + limit_s
+        while not (workers := self.workers()):
+            if monotonic() > until_s:
+                address = self.client.scheduler_info(n_workers=0)["address"]
+                raise ClusterError(
+                    f"{address}: expected workers with a device, got none; start some by: "
+                    f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
+                )
+            sleep(LATE_STEP_S)
+        return workers
+
     def _results_of(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-        until_s = monotonic() + RESTART_S
-        while not (workers := self.workers()) and monotonic() < until_s:
-            sleep(LATE_STEP_S)  # those that were killed are started again
-        if not workers:
-            address = self.client.scheduler_info(n_workers=0)["address"]
-            raise ClusterError(
-                f"{address}: expected workers with a device, got none; start some by: "
-                f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
-            )
-        answers = self.client.run(function, *arguments, workers=workers, on_error="return")
+        answers: dict[str, Any] = {}
+        limit_s = FIRST_S
+        while not answers:
+            workers = self._await_workers(limit_s)
+            found = self.client.run(function, *arguments, workers=workers, on_error="return")
+            # One that has died is not asked again until it is back under another address.
+            answers = {at: one for at, one in found.items() if not isinstance(one, OSError)}
+            limit_s = RETURN_S
         for address, answer in answers.items():
             if isinstance(answer, Exception):
                 raise ClusterError(

@@ -138,24 +138,6 @@ def text(path: Path, owner: Any, name: str) -> str:
     return value
 
 
-def texts(path: Path, owner: Any, name: str) -> list[str]:
-    """Return an attribute that is a short list of strings."""
-    import h5py
-
-    attribute = _attribute(path, owner, name)
-    kind = attribute.get_type()
-    shape = attribute.shape
-    if (
-        not isinstance(kind, h5py.h5t.TypeStringID)
-        or shape is None
-        or len(shape) != 1
-        or shape[0] > 16
-    ):
-        place = _attribute_place(owner, name)
-        fail(path, f"the attribute {place} to be a list of strings", "another type")
-    return [v.decode("utf-8") if isinstance(v, bytes) else str(v) for v in owner.attrs[name]]
-
-
 def whole_number(path: Path, owner: Any, name: str) -> int:
     """Return an integer attribute."""
     import h5py

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -38,21 +39,30 @@ _FILTERS = (SHUFFLE, FLETCHER32, DEFLATE, LZF)
 _SHOWN_BYTES = 2**26
 """A MATLAB v5 file of no more is loaded to list its types, which its headers do not say."""
 
-Key = tuple[str, tuple[int, ...], str, str]
-"""Name, shape, type in words, and what can be read: "numbers", "text" or "other"."""
-
 Pick = Mapping[int, int]
+"""Of which axes only one index is kept."""
 
 
-class _Opened(Protocol):
-    """An opened file."""
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One key of an opened file.
 
+    `kind` is its type as text, `content` what can be read: "numbers", "text", or "other" for
+    nothing.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    kind: str
+    content: str = "other"
+    value: Callable[[Pick], Any] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Opened:
     kind: str
     matlab: bool
-
-    def keys(self) -> Iterator[Key]: ...
-
-    def value(self, key: Key, pick: Pick) -> Any: ...
+    keys: Iterable[Key]
 
 
 def read(path: Path, form: str, wanted: list[tuple[str, list[tuple[int, int]]]]) -> dict[str, Any]:
@@ -63,51 +73,54 @@ def read(path: Path, form: str, wanted: list[tuple[str, list[tuple[int, int]]]])
     """
     with reading(path, EXPECTED), _OPENERS[form](path) as opened:
         keys: dict[str, Key] = {}
-        for key in opened.keys():  # noqa: SIM118 - a method that lists them
-            if key[0] in keys:
-                fail(path, "every key once", f"two of the name '{clean(key[0])[:80]}'")
+        for key in opened.keys:
+            if key.name in keys:
+                fail(path, "every key once", f"two of the name {_place(key.name)}")
             if len(keys) >= MAX_KEYS:
                 fail(path, f"at most {MAX_KEYS} keys", "more")
-            keys[key[0]] = key
+            keys[key.name] = key
         values: dict[str, Any] = {}
         for given, picks in wanted:
             name = given.replace(".", "/") if opened.matlab else given
-            if name in values or name not in keys or keys[name][3] == "other":
+            key = keys.get(name, _NOTHING)
+            if name in values or key.value is None:
                 continue
-            shape = keys[name][1]
-            pick = {axis: i for axis, i in picks if axis < len(shape)}
+            pick = {axis: i for axis, i in picks if axis < len(key.shape)}
             try:
-                with reading(path, f"'{clean(name)[:80]}' that can be read"):
-                    if any(i >= shape[axis] for axis, i in pick.items()):
-                        fail(path, f"'{clean(name)[:80]}' with such an index", f"shape {shape}")
-                    values[name] = {"value": opened.value(keys[name], pick)}
+                with reading(path, f"{_place(name)} that can be read"):
+                    if any(i >= key.shape[axis] for axis, i in pick.items()):
+                        fail(path, f"{_place(name)} with such an index", f"shape {key.shape}")
+                    values[name] = {"value": key.value(pick)}
             except MeasurementError as error:
                 values[name] = {"error": str(error)}
-        rows = [[name, list(shape), kind, content] for name, shape, kind, content in keys.values()]
+        rows = [[key.name, list(key.shape), key.kind, key.content] for key in keys.values()]
         return {"kind": opened.kind, "matlab": opened.matlab, "keys": rows, "values": values}
 
 
+_NOTHING = Key("", (), "")
+
+
+def _place(name: str) -> str:
+    return f"'{clean(name)[:80]}'"
+
+
 def _check_size(path: Path, name: str, shape: tuple[int, ...], itemsize: int, pick: Pick) -> None:
-    """Raise unless an array is small enough to be read whole, and what is kept of it is."""
-    place = f"'{clean(name)[:80]}'"
+    """Raise unless what is kept of an array is small enough, and is something."""
     kept = math.prod(n for axis, n in enumerate(shape) if axis not in pick) * itemsize
     if kept > MAX_ARRAY_BYTES:
-        fail(path, f"{place} to take at most {MAX_ARRAY_BYTES} bytes", f"{kept} bytes")
+        fail(path, f"{_place(name)} to take at most {MAX_ARRAY_BYTES} bytes", f"{kept} bytes")
     if math.prod(shape) == 0:
-        fail(path, f"{place} with at least one element", f"shape {shape}")
+        fail(path, f"{_place(name)} with at least one element", f"shape {shape}")
+
+
+def _check_loaded(path: Path, name: str, nbytes: int) -> None:
+    if nbytes > MAX_LOADED_BYTES:
+        wanted = f"{_place(name)} of at most {MAX_LOADED_BYTES} bytes, as it is loaded whole"
+        fail(path, wanted, f"{nbytes} bytes")
 
 
 def _picked(array: np.ndarray, pick: Pick) -> np.ndarray:
     return np.asarray(array[tuple(pick.get(axis, slice(None)) for axis in range(array.ndim))])
-
-
-def _described(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Key:
-    """Return the key of an array of numpy: numbers, one text, or nothing that is read."""
-    if dtype.hasobject:
-        return name, shape, "object (pickled, never read)", "other"
-    if dtype.kind in "SU" and shape in ((), (1,)) and dtype.itemsize <= 4 * MAX_TEXT_CHARACTERS:
-        return name, shape, "text", "text"
-    return name, shape, str(dtype), "numbers" if _holds_numbers(dtype) else "other"
 
 
 def _holds_numbers(dtype: np.dtype[Any]) -> bool:
@@ -127,84 +140,74 @@ def _text(value: Any) -> str:
 # ---- numpy
 
 
-class _Npy:
-    """One plain array, mapped into memory: what is not picked is not read."""
-
-    kind, matlab = "a plain .npy array", False
-
-    def __init__(self, path: Path, array: np.ndarray) -> None:
-        self._path, self._array = path, array
-
-    def keys(self) -> Iterator[Key]:
-        yield _described(NPY_KEY, self._array.shape, self._array.dtype)
-
-    def value(self, key: Key, pick: Pick) -> Any:
-        if key[3] == "text":
-            return _text(self._array)
-        _check_size(self._path, NPY_KEY, self._array.shape, self._array.dtype.itemsize, pick)
-        return np.array(_picked(self._array, pick))
-
-
-@contextmanager
-def _opened_npy(path: Path) -> Iterator[_Npy]:
-    with open(path, "rb") as file:
-        shape, _, dtype = npy_header(path, file)
-        have = path.stat().st_size - file.tell()
+def _numpy_key(
+    path: Path,
+    name: str,
+    header: tuple[tuple[int, ...], np.dtype[Any]],
+    have: int,
+    load: Callable[[], np.ndarray],
+) -> Key:
+    """Return the key of an array of numpy, of which `have` bytes are there."""
+    shape, dtype = header
+    if dtype.hasobject:
+        return Key(name, shape, "object (pickled, never read)")
     need = math.prod(shape) * dtype.itemsize
-    if not dtype.hasobject and need != have:
-        fail(path, f"{need} bytes of numbers, by its header ({clean(dtype)} {shape})", f"{have}")
-    array = np.load(path, mmap_mode="r" if need else None, allow_pickle=False)
-    forbid_opening()
-    yield _Npy(path, array)
+    if need != have:
+        wanted = f"{need} bytes in {_place(name)}, by its header ({clean(dtype)} {shape})"
+        fail(path, wanted, f"{have}")
 
+    def value(pick: Pick) -> np.ndarray:
+        _check_size(path, name, shape, dtype.itemsize, pick)
+        return np.array(_picked(load(), pick))
 
-class _Npz:
-    """An archive of arrays; its keys are the members' names without `.npy`."""
-
-    kind, matlab = "an .npz archive", False
-
-    def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
-        self._path, self._archive = path, archive
-        self._dtypes: dict[str, np.dtype[Any]] = {}
-
-    def keys(self) -> Iterator[Key]:
-        for entry in self._archive.infolist():
-            name = entry.filename.removesuffix(".npy")
-            if name == entry.filename:
-                yield name, (), "no .npy array", "other"
-                continue
-            with self._archive.open(entry) as stream:
-                shape, _, dtype = npy_header(self._path, stream)
-                have = entry.file_size - stream.tell()
-            need = math.prod(shape) * dtype.itemsize
-            if not dtype.hasobject and need != have:
-                wanted = f"{need} bytes in '{clean(name)[:80]}', by its header"
-                fail(self._path, wanted, f"{have}")
-            self._dtypes[name] = dtype
-            yield _described(name, shape, dtype)
-
-    def value(self, key: Key, pick: Pick) -> Any:
-        name, shape, _, content = key
-        _check_size(self._path, name, shape, self._dtypes[name].itemsize, pick)
-        _check_loaded(self._path, name, math.prod(shape) * self._dtypes[name].itemsize)
-        with self._archive.open(f"{name}.npy") as stream:
-            array = np.lib.format.read_array(stream, allow_pickle=False)
-            stream.read(1)  # at the end the archive compares its checksum
-        return _text(array) if content == "text" else _picked(array, pick)
-
-
-def _check_loaded(path: Path, name: str, nbytes: int) -> None:
-    if nbytes > MAX_LOADED_BYTES:
-        place = f"'{clean(name)[:80]}'"
-        wanted = f"{place} of at most {MAX_LOADED_BYTES} bytes, as it is loaded whole"
-        fail(path, wanted, f"{nbytes} bytes")
+    if dtype.kind in "SU" and shape in ((), (1,)) and dtype.itemsize <= 4 * MAX_TEXT_CHARACTERS:
+        return Key(name, shape, "text", "text", lambda _: _text(load()))
+    if not _holds_numbers(dtype):
+        return Key(name, shape, str(dtype))
+    return Key(name, shape, str(dtype), "numbers", value)
 
 
 @contextmanager
-def _opened_npz(path: Path) -> Iterator[_Npz]:
+def _opened_npy(path: Path) -> Iterator[_Opened]:
+    """One plain array, mapped into memory: what is not picked is not read."""
+    with open(path, "rb") as file:
+        header = npy_header(path, file)
+        have = path.stat().st_size - file.tell()
+    if header[1].hasobject:
+        forbid_opening()
+        keys = [_numpy_key(path, NPY_KEY, header, have, lambda: np.empty(0))]
+    else:
+        array = np.load(path, mmap_mode="r" if have else None, allow_pickle=False)
+        forbid_opening()
+        keys = [_numpy_key(path, NPY_KEY, header, have, lambda: array)]
+    yield _Opened("a plain .npy array", False, keys)
+
+
+@contextmanager
+def _opened_npz(path: Path) -> Iterator[_Opened]:
+    """An archive of arrays; its keys are the members' names without `.npy`."""
     with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
         forbid_opening()
-        yield _Npz(path, archive)
+        keys = (_member_key(path, archive, entry) for entry in archive.infolist())
+        yield _Opened("an .npz archive", False, keys)
+
+
+def _member_key(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Key:
+    name = entry.filename.removesuffix(".npy")
+    if name == entry.filename:
+        return Key(name, (), "no .npy array")
+    with archive.open(entry) as stream:
+        header = npy_header(path, stream)
+        have = entry.file_size - stream.tell()
+
+    def load() -> np.ndarray:
+        _check_loaded(path, name, have)
+        with archive.open(entry) as stream:
+            array: np.ndarray = np.lib.format.read_array(stream, allow_pickle=False)
+            stream.read(1)  # at the end the archive compares its checksum
+        return array
+
+    return _numpy_key(path, name, header, have, load)
 
 
 # ---- MATLAB v5
@@ -216,180 +219,175 @@ _MAT5_BYTES = {
 """Of a number of each class; complex ones have two."""
 
 
-class _Mat5:
-    """A MATLAB v5 file by `scipy.io`; inside structs names have "/" between the levels."""
-
-    kind, matlab = "a MATLAB v5 file", True
-
-    def __init__(self, path: Path, file: Any) -> None:
-        import scipy.io
-
-        self._path, self._file = path, file
-        self._headers = {name: (shape, kind) for name, shape, kind in scipy.io.whosmat(file)}
-        plain = {n: math.prod(s) * _MAT5_BYTES.get(k, 0) for n, (s, k) in self._headers.items()}
-        self._bytes = plain
-        self._loaded: dict[str, Any] = {}
-        small = sum(plain.values()) <= _SHOWN_BYTES
-        kinds = ("struct", "char", *(_MAT5_BYTES if small else ()))
-        self._load([name for name, (_, kind) in self._headers.items() if kind in kinds])
-
-    def _load(self, names: list[str]) -> None:
-        import scipy.io
-
-        if names:
-            self._file.seek(0)
-            self._loaded |= scipy.io.loadmat(self._file, variable_names=names)
-
-    def keys(self) -> Iterator[Key]:
-        for name, (shape, kind) in self._headers.items():
-            if name in self._loaded:
-                yield from self._inner(name, self._loaded[name], kind, 0)
-            else:
-                yield name, shape, kind, "numbers" if kind in _MAT5_BYTES else "other"
-
-    def _inner(self, name: str, value: Any, kind: str, depth: int) -> Iterator[Key]:
-        if depth > MAX_NESTING:
-            fail(self._path, f"structs nested at most {MAX_NESTING} deep", "more")
-        if not isinstance(value, np.ndarray):
-            yield name, (), kind, "other"
-        elif value.dtype.names is not None and value.shape == (1, 1):
-            for field in value.dtype.names:
-                yield from self._inner(f"{name}/{field}", value[0, 0][field], "", depth + 1)
-        elif value.dtype.kind == "U":
-            yield _described(name, value.shape, value.dtype)
-        elif value.dtype.kind == "b":
-            yield name, value.shape, "logical", "numbers"
-        else:
-            words = {"O": "cell array", "V": "struct array"}.get(value.dtype.kind)
-            key = _described(name, value.shape, value.dtype)
-            yield key if words is None else (name, value.shape, words, "other")
-
-    def value(self, key: Key, pick: Pick) -> Any:
-        first, *inner = key[0].split("/")
-        if first not in self._loaded:
-            _check_loaded(self._path, first, 2 * self._bytes[first])
-            self._load([first])
-        found = self._loaded[first]
-        for field in inner:
-            found = found[0, 0][field]
-        if key[3] == "text":
-            return _text(found) if found.size else ""
-        if found.dtype.kind not in "iufcb":
-            fail(self._path, f"numbers in '{clean(key[0])[:80]}'", clean(found.dtype))
-        _check_size(self._path, key[0], found.shape, found.dtype.itemsize, pick)
-        kind = self._headers[first][1]
-        if found.dtype.kind == "b":
-            found = found.astype(np.uint8)
-        elif not inner and found.dtype.kind in "iu" and kind in ("double", "single"):
-            found = found.astype(kind)  # MATLAB stores whole numbers in fewer bytes
-        return _picked(found, pick)
-
-
 @contextmanager
-def _opened_mat5(path: Path) -> Iterator[_Mat5]:
+def _opened_mat5(path: Path) -> Iterator[_Opened]:
+    """A MATLAB v5 file by `scipy.io`; inside structs names have "/" between the levels."""
     with open(path, "rb") as file:
         forbid_opening()
-        yield _Mat5(path, file)
+        yield _Opened("a MATLAB v5 file", True, _mat5_keys(path, file))
+
+
+def _mat5_keys(path: Path, file: Any) -> Iterator[Key]:
+    import scipy.io
+
+    headers = scipy.io.whosmat(file)
+    sizes = {name: math.prod(shape) * _MAT5_BYTES.get(kind, 0) for name, shape, kind in headers}
+    small = sum(sizes.values()) <= _SHOWN_BYTES
+    kinds = ("struct", "char", *(_MAT5_BYTES if small else ()))
+
+    def load(*names: str) -> dict[str, Any]:
+        file.seek(0)
+        found: dict[str, Any] = scipy.io.loadmat(file, variable_names=names)
+        return found
+
+    at_once = [name for name, _, kind in headers if kind in kinds]
+    loaded = load(*at_once) if at_once else {}
+    for name, shape, kind in headers:
+        if name in loaded:
+            yield from _inner_keys(path, name, loaded[name], kind, 0)
+        elif kind not in _MAT5_BYTES:
+            yield Key(name, shape, kind)
+        else:
+
+            def value(pick: Pick, name: str = name, kind: str = kind) -> np.ndarray:
+                _check_loaded(path, name, 2 * sizes[name])
+                return _mat5_numbers(path, name, load(name)[name], kind, pick)
+
+            yield Key(name, shape, kind, "numbers", value)
+
+
+def _inner_keys(path: Path, name: str, value: Any, kind: str, depth: int) -> Iterator[Key]:
+    if depth > MAX_NESTING:
+        fail(path, f"structs nested at most {MAX_NESTING} deep", "more")
+    if not isinstance(value, np.ndarray):
+        yield Key(name, (), kind)
+        return
+    dtype, shape = value.dtype, value.shape
+    if dtype.names is not None and shape == (1, 1):
+        for field in dtype.names:
+            yield from _inner_keys(path, f"{name}/{field}", value[0, 0][field], "", depth + 1)
+    elif dtype.kind == "U" and shape in ((), (0,), (1,)):
+        yield Key(name, shape, "text", "text", lambda _: _text(value) if value.size else "")
+    elif dtype.kind in "iufcb":
+        label = "logical" if dtype.kind == "b" else str(dtype)
+        numbers = lambda pick: _mat5_numbers(path, name, value, kind, pick)  # noqa: E731
+        yield Key(name, shape, label, "numbers", numbers)
+    else:
+        others = {"O": "cell array", "V": "struct array"}
+        yield Key(name, shape, others.get(dtype.kind, str(dtype)))
+
+
+def _mat5_numbers(path: Path, name: str, array: np.ndarray, kind: str, pick: Pick) -> np.ndarray:
+    if array.dtype.kind not in "iufcb":
+        fail(path, f"numbers in {_place(name)}", clean(array.dtype))
+    _check_size(path, name, array.shape, array.dtype.itemsize, pick)
+    if array.dtype.kind == "b":
+        array = array.astype(np.uint8)
+    elif array.dtype.kind in "iu" and kind in ("double", "single"):
+        array = array.astype(kind)  # MATLAB stores whole numbers in fewer bytes
+    return _picked(array, pick)
 
 
 # ---- HDF5, and MATLAB v7.3, which is HDF5 with MATLAB's conventions
 
-_MATLAB_NUMBERS = (
-    b"double", b"single", b"int8", b"uint8", b"int16", b"uint16", b"int32", b"uint32", b"int64",
-    b"uint64",
-)  # fmt: skip
+_MATLAB_NUMBERS = tuple(name.encode() for name in _MAT5_BYTES if name != "logical")
 
 
+@contextmanager
+def _opened_hdf5(path: Path) -> Iterator[_Opened]:
+    import h5py
+
+    with open(path, "rb") as raw:
+        matlab = raw.read(6) == b"MATLAB"
+    with hdf5_guard.opened(path, "a readable HDF5 file") as file:
+        keys = _Hdf5(path, matlab).keys(file, "", 0, {h5py.h5o.get_info(file.id).addr})
+        yield _Opened("a MATLAB v7.3 file" if matlab else "an HDF5 file", matlab, keys)
+
+
+@dataclass(frozen=True, slots=True)
 class _Hdf5:
     """Datasets by their path, "group/dataset".
 
     Of a MATLAB file the axes are in MATLAB's order, which is the reverse of the stored one.
     """
 
-    def __init__(self, path: Path, file: Any, matlab: bool) -> None:
-        self._path, self._file, self.matlab = path, file, matlab
-        self.kind = "a MATLAB v7.3 file" if matlab else "an HDF5 file"
+    path: Path
+    matlab: bool
 
-    def keys(self) -> Iterator[Key]:
-        import h5py
-
-        return self._walk(self._file, "", 0, {h5py.h5o.get_info(self._file.id).addr})
-
-    def _walk(self, group: Any, prefix: str, depth: int, seen: set[Any]) -> Iterator[Key]:
+    def keys(self, group: Any, prefix: str, depth: int, seen: set[Any]) -> Iterator[Key]:
         import h5py
 
         if depth > MAX_NESTING:
-            fail(self._path, f"groups nested at most {MAX_NESTING} deep", "more")
+            fail(self.path, f"groups nested at most {MAX_NESTING} deep", "more")
         for name in islice(group, MAX_KEYS + 1):
             key = f"{prefix}{name}"
             if self.matlab and not prefix and name.startswith("#"):
                 continue  # what cells and objects refer to
             link = group.get(name, getlink=True)
             if type(link) is not h5py.HardLink:
-                yield key, (), f"a link of kind {type(link).__name__}, not followed", "other"
+                yield Key(key, (), f"a link of kind {type(link).__name__}, not followed")
                 continue
             found = group[name]
             if isinstance(found, h5py.Group):
                 # A group can be linked to from several places, its own inside among them.
                 if (identity := h5py.h5o.get_info(found.id).addr) not in seen:
                     seen.add(identity)
-                    yield from self._walk(found, f"{key}/", depth + 1, seen)
+                    yield from self.keys(found, f"{key}/", depth + 1, seen)
             elif isinstance(found, h5py.Dataset):
-                yield self._key(key, found)
+                yield self._key(key, group, name, found)
 
-    def _key(self, name: str, found: Any) -> Key:
-        shape = found.shape
-        if shape is None:
-            return name, (), "empty", "other"
-        shape = tuple(int(n) for n in (shape[::-1] if self.matlab else shape))
+    def _key(self, key: str, group: Any, name: str, found: Any) -> Key:
+        if found.shape is None:
+            return Key(key, (), "empty")
+        shape = tuple(int(n) for n in (found.shape[::-1] if self.matlab else found.shape))
         try:
             dtype = found.dtype
         except (TypeError, ValueError) as error:
-            return name, shape, clean(error), "other"
-        if self.matlab and (matlab_class := _matlab_class(found)) is not None:
-            if matlab_class == b"char":
-                is_text = dtype.kind == "u" and math.prod(shape) <= MAX_TEXT_CHARACTERS
-                return name, shape, "text", "text" if is_text else "other"
-            if matlab_class not in _MATLAB_NUMBERS:
-                return name, shape, matlab_class.decode("ascii", "backslashreplace"), "other"
-            if "MATLAB_empty" in found.attrs:
-                return name, (0, 0), f"empty {dtype}", "other"
-        if _holds_numbers(dtype):
-            return name, shape, str(dtype), "numbers"
-        is_text = _is_text(dtype) and shape in ((), (1,))
-        return name, shape, "text" if is_text else str(dtype), "text" if is_text else "other"
+            return Key(key, shape, clean(error))
+        kind = _matlab_class(found) if self.matlab else None
+        numbers = lambda pick: self._numbers(key, group, name, pick)  # noqa: E731
+        if kind == b"char":
+            if dtype.kind != "u" or math.prod(shape) > MAX_TEXT_CHARACTERS:
+                return Key(key, shape, "text")
 
-    def value(self, key: Key, pick: Pick) -> Any:
-        parent, (*groups, last) = self._file, key[0].split("/")
-        for group in groups:
-            parent = hdf5_guard.group(self._path, parent, group)
-        found = hdf5_guard.dataset(self._path, parent, last, _FILTERS)
-        if key[3] == "text" and not self.matlab:
-            return _text(found[()])
-        if key[3] == "text" and not found.size:
-            return ""
-        _check_size(self._path, key[0], key[1], found.dtype.itemsize, pick)
+            def text(_: Pick) -> str:
+                if not found.size:
+                    return ""
+                return "".join(map(chr, self._numbers(key, group, name, {}).ravel("F").tolist()))
+
+            return Key(key, shape, "text", "text", text)
+        if kind is not None and kind not in _MATLAB_NUMBERS:
+            return Key(key, shape, kind.decode("ascii", "backslashreplace"))
+        if kind is not None and "MATLAB_empty" in found.attrs:
+            return Key(key, (0, 0), f"empty {dtype}")
+        if _holds_numbers(dtype):
+            return Key(key, shape, str(dtype), "numbers", numbers)
+        if not _is_text(dtype) or shape not in ((), (1,)):
+            return Key(key, shape, str(dtype))
+        read = lambda _: _text(hdf5_guard.dataset(self.path, group, name, _FILTERS)[()])  # noqa: E731
+        return Key(key, shape, "text", "text", read)
+
+    def _numbers(self, key: str, group: Any, name: str, pick: Pick) -> np.ndarray:
+        found = hdf5_guard.dataset(self.path, group, name, _FILTERS)
+        shape = found.shape[::-1] if self.matlab else found.shape
+        _check_size(self.path, key, shape, found.dtype.itemsize, pick)
         if self.matlab:
             pick = {found.ndim - 1 - axis: index for axis, index in pick.items()}
-        self._check_stored(key[0], found, pick)
+        self._check_stored(key, found, pick)
         content = np.asarray(found[tuple(pick.get(a, slice(None)) for a in range(found.ndim))])
-        content = content.transpose() if self.matlab else content
-        if key[3] == "text":
-            return "".join(map(chr, content.ravel(order="F").tolist()))
-        return content
+        return content.transpose() if self.matlab else content
 
     def _check_stored(self, name: str, found: Any, pick: Pick) -> None:
         """Raise unless all that will be read is in the file: HDF5 would fill in the rest."""
-        place = f"'{clean(name)[:80]}'"
         if found.chunks is None:
             need, have = found.size * found.dtype.itemsize, found.id.get_storage_size()
             if have < need:
-                fail(self._path, f"{need} bytes stored for {place}", f"{have}")
+                fail(self.path, f"{need} bytes stored for {_place(name)}", f"{have}")
             return
         chunk_bytes = math.prod(found.chunks) * found.dtype.itemsize
         if chunk_bytes > MAX_CHUNK_BYTES:
-            expected = f"{place} in chunks of at most {MAX_CHUNK_BYTES} bytes"
-            fail(self._path, expected, f"{chunk_bytes} bytes")
+            expected = f"{_place(name)} in chunks of at most {MAX_CHUNK_BYTES} bytes"
+            fail(self.path, expected, f"{chunk_bytes} bytes")
         rows = {a: index // found.chunks[a] * found.chunks[a] for a, index in pick.items()}
         per_axis = [-(-n // c) for n, c in zip(found.shape, found.chunks, strict=True)]
         need = math.prod(1 if axis in pick else n for axis, n in enumerate(per_axis))
@@ -401,7 +399,7 @@ class _Hdf5:
 
         found.id.chunk_iter(count)
         if have != need:
-            fail(self._path, f"{need} chunks stored for {place}", f"{have}")
+            fail(self.path, f"{need} chunks stored for {_place(name)}", f"{have}")
 
 
 def _matlab_class(found: Any) -> bytes | None:
@@ -421,14 +419,6 @@ def _is_text(dtype: np.dtype[Any]) -> bool:
 
     info = h5py.check_string_dtype(dtype)
     return info is not None and (info.length is None or info.length <= MAX_TEXT_CHARACTERS)
-
-
-@contextmanager
-def _opened_hdf5(path: Path) -> Iterator[_Hdf5]:
-    with open(path, "rb") as raw:
-        matlab = raw.read(6) == b"MATLAB"
-    with hdf5_guard.opened(path, "a readable HDF5 file") as file:
-        yield _Hdf5(path, file, matlab)
 
 
 _OPENERS: dict[str, Callable[[Path], Any]] = {

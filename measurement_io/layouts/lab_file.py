@@ -46,11 +46,7 @@ def form_of(path: Path) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One entry of a file, as a layout names it ("/" inside groups and structs).
-
-    `kind` is its type in words, `content` what can be read: "numbers", "text", or "other" for
-    nothing.
-    """
+    """One entry of a file, as a layout names it; its parts as those of `contents.Key`."""
 
     name: str
     shape: tuple[int, ...]
@@ -62,7 +58,7 @@ class Key:
 
     @property
     def description(self) -> str:
-        """Shape and type in words."""
+        """Shape and type as text."""
         shape = "" if self.content == "text" else f"{self.shape} "
         return f"{shape}{clean(self.kind)[:80]}"
 
@@ -84,7 +80,7 @@ class LabFile:
         if form is None:
             fail(path, EXPECTED, "something else")
         library, modules = _LIBRARIES[form]
-        names = [(_plain_name(name), list(pick.items())) for name, pick in wanted]
+        names = [(name.strip("/"), list(pick.items())) for name, pick in wanted]
         found = run(
             read_contents, path, form, names, copies=1,
             most_bytes=MAX_ARRAY_BYTES + MAX_LISTS_BYTES if wanted else None,
@@ -96,28 +92,18 @@ class LabFile:
 
     def find(self, name: str, purpose: str) -> Key:
         """Return the key of that name; the error lists those there are."""
-        wanted = _plain_name(name)
+        wanted = name.strip("/")
         wanted = wanted.replace(".", "/") if self.matlab else wanted
         if wanted not in self.keys:
-            fail(
-                self.path,
-                f"the key '{clean(name)[:80]}' ({purpose})",
-                f"{self.kind} with the keys {self.listed()}",
-            )
+            got = f"{self.kind} with the keys {self.listed()}"
+            fail(self.path, f"the key {_place(name, purpose)}", got)
         return self.keys[wanted]
 
-    def read(self, name: str, purpose: str) -> np.ndarray:
-        """Return the numbers of a key that was wanted."""
-        found: np.ndarray = self._value(self.find(name, purpose), purpose, "numbers")
-        return found
-
-    def text(self, name: str, purpose: str) -> str:
-        """Return the text of a key that was wanted."""
-        return str(self._value(self.find(name, purpose), purpose, "text"))
-
-    def _value(self, key: Key, purpose: str, content: str) -> Any:
+    def read(self, name: str, purpose: str, content: str = "numbers") -> Any:
+        """Return the numbers, or the text, of a key that was wanted."""
+        key = self.find(name, purpose)
         if key.content != content:
-            fail(self.path, f"'{clean(key.name)[:80]}' ({purpose}) to hold {content}", key.kind)
+            fail(self.path, f"{_place(name, purpose)} to hold {content}", key.kind)
         found = self.values[key.name]
         if "error" in found:
             raise MeasurementError(clean(found["error"]))
@@ -128,37 +114,37 @@ class LabFile:
         value = self.read(name, purpose)
         if value.dtype.kind not in "iuf" or value.size == 0:
             got = clean(value.dtype) if value.size else f"shape {value.shape}"
-            fail(self.path, f"'{clean(name)}' ({purpose}) to hold real numbers", got)
-        result = value.astype(np.float64)
+            fail(self.path, f"{_place(name, purpose)} to hold real numbers", got)
+        result: np.ndarray = value.astype(np.float64)
         bad = int(result.size - np.count_nonzero(np.isfinite(result)))
         if bad:
             got = f"{bad} of {result.size} that are NaN or infinite"
-            fail(self.path, f"finite numbers in '{clean(name)}' ({purpose})", got)
+            fail(self.path, f"finite numbers in {_place(name, purpose)}", got)
         return result
 
     def real_list(self, name: str, purpose: str) -> np.ndarray:
         """Return a key's numbers in one row; at most one of its axes may be longer than 1."""
         value = self.real_array(name, purpose)
         if sum(n > 1 for n in value.shape) > 1:
-            fail(self.path, f"'{clean(name)}' ({purpose}) to be a list", f"shape {value.shape}")
+            fail(self.path, f"{_place(name, purpose)} to be a list", f"shape {value.shape}")
         return value.ravel()
 
-    def real_number(self, value: str | float, purpose: str) -> float:
+    def real_number(self, value: str | float | None, purpose: str) -> float:
         """Return a number of the layout, or the one that a key of the file holds."""
         if not isinstance(value, str):
-            return float(value)
+            return float(value or 0.0)
         found = self.real_array(value, purpose)
         if found.size != 1:
-            fail(self.path, f"'{clean(value)}' ({purpose}) to be a number", f"{found.shape}")
+            fail(self.path, f"{_place(value, purpose)} to be a number", f"{found.shape}")
         return float(found.ravel()[0])
 
     def meta_value(self, name: str) -> Any:
         """Return a key's content as a JSON value: text, a number or a list of numbers."""
         found = self.find(name, "metadata")
         if found.content == "text":
-            return self.text(name, "metadata")
-        if found.content == "numbers" and np.prod(found.shape, dtype=float) > MAX_META_NUMBERS:
-            wanted = f"at most {MAX_META_NUMBERS} numbers of metadata in '{clean(name)}'"
+            return str(self.read(name, "metadata", "text"))
+        if np.prod(found.shape, dtype=float) > MAX_META_NUMBERS:
+            wanted = f"at most {MAX_META_NUMBERS} numbers in {_place(name, 'metadata')}"
             fail(self.path, wanted, f"shape {found.shape}")
         value = self.real_array(name, "metadata")
         whole = self.read(name, "metadata").dtype.kind in "iu"
@@ -166,14 +152,14 @@ class LabFile:
         return listed[0] if len(listed) == 1 else listed
 
     def listed(self) -> str:
-        """Return the keys in words, on one line."""
-        words = [str(key) for key in list(self.keys.values())[:_SHOWN_KEYS]]
-        more = len(self.keys) - len(words)
-        return (", ".join(words) or "none") + (f" and {more} more" if more > 0 else "")
+        """Return the keys as text, on one line."""
+        texts = [str(key) for key in list(self.keys.values())[:_SHOWN_KEYS]]
+        more = len(self.keys) - len(texts)
+        return (", ".join(texts) or "none") + (f" and {more} more" if more > 0 else "")
 
 
-def _plain_name(name: str) -> str:
-    return name.strip("/")
+def _place(name: str, purpose: str) -> str:
+    return f"'{clean(name)[:80]}' ({purpose})"
 
 
 def layout_needed(path: Path) -> MeasurementError:

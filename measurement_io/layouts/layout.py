@@ -17,13 +17,13 @@ from clradar.files.failures import shown
 from clradar.files.limits import MAX_CHANNELS
 from clradar.files.records import (
     FileRecord,
-    Number,
     NumberOrText,
     Numbers,
     Rows,
     Text,
     Vector,
     Whole,
+    checked,
     is_whole,
     mistake,
     one_of,
@@ -47,6 +47,7 @@ KeyName = Annotated[str, text("a key of the file, as text")]
 
 _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _AXES = 'a list of axes, such as ["tx", "rx", "freq"]'
+_SIGN = "-1 for exp(-j 2 pi f d / c) or +1 for exp(+j ...)"
 _SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
 _SELECT = 'a slice "start:stop" (stop excluded) or a list of channels from 0'
 
@@ -68,13 +69,13 @@ class DataLayout(FileRecord):
     imag: KeyName | None = None
     axes: tuple[Text, ...] = Field(description=_AXES, min_length=1)
     pick: dict[str, Annotated[Whole, Field(ge=0, lt=2**31)]] = Field(default_factory=dict)
-    parts: tuple[Text, ...] = Field(
-        ("real", "imag"), description='the order ["real", "imag"] or ["imag", "real"]'
-    )
-    fields: tuple[Text, ...] | None = Field(None, description="the names of two fields")
     pair_order: Annotated[str | None, one_of("tx_major", "rx_major")] = None
-    phase_sign: Number = Field(-1, description="-1 for exp(-j 2 pi f d / c) or +1 for exp(+j ...)")
-    scale: Number = 1.0
+    phase_sign: Annotated[int, checked(_SIGN, lambda v: is_whole(v) and abs(v) == 1, int)] = -1
+
+    @property
+    def keys(self) -> list[str]:
+        """The one of complex numbers, or those of the real and the imaginary part."""
+        return [name for name in (self.key, self.real, self.imag) if name is not None]
 
     @model_validator(mode="after")
     def _fits_together(self) -> DataLayout:
@@ -97,24 +98,9 @@ class DataLayout(FileRecord):
             raise mistake('"pair", or "tx" and "rx"', list(axes), key="axes")
         if "part" in axes and key is None:
             raise mistake("an axis \"part\" only with one 'key'", list(axes), key="axes")
-        given = "parts" in self.model_fields_set
-        if given and ("part" not in axes or sorted(self.parts) != ["imag", "real"]):
-            expected = 'both "real" and "imag", for an axis "part"'
-            raise mistake(expected, list(self.parts), key="parts")
-        if self.fields is not None and (
-            len(self.fields) != 2 or len(set(self.fields)) != 2 or "part" in axes or key is None
-        ):
-            raise mistake("the two fields of a compound 'key'", list(self.fields), key="fields")
         if (self.pair_order is not None) != ("pair" in axes):
             expected = '"tx_major" or "rx_major", for an axis "pair" and for nothing else'
             raise mistake(expected, self.pair_order or "none", key="pair_order")
-        if self.phase_sign not in (-1, 1):
-            raise mistake(
-                "-1 for exp(-j 2 pi f d / c) or +1 for exp(+j ...)", self.phase_sign,
-                key="phase_sign",
-            )  # fmt: skip
-        if self.scale == 0:
-            raise mistake("a number other than 0", 0, key="scale")
         return self
 
 
@@ -149,12 +135,6 @@ class Select(FileRecord):
             if not 0 <= channel < count:
                 raise IndexError(f"channel {channel}")
         return list(self.channels)
-
-    def __str__(self) -> str:
-        if self.channels is not None:
-            return f"{len(self.channels)} listed channels"
-        ends = ["" if n is None else str(n) for n in (self.start, self.stop)]
-        return ":".join(ends) + ("" if self.step is None else f":{self.step}")
 
 
 class AntennaLayout(FileRecord):
@@ -235,7 +215,7 @@ class FrequencyLayout(FileRecord):
     start: NumberOrText | None = None
     stop: NumberOrText | None = None
     step: NumberOrText | None = None
-    points: Annotated[int | str, BeforeValidator(lambda v: _points(v))] | None = None
+    points: Annotated[Whole, Field(ge=1, le=MAX_FREQUENCIES)] | KeyName | None = None
     unit: Annotated[str, one_of(*FREQUENCY_UNITS_HZ)] = Field(
         description="the unit: one of Hz, kHz, MHz, GHz"
     )
@@ -253,16 +233,6 @@ class FrequencyLayout(FileRecord):
         return self
 
 
-def _points(value: Any) -> Any:
-    if isinstance(value, str) and value:
-        return value
-    if isinstance(value, float) and value.is_integer() and abs(value) < 2**53:
-        raise mistake("a whole number", f"the decimal number {value!r}; write {int(value)}")
-    if not is_whole(value) or not 1 <= value <= MAX_FREQUENCIES:
-        raise mistake(f"a whole number from 1 to {MAX_FREQUENCIES}, or the key of one")
-    return value
-
-
 class MetaLayout(FileRecord):
     """What else is kept with the capture."""
 
@@ -270,22 +240,7 @@ class MetaLayout(FileRecord):
 
 
 class Layout(FileRecord):
-    """The keys, axes, units and conventions of a file; `read_layout` reads one.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from measurement_io import read_layout
-    >>> _ = Path("lab.toml").write_text('''
-    ... data = {key = "array", axes = ["tx", "rx", "freq"]}
-    ... tx.array = "qar50"
-    ... rx.array = "qar50"
-    ... frequency = {start = 72, stop = 82, points = 128, unit = "GHz"}
-    ... ''')
-    >>> layout = read_layout("lab.toml")
-    >>> layout.data.axes, layout.frequency.points, layout.data.phase_sign
-    (('tx', 'rx', 'freq'), 128, -1)
-    """
+    """The keys, axes, units and conventions of a file; `read_layout` reads one."""
 
     data: DataLayout
     tx: AntennaLayout
@@ -347,13 +302,12 @@ def read_layout(path: str | os.PathLike[str]) -> Layout:
     >>> from measurement_io import read_layout
     >>> _ = Path("lab.toml").write_text('''
     ... data = {key = "s", axes = ["tx", "rx", "freq"]}
-    ... tx.key = "tx_mm"
-    ... rx.key = "rx_mm"
-    ... antennas.unit = "mm"
-    ... frequency = {key = "f", unit = "GHz"}
+    ... tx.array = "qar50"
+    ... rx.array = "qar50"
+    ... frequency = {start = 72, stop = 82, points = 128, unit = "GHz"}
     ... ''')
-    >>> read_layout("lab.toml").tx.key
-    'tx_mm'
+    >>> read_layout("lab.toml").frequency.points
+    128
     """
     found = read_record(Path(path), Layout, _EXPECTED)
     found._path = Path(path).absolute()

@@ -13,7 +13,6 @@ _SETTINGS = """\
 key = "?"  # of the complex numbers; of two keys: real = "..." and imag = "..."
 axes = ["tx", "rx", "freq"]  # of this file, in its order; also "pair", "frame", "part", "one"
 # pair_order = "tx_major"  # of an axis "pair": all Rx of the first Tx come first; or "rx_major"
-# parts = ["real", "imag"]  # of an axis "part" of length 2
 # pick = {chirp = 0}  # of any other axis: the index that is used
 phase_sign = -1  # exp(-j 2 pi f d / c); +1 for its conjugate: `clradar diagnose` finds out
 

@@ -1,4 +1,4 @@
-"""The transforms between the sensors of a recording, `alignment.json`.
+"""Transforms in JSON: `alignment.json` of a recording, and files of one matrix.
 
 A key "<a>2<b>" holds the row-major 4 x 4 matrix T of p_b = T p_a. Radar and photogrammetry are in
 metres; the optical sensors in millimetres, so their matrices carry a scale. "radar" is the mirrored
@@ -9,15 +9,20 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, RootModel
 
+from clradar.errors import ModelError
 from clradar.files.failures import clean, fail, reading, shown
-from clradar.files.json_file import read_json_object
+from clradar.files.json_file import read_json, read_json_object
+from clradar.files.limits import MAX_SMALL_JSON_BYTES
+from clradar.files.records import OpenRecord, mistake, record_of, row_tuple
 from clradar.model import checks
 
 RADAR = "radar"
@@ -28,14 +33,36 @@ MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 """Radar space to antenna frame, and back."""
 MIRROR_X.flags.writeable = False
 
-CONTRADICTION_M = 1e-4
-"""Two ways from one frame to another that differ by more than this contradict each other: a
-fortieth of the wavelength at 75 GHz, and more than the rounding of matrices with five decimals."""
+LAST_ROW_ROUNDING = 1e-9
+"""How far the last row of a matrix may be from 0 0 0 1, for matrices that were multiplied."""
 
 _NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 
-# Corners of the space in front of the radar in which two transforms are compared.
-_WORKSPACE_M = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (0.2, 0.6)])
+
+def _matrix(value: Any) -> np.ndarray:
+    """Return a 4 x 4 matrix from four rows of four numbers, or from sixteen in that order."""
+    if isinstance(value, list) and len(value) == 16:
+        value = [value[i : i + 4] for i in range(0, 16, 4)]
+    matrix = np.array(row_tuple(value))
+    if matrix.shape != (4, 4):
+        raise mistake("four rows of four numbers", f"shape {matrix.shape}")
+    if np.abs(matrix[3] - (0, 0, 0, 1)).max() <= LAST_ROW_ROUNDING:
+        matrix[3] = (0, 0, 0, 1)
+    try:
+        return checks.transform("it", matrix)
+    except ModelError as error:
+        raise mistake("an invertible affine transform", clean(error)) from error
+
+
+Matrix = Annotated[Any, BeforeValidator(_matrix)]
+
+
+class _Transform(OpenRecord):
+    transform: Matrix
+
+
+class _Transforms(RootModel[dict[str, Matrix]]):
+    pass
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,15 +77,6 @@ class SensorAlignment:
         The transforms that the file holds: p_target = T p_source.
     unknown_keys : tuple of str
         Keys of the file that are no transforms, and were not read.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from measurement_io import SensorAlignment
-    >>> matrix = np.diag([0.001, 0.001, 0.001, 1.0])  # of millimetres
-    >>> alignment = SensorAlignment("alignment.json", {("kinect", "radar"): matrix})
-    >>> alignment.to_antenna("kinect").diagonal().tolist()  # x mirrored
-    [-0.001, 0.001, 0.001, 1.0]
     """
 
     path: str
@@ -88,10 +106,6 @@ class SensorAlignment:
         source, target : str
             Names as in the file: "radar" (metres, mirrored in x), "photogrammetry" (metres),
             "kinect", "zed", "realsense" (millimetres).
-
-        Returns
-        -------
-        ndarray, shape (4, 4), float64
         """
         checks.text("SensorAlignment.transform: source", source)
         checks.text("SensorAlignment.transform: target", target)
@@ -99,13 +113,14 @@ class SensorAlignment:
             return np.eye(4)
         if (source, target) in self.given:
             return self.given[source, target].copy()
-        composed = self._through_radar(source, target)
-        if composed is not None:
-            return composed
-        if (target, source) in self.given:
-            return np.linalg.inv(self.given[target, source])
-        there = ", ".join(f"{a}2{b}" for a, b in sorted(self.given)) or "no transform"
-        fail(self.path, f"a way from '{clean(source)}' to '{clean(target)}'", clean(there))
+        there, onwards = self._one_step(source, RADAR), self._one_step(RADAR, target)
+        if there is not None and onwards is not None:
+            return onwards @ there
+        inverse = self._one_step(source, target)
+        if inverse is not None:
+            return inverse
+        names = ", ".join(f"{a}2{b}" for a, b in sorted(self.given)) or "no transform"
+        fail(self.path, f"a transform from '{clean(source)}' to '{clean(target)}'", clean(names))
 
     def to_antenna(self, source: str) -> np.ndarray:
         """Return the 4 x 4 matrix from `source` to the antenna frame, metres.
@@ -115,55 +130,14 @@ class SensorAlignment:
         """
         return MIRROR_X @ self.transform(source, RADAR)
 
-    def problems(self) -> list[str]:
-        """Return the contradictions between transforms of the file, with their size."""
-        found = []
-        for (a, b), matrix in sorted(self.given.items()):
-            if a == b:
-                found.append(self._difference(a, matrix, f"{a}2{a}", "no change"))
-                continue
-            if a < b and (b, a) in self.given:
-                there_and_back = self.given[b, a] @ matrix
-                found.append(self._difference(a, there_and_back, f"{a}2{b}", f"{b}2{a}"))
-            composed = None if RADAR in (a, b) else self._through_radar(a, b)
-            if composed is not None:
-                there_and_back = np.linalg.inv(composed) @ matrix
-                way = f"the way from {a} to {b} by the radar"
-                found.append(self._difference(a, there_and_back, f"{a}2{b}", way))
-        return [line for line in found if line is not None]
-
-    def _given_or_inverse(self, source: str, target: str) -> np.ndarray | None:
-        """Return the matrix to or from the radar, None if neither it nor its inverse is given."""
+    def _one_step(self, source: str, target: str) -> np.ndarray | None:
+        """Return a matrix that is given, or whose inverse is; None if neither."""
         if source == target:
             return np.eye(4)
         if (source, target) in self.given:
             return self.given[source, target]
-        if (target, source) in self.given:
-            return np.linalg.inv(self.given[target, source])
-        return None
-
-    def _through_radar(self, source: str, target: str) -> np.ndarray | None:
-        there, onwards = (
-            self._given_or_inverse(source, RADAR),
-            self._given_or_inverse(RADAR, target),
-        )
-        return None if there is None or onwards is None else onwards @ there
-
-    def _difference(self, frame: str, matrix: np.ndarray, one: str, other: str) -> str | None:
-        """Return by how much a matrix from `frame` to itself, which should change nothing, moves
-        the space in front of the radar; None if by less than `CONTRADICTION_M`.
-        """
-        to_radar = self._given_or_inverse(frame, RADAR)
-        if to_radar is None:  # neither its unit nor the place of the radar is known
-            apart = _moved(matrix, _WORKSPACE_M) - _WORKSPACE_M
-        else:
-            points = _moved(np.linalg.inv(to_radar), _WORKSPACE_M)
-            apart = _moved(to_radar, _moved(matrix, points)) - _WORKSPACE_M
-        largest = float(np.linalg.norm(apart, axis=1).max())
-        if largest <= CONTRADICTION_M:
-            return None
-        size = f"{largest:.3g} units of {frame}" if to_radar is None else f"{1e3 * largest:.3g} mm"
-        return f"{self.path}: {one} and {other} differ, by up to {size}"
+        inverse = self.given.get((target, source))
+        return None if inverse is None else np.linalg.inv(inverse)
 
 
 def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
@@ -184,15 +158,13 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
     [0.3, 0.0, 0.3]
     """
     path = Path(path)
-    from measurement_io.maroon.side_files import record_of, transforms_model
-
     content = read_json_object(path)
     pairs = {key: _pair(key) for key, value in content.items() if value is not None}
     known = {key: pair for key, pair in pairs.items() if pair is not None}
-    found = record_of(content, transforms_model(known), path)
-    given = {pair: getattr(found, key) for key, pair in known.items()}
+    matrices = record_of({key: content[key] for key in known}, _Transforms, path).root
     unknown = tuple(clean(key) for key in content if key not in known)
     with reading(path, "transforms between sensors"):
+        given = {pair: matrices[key] for key, pair in known.items()}
         return SensorAlignment(shown(path), given, unknown)
 
 
@@ -208,19 +180,28 @@ def _pair(key: str) -> tuple[str, str] | None:
     return (source, target) if _NAME.fullmatch(source) and _NAME.fullmatch(target) else None
 
 
-def stretches(matrix: np.ndarray) -> np.ndarray:
-    """Return by how much a transform stretches along its three principal directions, largest first.
+def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
+    """Return the 4 x 4 matrix of a JSON file, shape (4, 4), float64.
 
-    All 1 for a rigid transform, all 0.001 for a rigid one that turns millimetres into metres.
+    The file holds four rows of four numbers or sixteen numbers in that order, in metres, or an
+    object whose "transform" is one of the two. Of the `alignment.json` of a recording it is the
+    matrix that moves the recording's own meshes into the antenna frame.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from measurement_io import read_transform
+    >>> _ = Path("motion.json").write_text(
+    ...     '{"transform": [[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}'
+    ... )
+    >>> (read_transform("motion.json") @ [1, 0, 0, 1])[:3].tolist()
+    [0.1, 1.0, 0.0]
     """
-    return np.linalg.svd(matrix[:3, :3], compute_uv=False)
-
-
-def named_transforms(alignment: SensorAlignment) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the name as in the file and the matrix of every given transform, sorted."""
-    for (source, target), matrix in sorted(alignment.given.items()):
-        yield f"{source}2{target}", matrix
-
-
-def _moved(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
+    path = Path(path)
+    expected = "a JSON file with a 4 x 4 matrix, or an object with one as 'transform'"
+    value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+    if isinstance(value, dict) and any(MESH_SOURCE in str(key).split("2") for key in value):
+        return read_alignment(path).to_antenna(MESH_SOURCE)
+    value = value if isinstance(value, dict) else {"transform": value}
+    matrix: np.ndarray = record_of(value, _Transform, path).transform
+    return matrix

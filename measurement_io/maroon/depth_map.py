@@ -11,24 +11,18 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, model_validator
+from pydantic import Field, model_validator
 
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.files.failures import fail, reading
 from clradar.files.json_file import read_json_object
-from clradar.files.records import (
-    Number,
-    OpenRecord,
-    Rows,
-    checked,
-    is_number,
-    mistake,
-    numbers,
-    record_of,
-)
+from clradar.files.limits import MAX_IMAGE_PIXELS
+from clradar.files.records import Number, OpenRecord, Whole, mistake, numbers, record_of
 from clradar.model import DepthMap, checks
+from measurement_io.confined.reading import run
+from measurement_io.maroon.alignment import Matrix
 from measurement_io.maroon.folders import CALIBRATION_FILE, product_files, ranges
-from measurement_io.maroon.png16 import read_png16
+from measurement_io.maroon.frame_file import PNG, pixels
 
 MAX_POSITION_M = 1e3
 """Farthest end of a grid; anything beyond is not in metres."""
@@ -40,26 +34,8 @@ SAME_M = 1e-6
 _MATRIX_TOLERANCE = 1e-6
 """Relative; the matrices are products of a few float64 numbers."""
 
-
-def _four_rows(value: Any) -> Any:
-    """Return sixteen numbers as four rows, anything else as it is."""
-    if isinstance(value, list) and len(value) == 16:
-        return [value[i : i + 4] for i in range(0, 16, 4)]
-    return value
-
-
-def _square(rows: Any) -> Any:
-    if (len(rows), len(rows[0])) != (4, 4):
-        raise mistake("a 4 x 4 matrix", f"{len(rows)} x {len(rows[0])}")
-    return rows
-
-
 Axis = tuple[float, float, int]
 """First and last point, metres, and number of points."""
-
-
-def _is_a_count(value: Any) -> bool:
-    return is_number(value) and value >= 1 and value == int(value)
 
 
 class Grid(OpenRecord):
@@ -84,8 +60,8 @@ class Grid(OpenRecord):
             if count < 1 or count != int(count):
                 raise mistake("whole numbers above 0", f"{count:g}", key="grid_size")
             if not (a < b if count > 1 else a == b):
-                words = "bb_min below bb_max" if count > 1 else "one point where grid_size is 1"
-                raise mistake(words, f"{a:g} and {b:g}", key="bb_max")
+                expected = "bb_min below bb_max" if count > 1 else "one point where grid_size is 1"
+                raise mistake(expected, f"{a:g} and {b:g}", key="bb_max")
         return self
 
     @property
@@ -100,7 +76,7 @@ class Grid(OpenRecord):
 class DepthEntry(Grid):
     """`depth` of a frame; with `transform`, row 0 of the depth map is the smallest y."""
 
-    intrinsics: Annotated[Rows, BeforeValidator(_four_rows), AfterValidator(_square)] | None = None
+    intrinsics: Matrix | None = None
     transform: Any = None
 
 
@@ -123,9 +99,7 @@ class Frequencies(OpenRecord):
 
     frequency_low_ghz: Number | None = None
     frequency_high_ghz: Number | None = None
-    frequency_points: Annotated[int, checked("a whole number above 0", _is_a_count, int)] | None = (
-        None
-    )
+    frequency_points: Annotated[Whole, Field(gt=0)] | None = None
 
 
 def read_frequencies(path: Path) -> tuple[Frequencies, set[int]]:
@@ -184,8 +158,6 @@ def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
         found = f"none; frames with one: {ranges(there)}" if there else "none of any frame"
         fail(radar / "depth" / f"{number:06d}.png", f"the depth of frame {number}", found)
     path, calibration = there[number], radar / CALIBRATION_FILE
-    if not calibration.exists():
-        fail(calibration, f"the grid of depth/{path.name}", "none")
     content = read_json_object(calibration)
     if f"{number:06d}" not in content:
         fail(calibration, f"an entry '{number:06d}', for depth/{path.name}", "none")
@@ -212,14 +184,11 @@ def _pixel_axes(
     calibration: Path, path: Path, number: int, entry: FrameEntry, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return x and y of the antenna frame of an image's pixels, ascending."""
+    place, (rows, columns) = f"'{number:06d}'", shape
     placed = [part.pixels for part in (entry.volume, entry.depth) if part and part.pixels]
-    if len(placed) == 2 and not _same(*placed):
-        fail(
-            calibration,
-            f"the same x and y in '{number:06d}: volume' and '{number:06d}: depth'",
-            " and ".join(map(_in_words, placed)),
-        )
-    rows, columns = shape
+    if len(placed) == 2 and np.abs(np.subtract(placed[0], placed[1])).max() > SAME_M:
+        expected = f"the same x and y in 'volume' and 'depth' of {place}"
+        fail(calibration, expected, " and ".join(map(str, placed)))
     if placed:
         x, y = placed[0]
         if (rows, columns) != (y[2], x[2]):
@@ -227,56 +196,32 @@ def _pixel_axes(
             fail(path, expected, f"{rows} rows of {columns}")
         return -np.linspace(*x)[::-1], np.linspace(*y)
     if entry.depth is None or entry.depth.intrinsics is None:
-        fail(
-            calibration,
+        expected = (
             f"where the pixels of {path.parent.name}/{path.name} are: 'bb_min', 'bb_max' and "
-            f"'grid_size', or 'depth: intrinsics', in '{number:06d}'",
-            "neither",
+            f"'grid_size', or 'depth: intrinsics', in {place}"
         )
-    return _axes_of_matrix(calibration, number, np.array(entry.depth.intrinsics), rows, columns)
-
-
-def _same(a: tuple[Axis, Axis], b: tuple[Axis, Axis]) -> bool:
-    return bool(np.abs(np.subtract(a, b)).max() <= SAME_M)
-
-
-def _in_words(axes: tuple[Axis, Axis]) -> str:
-    return " x ".join(f"{count} from {low:g} to {high:g} m" for low, high, count in axes)
-
-
-def _axes_of_matrix(
-    calibration: Path, number: int, matrix: np.ndarray, rows: int, columns: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the axes of pixels that only `intrinsics` places.
-
-    Read as (column, row, millimetres, 1) = K (x, y, z, 1) in metres of radar space or, where its
-    third diagonal element is below 1, as the inverse of that.
-    """
-    where = f"'{number:06d}: depth: intrinsics'"
-    with (
-        reading(calibration, f"an invertible matrix as {where}"),
-        np.errstate(all="ignore"),  # any numbers, of which those below are wanted
-    ):
-        if abs(matrix[2, 2]) < 1.0:
-            matrix = np.linalg.inv(matrix)
-        scale_x, scale_y = matrix[0, 0], matrix[1, 1]
-        expected = np.array(
-            [
-                [scale_x, 0, 0, matrix[0, 3]],
-                [0, scale_y, 0, matrix[1, 3]],
-                [0, 0, MM_PER_M, 0],
-                [0, 0, 0, 1],
-            ]
+        fail(calibration, expected, "neither")
+    # (column, row, millimetres, 1) = K (x, y, z, 1), metres; below 1 m / mm it is the inverse.
+    matrix = entry.depth.intrinsics
+    matrix = np.linalg.inv(matrix) if abs(matrix[2, 2]) < 1.0 else matrix
+    scale_x, scale_y = matrix[0, 0], matrix[1, 1]
+    plain = np.diag([scale_x, scale_y, MM_PER_M, 1.0])
+    plain[:2, 3] = matrix[:2, 3]
+    if not (scale_x > 0 > scale_y and np.abs(matrix - plain).max() <= _MATRIX_TOLERANCE * MM_PER_M):
+        expected = (
+            f"'depth: intrinsics' of {place} from metres to (column, row, millimetres) without "
+            "rotation, columns along +x and rows along -y"
         )
-        error = np.abs(matrix - expected).max()
-    if not (scale_x > 0 > scale_y and error <= _MATRIX_TOLERANCE * MM_PER_M):
-        fail(
-            calibration,
-            f"{where} from metres to (column, row, millimetres) without rotation, columns along "
-            "+x and rows along -y",
-            "another matrix",
-        )
-    with np.errstate(over="ignore", invalid="ignore"):  # the record refuses infinite ones
-        x_radar_m = (np.arange(columns) - matrix[0, 3]) / scale_x
-        y_m = (np.arange(rows) - matrix[1, 3]) / scale_y
+        fail(calibration, expected, "another matrix")
+    x_radar_m = (np.arange(columns) - matrix[0, 3]) / scale_x
+    y_m = (np.arange(rows) - matrix[1, 3]) / scale_y
     return -x_radar_m[::-1], y_m[::-1]
+
+
+def read_png16(path: Path) -> np.ndarray:
+    """Return a 16-bit grey image, shape (rows, columns), uint16; row 0 is the first of the file."""
+    found: np.ndarray = run(
+        pixels, path, MAX_IMAGE_PIXELS, most_bytes=2 * MAX_IMAGE_PIXELS, expected=PNG,
+        library="Pillow", modules=("PIL.Image", "PIL.PngImagePlugin"),
+    )  # fmt: skip
+    return found

@@ -1,4 +1,4 @@
-"""The dictionary that one recorded frame (`.npy`) holds, read in the confined process."""
+"""What is read of a recording in the confined process: the dictionary of a frame, and images."""
 
 from __future__ import annotations
 
@@ -12,11 +12,16 @@ import numpy as np
 
 from clradar.files.confined.process import file_bytes, forbid_opening
 from clradar.files.failures import clean, fail, reading
-from clradar.files.limits import MAX_FRAME_BYTES, MAX_TIME_STAMPS
+from clradar.files.limits import (
+    MAX_FRAME_BYTES,
+    MAX_PNG_BYTES,
+    MAX_TIME_STAMPS,
+)
 from clradar.files.pickles import ARRAYS, PickledArray, UnsafePickle, load
 
 EXPECTED = "a recorded frame (a .npy file with a pickled dictionary)"
-NPY_MAGIC = b"\x93NUMPY"
+
+PNG = "a PNG image of 16-bit grey"
 
 _CUT = re.compile(r"expected (\d+) bytes in .*, but only (\d+) remain")
 """As pickletools says it."""
@@ -27,30 +32,34 @@ _HEADERS = {
 }
 
 
-def npy_header(path: Path, stream: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, whether it is in Fortran's order, and dtype of an `.npy` stream."""
+def npy_header(path: Path, stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Return shape and dtype of an `.npy` stream."""
     version = np.lib.format.read_magic(stream)
     if version not in _HEADERS:
         fail(path, "an .npy header of version 1.0 or 2.0", f"version {version[0]}.{version[1]}")
-    shape, fortran, dtype = _HEADERS[version](stream)
+    shape, _, dtype = _HEADERS[version](stream)
     if any(type(n) is not int or n < 0 for n in shape):
         fail(path, "an .npy header with sizes from 0", clean(shape))
-    return shape, bool(fortran), dtype
+    return shape, dtype
+
+
+def is_plain(path: Path) -> bool:
+    """Whether a file holds an array of numbers or text, and no pickled object."""
+    with reading(path, "an .npy file"), open(path, "rb") as file:
+        forbid_opening()
+        return npy_header(path, file)[1] != np.dtype(object)
 
 
 def read_dictionary(path: Path, only: str | None = None) -> dict[str, Any]:
-    """Return the frame's dictionary; {"plain": True} for an array of numbers or text.
+    """Return the frame's dictionary, or of `only` one key: its arrays, and plain values.
 
-    Of its values there are numbers, texts, lists of numbers, and arrays of numbers or text; with
-    `only`, that of one key.
+    Plain are numbers, texts and lists of numbers; other values are None.
     """
     content = file_bytes(path, EXPECTED, MAX_FRAME_BYTES)
     with reading(path, EXPECTED):
         stream = io.BytesIO(content)
-        shape, _, dtype = npy_header(path, stream)
-        if dtype != np.dtype(object):
-            return {"plain": True, "what": f"an array of {dtype} and shape {shape}"}
-        if shape != ():
+        shape, dtype = npy_header(path, stream)
+        if dtype != np.dtype(object) or shape != ():
             expected = "a recorded frame (a pickled dictionary in a 0-d object array)"
             fail(path, expected, clean(f"an array of {dtype} and shape {shape}"))
         try:
@@ -67,29 +76,54 @@ def read_dictionary(path: Path, only: str | None = None) -> dict[str, Any]:
         if loaded.shape != () or not isinstance(loaded.value[0], dict):
             fail(path, "a dictionary in a 0-d object array", f"shape {loaded.shape}")
         items = loaded.value[0].items()
-        found = {k: _plain(v) for k, v in items if isinstance(k, str) and only in (None, k)}
-        return {"plain": False, "frame": {key: v for key, v in found.items() if v is not None}}
+        chosen = {k: v for k, v in items if isinstance(k, str) and only in (None, k)}
+        arrays = {k: v.value for k, v in chosen.items() if k in ("xr", "fvec") and _is_array(v)}
+        return {key: arrays.get(key, _plain(value)) for key, value in chosen.items()}
 
 
-def is_plain(path: Path) -> bool:
-    """Whether a file holds an array of numbers or text, and no pickled object."""
-    with reading(path, "an .npy file"), open(path, "rb") as file:
-        forbid_opening()
-        return npy_header(path, file)[2] != np.dtype(object)
+def _is_array(value: Any) -> bool:
+    return isinstance(value, PickledArray) and isinstance(value.value, np.ndarray)
 
 
 def _plain(value: Any) -> Any:
-    """Return what can be sent and means something; None for the rest."""
-    if isinstance(value, PickledArray):
-        return value.value if isinstance(value.value, np.ndarray) else None
+    """Return a number, a text or a list of numbers as JSON knows it; None for anything else."""
+    if _is_array(value):
+        array = value.value
+        if array.size > MAX_TIME_STAMPS or array.dtype.kind not in "iufbU":
+            return None
+        value = array.ravel().tolist() if array.ndim else array[()].item()
     if isinstance(value, list | tuple):
         if len(value) > MAX_TIME_STAMPS:
             return None
         items = [_plain(item) for item in value]
-        whole = all(isinstance(item, int | float | np.ndarray) for item in items)
-        return items if whole else None
+        while len(items) == 1 and isinstance(items[0], list):
+            items = items[0]
+        return items if all(isinstance(item, int | float) for item in items) else None
     if isinstance(value, bool | str):
         return value
     if isinstance(value, int):
         return value if abs(value) < 2**64 else None
     return value if isinstance(value, float) and math.isfinite(value) else None
+
+
+def pixels(path: Path, most_pixels: int) -> np.ndarray:
+    """Return the image, in the confined process."""
+    from PIL import Image, PngImagePlugin
+
+    content = file_bytes(path, PNG, MAX_PNG_BYTES)
+    with reading(path, PNG):
+        # Sizes are compared here; Pillow would warn of large ones.
+        Image.MAX_IMAGE_PIXELS = None
+        with PngImagePlugin.PngImageFile(io.BytesIO(content)) as image:
+            width, height = image.size
+            if not 0 < width * height <= most_pixels:
+                fail(path, f"an image of at most {most_pixels} pixels", f"{width} x {height}")
+            if image.mode not in ("I;16", "I") or image.info.get("interlace"):
+                form = "interlaced, " if image.info.get("interlace") else ""
+                fail(path, PNG, f"{form}one of the mode {image.mode}")
+            image.verify()  # decoding alone does not compare the checksums of pixels
+        with PngImagePlugin.PngImageFile(io.BytesIO(content)) as image:
+            found = np.array(image)
+        if found.shape != (height, width):
+            fail(path, f"{height} rows of {width} pixels", f"an array of shape {found.shape}")
+        return found.astype(np.uint16, copy=False)  # older versions of Pillow give int32

@@ -1,33 +1,66 @@
-"""Inspect the folders of a recording: content, missing parts, contradictions."""
+"""Describe a recording by its folders and first frame: content, missing parts, contradictions."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean, shown
+from clradar.model import Scene
 from measurement_io.maroon import folders
+from measurement_io.maroon.alignment import MESH_SOURCE, SensorAlignment, read_alignment
+from measurement_io.maroon.depth_map import read_frequencies
 from measurement_io.maroon.folders import (
+    ALIGNMENT_FILE,
     CALIBRATION_FILE,
+    MESH_FOLDER,
+    METADATA_FILE,
     PRODUCTS,
     RadarFolderName,
     product_files,
     ranges,
 )
 from measurement_io.maroon.frame import read_frame_file
-from measurement_io.maroon.placement import inspect_placement
-from measurement_io.record_facts import Fact, capture_facts
+from measurement_io.maroon.metadata import RecordingMetadata, read_metadata
+from measurement_io.maroon.recording import mesh_files, placed_mesh
+from measurement_io.record_facts import Fact, facts_of, mapping_text, millimetres
+
+Record = TypeVar("Record")
+
+MESH_DISTANCE_TOLERANCE_M = 0.05
+"""How far the nearest part of a mesh may be from the distance that is noted: half of the steps in
+which objects are placed."""
+
+MASKED_SHARE = 0.5
+"""Fraction of the vertices of a mesh cut to the object that should be in the object's box."""
 
 
 @dataclass(slots=True)
 class Findings:
-    """The findings of an inspection."""
+    """What an inspection finds."""
 
     facts: list[Fact] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
+
+    def add(self, name: str, text: str, value: Any) -> None:
+        self.facts.append(Fact(name, text, value))
+
+    def read(self, name: str, read: Callable[[], Record]) -> Record | None:
+        """Return what `read` does; where it fails, that is a problem and `name` a fact."""
+        try:
+            return read()
+        except MeasurementError as error:
+            self.add(name, "cannot be read", None)
+            self.problems.append(clean(error))
+            return None
 
 
 def inspect_recording(folder: Path) -> Findings:
@@ -35,23 +68,22 @@ def inspect_recording(folder: Path) -> Findings:
     radar = folders.find_radar_folder(folder)
     found = inspect_folders(radar)
     frames = folders.frames(radar)
-    for variant, files in frames.items():
-        _note_irregular(found, variant, files)
+    for variant, files in frames.items():  # a check reads them, and finds each by itself
+        irregular = [number for number, path in files.items() if not os.path.isfile(path)]
+        if irregular:
+            found.problems.append(f"{variant} frames that are no files: {ranges(irregular)}")
     raw = frames["raw"]
     first = next((number for number in sorted(raw) if os.path.isfile(raw[number])), None)
-    if first is None:
-        return found
-    try:
-        capture = read_frame_file(raw[first])
-    except MeasurementError as error:
-        found.problems.append(clean(error))
-        return found
-    found.facts += capture_facts(capture)
-    total = capture.meta.get("number_of_measurements")
-    if total is not None and total != len(raw):
-        found.problems.append(
-            f"frame {first} names {total} frames for the recording, {len(raw)} are there"
-        )
+    capture = None
+    if first is not None:
+        capture = found.read(f"frame {first}", lambda: read_frame_file(raw[first]))
+    if capture is not None:
+        found.facts += facts_of(capture)
+        total = capture.meta.get("number_of_measurements")
+        if total is not None and total != len(raw):
+            found.problems.append(
+                f"frame {first} names {total} frames for the recording, {len(raw)} are there"
+            )
     return found
 
 
@@ -60,61 +92,44 @@ def inspect_folders(radar: Path) -> Findings:
     found = Findings()
     frames = folders.frames(radar)
     raw, filtered = frames["raw"], frames["emptyfiltered"]
-    found.facts.append(Fact("radar folder", shown(radar.name), shown(radar.absolute().name)))
+    found.add("radar folder", shown(radar.name), shown(radar.absolute().name))
     for variant, files in frames.items():
-        found.facts.append(_files_fact(f"{variant} frames", files))
+        _add_files(found, f"{variant} frames", files)
     if not raw:
         found.problems.append("no frame in calibrated_data")
     elif sorted(raw) != list(range(len(raw))):
         found.problems.append(f"frames are not numbered from 0 without a gap: {ranges(raw)}")
-    orphans = sorted(set(filtered) - set(raw))
-    if orphans:
-        found.problems.append(f"emptyfiltered frames without a raw one: {ranges(orphans)}")
-    _note_missing(found, "emptyfiltered", filtered, raw)
+    _compare(found, "emptyfiltered frames", "emptyfiltered", filtered, raw)
     others = folders.ignored_files(radar)
     if others:
-        words = clean(", ".join(others[:12])) + (", ..." if len(others) > 12 else "")
-        found.facts.append(Fact(f"ignored in {folders.FRAMES_FOLDER}", words, others))
-    products = {}
+        text = clean(", ".join(others[:12])) + (", ..." if len(others) > 12 else "")
+        found.add(f"ignored in {folders.FRAMES_FOLDER}", text, others)
+    products: dict[str, dict[int, Path]] = {}
     for name in PRODUCTS:
-        try:
-            products[name] = files = product_files(radar, name)
-        except MeasurementError as error:  # the folder itself, such as one without permission
-            found.facts.append(Fact(f"cached {name}", "cannot be read", None))
-            found.problems.append(clean(error))
-            continue
-        found.facts.append(_files_fact(f"cached {name}", files, f" .{PRODUCTS[name]}"))
-        without = sorted(set(files) - set(raw))
-        if without:
-            found.problems.append(f"{name} of frames that are not there: {ranges(without)}")
-        _note_missing(found, name, files, raw)
+        there = found.read(f"cached {name}", partial(product_files, radar, name))
+        if there is not None:
+            products[name] = there
+            _add_files(found, f"cached {name}", there)
+            _compare(found, name, name, there, raw)
     _inspect_calibration(found, radar, raw, products)
-    inspect_placement(radar.absolute().parent, found.facts, found.problems, found.missing)
+    _inspect_placement(found, radar.absolute().parent)
     return found
 
 
-def _files_fact(name: str, files: dict[int, Path], kind: str = "") -> Fact:
-    words = f"{len(files)}{kind} ({ranges(files)})" if files else "none"
-    return Fact(name, words, {"count": len(files), "numbers": sorted(files)})
+def _add_files(found: Findings, name: str, files: dict[int, Path]) -> None:
+    text = f"{len(files)} ({ranges(files)})" if files else "none"
+    found.add(name, text, {"count": len(files), "numbers": sorted(files)})
 
 
-def _note_irregular(found: Findings, variant: str, files: dict[int, Path]) -> None:
-    """Note frames that no reader would open; a check reads them and finds each by itself."""
-    irregular = [number for number, path in files.items() if not os.path.isfile(path)]
-    dangling = [n for n in irregular if os.path.islink(files[n]) and not os.path.exists(files[n])]
-    if dangling:
-        found.problems.append(f"{variant} frames that are links to nothing: {ranges(dangling)}")
-    others = set(irregular) - set(dangling)
-    if others:
-        found.problems.append(f"{variant} frames that are no regular file: {ranges(others)}")
-
-
-def _note_missing(found: Findings, name: str, files: dict[int, Path], raw: dict[int, Path]) -> None:
-    without = sorted(set(raw) - set(files))
+def _compare(
+    found: Findings, name: str, short: str, files: dict[int, Path], raw: dict[int, Path]
+) -> None:
+    if orphans := set(files) - set(raw):
+        found.problems.append(f"{name} without a raw frame: {ranges(orphans)}")
     if not files:
-        found.missing.append(name)
-    elif without:
-        found.missing.append(f"{name} of the frames {ranges(without)}")
+        found.missing.append(short)
+    elif without := set(raw) - set(files):
+        found.missing.append(f"{short} of the frames {ranges(without)}")
 
 
 def _inspect_calibration(
@@ -122,52 +137,149 @@ def _inspect_calibration(
 ) -> None:
     path = radar / CALIBRATION_FILE
     if not path.exists():
-        found.facts.append(Fact(CALIBRATION_FILE, "none", None))
+        found.add(CALIBRATION_FILE, "none", None)
         without = ", without which depth cannot be read" if products.get("depth") else ""
         found.problems.append(f"no {CALIBRATION_FILE}{without}")
         return
-    from measurement_io.maroon.depth_map import read_frequencies
-
-    try:
-        calibration, numbered = read_frequencies(path)
-    except MeasurementError as error:
-        found.facts.append(Fact(CALIBRATION_FILE, "cannot be read", None))
-        found.problems.append(clean(error))
+    content = found.read(CALIBRATION_FILE, lambda: read_frequencies(path))
+    if content is None:
         return
+    calibration, numbers = content
     low, high = calibration.frequency_low_ghz, calibration.frequency_high_ghz
-    points, entries = calibration.frequency_points, sorted(numbered)
-    words = f"{low} to {high} GHz in {points} points; " + (
-        f"entries of {len(entries)} frames ({ranges(entries)})"
-        if entries
-        else "no entry of a frame"
-    )
+    points, entries = calibration.frequency_points, sorted(numbers)
+    text = f"{low} to {high} GHz in {points} points; entries of {len(entries)} frames"
     value = {"low_ghz": low, "high_ghz": high, "points": points, "frames": entries}
-    found.facts.append(Fact(CALIBRATION_FILE, words, value))
-    _compare_with_name(found, radar, low, high, points)
-    strangers = sorted(set(entries) - set(raw))
-    if strangers:
+    found.add(CALIBRATION_FILE, text, value)
+    name = RadarFolderName.parse(radar.absolute().name)
+    if low is None or high is None or points is None:
+        found.problems.append(
+            f"{CALIBRATION_FILE}: frequency_low_ghz, _high_ghz or _points is missing"
+        )
+    elif name and not (points == name.points and name.agrees_hz(low * 1e9, high * 1e9)):
+        found.problems.append(
+            f"{CALIBRATION_FILE} has {low} to {high} GHz in {points} points, the folder's name "
+            f"{name.low_ghz} to {name.high_ghz} GHz in {name.points}"
+        )
+    if strangers := numbers - set(raw):
         found.problems.append(
             f"{CALIBRATION_FILE} names frames that are not there: {ranges(strangers)}"
         )
-    unplaced = sorted(set(products.get("depth", ())) - set(entries))
-    if unplaced:
+    if unplaced := set(products.get("depth", ())) - numbers:
         found.problems.append(
             f"{CALIBRATION_FILE} lacks its pixels for depth of the frames {ranges(unplaced)}"
         )
 
 
-def _compare_with_name(
-    found: Findings, radar: Path, low: float | None, high: float | None, points: int | None
-) -> None:
-    if low is None or high is None or points is None:
-        found.problems.append(
-            f"{CALIBRATION_FILE}: frequency_low_ghz, _high_ghz or _points is missing"
-        )
+def _inspect_placement(found: Findings, distance: Path) -> None:
+    """Add what lies in an `<object>/<distance>` folder, and where its meshes are placed."""
+    metadata = _beside(found, distance / METADATA_FILE, read_metadata, "")
+    if metadata is not None:
+        value = metadata.model_dump()
+        text = mapping_text({key: item for key, item in value.items() if item is not None})
+        box = metadata.mask_bb_antenna
+        value["mask_bb_antenna"] = None if box is None else box.model_dump()
+        found.add(METADATA_FILE, text or "nothing in it", value)
+        if (problem := metadata.distance_problem(distance.name)) is not None:
+            found.problems.append(problem)
+    lost = ", without which no mesh can be placed"
+    alignment = _beside(found, distance / ALIGNMENT_FILE, read_alignment, lost)
+    if alignment is not None:
+        _add_transforms(found, alignment)
+    meshes = found.read("meshes", lambda: mesh_files(distance))
+    if meshes is None:
         return
-    name = RadarFolderName.parse(radar.absolute().name)
-    if name is None or (points == name.points and name.agrees_hz(low * 1e9, high * 1e9)):
+    if not meshes:
+        found.missing.append(f"{MESH_FOLDER}/*.obj")
+        found.add("meshes", "none", {})
         return
-    found.problems.append(
-        f"{CALIBRATION_FILE} has {low} to {high} GHz in {points} points, the folder's name "
-        f"{name.low_ghz} to {name.high_ghz} GHz in {name.points}"
+    if alignment is not None:
+        try:
+            alignment.to_antenna(MESH_SOURCE)
+        except MeasurementError as error:  # once, and not for every mesh
+            found.problems.append(clean(error))
+            alignment = None
+    lines, values = [], {}
+    for name in sorted(meshes):
+        text, value = "cannot be placed", dict[str, Any]()
+        if alignment is not None:
+            try:
+                value = _mesh_value(placed_mesh(distance, name, alignment), metadata)
+                text = _mesh_text(value)
+                found.problems += _mesh_problems(name, value, metadata)
+            except MeasurementError as error:
+                found.problems.append(clean(error))
+                text = "cannot be read"
+        lines.append(f"{clean(name)}: {text}")
+        values[clean(name)] = value or None
+    found.add("meshes", "\n".join(lines), values)
+
+
+def _beside(
+    found: Findings, path: Path, read: Callable[[Path], Record], lost: str
+) -> Record | None:
+    if path.exists():
+        return found.read(path.name, lambda: read(path))
+    found.add(path.name, "none", None)
+    found.missing.append(f"{path.name}{lost}")
+    return None
+
+
+def _add_transforms(found: Findings, alignment: SensorAlignment) -> None:
+    lines, values = [], {}
+    for (source, target), matrix in sorted(alignment.given.items()):
+        name = clean(f"{source}2{target}")
+        scale = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+        mirrors = bool(np.linalg.det(matrix[:3, :3]) < 0)
+        stretches = " x ".join(f"{s:.6g}" for s in scale)
+        lines.append(f"{name}: scale {stretches}" + (", mirrors" if mirrors else ""))
+        values[name] = {
+            "matrix": matrix.tolist(), "stretches": scale.tolist(), "mirrors": mirrors
+        }  # fmt: skip
+    if alignment.unknown_keys:
+        lines.append(f"no transforms: {clean(', '.join(alignment.unknown_keys))}")
+    value = {"transforms": values, "unknown_keys": list(alignment.unknown_keys)}
+    found.add(ALIGNMENT_FILE, "\n".join(lines) or "no transform in it", value)
+
+
+def _mesh_value(scene: Scene, metadata: RecordingMetadata | None) -> dict[str, Any]:
+    used = scene.vertices_m[np.unique(scene.faces)]
+    box = None if metadata is None else metadata.mask_bb_antenna
+    return {
+        "vertices": len(used),
+        "faces": scene.n_faces,
+        "low_m": used.min(axis=0).tolist(),
+        "high_m": used.max(axis=0).tolist(),
+        "share_in_mask_bb": None if box is None else float(box.contains(used).mean()),
+    }
+
+
+def _mesh_text(value: dict[str, Any]) -> str:
+    low, high = value["low_m"], value["high_m"]
+    size = millimetres([b - a for a, b in zip(low, high, strict=True)])
+    text = (
+        f"{value['vertices']} vertices, {value['faces']} faces, {size}, "
+        f"at z {1e3 * low[2]:.6g} to {1e3 * high[2]:.6g} mm"
     )
+    share = value["share_in_mask_bb"]
+    return text if share is None else f"{text}, {share:.1%} of its vertices in mask_bb"
+
+
+def _mesh_problems(
+    name: str, value: dict[str, Any], metadata: RecordingMetadata | None
+) -> list[str]:
+    label = f"{MESH_FOLDER}/{clean(name)}.obj"
+    near, far = value["low_m"][2], value["high_m"][2]
+    at = f"z {1e3 * near:.6g} to {1e3 * far:.6g} mm"
+    problems = []
+    if near <= 0:
+        problems.append(f"{label} is placed or reaches behind the radar, {at}")
+    distance = None if metadata is None else metadata.distance_meters
+    slack = MESH_DISTANCE_TOLERANCE_M
+    if distance is not None and not near - slack <= distance <= far + slack:
+        problems.append(f"{label} is placed at {at}, {METADATA_FILE} has {distance:g} m")
+    share = value["share_in_mask_bb"]
+    if share is not None and share < (MASKED_SHARE if "masked" in name else 1 / value["vertices"]):
+        problems.append(
+            f"{label}: {share:.1%} of its vertices are in the mask_bb of {METADATA_FILE}"
+        )
+    return problems

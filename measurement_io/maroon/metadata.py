@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
-from clradar.files.failures import reading
 from clradar.files.json_file import read_json_object
-from clradar.model import checks
+from clradar.files.records import FileRecord, Number, record_of
 
 DISTANCE_FOLDERS = ("30", "40", "50")
 """Names of distance folders that are a distance in centimetres."""
@@ -20,40 +18,30 @@ DISTANCE_FOLDERS = ("30", "40", "50")
 DISTANCE_TOLERANCE_M = 0.02
 """How far `distance_meters` may be from the folder's name: the name is a round number."""
 
-_BOUNDS = ("xmin", "xmax", "ymin", "ymax", "zmin", "zmax")
+
+def _key_of(field: str) -> str:
+    return field.removesuffix("_m").replace("_", "")
 
 
-@dataclass(frozen=True, slots=True)
-class MaskBox:
+class MaskBox(FileRecord):
     """A box along the axes, each bound in metres or None where there is none.
 
     The bounds are kept as the file has them, even where a minimum is above its maximum.
-
-    Examples
-    --------
-    >>> from measurement_io import MaskBox
-    >>> box = MaskBox(x_min_m=-0.2, x_max_m=0.1)
-    >>> box.x_max_m, box.z_min_m
-    (0.1, None)
     """
 
-    x_min_m: float | None = None
-    x_max_m: float | None = None
-    y_min_m: float | None = None
-    y_max_m: float | None = None
-    z_min_m: float | None = None
-    z_max_m: float | None = None
+    model_config = ConfigDict(extra="allow", alias_generator=_key_of, populate_by_name=True)
+
+    x_min_m: Number | None = None
+    x_max_m: Number | None = None
+    y_min_m: Number | None = None
+    y_max_m: Number | None = None
+    z_min_m: Number | None = None
+    z_max_m: Number | None = None
 
     def mirrored(self) -> MaskBox:
         """Return the box under x -> -x: from radar space to the antenna frame, or back."""
-        return MaskBox(
-            None if self.x_max_m is None else -self.x_max_m,
-            None if self.x_min_m is None else -self.x_min_m,
-            self.y_min_m,
-            self.y_max_m,
-            self.z_min_m,
-            self.z_max_m,
-        )
+        low, high = (None if x is None else -x for x in (self.x_max_m, self.x_min_m))
+        return self.model_copy(update={"x_min_m": low, "x_max_m": high})
 
     @property
     def bounds_m(self) -> tuple[tuple[float | None, float | None], ...]:
@@ -62,15 +50,6 @@ class MaskBox:
             (self.x_min_m, self.x_max_m),
             (self.y_min_m, self.y_max_m),
             (self.z_min_m, self.z_max_m),
-        )
-
-    @property
-    def reversed_axes(self) -> tuple[str, ...]:
-        """Axes whose minimum is above their maximum."""
-        return tuple(
-            axis
-            for axis, (low, high) in zip("xyz", self.bounds_m, strict=True)
-            if low is not None and high is not None and low > high
         )
 
     def contains(self, points_m: np.ndarray) -> np.ndarray:
@@ -83,55 +62,37 @@ class MaskBox:
         points_m : ndarray, shape (n, 3), metres
             In the frame of the box.
         """
-        points = np.asarray(points_m, dtype=np.float64)
-        inside = np.ones(len(points), dtype=bool)
-        for axis, (low, high) in enumerate(self.bounds_m):
-            if low is not None and high is not None and low > high:
-                low, high = high, low
-            if low is not None:
-                inside &= points[:, axis] >= low
-            if high is not None:
-                inside &= points[:, axis] <= high
+        inside = np.ones(len(points_m), dtype=bool)
+        for at_m, (low, high) in zip(np.asarray(points_m).T, self.bounds_m, strict=True):
+            low, high = -np.inf if low is None else low, np.inf if high is None else high
+            inside &= (at_m >= min(low, high)) & (at_m <= max(low, high))
         return inside
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingMetadata:
-    """The content of `metadata.json`.
+class RecordingMetadata(FileRecord):
+    """The content of `metadata.json`; keys that are not listed here are in `model_extra`.
 
     Parameters
     ----------
     calibration, calibration_fine, mask_erosion, labels : JSON value, optional
-        As the file has them, lists as tuples; None where the file has none. Their form is
-        not specified.
+        As the file has them; their form is not specified.
     distance_meters : float, optional, metres
         Distance of the object.
     mask_bb : MaskBox, optional
         Box around the object in radar space, in which x is mirrored.
     empty_measurement : str, optional
         Name of the capture of the empty room.
-    other : mapping
-        The file's other keys; under "mask_bb" the keys of that which are no bounds.
-
-    Examples
-    --------
-    >>> from measurement_io import MaskBox, RecordingMetadata
-    >>> metadata = RecordingMetadata(distance_meters=0.3, mask_bb=MaskBox(x_min_m=-0.2))
-    >>> metadata.mask_bb_antenna.x_max_m  # x changes sign
-    0.2
     """
+
+    model_config = ConfigDict(extra="allow")
 
     calibration: Any = None
     calibration_fine: Any = None
-    distance_meters: float | None = None
+    distance_meters: Annotated[Number, Field(gt=0)] | None = None
     mask_erosion: Any = None
     labels: Any = None
     mask_bb: MaskBox | None = None
-    empty_measurement: str | None = None
-    other: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "other", checks.frozen_mapping("other", self.other))
+    empty_measurement: str | None = Field(None, description="a name")
 
     @property
     def mask_bb_antenna(self) -> MaskBox | None:
@@ -161,22 +122,7 @@ def read_metadata(path: str | os.PathLike[str]) -> RecordingMetadata:
     ...     '{"distance_meters": 0.3, "mask_bb": {"xmin": -0.2, "xmax": 0.1}}'
     ... )
     >>> metadata = read_metadata("metadata.json")
-    >>> metadata.distance_meters
-    0.3
+    >>> metadata.distance_meters, metadata.mask_bb_antenna.x_max_m  # x changes sign
+    (0.3, 0.2)
     """
-    from measurement_io.maroon.side_files import MetadataFile, record_of
-
-    found = record_of(read_json_object(Path(path)), MetadataFile, Path(path))
-    other = dict(found.model_extra or {})
-    box = None
-    if found.mask_bb is not None:
-        box = MaskBox(*(getattr(found.mask_bb, name) for name in _BOUNDS))
-        more = found.mask_bb.model_extra
-        other |= {"mask_bb": more} if more else {}
-    as_is = ("calibration", "calibration_fine", "mask_erosion", "labels")
-    kept = {key: tuple(v) if isinstance(v := getattr(found, key), list) else v for key in as_is}
-    with reading(path, "the metadata of a recording"):
-        return RecordingMetadata(
-            **kept, distance_meters=found.distance_meters, mask_bb=box,
-            empty_measurement=found.empty_measurement, other=other,
-        )  # fmt: skip
+    return record_of(read_json_object(Path(path)), RecordingMetadata, Path(path))

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from clradar.files.failures import clean, fail, reading, shown
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
 from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
-from measurement_io.maroon.alignment import MESH_SOURCE, SensorAlignment, read_alignment
 from measurement_io.maroon.folders import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
 from measurement_io.maroon.frame import read_frame_file, read_time_stamp
-from measurement_io.maroon.metadata import RecordingMetadata, read_metadata
+
+if TYPE_CHECKING:
+    from measurement_io.maroon.alignment import SensorAlignment
+    from measurement_io.maroon.metadata import RecordingMetadata
 
 _EXPECTED = (
     "the folder of a recording: radar_<low GHz>_<high GHz>_<points>, or the <object>/<distance> "
@@ -50,22 +52,13 @@ def open_recording(
     Raises
     ------
     MeasurementError
-        No such folder, several radar folders in it, no frame of the variant, an antenna file that
-        cannot be read. A frame that cannot be read is an error when it is accessed.
-    ModelError
-        An unknown variant.
+        No such folder, several radar folders in it, no frame of the variant. A frame that cannot be
+        read is an error when it is accessed.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
     >>> from measurement_io import open_recording, save_recording
-    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
-    >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
-    >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]
-    >>> radar = save_recording("plate/30", captures, timestamps_us=[0, 125_000, 250_000])
-    >>> radar.as_posix()
-    'plate/30/radar_72.0_82.0_3'
+    >>> radar = save_recording("plate/30", frames, timestamps_us=[0, 125_000, 250_000])
     >>> recording = open_recording("plate/30")
     >>> [float(abs(capture.data.real).max()) for capture in recording]
     [1.0, 2.0, 3.0]
@@ -155,25 +148,6 @@ class Recording(Sequence[Capture]):
 
     A frame that is damaged, or has other frequencies than the first frame that can be read, raises
     `MeasurementError` on access; all other frames can still be read (`readable`).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from measurement_io import open_recording, save_recording
-    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
-    >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
-    >>> captures = [clradar.Capture((i + 1) * data, array, waveform) for i in range(3)]
-    >>> radar = save_recording("plate/30", captures, timestamps_us=[0, 125_000, 250_000])
-    >>> radar.as_posix()
-    'plate/30/radar_72.0_82.0_3'
-    >>> recording = open_recording("plate/30")
-    >>> len(recording), recording.frame_numbers, recording.variants
-    (3, (0, 1, 2), ('raw',))
-    >>> recording[1:].frame_numbers
-    (1, 2)
-    >>> float(recording[-1].data[0, 0, 0].real)
-    3.0
     """
 
     def __init__(self, files: _Files, variant: str, numbers: tuple[int, ...] | None = None) -> None:
@@ -278,12 +252,16 @@ class Recording(Sequence[Capture]):
     @property
     def metadata(self) -> RecordingMetadata | None:
         """The content of `metadata.json`; None if there is none."""
+        from measurement_io.maroon.metadata import read_metadata
+
         found: RecordingMetadata | None = self._files.beside(METADATA_FILE, read_metadata)
         return found
 
     @property
     def alignment(self) -> SensorAlignment | None:
         """The transforms of `alignment.json`; None if there is none."""
+        from measurement_io.maroon.alignment import read_alignment
+
         found: SensorAlignment | None = self._files.beside(ALIGNMENT_FILE, read_alignment)
         return found
 
@@ -352,7 +330,7 @@ def placed_mesh(distance: Path, name: str, alignment: SensorAlignment) -> Scene:
     if name not in meshes:
         there = clean(", ".join(sorted(meshes))) or "no mesh"
         fail(distance / MESH_FOLDER, f"the mesh {clean(name)}.obj", there)
-    matrix = alignment.to_antenna(MESH_SOURCE)
+    matrix = alignment.to_antenna("photogrammetry")
     scene = _read_mesh(meshes[name], matrix)
     if np.linalg.det(matrix[:3, :3]) < 0:
         scene = replace(scene, faces=scene.faces[:, ::-1])

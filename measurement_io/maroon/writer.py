@@ -1,4 +1,4 @@
-"""Write a capture in the form in which recorded frames of the 94 x 94 imager are exchanged."""
+"""Write frames and recordings in the form in which those of the 94 x 94 imager are exchanged."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import json
 import math
 import os
 import pickle
-from collections.abc import Mapping, Sequence
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,38 +16,40 @@ import numpy as np
 
 from clradar import arrays
 from clradar.arrays.array_file import array_text
-from clradar.errors import OutputError
-from clradar.files.atomic import replacing, write_file
-from clradar.files.failures import clean, shown
+from clradar.errors import ModelError, OutputError
+from clradar.files.atomic import move_folder, new_folder, replacing, swap_folder, write_file
+from clradar.files.confined.process import Companion
+from clradar.files.failures import regular_file_size, shown
+from clradar.files.json_file import read_json_object
+from clradar.files.json_text import to_json
 from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform, checks
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
 from measurement_io.maroon.folders import (
+    ALIGNMENT_FILE,
     ANTENNAS_FILE,
     CALIBRATION_FILE,
     FRAMES_FOLDER,
+    MESH_FOLDER,
+    METADATA_FILE,
+    PRODUCTS,
     VARIANTS,
     RadarFolderName,
+    entries,
+    find_radar_folder,
+    product_files,
 )
+from measurement_io.maroon.frame import read_frame_file
+
+MAX_FRAMES = 1_000_000
+"""A frame's number has six digits."""
 
 _OF_THE_FORM = frozenset(
     ("xr", "fvec", "number_of_measurements", "timestamp_us", "source", "format", "frame", "variant")
 )
 """Keys of `Capture.meta` that the reader sets anew, or that mean something else in the form."""
 
-
-def frequency_entries(waveform: Waveform) -> dict[str, float | int]:
-    """Return the frequencies as `calibration.json` has them."""
-    low_ghz, high_ghz = (float(f) / 1e9 for f in waveform.frequencies_hz[[0, -1]])
-    return {
-        "frequency_low_ghz": low_ghz,
-        "frequency_high_ghz": high_ghz,
-        "frequency_points": waveform.n_freq,
-    }
-
-
-def radar_folder_name(waveform: Waveform) -> str:
-    """Return the name of the radar folder that a waveform belongs into."""
-    return "_".join(map(str, ("radar", *frequency_entries(waveform).values())))
+_NAME = "save_recording"
+Progress = Callable[[int, int], object]
 
 
 def save_maroon_frame(
@@ -59,18 +63,19 @@ def save_maroon_frame(
     channels: int = CHANNELS,
     force: bool = False,
 ) -> Path:
-    """Write one frame into `path/radar_<low>_<high>_<points>/calibrated_data/`.
+    """Write a capture as one `.npy` frame into `path/radar_<low>_<high>_<points>`.
 
     Parameters
     ----------
     path : path-like
-        The `<object>/<distance>` folder; it is made, with the folders above it, where missing.
+        The `<object>/<distance>` folder; folders are made where missing.
     capture : Capture
-        Of antennas other than those of `clradar.arrays.qar50()` the folder gets an `antennas.toml`.
+        Of antennas other than those of `clradar.arrays.qar50()` the radar folder gets an
+        `antennas.toml`, which the readers take.
     frame : int
-        Number of the frame, 0 to 999999.
+        Number of the frame, in the file's name.
     variant : {"raw", "emptyfiltered"}
-    timestamp_us : number or sequence of numbers, microseconds, optional
+    timestamp_us : int or sequence of int, microseconds, optional
         That of `capture.meta` if not given, else 0.
     number_of_measurements : int, optional
         Frames of the whole recording; `frame + 1` if not given.
@@ -86,62 +91,280 @@ def save_maroon_frame(
         The frame's file. Reading it gives the same bits of data and frequencies, and the numbers
         and strings of `capture.meta`.
 
-    Raises
-    ------
-    ModelError
-        An invalid argument.
-    OutputError
-        The radar folder exists and `force` is not set, it belongs to another waveform or to
-        other antennas, or the system refuses to write.
-
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
     >>> from measurement_io import open_capture, save_maroon_frame
-    >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
-    >>> data = np.full((94, 94, 3), 1 - 1j, np.complex64)
-    >>> capture = clradar.Capture(data, array, waveform, {"object": "plate"})
-    >>> path = save_maroon_frame("plate/30", capture, frame=7, timestamp_us=1_700_000)
+    >>> path = save_maroon_frame("plate/30", frames[1], frame=7, timestamp_us=1_700_000)
     >>> path.as_posix()
     'plate/30/radar_72.0_82.0_3/calibrated_data/000007.npy'
     >>> read = open_capture(path)
-    >>> np.array_equal(read.data, data), read.meta["frame"], read.meta["timestamp_us"]
-    (True, 7, 1700000)
+    >>> np.array_equal(read.data, frames[1].data), read.meta["timestamp_us"]
+    (True, 1700000)
     """
-    number = checks.whole("save_maroon_frame: frame", frame, 0, 999_999)
+    number = checks.whole("save_maroon_frame: frame", frame, 0, MAX_FRAMES - 1)
     total = number + 1 if number_of_measurements is None else number_of_measurements
     total = checks.whole("save_maroon_frame: number_of_measurements", total, 1)
     variant = checks.one_of("save_maroon_frame: variant", variant, VARIANTS)
     if channels not in (CHANNELS, CHANNELS - 2):
         checks.fail("save_maroon_frame: channels", "96 or 94", repr(channels))
-    stamp = time_stamp("save_maroon_frame: timestamp_us", capture, timestamp_us)
-    radar = check_target_folder(Path(path)) / radar_folder_name(capture.waveform)
-    _make_folders(radar, force=force)
-    write_antennas(radar, capture.array)
-    _write_calibration(radar / CALIBRATION_FILE, capture.waveform, number)
-    target = radar / FRAMES_FOLDER / frame_name(number, variant)
-    write_frame_file(target, capture, total, stamp, channels=channels, force=force)
+    stamp = _time_stamp("save_maroon_frame: timestamp_us", capture, timestamp_us)
+    radar = _target_folder(Path(path)) / _radar_folder_name(capture.waveform)
+    if radar.exists() and not force:
+        raise OutputError(
+            f"{shown(radar)}: exists already; a frame is added or replaced only with force"
+        )
+    try:
+        (radar / FRAMES_FOLDER).mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{shown(radar)}: cannot be made: {error}") from error
+    _write_antennas(radar, capture.array)
+    calibration, waveform = radar / CALIBRATION_FILE, capture.waveform
+    if not calibration.exists():
+        _write_calibration(calibration, waveform, {number: _grid_entry(None)})
+    else:  # a recording's own file holds more than these entries, so it is never rewritten
+        there = read_json_object(calibration)
+        if any(there.get(k) != value for k, value in _frequency_entries(waveform).items()):
+            raise OutputError(f"{shown(calibration)}: belongs to another waveform than the capture")
+    target = radar / FRAMES_FOLDER / _frame_name(number, variant)
+    _write_frame(target, capture, total, stamp, channels=channels, force=force)
     return target
 
 
-def write_antennas(radar: Path, array: AntennaArray) -> None:
-    """Write the antennas into a radar folder, unless they are the imager's, as in the form."""
-    if any((radar / FRAMES_FOLDER).glob("*.npy")):
-        there = antenna_array(None, None, radar / ANTENNAS_FILE)
-        if there.same_antennas(array):
-            return
-        raise OutputError(
-            f"{shown(radar)}: expected frames of its antennas, '{there.name}' with {there.n_tx} Tx "
-            f"and {there.n_rx} Rx, got '{array.name}' with {array.n_tx} Tx and {array.n_rx} Rx, or "
-            "with other gains or patterns"
-        )
-    plain = not (array.has_patterns or array.has_gains)
-    if not (plain and array.same_positions(arrays.qar50())):
-        write_file(radar / ANTENNAS_FILE, array_text(array).encode("utf-8"), force=True)
+def save_recording(
+    path: str | os.PathLike[str],
+    captures: Iterable[Capture],
+    *,
+    variant: str = "raw",
+    emptyfiltered: Iterable[Capture] | None = None,
+    timestamps_us: Sequence[Any] | None = None,
+    metadata: Mapping[str, Any] | None = None,
+    alignment: Mapping[str, Any] | None = None,
+    meshes: Iterable[str | os.PathLike[str]] = (),
+    grid: VoxelGrid | None = None,
+    copy_from: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+    force: bool = False,
+) -> Path:
+    """Write captures as a recording, `path/radar_<low>_<high>_<points>` and the files beside it.
+
+    One frame at a time is in memory. All of it is written under a hidden name beside `path` and
+    renamed at the end, so that `path` never holds half a recording.
+
+    Parameters
+    ----------
+    path : path-like
+        The `<object>/<distance>` folder. The folders above it are made where missing.
+    captures : iterable of Capture
+        All of one array and waveform; they get the numbers 0, 1, 2 ... Of antennas other than those
+        of `clradar.arrays.qar50()` the radar folder gets an `antennas.toml`, which the readers
+        take. Where the iterable has no length, each frame is written twice: it names how many
+        there are.
+    variant : {"raw", "emptyfiltered"}
+        What `captures` are.
+    emptyfiltered : iterable of Capture, optional
+        The same frames with the empty room removed, to go beside raw ones: each beside the one of
+        the same number in `meta["frame"]`, as those of a recording have, where all have one that is
+        unique, else one for each in order.
+    timestamps_us : sequence, microseconds, optional
+        A number, or a sequence of them, per frame. If not given, `meta["timestamp_us"]` of each
+        capture, else 0.
+    metadata, alignment : mapping, optional
+        Content of `metadata.json` and `alignment.json`, in types that JSON knows.
+    meshes : iterable of path-like
+        Files to be copied to `photogrammetry/`.
+    grid : VoxelGrid, optional
+        What `calibration.json` names as the grid of the frames; 20 x 20 x 40 cm if not given.
+    copy_from : path-like, optional
+        A recording whose `metadata.json`, `alignment.json`, meshes, products and entries of
+        `calibration.json` are copied byte by byte, as far as they are not given otherwise. Which
+        of its frames a capture is, is in `meta["frame"]`.
+    progress : callable, optional
+        Called with (frames written, frames in all) after each frame; in all is 0 if not known.
+    force : bool
+        Replace the radar folder of this waveform, and files of the same name beside it, in a
+        folder that exists. Everything else in it stays.
+
+    Returns
+    -------
+    Path
+        The radar folder.
+
+    Raises
+    ------
+    ModelError
+        No capture, captures of different arrays or waveforms, another number of time stamps, or
+        an invalid argument.
+    MeasurementError
+        A file of `copy_from` or of `meshes` cannot be read.
+    OutputError
+        The folder exists, is not empty and `force` is not set; or the system refuses to write.
+
+    Examples
+    --------
+    >>> from measurement_io import open_recording, save_recording
+    >>> radar = save_recording("plate/30", frames, timestamps_us=[0, 125_000, 250_000])
+    >>> radar.as_posix()
+    'plate/30/radar_72.0_82.0_3'
+    >>> open_recording("plate/30").timestamps_us
+    (0, 125000, 250000)
+    """
+    variant = checks.one_of(f"{_NAME}: variant", variant, VARIANTS)
+    if emptyfiltered is not None and variant != "raw":
+        checks.fail(f"{_NAME}: emptyfiltered", "captures beside raw ones", f"variant '{variant}'")
+    source = None if copy_from is None else find_radar_folder(Path(copy_from))
+    target = _target_folder(Path(path))
+    _refuse_existing(target, force=force)
+    iterator = iter(captures)
+    first = next(iterator, None)
+    if first is None:
+        raise ModelError(f"{_NAME}: expected at least one capture, got none")
+    checks.instance(f"{_NAME}: captures", first, Capture)
+    name = _radar_folder_name(first.waveform)
+
+    with new_folder(target) as temporary:
+        radar = temporary / name
+        (radar / FRAMES_FOLDER).mkdir(parents=True)
+        _write_antennas(radar, first.array)
+        frames = _Frames(radar, first, timestamps_us, progress)
+        numbers = frames.write(chain([first], iterator), _length(captures), variant)
+        if emptyfiltered is not None:
+            frames.write_beside(emptyfiltered, _length(emptyfiltered), numbers)
+        sources = [i if number is None else number for i, number in enumerate(numbers)]
+        there: dict[str, Any] = {}
+        if source is not None:
+            if (source / CALIBRATION_FILE).exists():
+                there = read_json_object(source / CALIBRATION_FILE)
+            _copy_products(source, radar, sources)
+            _copy_beside(source.absolute().parent, temporary)
+        new = _grid_entry(grid)
+        placed = {i: there.get(f"{number:06d}", new) for i, number in enumerate(sources)}
+        _write_calibration(radar / CALIBRATION_FILE, first.waveform, placed)
+        for beside, content in ((METADATA_FILE, metadata), (ALIGNMENT_FILE, alignment)):
+            if content is not None:
+                text = json.dumps(json.loads(to_json(f"{_NAME}: {beside}", content)), indent=2)
+                (temporary / beside).write_bytes(f"{text}\n".encode("ascii"))
+        for mesh in meshes:
+            _copy(Path(mesh), temporary / MESH_FOLDER / Path(mesh).name)
+        _put_in_place(temporary, target, name, force=force)
+    return target / name
 
 
-def check_target_folder(path: Path) -> Path:
+class _Frames:
+    """Writes the frames of one recording, whose captures have to be of one kind."""
+
+    def __init__(
+        self, radar: Path, first: Capture, stamps_us: Sequence[Any] | None, progress: Any
+    ) -> None:
+        self._folder = radar / FRAMES_FOLDER
+        self._array, self._waveform = first.array, first.waveform
+        self._stamps_us = stamps_us
+        self._progress = progress or (lambda *_: None)
+
+    def write(
+        self, captures: Iterable[Capture], length: int | None, variant: str
+    ) -> list[int | None]:
+        """Write all frames of a variant; return the numbers that they had, None: no such number."""
+        numbers: list[int | None] = []
+        most = MAX_FRAMES if self._stamps_us is None else len(self._stamps_us)
+        for i, capture in enumerate(captures):
+            if i >= most:
+                checks.fail(f"{_NAME}: captures", f"at most {most} (frames, time stamps)", "more")
+            self._write(capture, i, i, length or 1, variant)
+            numbers.append(_number(capture))
+            self._progress(i + 1, length or 0)
+        if self._stamps_us is not None and len(numbers) != most:
+            expected = f"{most}, one for each of the time stamps"
+            checks.fail(f"{_NAME}: {variant} captures", expected, f"{len(numbers)}")
+        if length != len(numbers):  # of frames, which only is known now
+            companion = Companion()
+            for i in range(len(numbers)):
+                path = self._folder / _frame_name(i, variant)
+                capture = read_frame_file(path, array=self._array, companion=companion)
+                stamp = _time_stamp(_NAME, capture, None)
+                _write_frame(path, capture, len(numbers), stamp, force=True)
+        return numbers
+
+    def write_beside(
+        self, captures: Iterable[Capture], length: int | None, raw: Sequence[int | None]
+    ) -> None:
+        """Write the emptyfiltered frames, each beside the raw one of its number or its place."""
+        unique = None not in raw and len(set(raw)) == len(raw)
+        places = {number: i for i, number in enumerate(raw)} if unique else {}
+        written: set[int] = set()
+        for done, capture in enumerate(captures):
+            number = _number(capture)
+            if number is None or not places:
+                unique, place = False, done
+            else:
+                place = places.get(number, len(raw))
+            if place >= len(raw) or place in written:
+                expected = "one for each raw frame, by number in meta['frame'] or in order"
+                got = f"one more, of number {number}"
+                checks.fail(f"{_NAME}: emptyfiltered captures[{done}]", expected, got)
+            self._write(capture, done, place, len(raw), "emptyfiltered")
+            written.add(place)
+            self._progress(done + 1, length or 0)
+        if not written or (len(written) != len(raw) and not unique):
+            expected = f"{len(raw)}, one for each raw frame, or numbers in meta['frame'] of both"
+            checks.fail(f"{_NAME}: emptyfiltered captures", expected, f"{len(written)}")
+
+    def _write(self, capture: Capture, i: int, place: int, total: int, variant: str) -> None:
+        name = f"{_NAME}: captures[{i}]"
+        checks.instance(name, capture, Capture)
+        if not capture.array.same_antennas(self._array):
+            checks.fail(name, f"the antennas of the first ({_text(self._array)})",
+                        f"{_text(capture.array)}, or with other gains or patterns")  # fmt: skip
+        if not capture.waveform.same_frequencies(self._waveform):
+            checks.fail(
+                name,
+                f"the frequencies of the first ({_frequencies(self._waveform)})",
+                f"{_frequencies(capture.waveform)}, or other steps between them",
+            )
+        given = None if self._stamps_us is None else self._stamps_us[place]
+        stamp = _time_stamp(f"{_NAME}: timestamps_us[{place}]", capture, given)
+        _write_frame(self._folder / _frame_name(place, variant), capture, total, stamp)
+
+
+def _number(capture: Capture) -> int | None:
+    """Return the number that a frame had where it comes from."""
+    number = capture.meta.get("frame")
+    return number if isinstance(number, int) and not isinstance(number, bool) else None
+
+
+def _text(array: AntennaArray) -> str:
+    return f"'{array.name}' with {array.n_tx} Tx and {array.n_rx} Rx"
+
+
+def _frequencies(waveform: Waveform) -> str:
+    low, high = waveform.frequencies_hz[[0, -1]] / 1e9
+    return f"{waveform.n_freq} from {low:.9g} to {high:.9g} GHz"
+
+
+def _length(captures: Iterable[Capture]) -> int | None:
+    return len(captures) if isinstance(captures, Sized) else None
+
+
+# ---- files and names of the form
+
+
+def _frequency_entries(waveform: Waveform) -> dict[str, float | int]:
+    low_ghz, high_ghz = (float(f) / 1e9 for f in waveform.frequencies_hz[[0, -1]])
+    return {
+        "frequency_low_ghz": low_ghz,
+        "frequency_high_ghz": high_ghz,
+        "frequency_points": waveform.n_freq,
+    }
+
+
+def _radar_folder_name(waveform: Waveform) -> str:
+    return "_".join(map(str, ("radar", *_frequency_entries(waveform).values())))
+
+
+def _frame_name(number: int, variant: str) -> str:
+    return f"{number:06d}.npy" if variant == "raw" else f"{number:06d}_{variant}.npy"
+
+
+def _target_folder(path: Path) -> Path:
     """Return `path`, or raise if it has the name of the folder that is to be made in it."""
     if RadarFolderName.parse(path.absolute().name) is not None:
         raise OutputError(
@@ -151,28 +374,35 @@ def check_target_folder(path: Path) -> Path:
     return path
 
 
-def frame_name(number: int, variant: str) -> str:
-    """Return the name of a frame's file."""
-    return f"{number:06d}.npy" if variant == "raw" else f"{number:06d}_{variant}.npy"
+def _write_antennas(radar: Path, array: AntennaArray) -> None:
+    """Write the antennas into a radar folder, unless they are the imager's, as in the form."""
+    if any((radar / FRAMES_FOLDER).glob("*.npy")):
+        there = antenna_array(None, None, radar / ANTENNAS_FILE)
+        if there.same_antennas(array):
+            return
+        raise OutputError(
+            f"{shown(radar)}: expected frames of its antennas, {_text(there)}, got {_text(array)}, "
+            "or with other gains or patterns"
+        )
+    plain = not (array.has_patterns or array.has_gains)
+    if not (plain and array.same_positions(arrays.qar50())):
+        write_file(radar / ANTENNAS_FILE, array_text(array).encode("utf-8"), force=True)
 
 
-def time_stamp(field: str, capture: Capture, given: Any) -> np.ndarray:
+def _time_stamp(field: str, capture: Capture, given: Any) -> np.ndarray:
     """Return the time stamps of a frame as the form has them: an array, shape (n,)."""
     value = capture.meta.get("timestamp_us") if given is None else given
-    if value is None:
-        value = 0
     try:
-        stamps = np.atleast_1d(np.asarray(value))
+        stamps = np.atleast_1d(np.asarray(0 if value is None else value))
     except ValueError:  # nested lists of different lengths
         stamps = np.empty(0, dtype=object)
-    if stamps.ndim != 1 or not stamps.size or stamps.dtype.kind not in "iuf":
-        checks.fail(field, "a number of microseconds, or several", repr(value)[:60])
-    if stamps.dtype.kind == "f" and not np.isfinite(stamps).all():
-        checks.fail(field, "finite numbers", repr(value)[:60])
+    plain = stamps.ndim == 1 and stamps.size and stamps.dtype.kind in "iuf"
+    if not plain or not np.isfinite(stamps).all():
+        checks.fail(field, "a finite number of microseconds, or several", repr(value)[:60])
     return stamps
 
 
-def write_frame_file(
+def _write_frame(
     target: Path,
     capture: Capture,
     total: int,
@@ -193,7 +423,7 @@ def write_frame_file(
         "fvec": np.array(capture.waveform.frequencies_hz),
         "number_of_measurements": total,
         "timestamp_us": stamp,
-        **_carried(capture.meta),
+        **{k: v for k, v in capture.meta.items() if k not in _OF_THE_FORM and _is_carried(v)},
     }
     with replacing(target, force=force) as temporary, open(temporary, "xb") as file:
         header = {"descr": "|O", "fortran_order": False, "shape": ()}
@@ -218,63 +448,80 @@ class _PortablePickler(_Pickler):
         self.memoize(obj)
 
 
-def _carried(meta: Mapping[str, Any]) -> dict[str, str | int | float]:
-    """Return the entries of a capture's `meta` for a frame's dictionary: numbers and strings."""
-    carried: dict[str, str | int | float] = {}
-    for key, value in meta.items():
-        if key in _OF_THE_FORM:
-            continue
-        if isinstance(value, float):
-            if math.isfinite(value):
-                carried[key] = float(value)
-        elif isinstance(value, str) or (isinstance(value, int) and abs(value) < 2**64):
-            carried[key] = value
-    return carried
+def _is_carried(value: Any) -> bool:
+    """Whether an entry of `meta` is a number or a string that a frame's dictionary can hold."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return isinstance(value, str) or (isinstance(value, int) and abs(value) < 2**64)
 
 
-def default_grid() -> VoxelGrid:
-    """Return the grid that a frame without an image names: where objects of the dataset are."""
-    return VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
+def _grid_entry(grid: VoxelGrid | None) -> dict[str, Any]:
+    """Return the entry of a frame in `calibration.json`: a grid alone, in radar space.
 
-
-def grid_entry(grid: VoxelGrid | None = None) -> dict[str, Any]:
-    """Return the entry of a frame in `calibration.json`: a grid alone, in radar space."""
-    grid = default_grid() if grid is None else grid
-    x_m, y_m, z_m = -grid.x_m[::-1], grid.y_m, grid.z_m
+    That of a frame without an image is where objects of the dataset are.
+    """
+    if grid is None:
+        grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
+    axes = (-grid.x_m[::-1], grid.y_m, grid.z_m)
     ends = {"bb_min": 0, "bb_max": -1}
-    box = {name: [float(axis[i]) for axis in (x_m, y_m, z_m)] for name, i in ends.items()}
+    box = {name: [float(axis[i]) for axis in axes] for name, i in ends.items()}
     return {"volume": {**box, "grid_size": list(grid.counts)}}
 
 
-def write_calibration(path: Path, waveform: Waveform, frames: Mapping[int, Any]) -> None:
-    """Write a new `calibration.json` with the entries of frames."""
-    content = {**frequency_entries(waveform), **{f"{n:06d}": frames[n] for n in sorted(frames)}}
+def _write_calibration(path: Path, waveform: Waveform, frames: Mapping[int, Any]) -> None:
+    content = {**_frequency_entries(waveform), **{f"{n:06d}": frames[n] for n in sorted(frames)}}
     write_file(path, (json.dumps(content, indent=2) + "\n").encode("ascii"), force=False)
 
 
-def _make_folders(radar: Path, *, force: bool) -> None:
+# ---- copies, and the folder as a whole
+
+
+def _copy_products(source: Path, radar: Path, numbers: Sequence[int]) -> None:
+    for product, kind in PRODUCTS.items():
+        there = product_files(source, product)
+        for i, number in enumerate(numbers):
+            if number in there:
+                _copy(there[number], radar / product / f"{i:06d}.{kind}")
+
+
+def _copy_beside(source: Path, target: Path) -> None:
+    """Copy `metadata.json`, `alignment.json` and the meshes of a recording."""
+    for name in (METADATA_FILE, ALIGNMENT_FILE):
+        if (source / name).is_file():
+            _copy(source / name, target / name)
+    if (source / MESH_FOLDER).is_dir():
+        for path in entries(source / MESH_FOLDER):
+            if path.name.startswith("mesh") and path.is_file():
+                _copy(path, target / MESH_FOLDER / path.name)
+
+
+def _copy(source: Path, target: Path) -> None:
+    regular_file_size(source, "a file to copy")
+    target.parent.mkdir(exist_ok=True)
+    shutil.copyfile(source, target)
+
+
+def _refuse_existing(target: Path, *, force: bool) -> None:
     try:
-        if radar.exists() and not force:
-            raise OutputError(
-                f"{shown(radar)}: exists already; a frame is added or replaced only with force"
-            )
-        (radar / FRAMES_FOLDER).mkdir(parents=True, exist_ok=True)
-    except OutputError:
-        raise
+        if os.path.lexists(target) and not target.is_dir():
+            raise OutputError(f"{shown(target)}: expected a folder, got a file of that name")
+        if target.is_dir() and any(target.iterdir()) and not force:
+            raise OutputError(f"{shown(target)}: exists already; not written into without force")
     except (OSError, ValueError) as error:
-        raise OutputError(f"{shown(radar)}: cannot be made: {clean(error)}") from error
+        if isinstance(error, OutputError):
+            raise
+        raise OutputError(f"{shown(target)}: cannot be written: {error}") from error
 
 
-def _write_calibration(path: Path, waveform: Waveform, number: int) -> None:
-    if not path.exists():
-        # The dataset's program asks for the grid of every frame.
-        write_calibration(path, waveform, {number: grid_entry()})
+def _put_in_place(temporary: Path, target: Path, radar: str, *, force: bool) -> None:
+    _refuse_existing(target, force=force)  # it may have appeared meanwhile
+    if not target.exists() or not any(target.iterdir()):
+        move_folder(temporary, target.absolute())
         return
-    # A recording's own file holds more than these three entries, so it is never rewritten.
-    try:
-        there = json.loads(path.read_text(encoding="utf-8"))
-        agrees = all(there.get(k) == value for k, value in frequency_entries(waveform).items())
-    except (OSError, ValueError, AttributeError) as error:
-        raise OutputError(f"{shown(path)}: cannot be read: {clean(error)}") from error
-    if not agrees:
-        raise OutputError(f"{shown(path)}: belongs to another waveform than the capture")
+    swap_folder(temporary / radar, target / radar, aside=temporary / f"{radar}.replaced")
+    for path in sorted(p for p in temporary.rglob("*") if p.is_file()):
+        inside = path.relative_to(temporary)
+        if inside.parts[0].startswith("radar_"):
+            continue  # what was replaced; it goes with the temporary folder
+        (target / inside).parent.mkdir(exist_ok=True)
+        os.replace(path, target / inside)

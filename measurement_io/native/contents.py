@@ -1,13 +1,10 @@
 """Attributes and arrays of a native file, read in the confined process.
 
-Nothing but numbers, text and arrays leaves these functions; `native` and `channels_file` make
-records of them.
+Nothing but numbers, text and arrays leaves these functions; `records` makes records of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +12,7 @@ import numpy as np
 
 from clradar.files.failures import clean, fail
 from measurement_io.confined import hdf5_guard
-from measurement_io.native.scheme import (
-    EXPECTED,
-    NX_CLASSES,
-    SCHEMES,
-    VERSION,
-    VIEW_AXES,
-    VIEWS,
-    Dataset,
-    text_crc32,
-)
+from measurement_io.native.scheme import EXPECTED, SCHEMES, VERSION, Dataset, text_crc32
 
 Contents = dict[str, Any]
 _FORMAT = "clradar_format"
@@ -42,20 +30,18 @@ def read_if_native(path: Path, kind: str | None) -> Contents | None:
     None if the root has no format attribute of ours.
     """
     with hdf5_guard.opened(path, EXPECTED) as file:
-        return _read(path, file, kind) if _FORMAT in file.attrs else None
-
-
-def _read(path: Path, file: Any, kind: str | None) -> Contents:
-    header, data = _header(path, file, kind)
-    kind = header["format"]
-    lengths: dict[str, int] = {}
-    arrays: Contents = {}
-    # The data comes last: what it is a response of says how long its axes have to be.
-    for dataset in sorted(SCHEMES[kind].datasets, key=lambda dataset: dataset.name == "data"):
-        if dataset.for_viewers or (dataset.optional and dataset.name not in data.keys()):  # noqa: SIM118 - `in data` would follow links
-            continue
-        arrays[dataset.name] = _array(path, data, dataset, lengths)
-    return {"header": header, "arrays": arrays}
+        if _FORMAT not in file.attrs:
+            return None
+        header, data = _header(path, file, kind)
+        lengths: dict[str, int] = {}
+        arrays: Contents = {}
+        datasets = SCHEMES[header["format"]].datasets
+        # The data comes last: what it is a response of says how long its axes have to be.
+        for dataset in sorted(datasets, key=lambda dataset: dataset.name == "data"):
+            absent = dataset.optional and dataset.name not in data.keys()  # noqa: SIM118 - `in data` would follow links
+            if not dataset.for_viewers and not absent:
+                arrays[dataset.name] = _array(path, data, dataset, lengths)
+        return {"header": header, "arrays": arrays}
 
 
 def _array(path: Path, data: Any, dataset: Dataset, lengths: dict[str, int]) -> np.ndarray:
@@ -74,74 +60,13 @@ def read_header(path: Path) -> Contents:
         return _header(path, file, None)[0]
 
 
-def nexus_problems(path: Path) -> list[str]:
-    """Return missing NeXus attributes and checksums, which reading does not need."""
-    problems = []
+def unchecked_datasets(path: Path) -> list[str]:
+    """Return the datasets without checksums, which reading does not need."""
     with hdf5_guard.opened(path, EXPECTED) as file:
         header, data = _header(path, file, None)
-        scheme = SCHEMES[header["format"]]
-        entry = file["entry"]
-        for name, node in (("/", file), ("/entry", entry)):
-            problems += _attribute_problem(path, node, "NX_class", NX_CLASSES[name])
-        problems += _attribute_problem(path, file, "default", "entry")
-        views = _views(path, entry) if header["format"] == "volume" else {}
-        # Files before the views have the data as their default, and so have those without any.
-        problems += _attribute_problem(path, entry, "default", next(iter(views), "data"))
-        problems += _group_problems(path, data, scheme.signal, scheme.axes)
-        for view in views.values():
-            problems += _group_problems(path, view, "data", VIEW_AXES)
-            if not hdf5_guard.has_checksum(hdf5_guard.dataset(path, view, "data")):
-                problems.append(f"{view.name}/data: carries no Fletcher-32 checksum")
-        for dataset in scheme.datasets:
-            name = dataset.name
-            if dataset.optional and name not in data.keys():  # noqa: SIM118
-                continue
-            found = hdf5_guard.dataset(path, data, name)
-            if not hdf5_guard.has_checksum(found):
-                problems.append(f"/entry/data/{name}: carries no Fletcher-32 checksum")
-            if dataset.for_viewers:
-                want = np.arange(data[f"{name}_m"].shape[0])
-                have = hdf5_guard.array(path, data, name, np.int32, (None,))
-                if not np.array_equal(have, want):
-                    problems.append(f"/entry/data/{name}: expected 0 ... {len(want) - 1}")
-        created = header["created"]
-        try:
-            datetime.fromisoformat(created)
-        except ValueError:
-            problems.append(f"/@created: expected an ISO 8601 time, got {clean(created)}")
-    return problems
-
-
-def read_views(path: Path) -> Contents:
-    """Return the views of a native volume, those that there are, each shape (n_y, n_x)."""
-    types = dict(zip(VIEWS, (np.float32, np.float64), strict=True))
-    with hdf5_guard.opened(path, EXPECTED) as file:
-        _, data = _header(path, file, "volume")
-        shape = tuple(hdf5_guard.dataset(path, data, axis).size for axis in VIEW_AXES)
-        views = _views(path, file["entry"])
-        return {
-            name: hdf5_guard.array(path, view, "data", types[name], shape)
-            for name, view in views.items()
-        }
-
-
-def _views(path: Path, entry: Any) -> dict[str, Any]:
-    """Return the groups of the views, in the order of `VIEWS`."""
-    return {name: hdf5_guard.group(path, entry, name) for name in VIEWS if name in entry.keys()}  # noqa: SIM118 - `in entry` would follow links
-
-
-def _group_problems(path: Path, group: Any, signal: str, axes: Sequence[str]) -> list[str]:
-    problems = _attribute_problem(path, group, "NX_class", NX_CLASSES["/entry/data"])
-    problems += _attribute_problem(path, group, "signal", signal)
-    wanted = list(axes)
-    if "axes" not in group.attrs or hdf5_guard.texts(path, group, "axes") != wanted:
-        problems.append(f"{group.name}@axes: expected {wanted}")
-    return problems
-
-
-def _attribute_problem(path: Path, node: Any, name: str, want: str) -> list[str]:
-    have = hdf5_guard.text(path, node, name) if name in node.attrs else "nothing"
-    return [] if have == want else [f"{node.name}@{name}: expected {want}, got {clean(have)}"]
+        names = [dataset.name for dataset in SCHEMES[header["format"]].datasets]
+        there = (hdf5_guard.dataset(path, data, name) for name in names if name in data.keys())  # noqa: SIM118
+        return [clean(found.name) for found in there if not hdf5_guard.has_checksum(found)]
 
 
 def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
@@ -163,8 +88,7 @@ def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
     if version < 1:
         fail(path, f"a native file of version 1 to {VERSION}", f"version {version}")
     if kind not in SCHEMES:
-        formats = " or ".join(repr(name) for name in SCHEMES)
-        fail(path, f"clradar_format {formats}", repr(clean(kind)))
+        fail(path, f"clradar_format {' or '.join(map(repr, SCHEMES))}", repr(clean(kind)))
     if wanted is not None and kind != wanted:
         fail(path, SCHEMES[wanted].noun, f"{SCHEMES[kind].noun}; use {SCHEMES[kind].opener}")
     created = hdf5_guard.text(path, file, "created")
@@ -178,5 +102,5 @@ def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
         have = text_crc32(created, text, list(texts.values()))
         if have != want:
             fail(path, f"text attributes with checksum {want:08x}", f"{have:08x}: they are damaged")
-    found = {"format": kind, "version": version, "created": created, "provenance": text}
-    return {**found, "texts": texts}, data
+    found: Contents = {"format": kind, "version": version, "created": created}
+    return {**found, "provenance": text, "texts": texts}, data

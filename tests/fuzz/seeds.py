@@ -30,26 +30,16 @@ from measurement_io import save_capture, save_channels, save_volume
 def frames() -> list[bytes]:
     """Recorded frames: every protocol, both channel counts, the numpy of old and of today."""
     frame = maroon_files.random_frame(1, channels=94)
-    rich = frame | {
-        "gain": np.float32(0.5),
-        "phase": 1 + 2j,
-        "note": "hand",
-        "flag": True,
-        "list": [1, 2.5, ("a", None)],
-        "objects": np.array([1, "a"], dtype=object),
-        "stamps": [1, 2, 3],
-    }
-    found = [
-        maroon_files.npy(maroon_files.pickled(content, protocol, spelling))
-        for content in (frame, rich)
+    rich = frame | {"gain": np.float32(0.5), "phase": 1 + 2j, "note": "hand"}
+    rich |= {"list": [1, 2.5, ("a", None)], "objects": np.array([1, "a"], dtype=object)}
+    pickles = [
+        maroon_files.pickled(rich, protocol, spelling)
         for protocol in maroon_files.PROTOCOLS
         for spelling in maroon_files.SPELLINGS
     ]
-    found.append(maroon_files.npy(maroon_files.pickled_by_python_2(frame)))
-    found.append(maroon_files.npy(maroon_files.pickled(maroon_files.random_frame(1))))
-    frame = frame | {"xr": np.asfortranarray(frame["xr"]).astype(">c16")}
-    found.append(maroon_files.npy(maroon_files.pickled(frame, 5)))
-    return found
+    pickles += [maroon_files.pickled_by_python_2(frame)]
+    pickles += [maroon_files.pickled(maroon_files.random_frame(1))]
+    return [maroon_files.npy(content) for content in pickles]
 
 
 def native_captures() -> list[bytes]:
@@ -239,38 +229,22 @@ def of_page(page: str) -> bytes:
 
 
 def arrays() -> list[bytes]:
-    """Arrays with every rule, and with gains, poses and patterns."""
-    return [
-        b"""
+    """Arrays with gains, poses and patterns."""
+    text = b"""
+pairs = "cluster"
 [[tx]]
 line = { first_m = [-0.03, 0, 0], last_m = [0.03, 0, 0], n = 3 }
 gain_db = [0, -6, -3]
-phase_deg = 10
 [[rx]]
-cross = { length_m = 0.05, n = 5, center_m = [0, 0, 0.01] }
+plane = { size_m = [0.1, 0.1], n = [2, 3] }
 boresight = [0, 0.1, 1]
-[[antennas]]
-ring = { radius_m = 0.05, n = 4, first_deg = 45 }
-[tx_pattern]
-gain_dbi = 3.0
-exponent = 1.0
+[[pose]]
+line = { first_m = [0, 0, 0], last_m = [0.3, 0, 0], n = 2 }
 [rx_pattern]
 angle_deg = [0.0, 90.0, 180.0]
 field = [1.0, 0.7, 0.0]
-""",
-        b"""
-name = "wall"
-pairs = "cluster"
-[[tx]]
-points_m = [[0, 0, 0], [0.01, 0, 0]]
-[[rx]]
-plane = { size_m = [0.1, 0.1], n = [2, 3] }
-[[pose]]
-line = { first_m = [0, 0, 0], last_m = [0.3, 0, 0], n = 2 }
-rotation_deg = [0, 10, 0]
-""",
-        b'copy_of = "qar50"\n',
-    ]
+"""
+    return [text, b'copy_of = "qar50"\n']
 
 
 POSE = b'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80\n'
@@ -320,43 +294,21 @@ def meshes() -> list[bytes]:
 
 
 def named_meshes(ending: str) -> list[bytes]:
-    """A small mesh in the ways that a format has to hold one."""
+    """A small mesh in the forms that a format has to hold one."""
     if ending in ("glb", "gltf"):
-        primitive = {"attributes": {"POSITION": 1}, "indices": 0}
-        document = mesh_files.tetrahedron(
-            nodes=[
-                {"children": [1, 2], "scale": [1, 2, 1]},
-                {"mesh": 0, "translation": [0.1, 0, 0], "rotation": [0, 0, 0, 1]},
-                {"mesh": 1, "matrix": np.eye(4).reshape(-1).tolist()},
-            ],
-            meshes=[
-                {"name": "a", "primitives": [primitive]},
-                {"primitives": [primitive | {"mode": 5}, primitive | {"mode": 1}]},
-            ],
-        )
-        if ending == "gltf":
-            uri = "data:application/octet-stream;base64," + base64.b64encode(
-                mesh_files.binary()
-            ).decode("ascii")
-            document["buffers"][0]["uri"] = uri
-            return [json.dumps(document, indent=1).encode()]
-        sparse = {
-            "count": 1, "indices": {"bufferView": 0, "componentType": 5123},
-            "values": {"bufferView": 1},
-        }  # fmt: skip
-        changed = json.loads(json.dumps(document))
-        changed["accessors"].append(changed["accessors"][1] | {"sparse": sparse})
-        return [mesh_files.glb(document), mesh_files.glb(changed)]
+        nodes = [{"children": [1], "scale": [1, 2, 1]}, {"mesh": 0, "rotation": [0, 0, 0, 1]}]
+        document = mesh_files.tetrahedron(nodes=nodes)
+        if ending == "glb":
+            return [mesh_files.glb(document)]
+        content = base64.b64encode(mesh_files.binary()).decode("ascii")
+        document["buffers"][0]["uri"] = f"data:application/octet-stream;base64,{content}"
+        return [json.dumps(document, indent=1).encode()]
     ball = trimesh.creation.icosphere(subdivisions=0, radius=0.1)
-    kinds = {"stl": ({}, {"file_type": "stl_ascii"}), "ply": ({}, {"encoding": "ascii"})}
-    found = []
-    for options in kinds.get(ending, ({},)):
-        content = ball.export(**{"file_type": ending} | options)
-        found.append(content.encode() if isinstance(content, str) else content)
     if ending == "ply":
         part, names = np.arange(20) // 10, ("a", "b c")
-        found.append(ply_of_parts(ball.vertices, ball.faces, part, names, 2 * ball.vertices))
-    return found
+        return [ply_of_parts(ball.vertices, ball.faces, part, names, 2 * ball.vertices)]
+    content = ball.export(file_type=ending)
+    return [content.encode() if isinstance(content, str) else content]
 
 
 def rigs() -> list[bytes]:

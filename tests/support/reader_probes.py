@@ -95,7 +95,7 @@ def cost_of_reading(path: Path) -> dict[str, float]:
     outcome = "result"
     try:
         native_contents.read_header(path)
-        native_contents.nexus_problems(path)
+        native_contents.read_if_native(path, None)
     except Exception as error:
         outcome = str(error)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -34,7 +34,7 @@ def command(
     frame.
     """
     from measurement_io import export_file
-    from measurement_io.export.exporting import FORMATS, check_export
+    from measurement_io.export import FORMATS, check_export
 
     check_suffix(output, tuple(FORMATS))
     check_outputs([output], force=force, inputs=[source])

@@ -1,16 +1,15 @@
 """Read a file in a confined process, which a hostile file can crash but not use.
 
-Libraries that read files may not be safe against damaged ones: the HDF5 library, with a few bytes
-changed, loops for ever, allocates without bound, divides by zero or overwrites its own memory;
-readers of meshes believe counts. So each file is read by a process that has just been forked for
-it from a small server (started at the first need, some tenths of a second; a fork takes
-milliseconds). That process has a limit of memory and of time, cannot write files or start
-programs, and once the reader has its files open it cannot open anything else.
+A library may loop for ever, allocate without bound or overwrite its own memory on a damaged file.
+So each file is read by a process that has just been forked for it from a small server (started at
+the first need, some tenths of a second; a fork takes milliseconds). It has a limit of memory and of
+time, cannot write files or start programs, and once the reader has its files open it can open
+nothing else.
 
-Systems other than Linux cannot do that: there a process is started for each file, which takes
-some tenths of a second, and one for all frames of a recording (`Companion`), which is given their
-content and opens none of them. macOS does not limit its memory; Windows limits nothing but the
-time. With CLRADAR_READERS=spawn in the environment Linux does it that way, too: a way to try it.
+Systems other than Linux cannot do that: there a process is started for each file, and one for all
+frames of a recording (`Companion`), which is given their content and opens none of them. macOS does
+not limit its memory; Windows limits nothing but the time. With CLRADAR_READERS=spawn in the
+environment Linux does it that way, too.
 """
 
 from __future__ import annotations
@@ -115,18 +114,10 @@ def run(
 ) -> Any:
     """Call `function(path, *arguments)` in a confined process and return its result.
 
-    Parameters
-    ----------
-    reader : Reader
-    function : callable
-        Of a module, by its name there. It returns what `clradar.files.confined.wire` can send, and
-        calls `file_bytes`, or `forbid_opening` when it has opened what it needs.
-    path : Path
-    *arguments
-        What JSON can hold.
-    companion : Companion, optional
-        Reads this file and others like it where a process for each would be started. The function
-        then takes the content by `file_bytes` alone.
+    The function is one of a module. It returns what `clradar.files.confined.wire` can send, and
+    calls `file_bytes`, or `forbid_opening` when it has opened what it needs. Its arguments are what
+    JSON can hold. A companion reads this file and others like it where a process for each would be
+    started; the function then takes the content by `file_bytes` alone.
     """
     request = {
         "module": function.__module__,
@@ -148,10 +139,9 @@ def run(
             wall_s = START_LIMIT_S + WALL_FACTOR * reader.cpu_s
             answer = _answer_of(message, reader.most_bytes, wall_s)
         else:
-            content = None
+            content, own = None, companion or Companion()
             if companion is not None:
                 content = read_bytes(path, reader.expected, MAX_FRAME_BYTES, error=reader.error)
-            own = companion or Companion()
             answer = own.answer(message, content, reader.most_bytes, reader.cpu_s)
     except NoServer as error:
         fail(path, "a process to read it in", clean(error), error=reader.error, cause=error)
@@ -160,8 +150,7 @@ def run(
         got = f"one on which {reader.library} crashes, or takes more than {limits}"
         fail(path, reader.expected, got, error=reader.error, cause=error)
     if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
-        got = "an invalid answer of the reading process"
-        fail(path, reader.expected, got, error=reader.error)
+        fail(path, reader.expected, "an invalid answer of its process", error=reader.error)
     if "error" in answer:
         raise reader.error(clean(answer["error"]))
     return answer["result"]
@@ -234,9 +223,8 @@ def _started(call: str, **options: Any) -> subprocess.Popen[bytes]:
 
 
 class Companion:
-    """A process that reads many files, where one for each would have to be started.
+    """A process that reads many files, of which it is given the content; or opens a single one.
 
-    It is given their content and can open no file itself; without content it opens its one file.
     It starts at the first need and ends with this object, and another takes over where it dies. In
     a copy for, or a fork of, another process it is a new one.
     """
@@ -406,10 +394,9 @@ def _reply(request: dict[str, Any], link: wire.Link) -> None:
 
 
 def _limit(cpu_s: int, memory_bytes: int, *, again: bool = False) -> None:
-    """Limit memory, processor time, file sizes and child processes of this process.
+    """Limit memory (on Linux), processor time, file sizes and child processes of this process.
 
-    Only Linux says how much memory a process has, and holds it to its limit. With `again`, time
-    and memory are limited on top of what was used, and can be for a further file.
+    With `again`, time is limited on top of what was used, and both can be for a further file.
     """
     global _confined, _pages
     if resource is None or sys.platform == "win32":

@@ -2,7 +2,7 @@
 
 A message is the length of a JSON header (8 bytes), the header, and the bytes of its arrays behind
 one another. It can hold numbers, strings, None, lists, mappings with string keys and arrays
-of numbers or text, and for nothing else: unlike a pickle it cannot ask for anything.
+of numbers or text, and nothing else: unlike a pickle it cannot ask for anything.
 """
 
 from __future__ import annotations
@@ -10,14 +10,12 @@ from __future__ import annotations
 import json
 import math
 import re
-import struct
 from typing import Any, Protocol
 
 import numpy as np
 
 from clradar.files.limits import MAX_ANSWER_HEADER_BYTES
 
-_LENGTH = struct.Struct("<Q")
 _CODE = re.compile(r"[<>|](b1|[iuf][1248]|c8|c16|[SU][0-9]{1,9})\Z")
 
 
@@ -37,7 +35,7 @@ def send(link: Link, value: Any) -> None:
     """Send `value`; raises TypeError for what a message cannot hold."""
     arrays: list[np.ndarray] = []
     header = json.dumps(_plain(value, arrays)).encode("ascii")
-    link.sendall(_LENGTH.pack(len(header)) + header)
+    link.sendall(len(header).to_bytes(8, "little") + header)
     for array in arrays:
         if array.nbytes:
             link.sendall(array.reshape(-1).view(np.uint8).data)
@@ -45,11 +43,11 @@ def send(link: Link, value: Any) -> None:
 
 def receive(link: Link, most_bytes: int) -> Any:
     """Return the next value, whose arrays may have `most_bytes` in all."""
-    length = _LENGTH.unpack(_exactly(link, _LENGTH.size))[0]
+    length = int.from_bytes(_filled(link, bytearray(8)), "little")
     if length > MAX_ANSWER_HEADER_BYTES:
         raise BrokenMessage(f"a header of {length} bytes")
     try:
-        header = json.loads(_exactly(link, length))
+        header = json.loads(_filled(link, bytearray(length)))
         return _value(header, link, [most_bytes])
     except Exception as error:
         raise BrokenMessage(f"{type(error).__name__}") from error
@@ -58,12 +56,10 @@ def receive(link: Link, most_bytes: int) -> Any:
 def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
     """Return `value` as JSON: lists, mappings and arrays carry a tag with their kind."""
     if isinstance(value, np.ndarray):
+        code: Any = value.dtype.str
         if value.dtype.names is not None:
-            fields = [[name, value.dtype[name].str] for name in value.dtype.names]
-            value = value.astype([(name, code) for name, code in fields])  # without padding
-            code: Any = fields
-        else:
-            code = value.dtype.str
+            code = [[name, value.dtype[name].str] for name in value.dtype.names]
+            value = value.astype([(name, kind) for name, kind in code])  # without padding
         if value.dtype.hasobject:
             raise TypeError("an array of objects")
         arrays.append(np.ascontiguousarray(value))
@@ -85,9 +81,16 @@ def _value(plain: Any, link: Link, left: list[int]) -> Any:
         return [_value(item, link, left) for item in content[0]]
     if tag == "mapping":
         return {key: _value(item, link, left) for key, item in content[0].items()}
-    if tag != "array":
+    if tag != "array" or not all(type(n) is int and n >= 0 for n in content[1]):
         raise ValueError(tag)
-    return _array(_dtype(content[0]), content[1], link, left)
+    dtype, shape = _dtype(content[0]), content[1]
+    left[0] -= math.prod(shape) * dtype.itemsize
+    if left[0] < 0:
+        raise ValueError("more bytes than were requested")
+    array = np.empty(shape, dtype)
+    if array.nbytes:
+        _filled(link, array.reshape(-1).view(np.uint8).data)
+    return array
 
 
 def _dtype(code: Any) -> np.dtype[Any]:
@@ -98,28 +101,11 @@ def _dtype(code: Any) -> np.dtype[Any]:
     return np.dtype(code)
 
 
-def _array(dtype: np.dtype[Any], shape: Any, link: Link, left: list[int]) -> np.ndarray:
-    if not all(type(n) is int and n >= 0 for n in shape):
-        raise ValueError(f"shape {shape!r:.40}")
-    nbytes = math.prod(shape) * dtype.itemsize
-    left[0] -= nbytes
-    if left[0] < 0:
-        raise ValueError("more bytes than were requested")
-    array = np.empty(shape, dtype)
-    if nbytes:
-        _fill(link, array.reshape(-1).view(np.uint8).data)
-    return array
-
-
-def _exactly(link: Link, count: int) -> bytearray:
-    content = bytearray(count)
-    _fill(link, memoryview(content))
-    return content
-
-
-def _fill(link: Link, target: memoryview) -> None:
+def _filled(link: Link, buffer: Any) -> Any:
+    target = memoryview(buffer)
     while len(target):
         count = link.recv_into(target)
         if count == 0:
             raise BrokenMessage("the other end is closed")
         target = target[count:]
+    return buffer

@@ -20,7 +20,6 @@ from clradar.files.failures import clean
 from clradar.files.meshes.parts import Parts
 
 PROPERTY = "part"
-
 TEXTURE = ("texture_x", "texture_y", "texture_z")
 
 MOST_PARTS = 1000
@@ -39,21 +38,7 @@ def ply_of_parts(
 ) -> bytes:
     """The content of a PLY file with vertices and faces in this order, coordinates in float32.
 
-    Parameters
-    ----------
-    vertices_m : ndarray, shape (n_vertices, 3), metres
-    faces : ndarray, shape (n_faces, 3)
-    part : ndarray, shape (n_faces,)
-        Index into `names` of each face.
-    names : sequence of str
-    texture_m : ndarray, shape (n_vertices, 3), metres, optional
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    >>> ply_of_parts(corners, np.array([[0, 1, 2]]), np.array([0]), ["palm"]).splitlines()[2]
-    b'comment part 0 palm'
+    `part` has the index into `names` of each face.
     """
     import trimesh
 
@@ -69,10 +54,7 @@ def ply_of_parts(
 
 
 def with_texture(parts: Parts, scene: Any) -> Parts:
-    """The texture of a PLY file's mesh, if its vertices have the properties and no NaN in them.
-
-    Parameters are those of `with_parts`.
-    """
+    """The texture of a PLY file's mesh, if its vertices have the properties and no NaN in them."""
     columns = [_property(scene, "vertex", name) for name in TEXTURE]
     if any(len(column) != len(parts.vertices) for column in columns):
         return parts

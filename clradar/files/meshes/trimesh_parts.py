@@ -45,19 +45,14 @@ def parts_of(label: str, mesh: Any, *, limited: bool = False, backwards: bool = 
         if backwards:
             instances.reverse()
         if limited:
-            check_counts(
-                label,
-                parts=len(instances),
-                vertices=sum(len(geometry.vertices) for _, geometry, _ in instances),
-                faces=sum(len(geometry.faces) for _, geometry, _ in instances),
-            )
-        return Parts.joined(
-            label,
-            (
-                Piece(name, placed(label, geometry.vertices, matrix), np.asarray(geometry.faces))
-                for name, geometry, matrix in instances
-            ),
+            vertices = sum(len(geometry.vertices) for _, geometry, _ in instances)
+            faces = sum(len(geometry.faces) for _, geometry, _ in instances)
+            check_counts(label, parts=len(instances), vertices=vertices, faces=faces)
+        pieces = (
+            Piece(name, placed(label, geometry.vertices, matrix), np.asarray(geometry.faces))
+            for name, geometry, matrix in instances
         )
+        return Parts.joined(label, pieces)
 
 
 class _Named(dict[str, bytes]):
@@ -131,9 +126,5 @@ def _check_archive(path: Path, content: bytes) -> None:
         # What is read of a member never exceeds the size that the archive states for it.
         size = sum(member.file_size for member in archive.infolist())
     if size > MAX_MESH_BYTES:
-        fail(
-            path,
-            f"a mesh file that inflates to at most {MAX_MESH_BYTES} bytes",
-            f"{size} bytes",
-            error=MeshError,
-        )
+        wanted = f"a mesh file that inflates to at most {MAX_MESH_BYTES} bytes"
+        fail(path, wanted, f"{size} bytes", error=MeshError)

@@ -116,16 +116,6 @@ def group_elsewhere(file: h5py.File) -> None:
     file["entry/data"] = h5py.ExternalLink("out/other.h5", "/entry/data")
 
 
-def entry_elsewhere(file: h5py.File) -> None:
-    del file["entry"]
-    file["entry"] = h5py.ExternalLink("out/other.h5", "/entry")
-
-
-def optional_axis_elsewhere(file: h5py.File) -> None:
-    del file["entry/data/tx"]
-    file["entry/data/tx"] = h5py.ExternalLink("out/other.h5", "/entry/data/tx")
-
-
 def positions_elsewhere(file: h5py.File) -> None:
     del file["entry/data/tx_m"]
     file["entry/data/tx_m"] = h5py.ExternalLink("out/other.h5", "/entry/data/tx_m")
@@ -148,8 +138,6 @@ def read_all(path: Path) -> None:
         virtual_dataset,
         virtual_dataset_without_end,
         group_elsewhere,
-        entry_elsewhere,
-        optional_axis_elsewhere,
         positions_elsewhere,
     ],
     ids=lambda action: action.__name__,
@@ -160,9 +148,8 @@ def test_nothing_else_is_opened(path, watch, action):
     assert watch.names(), "the trap does not work: h5py alone opens nothing else"
     found = outcomes(path)
     assert watch.names() == set()
-    if action is not optional_axis_elsewhere:  # which only viewers need
-        assert "expected" in found[0]
-        assert "expected" in found[1]
+    assert "expected" in found[0]
+    assert "expected" in found[1]
     assert "problem" in found[2]
 
 
@@ -203,7 +190,7 @@ def test_references_are_not_followed(path, watch):
     assert watch.names() == set()
 
 
-@pytest.mark.parametrize("name", ["provenance", "clradar_format", "clradar_version", "NX_class"])
+@pytest.mark.parametrize("name", ["provenance", "clradar_format", "clradar_version"])
 def test_attributes_that_are_references_or_of_a_named_type(path, name):
     def reference(file: h5py.File) -> None:
         file.attrs[name] = file.ref
@@ -219,7 +206,7 @@ def test_attributes_that_are_references_or_of_a_named_type(path, name):
     content = path.read_bytes()
     change(path, reference)
     found = outcomes(path)
-    assert "expected" in found[0] or name == "NX_class"
+    assert "expected" in found[0]
     assert "problem" in found[2]
     path.write_bytes(content)
     change(path, named)
@@ -261,13 +248,6 @@ def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
     process._stop_server()
 
 
-def test_a_block_before_the_file(path, capture):
-    with h5py.File(path, "w", userblock_size=512) as file:
-        file.attrs["clradar_format"] = "capture"
-    found = outcomes(path)
-    assert all("expected" in text for text in found)
-
-
 # ---- lengths that lie
 
 
@@ -277,7 +257,7 @@ MOST_BYTES = 2**30 + 2**28
 
 @linux_only
 @pytest.mark.parametrize("length", [2**32 - 1, 2**31, 10**9, 2**24])
-@pytest.mark.parametrize("name", [b"provenance", b"NX_class", b"axes"])
+@pytest.mark.parametrize("name", [b"provenance", b"created"])
 def test_text_that_claims_gigabytes(path, name, length):
     # HDF5 allocates and clears as many bytes as the attribute claims, before it reads the text.
     content = bytearray(path.read_bytes())

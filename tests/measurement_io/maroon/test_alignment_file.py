@@ -9,11 +9,10 @@ import maroon_files as files
 import numpy as np
 import pytest
 
-from clradar.errors import MeasurementError, ModelError
+from clradar.errors import MeasurementError
 from measurement_io import (
     MaskBox,
     RecordingMetadata,
-    SensorAlignment,
     read_alignment,
     read_metadata,
 )
@@ -42,7 +41,6 @@ def test_given_transforms_keep_every_bit(tmp_path):
     assert alignment.sensors == ("kinect", "photogrammetry", "radar", "zed")
     for key, matrix in GIVEN.items():
         assert np.array_equal(alignment.transform(*key.split("2")), matrix)
-    assert alignment.problems() == []
     assert alignment.unknown_keys == ()
     assert np.array_equal(alignment.transform("zed", "zed"), np.eye(4))
 
@@ -88,34 +86,6 @@ def test_transforms_may_be_given_by_their_inverse(tmp_path):
     assert np.array_equal(alignment.transform("realsense", "zed"), np.eye(4))
     with pytest.raises(MeasurementError, match=r"from 'zed' to 'radar'.*zed2realsense"):
         alignment.transform("zed", "radar")
-    with pytest.raises(ModelError, match="source"):
-        alignment.transform(3, "radar")  # type: ignore[arg-type]
-
-
-def test_a_given_transform_is_used_even_if_it_contradicts(tmp_path):
-    shift_mm = 5.0
-    off = np.linalg.inv(ZED) @ KINECT
-    off[0, 3] += shift_mm
-    alignment = read_alignment(files.write_alignment(tmp_path, GIVEN | {"kinect2zed": off}))
-    assert np.array_equal(alignment.transform("kinect", "zed"), off)
-    (problem,) = alignment.problems()
-    assert "kinect2zed" in problem
-    assert f"{shift_mm:g} mm" in problem  # 5 mm in the sensor's frame are 5 mm in the radar's
-
-
-def test_a_contradicting_inverse_is_named_with_its_size(tmp_path):
-    back = np.linalg.inv(PHOTO)
-    back[1, 3] += 0.002
-    more = {"radar2photogrammetry": back, "zed2zed": np.diag([1.0, 1.0, 1.1, 1.0])}
-    problems = read_alignment(files.write_alignment(tmp_path, GIVEN | more)).problems()
-    assert len(problems) == 2
-    assert "photogrammetry2radar and radar2photogrammetry differ, by up to 2 mm" in problems[0]
-    assert "zed2zed" in problems[1]
-
-
-def test_rounded_matrices_do_not_contradict_themselves(tmp_path):
-    more = {"radar2photogrammetry": np.round(np.linalg.inv(PHOTO), 5)}
-    assert read_alignment(files.write_alignment(tmp_path, GIVEN | more)).problems() == []
 
 
 def test_unknown_keys_are_listed(tmp_path):
@@ -123,13 +93,6 @@ def test_unknown_keys_are_listed(tmp_path):
     alignment = read_alignment(files.write_alignment(tmp_path, GIVEN | more))
     assert alignment.unknown_keys == tuple(more)
     assert len(alignment.given) == len(GIVEN)
-
-
-def test_names_with_a_2(tmp_path):
-    alignment = read_alignment(
-        files.write_alignment(tmp_path, {"cam2b2radar": KINECT, "radar2cam2a": np.linalg.inv(ZED)})
-    )
-    assert alignment.sensors == ("cam2a", "cam2b", "radar")
 
 
 def changed(row: int, column: int, value: object) -> list[list[object]]:
@@ -141,20 +104,13 @@ def changed(row: int, column: int, value: object) -> list[list[object]]:
 @pytest.mark.parametrize(
     ("value", "found"),
     [
-        (PHOTO.ravel().tolist(), "rows of numbers"),
         (PHOTO[:3], "shape (3, 4)"),
-        (PHOTO[:, :3], "shape (4, 3)"),
         (5, "int"),
-        ("identity", "str"),
-        ([1, 2, 3, 4], "rows of numbers"),
         (changed(1, 1, "0.5"), 'got "0.5"'),
         (changed(1, 1, True), "True"),
-        (changed(1, 1, None), "None"),
         (changed(1, 1, float("nan")), "NaN"),
-        (changed(0, 3, float("inf")), "got inf"),
         (changed(0, 3, 10**400), "a huge number"),
         (changed(3, 0, 0.01), "last row"),
-        (changed(3, 3, 0.999), "last row"),
         (PHOTO.T, "last row"),
         (np.diag([1.0, 1.0, 0.0, 1.0]), "singular"),
     ],
@@ -167,8 +123,7 @@ def test_bad_matrices(tmp_path, value, found):
 
 
 @pytest.mark.parametrize(
-    "content",
-    [b"", b"[]", b"{", b"\xff\xfe", b'{"a": 1, "a": 2}', b'{"a": ' * 100 + b"1" + b"}" * 100],
+    "content", [b"", b"[]", b"\xff\xfe", b'{"a": 1, "a": 2}', b'{"a": ' * 100 + b"1" + b"}" * 100]
 )
 @pytest.mark.parametrize("read", [read_alignment, read_metadata])
 def test_bad_files(tmp_path, content, read):
@@ -178,14 +133,10 @@ def test_bad_files(tmp_path, content, read):
     refused(tmp_path / "nothing.json", read)
 
 
-def test_a_record_made_by_hand_is_checked_too():
-    with pytest.raises(ModelError, match="a2b"):
-        SensorAlignment("mine", {("a", "b"): np.zeros((4, 4))})
-
-
 # ---- metadata
 
 
+BOX = MaskBox(x_min_m=-0.1, x_max_m=0.04, y_min_m=-0.2, z_min_m=0.6, z_max_m=0.2)
 FULL = {
     "calibration": "20240101_c",
     "calibration_fine": "20240101_f",
@@ -200,61 +151,24 @@ FULL = {
 
 def test_metadata(tmp_path):
     metadata = read_metadata(files.write_json(tmp_path / "metadata.json", FULL))
-    assert metadata == RecordingMetadata(
-        "20240101_c",
-        "20240101_f",
-        0.3,
-        5,
-        ("hand", "left"),
-        MaskBox(-0.1, 0.04, -0.2, None, 0.6, 0.2),
-        "empty_30",
-        {"operator": {"name": "x"}},
-    )
-    assert metadata.mask_bb_antenna == MaskBox(-0.04, 0.1, -0.2, None, 0.6, 0.2)
-    assert metadata.mask_bb_antenna.reversed_axes == ("z",)
-
-
-def test_empty_metadata(tmp_path):
-    metadata = read_metadata(files.write_json(tmp_path / "metadata.json", {}))
-    assert metadata == RecordingMetadata()
-    assert metadata.mask_bb_antenna is None
+    assert (metadata.distance_meters, metadata.labels) == (0.3, ["hand", "left"])
+    assert metadata.mask_bb == BOX
+    assert metadata.model_extra == {"operator": {"name": "x"}}
+    assert metadata.mask_bb_antenna.bounds_m == ((-0.04, 0.1), (-0.2, None), (0.6, 0.2))
     assert metadata.distance_problem("30") is None
-
-
-def test_unknown_keys_of_the_box_are_kept(tmp_path):
-    content = {"mask_bb": {"xmin": 1, "xMax": 2}}
-    metadata = read_metadata(files.write_json(tmp_path / "metadata.json", content))
-    assert metadata.mask_bb == MaskBox(x_min_m=1.0)
-    assert metadata.mask_bb_antenna == MaskBox(x_max_m=-1.0)
-    assert metadata.other == {"mask_bb": {"xMax": 2}}
+    assert "0.3 m, the folder's name 40 cm" in metadata.distance_problem("40")
+    empty = read_metadata(files.write_json(tmp_path / "metadata.json", {}))
+    assert empty == RecordingMetadata()
+    assert (empty.mask_bb_antenna, empty.distance_problem("30")) == (None, None)
 
 
 def test_the_box_holds_the_points_between_its_bounds():
-    box = MaskBox(-0.1, 0.04, -0.2, None, 0.6, 0.2)
+    box = BOX
     points = np.array([[0, 0, 0.3], [0.05, 0, 0.3], [0, 9, 0.3], [0, -1, 0.3], [0, 0, 0.7]])
     assert box.contains(points).tolist() == [True, False, True, False, False]
     mirrored = box.mirrored().contains(points * [-1, 1, 1])
     assert mirrored.tolist() == box.contains(points).tolist()
     assert box.mirrored().mirrored() == box
-
-
-@pytest.mark.parametrize(
-    ("metres", "name", "contradicts"),
-    [
-        (0.3, "30", False),
-        (0.31, "30", False),
-        (0.4, "30", True),
-        (0.3, "50", True),
-        (300.0, "30", True),
-        (0.4, "object", False),
-    ],
-)
-def test_distance_against_the_name_of_the_folder(metres, name, contradicts):
-    problem = RecordingMetadata(distance_meters=metres).distance_problem(name)
-    assert (problem is not None) == contradicts
-    if problem is not None:
-        assert f"{metres:g} m" in problem
-        assert f"{name} cm" in problem
 
 
 @pytest.mark.parametrize(

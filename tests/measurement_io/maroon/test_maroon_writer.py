@@ -31,7 +31,6 @@ from measurement_io import (
     save_maroon_frame,
     save_recording,
 )
-from measurement_io.maroon.writer import default_grid
 
 N_FREQ = 3
 MESH = b"v 0 0 0\r\nv 0.01 0 0\r\nv 0 0.01 0\r\nf 1 2 3\r\n"
@@ -130,27 +129,6 @@ def test_the_datasets_reader_finds_what_was_captured(tmp_path, sized, variant):
     assert list(content)[3:] == ["000000", "000001", "000002"]
 
 
-@pytest.mark.parametrize("sized", [True, False])
-def test_written_recordings_read_back(tmp_path, sized):
-    captures = captures_of(2)
-    radar = save_recording(tmp_path / "30", captures if sized else iter(captures))
-    for i, capture in enumerate(captures):
-        read = open_capture(tmp_path / "30", frame=i)
-        assert same_bits(read.data, capture.data)
-        assert same_bits(read.waveform.frequencies_hz, capture.waveform.frequencies_hz)
-        assert read.meta == {
-            "source": str(radar / "calibrated_data" / f"{i:06d}.npy"),
-            "format": "maroon",
-            "frame": i,
-            "variant": "raw",
-            "number_of_measurements": 2,
-            "timestamp_us": 1000 + i,
-            "gain": 0.5 + i,
-        }
-    assert check_file(tmp_path / "30").ok, check_file(tmp_path / "30")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
-
-
 def test_both_variants(tmp_path):
     raw, filtered = captures_of(2), [capture_of(10), capture_of(11)]
     radar = save_recording(tmp_path / "30", raw, emptyfiltered=iter(filtered))
@@ -160,7 +138,7 @@ def test_both_variants(tmp_path):
         found = open_capture(radar, frame=i, variant="emptyfiltered")
         assert same_bits(found.data, filtered[i].data)
     for wrong in (filtered[:1], [*filtered, capture_of(12)], []):
-        with pytest.raises(ModelError, match="raw frames"):
+        with pytest.raises(ModelError, match="raw frame"):
             save_recording(tmp_path / "40", raw, emptyfiltered=wrong)
     assert not (tmp_path / "40").exists()
 
@@ -186,27 +164,10 @@ def test_emptyfiltered_frames_go_beside_the_raw_ones_of_their_number(tmp_path):
             assert a.meta["timestamp_us"] == b.meta["timestamp_us"]
             assert b.meta["number_of_measurements"] == 4
     assert check_file(tmp_path / "40").ok, check_file(tmp_path / "40")
-    for wrong, found in (([filtered[0]] * 2, "another one"), ([raw[3]], "got frame 7")):
+    for wrong, found in (([filtered[0]] * 2, "of number 0"), ([raw[3]], "of number 7")):
         with pytest.raises(ModelError, match=found):
             save_recording(tmp_path / "50", raw[:3], emptyfiltered=wrong)
     assert not (tmp_path / "50").exists()
-
-
-@pytest.mark.parametrize(
-    ("frequencies_hz", "name"),
-    [
-        ([72e9, 73e9, 76.5e9], "radar_72.0_76.5_3"),
-        ([77.123456789e9], "radar_77.123456789_77.123456789_1"),
-        (np.linspace(72e9, 82e9, 7) + 0.1, None),
-    ],
-)
-def test_other_waveforms(tmp_path, frequencies_hz, name):
-    capture = capture_of(0, frequencies_hz)
-    radar = save_recording(tmp_path / "30", [capture])
-    assert name is None or radar.name == name
-    read = open_capture(radar)
-    assert same_bits(read.waveform.frequencies_hz, capture.waveform.frequencies_hz)
-    assert same_bits(dataset_reader(radar)[0]["fvec"], np.array(frequencies_hz))
 
 
 @pytest.mark.parametrize(
@@ -237,27 +198,6 @@ def test_invalid_time_stamps(tmp_path, stamps, sized):
     with pytest.raises(ModelError, match=r"time stamps|timestamps_us"):
         save_recording(tmp_path / "30", captures if sized else iter(captures), timestamps_us=stamps)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_numbers_and_strings_of_meta_are_carried(tmp_path):
-    meta = {
-        "note": "hand, 30 cm \u00e4",
-        "gain": -1.5,
-        "count": 2**40,
-        "flag": True,
-        "none": None,
-        "rays": {"paths": 3},
-        "list": [1],
-        "xr": "text",
-        "file_frame": 9,
-    }
-    save_maroon_frame(tmp_path / "30", capture_of(0, meta=meta))
-    read = dict(open_capture(tmp_path / "30").meta)
-    for key in ("none", "rays", "list", "xr"):
-        assert key not in read
-        del meta[key]
-    assert {key: read[key] for key in meta} == meta
-    assert read["timestamp_us"] == 0
 
 
 def test_files_beside_the_radar_folder(tmp_path):
@@ -291,17 +231,7 @@ def test_grid_of_frames_without_an_image(tmp_path):
     np.testing.assert_allclose(high, [0.05, 0.03, 0.4], atol=1e-12)
     assert counts == [16, 6, 11]
     radar = save_recording(tmp_path / "40", captures_of(1))
-    assert dataset_grid(radar, 0)[2] == list(default_grid().counts)
-
-
-def test_a_single_frame_names_a_grid(tmp_path):
-    path = save_maroon_frame(tmp_path / "30", capture_of(0), frame=3)
-    low, high, counts = dataset_grid(path.parents[1], 3)
-    assert counts == list(default_grid().counts)
-    np.testing.assert_allclose((low, high), ([-0.1, -0.1, 0.2], [0.1, 0.1, 0.6]), rtol=1e-12)
-    written = (path.parents[1] / "calibration.json").read_bytes()
-    save_maroon_frame(tmp_path / "30", capture_of(1), frame=4, force=True)
-    assert (path.parents[1] / "calibration.json").read_bytes() == written
+    assert dataset_grid(radar, 0)[2] == [201, 201, 201]
 
 
 @pytest.fixture
@@ -352,13 +282,6 @@ def test_what_belongs_to_a_recording_is_copied(tmp_path, source):
     assert [f["total"] for f in dataset_reader(radar)] == [3, 3, 3]
     assert check_file(radar).ok, check_file(radar)
     assert tree(source) == before
-
-
-def test_given_metadata_replaces_what_is_copied(tmp_path, source):
-    save_recording(
-        tmp_path / "copy", frames_of(source, (0,)), copy_from=source, metadata={"labels": ["a"]}
-    )
-    assert json.loads((tmp_path / "copy" / "metadata.json").read_text()) == {"labels": ["a"]}
 
 
 # ---- what is refused, and what is left then
@@ -419,36 +342,6 @@ def test_a_folder_that_exists(tmp_path):
     assert same_bits(open_capture(target).data, capture_of(5).data)
     assert not (radar / "depth").exists()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
-
-
-def test_invalid_names(tmp_path):
-    with pytest.raises(OutputError, match="radar folder"):
-        save_recording(tmp_path / "radar_72.0_82.0_3", captures_of(1))
-    with pytest.raises(OutputError, match="radar folder"):
-        save_maroon_frame(tmp_path / "radar_72.0_82.0_3", capture_of(0))
-    (tmp_path / "file").write_bytes(b"")
-    for path in (tmp_path / "file", tmp_path / "file" / "30", tmp_path / "nul\0byte"):
-        with pytest.raises(OutputError):
-            save_recording(path, captures_of(1))
-        with pytest.raises(OutputError):
-            save_maroon_frame(path, capture_of(0))
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-def test_an_interrupted_replacement_keeps_what_was_there(tmp_path, monkeypatch):
-    radar = save_recording(tmp_path / "30", captures_of(1))
-    before = tree(tmp_path)
-    real = os.rename
-
-    def interrupted(old, new):
-        if Path(new) == radar and not str(old).endswith(".replaced"):
-            raise KeyboardInterrupt
-        real(old, new)
-
-    monkeypatch.setattr(os, "rename", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        save_recording(tmp_path / "30", captures_of(2), force=True)
-    assert tree(tmp_path) == before
 
 
 @posix_only

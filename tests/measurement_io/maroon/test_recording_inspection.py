@@ -60,7 +60,6 @@ def test_a_whole_recording(tmp_path):
     assert values["metadata.json"]["mask_bb"]["x_min_m"] == -0.06
     assert values["metadata.json"]["mask_bb_antenna"]["x_max_m"] == 0.06
     transforms = values["alignment.json"]["transforms"]
-    assert transforms["photogrammetry2radar"]["rigid"] is True
     assert np.array_equal(transforms["photogrammetry2radar"]["matrix"], PHOTO)
     np.testing.assert_allclose(transforms["kinect2radar"]["stretches"], 1e-3, rtol=1e-12)
     assert sorted(values["meshes"]) == list(MESHES)
@@ -73,7 +72,7 @@ def test_a_whole_recording(tmp_path):
     assert values["frequencies"] == {"count": 2, "low_hz": 72e9, "high_hz": 82e9}
     assert values["provenance"]["number_of_measurements"] == 3
     text = str(description)
-    assert "kinect2radar: scale 0.001" in text
+    assert "kinect2radar: scale 0.001 x 0.001 x 0.001" in text
     assert "100.0% of its vertices in mask_bb" in text
 
     report = check_file(radar.parent)
@@ -101,17 +100,6 @@ def test_a_bare_recording_lists_what_is_missing(tmp_path):
     assert check_file(radar).ok
 
 
-def test_misnamed_frames_are_listed(tmp_path):
-    radar = files.write_recording(tmp_path / "30", n_frames=2)
-    names = ["000000.NPY", "000000_empty.npy", "1.npy", "0000001.npy", "000001.npy.part"]
-    for name in [*names, ".hidden"]:
-        (radar / "calibrated_data" / name).write_bytes(b"")
-    description = describe(radar)
-    assert description.values["ignored_in_calibrated_data"] == sorted(names)
-    assert "000000.NPY" in str(description)
-    assert description.values["raw_frames"]["numbers"] == [0, 1]
-
-
 @posix_only
 def test_frames_that_are_no_files(tmp_path):
     radar = files.write_recording(tmp_path / "30", n_frames=6)
@@ -126,9 +114,8 @@ def test_frames_that_are_no_files(tmp_path):
     (data / "000005.npy").symlink_to(tmp_path / "elsewhere.npy")
     description = describe(radar)
     assert description.problems == (
-        "raw frames that are links to nothing: 0",
-        "raw frames that are no regular file: 2-3",
-        "emptyfiltered frames that are links to nothing: 4",
+        "raw frames that are no files: 0, 2-3",
+        "emptyfiltered frames that are no files: 4",
     )
     assert description.values["frequencies"]["count"] == 2  # of frame 1, which can be read
     assert len(check_file(radar).problems) == 4  # one for each
@@ -136,20 +123,10 @@ def test_frames_that_are_no_files(tmp_path):
 
 ODD_FRAMES = {
     "none": (1, {}, []),
-    "no total": (0, {"number_of_measurements": None}, ["raw frame 0 has no number_of_meas"]),
-    "later": (1, {"number_of_measurements": None}, []),
     "total": (
         2,
         {"number_of_measurements": 9},
-        ["number_of_measurements 9 where the rest have 4: 2"],
-    ),
-    "first total": (
-        0,
-        {"number_of_measurements": 3},
-        [
-            "number_of_measurements 3 where the rest have 4: 0",
-            "names 3 frames for the recording, 4 are there",
-        ],
+        ["number_of_measurements is not 4 as of the rest: 2"],
     ),
     "zero": (
         3,
@@ -187,7 +164,7 @@ CONTRADICTIONS = {
         lambda radar: (radar / "calibrated_data" / "000001.npy").unlink(),
         [
             "without a gap: 0, 2",
-            "emptyfiltered frames without a raw one: 1",
+            "emptyfiltered frames without a raw frame: 1",
             "3 frames for the recording, 2",
         ],
     ),
@@ -207,22 +184,13 @@ CONTRADICTIONS = {
         lambda radar: edit(radar.parent / "alignment.json", kinect2radar=[[1]]),
         ["alignment.json: kinect2radar: expected four rows"],
     ),
-    "ways": (
-        lambda radar: edit(
-            radar.parent / "alignment.json",
-            radar2kinect=(files.rigid((0, 0, 0), (0.0, 4.0, 0.0)) @ np.linalg.inv(KINECT)).tolist(),
-        ),
-        ["kinect2radar and radar2kinect differ, by up to 4 mm"],
-    ),
-    "distorted": (
-        lambda radar: edit(
-            radar.parent / "alignment.json", kinect2radar=np.diag([1, 1, 2, 1.0]).tolist()
-        ),
-        ["kinect2radar distorts: it stretches by 2, 1, 1"],
-    ),
     "behind": (
         lambda radar: move_mesh(radar.parent, z_m=-0.6),
-        ["mesh.obj is placed behind the radar", "metadata.json has 0.3 m", "0.0% of its vertices"],
+        [
+            "mesh.obj is placed or reaches behind",
+            "metadata.json has 0.3 m",
+            "0.0% of its vertices",
+        ],
     ),
     "far": (
         lambda radar: move_mesh(radar.parent, z_m=0.1),
@@ -238,7 +206,7 @@ CONTRADICTIONS = {
     ),
     "no placement": (
         lambda radar: files.write_alignment(radar.parent, {"kinect2radar": KINECT}),
-        ["expected a way from 'photogrammetry' to 'radar'"],
+        ["a transform from 'photogrammetry' to 'radar'"],
     ),
     "calibration": (
         lambda radar: edit(radar / "calibration.json", frequency_points=128),
@@ -251,7 +219,7 @@ CONTRADICTIONS = {
     "products": (
         lambda radar: (radar / "depth" / "000002.png").rename(radar / "depth" / "000009.png"),
         [
-            "depth of frames that are not there: 9",
+            "depth without a raw frame: 9",
             "calibration.json lacks its pixels for depth of the frames 9",
         ],
     ),
@@ -286,9 +254,8 @@ FIRST, STEP = 1_700_000_000_000_123, files.FRAME_INTERVAL_US
 @pytest.mark.parametrize(
     ("number", "stamp", "found"),
     [
-        (3, FIRST + 2 * STEP, "raw frames with the time stamp of the frame before: 3"),
-        (3, FIRST, "before that of the frame before: 3"),
-        (5, FIRST + 6 * STEP, "come late, up to 250 ms after the frame before where 125 ms"),
+        (3, FIRST + 2 * STEP, "not after that of the frame before: 3"),
+        (5, FIRST + 6 * STEP, "come late, where 125 ms are usual: 5"),
         (3, None, "1 of 6 raw frames have no time stamp"),
         (3, FIRST + 3 * STEP + 1, "another time stamp than the raw one: 3"),
     ],
@@ -299,15 +266,6 @@ def test_time_stamps(tmp_path, number, stamp, found):
     restamp(radar, number, stamp)
     assert describe(radar).problems == ()  # which does not read them
     assert any(found in problem for problem in check_file(radar).problems)
-
-
-def test_no_stamp_at_all_and_zeros_are_no_problem(tmp_path):
-    for value in (None, 0):
-        radar = files.write_recording(tmp_path / str(value), n_frames=6)
-        for number in range(6):
-            for variant in ("", "_emptyfiltered"):
-                restamp(radar, number, value, variant)
-        assert check_file(radar).ok
 
 
 def test_every_depth_map_is_read(tmp_path):
@@ -354,7 +312,7 @@ def entry_without(radar: Path, *numbers: int) -> None:
 SAID_ONCE = {
     "no transform": (
         lambda radar: files.write_alignment(radar.parent, {"kinect2radar": KINECT}),
-        ["a way from 'photogrammetry' to 'radar'"],
+        ["a transform from 'photogrammetry' to 'radar'"],
     ),
     "no calibration": (
         lambda radar: (radar / "calibration.json").unlink(),

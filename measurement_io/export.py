@@ -1,0 +1,256 @@
+"""Captures, volumes and depth maps in files that other programs open."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clradar.errors import OutputError
+from clradar.files.atomic import refuse_existing, replacing
+from clradar.files.failures import fail, shown
+from clradar.files.json_text import to_json
+from clradar.model import Capture, DepthMap, Volume, checks
+
+Exported = Capture | Volume | DepthMap
+
+MAT_BYTES = 2**31 - 2**16
+"""Of one array: more does not fit the 32-bit sizes of MATLAB v5."""
+
+STEEPEST = 3.0
+"""Neighbours of a surface are joined where their depths differ by at most this many pixels: beyond
+some 70 degrees there is an edge with another surface behind it."""
+
+_NOUNS = {Capture: "a capture", Volume: "a volume", DepthMap: "a depth map"}
+_INSTEAD = {
+    Capture: "form its image first (backproject, `clradar image`)",
+    Volume: "take its depth map (Volume.depth_map, `clradar export --depth-map`)",
+    DepthMap: "take the volume that it is made of",
+}
+
+
+def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool = False) -> None:
+    """Write a capture, a volume or a depth map for another program, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        The ending of the name decides: .vti (ParaView, VTK) holds a volume, .ply (MeshLab, Blender,
+        trimesh) a depth map; .mat (MATLAB v5) and .npz (numpy) hold anything. docs/files.md has
+        what is in each. Its folder has to exist.
+    record : Capture, Volume or DepthMap
+        Antenna patterns and the scale of a volume are left out.
+    force : bool
+        Replace an existing file.
+
+    Raises
+    ------
+    OutputError
+        Another ending, a record or an array (.mat: beyond 2 GiB) that such a file cannot hold, or
+        the file exists, its folder does not, or the system refuses to write. Nothing half-written
+        stays behind.
+    ModelError
+        No such record, `meta` holds what JSON cannot hold, or a depth map without a depth as .ply.
+
+    Examples
+    --------
+    >>> import clradar
+    >>> from measurement_io import export_file
+    >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (3, 2, 4))
+    >>> volume = clradar.Volume(np.ones(grid.shape), grid)
+    >>> export_file("volume.npz", volume)
+    >>> with np.load("volume.npz") as file:
+    ...     file["data"].shape, file["z_m"].tolist()
+    ((4, 2, 3), [0.3, 0.301, 0.302, 0.303])
+    """
+    target = Path(path)
+    check_export(target, type(record))
+    refuse_existing(target, force=force)
+    if target.suffix.lower() == ".mat" and record_bytes(record) > MAT_BYTES:
+        fail(target, f"at most {MAT_BYTES} bytes in an array of a .mat file",
+             f"{record_bytes(record)}; a .npz file holds more", error=OutputError)  # fmt: skip
+    with replacing(target, force=force) as temporary:
+        _WRITERS[target.suffix.lower()](temporary, record)
+
+
+def check_export(target: Path, kind: type) -> None:
+    """Raise unless a file of this name can hold a record of this class."""
+    suffix = target.suffix.lower()
+    if suffix not in FORMATS:
+        endings = ", ".join(FORMATS)
+        raise OutputError(
+            f"{shown(target)}: expected a name that ends in {endings}, got '{target.suffix}'"
+        )
+    if kind not in _NOUNS:
+        checks.fail("export_file: record", "a Capture, a Volume or a DepthMap", kind.__name__)
+    if kind not in FORMATS[suffix]:
+        held = " or ".join(_NOUNS[one] for one in FORMATS[suffix])
+        raise OutputError(
+            f"{shown(target)}: a {suffix} file holds {held}, got {_NOUNS[kind]}; {_INSTEAD[kind]}"
+        )
+
+
+# ---- arrays by name
+
+
+def record_bytes(record: Exported) -> int:
+    """Return the bytes of the largest array."""
+    return max(value.nbytes for value in arrays_of(record).values() if hasattr(value, "nbytes"))
+
+
+def arrays_of(record: Exported) -> dict[str, Any]:
+    """Return arrays and texts under the names that they have in a native file."""
+    if isinstance(record, Capture):
+        return {
+            "data": record.data,
+            "tx_m": record.array.tx_m,
+            "rx_m": record.array.rx_m,
+            "frequency_hz": record.waveform.frequencies_hz,
+            "array_name": record.array.name,
+            "axes": "tx, rx, frequency_hz",
+            "provenance": to_json("Capture.meta", record.meta),
+        }
+    if isinstance(record, Volume):
+        axes = {f"{name}_m": getattr(record.grid, f"{name}_m") for name in "xyz"}
+        text = to_json("Volume.meta", record.meta)
+        return {"data": record.data, **axes, "axes": "z_m, y_m, x_m", "provenance": text}
+    return {
+        "depth_m": record.depth_m,
+        "amplitude": record.amplitude,
+        "x_m": record.x_m,
+        "y_m": record.y_m,
+        "axes": "y_m, x_m",
+        "dynamic_range_db": record.dynamic_range_db,
+    }
+
+
+def _write_npz(path: Path, record: Exported) -> None:
+    """Write an .npz file, not compressed; texts are 0-d arrays."""
+    with open(path, "xb") as file:
+        np.savez(file, **arrays_of(record))
+
+
+def _write_mat(path: Path, record: Exported) -> None:
+    """Write a MATLAB v5 file; an axis is a column."""
+    from scipy.io import savemat
+
+    with open(path, "xb") as file:
+        savemat(file, arrays_of(record), do_compression=True, oned_as="column")
+
+
+# ---- volumes as VTK image data (docs.vtk.org): XML, then raw arrays, each after its size
+
+_VTI = """<?xml version="1.0"?>
+<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">
+<ImageData WholeExtent="{extent}" Origin="{origin}" Spacing="{spacing}" Direction="{axes}">
+<Piece Extent="{extent}">
+<PointData Scalars="amplitude">
+<DataArray type="Float32" Name="amplitude" format="appended" offset="0"/>
+<DataArray type="Float32" Name="image" {parts} format="appended" offset="{second}"/>
+</PointData>
+</Piece>
+</ImageData>
+<AppendedData encoding="raw">
+   _"""
+_VTI_PARTS = 'NumberOfComponents="2" ComponentName0="real" ComponentName1="imaginary"'
+_VTI_END = b"\n</AppendedData>\n</VTKFile>\n"
+
+
+def _write_vti(path: Path, volume: Volume) -> None:
+    """Write the points `amplitude` and `image` (real, imaginary), x fastest, in metres."""
+    grid = volume.grid
+    with np.errstate(over="ignore"):
+        amplitude = np.abs(volume.data)
+    arrays = [amplitude.astype("<f4", copy=False), volume.data.astype("<c8", copy=False)]
+    header = _VTI.format(
+        extent=" ".join(f"0 {n - 1}" for n in grid.counts),
+        origin=" ".join(repr(float(v)) for v in grid.origin_m),
+        spacing=" ".join(repr(float(v)) for v in grid.spacing_m),
+        axes="1 0 0 0 1 0 0 0 1",
+        parts=_VTI_PARTS,
+        second=8 + arrays[0].nbytes,
+    )
+    with open(path, "xb") as file:
+        file.write(header.encode("ascii"))
+        for array in arrays:
+            file.write(np.uint64(array.nbytes).astype("<u8").tobytes())
+            file.write(np.ascontiguousarray(array).data)
+        file.write(_VTI_END)
+
+
+# ---- depth maps as surfaces (G. Turk, "The PLY Polygon File Format", 1994)
+
+_PLY_TYPES = {"<f8": "double", "<f4": "float", "u1": "uchar"}
+_VERTEX = (
+    *((name, "<f8") for name in "xyz"),
+    ("amplitude", "<f4"),
+    *((name, "u1") for name in ("red", "green", "blue")),
+)
+_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])
+
+
+def _write_ply(path: Path, depth: DepthMap) -> None:
+    """Write the pixels that have a depth as vertices, and triangles that face the radar."""
+    points_m = depth.points_m()
+    if not len(points_m):
+        checks.fail("export_file: record", "a depth map with a depth, for a .ply file", "none")
+    amplitude = depth.amplitude[depth.mask]
+    level_db = 20 * np.log10(amplitude / amplitude.max())
+    grey = np.round(255 * np.clip(1 + level_db / depth.dynamic_range_db, 0, 1)).astype(np.uint8)
+    columns = (*points_m.T, amplitude, grey, grey, grey)
+    vertices = np.empty(len(points_m), list(_VERTEX))
+    for (name, _), column in zip(_VERTEX, columns, strict=True):
+        vertices[name] = column
+    corners = _triangles(depth)
+    faces = np.empty(len(corners), _FACE)
+    faces["count"], faces["vertices"] = 3, corners
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment metres: x to the right of a person who faces the radar, y up, z away from it",
+        f"element vertex {len(vertices)}",
+        *(f"property {_PLY_TYPES[code]} {name}" for name, code in _VERTEX),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
+    with open(path, "xb") as file:
+        file.write("\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes())
+
+
+def _triangles(depth: DepthMap) -> np.ndarray:
+    """Return the triangles between neighbouring pixels, shape (n, 3): rows of `points_m`.
+
+    Two for each square of four pixels, with the normal towards the radar, -z; those with a pixel
+    that has no depth, or with a step of more than `STEEPEST` pixels, are left out.
+    """
+    number = np.full(depth.mask.shape, -1)
+    number[depth.mask] = np.arange(depth.mask.sum())
+    here, right = (slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))
+    above, across = (slice(1, None), slice(None, -1)), (slice(1, None), slice(1, None))
+    if min(depth.mask.shape) < 2:
+        return np.empty((0, 3), np.int64)
+    pixel_m = max(float(np.diff(depth.x_m).max()), float(np.diff(depth.y_m).max()))
+    found = []
+    for corners in ((here, above, right), (right, above, across)):
+        z_m = np.stack([depth.depth_m[corner] for corner in corners])
+        joined = np.ptp(z_m, axis=0) <= STEEPEST * pixel_m  # False where one is NaN
+        found.append(np.stack([number[corner][joined] for corner in corners], axis=1))
+    return np.concatenate(found)
+
+
+_EVERYTHING = (Capture, Volume, DepthMap)
+FORMATS: dict[str, tuple[type, ...]] = {
+    ".vti": (Volume,),
+    ".ply": (DepthMap,),
+    ".mat": _EVERYTHING,
+    ".npz": _EVERYTHING,
+}
+"""Ending of a name -> what such a file can hold."""
+
+_WRITERS: dict[str, Callable[..., None]] = {
+    ".vti": _write_vti, ".ply": _write_ply, ".mat": _write_mat, ".npz": _write_npz
+}  # fmt: skip

@@ -1,1 +1,0 @@
-"""Captures, volumes and depth maps in files that other programs open."""
