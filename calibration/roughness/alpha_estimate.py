@@ -26,7 +26,7 @@ INTERPOLATION_SHARE = 0.25
 """Of the error that the mean at a simulated alpha would have without it, half-way between two."""
 
 FLOOR = 0.05
-"""Least standard deviation of a statistic, a natural logarithm: 5 %, since no simulation is exact."""
+"""Least standard deviation of a statistic, a natural logarithm: 5 %."""
 
 UNLIKELY = 1e-3
 """Probability of as bad a fit below which no simulation looks like the measurement."""

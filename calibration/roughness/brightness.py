@@ -21,6 +21,9 @@ LEAST_IN_BIN = 20
 LEVELS_DB = (3.0, 6.0, 10.0, 15.0, 20.0)
 """Below the brightest point."""
 
+DARK = 1e-12
+"""Power of a point that is 0, relative to the mean."""
+
 PLACEMENT_STD_M = 1e-3
 """How well a mesh is taken to be in its place, along x and y each."""
 
@@ -56,35 +59,38 @@ class BrightnessMeter:
         """Whether any bin of the tilt has enough points."""
         return bool(self._bins)
 
-    def measure(
-        self, image: DepthMap, shift_m: tuple[float, float] = (0.0, 0.0)
-    ) -> np.ndarray | None:
-        """Return the statistics, shape (n_statistics,); None where the region is dark.
+    def sees(self, image: DepthMap) -> bool:
+        """Whether anything of the region is bright."""
+        return bool(self._amplitude(image, (0.0, 0.0)).any())
+
+    def measure(self, image: DepthMap, shift_m: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+        """Return the statistics, shape (n_statistics,).
 
         `shift_m` displaces the surface along x and y.
         """
-        axes_m = (image.y_m, image.x_m)
-        at = [
-            (self._points_m[:, 1 - i] + shift_m[1 - i] - axis[0]) / (axis[1] - axis[0])
-            for i, axis in enumerate(axes_m)
-        ]
-        amplitude = map_coordinates(image.amplitude, at, order=1, mode="nearest")
-        power = amplitude.astype(np.float64) ** 2
-        if not power.any():
-            return None
-        power = power / power.mean() + 1e-12
-        means = [power[own].mean() for own in self._bins.values()]
-        grain = [
-            np.log(power[own]).mean() - np.log(power[own].mean()) for own in self._bins.values()
-        ]
-        counts = [np.count_nonzero(own) for own in self._bins.values()]
+        power = self._amplitude(image, shift_m).astype(np.float64) ** 2
+        power = power / power.mean() + DARK
+        bins = self._bins.values()
+        means = [power[own].mean() for own in bins]
+        grain = [np.log(power[own]).mean() - np.log(power[own].mean()) for own in bins]
+        counts = [np.count_nonzero(own) for own in bins]
         near = [np.count_nonzero(power > power.max() * 10 ** (-level / 10)) for level in LEVELS_DB]
         return np.array([*np.log(means[:-1]), np.average(grain, weights=counts), *np.log(near)])
 
     def displaced(self, image: DepthMap) -> np.ndarray:
         """Return the variance of the statistics by a mesh that is not quite in its place."""
-        middle, variance = self.measure(image), 0.0
-        for along in ((PLACEMENT_STD_M, 0.0), (0.0, PLACEMENT_STD_M)):
-            ends = [self.measure(image, (sign * along[0], sign * along[1])) for sign in (1, -1)]
-            variance += (ends[0] - ends[1]) ** 2 / 4 + (ends[0] + ends[1] - 2 * middle) ** 2 / 4
-        return np.asarray(variance)
+        middle = self.measure(image)
+        variance = np.zeros_like(middle)
+        for x, y in ((PLACEMENT_STD_M, 0.0), (0.0, PLACEMENT_STD_M)):
+            one, other = self.measure(image, (x, y)), self.measure(image, (-x, -y))
+            variance += ((one - other) ** 2 + (one + other - 2 * middle) ** 2) / 4
+        return variance
+
+    def _amplitude(self, image: DepthMap, shift_m: tuple[float, float]) -> np.ndarray:
+        places_m = self._points_m + shift_m
+        at = [
+            (places_m[:, axis] - axis_m[0]) / (axis_m[1] - axis_m[0])
+            for axis, axis_m in ((1, image.y_m), (0, image.x_m))
+        ]
+        read: np.ndarray = map_coordinates(image.amplitude, at, order=1, mode="nearest")
+        return read

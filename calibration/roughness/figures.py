@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -64,8 +64,9 @@ def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
     from matplotlib.figure import Figure
 
     checks.instance("sweep_figure: sweep", sweep, Sweep)
-    figure = Figure(figsize=(11.0, 5.2), dpi=DPI, facecolor="white", layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(1.0, 1.15))
+    figure = Figure(figsize=(11.0, 4.9), dpi=DPI, facecolor="white", layout="constrained")
+    rows: Any = figure.subfigures(2, 1, height_ratios=(0.8, 1.15))
+    above, below = rows
     chosen = shown_alphas(sweep)
     images = [sweep.measured, *(image for i in chosen if (image := sweep.images[i]) is not None)]
     titles = [measured_label, *(f"{ALPHA} = {sweep.alphas[i]:g}" for i in chosen)]
@@ -109,16 +110,15 @@ def shown_alphas(sweep: Sweep) -> list[int]:
     return sorted(chosen)
 
 
-def _draw_images(figure: Figure, images: Sequence[DepthMap], titles: Sequence[str]) -> None:
+def _draw_images(figure: Any, images: Sequence[DepthMap], titles: Sequence[str]) -> None:
     """Draw amplitudes side by side, x to the left as the radar sees them."""
-    drawn = None
     columns = figure.subplots(1, len(images), sharex=True, sharey=True, squeeze=False)[0]
     for axes, image, title in zip(columns, images, titles, strict=True):
         with np.errstate(divide="ignore"):
             level_db = 20 * np.log10(image.amplitude / image.amplitude.max())
         x_mm, y_mm = 1e3 * image.x_m, 1e3 * image.y_m
         axes.set_facecolor(AMPLITUDE_BACKGROUND)
-        drawn = axes.imshow(
+        axes.imshow(
             np.where(level_db >= -image.dynamic_range_db, level_db, np.nan), cmap="inferno",
             extent=(x_mm[0], x_mm[-1], y_mm[0], y_mm[-1]), origin="lower",
             vmin=-image.dynamic_range_db, vmax=0.0, interpolation="nearest",
@@ -128,7 +128,7 @@ def _draw_images(figure: Figure, images: Sequence[DepthMap], titles: Sequence[st
         axes.set_xlabel("x (mm)", fontsize=LABEL_PT)
         axes.tick_params(labelsize=TICK_PT)
     columns[0].set_ylabel("y (mm)", fontsize=LABEL_PT)
-    bar = figure.colorbar(drawn, ax=columns, pad=0.01)
+    bar = figure.colorbar(columns[0].images[0], ax=columns, pad=0.01)
     bar.set_label("below maximum (dB)", fontsize=LABEL_PT)
     bar.ax.tick_params(labelsize=TICK_PT)
 

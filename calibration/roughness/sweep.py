@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -221,12 +221,12 @@ def sweep(
     >>> ball = trimesh.creation.icosphere(4, 0.04)
     >>> scene = clradar.Scene(ball.vertices + [0, 0, 0.3], ball.faces)
     >>> q = clradar.arrays.qar50()
-    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::6], q.rx_m[::6]),
+    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::4], q.rx_m[::4]),
     ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
-    >>> rays = {"samples_per_mm2": 2.0, "reception_radius_m": 0.02}
+    >>> rays = {"samples_per_mm2": 2, "reception_radius_m": 0.02, "estimator": "stochastic"}
     >>> capture = clradar.simulate(scene.with_alpha(0.4), **radar, **rays, seed=9)
     >>> grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.252, 0.32), 4e-3)
-    >>> image = clradar.backproject(capture, grid, device="pocl")
+    >>> image = clradar.backproject(capture, grid, check_grid=False, device="pocl")
     >>> found = calibration.sweep(image, scene, [0.1, 0.3, 0.5, 0.7], seeds=2, **radar, **rays)
     >>> bool(abs(found.estimate.alpha - 0.4) < 3 * found.estimate.uncertainty)
     True
@@ -283,7 +283,7 @@ def sweep(
         if regions is None
         else _of_regions(regions.names, meters[1:], measured_map, images),
     )
-    estimator = measured.meta.get("settings", {}).get("estimator", ESTIMATOR)
+    estimator = _estimator_of(measured)
     if estimator != ESTIMATOR:
         warn(
             f"sweep: the measured image is a simulation by the {estimator} estimator, whose images "
@@ -292,6 +292,13 @@ def sweep(
     for remark in result.remarks():
         warn(f"sweep: {remark}")
     return result
+
+
+def _estimator_of(measured: Volume) -> str:
+    """The estimator of a simulation in place of a measurement."""
+    capture = measured.meta.get("capture", {})
+    settings = capture.get("settings", {}) if isinstance(capture, Mapping) else {}
+    return str(settings.get("estimator", ESTIMATOR))
 
 
 def _check_regions(regions: Regions, scene: Scene, settings: SimulationSettings) -> None:
@@ -326,28 +333,24 @@ def _estimate(
     alphas: np.ndarray,
 ) -> AlphaEstimate:
     """The alpha of a region, from images [seed][alpha]."""
-    seen = meter.measure(measured)
-    if seen is None:
+    if not meter.sees(measured):
         raise CompareError(f"sweep: the measured image is 0 in the region '{name}'")
-    columns = []
-    for column in zip(*images, strict=True):
-        there = [
-            (statistics, meter.displaced(image))
-            for image in column
-            if image is not None and (statistics := meter.measure(image)) is not None
-        ]
-        columns.append(there if len(there) == len(images) else None)
-    kept = [i for i, column in enumerate(columns) if column is not None]
+    columns = list(zip(*images, strict=True))
+    kept = [
+        i
+        for i, column in enumerate(columns)
+        if all(image is not None and meter.sees(image) for image in column)
+    ]
     if len(kept) < 2:
         raise CompareError(
             f"sweep: no ray reaches a receiver from the region '{name}' at all alphas but "
             f"{len(kept)}; look at where the mesh is placed, or take more samples or rays"
         )
-    both = np.array([columns[i] for i in kept])  # alpha, seed, statistics or variance, number
-    emulator = AlphaEmulator.fitted(
-        alphas[kept], both[:, :, 0].swapaxes(0, 1), both[:, :, 1].mean(axis=1)
-    )
-    return estimate_alpha(name, meter.names, seen, emulator, meter.n_points)
+    there = [[image for image in columns[i] if image is not None] for i in kept]
+    statistics = np.array([[meter.measure(image) for image in column] for column in there])
+    displaced = np.array([[meter.displaced(image) for image in column] for column in there])
+    emulator = AlphaEmulator.fitted(alphas[kept], statistics.swapaxes(0, 1), displaced.mean(axis=1))
+    return estimate_alpha(name, meter.names, meter.measure(measured), emulator, meter.n_points)
 
 
 def _of_regions(
@@ -390,12 +393,10 @@ def _of_regions(
 
 def _widened(interval: Interval, std: float, ends: np.ndarray) -> Interval:
     factor = math.hypot(interval.std, std) / max(interval.std, 1e-6)
-    limits = {
-        name: float(np.clip(interval.median + factor * (value - interval.median), *ends))
-        for name in ("low", "high", "low95", "high95")
-        for value in [getattr(interval, name)]
-    }
-    return replace(interval, **limits)
+    own = np.array([interval.low, interval.high, interval.low95, interval.high95])
+    limits = np.clip(interval.median + factor * (own - interval.median), *ends).tolist()
+    low, high, low95, high95 = limits
+    return replace(interval, low=low, high=high, low95=low95, high95=high95)
 
 
 def _alphas(alphas: Any) -> np.ndarray:
