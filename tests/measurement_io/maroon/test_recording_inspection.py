@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import maroon_files as files
 import maroon_products as products
 import numpy as np
 import pytest
-from systems import posix_only
 
 from measurement_io import check_file, describe
 
@@ -98,27 +96,6 @@ def test_a_bare_recording_lists_what_is_missing(tmp_path):
     assert description.values["metadata.json"] is None
     assert description.values["ignored_in_calibrated_data"] == ["mean.npy"]
     assert check_file(radar).ok
-
-
-@posix_only
-def test_frames_that_are_no_files(tmp_path):
-    radar = files.write_recording(tmp_path / "30", n_frames=6)
-    data = radar / "calibrated_data"
-    for name in ("000000.npy", "000002.npy", "000003.npy", "000004_emptyfiltered.npy"):
-        (data / name).unlink()
-    (data / "000000.npy").symlink_to("nothing.npy")
-    (data / "000002.npy").mkdir()
-    os.mkfifo(data / "000003.npy")
-    (data / "000004_emptyfiltered.npy").symlink_to(data / "000004_emptyfiltered.npy")
-    (data / "000005.npy").rename(tmp_path / "elsewhere.npy")
-    (data / "000005.npy").symlink_to(tmp_path / "elsewhere.npy")
-    description = describe(radar)
-    assert description.problems == (
-        "raw frames that are no files: 0, 2-3",
-        "emptyfiltered frames that are no files: 4",
-    )
-    assert description.values["frequencies"]["count"] == 2  # of frame 1, which can be read
-    assert len(check_file(radar).problems) == 4  # one for each
 
 
 ODD_FRAMES = {
@@ -299,54 +276,6 @@ def test_a_folder_that_cannot_be_read_hides_nothing_else(tmp_path, monkeypatch, 
     report = check_file(radar)
     assert report.problems == description.problems
     assert ("3 of 3 cached depth read" in report.checked) == (name not in ("depth", "maxproj"))
-
-
-def entry_without(radar: Path, *numbers: int) -> None:
-    path = radar / "calibration.json"
-    content = json.loads(path.read_text())
-    files.write_json(
-        path, {k: v for k, v in content.items() if k not in map("{:06d}".format, numbers)}
-    )
-
-
-SAID_ONCE = {
-    "no transform": (
-        lambda radar: files.write_alignment(radar.parent, {"kinect2radar": KINECT}),
-        ["a transform from 'photogrammetry' to 'radar'"],
-    ),
-    "no calibration": (
-        lambda radar: (radar / "calibration.json").unlink(),
-        ["no calibration.json, without which depth cannot be read"],
-    ),
-    "damaged calibration": (
-        lambda radar: (radar / "calibration.json").write_text("{"),
-        ["calibration.json"],
-    ),
-    "entries": (
-        lambda radar: entry_without(radar, 0, 2),
-        [
-            "lacks its pixels for depth of the frames 0, 2",
-        ],
-    ),
-    "an entry": (
-        lambda radar: edit(radar / "calibration.json", **{"000001": {"volume": []}}),
-        ["000001.volume: expected a table or object"],
-    ),
-}
-
-
-@pytest.mark.parametrize("name", SAID_ONCE)
-def test_what_many_frames_have_in_common_is_reported_once(tmp_path, name):
-    radar = whole_recording(tmp_path / "30")
-    change, parts = SAID_ONCE[name]
-    change(radar)
-    for problems in (describe(radar).problems, check_file(radar).problems):
-        assert len(problems) == len(parts), problems
-        for part, problem in zip(parts, problems, strict=True):
-            assert part in problem
-    counts = {"entries": 1, "no transform": 3}
-    said = [line for line in check_file(radar).checked if "cached depth read" in line]
-    assert said == ([f"{counts[name]} of 3 cached depth read"] if name in counts else [])
 
 
 def test_numbers_that_are_not_finite_are_strict_json(tmp_path):
