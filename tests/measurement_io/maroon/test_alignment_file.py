@@ -153,15 +153,6 @@ def test_metadata(tmp_path):
     assert (empty.mask_bb_antenna, empty.distance_problem("30")) == (None, None)
 
 
-def test_the_box_holds_the_points_between_its_bounds():
-    box = BOX
-    points = np.array([[0, 0, 0.3], [0.05, 0, 0.3], [0, 9, 0.3], [0, -1, 0.3], [0, 0, 0.7]])
-    assert box.contains(points).tolist() == [True, False, True, False, False]
-    mirrored = box.mirrored().contains(points * [-1, 1, 1])
-    assert mirrored.tolist() == box.contains(points).tolist()
-    assert box.mirrored().mirrored() == box
-
-
 @pytest.mark.parametrize(
     ("change", "found"),
     [
