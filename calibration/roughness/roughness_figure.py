@@ -10,15 +10,14 @@ from calibration.roughness.figure import COLOURS
 from calibration.roughness.roughness_estimate import RoughnessEstimate
 from calibration.roughness.roughness_sweep import RoughnessSweep
 from clradar.model import checks
-from clradar.plot.layout import LABEL_PT, TICK_PT, add_axes, new_figure
+from clradar.plot.layout import LABEL_PT, TICK_PT, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Inches.
-HEIGHT, BELOW, ABOVE = 2.3, 0.6, 0.45
-WIDTHS, LEFT, GAP, RIGHT = (2.6, 2.4, 3.6), 0.6, 0.75, 0.15
+WIDTH, HEIGHT, RATIOS = 10.9, 3.35, (2.6, 2.4, 3.6)
+"""Of the figure and of a row of panels, inches."""
 
 DECIBEL_PER_NATURAL = 10.0 / np.log(10.0)
 
@@ -50,15 +49,9 @@ def roughness_figure(sweep: RoughnessSweep) -> Figure:
     """
     checks.instance("roughness_figure: sweep", sweep, RoughnessSweep)
     rows = len(sweep.estimates)
-    each = BELOW + HEIGHT + ABOVE
-    figure = new_figure(LEFT + sum(WIDTHS) + 2 * GAP + RIGHT, rows * each)
-    for number, one in enumerate(sweep.estimates):
-        bottom = (rows - 1 - number) * each + BELOW
-        left = LEFT
-        drawn = []
-        for width in WIDTHS:
-            drawn.append(add_axes(figure, left, bottom, width, HEIGHT))
-            left += width + GAP
+    figure = new_figure(WIDTH, HEIGHT * rows)
+    panels = figure.subplots(rows, 3, width_ratios=RATIOS, squeeze=False)
+    for number, (one, drawn) in enumerate(zip(sweep.estimates, panels, strict=True)):
         colour = COLOURS[number % len(COLOURS)]
         _draw_height(drawn[0], one, colour)
         _draw_pair(drawn[1], one)
