@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -25,50 +24,26 @@ REACH = 8.0
 
 
 def overlap(first: DepthMap, second: DepthMap, blur_m: float = OVERLAP_BLUR_M) -> float:
-    """Return the cosine between two depth maps as densities in space, in [0, 1].
+    """Return the cosine between two depth maps on the same pixels as densities in space, 0 to 1.
 
-    Parameters
-    ----------
-    first, second : DepthMap
-        On the same pixels, each with a depth and an amplitude above 0 at one pixel at least.
-    blur_m : float, metres
-
-    Returns
-    -------
-    float
-        1 where they are equal but for a factor, 0 where nothing of the one is near the other.
-
-    Raises
-    ------
-    CompareError
-        The depths of both extend over more than 20 m.
-
-    Notes
-    -----
     Every pixel that has a depth is a point p with its linear amplitude a as weight. Blurred with
     normal densities of standard deviation s, two clouds have the inner product::
 
         <A, B> = sum over p in A, q in B of  a_p b_q exp(-|p - q|^2 / (2 s)^2)
 
-    but for a factor that cancels, and the overlap is <A, B> / sqrt(<A, A> <B, B>): the normalised
-    kernel correlation of [1]_. The exponential splits into factors for x, y and z. Those for x and
-    y are matrices between pixel columns and between pixel rows. That for z becomes a Fourier series
-    over a period that is 8 s longer than the range of the depths, ended where exp(-(k s)^2) = 1e-7,
-    so that the cost grows with pixels and depths and not with pairs of points. Both cuts leave an
-    error of about 1e-7.
-
-    References
-    ----------
-    .. [1] Y. Tsin, T. Kanade, "A correlation-based approach to robust point set registration",
-       ECCV 2004.
+    but for a factor that cancels, and the overlap is <A, B> / sqrt(<A, A> <B, B>). The exponential
+    splits into factors for x, y and z. Those for x and y are matrices between pixel columns and
+    between pixel rows. That for z becomes a Fourier series over a period that is 8 s longer than
+    the range of the depths, ended where exp(-(k s)^2) = 1e-7, so that the cost grows with pixels
+    and depths and not with pairs of points. Both cuts leave an error of about 1e-7.
     """
     shown = first.mask | second.mask
     rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
     used = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     clouds = [_cloud(image, used) for image in (first, second)]
-    depths_m = [z_m[weight > 0] for weight, z_m in clouds]
-    nearest_m = min(z_m.min() for z_m in depths_m)
-    span_m = max(z_m.max() for z_m in depths_m) - nearest_m
+    depths_m = np.concatenate([z_m[weight > 0] for weight, z_m in clouds])
+    nearest_m = depths_m.min()
+    span_m = depths_m.max() - nearest_m
     if span_m > MAX_SPAN_M:
         raise CompareError(
             f"overlap: expected depths within {MAX_SPAN_M:g} m of each other, got them over "
@@ -79,10 +54,12 @@ def overlap(first: DepthMap, second: DepthMap, blur_m: float = OVERLAP_BLUR_M) -
         for axis_m in (first.x_m[used[1]], first.y_m[used[0]])
     )
     products = np.zeros(3)
-    for k, share in _depth_waves(span_m, blur_m):
+    step = 2.0 * np.pi / (span_m + REACH * blur_m)  # of the wavenumber of the cosines
+    for i in range(math.ceil(0.5 * REACH / (blur_m * step)) + 1):
+        share = (2.0 if i else 1.0) * math.exp(-((i * step * blur_m) ** 2))
         wave = np.stack(
             [
-                weight * part(k * (z_m - nearest_m))
+                weight * part(i * step * (z_m - nearest_m))
                 for weight, z_m in clouds
                 for part in (np.cos, np.sin)
             ],
@@ -92,8 +69,8 @@ def overlap(first: DepthMap, second: DepthMap, blur_m: float = OVERLAP_BLUR_M) -
         blurred = along_y @ wave.reshape(len(wave), -1)
         blurred = (blurred.reshape(-1, len(along_x)) @ along_x).reshape(wave.shape)
         a, b = slice(0, 2), slice(2, 4)
-        for i, (one, other) in enumerate(((a, a), (b, b), (a, b))):
-            products[i] += share * np.sum(wave[:, one] * blurred[:, other])
+        for which, (one, other) in enumerate(((a, a), (b, b), (a, b))):
+            products[which] += share * np.sum(wave[:, one] * blurred[:, other])
     with_itself = math.sqrt(products[0] * products[1])
     return min(1.0, max(0.0, float(products[2]) / with_itself))
 
@@ -103,11 +80,3 @@ def _cloud(image: DepthMap, used: tuple[slice, slice]) -> tuple[np.ndarray, np.n
     mask = image.mask[used]
     amplitude = np.where(mask, image.amplitude[used], 0.0).astype(np.float64)
     return amplitude / amplitude.max(), np.where(mask, image.depth_m[used], 0.0)
-
-
-def _depth_waves(span_m: float, blur_m: float) -> Iterator[tuple[float, float]]:
-    """Yield (wavenumber in rad/m, weight) of the cosines that make up exp(-(z / 2 blur)^2)."""
-    step = 2.0 * np.pi / (span_m + REACH * blur_m)
-    # exp(-(k blur)^2) at half of REACH is exp(-16), too.
-    for i in range(math.ceil(0.5 * REACH / (blur_m * step)) + 1):
-        yield i * step, (2.0 if i else 1.0) * math.exp(-((i * step * blur_m) ** 2))

@@ -76,11 +76,10 @@ def hand_fit_figure(
     legend_h = text_height(LEGEND_ROWS, LABEL_PT) + MARGIN
     figure, (panels,) = new_panels(1, 2, size, bars=2, labels=(1, 2), below=legend_h)
     for axes, title in zip(panels, ("Amplitude, maximum over depth", "Depth"), strict=True):
-        draw_frame(axes, extent, size)
-        axes.set_title(title, fontsize=LABEL_PT, pad=4)
-    limits_mm = depth_limits_mm([shown])
-    amplitude_bar(panels[:1], draw_amplitude(panels[0], shown, extent.unit), dynamic_range_db)
-    depth_bar(panels[1:], draw_depth(panels[1], shown, extent.unit, limits_mm), limits_mm, [shown])
+        draw_frame(axes, extent, title)
+    amplitude_bar(panels[:1], draw_amplitude(panels[0], shown, extent.unit))
+    depth = draw_depth(panels[1], shown, extent.unit, depth_limits_mm([shown]))
+    depth_bar(panels[1:], depth, [shown])
     settled(figure)  # before the ellipses, which may be large
     for axes, colour in zip(panels, ("white", "black"), strict=True):
         draw_outline(axes, fit.scene, extent.unit, colour)

@@ -1,20 +1,22 @@
 """Comparison of images: metrics, where two images disagree, and their spread over seeds."""
 
-from clradar.compare.comparison import compare, compare_by, metrics_of
-from clradar.compare.disagreement import disagreement
 from clradar.compare.images import clipped_db, depth_map_of
-from clradar.compare.metrics import HEADLINE_METRIC, HIGHER_IS_BETTER, UNDEFINED, Metrics
-from clradar.compare.similarity import METRICS, SSIM_SIGMA, SSIM_WINDOW
+from clradar.compare.metrics import (
+    HIGHER_IS_BETTER,
+    METRIC_TABLE,
+    METRICS,
+    Metrics,
+    compare,
+    compare_by,
+    metrics_of,
+)
 from clradar.compare.spread import spread
-from clradar.compare.unmatched import Disagreement, UnmatchedObject
+from clradar.compare.unmatched import Disagreement, UnmatchedObject, disagreement
 
 __all__ = [
-    "HEADLINE_METRIC",
     "HIGHER_IS_BETTER",
     "METRICS",
-    "SSIM_SIGMA",
-    "SSIM_WINDOW",
-    "UNDEFINED",
+    "METRIC_TABLE",
     "Disagreement",
     "Metrics",
     "UnmatchedObject",

@@ -1,24 +1,23 @@
-"""The record of a comparison: its metrics, and what a single number does not show."""
+"""Comparison of a simulated with a measured image (``docs/metrics.md``): one table of metrics."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from clradar.compare.metric_table import METRIC_TABLE
-from clradar.compare.similarity import METRICS
-from clradar.compare.unmatched import UnmatchedObject
+import numpy as np
+
+from clradar.compare.images import check_same_pixels, clipped_db, depth_map_of
+from clradar.compare.unmatched import UnmatchedObject, disagreement_of
 from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import CompareError, warn
+from clradar.model import DepthMap, Volume, checks
+from clradar.overlap import overlap
 
-HEADLINE_METRIC = METRIC_TABLE[0].field
-"""The field of `Metrics` for ranking by a single number."""
-
-HIGHER_IS_BETTER = frozenset(metric.field for metric in METRIC_TABLE if metric.higher_is_better)
-"""The metrics whose best value is the largest; for the rest it is the smallest."""
-
-UNDEFINED = {metric.field: metric.undefined for metric in METRIC_TABLE if metric.undefined}
-"""The metrics that can be NaN, and what NaN means there."""
+SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
+"""Pixels (Wang et al. 2004): skimage truncates its Gaussian at 3.5 standard deviations."""
 
 GOOD_OVERLAP, POOR_CORRELATION = 0.8, 0.6
 """Beyond both of these the overlap and the dB correlation contradict each other.
@@ -32,6 +31,96 @@ POOR_OVERLAP, GOOD_CORRELATION = 0.6, 0.9
 
 NAMED_OBJECTS = 3
 """Objects that a remark describes; it counts the rest."""
+
+
+def _correlation(first: DepthMap, second: DepthMap) -> float:
+    """Return the Pearson correlation, NaN where an image is constant."""
+    a, b = clipped_db(first), clipped_db(second)
+    if np.ptp(a) == 0 or np.ptp(b) == 0:  # whose variance can round to above 0
+        return math.nan
+    a, b = a - a.mean(), b - b.mean()
+    # One square root of the product: identical images then give exactly 1.
+    ratio = float((a * b).sum() / np.sqrt((a * a).sum() * (b * b).sum()))
+    return min(1.0, max(-1.0, ratio))
+
+
+def _ssim(first: DepthMap, second: DepthMap) -> float:
+    n_y, n_x = first.amplitude.shape
+    if min(n_x, n_y) < SSIM_WINDOW:
+        raise CompareError(
+            f"compare: expected images of at least {SSIM_WINDOW} x {SSIM_WINDOW} pixels, the "
+            f"window of the SSIM, got {n_x} x {n_y} (x, y)"
+        )
+    from skimage.metrics import structural_similarity
+
+    scaled = (clipped_db(image) / image.dynamic_range_db + 1.0 for image in (first, second))
+    similarity = structural_similarity(
+        *scaled, data_range=1.0, gaussian_weights=True, sigma=SSIM_SIGMA,
+        use_sample_covariance=False,
+    )  # fmt: skip
+    return float(similarity)
+
+
+def _mask_iou(first: DepthMap, second: DepthMap) -> float:
+    a, b = first.mask, second.mask
+    return float(np.count_nonzero(a & b) / np.count_nonzero(a | b))
+
+
+def _depth_rmse_m(first: DepthMap, second: DepthMap) -> float:
+    common = first.mask & second.mask
+    if not common.any():
+        return math.nan
+    return float(np.sqrt(np.mean((first.depth_m - second.depth_m)[common] ** 2)))
+
+
+def _mean_nearest_m(of: DepthMap, to: DepthMap) -> float:
+    """Return the mean distance from the depth points of one image to the nearest of the other."""
+    from scipy.spatial import cKDTree
+
+    distance_m, _ = cKDTree(to.points_m()).query(of.points_m())
+    return float(distance_m.mean())
+
+
+class Metric(NamedTuple):
+    """A field of `Metrics`: value, name with the unit, factor to that unit, and decimals."""
+
+    field: str
+    value: Callable[[DepthMap, DepthMap], float]
+    name: str
+    scale: float = 1.0
+    digits: int = 3
+    higher_is_better: bool = True
+    undefined: str = ""
+    """What NaN means, where it can be."""
+
+
+METRIC_TABLE = (
+    Metric("overlap", overlap, "overlap"),
+    Metric(
+        "db_correlation", _correlation, "dB correlation",
+        undefined="one of the two dB images is constant, so it has no variance",
+    ),
+    Metric("ssim", _ssim, "SSIM"),
+    Metric("mask_iou", _mask_iou, "mask IoU"),
+    Metric(
+        "depth_rmse_m", _depth_rmse_m, "depth RMSE (mm)", 1e3, 2, False,
+        "the two masks have no pixel in common",
+    ),
+    Metric(
+        "chamfer_simulated_to_measured_m", lambda measured, s: _mean_nearest_m(s, measured),
+        "Chamfer sim. to meas. (mm)", 1e3, 2, False,
+    ),
+    Metric(
+        "chamfer_measured_to_simulated_m", _mean_nearest_m,
+        "Chamfer meas. to sim. (mm)", 1e3, 2, False,
+    ),
+)  # fmt: skip
+"""The metrics wherever they are shown. The first is for ranking by a single number; reasons in
+`docs/metrics.md`."""
+
+METRICS = tuple(one.field for one in METRIC_TABLE)
+
+HIGHER_IS_BETTER = frozenset(one.field for one in METRIC_TABLE if one.higher_is_better)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +143,13 @@ class Metrics:
     depth_rmse_m : float, metres
         Root mean square difference of depth over the pixels in both masks; 0 is best. NaN where
         the masks have no pixel in common.
-    chamfer_simulated_to_measured_m : float, metres
-        Mean distance from each simulated depth point to the nearest measured one; 0 is best.
-    chamfer_measured_to_simulated_m : float, metres
-        Mean distance from each measured depth point to the nearest simulated one; 0 is best.
+    chamfer_simulated_to_measured_m, chamfer_measured_to_simulated_m : float, metres
+        Mean distance from each depth point of the one to the nearest of the other; 0 is best.
     dynamic_range_db : float, decibel
         Level below each image's own maximum at which it was clipped and its mask cut.
-    missing : tuple of UnmatchedObject
-        Bright objects of the measurement that the simulation lacks, the largest share of the energy
-        first; see `disagreement`.
-    surplus : tuple of UnmatchedObject
-        Bright objects of the simulation that the measurement lacks.
+    missing, surplus : tuple of UnmatchedObject
+        Bright objects of the measurement that the simulation lacks, and the reverse, the largest
+        share of the energy first; see `disagreement`.
 
     Examples
     --------
@@ -97,20 +182,20 @@ class Metrics:
     @property
     def remarks(self) -> tuple[str, ...]:
         """What a single number does not show: objects of one image alone, and contradictions."""
-        found = []
+        remarks = []
         if self.missing:
-            found.append(f"missing from the simulation: {_listed(self.missing)}")
+            remarks.append(f"missing from the simulation: {_listed(self.missing)}")
         if self.surplus:
-            found.append(f"in the simulation alone: {_listed(self.surplus)}")
+            remarks.append(f"in the simulation alone: {_listed(self.surplus)}")
         pair = f"overlap {self.overlap:.2f}, but dB correlation {self.db_correlation:.2f}"
         if self.overlap >= GOOD_OVERLAP and self.db_correlation < POOR_CORRELATION:
-            found.append(f"the metrics disagree: {pair} and mask IoU {self.mask_iou:.2f}")
+            remarks.append(f"the metrics disagree: {pair} and mask IoU {self.mask_iou:.2f}")
         elif self.overlap < POOR_OVERLAP and self.db_correlation > GOOD_CORRELATION:
-            found.append(
+            remarks.append(
                 f"the metrics disagree: {pair}, which does not see depth; the depth RMSE is "
                 f"{1e3 * self.depth_rmse_m:.1f} mm"
             )
-        return tuple(found)
+        return tuple(remarks)
 
     def to_dict(self) -> dict[str, Any]:
         """Return fields and remarks in types of strict JSON: None replaces NaN."""
@@ -127,3 +212,101 @@ def _listed(objects: tuple[UnmatchedObject, ...]) -> str:
     texts = [str(one) for one in objects[:NAMED_OBJECTS]]
     more = len(objects) - NAMED_OBJECTS
     return "; ".join([*texts, *([f"and {more} more"] if more > 0 else [])])
+
+
+def compare(
+    measured: Volume | DepthMap,
+    simulated: Volume | DepthMap,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> Metrics:
+    """Compare a simulated image with a measured one on the same pixels.
+
+    Parameters
+    ----------
+    measured, simulated : Volume or DepthMap
+        Both with the same pixel centres along x and y. Their z axes may differ: only the maximum
+        projection and the depth map of a volume are used.
+    dynamic_range_db : float, decibel
+        Each image is clipped, and its mask cut, this far below its own maximum.
+
+    Returns
+    -------
+    Metrics
+
+    Raises
+    ------
+    CompareError
+        One of them is not an image, is zero everywhere, has no depth anywhere, or is a depth map
+        that was cut at a smaller dynamic range; the pixels differ; or the images are smaller than
+        the SSIM window, 11 x 11 pixels.
+
+    Warns
+    -----
+    ClradarWarning
+        The overlap is 0.8 or more and misleading: the dB correlation is below 0.6, or one image has
+        a bright object that the other lacks (`Metrics.remarks`).
+
+    Notes
+    -----
+    The overall level of an image has no influence: each is normalised to its own maximum.
+
+    Examples
+    --------
+    Two equal spots, 2 mm apart in depth; the overlap of equal planes is exp(-(d / 4 mm)^2).
+
+    >>> import numpy as np
+    >>> import clradar
+    >>> x_m = np.arange(-10, 11) * 1e-3
+    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
+    >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
+    >>> metrics = clradar.compare(near, far)
+    >>> print(f"{metrics.overlap:.3f} {metrics.ssim:.3f} {1e3 * metrics.depth_rmse_m:.1f} mm")
+    0.779 1.000 2.0 mm
+    """
+    metrics = metrics_of(measured, simulated, dynamic_range_db)
+    if metrics.misleading:
+        warn(
+            f"compare: an overlap of {metrics.overlap:.2f} is misleading here: "
+            f"{'; '.join(metrics.remarks)}; look at both images, and correct the scene of the "
+            "simulation"
+        )
+    return metrics
+
+
+def metrics_of(
+    measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
+) -> Metrics:
+    """Return what `compare` returns, without its warning: of simulations that are to differ."""
+    first, second = _cut(measured, simulated, dynamic_range_db)
+    values = {one.field: one.value(first, second) for one in METRIC_TABLE}
+    unmatched = disagreement_of(first, second)
+    return Metrics(
+        **values,
+        dynamic_range_db=first.dynamic_range_db,
+        missing=unmatched.missing,
+        surplus=unmatched.surplus,
+    )
+
+
+def compare_by(
+    metric: str,
+    measured: Volume | DepthMap,
+    simulated: Volume | DepthMap,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> float:
+    """Return one of the `METRICS` of what `compare` returns, without computing the rest."""
+    checks.one_of("compare_by: metric", metric, METRICS)
+    pair = _cut(measured, simulated, dynamic_range_db)
+    return METRIC_TABLE[METRICS.index(metric)].value(*pair)
+
+
+def _cut(
+    measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
+) -> tuple[DepthMap, DepthMap]:
+    dynamic_range_db = checks.dynamic_range("compare: dynamic_range_db", dynamic_range_db)
+    first = depth_map_of(measured, dynamic_range_db, "measured image")
+    second = depth_map_of(simulated, dynamic_range_db, "simulated image")
+    check_same_pixels(first, second)
+    return first, second

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -86,8 +87,6 @@ def spread(
     ModelError
         Fewer than two seeds, an unknown impairment, or an argument that `clradar.simulate` or
         `clradar.backproject` refuses.
-    MeshError, DeviceError
-        As `clradar.simulate`.
 
     Warns
     -----
@@ -101,16 +100,8 @@ def spread(
     estimated without bias by ``sum |V_i - M|^2 / (n - 1)``, and ``E|V|^2`` by ``sum |V_i|^2 / n``.
     The varying share is the ratio of their sums over all voxels, 1 at most. For random rays it is
     shot noise: paths that arrive independently with amplitudes a add sum a^2 to the power of a pair
-    of antennas [1]_, which falls with the number of rays while ``|m|^2`` relative to it does not.
-
-    Means and squared deviations are updated image by image [2]_.
-
-    References
-    ----------
-    .. [1] N. Campbell, "The study of discontinuous phenomena", Proc. Cambridge Philos. Soc. 15
-       (1909) 117.
-    .. [2] B. P. Welford, "Note on a method for calculating corrected sums of squares and products",
-       Technometrics 4 (1962) 419.
+    of antennas (Campbell 1909), which falls with the number of rays while ``|m|^2`` relative to it
+    does not. Means and squared deviations are updated image by image (Welford 1962).
 
     Examples
     --------
@@ -123,14 +114,12 @@ def spread(
     >>> array = clradar.AntennaArray(imager.tx_m[::12], imager.rx_m[::12])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> grid = clradar.VoxelGrid.from_extent((-0.02, 0.02), (-0.02, 0.02), (0.28, 0.31), 2e-3)
-    >>> shares = []
-    >>> for density in (10, 100):
-    ...     found = clradar.spread(
-    ...         scene, array, waveform, grid, seeds=4, estimator="stochastic",
-    ...         samples_per_mm2=density,
-    ...     )
-    ...     shares.append(found.varying_share)
-    >>> found.varies, shares[0] > 0.3, shares[1] < 0.1
+    >>> few, many = (
+    ...     clradar.spread(scene, array, waveform, grid, seeds=4, estimator="stochastic",
+    ...                    samples_per_mm2=density)
+    ...     for density in (10, 100)
+    ... )
+    >>> few.varies, few.varying_share > 0.3, many.varying_share < 0.1
     ('shot noise of random rays', True, True)
     """
     checks.instance("spread: grid", grid, VoxelGrid)
@@ -138,26 +127,19 @@ def spread(
     checks.dynamic_range("spread: dynamic_range_db", dynamic_range_db)
     base = merged_settings(settings, **fields)
     faults = None if impairments is None else dict(impairments)
-    if faults is not None:
-        _check_faults(faults)
-    seed_images = _SeedImages(
-        scene, array, waveform, grid, base, faults,
-        {"method": method, "window": window, "tolerance_db": tolerance_db},
-    )  # fmt: skip
+    known = [n for n, p in inspect.signature(impair).parameters.items() if p.kind is p.KEYWORD_ONLY]
+    for unknown in sorted(set(faults or ()) - set(known)):
+        checks.fail("spread: impairments", f"settings of impair ({', '.join(known)})", unknown)
+    imaging = {"method": method, "window": window, "tolerance_db": tolerance_db}
+    seed_images = _SeedImages(scene, array, waveform, grid, base, faults, imaging)
     devices = open_devices(device)
     devices.check_alike("a spread")
-    total: _Accumulated | None = None
+    total = _Accumulated(grid, dynamic_range_db)
     for _, volume in devices.made(seed_images, range(count), progress):
-        if total is None:
-            total = _Accumulated(volume, dynamic_range_db)
         total.add(volume)
-    assert total is not None
     estimator = str(base.for_scene(scene, array, waveform).resolved().estimator)
-    causes = [VARIES[estimator]]
-    if estimator == "physical" and not any(
-        m.roughness_rms_m > 0 or m.micro_roughness_rms_m > 0 for m in scene.materials
-    ):
-        causes = []
+    rough = any(m.roughness_rms_m > 0 or m.micro_roughness_rms_m > 0 for m in scene.materials)
+    causes = [VARIES[estimator]] if estimator != "physical" or rough else []
     if faults is not None:
         causes.append("noise")
     varies = " and ".join(causes) or "nothing"
@@ -174,11 +156,11 @@ class _SeedImages:
     grid: VoxelGrid
     base: SimulationSettings
     faults: dict[str, Any] | None
-    way: dict[str, Any]
+    imaging: dict[str, Any]
 
     def __call__(self, i: int, device: Device, progress: Progress) -> list[Volume]:
         with warnings.catch_warnings():
-            if i:  # the first has said it
+            if i:  # the first has warned
                 warnings.simplefilter("ignore", ClradarWarning)
             capture = simulate(
                 self.scene, self.array, self.waveform,
@@ -188,16 +170,7 @@ class _SeedImages:
             if self.faults is not None:
                 own = {**self.faults, "seed": self.faults.get("seed", 0) + i}
                 capture = impair(capture, **own)
-            return [backproject(capture, self.grid, device=device, **self.way)]
-
-
-def _check_faults(faults: Mapping[str, Any]) -> None:
-    import inspect
-
-    known = [n for n, p in inspect.signature(impair).parameters.items() if p.kind is p.KEYWORD_ONLY]
-    unknown = sorted(set(faults) - set(known))
-    if unknown:
-        checks.fail("spread: impairments", f"settings of impair ({', '.join(known)})", unknown[0])
+            return [backproject(capture, self.grid, device=device, **self.imaging)]
 
 
 class _Running:
@@ -224,16 +197,17 @@ class _Running:
 class _Accumulated:
     """What is kept of the images so far: nothing of it grows with their number."""
 
-    def __init__(self, first: Volume, dynamic_range_db: float) -> None:
-        self._grid, self._meta, self._scale = first.grid, first.meta, first.scale
+    def __init__(self, grid: VoxelGrid, dynamic_range_db: float) -> None:
         self._dynamic_range_db = dynamic_range_db
-        self._mean = np.zeros(first.grid.shape, np.complex128)
+        self._first: Volume | None = None
+        self._mean = np.zeros(grid.shape, np.complex128)
         self._varying = self._power = 0.0
-        self._amplitude = _Running(first.grid.shape[1:])
-        self._depth = _Running(first.grid.shape[1:])
+        self._amplitude, self._depth = _Running(grid.shape[1:]), _Running(grid.shape[1:])
         self._n = 0
 
     def add(self, volume: Volume) -> None:
+        if self._first is None:
+            self._first = volume
         self._n += 1
         # Slice by slice: no temporary of the volume's size in double precision.
         for single, mean in zip(volume.data, self._mean, strict=True):
@@ -249,13 +223,15 @@ class _Accumulated:
             self._depth.add(np.nan_to_num(depth.depth_m), depth.mask)
 
     def result(self, seeds: tuple[int, ...], varies: str) -> Spread:
+        assert self._first is not None
         share = 0.0
         if self._power > 0.0:
             share = self._varying / (self._n - 1) / (self._power / self._n)
-        meta = {**self._meta, "spread": {"seeds": list(seeds), "varies": varies}}
+        meta = {**self._first.meta, "spread": {"seeds": list(seeds), "varies": varies}}
+        mean = self._mean.astype(np.complex64)
         depth = self._depth
         return Spread(
-            mean=Volume(self._mean.astype(np.complex64), self._grid, meta, self._scale),
+            mean=Volume(mean, self._first.grid, meta, self._first.scale),
             amplitude=self._amplitude.mean,
             amplitude_sd=self._amplitude.deviation(),
             depth_m=np.where(depth.count > 0, depth.mean, np.nan),

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from clradar.model import DepthMap
+from clradar.compare.images import check_same_pixels, depth_map_of
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import CompareError
+from clradar.model import DepthMap, Volume, checks
 
 NEAR_M = 6e-3
 """Distance across boresight within which an object of the other image is the same one, metres.
@@ -50,22 +53,9 @@ RINGS = 6
 class UnmatchedObject:
     """A bright part of one image that is missing from another.
 
-    Attributes
-    ----------
-    position_m : (float, float, float), metres
-        x, y, z of its brightest point.
-    share : float
-        Its part of the energy of its image: the sum of amplitude^2 within the dynamic range.
-    level_db : float, decibel
-        Its maximum relative to that of its image; 0 is the brightest object.
-    weaker_db : float, decibel
-        How much weaker the other image is near the brightest point; at most 60.
-
-    Examples
-    --------
-    >>> from clradar.compare import UnmatchedObject
-    >>> print(UnmatchedObject((-0.045, -0.03, 0.28), 0.62, 0.0, 43.2))
-    the brightest object, at (-45, -30, 280) mm with 62 % of the energy
+    `position_m` is that of its brightest point, `share` its part of the energy of its image within
+    the dynamic range, `level_db` its maximum relative to that of its image, and `weaker_db` how
+    much weaker the other image is near the brightest point, at most 60.
     """
 
     position_m: tuple[float, float, float]
@@ -80,36 +70,18 @@ class UnmatchedObject:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fields in types of JSON."""
-        return {
-            "position_m": list(self.position_m),
-            "share": self.share,
-            "level_db": self.level_db,
-            "weaker_db": self.weaker_db,
-        }
+        return {**asdict(self), "position_m": list(self.position_m)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disagreement:
     """Where a measured and a simulated image disagree.
 
-    Attributes
-    ----------
-    level_db : ndarray, shape (n_y, n_x), float64, decibel
-        Above 0 where the measurement is stronger than all of the simulation near the pixel, below 0
-        where the simulation is stronger than all of the measurement near it, in [-60, 60]; NaN
-        where neither is within the dynamic range.
-    depth_m : ndarray, shape (n_y, n_x), float64, metres
-        Simulated minus measured depth; NaN where one of them has none.
-    x_m, y_m : ndarray, shape (n_x,) and (n_y,), metres
-        Pixel centres.
-    gain_db : float, decibel
-        What the simulation is raised by before its level is compared, each image being relative to
-        its own maximum.
-    missing : tuple of UnmatchedObject
-        Bright objects of the measurement that the simulation lacks, the largest share first.
-    surplus : tuple of UnmatchedObject
-        Bright objects of the simulation that the measurement lacks.
-    dynamic_range_db : float, decibel
+    `level_db`, shape (n_y, n_x), is above 0 where the measurement is stronger than all of the
+    simulation near the pixel, below 0 the other way round, in [-60, 60]; NaN where neither is
+    within the dynamic range. `depth_m` is simulated minus measured; NaN where one of them has no
+    depth. `gain_db` is what the simulation is raised by before levels are compared. `missing` and
+    `surplus` are the bright objects of one image alone, the largest share first.
     """
 
     level_db: np.ndarray
@@ -122,16 +94,70 @@ class Disagreement:
     dynamic_range_db: float
 
 
+def disagreement(
+    measured: Volume | DepthMap,
+    simulated: Volume | DepthMap,
+    transform: np.ndarray | None = None,
+    *,
+    dynamic_range_db: float = DYNAMIC_RANGE_DB,
+) -> Disagreement:
+    """Return where a simulated image disagrees with a measured one, pixel by pixel and by objects.
+
+    An object is unmatched where an image is 12 dB stronger than anything of the other within 6 mm
+    across boresight and 10 mm along it, with 1 % of its image's energy at least: a displacement of
+    a few millimetres, another seed or another alpha leave none. A 4 x 4 `transform`, as that of
+    `calibration.align`, moves the simulated depth points first, and puts each on the nearest
+    measured pixel; the images may then be on different pixels.
+    """
+    dynamic_range_db = checks.dynamic_range("disagreement: dynamic_range_db", dynamic_range_db)
+    first = depth_map_of(measured, dynamic_range_db, "measured image")
+    if transform is not None:
+        matrix = checks.transform("disagreement: transform", transform)
+        simulated = _moved(simulated, matrix, first)
+    second = depth_map_of(simulated, dynamic_range_db, "simulated image")
+    check_same_pixels(first, second)
+    return disagreement_of(first, second)
+
+
+def _moved(image: Volume | DepthMap, transform: np.ndarray, pixels: DepthMap) -> DepthMap:
+    """Return the depth points of an image after a motion, each on the nearest pixel of another.
+
+    Where several meet, the strongest is kept, as in a maximum projection. Points down to
+    `WEAKER_DB` below the cut come along where they are known: weak is not missing.
+    """
+    deepest_db = pixels.dynamic_range_db + WEAKER_DB
+    if isinstance(image, DepthMap):
+        deepest_db = min(deepest_db, image.dynamic_range_db)
+    cut = depth_map_of(image, max(deepest_db, pixels.dynamic_range_db), "simulated image")
+    x_m, y_m, z_m = transform[:3, :3] @ cut.points_m().T + transform[:3, 3:]
+    column, row = _nearest(pixels.x_m, x_m), _nearest(pixels.y_m, y_m)
+    inside = np.flatnonzero((column >= 0) & (row >= 0))
+    if len(inside) == 0:
+        raise CompareError(
+            "disagreement: expected a part of the simulated image on the measured pixels after the "
+            "motion, got none"
+        )
+    amplitude = cut.amplitude[cut.mask]
+    inside = inside[np.argsort(amplitude[inside], kind="stable")]  # the strongest comes last
+    depth_m = np.full(pixels.depth_m.shape, np.nan)
+    strength = np.zeros(pixels.depth_m.shape, dtype=np.float32)
+    depth_m[row[inside], column[inside]] = z_m[inside]
+    strength[row[inside], column[inside]] = amplitude[inside]
+    return DepthMap(depth_m, strength, pixels.x_m, pixels.y_m, cut.dynamic_range_db)
+
+
+def _nearest(axis_m: np.ndarray, at_m: np.ndarray) -> np.ndarray:
+    """Return the index of the pixel centre nearest to each position; -1 beside the pixels."""
+    if len(axis_m) == 1:
+        return np.zeros(len(at_m), dtype=int)
+    borders = (axis_m[1:] + axis_m[:-1]) / 2
+    low, high = 2 * axis_m[0] - borders[0], 2 * axis_m[-1] - borders[-1]
+    return np.where((at_m >= low) & (at_m <= high), np.searchsorted(borders, at_m), -1)
+
+
 def disagreement_of(measured: DepthMap, simulated: DepthMap) -> Disagreement:
-    """Return where two depth maps on the same pixels disagree; see `clradar.compare.disagreement`.
+    """Return where two depth maps on the same pixels, neither of them empty, disagree.
 
-    Parameters
-    ----------
-    measured, simulated : DepthMap
-        Each with a depth and an amplitude above 0 at one pixel at least.
-
-    Notes
-    -----
     Near a pixel are those within 6 mm of it across boresight whose depth differs by at most 10 mm
     or is unknown. With A the amplitude of a pixel and B the largest of the other image near it, the
     difference is 20 log10(A / B), not below 0.
@@ -142,7 +168,10 @@ def disagreement_of(measured: DepthMap, simulated: DepthMap) -> Disagreement:
     pixel in the measurement and in the simulation, B within the simulation's dynamic range. An
     object that is missing has no weight there, and one that is surplus is not a measured pixel.
     """
-    first, second = _relative(measured), _relative(simulated)
+    first, second = (
+        image.amplitude.astype(np.float64) / float(image.amplitude.max())
+        for image in (measured, simulated)
+    )
     seen = np.where(simulated.mask, second, 0.0)
     near, seen_near, simulated_near = _strongest_near(
         measured, [(first, measured), (seen, simulated), (second, simulated)]
@@ -165,11 +194,6 @@ def disagreement_of(measured: DepthMap, simulated: DepthMap) -> Disagreement:
         surplus=_objects(simulated, second, theirs),
         dynamic_range_db=measured.dynamic_range_db,
     )
-
-
-def _relative(image: DepthMap) -> np.ndarray:
-    amplitude = image.amplitude.astype(np.float64)
-    return amplitude / amplitude.max()
 
 
 def _gain(measured: np.ndarray, simulated: np.ndarray) -> float:
@@ -225,8 +249,8 @@ def _offsets(axis_m: np.ndarray, reach_m: float) -> list[int]:
     """Return the steps along an axis, by index, that stay within `reach_m` somewhere."""
     last = np.searchsorted(axis_m, axis_m + reach_m + 1e-9, side="right") - 1
     most = int((last - np.arange(len(axis_m))).max())
-    tried = np.linspace(-most, most, 2 * min(most, RINGS) + 1)
-    return [int(step) for step in np.unique(np.round(tried))]
+    steps = np.linspace(-most, most, 2 * min(most, RINGS) + 1)
+    return [int(step) for step in np.unique(np.round(steps))]
 
 
 def _objects(
@@ -235,28 +259,27 @@ def _objects(
     """Return the objects among the pixels of an image whose excess is `WEAKER_DB` or more."""
     from scipy import ndimage
 
-    unmatched = np.zeros(image.mask.shape, dtype=bool)
-    unmatched[image.mask] = excess_db >= WEAKER_DB
+    excess = np.zeros(image.mask.shape)
+    excess[image.mask] = excess_db
+    unmatched = image.mask & (excess >= WEAKER_DB)
     unmatched &= amplitude >= 10.0 ** (BACKGROUND_DB / 20.0) * np.median(amplitude)
     joined = unmatched.copy()
     for _, row, column in _neighbours(image, unmatched, NEAR_M / 2):
         joined[row, column] = True
-    labels, _ = ndimage.label(joined, structure=np.ones((3, 3)))
-    excess = np.zeros(image.mask.shape)
-    excess[image.mask] = excess_db
+    labels, count = ndimage.label(joined, structure=np.ones((3, 3)))
     energy = np.where(image.mask, amplitude**2, 0.0)
-    shares = np.bincount(labels[unmatched], weights=energy[unmatched]) / energy.sum()
-    found = []
-    for label in np.flatnonzero(shares >= LEAST_SHARE):
-        own = np.where(unmatched & (labels == label), amplitude, -1.0)
-        row, column = divmod(int(np.argmax(own)), own.shape[1])
-        place_m = (image.x_m[column], image.y_m[row], image.depth_m[row, column])
-        found.append(
-            UnmatchedObject(
-                position_m=(float(place_m[0]), float(place_m[1]), float(place_m[2])),
-                share=float(shares[label]),
-                level_db=20.0 * math.log10(amplitude[row, column]),
-                weaker_db=float(excess[row, column]),
-            )
+    labels[~unmatched] = 0
+    numbers = np.arange(1, count + 1)
+    shares = ndimage.sum_labels(energy, labels, numbers) / energy.sum()
+    brightest = ndimage.maximum_position(amplitude, labels, numbers) if count else []
+    objects = [
+        UnmatchedObject(
+            (float(image.x_m[column]), float(image.y_m[row]), float(image.depth_m[row, column])),
+            float(share),
+            20.0 * math.log10(amplitude[row, column]),
+            float(excess[row, column]),
         )
-    return tuple(sorted(found, key=lambda one: -one.share))
+        for share, (row, column) in zip(shares, brightest, strict=True)
+        if share >= LEAST_SHARE
+    ]
+    return tuple(sorted(objects, key=lambda one: -one.share))

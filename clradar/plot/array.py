@@ -10,7 +10,8 @@ from clradar.arrays.figures_of_merit import ArrayFigures
 from clradar.arrays.point_spread import Clusters, clusters_of, response
 from clradar.model import Waveform
 from clradar.model.length_unit import METRES, LengthUnit, unit_for
-from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT, new_figure, printable
+from clradar.plot.layout import TICK_PT, label_axes, new_figure
+from clradar.plot.panels import CURVE_COLOURS, add_bar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,47 +28,24 @@ CUT_WIDTHS = 6.0
 MOST_NUMBERS = 64
 """Of clusters, in the picture."""
 
-TX_COLOUR, RX_COLOUR, PAIR_COLOUR = "#c44e52", "#4c72b0", "#555555"
+RX_COLOUR, TX_COLOUR, PAIR_COLOUR = *CURVE_COLOURS[:2], "#555555"
 
 
 def array_figure(
     array: Clusters, waveform: Waveform, found: ArrayFigures, title: str | None = None
 ) -> Figure:
-    """Draw an array and what `clradar.arrays.array_figures` found of it.
+    """Draw an array, or clusters, and what `clradar.arrays.array_figures` found of it.
 
-    Parameters
-    ----------
-    array : AntennaArray, or sequence of AntennaArray
-        Several: clusters, whose pairs are those of each alone.
-    waveform : Waveform
-    found : ArrayFigures
-        Of this array and waveform.
-    title : str, optional
-        Plain text above all panels. Default: the array's name.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Axes in this order: elements and virtual aperture, as the radar sees the scene (x to the
-        left); the response at the middle frequency over directions, with the lobes; cuts of the
-        response of the whole band along x, y and z through the focus.
+    Axes in this order: elements and virtual aperture, as the radar sees the scene (x to the left);
+    the response at the middle frequency over directions, with the lobes; cuts of the response of
+    the whole band along x, y and z through the focus. The title is the array's name by default.
     """
-    figure = new_figure(*SIZE)
-    figure.set_layout_engine("constrained")
+    figure = new_figure(*SIZE, title or clusters_of(array)[0].name)
     axes = figure.subplots(2, 2)
-    figure.suptitle(
-        printable(title or clusters_of(array)[0].name), fontsize=TITLE_PT, fontweight="bold"
-    )
     _elements(axes[0, 0], array)
     _virtual(axes[0, 1], array)
     _directions(axes[1, 0], found)
     _cuts(axes[1, 1], array, waveform, found)
-    for panel in axes.flat:
-        panel.tick_params(labelsize=TICK_PT)
-        panel.grid(linewidth=0.4, alpha=0.4)
-        panel.title.set_fontsize(LABEL_PT)
-        panel.xaxis.label.set_fontsize(LABEL_PT)
-        panel.yaxis.label.set_fontsize(LABEL_PT)
     return figure
 
 
@@ -84,9 +62,8 @@ def _elements(axes: Axes, array: Clusters) -> None:
         for i, one in enumerate(own, start=1):
             middle = unit.per_m * np.concatenate([one.tx_m, one.rx_m])[:, :2].mean(axis=0)
             axes.text(middle[0], middle[1], str(i), fontsize=TICK_PT, ha="center", va="center")
-    axes.set_title("elements" if len(own) == 1 else "elements, and the numbers of clusters")
+    _equal(axes, unit, "elements" if len(own) == 1 else "elements, and the numbers of clusters")
     axes.legend(fontsize=TICK_PT)
-    _equal(axes, unit)
 
 
 def _virtual(axes: Axes, array: Clusters) -> None:
@@ -96,20 +73,17 @@ def _virtual(axes: Axes, array: Clusters) -> None:
     middles = np.concatenate([(tx[:, None] + rx[None]).reshape(-1, 2) for tx, rx in sides])
     places = unit.per_m * np.unique(middles.round(7), axis=0)
     axes.plot(places[:, 0], places[:, 1], ".", color=PAIR_COLOUR, markersize=1.5)
-    axes.set_title(f"virtual aperture: {len(middles)} pairs at {len(places)} places")
-    _equal(axes, unit)
+    _equal(axes, unit, f"virtual aperture: {len(middles)} pairs at {len(places)} places")
 
 
 def _unit(array: Clusters) -> LengthUnit:
     sides = [side for one in clusters_of(array) for side in one.sides]
-    places_m = np.concatenate([side.antennas_m for side in sides])
-    return unit_for(*np.ravel(places_m[:, :2]))
+    return unit_for(*np.ravel(np.concatenate([side.antennas_m for side in sides])[:, :2]))
 
 
-def _equal(axes: Axes, unit: LengthUnit) -> None:
+def _equal(axes: Axes, unit: LengthUnit, title: str) -> None:
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel(f"x ({unit.name})")
-    axes.set_ylabel(f"y ({unit.name})")
+    label_axes(axes, f"\N{LEFTWARDS ARROW} x ({unit.name})", f"y ({unit.name})", title)
     axes.invert_xaxis()
 
 
@@ -117,64 +91,59 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
     directions, level = found.over_directions.directions, found.over_directions.level
     level_db = 20 * np.log10(np.maximum(level, 10 ** (-LEVELS_DB / 20)))
     sines = directions[0, :, 0], directions[:, 0, 1]
+    at_ghz = found.over_directions.frequency_hz / 1e9
+    title = f"response at {at_ghz:.4g} GHz; lobes numbered as in the table"
+    places = [lobe.position_m / np.linalg.norm(lobe.position_m) for lobe in found.lobes]
     if min(level.shape) == 1:  # a line of antennas
         along = 0 if level.shape[0] == 1 else 1
         axes.plot(sines[along], level_db.ravel(), color=PAIR_COLOUR, linewidth=0.8)
-        axes.set_xlabel(f"sine of the angle along {'xy'[along]}")
-        axes.set_ylabel("dB")
-        for lobe in found.lobes:
-            at = lobe.position_m[along] / np.linalg.norm(lobe.position_m)
-            axes.plot(at, lobe.level_db, "v", color=TX_COLOUR, markersize=4)
-    else:
-        mesh = axes.pcolormesh(*sines, level_db, shading="nearest", rasterized=True)
-        bar = axes.figure.colorbar(mesh, ax=axes)
-        bar.ax.tick_params(labelsize=TICK_PT)
-        bar.set_label("dB", fontsize=LABEL_PT)
-        beam = max((w for w in found.widths_m[:2] if np.isfinite(w)), default=np.inf)
-        reach = SHOWN_BEAMS * beam / found.focus_m[2]
-        for number, lobe in enumerate(found.lobes, 1):
-            at = lobe.position_m / np.linalg.norm(lobe.position_m)
-            if lobe.level_db < CIRCLED_DB:
-                continue
-            colour = TX_COLOUR if lobe.grating else "white"
-            axes.plot(*at[:2], "o", fillstyle="none", color=colour, markersize=8)
-            axes.annotate(str(number), at[:2], (5, 4), textcoords="offset points",
-                          color=colour, fontsize=TICK_PT, clip_on=True)  # fmt: skip
-            reach = max(reach, 1.15 * float(np.abs(at[:2]).max()))
-        if reach < 1.0:
-            axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
-        axes.set_aspect("equal")
-        axes.set_xlabel("sine of the angle along x")
-        axes.set_ylabel("sine of the angle along y")
-        axes.invert_xaxis()
-    at_ghz = found.over_directions.frequency_hz / 1e9
-    axes.set_title(f"response at {at_ghz:.4g} GHz; lobes numbered as in the table")
+        label_axes(axes, f"sine of the angle along {'xy'[along]}", "dB", title)
+        for lobe, at in zip(found.lobes, places, strict=True):
+            axes.plot(at[along], lobe.level_db, "v", color=TX_COLOUR, markersize=4)
+        return
+    mesh = axes.pcolormesh(*sines, level_db, shading="nearest", rasterized=True)
+    add_bar([axes], mesh, "dB", "min")
+    beam = max((w for w in found.widths_m[:2] if np.isfinite(w)), default=np.inf)
+    reach = SHOWN_BEAMS * beam / found.focus_m[2]
+    for number, (lobe, at) in enumerate(zip(found.lobes, places, strict=True), 1):
+        if lobe.level_db < CIRCLED_DB:
+            continue
+        colour = TX_COLOUR if lobe.grating else "white"
+        axes.plot(*at[:2], "o", fillstyle="none", color=colour, markersize=8)
+        axes.annotate(str(number), at[:2], (5, 4), textcoords="offset points",
+                      color=colour, fontsize=TICK_PT, clip_on=True)  # fmt: skip
+        reach = max(reach, 1.15 * float(np.abs(at[:2]).max()))
+    if reach < 1.0:
+        axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    axes.set_aspect("equal")
+    x_name, y_name = "\N{LEFTWARDS ARROW} sine of the angle along x", "sine of the angle along y"
+    label_axes(axes, x_name, y_name, title)
+    axes.invert_xaxis()
 
 
 def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) -> None:
-    frequencies_hz = waveform.frequencies_hz
-    finite = [width for width in found.widths_m if np.isfinite(width)]
-    widest_m = max(finite, default=0.01)
+    widest_m = max((width for width in found.widths_m if np.isfinite(width)), default=0.01)
     reaches_m = [
         min(CUT_WIDTHS * min(width_m, widest_m), 0.95 * float(found.focus_m[2]))
         for width_m in found.widths_m
     ]
     unit = unit_for(*reaches_m)
-    for axis, (name, reach_m) in enumerate(zip("xyz", reaches_m, strict=True)):
-        width_m = found.widths_m[axis]
+    for axis, reach_m in enumerate(reaches_m):
         offsets_m = np.linspace(-reach_m, reach_m, 601)
         points_m = found.focus_m + offsets_m[:, None] * np.eye(3)[axis]
-        level = response(array, frequencies_hz, found.focus_m, points_m)
-        width = f"{unit.per_m * width_m:.{3 if unit is METRES else 1}f} {unit.name}"
-        label = f"{name}: {width if np.isfinite(width_m) else 'none'}"
+        level = response(array, waveform.frequencies_hz, found.focus_m, points_m)
+        width = unit.per_m * found.widths_m[axis]
+        text = f"{width:.{3 if unit is METRES else 1}f} {unit.name}"
         level_db = 20 * np.log10(np.maximum(level, 1e-9))
         level_db[level_db <= -LEVELS_DB] = np.nan  # below the panel, not a flat line in it
-        style = ("-", "--", "-.")[axis]  # x and y can be the same
-        axes.plot(unit.per_m * offsets_m, level_db, style, linewidth=0.9, label=label)
+        axes.plot(
+            unit.per_m * offsets_m, level_db, ("-", "--", "-.")[axis],  # x and y can be the same
+            color=CURVE_COLOURS[axis], linewidth=0.9,
+            label=f"{'xyz'[axis]}: {text if np.isfinite(width) else 'none'}",
+        )  # fmt: skip
     axes.axhline(-3, color="#999999", linewidth=0.6, linestyle=":")
     axes.annotate("-3 dB", (0.01, -3), xycoords=("axes fraction", "data"), va="bottom",
                   fontsize=TICK_PT, color="#666666")  # fmt: skip
-    axes.set_xlabel(f"distance from the focus ({unit.name})")
-    axes.set_ylabel("dB")
-    axes.set_title("response of the whole band; widths at -3 dB")
+    title = "response of the whole band; widths at -3 dB"
+    label_axes(axes, f"distance from the focus ({unit.name})", "dB", title)
     axes.legend(fontsize=TICK_PT)

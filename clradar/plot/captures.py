@@ -17,10 +17,10 @@ from clradar.model.range_profile import (
     antenna_subset,
     range_profile,
 )
-from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT, printable
+from clradar.plot.layout import label_axes, new_figure
+from clradar.plot.panels import BELOW_MAXIMUM, CURVE_COLOURS, add_bar
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SIZE_INCHES, DPI = (8.0, 3.2), 200
@@ -33,64 +33,33 @@ PAIRS_DB = 30.0
 def capture_figure(capture: Capture, title: str | None = None) -> Figure:
     """Draw what is in a capture without forming an image.
 
-    Parameters
-    ----------
-    capture : Capture
-    title : str, optional
-        Plain text above all panels.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Axes in this order: power over range, the mean of all pairs, dB below its maximum (not of a
-        single frequency); RMS level of every pair of antennas, dB below the strongest; its colour
-        bar. Range is half of the path length.
-
-    Raises
-    ------
-    CompareError
-        All samples are zero.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from clradar.plot import capture_figure
-    >>> array = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
-    >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
-    >>> capture = clradar.Capture(np.ones((2, 1, 3), np.complex64), array, waveform)
-    >>> len(capture_figure(capture).axes)
-    3
+    Axes in this order: power over range, the mean of all pairs, dB below its maximum (not of a
+    single frequency); RMS level of every pair of antennas, dB below the strongest; its colour bar.
+    Range is half of the path length. Samples that are all zero are a `CompareError`.
     """
     from matplotlib.ticker import MaxNLocator
 
     checks.instance("capture_figure: capture", capture, Capture)
-    _check_not_zero(capture, "capture_figure")
-    figure = _figure(title)
+    if not capture.data.any():
+        raise CompareError("capture_figure: expected samples to draw, got zeros")
     ranged = capture.waveform.n_freq > 1
-    panels = figure.subplots(1, 2 if ranged else 1, squeeze=False)[0]
+    figure, panels = _panels(title, 2 if ranged else 1)
     if ranged:
         profile = range_profile(capture)
         unit = unit_for(profile.path_m[-1] / 2)
         ranges = unit.per_m * profile.path_m / 2
-        panels[0].plot(ranges, _level_db(profile.power), linewidth=0.9)
-        panels[0].set_xlim(0, ranges[-1])
-        panels[0].set_ylim(-SHOWN_DB, 2)
-        panels[0].grid(linewidth=0.3)
-        _label(
-            panels[0],
-            "Echoes, mean of all pairs",
-            f"half path length ({unit.name})",
-            "power below maximum (dB)",
-        )
+        panels[0].plot(ranges, _level_db(profile.power), color=CURVE_COLOURS[0], linewidth=0.9)
+        panels[0].set(xlim=(0, ranges[-1]), ylim=(-SHOWN_DB, 2))
+        x_name = f"half path length ({unit.name})"
+        label_axes(panels[0], x_name, BELOW_MAXIMUM, "Echoes, mean power of all pairs")
     power = np.asarray(np.mean(np.abs(capture.data) ** 2, axis=2, dtype=np.float64))
     drawn = panels[-1].imshow(
         _level_db(power), origin="lower", aspect="auto", vmin=-PAIRS_DB, vmax=0, cmap="viridis"
     )
     for axis in (panels[-1].xaxis, panels[-1].yaxis):
         axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    _label(panels[-1], "Level of every pair", "Rx", "Tx")
-    _bar(figure, drawn, panels[-1])
+    label_axes(panels[-1], "Rx", "Tx", "Level of every pair", grid=False)
+    add_bar(panels[-1:], drawn, BELOW_MAXIMUM, "min")
     return figure
 
 
@@ -103,28 +72,10 @@ def recording_figure(
 ) -> Figure:
     """Draw the echoes of a recording over range and time, without forming images.
 
-    Parameters
-    ----------
-    captures : iterable of Capture
-        The frames, one in memory at a time; all with one waveform.
-    frames : sequence of int
-        Their numbers.
-    title : str, optional
-        Plain text above all panels.
-    progress : callable, optional
-        Called with (frames done, frames).
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Axes in this order: power over range for every frame, from some of the pairs, dB below the
-        maximum of all frames (not of a single frequency); RMS level of every frame, dB below the
-        strongest; the colour bar of the first.
-
-    Raises
-    ------
-    CompareError
-        All samples are zero.
+    `captures` are the frames, all with one waveform, of which one is in memory at a time, `frames`
+    their numbers. Axes in this order: power over range for every frame, from some of the pairs, dB
+    below the maximum of all frames (not of a single frequency); RMS level of every frame, dB below
+    the strongest; the colour bar of the first. Samples that are all zero are a `CompareError`.
     """
     profiles: list[RangeProfile] = []
     levels = []
@@ -136,8 +87,7 @@ def recording_figure(
             progress(done, len(frames))
     if not any(levels):
         raise CompareError("recording_figure: expected samples to draw, got zeros")
-    figure = _figure(title)
-    panels = figure.subplots(1, 2 if profiles else 1, squeeze=False)[0]
+    figure, panels = _panels(title, 2 if profiles else 1)
     if profiles:
         power = np.array([profile.power for profile in profiles])
         unit = unit_for(profiles[0].path_m[-1] / 2)
@@ -146,43 +96,24 @@ def recording_figure(
             frames, places, _level_db(power).T, vmin=-SHOWN_DB, vmax=0, cmap="viridis",
             shading="nearest", rasterized=True,
         )  # fmt: skip
-        _label(panels[0], "Echoes of every frame", "frame", f"half path length ({unit.name})")
-        _bar(figure, drawn, panels[0])
-    panels[-1].plot(frames, _level_db(np.array(levels)), ".-", linewidth=0.9, markersize=4)
-    panels[-1].grid(linewidth=0.3)
-    _label(panels[-1], "Level of every frame", "frame", "RMS below maximum (dB)")
+        y_name = f"half path length ({unit.name})"
+        label_axes(panels[0], "frame", y_name, "Echoes of every frame", grid=False)
+        add_bar(panels[:1], drawn, BELOW_MAXIMUM, "min")
+    panels[-1].plot(
+        frames, _level_db(np.array(levels)), ".-",
+        color=CURVE_COLOURS[0], linewidth=0.9, markersize=4,
+    )  # fmt: skip
+    label_axes(panels[-1], "frame", "RMS below maximum (dB)", "Level of every frame")
     for panel in panels:
         panel.xaxis.get_major_locator().set_params(integer=True)
     return figure
 
 
-def _figure(title: str | None) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=SIZE_INCHES, dpi=DPI, facecolor="white", layout="constrained")
-    if title is not None:
-        figure.suptitle(printable(title), fontsize=TITLE_PT, fontweight="bold", parse_math=False)
-    return figure
-
-
-def _label(axes: Axes, title: str, x: str, y: str) -> None:
-    axes.set_title(title, fontsize=LABEL_PT)
-    axes.set_xlabel(x, fontsize=LABEL_PT)
-    axes.set_ylabel(y, fontsize=LABEL_PT)
-    axes.tick_params(labelsize=TICK_PT, length=2.5, width=0.6)
-
-
-def _bar(figure: Figure, drawn: Any, panel: Axes) -> None:
-    bar = figure.colorbar(drawn, ax=panel, extend="min")
-    bar.set_label("below maximum (dB)", fontsize=LABEL_PT)
-    bar.ax.tick_params(labelsize=TICK_PT, length=2.5, width=0.6)
+def _panels(title: str | None, count: int) -> tuple[Figure, list[Any]]:
+    figure = new_figure(*SIZE_INCHES, title, DPI)
+    return figure, figure.subplots(1, count, squeeze=False)[0].tolist()
 
 
 def _level_db(power: np.ndarray) -> np.ndarray:
     """Decibel below the maximum; what is zero is far below what is shown."""
     return np.asarray(10 * np.log10(np.maximum(power / power.max(), 1e-20)))
-
-
-def _check_not_zero(capture: Capture, where: str) -> None:
-    if not capture.data.any():
-        raise CompareError(f"{where}: expected samples to draw, got zeros")

@@ -15,13 +15,13 @@ from clradar.model import DepthMap, Volume
 from clradar.model.length_unit import unit_for
 from clradar.plot.layout import (
     DPI,
-    LABEL_PT,
     LABELS,
     PANEL_WIDTH,
     ROW_WIDTH,
     SINGLE_PANEL_WIDTH,
     TICK_PT,
     Extent,
+    label_axes,
     new_panels,
     panel_size,
     settled,
@@ -29,6 +29,8 @@ from clradar.plot.layout import (
     wrapped,
 )
 from clradar.plot.panels import (
+    BELOW_MAXIMUM,
+    CROSS_SECTION,
     amplitude_bar,
     depth_bar,
     depth_limits_mm,
@@ -40,7 +42,6 @@ from clradar.plot.panels import (
 from clradar.plot.views import FRONT, VIEWS, projected, rcs_image, view_of
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 LINE_HEIGHT = 2.0
@@ -55,38 +56,14 @@ def image_figure(
     view: str | None = None,
     dbsm: bool = False,
 ) -> Figure:
-    """Draw the amplitude and the depth of one image side by side.
+    """Draw the amplitude and the depth of one image side by side, each with its colour bar.
 
-    Parameters
-    ----------
-    image : Volume or DepthMap
-    title : str, optional
-        Plain text above both panels.
-    dynamic_range_db : float, decibel
-        Pixels further below the maximum are background.
-    view : "xy", "xz", "yz" or "all", optional
-        The axes of the figure; the volume is projected along the third. Default: along the axis
-        that is thin, an eighth of either other extent at most; else "xy", the radar's view. "all":
-        amplitude from all three sides.
-    dbsm : bool
-        Draw the radar cross section that a voxel reads (`Volume.rcs_dbsm`), in place of the level
-        relative to the maximum.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Axes in this order: amplitude, depth, colour bar of the amplitude, colour bar of the depth.
-        A single slice has no depth: amplitude and its colour bar; all views have three amplitudes
-        and their colour bar. A volume of a single line has one curve of amplitude over position,
-        whatever the view.
-
-    Raises
-    ------
-    CompareError
-        Not an image, zero everywhere, without any depth, a single voxel, a depth map that was cut
-        at a smaller dynamic range, or one with a view other than "xy".
-    ModelError
-        An unknown view; `dbsm` of an image that is not on an absolute scale.
+    `title` is plain text. Pixels more than `dynamic_range_db` below the maximum are background.
+    `view` names the axes of the figure, "xy", "xz" or "yz"; the volume is projected along the
+    third. Default: along an axis that is thin, an eighth of either other extent at most, else "xy",
+    the radar's view. "all": amplitude from all three sides. `dbsm` draws the radar cross section
+    that a voxel reads, in place of the level relative to the maximum. A single slice has no depth,
+    a volume of a single line one curve. What cannot be drawn is a `CompareError`.
     """
     if dbsm:
         image = rcs_image(image)
@@ -110,15 +87,12 @@ def image_figure(
     n = len(names)
     figure, (panels,) = new_panels(1, n, size, title, bars=n, labels=(1, n))
     for panel, name in zip(panels, names, strict=True):
-        draw_frame(panel, extent, size, view=seen)
-        panel.set_title(name, fontsize=LABEL_PT, pad=4)
-    top_db = peak_dbsm(shown) if dbsm else None
-    drawn = draw_amplitude(panels[0], shown, extent.unit, top_db)
-    amplitude_bar(panels[:1], drawn, dynamic_range_db, top_db)
+        draw_frame(panel, extent, name, view=seen)
+    drawn = draw_amplitude(panels[0], shown, extent.unit, peak_dbsm(shown) if dbsm else None)
+    amplitude_bar(panels[:1], drawn, dbsm=dbsm)
     if n == 2:
-        limits_mm = depth_limits_mm([shown])
-        depth = draw_depth(panels[1], shown, extent.unit, limits_mm)
-        depth_bar(panels[1:], depth, limits_mm, [shown], seen)
+        depth = draw_depth(panels[1], shown, extent.unit, depth_limits_mm([shown]))
+        depth_bar(panels[1:], depth, [shown], seen)
     return settled(figure)
 
 
@@ -128,10 +102,9 @@ def _three_views(
     """Draw the maximum of a volume along z, y and x, all below the same maximum at one scale."""
     if not isinstance(image, Volume):
         raise CompareError("view: expected a volume to draw from all sides, got a depth map")
-    depth_map_of(image, dynamic_range_db, "image")  # of what cannot be drawn it says why
+    depth_map_of(image, dynamic_range_db, "image")  # whose error says what cannot be drawn
     shown = {name: projected(image, VIEWS[name], dynamic_range_db, "image") for name in VIEWS}
-    grid = image.grid
-    unit = unit_for(*grid.origin_m, *(grid.origin_m + grid.spacing_m * (np.array(grid.counts) - 1)))
+    unit = Extent.around(list(shown.values())).unit
     extents = [Extent.around([one], unit) for one in shown.values()]
     spans = [[float(np.ptp(ends)) for ends in (extent.x, extent.y)] for extent in extents]
     widest, highest = (max(span[i] for span in spans) for i in (0, 1))
@@ -139,16 +112,15 @@ def _three_views(
     figure, (panels,) = new_panels(1, 3, size, title, labels=(1, 3))
     top_db = max(peak_dbsm(one) for one in shown.values()) if dbsm else None
     for panel, (name, one), extent in zip(panels, shown.items(), extents, strict=True):
-        draw_frame(panel, extent, (1.3 * size[0], 1.3 * size[1]), view=VIEWS[name])
-        drawn = draw_amplitude(panel, one, unit, top_db)
-        panel.set_title(f"maximum over {VIEWS[name].along}", fontsize=LABEL_PT, pad=4)
         # One scale in all: the limits of the smaller ones are widened around their middle.
-        for axis, ends, whole in (("x", extent.x, widest), ("y", extent.y, highest)):
-            spare = (whole - float(np.ptp(ends))) / 2
-            limits = (min(ends) - spare, max(ends) + spare)
-            inverted = axis == "x" and VIEWS[name].horizontal == "x"
-            panel.set(**{f"{axis}lim": limits[::-1] if inverted else limits})
-    amplitude_bar(panels, drawn, dynamic_range_db, top_db)
+        x, y = (
+            (min(ends) - (whole - np.ptp(ends)) / 2, max(ends) + (whole - np.ptp(ends)) / 2)
+            for ends, whole in ((extent.x, widest), (extent.y, highest))
+        )
+        wide = Extent(x, y, unit)
+        draw_frame(panel, wide, f"maximum over {VIEWS[name].along}", view=VIEWS[name])
+        drawn = draw_amplitude(panel, one, unit, top_db)
+    amplitude_bar(panels, drawn, dbsm=dbsm)
     return settled(figure)
 
 
@@ -156,9 +128,8 @@ def _line(volume: Volume, title: str | None, dynamic_range_db: float, *, dbsm: b
     """Draw the amplitude of a volume with one axis of more than one voxel."""
     axes_m = {name: getattr(volume.grid, f"{name}_m") for name in "xyz"}
     name = next((name for name, axis_m in axes_m.items() if len(axis_m) > 1), None)
-    at = {n: a for n, a in axes_m.items() if n != name}
     unit = unit_for(*(float(axis_m[i]) for axis_m in axes_m.values() for i in (0, -1)))
-    place = ", ".join(f"{n} = {unit.per_m * axis_m[0]:g}" for n, axis_m in at.items())
+    place = ", ".join(f"{n} = {unit.per_m * a[0]:g}" for n, a in axes_m.items() if n != name)
     amplitude = np.abs(volume.data).ravel().astype(np.float64)
     if name is None:
         raise CompareError(
@@ -167,26 +138,18 @@ def _line(volume: Volume, title: str | None, dynamic_range_db: float, *, dbsm: b
         )
     figure, ((axes,),) = new_panels(1, 1, (SINGLE_PANEL_WIDTH, LINE_HEIGHT), title, bars=0)
     floor = 10.0 ** (-dynamic_range_db / 20.0)
-    level_db = 20.0 * np.log10(np.maximum(amplitude / amplitude.max(), floor / 10.0))
     top_db = 20 * math.log10(amplitude.max()) if dbsm else 0.0
-    level_db += top_db
+    level_db = 20.0 * np.log10(np.maximum(amplitude / amplitude.max(), floor / 10.0)) + top_db
     where = unit.per_m * axes_m[name]
     axes.plot(where, level_db, linewidth=1.0)
-    axes.set_xlim(where[-1], where[0]) if name == "x" else axes.set_xlim(where[0], where[-1])
+    axes.set_xlim(*(where[[-1, 0]] if name == "x" else where[[0, -1]]))
     axes.set_ylim(top_db - dynamic_range_db, top_db + 0.03 * dynamic_range_db)
     quantity = "Radar cross section" if dbsm else "Amplitude"
-    label = "radar cross section (dBsm)" if dbsm else "below maximum (dB)"
-    plain(axes, f"{name} ({unit.name})", label)
-    axes.set_title(f"{quantity} at {typeset(place)} {unit.name}", fontsize=LABEL_PT, pad=4)
+    label_axes(
+        axes, f"{name} ({unit.name})", CROSS_SECTION if dbsm else BELOW_MAXIMUM,
+        f"{quantity} at {typeset(place)} {unit.name}",
+    )  # fmt: skip
     return settled(figure)
-
-
-def plain(axes: Axes, x_name: str, y_name: str) -> None:
-    """Give axes of curves their names, ticks and a grid."""
-    axes.grid(linewidth=0.3)
-    axes.tick_params(labelsize=TICK_PT, length=2.5, width=0.6, pad=2)
-    axes.set_xlabel(x_name, fontsize=LABEL_PT, labelpad=2)
-    axes.set_ylabel(y_name, fontsize=LABEL_PT, labelpad=1)
 
 
 def panels_figure(
@@ -197,25 +160,9 @@ def panels_figure(
 ) -> Figure:
     """Draw the amplitudes of several images in rows, each relative to its own maximum.
 
-    Parameters
-    ----------
-    panels : sequence of rows of (label, DepthMap or None)
-        From top to bottom and left to right. Labels are plain text. Each panel has its own axes; it
-        stays empty without an image, or with an image that is zero.
-    title : str, optional
-        Plain text above all panels.
-    dynamic_range_db : float, decibel
-        Pixels further below an image's maximum are background.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Axes in the order of the panels, then the colour bar.
-
-    Raises
-    ------
-    CompareError
-        No image at all that is not zero.
+    `panels` has rows of (label, image), from top to bottom; a panel stays empty without an image,
+    or with one that is zero. Labels are plain text, whose line feeds are kept. Each panel has its
+    own axes; then comes the colour bar.
     """
     shown = [
         [
@@ -228,24 +175,24 @@ def panels_figure(
     ]
     if not any(one for row in shown for one in row):
         raise CompareError("panels_figure: expected at least one image that is not zero, got none")
-    columns = max(map(len, panels))
+    rows, columns = len(panels), max(map(len, panels))
     width = max(ROW_WIDTH / columns - LABELS, PANEL_WIDTH)
-    rows = len(panels)
+    titles = [[wrapped(label, width + LABELS / 2, TICK_PT) for label, _ in row] for row in panels]
+    heads = sum(max(map(len, row)) for row in titles)
     figure, drawn_in = new_panels(
-        rows, columns, (width, width), title, heads=3 * rows, labels=(rows, columns), dpi=DPI / 2
+        rows, columns, (width, width), title, heads=heads, labels=(rows, columns), dpi=DPI / 2
     )
     drawn: Any = None
-    for row, ones, all_axes in zip(panels, shown, drawn_in, strict=True):
-        for axes, (label, _), one in zip(all_axes, row, ones, strict=False):
-            lettering = "\n".join(wrapped(label, width + LABELS / 2, TICK_PT))
-            axes.set_title(lettering, fontsize=TICK_PT, pad=3, parse_math=False)
+    for lines, ones, all_axes in zip(titles, shown, drawn_in, strict=True):
+        for axes, name, one in zip(all_axes, lines, ones, strict=False):
             if one is None:
                 axes.set(xticks=[], yticks=[], box_aspect=1.0, anchor="S")
-                continue
-            extent = Extent.around([one])
-            drawn = draw_amplitude(axes, one, extent.unit)
-            draw_frame(axes, extent, (width, width), margin=0.05)
-        for axes in all_axes[len(row) :]:
+            else:
+                extent = Extent.around([one])
+                drawn = draw_amplitude(axes, one, extent.unit)
+                draw_frame(axes, extent)
+            axes.set_title("\n".join(name), fontsize=TICK_PT, pad=3, parse_math=False)
+        for axes in all_axes[len(ones) :]:
             axes.remove()
-    amplitude_bar(list(figure.axes), drawn, dynamic_range_db)
+    amplitude_bar(list(figure.axes), drawn)
     return settled(figure)

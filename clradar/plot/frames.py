@@ -12,15 +12,13 @@ import numpy as np
 from clradar.errors import CompareError
 from clradar.files.atomic import write_file
 from clradar.model import DepthMap
-from clradar.plot.figures import image_figure, plain
-from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT, new_figure, printable
+from clradar.plot.figures import image_figure
+from clradar.plot.layout import LABEL_PT, TICK_PT, label_axes, new_figure, printable
+from clradar.plot.panels import CURVE_COLOURS
 from clradar.plot.saving import png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Of Okabe and Ito (2008)."""
 
 BOUNDED = ("overlap",)
 """Names of panels whose values are from 0 to 1."""
@@ -83,14 +81,9 @@ def write_gif(path: Path, pictures: Sequence[Path], step_s: float) -> None:
     first, *others = frames()
     content = io.BytesIO()
     first.save(
-        content,
-        "GIF",
-        save_all=True,
-        append_images=others,
-        duration=step_ms,
-        loop=0,
+        content, "GIF", save_all=True, append_images=others, duration=step_ms, loop=0,
         optimize=False,
-    )
+    )  # fmt: skip
     write_file(path, content.getvalue(), force=True)
 
 
@@ -98,18 +91,13 @@ def curves_figure(
     time: np.ndarray, panels: Mapping[str, Mapping[str, np.ndarray]], time_name: str, title: str
 ) -> Figure:
     """Draw quantities over time, one panel below the other."""
-    figure = new_figure(8.0, 1.0 * len(panels) + 0.9)
-    figure.set_layout_engine("constrained")
-    axes: Any = None
-    for axes, (name, curves) in zip(
-        figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0],
-        panels.items(),
-        strict=True,
-    ):
+    figure = new_figure(8.0, 1.0 * len(panels) + 0.9, title)
+    rows: list[Any] = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0].tolist()
+    for axes, (name, curves) in zip(rows, panels.items(), strict=True):
         for i, (label, values) in enumerate(curves.items()):
-            axes.plot(time, values, ".-", color=COLOURS[i % len(COLOURS)], linewidth=1.0,
-                      markersize=3.0, label=printable(label))  # fmt: skip
-        plain(axes, "", name)
+            axes.plot(time, values, ".-", color=CURVE_COLOURS[i % len(CURVE_COLOURS)],
+                      linewidth=1.0, markersize=3.0, label=printable(label))  # fmt: skip
+        label_axes(axes, "", name)
         if name in BOUNDED:
             low, high = axes.get_ylim()
             axes.set_ylim(max(low, -0.02), min(high, 1.02))
@@ -117,7 +105,6 @@ def curves_figure(
             axes.legend(
                 loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=TICK_PT, frameon=False
             )
-    axes.set_xlabel(time_name, fontsize=LABEL_PT)
-    figure.suptitle(printable(title), fontsize=TITLE_PT, parse_math=False)
+    rows[-1].set_xlabel(time_name, fontsize=LABEL_PT)
     figure.align_ylabels()
     return figure

@@ -26,26 +26,10 @@ SUFFIXES = tuple(METADATA)
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-    """Write a figure whole or not at all; the same figure gives the same bytes.
+    """Write a figure as .png, .pdf or .svg, whole or not at all; the same figure, the same bytes.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    path : str or path
-        Ends in .png, .pdf or .svg, in a folder that exists.
-    force : bool
-        Replace an existing file.
-
-    Returns
-    -------
-    Path
-        The file that was written.
-
-    Raises
-    ------
-    OutputError
-        The file exists and `force` is False, the folder does not exist, the suffix is unknown, or
-        the system refuses to write. A file that was at `path` before is then unchanged.
+    An existing file is replaced with `force` alone. What is refused is an `OutputError`, and a file
+    that was at `path` before is then unchanged.
     """
     target = Path(path)
     suffix = target.suffix.lower()

@@ -36,44 +36,28 @@ FRONT = VIEWS["xy"]
 
 def view_of(image: Volume | DepthMap, name: str | None) -> View:
     """The view of a name; None: along the thin axis of a volume, along z if there is none."""
-    if name is not None:
-        checks.one_of("view", name, tuple(VIEWS))
-        if name != "xy" and isinstance(image, DepthMap):
-            raise CompareError(f"view: expected 'xy', which a depth map is, got {name!r}")
-        return VIEWS[name]
-    return VIEWS[thin_view(image.grid)] if isinstance(image, Volume) else FRONT
+    if name is None:
+        return VIEWS[thin_view(image.grid)] if isinstance(image, Volume) else FRONT
+    checks.one_of("view", name, tuple(VIEWS))
+    if name != "xy" and isinstance(image, DepthMap):
+        raise CompareError(f"view: expected 'xy', which a depth map is, got {name!r}")
+    return VIEWS[name]
 
 
 def thin_view(grid: VoxelGrid) -> str:
     """The view along the thin axis of a grid; "xy" if none is thin, or z is."""
     extents = grid.spacing_m * (np.array(grid.counts) - 1)
-    for name, axis, others in (("xy", 2, (0, 1)), ("xz", 1, (0, 2)), ("yz", 0, (1, 2))):
-        if extents[axis] <= THIN * min(extents[other] for other in others):
+    for name, axis in (("xy", 2), ("xz", 1), ("yz", 0)):
+        if extents[axis] <= THIN * np.delete(extents, axis).min():
             return name
     return "xy"
 
 
 def plane_of(volume: Volume, axis: str, at_m: float | None = None) -> Volume:
-    """Return the plane of voxels across an axis that is nearest to a place.
+    """Return the plane of voxels across an axis, "x", "y" or "z", that is nearest to a place.
 
-    Parameters
-    ----------
-    volume : Volume
-    axis : "x", "y" or "z"
-    at_m : float, metres, optional
-        Default: through the strongest voxel.
-
-    Returns
-    -------
-    Volume
-        With one voxel along the axis.
-
-    Raises
-    ------
-    ModelError
-        Another axis.
-    CompareError
-        The place is more than half a voxel outside of the volume.
+    By default through the strongest voxel. A place more than half a voxel outside of the volume is
+    a `CompareError`.
     """
     checks.one_of("plane_of: axis", axis, ("x", "y", "z"))
     grid, number = volume.grid, "xyz".index(axis)
@@ -108,8 +92,7 @@ def projected(
 ) -> DepthMap:
     """The maximum along the view's axis, with that axis' coordinate as depth.
 
-    `x_m` and `y_m` of the result are the axes drawn to the side and upwards. Errors are those of
-    `clradar.compare.depth_map_of`.
+    `x_m` and `y_m` of the result are the axes drawn to the side and upwards.
     """
     if view is FRONT or not isinstance(image, Volume):
         return depth_map_of(image, dynamic_range_db, label)

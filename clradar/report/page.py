@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import resources
 from itertools import count
+from string import Template
 from typing import TYPE_CHECKING, Any
 
 from clradar.compare import Metrics, compare, depth_map_of
@@ -13,53 +16,49 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
 from clradar.plot import comparison_figure, image_figure, png_bytes
+from clradar.plot.comparison import NOTE
+from clradar.plot.panels import amplitude_scale, colours_of, depth_scale
 from clradar.plot.views import FRONT, rcs_image, view_of
-from clradar.report.tables import escaped, image_facts, metrics_section, settings_table
-from clradar.report.template import details, filled
-from clradar.report.view_data import Cloud, clouds, panel_places, slice_data, view_data
+from clradar.report.tables import (
+    escaped,
+    image_facts,
+    metrics_section,
+    script_json,
+    settings_table,
+)
+from clradar.report.view_data import Cloud, base64_of, clouds, panel_places, slice_data, view_data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js")
+"""One script in this order."""
+
 FIGURE_DPI = 200
 """Resolution of the figure: sharp at twice the width that it has on a wide screen."""
+
+PANEL_PX = 150
+"""Least width of a panel of the figure; on a narrower screen the figure scrolls in its frame.
+Slices need more: two panels are side by side."""
 
 SHOWN_FIRST = 2
 """Clouds in the 3-D view when the page opens: the measurement and the first simulation."""
 
-COMPARISON_HINT = """Amplitude above depth, in the radar's view: x increases to the left. Each
-image is relative to its own maximum; the background is more than {dynamic_range}&nbsp;dB below it.
-The lowest row shows where measurement and simulation disagree: orange is stronger in the
-measurement than all of the simulation nearby, blue the other way round; a ring surrounds an object
-that is missing from the simulation, a dotted ring one in the simulation alone."""
+COMPARISON_HINT = """Amplitude above depth: {note} The background is more than
+{dynamic_range}&nbsp;dB below the maximum. The lowest row shows where measurement and simulation
+disagree: orange is stronger in the measurement than all of the simulation nearby, blue the other
+way round, grey where both match; a ring surrounds an object that is missing from the simulation, a
+dotted ring one in the simulation alone."""
 
-IMAGE_HINT = """Amplitude and depth; x increases to the left, as the radar sees it. The background
-is more than {dynamic_range}&nbsp;dB below the maximum."""
+IMAGE_HINT = """Amplitude and depth: {note} The background is more than {dynamic_range}&nbsp;dB
+below the maximum."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportImage:
-    """An image of a report, with its label and provenance.
+    """An image of a report: its name, where it is from, and its settings, None for its own.
 
-    Parameters
-    ----------
-    label : str
-        Its name in figure, tables and view: plain text.
-    image : Volume or DepthMap
-    source : str
-        Its origin, such as a file's name: plain text.
-    meta : mapping, optional
-        Settings and provenance, in types of JSON. None: the volume's own `meta`; a depth map has
-        none.
-
-    Examples
-    --------
-    >>> import clradar
-    >>> from clradar.report import ReportImage
-    >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (2, 1, 1))
-    >>> entry = ReportImage("alpha = 0.3", clradar.Volume([[[1, 0.5]]], grid, {"kind": "image"}))
-    >>> entry.label, dict(entry.image.meta)
-    ('alpha = 0.3', {'kind': 'image'})
+    All text is plain; `meta` has types of JSON.
     """
 
     label: str
@@ -80,54 +79,13 @@ def html_report(
 ) -> str:
     """Return a self-contained HTML page that compares simulated images with a measured one.
 
-    Parameters
-    ----------
-    measured : ReportImage
-    simulated : sequence of ReportImage
-        At least one, each on the pixels of the measured one.
-    metrics : sequence of Metrics, optional
-        One for each simulated image. None computes them with `clradar.compare`.
-    title : str
-        Plain text.
-    notes : sequence of str
-        Paragraphs of plain text below the title; line feeds are kept.
-    settings : mapping, optional
-        Settings of the comparison, in types of JSON.
-    dynamic_range_db : float, decibel
-        Pixels further below an image's own maximum are background.
+    The images are on the same pixels; `metrics` has one for each simulated one, None computes them
+    with `clradar.compare`. `notes` are paragraphs below the title, `settings` those of the
+    comparison, in types of JSON. Errors are those of `clradar.compare`.
 
-    Returns
-    -------
-    str
-        To be written as UTF-8. The same arguments give the same text. It loads nothing: style,
-        script, figure and points are inside, and a content security policy forbids anything else.
-
-    Raises
-    ------
-    CompareError
-        No simulated image; another number of metrics, or metrics at another dynamic range; the
-        errors of `clradar.compare`.
-    ModelError
-        `dynamic_range_db` is not a positive number.
-
-    Notes
-    -----
-    Labels, sources, notes and settings can come from untrusted files: all of it is escaped, and the
-    policy allows the page's own script alone, identified by its hash.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> import numpy as np
-    >>> import clradar
-    >>> from clradar.report import ReportImage, html_report
-    >>> x_m = np.arange(-10, 11) * 1e-3
-    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
-    >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
-    >>> page = html_report(ReportImage("measured", near), [ReportImage("alpha = 0.3", far)])
-    >>> "overlap" in page, "0.779" in page
-    (True, True)
-    >>> _ = Path("report.html").write_text(page, encoding="utf-8")
+    The same arguments give the same text, to be written as UTF-8. It loads nothing: style, script,
+    figure and points are inside. Labels, sources, notes and settings can come from untrusted files:
+    all of it is escaped, and a content security policy allows the page's own script alone.
     """
     dynamic_range_db = checks.dynamic_range("html_report: dynamic_range_db", dynamic_range_db)
     if not simulated:
@@ -143,18 +101,11 @@ def html_report(
         )
     labels = [i.label for i in simulated]
     figure = comparison_figure(
-        maps[0],
-        list(zip(labels, maps[1:], strict=True)),
-        metrics=metrics,
-        measured_label=measured.label,
-        dynamic_range_db=dynamic_range_db,
-        differences=True,
-    )
+        maps[0], list(zip(labels, maps[1:], strict=True)), metrics=metrics,
+        measured_label=measured.label, dynamic_range_db=dynamic_range_db, differences=True,
+    )  # fmt: skip
     return _page(
-        title,
-        inputs,
-        maps,
-        figure,
+        title, inputs, maps, figure,
         panels=panel_places(figure, maps),
         figure_text=f"Amplitude above depth, in a row: {measured.label}; {'; '.join(labels)}",
         hint=COMPARISON_HINT,
@@ -162,7 +113,7 @@ def html_report(
         notes=notes,
         settings=settings,
         settings_of="This comparison",
-    )
+    )  # fmt: skip
 
 
 def image_report(
@@ -175,46 +126,9 @@ def image_report(
     view: str | None = None,
     dbsm: bool = False,
 ) -> str:
-    """Return a self-contained HTML page of one image.
+    """Return a self-contained HTML page of one image, with figure, 3-D view, facts and provenance.
 
-    Parameters
-    ----------
-    image : ReportImage
-    title : str, optional
-        Plain text; the image's label if not given.
-    notes, settings
-        As in `html_report`.
-    dynamic_range_db : float, decibel
-        Pixels further below the maximum are background.
-    view : "xy", "xz", "yz" or "all", optional
-        Axes of the figure, as in `clradar.plot.image_figure`.
-    dbsm : bool
-        Levels as radar cross sections, as in `clradar.plot.image_figure`.
-
-    Returns
-    -------
-    str
-        As `html_report` returns it, with figure, 3-D view, facts, settings and provenance.
-
-    Raises
-    ------
-    CompareError
-        The image is zero everywhere, without any depth, a single voxel, or a depth map that was cut
-        at a smaller dynamic range.
-    ModelError
-        `dynamic_range_db` is not a positive number, or the view is unknown; `dbsm` of an image that
-        is not on an absolute scale.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import clradar
-    >>> from clradar.report import ReportImage, image_report
-    >>> x_m = np.arange(-10, 11) * 1e-3
-    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
-    >>> page = image_report(ReportImage("spot", clradar.DepthMap(0 * spot + 0.3, spot, x_m, x_m)))
-    >>> "at x = 0.0, y = 0.0, z = 300.0 mm" in page
-    True
+    `view` and `dbsm` are those of `clradar.plot.image_figure`, all else as in `html_report`.
     """
     dynamic_range_db = checks.dynamic_range("image_report: dynamic_range_db", dynamic_range_db)
     content = rcs_image(image.image) if dbsm else image.image
@@ -223,10 +137,7 @@ def image_report(
     front = view != "all" and len(figure.axes) == 4 and view_of(image.image, view) is FRONT
     facts = settings_table(image_facts(content, shown, image.source, dbsm=dbsm))
     return _page(
-        image.label if title is None else title,
-        [image],
-        [shown],
-        figure,
+        image.label if title is None else title, [image], [shown], figure,
         panels=panel_places(figure, [shown]) if front else [],
         figure_text=f"Amplitude and depth: {image.label}",
         hint=IMAGE_HINT,
@@ -234,7 +145,7 @@ def image_report(
         notes=notes,
         settings=settings,
         settings_of="This page",
-    )
+    )  # fmt: skip
 
 
 def _page(
@@ -252,33 +163,71 @@ def _page(
     settings_of: str,
 ) -> str:
     """Return the page of some images; `hint` and `result` are HTML, all else is text."""
+    dynamic_range_db = maps[0].dynamic_range_db
     drawn = clouds(maps)
     cut = [(i.label, i.image) for i in inputs if isinstance(i.image, Volume)]
-    slices = slice_data(cut, maps[0].dynamic_range_db)
-    return filled(
-        title,
-        notes,
-        [cloud.colour for cloud in drawn],
-        {**view_data(maps, drawn), "slices": slices, "panels": panels},
-        dynamic_range_db=maps[0].dynamic_range_db,
+    slices = slice_data(cut, dynamic_range_db)
+    scales = {"level_colours": amplitude_scale(), "depth_colours": depth_scale()}
+    data = {
+        **view_data(maps, drawn),
+        **{name: base64_of(colours_of(scale).tobytes()) for name, scale in scales.items()},
+        "slices": slices,
+        "panels": panels,
+    }
+    style = _part("page.css") + _own_style([cloud.colour for cloud in drawn])
+    script = "".join(map(_part, SCRIPTS))
+    coarser = ""
+    if slices is not None and slices["factor"] > 1:
+        coarser = (
+            f" To keep the page small, each voxel is the maximum of {slices['factor']} along each "
+            "axis."
+        )
+    return Template(_part("page.html")).substitute(
+        title=escaped(title),
+        style=style,
+        style_hash=_policy_hash(style),
+        script=script,
+        script_hash=_policy_hash(script),
+        notes="".join(f'<p class="note">{_paragraph(note)}</p>' for note in notes),
+        view_data=script_json(data),
         slices_hidden="" if slices else " hidden",
+        slices_note=coarser,
         figure_heading="Images" if len(inputs) > 1 else "Image",
-        figure=base64.b64encode(png_bytes(figure, dpi=FIGURE_DPI)).decode("ascii"),
+        figure=base64_of(png_bytes(figure, dpi=FIGURE_DPI)),
         figure_text=escaped(figure_text),
-        figure_hint=hint.format(dynamic_range=f"{maps[0].dynamic_range_db:g}"),
+        figure_hint=hint.format(dynamic_range=f"{dynamic_range_db:g}", note=NOTE),
         clouds="".join(map(_cloud_toggle, count(), inputs, drawn)),
-        slices_note=_slices_note(slices),
         result=result,
         inputs="".join(_input_details(i, m) for i, m in zip(inputs, maps, strict=True)),
-        settings=details(settings_of, settings_table(settings)) if settings else "",
+        settings=_details(settings_of, settings_table(settings)) if settings else "",
     )
 
 
-def _slices_note(slices: Mapping[str, Any] | None) -> str:
-    if slices is None or slices["factor"] == 1:
-        return ""
-    n = slices["factor"]
-    return f" To keep the page small, each voxel is the maximum of {n} along each axis."
+def _part(name: str) -> str:
+    return (resources.files("clradar") / "report" / name).read_text(encoding="utf-8")
+
+
+def _policy_hash(content: str) -> str:
+    """Return the name of an inline script or style in a content security policy."""
+    digest = hashlib.sha256(content.encode("utf-8")).digest()
+    return f"sha256-{base64.b64encode(digest).decode('ascii')}"
+
+
+def _own_style(colours: Sequence[str]) -> str:
+    """Return the style that depends on the images: the policy forbids style attributes."""
+    swatches = "".join(f".cloud-{i}{{background:{c}}}\n" for i, c in enumerate(colours))
+    least = max(len(colours), 2) * PANEL_PX
+    widths = f".figure img,.columns{{min-width:{least}px}}#slices{{min-width:{1.6 * least:g}px}}"
+    return f"@media screen{{{widths}}}\n{swatches}"
+
+
+def _paragraph(note: str) -> str:
+    return "<br>".join(escaped(line) for line in note.splitlines())
+
+
+def _details(summary: str, content: str) -> str:
+    """Return a folded section; `summary` is text, `content` is HTML."""
+    return f"<details><summary>{escaped(summary)}</summary>{content}</details>"
 
 
 def _cloud_toggle(i: int, entry: ReportImage, cloud: Cloud) -> str:
@@ -297,4 +246,4 @@ def _input_details(entry: ReportImage, shown: DepthMap) -> str:
         meta = entry.image.meta if isinstance(entry.image, Volume) else {}
     facts = settings_table(image_facts(entry.image, shown, entry.source))
     known = settings_table(meta) if meta else "<p>The image has no record of its origin.</p>"
-    return details(entry.label, f"{facts}<h3>Settings and provenance</h3>{known}")
+    return _details(entry.label, f"{facts}<h3>Settings and provenance</h3>{known}")

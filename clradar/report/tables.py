@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from clradar.compare import Metrics
-from clradar.compare.metric_table import METRIC_TABLE, MetricText
+from clradar.compare.metrics import METRIC_TABLE, Metric
 from clradar.model import DepthMap, Volume
 from clradar.model.length_unit import METRES, unit_for
-from clradar.plot import printable
+from clradar.plot.layout import printable, typeset
 
 MAX_ROWS = 200
 """Rows of one record of settings; the page states how many are omitted."""
@@ -83,74 +83,51 @@ def shortened(value: object, longest: int) -> str:
     return f"{text[:longest]} … ({len(text) - longest} more characters)"
 
 
-def metrics_section(
-    labels: Sequence[str], metrics: Sequence[Metrics], heading: str = "Metrics"
-) -> str:
-    """Return table, remarks and meanings of the metrics of some simulated images."""
-    remarks = "".join(
-        f'<li><span class="name">{escaped(label)}</span>: {escaped(remark)}.</li>'
-        for label, found in zip(labels, metrics, strict=True)
-        for remark in found.remarks
-    )
-    return (
-        f"<section><h2>{heading}</h2>{metrics_table(labels, metrics)}"
-        + (f'<ul class="remarks">{remarks}</ul>' if remarks else "")
-        + f'<p class="hint">Both images cut {metrics[0].dynamic_range_db:g}&nbsp;dB below their '
-        f"maximum; bold is the best of several.</p>{metrics_notes(metrics)}</section>"
-    )
+def metrics_section(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
+    """Return table, remarks and meanings of the metrics of some simulated images.
 
-
-def metrics_table(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
-    """Return one row per simulated image; of several the best value of a column is bold.
-
-    On a narrow screen each row becomes a block with `data-name` before each value.
+    One row per image; of several the best value of a column is bold. On a narrow screen each row
+    becomes a block with `data-name` before each value.
     """
-    head = "".join(f'<th scope="col">{escaped(m.name)}</th>' for m in METRIC_TABLE)
-    best = [_best(text, metrics) for text in METRIC_TABLE]
-    rows = []
-    for label, m in zip(labels, metrics, strict=True):
+    head = "".join(f'<th scope="col">{escaped(one.name)}</th>' for one in METRIC_TABLE)
+    best = [_best(one, metrics) for one in METRIC_TABLE]
+    rows, remarks = [], []
+    for label, found in zip(labels, metrics, strict=True):
         cells = [f'<th scope="row">{escaped(label)}</th>']
-        for text, best_text in zip(METRIC_TABLE, best, strict=True):
-            shown = _metric_value(text, m)
+        for one, best_text in zip(METRIC_TABLE, best, strict=True):
+            shown = _metric_value(one, found)
             inner = f"<strong>{shown}</strong>" if shown == best_text else shown
-            cells.append(f'<td data-name="{escaped(text.name)}">{inner}</td>')
+            cells.append(f'<td data-name="{escaped(one.name)}">{inner}</td>')
         rows.append(f"<tr>{''.join(cells)}</tr>")
+        name = f'<span class="name">{escaped(label)}</span>'
+        remarks += [f"<li>{name}: {escaped(remark)}.</li>" for remark in found.remarks]
+    meanings = []
+    for one in METRIC_TABLE:
+        undefined = any(math.isnan(getattr(found, one.field)) for found in metrics)
+        why = f" n/a here: {escaped(one.undefined)}." if undefined else ""
+        meanings.append(f"<dt>{escaped(one.name)}</dt><dd>{escaped(MEANINGS[one.field])}{why}</dd>")
     return (
-        f'<table class="metrics"><thead><tr><th scope="col">Simulated</th>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table>"
+        '<section><h2>Metrics</h2><table class="metrics"><thead><tr>'
+        f'<th scope="col">Simulated</th>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
+        + (f'<ul class="remarks">{"".join(remarks)}</ul>' if remarks else "")
+        + f'<p class="hint">Both images cut {metrics[0].dynamic_range_db:g}&nbsp;dB below their '
+        'maximum; bold is the best of several.</p><dl class="meanings">'
+        f"{''.join(meanings)}</dl></section>"
     )
 
 
-def metrics_notes(metrics: Sequence[Metrics]) -> str:
-    """Return the meaning of every metric, and the reason where one is n/a."""
-    notes = "".join(
-        f"<dt>{escaped(text.name)}</dt><dd>{escaped(MEANINGS[text.field])}"
-        f"{_why_undefined(text, metrics)}</dd>"
-        for text in METRIC_TABLE
-    )
-    return f'<dl class="meanings">{notes}</dl>'
+def _metric_value(one: Metric, metrics: Metrics) -> str:
+    value = getattr(metrics, one.field)
+    return "n/a" if math.isnan(value) else typeset(f"{one.scale * value:.{one.digits}f}")
 
 
-def _metric_value(text: MetricText, metrics: Metrics) -> str:
-    value = getattr(metrics, text.field)
-    if math.isnan(value):
-        return "n/a"
-    return f"{text.scale * value:.{text.digits}f}".replace("-", "\N{MINUS SIGN}")
-
-
-def _best(text: MetricText, metrics: Sequence[Metrics]) -> str | None:
+def _best(one: Metric, metrics: Sequence[Metrics]) -> str | None:
     """Return the best value as it is displayed, None for fewer than two values."""
-    known = [m for m in metrics if not math.isnan(getattr(m, text.field))]
+    known = [found for found in metrics if not math.isnan(getattr(found, one.field))]
     if len(known) < 2:
         return None
-    choose = max if text.higher_is_better else min
-    return _metric_value(text, choose(known, key=lambda m: getattr(m, text.field)))
-
-
-def _why_undefined(text: MetricText, metrics: Sequence[Metrics]) -> str:
-    if not any(math.isnan(getattr(m, text.field)) for m in metrics):
-        return ""
-    return f" n/a here: {escaped(text.undefined)}."
+    choose = max if one.higher_is_better else min
+    return _metric_value(one, choose(known, key=lambda found: getattr(found, one.field)))
 
 
 def image_facts(

@@ -21,34 +21,19 @@ if TYPE_CHECKING:
 MAX_POINTS = 60_000
 """Points of one page over all its clouds: 17 bytes each, so 1 MB."""
 
-MEASURED_COLOUR = "#e08a00"
-SIMULATED_COLOURS = (
-    "#2f7fd6",
-    "#1f9e5a",
-    "#c23b80",
-    "#7a5cc7",
-    "#12a3a3",
-    "#b5543a",
-    "#6d8a1f",
+COLOURS = (
+    "#e08a00", "#2f7fd6", "#1f9e5a", "#c23b80", "#7a5cc7", "#12a3a3", "#b5543a", "#6d8a1f",
     "#5b7083",
-)
-"""Of a brightness that contrasts with white and with black; repeated for more images."""
+)  # fmt: skip
+"""Of the measured image and of simulated ones, repeated for more: of a brightness that contrasts
+with white and with black."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cloud:
-    """The depth points of one image.
+    """The depth points of one image, some of `total`, in a colour "#rrggbb".
 
-    Attributes
-    ----------
-    points_mm : ndarray, shape (n, 3), float32, millimetres
-        x, y, z in the antenna frame.
-    level : ndarray, shape (n,), uint8
-        Amplitude: 0 at the lower end of the dynamic range, 255 at the image's maximum; in decibel.
-    total : int
-        Number of depth points of the image before subsampling.
-    colour : str
-        "#rrggbb".
+    Levels are bytes: 0 at the lower end of the dynamic range, 255 at the maximum; in decibel.
     """
 
     points_mm: np.ndarray
@@ -73,7 +58,7 @@ def clouds(images: Sequence[DepthMap], most: int = MAX_POINTS) -> list[Cloud]:
                 points_mm=(1e3 * xyz_m[kept]).astype(np.float32),
                 level=level[kept].astype(np.uint8),
                 total=len(xyz_m),
-                colour=colour_of(i),
+                colour=COLOURS[0] if i == 0 else COLOURS[1 + (i - 1) % (len(COLOURS) - 1)],
             )
         )
     return found
@@ -86,8 +71,8 @@ def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, A
         "clouds": [
             {
                 "colour": cloud.colour,
-                "points_mm": _base64(cloud.points_mm.astype("<f4").tobytes()),
-                "level": _base64(cloud.level.tobytes()),
+                "points_mm": base64_of(cloud.points_mm.astype("<f4").tobytes()),
+                "level": base64_of(cloud.level.tobytes()),
             }
             for cloud in drawn
         ],
@@ -98,19 +83,13 @@ def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, A
 
 def _share(counts: Sequence[int], most: int) -> int:
     """Return the largest number per image with which the total is at most `most`."""
-    left, share = most, 0
-    ordered = sorted(counts)
-    for i, count in enumerate(ordered):
-        share = left // (len(ordered) - i)
+    left = most
+    for i, count in enumerate(sorted(counts)):
+        share = left // (len(counts) - i)
         if count > share:
             return share
         left -= count
-    return max(ordered)
-
-
-def colour_of(i: int) -> str:
-    """The colour of an image, the first of which is the measured one."""
-    return MEASURED_COLOUR if i == 0 else SIMULATED_COLOURS[(i - 1) % len(SIMULATED_COLOURS)]
+    return max(counts)
 
 
 MAX_PACKED_BYTES = 1_500_000
@@ -154,11 +133,6 @@ def codes_of(amplitude: np.ndarray, dynamic_range_db: float) -> np.ndarray:
     return np.where(relative > floor, codes, np.uint8(0))
 
 
-def packed(codes: np.ndarray) -> bytes:
-    """The bytes of an array, compressed."""
-    return zlib.compress(np.ascontiguousarray(codes).tobytes(), 6)
-
-
 def slice_data(
     volumes: Sequence[tuple[str, Volume]], dynamic_range_db: float
 ) -> dict[str, Any] | None:
@@ -176,7 +150,7 @@ def slice_data(
     parts = [_cropped(*one, low, high) for one in levels]
     factor, shown = 1, parts
     while True:
-        contents = [packed(part.codes) for part in shown]
+        contents = [zlib.compress(part.codes.tobytes(), 6) for part in shown]
         voxels = sum(part.codes.size for part in shown)
         size = sum(map(len, contents))
         if size <= MAX_PACKED_BYTES and voxels <= MOST_VOXELS:
@@ -196,7 +170,7 @@ def slice_data(
                 "counts": list(part.codes.shape[::-1]),
                 "origin": part.origin_mm.tolist(),
                 "step": part.step_mm.tolist(),
-                "codes": _base64(content),
+                "codes": base64_of(content),
             }
             for (label, _), part, content in zip(volumes, shown, contents, strict=True)
         ],
@@ -243,5 +217,6 @@ def panel_places(figure: Figure, images: Sequence[DepthMap]) -> list[dict[str, A
     return places
 
 
-def _base64(content: bytes) -> str:
+def base64_of(content: bytes) -> str:
+    """Return bytes as text."""
     return base64.b64encode(content).decode("ascii")

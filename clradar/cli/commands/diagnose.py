@@ -146,6 +146,6 @@ def figure_of(result: Diagnosis, name: str) -> Any:
     for score in result.scores:
         h = score.hypothesis
         is_best = result.best is not None and h == replace(result.best, mirrored=False)
-        label = f"{'BEST: ' * is_best}{h.label} ({_decibels(score)} dB)"
+        label = f"{'BEST: ' * is_best}{h.label}\n{_decibels(score)} dB"
         rows.setdefault(h.swapped, []).append((label, score.image))
     return panels_figure(list(rows.values()), name)
