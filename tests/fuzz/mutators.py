@@ -84,7 +84,9 @@ def _rearranged(items: list[Any], at: int, kind: int, rng: random.Random) -> lis
     if kind == 0:
         return items[:at] + items[at + 1 :]
     if kind == 1:
-        return items[:at] + [items[at]] * rng.choice((1, 2, 50)) + items[at:]
+        times = rng.choice((1, 2, 50))
+        large = isinstance(items[at], bytes) and times * len(items[at]) > MAX_GROWTH
+        return items[:at] + [items[at]] * (1 if large else times) + items[at:]
     items.insert(rng.randrange(len(items)), items.pop(at))
     return items
 

@@ -15,7 +15,6 @@ import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
 from measurement_io import (
     check_file,
-    describe,
     open_capture,
     open_recording,
     save_maroon_frame,
@@ -259,31 +258,6 @@ def test_other_files(tmp_path, content):
     path.write_bytes(content)
     refused(path)
     assert not check_file(path).ok
-
-
-@pytest.mark.parametrize(
-    ("what", "where"),
-    [
-        ("iterdir", "30"),
-        ("iterdir", "calibrated_data"),
-    ],
-)
-def test_no_permission(tmp_path, monkeypatch, what, where):
-    radar = files.write_recording(tmp_path / "30")
-    real = getattr(Path, what)
-
-    def denied(self):
-        if self.name == where:
-            raise PermissionError(13, "Permission denied", str(self))
-        return real(self)
-
-    # Not by chmod, which does not stop root.
-    monkeypatch.setattr(Path, what, denied)
-    with pytest.raises(MeasurementError, match=r"30.*Permission denied"):
-        open_capture(radar.parent)
-    assert not check_file(radar.parent).ok
-    with pytest.raises(MeasurementError):
-        describe(radar.parent)
 
 
 # ---- describe, check

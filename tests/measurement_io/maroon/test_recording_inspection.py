@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import maroon_files as files
@@ -218,28 +217,6 @@ def test_every_depth_map_is_read(tmp_path):
     assert len(report.problems) == 1
     assert "000001.png" in report.problems[0]
     assert "2 of 3 cached depth read" in report.checked
-
-
-@pytest.mark.parametrize("name", ["depth", "maxproj", "xyz", "photogrammetry"])
-def test_a_folder_that_cannot_be_read_hides_nothing_else(tmp_path, monkeypatch, name):
-    radar = whole_recording(tmp_path / "30")
-    before = describe(radar).words
-    real = Path.iterdir
-
-    def iterdir(folder: Path) -> Iterator[Path]:
-        if folder.name == name:  # tests that run as root can read any folder
-            raise PermissionError(13, "Permission denied", str(folder))
-        return real(folder)
-
-    monkeypatch.setattr(Path, "iterdir", iterdir)
-    description = describe(radar)
-    (problem,) = description.problems
-    assert f"{name}: expected a readable folder, got Permission denied" in problem
-    fact = "meshes" if name == "photogrammetry" else f"cached {name}"
-    assert description.words == before | {fact: "cannot be read"}
-    report = check_file(radar)
-    assert report.problems == description.problems
-    assert ("3 of 3 cached depth read" in report.checked) == (name not in ("depth", "maxproj"))
 
 
 def test_numbers_that_are_not_finite_are_strict_json(tmp_path):

@@ -205,28 +205,6 @@ def test_either_byte_order_and_fixed_length_text(tmp_path, order):
 # ---- writing
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        float("nan"),
-        float("inf"),
-        (1, 2),
-        b"bytes",
-        np.int64(1),
-        np.zeros(2),
-        {1: 2},
-        {"a": [object()]},
-        1j,
-        10**5000,
-    ],
-    ids=range(10),
-)
-def test_meta_that_json_cannot_hold(tmp_path, value):
-    with pytest.raises(ModelError, match="meta"):
-        save_capture(tmp_path / "c.h5", small_capture(bad=value))
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("name", ["nul\0", "\ud800"])
 def test_array_name_that_hdf5_cannot_hold(tmp_path, name):
     good = small_capture()
