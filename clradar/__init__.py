@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from clradar.public_names import *  # noqa: F403
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 
 def __getattr__(name: str) -> Any:
