@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -54,11 +54,11 @@ def over_alpha(options: AlphaOptions, imaging: Mapping[str, Any], range_db: floa
         import calibration
 
         return calibration.sweep(
-            measured.volume, scene, values, metric=options.metric, dynamic_range_db=range_db,
-            **measured.radar, **imaging, **more,
+            measured.volume, scene, values, dynamic_range_db=range_db, **measured.radar, **imaging,
+            **more,
         )  # fmt: skip
 
-    record = {"alphas": values.tolist(), "metric": options.metric}
+    record = {"alphas": values.tolist()}
     return SweepKind(record, run, _write_alpha, _print_alpha)
 
 
@@ -169,34 +169,20 @@ def digest(image: cl.Volume | cl.Capture) -> str:
 
 
 def _write_alpha(folder: Path, result: Sweep) -> None:
-    from calibration.roughness.figure import sweep_figure
+    from calibration.roughness.figures import sweep_figure
     from clradar.plot import save_figure
 
     save_figure(sweep_figure(result), folder / FIGURE, force=True)
-    points = [
-        (i, k, float(alpha), seed)
+    rows = [
+        [float(alpha), seed, *(getattr(result.metrics[k][i], name) for name in METRICS)]
         for i, alpha in enumerate(result.alphas)
         for k, seed in enumerate(result.seeds)
     ]
-
-    def rows() -> Iterator[Sequence[Any]]:
-        """One row per alpha and seed: the metrics, and the score."""
-        for i, k, alpha, seed in points:
-            values = [getattr(result.metrics[k][i], name) for name in METRICS]
-            yield alpha, seed, *values, float(result.estimate.score[k, i])
-
-    write_csv(folder / TABLE, ("alpha", "seed", *METRICS, "score"), rows())
-    if result.regions is None:
-        return
-    # All other regions at their best alpha.
-    names = ("region", "alpha", "seed", result.estimate.metric, "score")
-    found = zip(result.regions.names, result.regions.estimates, strict=True)
-    regions = [
-        (name, alpha, seed, float(one.values[k, i]), float(one.score[k, i]))
-        for name, one in found
-        for i, k, alpha, seed in points
-    ]
-    write_csv(folder / REGION_TABLE, names, regions)
+    write_csv(folder / TABLE, ("alpha", "seed", *METRICS), rows)
+    if result.regions:
+        limits = ("median", "low", "high", "low95", "high95")
+        regions = [[r.name, *(getattr(r.interval, n) for n in limits)] for r in result.regions]
+        write_csv(folder / REGION_TABLE, ("region", *limits), regions)
 
 
 def _print_alpha(result: Sweep) -> None:
@@ -209,19 +195,17 @@ def _print_alpha(result: Sweep) -> None:
             return f"{values[0]:.{digits}f}"
         return f"{values.mean():.{digits}f} \N{PLUS-MINUS SIGN} {values.std(ddof=1):.{digits}f}"
 
-    found = result.estimate
     rows = []
     for i, alpha in enumerate(result.alphas):
         cells = [cell(f * result.of(name)[:, i], n) for name, f, n in METRIC_COLUMNS.values()]
-        mark = "best" if i == found.grid_best else "alike" if found.alike[i] else ""
-        rows.append([f"{alpha:g}", *cells, cell(found.score[:, i], 4), mark])
-    names = ("alpha", *METRIC_COLUMNS, "score", "")
+        rows.append([f"{alpha:g}", *cells, "nearest" if i == result.nearest else ""])
+    names = ("alpha", *METRIC_COLUMNS, "")
     print_table(names, rows, right=names[:-1])
     print_text(result.report())
 
 
 def _write_roughness(folder: Path, result: RoughnessSweep) -> None:
-    from calibration.roughness.roughness_figure import roughness_figure
+    from calibration.roughness.figures import roughness_figure
     from clradar.plot import save_figure
 
     save_figure(roughness_figure(result), folder / FIGURE, force=True)

@@ -13,7 +13,6 @@ from clradar.cli.options.common import SearchOptions
 from clradar.cli.options.groups import option, wrong_usage
 from clradar.cli.options.scene import PlacementOptions
 from clradar.cli.parse import RANGE_RULE, ascending
-from clradar.compare import METRICS
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.files.failures import fail, read_bytes, reading
 from clradar.files.json_file import read_json
@@ -39,15 +38,8 @@ class AlphaOptions:
     )
     seeds: int = option(3, "Simulations per alpha, each its own seed.", metavar="N")
     seed: int = option(0, "The first seed.", metavar="N")
-    # The default of `calibration.sweep`, whose import would slow the help down.
-    metric: str = option(
-        "db_correlation", "Which metric the best alpha has; see docs/metrics.md.", metavar="NAME"
-    )
 
     def __post_init__(self) -> None:
-        if self.metric not in METRICS:
-            known = ", ".join(METRICS)
-            raise wrong_usage("--metric", f"expected one of {known}, got '{self.metric}'")
         checks.whole("--seeds", self.seeds, 1)
 
     def alphas(self) -> np.ndarray:
