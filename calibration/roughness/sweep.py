@@ -427,7 +427,7 @@ def check_within_grid(scene: Scene, grid: VoxelGrid) -> None:
     )
     raise CompareError(
         f"sweep: expected the mesh within the measured volume ({ends} mm), got it at "
-        f"{', '.join(apart)}; place it (--transform, --align), and check the unit it was read in"
+        f"{', '.join(apart)}; place it (--transform), and check the unit it was read in"
     )
 
 

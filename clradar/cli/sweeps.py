@@ -25,12 +25,12 @@ from clradar.jobs.job import KEY
 if TYPE_CHECKING:
     from calibration import RoughnessSweep, Sweep
 
-TRANSFORM, RESULT = "transform.json", "sweep.json"
+RESULT = "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
 WORK = "work"
 
 RESULTS = (FIGURE, TABLE, RESULT)
-OWN_NAMES = (KEY, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE, WORK)
+OWN_NAMES = (KEY, RESULT, TABLE, REGION_TABLE, FIGURE, WORK)
 """Names in the folder of a sweep that are its own; --force replaces no others. The settings first:
 the rest of a removal that is cut short then belongs to no sweep."""
 
@@ -89,23 +89,19 @@ def sweep_into(
     measured: Measurement,
     scene: cl.Scene,
     origin: Mapping[str, Any],
-    align: Mapping[str, Any] | None,
     *,
     force: bool,
     **settings: Any,
 ) -> None:
-    """Sweep in a folder, or resume a sweep that was killed there; `align` finds its place first."""
+    """Sweep in a folder, or resume a sweep that was killed there."""
     job = Job(
         folder=folder, work="sweep", own=OWN_NAMES, force=force,
         key={**origin["options"], "clradar": origin["clradar"]},
-        resumable=lambda at: (at / TRANSFORM).is_file() or any(at.glob(f"{WORK}/*.npz")),
+        resumable=lambda at: any(at.glob(f"{WORK}/*.npz")),
     )  # fmt: skip
     with job.held():
-        finished = is_finished(folder)
+        finished = all((folder / name).is_file() for name in RESULTS)
         if not finished:
-            if align is not None:
-                found = _aligned(folder / TRANSFORM, measured, scene, origin, align)
-                scene = scene.transformed(found)
             store = FolderStore(folder / WORK)
             if len(store):
                 print_line(f"{folder}: resumes with {len(store)} images that are done")
@@ -121,33 +117,6 @@ def sweep_into(
     else:
         kind.show(result)
         print_line(f"{folder}: {', '.join(RESULTS)}")
-
-
-def is_finished(folder: Path) -> bool:
-    """Whether all results are there; the last to be written is RESULT."""
-    return all((folder / name).is_file() for name in RESULTS)
-
-
-def _aligned(
-    path: Path,
-    measured: Measurement,
-    scene: cl.Scene,
-    origin: Mapping[str, Any],
-    settings: Mapping[str, Any],
-) -> np.ndarray:
-    """The pose of the mesh: from the file of an earlier run, or found and written."""
-    import calibration
-    from measurement_io import read_transform
-
-    if path.is_file():
-        return read_transform(path)
-    with progress_bar("aligning") as progress:
-        found = calibration.align_mesh(
-            measured.volume, scene, progress=progress, **measured.own_radar, **settings
-        )
-    write_json(path, {**found.to_dict(), **origin}, force=False)
-    print_text(found.report())
-    return found.transform
 
 
 def check_window(measured: Measurement, window: str) -> None:

@@ -49,12 +49,6 @@ def open_recording(
     rx_file, tx_file : path-like, optional
         Antenna positions; those of the radar folder, or of `clradar.arrays.qar50()`, if not given.
 
-    Raises
-    ------
-    MeasurementError
-        No such folder, several radar folders in it, no frame of the variant. A frame that cannot be
-        read is an error when it is accessed.
-
     Examples
     --------
     >>> from measurement_io import open_recording, save_recording
@@ -217,11 +211,6 @@ class Recording(Sequence[Capture]):
         """Return the same recording in another variant.
 
         Of a slice, the frames of the same numbers; of a whole recording, all that there are.
-
-        Raises
-        ------
-        MeasurementError
-            There is no frame of that variant, or none of one of the slice's numbers.
         """
         variant = checks.one_of("Recording.with_variant: variant", variant, folders.VARIANTS)
         return Recording(self._files, variant, None if self._all else self._numbers)

@@ -183,13 +183,6 @@ def save_recording(
     Path
         The radar folder.
 
-    Raises
-    ------
-    ModelError
-        No capture, captures of different arrays or waveforms, another number of time stamps.
-    OutputError
-        The folder exists, is not empty and `force` is not set.
-
     Examples
     --------
     >>> from measurement_io import open_recording, save_recording

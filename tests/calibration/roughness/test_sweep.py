@@ -16,7 +16,7 @@ from shapes import plate, sphere
 from systems import posix_only
 
 import clradar
-from calibration import Regions, Sweep, align_mesh, sweep
+from calibration import Regions, Sweep, sweep
 from calibration.roughness.alpha_estimate import AlphaEmulator, estimate_alpha
 from calibration.roughness.brightness import BrightnessMeter
 from calibration.roughness.figures import MOST_IMAGES, shown_alphas, sweep_figure
@@ -454,7 +454,7 @@ def test_an_interruption_while_results_are_written(files, monkeypatch):
     monkeypatch.setattr(folder, "write_json", interrupted)
     short = [*COMMAND, "-o", "out", "--regions", "labels.npy"]
     assert run(*short) == 130
-    assert not folder.is_finished(files / "out")
+    assert not (files / "out" / folder.RESULT).exists()
     monkeypatch.setattr(folder, "write_json", write_json)
     assert run(*short) == 0
     assert run(*[*short[:-3], "again", *short[-2:]]) == 0
@@ -462,7 +462,7 @@ def test_an_interruption_while_results_are_written(files, monkeypatch):
     assert (files / "out" / folder.REGION_TABLE).read_text().startswith("region,median,low,")
 
 
-def test_the_mesh_is_placed_by_transform_or_alignment(files, monkeypatch, capsys):
+def test_the_mesh_is_placed_by_a_transform(files):
     """A mesh in millimetres somewhere else, and the matrix that brings it back."""
     import trimesh
 
@@ -476,37 +476,10 @@ def test_the_mesh_is_placed_by_transform_or_alignment(files, monkeypatch, capsys
     assert run(*placed) == 0
     assert run(*short, "--transform", "back.json", "-o", "by_file") == 0
 
-    asked = []
-
-    class Found:
-        transform = back
-
-        def to_dict(self):
-            return {"transform": back.tolist()}
-
-        def report(self):
-            return "found it"
-
-    parameters = inspect.signature(align_mesh).parameters
-
-    def found_by_search(volume, scene, **options):
-        assert set(options) <= set(parameters)
-        assert options["waveform"].n_freq == WAVEFORM.n_freq
-        asked.append(options["search_deg"])
-        return Found()
-
-    monkeypatch.setattr("calibration.align_mesh", found_by_search)
-    aligned = [*short, "--align", "--search-deg", "20", "-o", "by_search"]
-    assert run(*aligned) == 0
-    assert asked == [20.0]
-    (files / "by_search" / folder.RESULT).unlink()
-    assert run(*aligned) == 0  # resumes from the stored transform
-    assert asked == [20.0]
     values = [
         json.loads((files / name / folder.RESULT).read_text())["metrics"]
-        for name in ("placed", "by_file", "by_search")
+        for name in ("placed", "by_file")
     ]
-    assert values[1] == values[2]
     for here, there in zip(values[0][0], values[1][0], strict=True):
         # The file's float32 millimetres moved the vertices by nanometres: a few borderline rays.
         assert here["db_correlation"] == pytest.approx(there["db_correlation"], abs=0.02)
@@ -587,7 +560,6 @@ def test_a_region_out_of_sight_is_an_error():
         (["--alpha", "0:1:1e-9"], 2, "at most"),
         (["--alpha", "rough"], 2, "FIRST:LAST:STEP"),
         (["--band", "70:82:9"], 2, "its antennas and frequencies"),
-        (["--align", "--transform", "t.json"], 2, "expected without"),
         (["--regions", "parts", "--max-bounces", "2"], 2, "--regions"),
         (["--joints", "j.json"], 2, "--regions fingers"),
         (["--seeds", "0"], 1, "--seeds"),
