@@ -42,5 +42,8 @@ class _Package(ModuleType):
         if not (isinstance(value, ModuleType) and name in names):
             super().__setattr__(name, value)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return import_module, (self.__name__,)  # for functions that name it, on workers of Dask
+
 
 sys.modules[__name__].__class__ = _Package
