@@ -24,8 +24,7 @@ from calibration.registration.alignment import Alignment
 from calibration.registration.beyond_noise import Place
 from calibration.registration.closed_loop import Registration, Round
 from calibration.registration.register import register
-from calibration.roughness.estimate import AlphaEstimate
-from calibration.roughness.region_sweep import RegionSweep
+from calibration.roughness.alpha_estimate import AlphaEstimate
 from calibration.roughness.regions import Regions
 from calibration.roughness.roughness_estimate import RoughnessEstimate
 from calibration.roughness.roughness_sweep import RoughnessSweep, sweep_roughness
@@ -46,7 +45,6 @@ __all__ = [
     "HandFit",
     "Hypothesis",
     "Place",
-    "RegionSweep",
     "Regions",
     "Registration",
     "RoughnessEstimate",

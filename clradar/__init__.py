@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from clradar.public_names import *  # noqa: F403
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 
 def __getattr__(name: str) -> Any:
@@ -41,6 +41,9 @@ class _Package(ModuleType):
         names = ("backproject", "compare", "synthesize", "trace")
         if not (isinstance(value, ModuleType) and name in names):
             super().__setattr__(name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return import_module, (self.__name__,)  # for functions that name it, on workers of Dask
 
 
 sys.modules[__name__].__class__ = _Package

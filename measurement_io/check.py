@@ -53,7 +53,7 @@ def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None
     Of a native file: format and version, types and shapes, checksums of every dataset, finite
     values, axes against the grid. Of a recording: every frame of both variants, all with the same
     frequencies, numbering, time stamps, cached products, `calibration.json`, `alignment.json`,
-    `metadata.json`, meshes and where they are placed.
+    `metadata.json`.
 
     Parameters
     ----------

@@ -18,12 +18,6 @@ from measurement_io.record_facts import Description, Fact, facts_of
 def describe(path: str | os.PathLike[str]) -> Description:
     """Describe a native file, a recorded frame or a recording.
 
-    Raises
-    ------
-    MeasurementError
-        The file cannot be opened. Of a folder, what is missing or contradictory is listed in
-        `missing` and `problems` instead.
-
     Examples
     --------
     >>> from measurement_io import describe, save_capture

@@ -46,15 +46,6 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
     force : bool
         Replace an existing file.
 
-    Raises
-    ------
-    OutputError
-        Another ending, a record or an array (.mat: beyond 2 GiB) that such a file cannot hold, or
-        the file exists, its folder does not, or the system refuses to write. Nothing half-written
-        stays behind.
-    ModelError
-        No such record, `meta` holds what JSON cannot hold, or a depth map without a depth as .ply.
-
     Examples
     --------
     >>> import clradar

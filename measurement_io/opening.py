@@ -59,13 +59,6 @@ def open_capture(
         data[tx, rx, freq], complex64. `meta` of a recorded frame has `source`, `format` ("maroon"),
         `frame`, `variant`, `timestamp_us`, and the numbers and strings that the file adds.
 
-    Raises
-    ------
-    MeasurementError
-        Missing, unreadable, damaged or hostile; of an unknown kind or a newer version; NaN or
-        infinite values; parts that disagree. No code of a file is ever run. Of a file that needs a
-        layout and has none it lists the file's keys.
-
     Examples
     --------
     >>> from measurement_io import open_capture, save_capture

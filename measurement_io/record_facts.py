@@ -180,7 +180,13 @@ def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
             most = round(float(degrees.max()), 3)
             text = f"up to {most:g} degrees off +z"
             facts.append(Fact(f"{side} boresight", text, {"most_deg": most}))
-    facts.append(Fact("aperture", f"{millimetres(size_m)} (x, y, z)", {"size_m": size_m}))
+    facts.append(
+        Fact(
+            "aperture",
+            " x ".join(f"{1e3 * s:.6g}" for s in size_m) + " mm (x, y, z)",
+            {"size_m": size_m},
+        )
+    )
     text = f"{count} from {low / 1e9:.6g} to {high / 1e9:.6g} GHz"
     value = {"count": count, "low_hz": low, "high_hz": high}
     return [*facts, Fact("frequencies", text, value)]
@@ -296,11 +302,6 @@ _ABSOLUTE = Fact("scale", "absolute: S-parameters", {"absolute": True})
 
 def _length(length_m: float) -> str:
     return f"{length_m:.4g} m" if length_m >= 1 else f"{1e3 * length_m:.3g} mm"
-
-
-def millimetres(lengths_m: list[float]) -> str:
-    """Return the sides of a box as text."""
-    return " x ".join(f"{1e3 * s:.6g}" for s in lengths_m) + " mm"
 
 
 def mapping_text(mapping: Mapping[str, Any]) -> str:

@@ -1043,7 +1043,7 @@ def alpha_sweep_of_regions(works: Works) -> Values:
 def swept(works: Works, regions: calibration.Regions | None) -> Values:
     """Return images, metrics and estimates of a sweep over a wavy plate."""
     rays: dict[str, Any] = {
-        **{"samples_per_mm2": 1.0, "rays_per_sample": 2, "reception_radius_m": 0.025}
+        **{"samples_per_mm2": 1.0, "rays_per_sample": 2, "reception_radius_m": 0.025},
     }
     radar: dict[str, Any] = {"array": works.array, "waveform": works.waveform}
     measured = clradar.simulate(
@@ -1062,15 +1062,14 @@ def swept(works: Works, regions: calibration.Regions | None) -> Values:
         "measured": found.measured.amplitude,
         "images": np.stack(images),
         "metrics": np.array([[of_metrics(m) for m in row] for row in found.metrics]),
-        "scores": bits(found.estimate.score),
+        "probability": found.estimate.probability,
         "text": found.to_dict(),
         "report": found.report(),
     }
     for name, arrays in store.items():
         values |= {f"store {name} {key}": bits(array) for key, array in arrays.items()}
-    if found.regions is not None:
-        values["coupling"] = bits(found.regions.coupling)
-        values["pixels"] = bits(found.regions.pixels)
+    for one in found.regions:
+        values[f"probability of {one.name}"] = one.probability
     return values
 
 

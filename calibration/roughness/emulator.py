@@ -1,4 +1,4 @@
-"""Statistics as smooth functions of roughness and correlation length, and their likelihood.
+"""Statistics as smooth functions of roughness and correlation length, their likelihood, intervals.
 
 A synthetic likelihood [1]_: the statistics of a measurement are taken for normal, with a mean and a
 covariance that are those of simulations. Since the covariance is estimated from n of them, the
@@ -14,9 +14,12 @@ References
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy import stats
 
 FLOOR_M = 0.06e-3
 """Heights far below it reflect as smooth ones do: g = 0.04 at 77 GHz."""
@@ -36,6 +39,97 @@ time, errors of h were 1.06 to 1.18 times the stated ones for plates, a ball and
 
 MEAN_LOG_CHI2 = -1.27
 """Mean of the logarithm of the square of a standard normal number."""
+
+LEVELS = (0.025, 0.16, 0.5, 0.84, 0.975)
+"""Cumulative probabilities of an interval: 95 % and 68 % of it, and the median."""
+
+EDGE_SHARE, EDGE_PROBABILITY = 1.15, 0.05
+"""A quantity that is within this ratio of an end of its range with more than this probability is
+bounded by the range on that side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """Median of a quantity, and the limits of 68 % and 95 % of its probability.
+
+    `bounded_below` and `bounded_above` are whether the range that was swept bounds it on that side,
+    and not the measurement.
+    """
+
+    median: float
+    low: float
+    high: float
+    low95: float
+    high95: float
+    bounded_below: bool = False
+    bounded_above: bool = False
+
+    @classmethod
+    def of(
+        cls, values: np.ndarray, probability: np.ndarray, bounded: tuple[bool, bool] = (False,) * 2
+    ) -> Interval:
+        """From the probabilities of values, of any order and shape."""
+        order = np.argsort(values, axis=None)
+        ascending, weight = values.ravel()[order], probability.ravel()[order]
+        reached = np.cumsum(weight) - 0.5 * weight
+        low95, low, median, high, high95 = np.interp(LEVELS, reached, ascending).tolist()
+        return cls(median, low, high, low95, high95, *bounded)
+
+    @property
+    def std(self) -> float:
+        """Half the 68 % interval."""
+        return 0.5 * (self.high - self.low)
+
+    @property
+    def bounded(self) -> bool:
+        return self.bounded_below or self.bounded_above
+
+    def text(self, scale: float, unit: str) -> str:
+        """Median and half the 68 % interval, to the first digit of that."""
+        std = scale * self.std
+        digits = max(0, -math.floor(math.log10(std))) if std > 0 else 3
+        value = f"{scale * self.median:.{digits}f} \N{PLUS-MINUS SIGN} {std:.{digits}f}"
+        return f"{value} {unit}".rstrip()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The numbers, and whether they are bounded by the range."""
+        return {name: plain(getattr(self, name)) for name in self.__slots__}
+
+
+def at_ends(values: np.ndarray, probability: np.ndarray) -> tuple[bool, bool]:
+    """Whether values, of any order, may lie beyond the lower and the upper end of their range."""
+    low, high = values.min() * EDGE_SHARE, values.max() / EDGE_SHARE
+    shares = (probability[values < low].sum(), probability[values > high].sum())
+    return shares[0] > EDGE_PROBABILITY, shares[1] > EDGE_PROBABILITY
+
+
+def plain(value: Any) -> Any:
+    """Convert numbers and arrays to JSON types; None stands for NaN."""
+    if isinstance(value, np.ndarray):
+        return [plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def student_log_likelihood(
+    scaled: np.ndarray, correlation: np.ndarray, freedom: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the logarithm of Student's density but for a constant, and chi squared.
+
+    `scaled` has shape (..., n): residuals over their standard deviations.
+    """
+    inverse = np.linalg.inv(np.linalg.cholesky(correlation)).T
+    chi2 = np.square(scaled @ inverse).sum(axis=-1)
+    return -0.5 * (freedom + 1) * np.log1p(chi2 / freedom), chi2
+
+
+def fit_probability(chi2: float, n: int, freedom: int) -> float:
+    """Of a larger chi squared of n numbers, by a covariance of so many degrees of freedom."""
+    left = freedom - n + 1
+    if n < 1 or left < 1:
+        return math.nan
+    return float(stats.f.sf(chi2 * left / (n * freedom), n, left))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

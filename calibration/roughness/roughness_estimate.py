@@ -8,25 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
-from calibration.roughness.emulator import Emulator
-from calibration.roughness.estimate import plain
+from calibration.roughness.emulator import Emulator, Interval, at_ends, fit_probability, plain
 from calibration.roughness.slope import slope_of_roughness
 from calibration.roughness.texture import COHERENT, REST, Statistic
-
-LEVELS = (0.025, 0.16, 0.5, 0.84, 0.975)
-"""Cumulative probabilities of an interval: 95 % and 68 % of it, and the median."""
 
 TOLD_SHARE = 0.3
 """A height or slope is told if half its 68 % interval is at most this share of it."""
 
 TOLD_RATIO = 2.0
 """A length is told if its 68 % interval is at most an octave."""
-
-EDGE_SHARE, EDGE_PROBABILITY = 1.15, 0.05
-"""A quantity that is within this ratio of an end of its range with more than this probability is
-bounded by the range on that side."""
 
 UNLIKELY = 1e-3
 """Probability of as bad a fit below which no simulation looks like the measurement."""
@@ -37,58 +29,6 @@ SMOOTHER_BY = 3.0
 N_HEIGHTS, N_LENGTHS = 72, 24
 GAIN_SPAN_DB, GAIN_STEP_DB, GAIN_SEARCH_DB = 15.0, 0.2, 2.0
 NATURAL_PER_DB = math.log(10.0) / 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """Median of a quantity, and the limits of 68 % and 95 % of its probability.
-
-    Attributes
-    ----------
-    median, low, high, low95, high95 : float
-    bounded_below, bounded_above : bool
-        Whether the range that was swept bounds it on that side, and not the measurement.
-    """
-
-    median: float
-    low: float
-    high: float
-    low95: float
-    high95: float
-    bounded_below: bool = False
-    bounded_above: bool = False
-
-    @classmethod
-    def of(cls, values: np.ndarray, probability: np.ndarray, edges: bool = True) -> Interval:
-        """From the probabilities of values, of any order and shape."""
-        order = np.argsort(values, axis=None)
-        ascending, weight = values.ravel()[order], probability.ravel()[order]
-        reached = np.cumsum(weight) - 0.5 * weight
-        low95, low, median, high, high95 = np.interp(LEVELS, reached, ascending).tolist()
-        first, last = ascending[0], ascending[-1]
-        below = edges and float(weight[ascending < first * EDGE_SHARE].sum()) > EDGE_PROBABILITY
-        above = edges and float(weight[ascending > last / EDGE_SHARE].sum()) > EDGE_PROBABILITY
-        return cls(median, low, high, low95, high95, below, above)
-
-    @property
-    def std(self) -> float:
-        """Half the 68 % interval."""
-        return 0.5 * (self.high - self.low)
-
-    @property
-    def bounded(self) -> bool:
-        return self.bounded_below or self.bounded_above
-
-    def text(self, scale: float, unit: str) -> str:
-        """Median and half the 68 % interval, to the first digit of that."""
-        std = scale * self.std
-        digits = max(0, -math.floor(math.log10(std))) if std > 0 else 3
-        value = f"{scale * self.median:.{digits}f} \N{PLUS-MINUS SIGN} {std:.{digits}f}"
-        return f"{value} {unit}".rstrip()
-
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers, and whether they are bounded by the range."""
-        return {name: plain(getattr(self, name)) for name in self.__slots__}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,7 +235,7 @@ def estimate_roughness(
     for (region, emulator), own, (likelihood, chi2) in zip(both, of_gain, found, strict=True):
         joint = likelihood + of_gain.sum(axis=0) - own
         estimates.append(_estimate(region, emulator, heights_m, lengths_m, shifts, joint, chi2))
-    gain_db = Interval.of(shifts / NATURAL_PER_DB, of_all, edges=False)
+    gain_db = Interval.of(shifts / NATURAL_PER_DB, of_all)
     return estimates, gain_db
 
 
@@ -337,12 +277,16 @@ def _estimate(
         probability[0] = 1 / len(lengths_m)
     mean, spread = emulator.at(heights_m[i], lengths_m[j])
     slopes = slope_of_roughness(1.0, 1.0) * heights_m[:, None] / lengths_m
+    of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
+    given = len(lengths_m) == 1
     parameters = 1 + (len(lengths_m) > 1) + (len(shifts) > 1)
     return RoughnessEstimate(
         name=region.name,
-        roughness_m=Interval.of(heights_m, probability.sum(axis=1)),
-        correlation_m=Interval.of(lengths_m, probability.sum(axis=0), len(lengths_m) > 1),
-        slope=Interval.of(slopes, probability, edges=False),
+        roughness_m=Interval.of(heights_m, of_heights, at_ends(heights_m, of_heights)),
+        correlation_m=Interval.of(
+            lengths_m, of_lengths, (False, False) if given else at_ends(lengths_m, of_lengths)
+        ),
+        slope=Interval.of(slopes, probability),
         heights_m=heights_m,
         lengths_m=lengths_m,
         probability=probability,
@@ -350,7 +294,7 @@ def _estimate(
         measured=region.measured,
         fitted=mean + shifts[k] * region.shift,
         spread=spread,
-        fit_probability=_fit_probability(
+        fit_probability=fit_probability(
             float(chi2[i, j, k]), len(mean) - parameters, emulator.freedom
         ),
         n_points=region.n_points,
@@ -367,11 +311,3 @@ def _is_smoother(
     mean, spread = emulator.at(np.full(len(lengths_m), lowest_m), lengths_m)
     share = mean @ weight - SMOOTHER_BY * np.sqrt(spread**2 @ weight**2)
     return bool(region.measured @ weight < share.min())
-
-
-def _fit_probability(chi2: float, n: int, freedom: int) -> float:
-    """Of a larger chi squared of n numbers, by a covariance of so many degrees of freedom."""
-    left = freedom - n + 1
-    if n < 1 or left < 1:
-        return math.nan
-    return float(stats.f.sf(chi2 * left / (n * freedom), n, left))

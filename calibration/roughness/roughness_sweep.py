@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from calibration.roughness.emulator import Interval
 from calibration.roughness.regions import Regions
 from calibration.roughness.roughness_estimate import (
-    Interval,
     RegionStatistics,
     RoughnessEstimate,
     estimate_roughness,
@@ -64,7 +64,7 @@ class RoughnessSweep:
     --------
     >>> import numpy as np
     >>> import calibration
-    >>> from calibration.roughness.roughness_estimate import Interval
+    >>> from calibration.roughness.emulator import Interval
     >>> heights_m, gain_db = np.array([1e-4, 2e-4]), Interval(-3, -4, -2, -5, -1)
     >>> found = calibration.RoughnessSweep(
     ...     (), heights_m, np.array([3e-3]), (0, 1), gain_db, calibrated=False)

@@ -1,18 +1,19 @@
-"""Grid search for the roughness alpha whose simulated images match a measured one best."""
+"""Sweep over alpha: which one's simulations have the statistics of a measured image."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from calibration.roughness.estimate import AlphaEstimate, estimate_alpha
-from calibration.roughness.region_pixels import EVERYTHING_DB, region_pixels
-from calibration.roughness.region_sweep import RegionImages, RegionSweep, sweep_regions
+from calibration.roughness.alpha_estimate import AlphaEmulator, AlphaEstimate, estimate_alpha
+from calibration.roughness.brightness import BrightnessMeter
+from calibration.roughness.emulator import Interval
 from calibration.roughness.regions import Regions
+from calibration.roughness.surface_points import surface_points
 from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
@@ -35,10 +36,14 @@ from clradar.simulation import simulate_alphas
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
 SEEDS = 3
+WHOLE = "all"
+ESTIMATOR = "stochastic"
 
-METRIC = "db_correlation"
-"""Evaluated hundreds of times, a thousand times faster than the overlap, and about as accurate once
-speckle is corrected for (docs/sweep-method.md)."""
+FEWEST_OF_ONE_SEED = 5
+"""Alphas, where the scatter of a single seed follows from its neighbours."""
+
+MAX_PASSES = 6
+"""Over the regions, until the alpha of none goes to another simulated one."""
 
 Store = MutableMapping[str, dict[str, np.ndarray]]
 """Finished images: name -> arrays. A dict, or a mapping that keeps files."""
@@ -58,14 +63,14 @@ class Sweep:
     alphas : ndarray, shape (A,)
     seeds : tuple of int
     metrics : tuple of tuple of Metrics
-        [seed][alpha]; every number NaN if no ray reached a receiver.
+        Against the measurement, [seed][alpha]; NaN if no ray reached a receiver.
     estimate : AlphaEstimate
-        The best alpha of the whole mesh.
+        The alpha of the whole mesh.
     measured : DepthMap
     images : tuple of DepthMap or None
         One per alpha, of the first seed.
-    regions : RegionSweep or None
-        The best alpha of each region, if there were regions.
+    regions : tuple of AlphaEstimate
+        The alpha of each region, if there were regions.
 
     Examples
     --------
@@ -76,7 +81,7 @@ class Sweep:
     >>> image = clradar.DepthMap(np.full((12, 12), 0.3), level, axis_m, axis_m, 15.0)
     >>> equal = clradar.compare(image, image)
     >>> found = calibration.Sweep(
-    ...     np.array([0.2, 0.4]), (0,), ((equal, equal),), None, image, (image, image), None)
+    ...     np.array([0.2, 0.4]), (0,), ((equal, equal),), None, image, (image, image))
     >>> found.of("overlap").round(6)
     array([[1., 1.]])
     """
@@ -87,7 +92,17 @@ class Sweep:
     estimate: AlphaEstimate
     measured: DepthMap
     images: tuple[DepthMap | None, ...]
-    regions: RegionSweep | None
+    regions: tuple[AlphaEstimate, ...] = ()
+
+    @property
+    def estimates(self) -> tuple[AlphaEstimate, ...]:
+        """Of the whole mesh, then of the regions."""
+        return (self.estimate, *self.regions)
+
+    @property
+    def nearest(self) -> int:
+        """Index of the simulated alpha that is nearest to that of the whole mesh."""
+        return int(np.argmin(np.abs(self.alphas - self.estimate.alpha)))
 
     def of(self, metric: str) -> np.ndarray:
         """One metric of all simulations, shape (K, A)."""
@@ -95,35 +110,15 @@ class Sweep:
 
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the estimates, one clause each."""
-        found = self.estimate.remarks(self.alphas)
-        if self.regions is not None:
-            for name, one in zip(self.regions.names, self.regions.estimates, strict=True):
-                found += [f"{name}: {remark}" for remark in one.remarks(self.alphas)]
-            if not self.regions.converged:
-                found.append("the search over the regions did not come to rest")
-        return tuple(found)
+        judged = self.regions or (self.estimate,)  # one alpha for all is none of several regions'
+        return tuple(f"{one.name}: {text}" for one in judged for text in one.remarks())
 
     def report(self) -> str:
         """The estimates and their caveats as text."""
-        found = self.estimate
-        seeds = ", ".join(f"{alpha:.3f}" for alpha in found.per_seed)
-        lines = [
-            f"best alpha {found.text()} by {found.metric}"
-            + (", speckle taken out" if found.corrected else ""),
-            f"  per seed {seeds}; the metric itself peaks at {found.metric_peak:.3f}",
-            *(f"  {line}" for line in found.remarks(self.alphas) + found.notes(self.alphas)),
-        ]
-        if self.regions is not None:
-            for name, one in zip(self.regions.names, self.regions.estimates, strict=True):
-                lines.append(f"best alpha of {name} {one.text()}, in its own pixels")
-                said = one.remarks(self.alphas) + one.notes(self.alphas)
-                lines += [f"  {line}" for line in said]
-            lines.append(
-                f"mean score of the regions {self.regions.score:.4f} with an alpha for each, "
-                f"{self.regions.uniform_score:.4f} with one for all"
-            )
-            if not self.regions.converged:
-                lines.append("  the search over the regions did not come to rest")
+        lines = []
+        for one in self.estimates:
+            lines.append(f"alpha of {one.name}: {one.text()}")
+            lines += [f"  {remark}" for remark in one.remarks()]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -131,9 +126,9 @@ class Sweep:
         return {
             "alphas": self.alphas.tolist(),
             "seeds": list(self.seeds),
-            "estimate": self.estimate.to_dict(self.alphas),
+            "estimate": self.estimate.to_dict(),
             "metrics": [[m.to_dict() for m in row] for row in self.metrics],
-            "regions": None if self.regions is None else self.regions.to_dict(self.alphas),
+            "regions": {one.name: one.to_dict() for one in self.regions},
         }
 
 
@@ -144,7 +139,6 @@ def sweep(
     alphas: Sequence[float] | np.ndarray,
     *,
     seeds: int = SEEDS,
-    metric: str = METRIC,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
     regions: Regions | None = None,
     array: AntennaArray | None = None,
@@ -168,9 +162,8 @@ def sweep(
     alphas : array_like, shape (A,)
         Ascending, in [0, 1], at least two.
     seeds : int
-        Number of seeds, from the `seed` of the settings upwards. One seed gives no uncertainty.
-    metric : str
-        The field of `Metrics` that the best alpha is chosen by.
+        Number of seeds, from the `seed` of the settings upwards; with a single one at least five
+        alphas.
     dynamic_range_db : float, decibel
         As in `clradar.compare`.
     regions : Regions, optional
@@ -201,8 +194,8 @@ def sweep(
     Raises
     ------
     CompareError
-        The measured image is zero or has no depth; the mesh lies outside of it; or the metric is
-        undefined at every alpha.
+        The measured image is zero or has no depth; the mesh lies outside of it, or a region is not
+        visible or too small; or no ray reaches a receiver at all alphas but one.
     ModelError
         An argument is invalid.
     MeshError, DeviceError
@@ -215,33 +208,36 @@ def sweep(
 
     Notes
     -----
-    `docs/sweep-method.md` has the equations. All alphas of a seed share rays and random numbers.
+    What is compared are statistics of the brightness (`calibration.roughness.brightness`), whose
+    mean and covariance over alpha follow from the simulations: docs/sweep-method.md. All alphas of
+    a seed share rays and random numbers.
 
     Examples
     --------
-    A simulation with the sweep's seed in place of a measurement: at its alpha the images are equal.
+    A ball, simulated with another seed in place of a measurement:
 
     >>> import clradar, trimesh
     >>> import calibration
-    >>> mesh = trimesh.creation.icosphere(3, 0.04)
-    >>> scene = clradar.Scene(mesh.vertices + [0, 0, 0.3], mesh.faces)
+    >>> ball = trimesh.creation.icosphere(4, 0.04)
+    >>> scene = clradar.Scene(ball.vertices + [0, 0, 0.3], ball.faces)
     >>> q = clradar.arrays.qar50()
-    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12]),
+    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::4], q.rx_m[::4]),
     ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
-    >>> rays = {"samples_per_mm2": 0.2, "reception_radius_m": 0.02}
-    >>> rough = scene.with_alpha(0.5)
-    >>> capture = clradar.simulate(rough, **radar, **rays, estimator="stochastic")
-    >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.25, 0.3), 5e-3)
-    >>> image = clradar.backproject(capture, grid, device="pocl")
-    >>> found = calibration.sweep(image, scene, [0.1, 0.5, 0.9], seeds=1, **radar, **rays)
-    >>> print(found.alphas[found.estimate.grid_best], found.estimate.score.max().round(6))
-    0.5 1.0
+    >>> rays = {"samples_per_mm2": 2, "reception_radius_m": 0.02, "estimator": "stochastic"}
+    >>> capture = clradar.simulate(scene.with_alpha(0.4), **radar, **rays, seed=9)
+    >>> grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.252, 0.32), 4e-3)
+    >>> image = clradar.backproject(capture, grid, check_grid=False, device="pocl")
+    >>> found = calibration.sweep(image, scene, [0.1, 0.3, 0.5, 0.7], seeds=2, **radar, **rays)
+    >>> bool(abs(found.estimate.alpha - 0.4) < 3 * found.estimate.uncertainty)
+    True
     """
     checks.instance("sweep: measured", measured, Volume)
     checks.instance("sweep: scene", scene, Scene)
     values = _alphas(alphas)
-    checks.one_of("sweep: metric", metric, METRICS)
     n_seeds = checks.whole("sweep: seeds", seeds, 1)
+    if n_seeds == 1 and len(values) < FEWEST_OF_ONE_SEED:
+        expected = f"at least two, or {FEWEST_OF_ONE_SEED} alphas"
+        checks.fail("sweep: seeds", expected, f"one, of {len(values)} alphas")
     resolved = resolve_settings(settings, **fields)
     first = checks.whole("sweep: seed", resolved.seed, 0, 2**64 - n_seeds)
     if regions is not None:
@@ -252,43 +248,57 @@ def sweep(
     checks.instance("sweep: waveform", frequencies, Waveform)
     measured_map = depth_map_of(measured, dynamic_range_db, "measured image")
     check_within_grid(scene, measured.grid)
-    simulations = _Simulations(
-        scene=scene,
-        alphas=values,
-        seeds=tuple(range(first, first + n_seeds)),
-        regions=regions,
-        array=radar,
-        waveform=frequencies,
-        grid=measured.grid,
-        method=method,
-        window=window,
-        dynamic_range_db=dynamic_range_db,
-        settings=resolved,
-    )
     devices = open_devices(device)
     devices.check_alike("a sweep")
-    images = _SweepImages(simulations, devices, {} if store is None else store)
-    # Before the simulations: a region may be hidden.
-    pixels = None if regions is None else images.region_pixels()
+    meters = _meters(scene, regions, radar, devices.first)
+    images = _SweepImages(
+        of=_Simulations(
+            scene=scene,
+            alphas=values,
+            seeds=tuple(range(first, first + n_seeds)),
+            regions=regions,
+            array=radar,
+            waveform=frequencies,
+            grid=measured.grid,
+            method=method,
+            window=window,
+            dynamic_range_db=dynamic_range_db,
+            settings=resolved,
+        ),
+        devices=devices,
+        store={} if store is None else store,
+    )
     images.simulate_missing(progress)
     whole = images.whole()
-    estimate = estimate_alpha(measured_map, whole, values, metric, dynamic_range_db)
     result = Sweep(
         alphas=values,
-        seeds=simulations.seeds,
+        seeds=images.of.seeds,
         metrics=tuple(
             tuple(_metrics(measured_map, image, dynamic_range_db) for image in row) for row in whole
         ),
-        estimate=estimate,
+        estimate=_estimate(WHOLE, meters[0], measured_map, whole, values),
         measured=measured_map,
         images=tuple(whole[0]),
-        regions=None
-        if pixels is None
-        else sweep_regions(images.of_regions(measured, pixels, metric), values, estimate.grid_best),
+        regions=()
+        if regions is None
+        else _of_regions(regions.names, meters[1:], measured_map, images),
     )
+    estimator = _estimator_of(measured)
+    if estimator != ESTIMATOR:
+        warn(
+            f"sweep: the measured image is a simulation by the {estimator} estimator, whose images "
+            f"have other statistics than those of the {ESTIMATOR} one that is swept"
+        )
     for remark in result.remarks():
         warn(f"sweep: {remark}")
     return result
+
+
+def _estimator_of(measured: Volume) -> str:
+    """The estimator of a simulation in place of a measurement."""
+    capture = measured.meta.get("capture", {})
+    settings = capture.get("settings", {}) if isinstance(capture, Mapping) else {}
+    return str(settings.get("estimator", ESTIMATOR))
 
 
 def _check_regions(regions: Regions, scene: Scene, settings: SimulationSettings) -> None:
@@ -297,6 +307,96 @@ def _check_regions(regions: Regions, scene: Scene, settings: SimulationSettings)
         checks.fail("sweep: regions", f"{scene.n_faces} faces", f"{len(regions.face)}")
     if settings.max_bounces > 1:
         checks.fail("sweep: max_bounces", "1 where there are regions", settings.max_bounces)
+
+
+def _meters(
+    scene: Scene, regions: Regions | None, array: AntennaArray, device: Device
+) -> list[BrightnessMeter]:
+    """Of the whole, then of each region."""
+    points = surface_points(scene, regions, array.tx_m.mean(axis=0), device)
+    names = () if regions is None else regions.names
+    found = [BrightnessMeter(points, i, array) for i in (None, *range(len(names)))]
+    for name, meter in zip((WHOLE, *names), found, strict=True):
+        if not meter.has_bins:
+            raise CompareError(
+                f"sweep: region '{name}' is too small, or too steep, to tell its alpha: only "
+                f"{meter.n_points} points of it are visible"
+            )
+    return found
+
+
+def _estimate(
+    name: str,
+    meter: BrightnessMeter,
+    measured: DepthMap,
+    images: Sequence[Sequence[DepthMap | None]],
+    alphas: np.ndarray,
+) -> AlphaEstimate:
+    """The alpha of a region, from images [seed][alpha]."""
+    if not meter.sees(measured):
+        raise CompareError(f"sweep: the measured image is 0 in the region '{name}'")
+    columns = list(zip(*images, strict=True))
+    kept = [
+        i
+        for i, column in enumerate(columns)
+        if all(image is not None and meter.sees(image) for image in column)
+    ]
+    if len(kept) < 2:
+        raise CompareError(
+            f"sweep: no ray reaches a receiver from the region '{name}' at all alphas but "
+            f"{len(kept)}; look at where the mesh is placed, or take more samples or rays"
+        )
+    there = [[image for image in columns[i] if image is not None] for i in kept]
+    statistics = np.array([[meter.measure(image) for image in column] for column in there])
+    displaced = np.array([[meter.displaced(image) for image in column] for column in there])
+    emulator = AlphaEmulator.fitted(alphas[kept], statistics.swapaxes(0, 1), displaced.mean(axis=1))
+    return estimate_alpha(name, meter.names, meter.measure(measured), emulator, meter.n_points)
+
+
+def _of_regions(
+    names: tuple[str, ...], meters: list[BrightnessMeter], measured: DepthMap, images: _SweepImages
+) -> tuple[AlphaEstimate, ...]:
+    """The alpha of each region, the others at the simulated ones nearest to theirs.
+
+    With single reflections a capture is the sum over the regions, and so is its image. What the
+    others' own uncertainty adds follows from estimates with their neighbours on the grid.
+    """
+    alphas = images.of.alphas
+
+    def estimate(region: int, combination: Sequence[int]) -> AlphaEstimate:
+        along = images.along(combination, region)
+        return _estimate(names[region], meters[region], measured, along, alphas)
+
+    best = [len(alphas) // 2] * len(names)
+    for _ in range(MAX_PASSES):
+        before = list(best)
+        for region in range(len(names)):
+            alpha = estimate(region, best).alpha
+            best[region] = int(np.argmin(np.abs(alphas - alpha)))
+        if best == before:
+            break
+    found = [estimate(region, best) for region in range(len(names))]
+    widened = []
+    for region, one in enumerate(found):
+        variance = 0.0
+        for other in (i for i in range(len(names)) if i != region):
+            step = 1 if best[other] + 1 < len(alphas) else -1
+            moved = [*best[:other], best[other] + step, *best[other + 1 :]]
+            change = estimate(region, moved).alpha - one.alpha
+            slope = change / (alphas[moved[other]] - alphas[best[other]])
+            off = found[other].alpha - alphas[best[other]]  # the other is simulated at
+            variance += slope**2 * (found[other].uncertainty ** 2 + off**2)
+        interval = _widened(one.interval, math.sqrt(variance), alphas[[0, -1]])
+        widened.append(replace(one, interval=interval))
+    return tuple(widened)
+
+
+def _widened(interval: Interval, std: float, ends: np.ndarray) -> Interval:
+    factor = math.hypot(interval.std, std) / max(interval.std, 1e-6)
+    own = np.array([interval.low, interval.high, interval.low95, interval.high95])
+    limits = np.clip(interval.median + factor * (own - interval.median), *ends).tolist()
+    low, high, low95, high95 = limits
+    return replace(interval, low=low, high=high, low95=low95, high95=high95)
 
 
 def _alphas(alphas: Any) -> np.ndarray:
@@ -327,7 +427,7 @@ def check_within_grid(scene: Scene, grid: VoxelGrid) -> None:
     )
     raise CompareError(
         f"sweep: expected the mesh within the measured volume ({ends} mm), got it at "
-        f"{', '.join(apart)}; place it (--transform, --align), and check the unit it was read in"
+        f"{', '.join(apart)}; place it (--transform), and check the unit it was read in"
     )
 
 
@@ -443,36 +543,29 @@ class _SweepImages:
             data = np.zeros(self.of.grid.shape, np.complex64)
             for r in range(len(self.of.regions.names)):
                 data += self._volume(k, i, r)
-            if not data.any():
-                return None
-            return Volume(data, self.of.grid).depth_map(self.of.dynamic_range_db)
+            return self._map(data)
         stored = self.store[self.of.name(k, i, 0)]
         if not stored["amplitude"].any():
             return None
         axes = (self.of.grid.x_m, self.of.grid.y_m)
         return DepthMap(stored["depth_m"], stored["amplitude"], *axes, self.of.dynamic_range_db)
 
+    def along(self, combination: Sequence[int], region: int) -> list[list[DepthMap | None]]:
+        """Whole images [seed][alpha] over the alpha of one region, the others fixed."""
+        rows = []
+        for k in range(len(self.of.seeds)):
+            others = np.zeros(self.of.grid.shape, np.complex64)
+            for r, i in enumerate(combination):
+                if r != region:
+                    others += self._volume(k, i, r)
+            indices = range(len(self.of.alphas))
+            rows.append([self._map(others + self._volume(k, i, region)) for i in indices])
+        return rows
+
     def _volume(self, k: int, i: int, r: int) -> np.ndarray:
         return self.store[self.of.name(k, i, r)]["data"]
 
-    def region_pixels(self) -> np.ndarray:
-        """Number of the region that each pixel shows, shape (n_y, n_x), -1 for none."""
-        assert self.of.regions is not None
-        centre_m = self.of.array.tx_m.mean(axis=0)
-        return region_pixels(
-            self.of.scene, self.of.regions, self.of.grid, centre_m, self.devices.first
-        )
-
-    def of_regions(self, measured: Volume, pixels: np.ndarray, metric: str) -> RegionImages:
-        assert self.of.regions is not None
-        return RegionImages(
-            measured=measured.depth_map(EVERYTHING_DB),
-            grid=self.of.grid,
-            names=self.of.regions.names,
-            pixels=pixels,
-            volume_of=self._volume,
-            n_seeds=len(self.of.seeds),
-            n_alphas=len(self.of.alphas),
-            metric=metric,
-            dynamic_range_db=self.of.dynamic_range_db,
-        )
+    def _map(self, data: np.ndarray) -> DepthMap | None:
+        if not data.any():
+            return None
+        return Volume(data, self.of.grid).depth_map(self.of.dynamic_range_db)

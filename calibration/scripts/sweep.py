@@ -15,7 +15,7 @@ import typer
 
 import clradar
 from calibration import sweep
-from calibration.roughness.figure import sweep_figure
+from calibration.roughness.figures import sweep_figure
 from calibration.scripts.scripting import Force, Recorded, Unit, refuse_existing, run
 from clradar.plot import save_figure
 from measurement_io import open_capture, read_transform

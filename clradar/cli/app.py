@@ -11,38 +11,80 @@ from importlib import import_module
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from clradar import __version__
 from clradar.cli.console import print_error, print_interrupted, printed_log, printed_warnings
 from clradar.cli.options.groups import expanded
-from clradar.errors import ClradarError, quoted
+from clradar.errors import ClradarError
 from clradar.files import interrupts
 from clradar.versions import require_own
 
-COMMANDS = {
-    "devices": "List the OpenCL devices, which of them work, and which is used.",
-    "materials": "List materials: permittivity, reflectance over the band, roughness, source.",
-    "array": "Draw an antenna array: widths at -3 dB, grating lobes, unambiguous range.",
-    "demo": "Simulate, image and compare the embedded hand, with figure and metrics.",
-    "hand": "Write the mesh of a posed hand.",
-    "simulate": "Simulate what the radar would record of one or several meshes.",
-    "image": "Form the image of a capture.",
-    "convert": "Turn any supported recording into native captures, or captures into a recording.",
-    "export": "Write a volume, its depth map or a capture for ParaView, MATLAB or numpy.",
-    "clean": "Average frames, subtract the empty room, gate in range, correct the channels.",
-    "inspect": "Describe what a file or a recording holds, or verify it.",
-    "align": "Find the motion that brings a simulated image, or a mesh, onto a measured image.",
-    "register": "Find the pose of a measured mesh, and simulate it there.",
-    "fit-hand": "Find the pose of a measured hand, joint by joint, and simulate it there.",
-    "sweep": "Find the alpha whose simulation is most like a measurement.",
-    "channels": "Estimate gain and delay of every channel from a capture of a known target.",
-    "diagnose": "Find the convention a capture was written in: axes, sign, mirror, order.",
-    "dataset": "Make training data after a plan: posed hands, simulated and imaged.",
-    "process": "Process all frames of a recording: clean, image, compare, align, draw over time.",
-    "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
-    "view": "Look at recordings, captures and volumes in a browser: frames, images, 3-D points.",
+PANELS = {
+    "Simulate": {
+        "hand": "Write the mesh of a posed hand.",
+        "simulate": "Simulate what the radar would record of one or several meshes.",
+        "dataset": "Make training data after a plan: posed hands, simulated and imaged.",
+        "demo": "Simulate, image and compare the embedded hand, with figure and metrics.",
+    },
+    "Read and image": {
+        "image": "Form the image of a capture.",
+        "process": "Process all frames of a recording: clean, image, compare, align, draw.",
+        "convert": "Turn any supported recording into native captures, or captures into one.",
+        "export": "Write a volume, its depth map or a capture for ParaView, MATLAB or numpy.",
+    },
+    "Look": {
+        "inspect": "Describe what a file or a recording holds, or verify it.",
+        "view": "Look at recordings, captures and volumes in a browser: images, 3-D points.",
+        "compare": "Compare simulated images with a measured one, in numbers and in a figure.",
+    },
+    "Calibrate": {
+        "clean": "Average frames, subtract the empty room, gate, correct the channels.",
+        "channels": "Estimate gain and delay of every channel from a known target.",
+        "diagnose": "Find the convention a capture was written in: axes, sign, mirror, order.",
+        "align": "Find the motion that brings a simulated image, or a mesh, onto an image.",
+        "register": "Find the pose of a measured mesh, and simulate it there.",
+        "fit-hand": "Find the pose of a measured hand, joint by joint, and simulate it.",
+        "sweep": "Find the alpha whose simulation is most like a measurement.",
+    },
+    "List": {
+        "devices": "List the OpenCL devices, which of them work, and which is used.",
+        "materials": "List materials: permittivity, reflectance, roughness, source.",
+        "array": "Draw an antenna array: widths at -3 dB, grating lobes, range.",
+    },
 }
+COMMANDS = {name: text for panel in PANELS.values() for name, text in panel.items()}
 """Subcommand, which names its module (`module_of`), and the line that describes it."""
+
+
+class _Command(TyperCommand):
+    """A command whose help has its options under headings."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        found: dict[str, list[Any]] = {}
+        for one in self.get_params(ctx):
+            record = one.get_help_record(ctx)
+            if record is not None:
+                is_option = one.param_type_name == "option"
+                panel = getattr(one, "rich_help_panel", None) or ""
+                name = f"{panel} options".strip().capitalize() if is_option else "Arguments"
+                found.setdefault(name, []).append(record)
+        for name in sorted(found, key=[*HEADINGS, *found].index):
+            with formatter.section(name):
+                formatter.write_dl(found[name])
+
+
+HEADINGS = ("Arguments", "Options", "Input options", "Grid options", "Output options")
+
+
+class _Program(TyperGroup):
+    """The program, whose help has its commands under headings."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        _Command.format_options(self, ctx, formatter)  # type: ignore[arg-type]
+        for name, texts in PANELS.items():
+            with formatter.section(name):
+                formatter.write_dl([(one.ljust(9), text) for one, text in texts.items()])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -52,7 +94,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     interrupted, 143 terminated.
     """
     given, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
-    command = typer.main.get_command(_app(_requested(given), debug))
+    asked, shell = given, os.environ
+    if "_CLRADAR_COMPLETE" in shell:  # of what is typed there
+        typed = shell.get("_TYPER_COMPLETE_ARGS") or shell.get("COMP_WORDS", "")
+        asked = typed.split()[1:]
+    command = typer.main.get_command(_app(_requested(asked), debug))
     with printed_warnings(), printed_log(debug):
         command.main(args=given, prog_name="clradar")
 
@@ -73,7 +119,7 @@ def _requested(arguments: Sequence[str]) -> str | None:
 def _app(requested: str | None, debug: bool) -> typer.Typer:
     # Plain help: brackets are no markup, and it reads the same in a pipe.
     app = typer.Typer(
-        add_completion=False,
+        cls=_Program,
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
@@ -86,7 +132,7 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
             module = import_module(module_of(name))
             function = _guarded(expanded(module.command), debug)
             summary = f"{summary}\n\n{inspect.getdoc(module.command)}"
-        app.command(name, help=summary, short_help=COMMANDS[name])(function)
+        app.command(name, cls=_Command, help=summary, short_help=COMMANDS[name])(function)
     return app
 
 
@@ -145,7 +191,6 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
             interrupts.working()
-            _check_surroundings()
             require_own("calibration", "measurement_io")
             return function(*args, **kwargs)
         except (typer.Exit, typer.Abort, typer.BadParameter, BrokenPipeError):
@@ -167,21 +212,6 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     return run
 
 
-def _check_surroundings() -> None:
-    """Raise for what packages below would blame a file for."""
-    epoch = os.environ.get("SOURCE_DATE_EPOCH", "0")
-    if not (epoch.isdecimal() and epoch.isascii()):
-        raise ClradarError(
-            f"SOURCE_DATE_EPOCH: expected whole seconds since 1970, got {quoted(repr(epoch), 60)}"
-        )
-    try:
-        os.getcwd()
-    except FileNotFoundError:
-        raise ClradarError(
-            "the current folder does not exist any more: change to another"
-        ) from None
-
-
 def _interrupted(interruption: KeyboardInterrupt | None = None) -> typer.Exit:
     interrupts.ended()
     words = () if interruption is None else interruption.args
@@ -191,6 +221,10 @@ def _interrupted(interruption: KeyboardInterrupt | None = None) -> typer.Exit:
 
 def _message(error: Exception) -> str:
     if isinstance(error, ClradarError) and str(error):
+        text, missing, _ = str(error).partition(", got nothing there (")
+        name, _, expected = text.partition(": ")
+        if missing and expected:
+            return f"{name}: no such file; {expected}"
         return str(error)
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}"

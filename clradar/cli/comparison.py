@@ -53,23 +53,11 @@ def figure_labels(paths: Sequence[Path], metas: Sequence[Mapping[str, Any]]) -> 
     labels = []
     for path, surface, meta in zip(paths, surfaces, metas, strict=True):
         if surface is None or surfaces.count(surface) > 1:
-            labels.append(title_of(path, meta) if path.is_dir() else path.stem or str(path))
-        else:
-            labels.append(surface)
+            surface = title_of(path, meta) if path.is_dir() else path.stem or str(path)
+        labels.append(surface)
     # Files of the same name in different folders: the whole path tells them apart.
-    return [
-        str(path) if labels.count(label) > 1 else label
-        for path, label in zip(paths, labels, strict=True)
-    ]
-
-
-def print_metrics(labels: Sequence[str], metrics: Sequence[cl.Metrics]) -> None:
-    """Print one row of metrics per simulated image."""
-    rows = []
-    for label, found in zip(labels, metrics, strict=True):
-        values = [(f * getattr(found, name), n) for name, f, n in METRIC_COLUMNS.values()]
-        rows.append([label, *("n/a" if math.isnan(v) else f"{v:.{n}f}" for v, n in values)])
-    print_table(("simulated", *METRIC_COLUMNS), rows, right=tuple(METRIC_COLUMNS))
+    named = zip(paths, labels, strict=True)
+    return [str(path) if labels.count(label) > 1 else label for path, label in named]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +83,11 @@ class Comparison:
 
     def print(self) -> None:
         """Print one row of metrics per simulated image, and what they do not show."""
-        print_metrics(self.labels, self.metrics)
+        rows = []
+        for label, found in zip(self.labels, self.metrics, strict=True):
+            values = [(f * getattr(found, name), n) for name, f, n in METRIC_COLUMNS.values()]
+            rows.append([label, *("n/a" if math.isnan(v) else f"{v:.{n}f}" for v, n in values)])
+        print_table(("simulated", *METRIC_COLUMNS), rows, right=tuple(METRIC_COLUMNS))
         for label, found in zip(self.labels, self.metrics, strict=True):
             for remark in found.remarks:
                 print_line(f"{label}: {remark}")
@@ -128,37 +120,29 @@ def figure_of(
     `view` and `plane`, an axis and a place in metres, are of a volume. None, and a warning, where
     it has nothing to see.
     """
+    import measurement_io
     from clradar.plot import capture_figure, image_figure, plane_of, recording_figure
-    from measurement_io import open_capture, open_channels, open_recording, open_volume
-    from measurement_io.native.records import read_header
-    from measurement_io.opening import kind_of
 
-    kind = kind_of(path)
-    native = read_header(path).format if kind == "native" else None
-    if native != "volume":
-        for name, value in {"--view": view, "--slice": plane}.items():
-            if value is not None:
-                raise wrong_usage(name, f"expected with a volume, which {path} is not")
-    if kind == "folder":
-        recording = open_recording(path)
-        title = title_of(path, {})
-        with progress_bar("reading") as progress:
-            return recording_figure(recording, recording.frame_numbers, title, progress=progress)
-    if native == "volume":
-        volume = open_volume(path)
-        reason = nothing_to_draw(volume)
+    found = measurement_io.open(path)
+    if isinstance(found, cl.Volume):
+        reason = nothing_to_draw(found)
         if reason is not None:
             warn(f"{path}: not drawn, since the image is {reason}")
             return None
-        drawn = volume if plane is None else plane_of(volume, *plane)
-        return image_figure(drawn, title_of(path, volume.meta), view=view)
-    if native == "channels":
+        drawn = found if plane is None else plane_of(found, *plane)
+        return image_figure(drawn, title_of(path, found.meta), view=view)
+    for name, value in {"--view": view, "--slice": plane}.items():
+        if value is not None:
+            raise wrong_usage(name, f"expected with a volume, which {path} is not")
+    if isinstance(found, measurement_io.Recording):
+        title = title_of(path, {})
+        with progress_bar("reading") as progress:
+            return recording_figure(found, found.frame_numbers, title, progress=progress)
+    if isinstance(found, cl.ChannelCalibration):
         from calibration.channels.figure import channels_figure
 
-        channels = open_channels(path)
-        return channels_figure(channels, title_of(path, channels.meta))
-    capture = open_capture(path)
-    return capture_figure(capture, title_of(path, capture.meta))
+        return channels_figure(found, title_of(path, found.meta))
+    return capture_figure(found, title_of(path, found.meta))
 
 
 def write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

@@ -17,15 +17,8 @@ if TYPE_CHECKING:
 
     from clradar.model.progress import Progress
 
-
-GAP_CHARACTERS = 3
-"""Between two columns of a table."""
-
-NARROW_GAP_CHARACTERS = 2
-"""The same in a terminal that is too narrow."""
-
 WRAPPED_CHARACTERS = 24
-"""Least width in which text of the last column is wrapped."""
+"""Least width in which text of the last column of a table is wrapped."""
 
 
 def one_line(text: object) -> str:
@@ -97,16 +90,11 @@ def counted(count: int, noun: str) -> str:
 
 
 def print_table(
-    columns: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    *,
-    right: Sequence[str] = (),
-    keys: int = 1,
+    columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
 ) -> None:
     """Print a table; the columns named in `right` are aligned to the right, the last one wraps.
 
-    Nothing is cut. Where a terminal is too narrow, heads wrap, and columns that still do not fit
-    follow in further tables, each with the first ones again: `keys` of them, which name a row.
+    Where a terminal is too narrow, each row is printed as lines with the names in front.
     """
     from rich import box
     from rich.console import Console, JustifyMethod
@@ -117,53 +105,30 @@ def print_table(
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 10_000)
     # Text: brackets are no markup.
     cells = [[Text(_encodable(one_line(cell), sys.stdout)) for cell in row] for row in rows]
+    table = Table(
+        box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold",
+        padding=(0, 1, 0, 0),
+    )  # fmt: skip
+    gaps, last = 2 * (len(columns) - 1), len(columns) - 1 if columns[-1] not in right else None
     filled = [max((row[i].cell_len for row in cells), default=0) for i in range(len(columns))]
-    heads, gap = [[name] for name in columns], GAP_CHARACTERS
-    if columns[-1] not in right:
-        filled[-1] = min(filled[-1], WRAPPED_CHARACTERS)
-    if len(_fitting(_widths(heads, filled), gap, keys, console.width)) > 1:
-        heads = [_wrapped(name, width) for name, width in zip(columns, filled, strict=True)]
-        gap = NARROW_GAP_CHARACTERS
-    widths, available = _widths(heads, filled), console.width
-    for n, shown in enumerate(_fitting(widths, gap, keys, available)):
-        free = len(shown) <= keys + 1
-        wraps = [c not in right and (free or c == columns[-1]) for c in columns]
-        # A terminal wraps what is still too wide; the table would cut it.
-        least = sum(min(widths[i], WRAPPED_CHARACTERS) if wraps[i] else widths[i] for i in shown)
-        console.width = max(available, least + gap * (len(shown) - 1))
-        table = Table(
-            box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold",
-            padding=(0, 1, 0, gap - NARROW_GAP_CHARACTERS),
-        )  # fmt: skip
-        for i in shown:
-            justify: JustifyMethod = "right" if columns[i] in right else "left"
-            head = Text("\n".join(heads[i]))
-            table.add_column(head, justify=justify, no_wrap=not wraps[i], overflow="fold")
-        for row in cells:
-            table.add_row(*(row[i] for i in shown))
-        if n > 0:
-            console.print()
-        console.print(table)
-
-
-def _wrapped(name: str, width: int) -> list[str]:
-    return textwrap.wrap(name, max([width, *map(len, name.split())])) or [""]
-
-
-def _widths(heads: Sequence[Sequence[str]], filled: Sequence[int]) -> list[int]:
-    return [max(width, *map(len, h)) for width, h in zip(filled, heads, strict=True)]
-
-
-def _fitting(widths: Sequence[int], gap: int, keys: int, most: int) -> list[list[int]]:
-    """Columns of the tables that show all columns, each with the keys, and one more at least."""
-    first = list(range(keys))
-    tables = [first]
-    for i in range(keys, len(widths)):
-        wanted = sum(widths[k] + gap for k in tables[-1]) + widths[i]
-        if wanted > most and len(tables[-1]) > keys:
-            tables.append(first)
-        tables[-1] = [*tables[-1], i]
-    return tables
+    if last is not None:
+        filled[last] = min(filled[last], WRAPPED_CHARACTERS)
+    heads = [[name] for name in columns]
+    if sum(map(max, filled, map(len, columns))) + gaps > console.width:
+        longest = [max([n, *map(len, c.split())]) for c, n in zip(columns, filled, strict=True)]
+        heads = [textwrap.wrap(c, n or 1) for c, n in zip(columns, longest, strict=True)]
+        if sum(longest) + gaps > console.width:
+            for row in cells:
+                console.print()
+                for name, cell in zip(columns, row, strict=True):
+                    console.print(Text(f"{name}: " if name else ""), cell, sep="")
+            return
+    for i, lines in enumerate(heads):
+        side: JustifyMethod = "right" if columns[i] in right else "left"
+        table.add_column(Text("\n".join(lines)), justify=side, no_wrap=i != last, overflow="fold")
+    for row in cells:
+        table.add_row(*row)
+    console.print(table)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,11 +154,7 @@ def progress_bar(label: str) -> Iterator[Progress | None]:
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
-    )
+    description = TextColumn("{task.description}", markup=False)
+    columns = (description, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
         yield _Bar(bars, bars.add_task(label, total=None), label)

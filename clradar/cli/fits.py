@@ -1,7 +1,8 @@
-"""The folders of ``clradar register`` and ``clradar fit-hand``, and what they print."""
+"""The folders of `register` and `fit-hand`, and what these and `diagnose` print."""
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ from clradar.errors import ClradarWarning
 from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
-    from calibration import HandFit, Registration, Round
+    from calibration import Diagnosis, HandFit, Hypothesis, Registration, Round
 
 PLACED, CAPTURE, VOLUME = "placed.ply", "capture.h5", "volume.h5"
 FIGURE, METRICS = "comparison.png", "metrics.json"
@@ -39,19 +40,16 @@ class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
     """Search and simulations of a registration."""
 
     estimator: Estimator | None = option(
-        None, f"{ESTIMATORS} [default: stochastic, or physical with --material]"
+        f"{ESTIMATORS} [default: stochastic, or physical with --material]"
     )
     alpha: str = option(
+        "0 specular to 1 diffuse, or fit: as the brightness falls with the angle.",
         FIT,
-        "0 specular to 1 diffuse, or fit: found from how the brightness falls with the angle.",
         metavar="ALPHA|fit",
     )
-    seed: int = option(0, "Of the first round; counts up from there.", metavar="N")
+    seed: int = option("Of the first round; counts up from there.", 0, metavar="N")
     max_rounds: int = option(
-        10,
-        "Simulations at most. With --alpha fit at least 7: the first 4 try fixed alphas, and "
-        "fewer than 3 more do not find it. At least 2 otherwise.",
-        metavar="N",
+        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10, metavar="N"
     )
 
     def alpha_value(self) -> float | None:
@@ -150,8 +148,7 @@ def write_hand_fit(
         return capture, cl.backproject(capture, grid, check_grid=False, device=device)
 
     before, (capture, after) = imaged(fit.started)[1], imaged(fit.scene)
-    name = f"{fit.pose.name}, fitted to {measured.path.name}"
-    source = str(measured.path)
+    name, source = f"{fit.pose.name}, fitted to {measured.path.name}", str(measured.path)
     write_pose(folder / POSE, replace(fit.pose, name=name, description="", source=source))
     write_json(folder / HAND_FIT, {**fit.to_dict(), **origin}, force=False)
     with progress_bar("drawing"):
@@ -198,13 +195,10 @@ def digit_rows(fit: HandFit) -> list[list[str]]:
 
     rows = []
     for digit, angles in ANGLES_OF_DIGIT.items():
-        names = ANGLE_NAMES[angles]
-        untold = [
-            name.removeprefix(f"{digit}-finger-").removeprefix(f"{digit}-")
-            for name in names
-            if name in fit.untold
-        ]
-        where = ["", "", ""]
+        names, where = ANGLE_NAMES[angles], ["", "", ""]
+        prefixes = (f"{digit}-finger-", f"{digit}-")
+        untold = [n.removeprefix(prefixes[0]).removeprefix(prefixes[1]) for n in names
+                  if n in fit.untold]  # fmt: skip
         if digit in DIGITS:
             number = DIGITS.index(digit)
             at_m, std_m = fit.tips_m[number], fit.tip_std_m[number]
@@ -214,3 +208,34 @@ def digit_rows(fit: HandFit) -> list[list[str]]:
         told = f"{np.count_nonzero(fit.told_angles[angles])} of {len(names)}"
         rows.append([digit, *where, told, ", ".join(untold)])
     return rows
+
+
+SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
+
+
+def print_scores(result: Diagnosis) -> None:
+    """Print one row per hypothesis, the sharpest first."""
+    rows = []
+    for score in sorted(result.scores, key=lambda s: -np.nan_to_num(s.relative_db, nan=-np.inf)):
+        h, place = score.hypothesis, "n/a"
+        if score.image is not None:
+            place = ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
+        row = ["[rx, tx]" if h.swapped else "[tx, rx]", "exp(+j)" if h.conjugated else "exp(-j)"]
+        row += ["descending" if h.reversed else "ascending", decibels(score.relative_db), place]
+        rows.append([*row, mark_of(result, h)])
+    print_table(SCORE_COLUMNS, rows, right=SCORE_COLUMNS[3:5])
+
+
+def mark_of(result: Diagnosis, hypothesis: Hypothesis) -> str:
+    """Whether a hypothesis is the best, or one of those that remain."""
+    left = [replace(candidate, mirrored=False) for candidate in result.candidates]
+    if hypothesis not in left:
+        return ""
+    return "best" if result.best and hypothesis == left[0] else "ambiguous"
+
+
+def decibels(relative_db: float) -> str:
+    """A level for a table."""
+    if math.isnan(relative_db):
+        return "n/a"
+    return f"{relative_db:.1f}" if relative_db > -100 else "< -100"

@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 import clradar as cl
 from clradar.cli.inputs import ImageInput
 from clradar.cli.options.common import SearchOptions, UnitOptions
-from clradar.cli.options.groups import option, wrong_usage
+from clradar.cli.options.groups import option
 from clradar.cli.options.hand import AnyHandOptions
 from clradar.cli.options.measured import (
-    ChannelOptions,
+    CleaningOptions,
     DepthMapOptions,
-    EmptyOptions,
-    GateOptions,
     ImagingOptions,
     Variant,
 )
-from clradar.cli.parse import ALL, FRAMES_METAVAR, chosen_frames
+from clradar.cli.outputs import save
+from clradar.cli.parse import ALL, FRAMES_METAVAR
 from clradar.errors import CompareError, warn
 from clradar.files.failures import fail
-from clradar.files.hashing import content_record
 from clradar.files.json_file import read_json_object, write_json
 from clradar.jobs.job import FolderStore
 from clradar.model import checks
@@ -79,9 +77,10 @@ class Frames:
             fail(self.path, "captures", f"the volume of frame {number}")
         return found
 
-    def all_files(self) -> list[Path]:
-        """The files of all frames, or the one file that the path is."""
-        return [file for number in self.numbers or (0,) for file in self.files(number)]
+    def files_of(self, numbers: Sequence[int] | None = None) -> list[Path]:
+        """The files of these frames or of all, or the one file that the path is."""
+        chosen = numbers if numbers is not None and self.numbers else self.numbers or (0,)
+        return list(dict.fromkeys(file for number in chosen for file in self.files(number)))
 
     def check_frames(self, numbers: Sequence[int], recording: Path) -> None:
         """Raise unless all these frames of a recording are there, or one is the same at each."""
@@ -117,12 +116,6 @@ def _listed(items: Iterable[object]) -> str:
     return ", ".join(texts[:5]) + (", ..." if len(texts) > 5 else "")
 
 
-def files_of(numbers: Sequence[int], source: Frames, others: Sequence[Frames]) -> list[Path]:
-    """The files that a group of frames is made from, which has the number of its first frame."""
-    beside = [one.files(numbers[0]) for one in others if one.numbers is not None]
-    return [path for files in (*map(source.files, numbers), *beside) for path in files]
-
-
 MAPS = "maps"
 """Folder of depth maps, one .npz for each frame; written before the record of the frame."""
 
@@ -134,76 +127,33 @@ CAPTURES, VOLUMES = "captures", "volumes"
 
 @dataclass(frozen=True, kw_only=True)
 class FramesOptions:
-    """Which frames, and how many become one."""
+    """Which frames, and what is written of each beside its depth map."""
 
-    frames: str = option(ALL, "The frames to process.", metavar=FRAMES_METAVAR)
-    variant: Variant | None = option(None, "Variant of the frames. [default: raw]")
-    average: int | None = option(
-        None, "Take the coherent mean of every N frames, of those that agree.", metavar="N", min=2
+    frames: str = option("The frames to process.", ALL, metavar=FRAMES_METAVAR)
+    variant: Variant | None = option("Variant of the frames. [default: raw]")
+    keep_captures: bool = option(
+        "Write the cleaned capture of every frame (HDF5).", False, panel="Output"
     )
-    align_phase: bool = option(
-        False, "First rotate the frames of a mean to a common phase.", needs="--average"
-    )
-
-    def groups(self, there: tuple[int, ...]) -> list[tuple[int, ...]]:
-        """The frames that are chosen, in groups of which the mean is taken."""
-        chosen = chosen_frames(self.frames, there)
-        size = self.average or 1
-        return [tuple(chosen[i : i + size]) for i in range(0, len(chosen), size)]
+    keep_volumes: bool = option("Write the image of every frame (HDF5).", False, panel="Output")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CleaningOptions(EmptyOptions, ChannelOptions):
-    """What is done with a frame before it is imaged."""
-
-    empty_by: Literal["mean", "frame"] = option(
-        "mean",
-        "Subtract the mean of EMPTY's frames, of those that agree, or that of the same number.",
-        needs="--empty",
-    )
-
-    def __post_init__(self) -> None:
-        if self.by_frame and self.empty is not None and not self.empty.is_dir():
-            raise wrong_usage("--empty-by", "frame: expected a recording as --empty")
-
-    @property
-    def by_frame(self) -> bool:
-        """Whether a frame of the empty room belongs to each frame."""
-        return self.empty_by == "frame"
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrameAlignOptions(UnitOptions, SearchOptions):
-    """A mesh that is aligned with every frame."""
+class FrameFitOptions(AnyHandOptions, UnitOptions, SearchOptions):
+    """A mesh that is aligned with every frame, or a hand that is fitted to each."""
 
     mesh: Path | None = option(
-        None, "Align this mesh with every frame: its motion goes into the table.", metavar="MESH"
+        "Align this mesh with every frame: its motion goes into the table.", metavar="MESH"
     )
     bias: bool = option(
-        False,
         "Correct the bias of each pose by simulations: about a minute a frame.",
+        False,
         needs="--mesh",
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrameHandOptions(AnyHandOptions):
-    """A hand that is fitted to every frame, each from the one before."""
-
     fit_hand: str | None = option(
-        None,
         "Fit a hand to every frame, each from the one before; the first from here: as --pose of "
         "`clradar fit-hand`.",
         metavar="POSE,...",
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class KeepOptions:
-    """What is written of every frame beside its depth map."""
-
-    keep_captures: bool = option(False, "Write the cleaned capture of every frame (HDF5).")
-    keep_volumes: bool = option(False, "Write the image of every frame (HDF5).")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,91 +165,53 @@ class FrameSteps:
     folder: Path
     chosen: FramesOptions
     cleaning: CleaningOptions
-    gate: GateOptions
     imaging: ImagingOptions
     depth: DepthMapOptions
-    aligned: FrameAlignOptions
-    hand: bool  # a depth map is kept that a hand can be fitted to
-    kept: KeepOptions
+    fits: FrameFitOptions
     origin: Mapping[str, Any]
     run_name: str  # what is kept open of its inputs counts for no other run
     grid: cl.VoxelGrid
     device: cl.Device | str | None = None
 
-    def run(self, numbers: Sequence[int], progress: Progress | None = None) -> None:
-        """Do a frame, or the mean of several, and write its results."""
-        inputs = self.inputs_of(numbers)  # before it is read, as `content_record` asks for
-        capture, record = self.cleaned(numbers)
-        record["inputs"] = inputs
+    def run(self, number: int, progress: Progress | None = None) -> None:
+        """Do a frame, and write its results; its record last."""
+        capture, record = self.cleaned(number)
         volume = cl.backproject(
             capture, self.grid, device=self.device, progress=progress, **self.imaging.arguments
         )
-        record |= {"frame": numbers[0], **_figures(volume, self.depth.dynamic_range_db)}
-        seen = volume.depth_map(self.depth.dynamic_range_db)
-        record["metrics"] = [
-            self._metrics(seen, self._simulated(i, numbers[0])) for i in range(len(self.simulated))
-        ]
-        if self.aligned.mesh is not None:
+        range_db = self.depth.dynamic_range_db
+        record |= {"frame": number, **_figures(volume, range_db)}
+        image = volume.depth_map(range_db)
+        others = (self._simulated(i, number) for i in range(len(self.simulated)))
+        record["metrics"] = [_metrics(image, other, range_db) for other in others]
+        if self.fits.mesh is not None:
             record["alignment"] = self._alignment(volume, capture)
-        for name, wanted, result in (
-            (CAPTURES, self.kept.keep_captures, capture),
-            (VOLUMES, self.kept.keep_volumes, volume),
-        ):
-            if wanted:
-                self._save(name, numbers[0], result)
-        self.keep_map(f"{numbers[0]:06d}", seen)
-        if self.hand:
+        name = f"{number:06d}"
+        if self.chosen.keep_captures:
+            save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin, force=True)
+        if self.chosen.keep_volumes:
+            save(self.folder / VOLUMES / f"{name}.h5", volume, self.origin, force=True)
+        self.keep_map(name, image)
+        if self.fits.fit_hand is not None:
             from calibration.registration.mesh_pose import DEEPEST_DB  # of fits
 
-            self.keep_map(f"{numbers[0]:06d}-hand", volume.depth_map(DEEPEST_DB))
-        write_json(record_file(self.folder, numbers[0]), record, force=True)
-
-    def inputs_of(self, numbers: Sequence[int]) -> list[dict[str, Any]]:
-        """What the files of a group of frames hold."""
-        others = [self.opened(path) for path in self.simulated]
-        if self.cleaning.empty is not None and self.cleaning.by_frame:
-            others.append(self.opened(self.cleaning.empty))
-        source = self.opened(self.source, self.chosen.variant)
-        return [content_record(path) for path in files_of(numbers, source, others)]
+            self.keep_map(f"{name}-hand", volume.depth_map(DEEPEST_DB))
+        write_json(record_file(self.folder, number), record, force=True)
 
     def opened(self, path: Path, variant: str | None = None) -> Frames:
         """The frames of a path, opened once."""
         return _opened(path, variant, self.run_name)
 
-    def cleaned(self, numbers: Sequence[int]) -> tuple[cl.Capture, dict[str, Any]]:
-        """Average, subtract the empty room, gate, correct: the capture, and its time and power."""
-        from calibration import average_frames, clean
+    def cleaned(self, number: int) -> tuple[cl.Capture, dict[str, Any]]:
+        """Subtract the empty room, gate, correct: the capture, and its time and power."""
         from measurement_io.maroon.frame import first_time_stamp
 
-        source, cleaning = self.opened(self.source, self.chosen.variant), self.cleaning
-        times: list[float | None] = []
-
-        def frames() -> Iterator[cl.Capture]:
-            for number in numbers:
-                capture = source.capture(number)
-                times.append(first_time_stamp(capture))
-                yield capture
-
-        if len(numbers) > 1:
-            capture = average_frames(frames(), align_phase=self.chosen.align_phase)
-        else:
-            capture = next(frames())
-        record: dict[str, Any] = {"time_us": times[0], "recorded_db": _rms_db(capture)}
-        if len(numbers) > 1:
-            record["average"] = capture.meta["average"]
-        empty = None
-        if cleaning.empty is not None:
-            empty = self.opened(cleaning.empty).capture(numbers[0] if cleaning.by_frame else 0)
-        capture = clean(
-            capture, empty=empty, scaling=cleaning.scaling, gate=self.gate.settings(),
-            channels=cleaning.read(), mask=cleaning.mask,
-        )  # fmt: skip
+        capture = self.opened(self.source, self.chosen.variant).capture(number)
+        record = {"time_us": first_time_stamp(capture), "recorded_db": _rms_db(capture)}
+        room = self.cleaning.empty
+        empty = None if room is None else self.opened(room).capture(0)
+        capture = self.cleaning.cleaned(capture, empty)
         return capture, {**record, "cleaned_db": _rms_db(capture)}
-
-    def _save(self, name: str, number: int, result: Any) -> None:
-        from clradar.cli.outputs import save
-
-        save(self.folder / name / f"{number:06d}.h5", result, self.origin, force=True)
 
     def _simulated(self, i: int, number: int) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
@@ -329,18 +241,10 @@ class FrameSteps:
         range_db = float(kept["range_db"])
         return cl.DepthMap(kept["depth_m"], kept["amplitude"], kept["x_m"], kept["y_m"], range_db)
 
-    def _metrics(self, seen: cl.DepthMap, other: cl.DepthMap) -> dict[str, Any] | None:
-        from clradar.compare import metrics_of
-
-        try:
-            return metrics_of(seen, other, self.depth.dynamic_range_db).to_dict()
-        except CompareError:  # nothing above zero in one of the two
-            return None
-
     def _alignment(self, volume: cl.Volume, capture: cl.Capture) -> dict[str, Any]:
         from calibration import align_mesh
 
-        own = self.aligned
+        own = self.fits
         assert own.mesh is not None
         try:
             found = align_mesh(
@@ -372,6 +276,15 @@ def record_file(folder: Path, number: int) -> Path:
 def read_record(folder: Path, number: int) -> dict[str, Any]:
     """The figures of a frame that is done."""
     return read_json_object(record_file(folder, number))
+
+
+def _metrics(image: cl.DepthMap, other: cl.DepthMap, range_db: float) -> dict[str, Any] | None:
+    from clradar.compare import metrics_of
+
+    try:
+        return metrics_of(image, other, range_db).to_dict()
+    except CompareError:  # nothing above zero in one of the two
+        return None
 
 
 def _rms_db(capture: cl.Capture) -> float | None:

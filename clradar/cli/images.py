@@ -27,7 +27,7 @@ from clradar.cli.options.measured import (
     PictureOptions,
     grid_text,
 )
-from clradar.cli.outputs import check_figure, check_outputs, check_page, provenance
+from clradar.cli.outputs import PAGES, check_figure, check_outputs, check_suffix, provenance
 from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing, write_file
 from clradar.imaging.fast import GridPiece, grid_pieces
@@ -47,30 +47,29 @@ from clradar.model.volume import depth_map_of_planes, plane_slabs
 class ImageFiles(PictureOptions):
     """Files of an image, one of which has to be written."""
 
-    output: Path | None = output_option(None, "Volume to write (HDF5).")
-    png: Path | None = option(None, "Draw amplitude and depth: .png, .pdf or .svg.")
-    report: Path | None = option(
-        None, "Page to write: figure, 3-D view, facts and settings in one .html file."
-    )
-    dbsm: bool = option(
-        False, "Draw radar cross sections in dBsm, of samples that are S-parameters."
-    )
+    output: Path | None = output_option("Volume to write (HDF5).")
+    png: Path | None = option("Draw amplitude and depth: .png, .pdf or .svg.")
+    report: Path | None = option("Page: figure, 3-D view, facts and settings in one .html file.")
+    dbsm: bool = option("Draw radar cross sections in dBsm, of S-parameters.", False)
 
     def check(self, *, force: bool, inputs: list[Path]) -> None:
         """Raise unless all of them may be written, and there is one."""
-        files = [file for file in (self.output, self.png, self.report) if file is not None]
-        if not files:
+        if not self.files:
             raise wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
         remove_remains(self.parts)
         check_figure(self.png)
-        check_page(self.report)
-        check_outputs(files, force=force, inputs=inputs)
+        check_suffix(self.report, PAGES)
+        check_outputs(self.files, force=force, inputs=inputs)
+
+    @property
+    def files(self) -> list[Path]:
+        """Those that were asked for."""
+        return [file for file in (self.output, self.png, self.report) if file is not None]
 
     @property
     def parts(self) -> Path:
         """The folder of parts, beside the first of them."""
-        first = next(file for file in (self.output, self.png, self.report) if file is not None)
-        return first.with_name(f"{first.name}.parts")
+        return self.files[0].with_name(f"{self.files[0].name}.parts")
 
     def draw(
         self,
@@ -90,9 +89,10 @@ class ImageFiles(PictureOptions):
         if self.png is None and self.report is None:
             return
         volume: cl.Volume | cl.DepthMap
+        flat = (self.view or thin_view(image.grid)) == "xy" and self.slice is None
         if isinstance(image, cl.Volume):
             volume = image
-        elif (self.view or thin_view(image.grid)) == "xy" and not (self.report or self.dbsm):
+        elif flat and not (self.report or self.dbsm):
             volume = depth_map_of_planes(image, image.grid, range_db)  # without it in memory
         else:
             volume = image.volume()
@@ -105,16 +105,13 @@ class ImageFiles(PictureOptions):
         shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": self.view, "dbsm": self.dbsm}
         if self.png is not None:
             drawn = volume
-            if self.plane is not None:
-                if isinstance(volume, cl.DepthMap):
-                    raise wrong_usage("--slice", "of an image in one piece, or of its volume (-o)")
+            if self.plane is not None and isinstance(volume, cl.Volume):
                 drawn = plane_of(volume, *self.plane)
             with progress_bar("drawing"):
                 save_figure(image_figure(drawn, title, **shown), self.png, force=force)
             print_line(f"{self.png}: the picture, {range_db:g} dB")
-        if self.report is not None:
+        if self.report is not None and isinstance(volume, cl.Volume):
             with progress_bar("writing the page"):
-                assert not isinstance(volume, cl.DepthMap)
                 page = image_report(ReportImage(title, volume, source), settings=origin, **shown)
             write_file(self.report, page.encode("utf-8"), force=force)
             print_line(f"{self.report}: the image as a page, to be opened in a browser")
@@ -125,40 +122,33 @@ class ImageOptions(GridOptions, ModelImagingOptions):
     """How an image is formed, and where."""
 
     everything: bool = option(
+        "Without a grid: one around all echoes up to 25 dB below the strongest.",
         False,
-        "Without a grid: one around all echoes up to 25 dB below the strongest, also where one is "
-        "in the paper's grid.",
         names=("--all-echoes",),
         without="--x-mm --y-mm --z-mm",
     )
     tolerance_db: float | None = option(
-        None,
-        "Error of fast and by iteration, RMS over RMS, -80 to -30. [default: -50]",
-        metavar="DB",
+        "Error of fast and by iteration, RMS over RMS, -80 to -30. [default: -50]"
     )
-    absolute: bool = option(
-        False, "The samples are S-parameters, as those of --estimator physical are anyway."
-    )
+    absolute: bool = option("The samples are S-parameters.", False)
 
     def check(
         self, loaded: ImageInput, captures: list[Path], files: ImageFiles, others: Mapping[str, Any]
     ) -> None:
         """Raise where an option has no meaning for what is read."""
-        divided = [name for name in others if name != "--device"]
         if len(captures) > 1:
             if isinstance(loaded.content, cl.Volume):
                 raise wrong_usage("CAPTURE...", f"expected captures, got the volume {loaded.path}")
             wrong = {"--method": self.fitted, "--dbsm": files.dbsm, "--absolute": self.absolute}
             for name in (name for name, is_wrong in wrong.items() if is_wrong):
                 raise wrong_usage(name, "expected with a single capture, not with several")
-        if self.fitted and (files.dbsm or divided):
-            name = "--dbsm" if files.dbsm else divided[0]
-            raise wrong_usage(name, f"not an option of --method {self.method}")
+        divided = ["--dbsm"] * files.dbsm + [name for name in others if name != "--device"]
+        if self.fitted and divided:
+            raise wrong_usage(divided[0], f"not an option of --method {self.method}")
         if files.dbsm and not (self.absolute or loaded.content.absolute):
             raise MeasurementError(
                 f"{loaded.path}: expected S-parameters for --dbsm, got samples on a relative "
-                "scale; --absolute says that they are S-parameters, as those of --estimator "
-                "physical are"
+                "scale; --absolute says that they are S-parameters"
             )
         if isinstance(loaded.content, cl.Volume):
             chosen = {**given(self), "-o": files.output, **others}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,8 @@ from typing import Any
 import numpy as np
 
 import clradar as cl
-from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.options.groups import given, option, wrong_usage
+from clradar.cli.console import counted, print_line, print_warning, progress_bar
+from clradar.cli.options.groups import given, option, recorded, wrong_usage
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
@@ -56,7 +57,7 @@ class ImageInput:
         native = frames == FrameOptions() and kind_of(path) == "native"
         if native and read_header(path).format == "volume":
             return cls(path, open_volume(path))
-        return cls(path, open_capture(path, **frames.chosen))
+        return cls(path, open_capture(path, **recorded(frames)))
 
     @property
     def grid(self) -> cl.VoxelGrid | None:
@@ -98,9 +99,7 @@ def nothing_to_draw(image: cl.Volume | cl.DepthMap) -> str | None:
     values = np.asarray(image.data if hasattr(image, "data") else image.amplitude)
     if not values.any():
         return "zero everywhere"
-    if values.size == 1:
-        return f"one voxel, of amplitude {abs(values.item()):.4g}"
-    return None
+    return f"one voxel, of amplitude {abs(values.item()):.4g}" if values.size == 1 else None
 
 
 def grid_for(
@@ -112,15 +111,21 @@ def grid_for(
 ) -> cl.VoxelGrid:
     """The grid of the options; without them one that shows what is in the capture, and say which.
 
-    `everything` is that of `clradar.place_grid`.
+    `everything` is that of `clradar.place_grid`; what was found is logged in full.
     """
+    from clradar.imaging.grid_words import lengths_words, place_words
     from clradar.imaging.placement import placement, placement_words
 
     if options.given:
         return options.grid()
     placed = placement(capture, cl.open_device(device), everything=everything)
     if placed.shown:
-        print_line(f"no grid given: {placement_words(capture, placed)}")
+        logging.getLogger("clradar").info("%s", placement_words(capture, placed))
+        counts = " x ".join(map(str, placed.grid.counts))
+        print_line(f"grid: {counts} voxels of {lengths_words(placed.grid.spacing_m)}")
+    if placed.left_out:
+        more, at_m = len(placed.left_out), placed.left_out[0].position_m
+        print_line(f"not in it: {more} more, the strongest at {place_words(at_m)}")
     return placed.grid
 
 
@@ -128,10 +133,9 @@ def common_grid(
     options: GridOptions, *images: ImageInput, device: cl.Device | str | None = None
 ) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
-    if not options.given:
-        for image in images:
-            if image.grid is not None:
-                return image.grid
+    grids = [image.grid for image in images if image.grid is not None]
+    if grids and not options.given:
+        return grids[0]
     captures = [image.content for image in images if isinstance(image.content, cl.Capture)]
     return grid_for(captures[0], options, device) if captures else options.grid()
 
@@ -167,79 +171,41 @@ def measurement(
     return Measurement(path, image.content, volume, known, image.radar, files)
 
 
-def mean_capture(
-    path: Path, *, variant: str | None = None, align_phase: bool = False
-) -> tuple[cl.Capture, list[Path]]:
-    """The coherent mean of all frames of a recording, and their files.
-
-    Missing frames are left out; a warning says how many the recording should have.
-    """
-    from calibration import average_frames
-    from clradar.files.failures import fail
-    from measurement_io import open_recording
-
-    chosen = variant or "raw"
-    recording = open_recording(path, variant=chosen)
-    if not len(recording):
-        fail(path, f"frames of variant {chosen}", "none")
-    files: list[Path] = []
-
-    with progress_bar("averaging") as progress:
-
-        def frames() -> Iterator[cl.Capture]:
-            for capture in recording:
-                files.extend(recording_files(path, capture.meta))
-                yield capture
-                if progress is not None:
-                    progress(len(files), len(recording))
-
-        mean = average_frames(frames(), align_phase=align_phase)
-    expected = mean.meta.get("number_of_measurements")
-    if isinstance(expected, int) and expected != len(recording):
-        print_warning(f"{path}: {len(recording)} of {expected} frames are there; averaged those")
-    return mean, files
-
-
 def title_of(path: Path, meta: Mapping[str, Any]) -> str:
     """Name what is in a file or folder: of a recording its object, distance, variant and frame."""
     from clradar.model.volume import capture_meta
 
     capture = capture_meta(meta)
     name = path.name or path.absolute().name or str(path)
-    words = recording_words(meta)
-    if not words:
+    text = recording_title(meta)
+    if not text:
         frame = capture.get("frame")
         return f"{name}, frame {frame}" if isinstance(frame, int) else name
-    # A folder or a frame is where the words come from; another file has a name of its own.
-    return words if path.is_dir() or path.suffix == ".npy" else f"{name}: {words}"
+    # A folder or a frame is where the text comes from; another file has a name of its own.
+    return text if path.is_dir() or path.suffix == ".npy" else f"{name}: {text}"
 
 
-def recording_words(meta: Mapping[str, Any]) -> str:
-    """Name object, distance, variant and frame of a recorded capture; empty for any other."""
+def recording_title(meta: Mapping[str, Any]) -> str:
+    """Object, distance, variant and frame of a recorded capture; empty for any other."""
     from clradar.model.volume import capture_meta
+    from measurement_io.maroon.folders import frame_file
+    from measurement_io.maroon.metadata import DISTANCE_FOLDERS
 
     capture = capture_meta(meta)
     if capture.get("format") != "maroon":
         return ""
-    variant, frame = capture.get("variant"), capture.get("frame")
-    parts = [*_recording(capture.get("source")), *([variant] if variant else [])]
-    return ", ".join(map(str, [*parts, *([f"frame {frame}"] if isinstance(frame, int) else [])]))
-
-
-def _recording(source: object) -> list[str]:
-    """Return object and distance from the place of a recorded frame, as far as they are known."""
-    from measurement_io.maroon.folders import frame_file
-    from measurement_io.maroon.metadata import DISTANCE_FOLDERS
-
-    if not isinstance(source, str):
-        return []
-    path = Path(source)
-    if frame_file(path).folder is None:
-        return [path.name]
-    distance = path.absolute().parents[2]
-    if distance.name not in DISTANCE_FOLDERS:
-        return [distance.name]
-    return [distance.parent.name, f"{distance.name} cm"]
+    parts: list[str] = []
+    if isinstance(source := capture.get("source"), str):
+        path = Path(source)
+        distance = path.absolute().parents[2] if frame_file(path).folder else path
+        parts = [distance.name]
+        if distance != path and distance.name in DISTANCE_FOLDERS:
+            parts = [distance.parent.name, f"{distance.name} cm"]
+    if variant := capture.get("variant"):
+        parts.append(str(variant))
+    if isinstance(frame := capture.get("frame"), int):
+        parts.append(f"frame {frame}")
+    return ", ".join(parts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,9 +213,9 @@ class AverageOptions:
     """The mean over the frames of recordings."""
 
     average: bool = option(
-        False, "Take the coherent mean of all frames of each radar folder.", without="--frame"
+        "Take the coherent mean of all frames of each radar folder.", False, without="--frame"
     )
-    align_phase: bool = option(False, "First rotate frames to a common phase.", needs="--average")
+    align_phase: bool = option("First rotate frames to a common phase.", False, needs="--average")
 
     def check(self, sources: list[Path], names: str) -> None:
         """Raise unless there is a folder to take the mean of."""
@@ -257,11 +223,30 @@ class AverageOptions:
             raise wrong_usage("--average", f"expected a radar folder among {names}")
 
     def read(self, path: Path, frames: FrameOptions) -> tuple[cl.Capture, list[Path], str]:
-        """One frame or the mean of all, the files it comes from, and the mean in words."""
-        if self.average and path.is_dir():
-            mean, files = mean_capture(
-                path, variant=frames.chosen["variant"], align_phase=self.align_phase
-            )
-            count = mean.meta["average"]["frames"]
-            return mean, files, "1 frame" if count == 1 else f"mean of {count} frames"
-        return *frames.open(path), ""
+        """One frame or the mean of all, the files it comes from, and of how many it is the mean."""
+        if not (self.average and path.is_dir()):
+            return *frames.open(path), ""
+        mean, files = self._mean(path, frames.variant or "raw")
+        expected, count = mean.meta.get("number_of_measurements"), len(files)
+        if isinstance(expected, int) and expected != count:
+            print_warning(f"{path}: {count} of {expected} frames are there; averaged those")
+        return mean, files, f"mean of {counted(mean.meta['average']['frames'], 'frame')}"
+
+    def _mean(self, path: Path, variant: str) -> tuple[cl.Capture, list[Path]]:
+        from calibration import average_frames
+        from clradar.files.failures import fail
+        from measurement_io import open_recording
+
+        recording, files = open_recording(path, variant=variant), list[Path]()
+        if not len(recording):
+            fail(path, f"frames of variant {variant}", "none")
+        with progress_bar("averaging") as progress:
+
+            def frames() -> Iterator[cl.Capture]:
+                for capture in recording:
+                    files.extend(recording_files(path, capture.meta))
+                    yield capture
+                    if progress is not None:
+                        progress(len(files), len(recording))
+
+            return average_frames(frames(), align_phase=self.align_phase), files

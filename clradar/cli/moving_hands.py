@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +24,8 @@ if TYPE_CHECKING:
 FRAMES, WORK = "frames", "work"
 FIGURE, SHEET = "movement.png", "contact-sheet.png"
 
-TRACK, MADE_FROM = "track", "made-from"
-"""In the work folder: what is remembered after the last frame, and what it was made from."""
+TRACK, NUMBERS = "track", "numbers"
+"""In the work folder: what is remembered after the last frame, and of which frames."""
 
 SHEET_PIXEL_M = 2e-3
 
@@ -54,25 +53,21 @@ def fit_frames(
     folder: Path,
     images: KeptImages,
     settings: Mapping[str, Any],
-    made_from: Mapping[str, Any],
     progress: Progress | None,
 ) -> list[FrameFit]:
-    """Fit a hand to frames that are not done yet, each from the one before.
-
-    `made_from` is what a folder has to have been begun with; another one is begun anew.
-    """
+    """Fit a hand to frames that are not done yet, each from the one before; of others anew."""
     import calibration
     from calibration.hand_fit.frame_fit import FrameFit
     from calibration.hand_fit.track import Track
     from clradar.hand import write_pose
 
-    numbers, key = images.frame_numbers, np.array(json.dumps(made_from))
+    numbers = images.frame_numbers
     folder.mkdir(exist_ok=True)
     store = FolderStore(folder / WORK)
-    if MADE_FROM not in store or store[MADE_FROM]["key"] != key:
+    if NUMBERS not in store or store[NUMBERS]["frames"].tolist() != list(numbers):
         remove(folder, [WORK, FRAMES, FIGURE, SHEET])
         store = FolderStore(folder / WORK)
-        store[MADE_FROM] = {"key": key}
+        store[NUMBERS] = {"frames": np.array(numbers)}
     (folder / FRAMES).mkdir(exist_ok=True)
     track = Track.from_arrays(store[TRACK]) if TRACK in store else None
     if track is None or track.frame != numbers[-1]:

@@ -21,7 +21,7 @@ import clradar as cl
 from clradar import __version__
 from clradar.cli.options.groups import recorded
 from clradar.errors import OutputError
-from clradar.files.atomic import refuse_special, remove_left, write_file
+from clradar.files.atomic import new_folder, refuse_special, remove_left, swap_folder, write_file
 from clradar.files.hashing import sha256_of
 from clradar.versions import package_versions
 
@@ -30,16 +30,21 @@ if TYPE_CHECKING:
 
     Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
 
+OWNED_DEPTH = 3
+"""Folders above a file that may own it: a recording is three above its frames."""
+
+PAGES = (".html", ".htm")
+
 
 @contextmanager
-def _system_errors(path: Path, refused: str) -> Iterator[None]:
+def _writing(path: Path) -> Iterator[None]:
     """Raise the system's error about a name as an `OutputError`."""
     try:
         yield
     except OutputError:
         raise
     except (OSError, ValueError) as error:  # a name that is too long, or holds a zero byte
-        raise OutputError(f"{path}: {refused}: {error}") from error
+        raise OutputError(f"{path}: cannot be written: {error}") from error
 
 
 def check_outputs(
@@ -51,7 +56,7 @@ def check_outputs(
     remove_left(wanted)
     known: dict[Path, bool] = {}
     for output in wanted:
-        with _system_errors(output, "cannot be written"):
+        with _writing(output):
             if any(_same(output, path) for path in read):
                 raise OutputError(f"{output}: is also an input; choose another name")
             place = os.path.realpath(output).casefold()  # case may not count on this disk
@@ -86,7 +91,7 @@ def check_folder(
     the `inputs`.
     """
     check_place_of_folder(folder, replaced or (), inputs)
-    with _system_errors(folder, "cannot be written"):
+    with _writing(folder):
         there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     if there and not force:
         raise OutputError(
@@ -103,11 +108,8 @@ def check_folder(
 def check_place_of_folder(
     folder: Path, replaced: Collection[str] = (), inputs: Iterable[Path] = ()
 ) -> None:
-    """Raise unless there is or may be such a folder, with none of the inputs where it is written.
-
-    `replaced` names what the command writes in it.
-    """
-    with _system_errors(folder, "cannot be written"):
+    """Raise unless there is or may be such a folder, with no input among what is `replaced`."""
+    with _writing(folder):
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
         remove_left([folder])
@@ -115,12 +117,12 @@ def check_place_of_folder(
         for path in inputs:
             if _same(folder, path):
                 raise OutputError(f"{folder}: is also an input; choose another folder")
-            for name in replaced:
-                if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder / name)):
-                    raise OutputError(
-                        f"{folder}: holds the input '{path}', which would be replaced; choose "
-                        "another folder"
-                    )
+            place = Path(os.path.realpath(path))
+            if any(place.is_relative_to(os.path.realpath(folder / name)) for name in replaced):
+                raise OutputError(
+                    f"{folder}: holds the input '{path}', which would be replaced; choose another "
+                    "folder"
+                )
 
 
 def _check_place(output: Path, known: dict[Path, bool]) -> None:
@@ -142,10 +144,6 @@ def _check_place(output: Path, known: dict[Path, bool]) -> None:
                 )
 
 
-OWNED_DEPTH = 3
-"""Folders above a file that may own it: a recording is three above its frames."""
-
-
 def _owner_of(folder: Path, name: str, known: dict[Path, bool]) -> str | None:
     """What a folder is, if what has this name in it is its own; None if anybody may write it."""
     # The files first: these imports take half a second.
@@ -159,8 +157,7 @@ def _owner_of(folder: Path, name: str, known: dict[Path, bool]) -> str | None:
     if name.startswith("radar_") or known[folder]:
         from measurement_io.maroon.folders import is_own_name
 
-        if is_own_name(folder, name):
-            return "recording"
+        return "recording" if is_own_name(folder, name) else None
     return None
 
 
@@ -168,7 +165,7 @@ def _owner_of(folder: Path, name: str, known: dict[Path, bool]) -> str | None:
 def made_folder(folder: Path) -> Iterator[None]:
     """Make a folder where there is none; a failure that leaves it empty removes it again."""
     missing = not folder.is_dir()
-    with _system_errors(folder, "cannot be made"):
+    with _writing(folder):
         folder.mkdir(exist_ok=True)
     try:
         yield
@@ -185,8 +182,6 @@ def whole_folder(folder: Path, *, force: bool, replaced: Collection[str]) -> Ite
 
     A failure leaves everything as it was. `replaced` as in `check_folder`.
     """
-    from clradar.files.atomic import new_folder, swap_folder
-
     with new_folder(folder) as temporary:
         made = temporary / "made"
         made.mkdir()
@@ -211,22 +206,17 @@ def check_figure(path: Path | None) -> None:
     check_suffix(path, SUFFIXES)
 
 
-def check_page(path: Path | None) -> None:
-    """Raise unless a page can be written under this name."""
-    check_suffix(path, (".html", ".htm"))
-
-
 def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) -> Result:
     """Write a capture, a volume or channels with their provenance; return it as written."""
-    from measurement_io import save_capture, save_channels, save_volume
+    import measurement_io
 
     written = replace(result, meta={**result.meta, **origin})
     if isinstance(written, cl.Capture):
-        save_capture(path, written, force=force)
+        measurement_io.save_capture(path, written, force=force)
     elif isinstance(written, cl.Volume):
-        save_volume(path, written, force=force)
+        measurement_io.save_volume(path, written, force=force)
     else:
-        save_channels(path, written, force=force)
+        measurement_io.save_channels(path, written, force=force)
     return written
 
 
@@ -245,7 +235,7 @@ def provenance(
     }
 
 
-SUFFIXES = (".ply", ".stl", ".obj", ".off", ".glb")
+MESHES = (".ply", ".stl", ".obj", ".off", ".glb")
 """Formats of mesh files; .ply and .glb keep the parts apart, .ply the texture, too."""
 
 

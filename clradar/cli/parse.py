@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import typer
 
 from clradar.cli.options.groups import wrong_usage
 from clradar.errors import ModelError
@@ -26,6 +25,9 @@ FIT = "fit"
 
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
 
+ALL, RANGE = "all", "FIRST:LAST[:STEP]"
+FRAMES_METAVAR = f"all|{RANGE}|N,..."
+
 
 def check_unit(
     option: str, what: str, value: float, bounds: tuple[float, float], unit: str
@@ -37,34 +39,41 @@ def check_unit(
 
 
 def numbers(text: str, separator: str = ",") -> list[float]:
-    """The numbers between separators, NaN and infinity among them; none if one is no number."""
+    """The finite numbers between separators; none if one of them is something else."""
     try:
-        return [float(part) for part in text.split(separator)]
+        values = [float(part) for part in text.split(separator)]
     except ValueError:
         return []
+    return values if all(map(math.isfinite, values)) else []
+
+
+def numbers_of(option: str, text: str, count: int) -> list[float]:
+    """So many numbers with commas between them."""
+    found = numbers(text)
+    if len(found) != count:
+        raise wrong_usage(option, f"expected {count} numbers with commas between, got '{text}'")
+    return found
 
 
 def position_m(option: str, text: str) -> list[float]:
     """The metres of a position ``X,Y,Z`` in millimetres."""
     found = numbers(text)
-    if len(found) != 3 or not finite(found):
+    if len(found) != 3:
         raise wrong_usage(option, f"expected X,Y,Z in millimetres, got '{text}'")
     return [value / 1e3 for value in found]
 
 
-def alpha_or_fit(text: str) -> float | None:
-    """The alpha of an option, or None for `fit`."""
-    if text == FIT:
-        return None
+def alpha_of(option: str, text: str, other: str) -> float:
+    """The alpha in the text of an option, which could also be something else."""
     values = numbers(text)
-    if len(values) != 1 or not finite(values) or not 0.0 <= values[0] <= 1.0:
-        raise wrong_usage("--alpha", f"expected a number in [0, 1] or '{FIT}', got '{text}'")
+    if len(values) != 1 or not 0.0 <= values[0] <= 1.0:
+        raise wrong_usage(option, f"expected a number in [0, 1] or {other}, got '{text}'")
     return values[0]
 
 
-def finite(values: list[float]) -> bool:
-    """Whether there are numbers, none of them NaN or infinite."""
-    return bool(values) and all(map(math.isfinite, values))
+def alpha_or_fit(text: str) -> float | None:
+    """The alpha of an option, or None for `fit`."""
+    return None if text == FIT else alpha_of("--alpha", text, f"'{FIT}'")
 
 
 def whole_steps(option: str, text: str, first: float, last: float, step: float) -> int:
@@ -73,11 +82,8 @@ def whole_steps(option: str, text: str, first: float, last: float, step: float) 
     if not steps <= MOST_STEPS:
         raise wrong_usage(option, f"expected at most {MOST_STEPS} steps, got '{text}'")
     if abs(steps - round(steps)) > WHOLE_STEPS * max(1.0, steps):
-        fits = first + math.floor(steps) * step
-        raise wrong_usage(
-            option,
-            f"expected a whole number of steps, such as {first:g}:{fits:g}:{step:g}, got '{text}'",
-        )
+        fits = f"{first:g}:{first + math.floor(steps) * step:g}:{step:g}"
+        raise wrong_usage(option, f"expected a whole number of steps, such as {fits}, got '{text}'")
     return round(steps)
 
 
@@ -94,35 +100,29 @@ def ascending(
 
     `noun` says what they are, in the plural; they have to be within `limits`.
     """
-    rule = f"{RANGE_RULE}, or a list with commas"
-
-    def wrong(expected: str) -> typer.BadParameter:
-        return wrong_usage(option, f"expected {expected}, got '{text}'")
-
-    values = numbers(text, ":" if ":" in text else ",")
-    if not values:
-        raise wrong(rule)
-    if not finite(values) or not all(limits[0] <= value <= limits[1] for value in values):
-        raise wrong(f"numbers in [{limits[0]:g}, {limits[1]:g}]")
-    if ":" in text:
-        if len(values) != 3:
-            raise wrong(rule)
+    is_range = ":" in text
+    values = numbers(text, ":" if is_range else ",")
+    expected = ""
+    if not values or (is_range and len(values) != 3):
+        expected = f"{RANGE_RULE}, or a list with commas"
+    elif not all(limits[0] <= value <= limits[1] for value in values):
+        expected = f"numbers in [{limits[0]:g}, {limits[1]:g}]"
+    elif is_range:
         first, last, step = values
         if step <= 0 or last <= first:
-            raise wrong("FIRST below LAST and STEP above 0")
-        if (last - first) / step > most - 1:
-            raise wrong(f"at most {most} {noun}")
-        steps = whole_steps(option, text, first, last, step)
-        values = [round(first + i * step, DECIMALS) for i in range(steps + 1)]
-    if len(values) < least:
-        raise wrong(f"at least {'two' if least == 2 else least} {noun}")
-    if not (np.diff(values) > 0).all():
-        raise wrong(f"{noun} in ascending order, each once")
+            expected = "FIRST below LAST and STEP above 0"
+        elif (last - first) / step > most - 1:
+            expected = f"at most {most} {noun}"
+        else:
+            steps = whole_steps(option, text, first, last, step)
+            values = [round(first + i * step, DECIMALS) for i in range(steps + 1)]
+    if not expected and len(values) < least:
+        expected = f"at least {'two' if least == 2 else least} {noun}"
+    if not expected and not (np.diff(values) > 0).all():
+        expected = f"{noun} in ascending order, each once"
+    if expected:
+        raise wrong_usage(option, f"expected {expected}, got '{text}'")
     return np.array(values)
-
-
-ALL, RANGE = "all", "FIRST:LAST[:STEP]"
-FRAMES_METAVAR = f"all|{RANGE}|N,..."
 
 
 def chosen_frames(text: str, there: Sequence[int], option: str = "--frames") -> list[int]:
@@ -141,8 +141,7 @@ def chosen_frames(text: str, there: Sequence[int], option: str = "--frames") -> 
         raise wrong_usage(
             option, f"expected all, {RANGE} or numbers with commas, got '{text}'"
         ) from None
-    missing = sorted(set(chosen) - set(there))
-    if missing or not chosen:
+    if not chosen or not set(chosen) <= set(there):
         raise ModelError(
             f"{option}: expected some of the {option[2:]} {there[0]} to {there[-1]}, got '{text}'"
         )

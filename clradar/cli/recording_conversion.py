@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import clradar as cl
-from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.options.groups import wrong_usage
-from clradar.cli.options.measured import AntennaOptions, FrameOptions, recording_files
+from clradar.cli.console import counted, print_line, print_warning, progress_bar
+from clradar.cli.options.groups import option
+from clradar.cli.options.measured import recording_files
 from clradar.cli.outputs import (
     check_folder,
     check_outputs,
@@ -26,23 +25,42 @@ from clradar.cli.outputs import (
 from clradar.errors import MeasurementError, ModelError, OutputError
 from clradar.files.failures import fail
 
-if TYPE_CHECKING:
-    from measurement_io import Recording
 
-Source = tuple[Path, Callable[[], cl.Capture]]
-"""Where a capture comes from, which is opened when it is written."""
+@dataclass(frozen=True, kw_only=True)
+class AntennaOptions:
+    """Files with the positions of antennas."""
+
+    rx_file: Path | None = option("Positions of the Rx antennas of a recorded frame.")
+    tx_file: Path | None = option("Positions of the Tx antennas of a recorded frame.")
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that were given."""
+        return [path for path in (self.rx_file, self.tx_file) if path is not None]
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """As `measurement_io.open_recording` takes them."""
+        return {"rx_file": self.rx_file, "tx_file": self.tx_file}
 
 
 def write_captures(
     source: Path, output: Path, variant: str | None, antennas: AntennaOptions, *, force: bool
 ) -> None:
     """Write `output/000000.h5`, `000000_emptyfiltered.h5` ..., one frame in memory at a time."""
+    from measurement_io import open_recording
+    from measurement_io.maroon.folders import find_radar_folder, frames
+
     check_place_of_folder(output)
-    recording = _open(source, variant, antennas)
-    _check_apart(output, recording.path)
+    there = frames(find_radar_folder(source)) if source.is_dir() else {}
+    first = variant or next((name for name, found in there.items() if found), "raw")
+    recording = open_recording(source, variant=first, **antennas.chosen)
+    place, radar = output.resolve(), recording.path.resolve()
+    if radar in (place, *place.parents):
+        raise OutputError(f"{output}: lies in the recording that is read; choose another folder")
     variants = recording.variants if variant is None else (variant,)
     views = {name: recording.with_variant(name) for name in variants}
-    frames = {
+    files = {
         output / f"{number:06d}{'' if name == 'raw' else f'_{name}'}.h5": partial(
             view.__getitem__, i
         )
@@ -50,10 +68,10 @@ def write_captures(
         for i, number in enumerate(view.frame_numbers)
     }
     if output.is_dir():
-        check_outputs(frames, force=force, inputs=[source, *antennas.files])
+        check_outputs(files, force=force, inputs=[source, *antennas.files])
     written: list[str] = []
     with made_folder(output), progress_bar("converting") as progress:
-        for tried, (path, opened) in enumerate(frames.items(), start=1):
+        for done, (path, opened) in enumerate(files.items(), start=1):
             try:
                 capture = opened()
             except MeasurementError as error:
@@ -61,175 +79,62 @@ def write_captures(
                 continue
             options = {key: capture.meta[key] for key in ("frame", "variant")}
             inputs = [*recording_files(source, capture.meta), *antennas.files]
-            origin = provenance("convert", inputs, source=source, **options)
-            save(path, capture, origin, force=force)
+            save(
+                path, capture, provenance("convert", inputs, source=source, **options), force=force
+            )
             written.append(path.name)
             del capture  # before the next one is read
             if progress is not None:
-                progress(tried, len(frames))
-        if len(written) < len(frames):
-            raise MeasurementError(f"{source}: {len(written)} of {len(frames)} frames converted")
-    print_line(f"{output}: {_counts(views)} frames, {written[0]} to {written[-1]}")
+                progress(done, len(files))
+        if len(written) < len(files):
+            raise MeasurementError(f"{source}: {len(written)} of {len(files)} frames converted")
+    counts = ", ".join(f"{len(view)} {name}" for name, view in views.items())
+    print_line(f"{output}: {counts} frames, {written[0]} to {written[-1]}")
+
+
+class _Captures(Sequence[cl.Capture]):
+    """Captures that are opened one by one."""
+
+    def __init__(self, sources: Sequence[Path], antennas: AntennaOptions) -> None:
+        self.sources, self.antennas, self.latest = sources, antennas, sources[0]
+
+    def __len__(self) -> int:
+        return len(self.sources)
+
+    def __getitem__(self, index: Any) -> Any:
+        from measurement_io import open_capture
+        from measurement_io.opening import kind_of
+
+        self.latest = path = self.sources[index]
+        more = self.antennas.chosen if kind_of(path) == "frame" else {}
+        capture = open_capture(path, **more)
+        inputs = [*recording_files(path, capture.meta), *self.antennas.files]
+        return described(capture, provenance("convert", inputs, to="maroon", source=path))
+
+    def __iter__(self) -> Iterator[cl.Capture]:
+        return (self[i] for i in range(len(self)))
 
 
 def write_recording(
-    sources: Sequence[Path],
-    output: Path,
-    frames: FrameOptions,
-    antennas: AntennaOptions,
-    timestamps_us: Sequence[int] | None,
-    *,
-    force: bool,
+    sources: Sequence[Path], output: Path, antennas: AntennaOptions, *, force: bool
 ) -> None:
-    """Write `output/radar_<low>_<high>_<points>` and the files beside it.
-
-    `sources` is one folder, with a recording or with nothing but captures (.h5); or captures
-    and frames, one for each frame to write.
-    """
+    """Write `output/radar_<low>_<high>_<points>` with a frame for each capture."""
     from measurement_io import save_recording
-    from measurement_io.maroon.folders import BESIDE, entries
+    from measurement_io.maroon.folders import BESIDE
 
+    for path in sources:
+        if path.is_dir():
+            fail(path, "a capture, with --to maroon", "a folder")
     check_folder(output, force=force)
     replaced = [*BESIDE, *(path.name for path in output.glob("radar_*"))]
     check_place_of_folder(output, replaced, [*sources, *antennas.files])
-    folders = [path for path in sources if path.is_dir()]
-    if folders and len(sources) > 1:
-        raise wrong_usage("SOURCE", "expected one folder, or several captures; got both")
-    there = entries(folders[0]) if folders else list(sources)
-    copied = None
-    if folders and not (there and all(path.suffix == ".h5" and path.is_file() for path in there)):
-        views, copied = _frames_of(folders[0], frames, antennas)
-        places = [copied]
-    elif frames.frame is not None:
-        raise wrong_usage("--frame", "chooses a frame of a folder, which SOURCE is not")
-    else:
-        views, places = _captures(there, frames.variant, antennas)
-    for place in places:
-        if output.resolve() == place.resolve().parent:
-            raise OutputError(f"{output}: holds the source recording; choose another folder")
-        _check_apart(output, place)
-    latest: list[Path] = []
-    total, done = sum(map(len, views.values())), count(1)
-
-    def described_captures(some: Sequence[Source]) -> Iterator[cl.Capture]:
-        for path, opened in some:
-            latest.append(path)
-            capture = opened()
-            inputs = [*recording_files(path, capture.meta), *antennas.files]
-            options = {"source": str(path), "variant": frames.variant, "frame": frames.frame}
-            yield described(capture, provenance("convert", inputs, to="maroon", **options))
-
-    (variant, first), *others = views.items()
+    captures = _Captures(sources, antennas)
     with progress_bar("converting") as progress:
         try:
-            radar = save_recording(
-                output, _Sized(first, described_captures), variant=variant,
-                emptyfiltered=_Sized(others[0][1], described_captures) if others else None,
-                timestamps_us=timestamps_us, copy_from=copied, force=force,
-                progress=lambda *_: progress(next(done), total) if progress else None,
-            )  # fmt: skip
+            radar = save_recording(output, captures, force=force, progress=progress)
         except ModelError as error:
-            if copied is not None:
-                raise
-            raise ModelError(f"{(latest or sources)[-1]}: {error}") from error
-    single = copied is None and total == 1
-    print_line(f"{radar}: {_counts(views)} frame{'' if single else 's'}")
-
-
-class _Sized:
-    """Captures that are opened one by one, and how many there are."""
-
-    def __init__(
-        self, some: Sequence[Source], opened: Callable[[Sequence[Source]], Iterator[cl.Capture]]
-    ) -> None:
-        self._some, self._opened = some, opened
-
-    def __len__(self) -> int:
-        return len(self._some)
-
-    def __iter__(self) -> Iterator[cl.Capture]:
-        return self._opened(self._some)
-
-
-def _frames_of(
-    source: Path, frames: FrameOptions, antennas: AntennaOptions
-) -> tuple[dict[str, list[Source]], Path]:
-    """The frames of a recording by variant, and its radar folder."""
-    from measurement_io.maroon.folders import ranges
-
-    recording = _open(source, frames.variant, antennas)
-    views = {recording.variant: recording}
-    if frames.variant is None and len(recording.variants) > 1:
-        views = {name: recording.with_variant(name) for name in ("raw", "emptyfiltered")}
-        orphans = set(views["emptyfiltered"].frame_numbers) - set(views["raw"].frame_numbers)
-        if frames.frame is None and orphans:
-            raise ModelError(
-                f"{source}: expected a raw frame for every emptyfiltered one, got none for "
-                f"{ranges(orphans)}; choose with --variant"
-            )
-
-    def opened(view: Recording, index: int) -> cl.Capture:
-        try:
-            return view[index]
-        except MeasurementError as error:
-            raise MeasurementError(
-                f"{error}; a recording is written whole or not at all, --all-frames converts the "
-                "frames that can be read"
-            ) from error
-
-    found: dict[str, list[Source]] = {}
-    for name, view in views.items():
-        numbers = view.frame_numbers
-        chosen = [i for i, number in enumerate(numbers) if frames.frame in (None, number)]
-        if not chosen and not found:
-            fail(view.path, f"frame {frames.frame} ({name})", ranges(numbers))
-        if chosen:
-            found[name] = [(source, partial(opened, view, i)) for i in chosen]
-    return found, recording.path
-
-
-def _captures(
-    sources: Sequence[Path], variant: str | None, antennas: AntennaOptions
-) -> tuple[dict[str, list[Source]], list[Path]]:
-    """Captures and frames by the variant in their names or records, and folders they lie in."""
-    from measurement_io import open_capture
-    from measurement_io.maroon.folders import VARIANTS, frame_file
-    from measurement_io.native.records import read_header
-    from measurement_io.opening import kind_of
-
-    found: dict[str, list[Source]] = {name: [] for name in VARIANTS}
-    places = [path.absolute().parent.parent for path in sources if frame_file(path).folder]
-    for path in sources:
-        kind = kind_of(path)
-        own = frame_file(path).variant if kind == "frame" else None
-        if kind == "native":
-            own = read_header(path).meta.get("variant")
-        name = variant or (own if own in VARIANTS else "raw")
-        more = antennas.chosen if kind == "frame" else {}
-        found[name].append((path, partial(open_capture, path, **more)))
-    return {name: some for name, some in found.items() if some}, places
-
-
-def _open(source: Path, variant: str | None, antennas: AntennaOptions) -> Recording:
-    """A recording in this variant or, for None, in raw if there are such frames."""
-    from measurement_io import open_recording
-    from measurement_io.maroon.folders import find_radar_folder, frames
-
-    if variant is None and source.is_dir():
-        there = frames(find_radar_folder(source))
-        variant = next((name for name, found in there.items() if found), None)
-    return open_recording(source, variant=variant or "raw", **antennas.chosen)
-
-
-def _check_apart(output: Path, radar: Path) -> None:
-    """Raise unless a folder that is written is apart from the radar folder that is read."""
-    place, read = output.resolve(), radar.resolve()
-    if read in (place, *place.parents):
-        raise OutputError(f"{output}: lies in the recording that is read; choose another folder")
-
-
-def _counts(views: Mapping[str, Sequence[Any]]) -> str:
-    return ", ".join(f"{len(view)} {name}" for name, view in views.items())
+            raise ModelError(f"{captures.latest}: {error}") from error
+    print_line(f"{radar}: {counted(len(captures), 'frame')}")
 
 
 def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,7 +20,6 @@ from clradar.cli.frames import (
     VOLUMES,
     Frames,
     FrameSteps,
-    files_of,
     read_record,
     record_file,
 )
@@ -39,10 +37,9 @@ from clradar.cli.options.measured import GridOptions
 from clradar.cli.outputs import save
 from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
-from clradar.files.json_differences import listed_differences
 from clradar.files.json_file import read_json_object, write_json
 from clradar.jobs import FolderStore, Job, Where, open_devices
-from clradar.jobs.job import KEY, changed_files, remove
+from clradar.jobs.job import KEY, remove
 
 if TYPE_CHECKING:
     from calibration.hand_fit.frame_fit import FrameFit
@@ -80,12 +77,11 @@ class RecordingWork:
     """A recording, what is done with its frames, and how."""
 
     source: Frames
-    others: Sequence[Frames]  # that have a frame for each of the recording's
     steps: FrameSteps  # without what is placed or averaged once the folder is begun
     voxels: GridOptions
-    groups: Sequence[tuple[int, ...]]  # each is averaged, and has the number of its first
+    numbers: Sequence[int]
     settings: Mapping[str, Any]  # options without the places of files
-    inputs: Mapping[str, Sequence[Path]]  # that all frames are made with
+    inputs: Mapping[str, Sequence[Path]]  # all files that are read
     labels: Sequence[str]
     where: Where
     hand: Mapping[str, Any] | None  # settings of `calibration.fit_hands`
@@ -100,11 +96,10 @@ class RecordingWork:
             resumable=lambda folder: any(folder.glob(f"{RECORDS}/*.json")),
         )  # fmt: skip
         with job.held():
-            self._check_frames()
             finished = (folder / RESULT).is_file()  # it goes before any frame is done
-            if not finished or len(self._done()) < len(self.groups):
-                with progress_bar("preparing"):
-                    self._prepare()
+            if not finished or len(self._done()) < len(self.numbers):
+                job.clear([RESULT])
+                self._prepare()
                 self._frames(job)
                 if not self._done():
                     raise MeasurementError(f"{self.source.path}: no frame could be processed")
@@ -117,103 +112,64 @@ class RecordingWork:
         print_line(f"{folder / RESULT}: the same with all metrics, and how they were made")
         if (folder / MOVIE).is_file():
             print_line(f"{folder / MOVIE}: the animation; its pictures are in pictures/")
-        if missing := len(self.groups) - len(records):
+        if missing := len(self.numbers) - len(records):
             raise MeasurementError(
-                f"{self.source.path}: {missing} of {len(self.groups)} frames could not be "
+                f"{self.source.path}: {missing} of {len(self.numbers)} frames could not be "
                 f"processed; {folder} has the others"
             )
 
-    def _check_frames(self) -> None:
-        """Raise where frames were made from other files than are there; `force` forgets them."""
-        folder, groups = self.steps.folder, {group[0]: group for group in self.groups}
-
-        def changes(number: int, inputs: Any) -> list[str]:
-            name = f"frame {number}:"
-            if number not in groups:
-                return [f"{name} is no longer there"]
-            files = files_of(groups[number], self.source, self.others)
-            return changed_files({name: files}, {name: inputs})
-
-        store = FolderStore(folder / MAPS)
-        placed_by = json.loads(str(store[GRID]["placed_by"])) if GRID in store else None
-        found = {GRID: changes(placed_by["frame"], placed_by["inputs"])} if placed_by else {}
-        records = sorted((folder / RECORDS).glob("*.json"))
-        with progress_bar("comparing files") as progress:
-            for done, path in enumerate(records, start=1):
-                inputs = read_json_object(path).get("inputs")
-                found[path.stem] = changes(int(path.stem), inputs)
-                if progress is not None:
-                    progress(done, len(records))
-        texts = list(dict.fromkeys(text for words in found.values() for text in words))
-        if texts and not self.force:
-            raise OutputError(
-                f"{folder}: was made from other files: {listed_differences(texts, 2)}. Choose "
-                "another folder, or make anew what changed with --force"
-            )
-        if found.get(GRID):  # which all frames are on
-            remove(folder, [name for name in OWN_NAMES if name not in (KEY, EMPTY)])
-        elif texts:
-            names = [name for name, words in found.items() if words]
-            kept = [f"{where}/{name}.h5" for where in (CAPTURES, VOLUMES) for name in names]
-            remove(folder, [RESULT, *kept, *(f"{RECORDS}/{name}.json" for name in names)])
-
     def _done(self) -> list[int]:
-        firsts = (group[0] for group in self.groups)
-        return [first for first in firsts if record_file(self.steps.folder, first).is_file()]
+        return [n for n in self.numbers if record_file(self.steps.folder, n).is_file()]
 
     def _prepare(self) -> None:
         """Complete the steps with what all frames need: the mean of the empty room, the grid.
 
-        Without ranges in the options the first group that can be read places the grid.
+        Without ranges in the options the first frame that can be read places the grid.
         """
         from calibration import average_frames
 
-        steps = self.steps
-        cleaning, mean = steps.cleaning, steps.folder / EMPTY
-        if cleaning.empty is not None and cleaning.empty.is_dir() and not cleaning.by_frame:
+        steps, folder = self.steps, self.steps.folder
+        for name in (RECORDS, MAPS):
+            (folder / name).mkdir(exist_ok=True)
+        for name, wanted in {
+            CAPTURES: steps.chosen.keep_captures, VOLUMES: steps.chosen.keep_volumes
+        }.items():  # fmt: skip
+            if wanted:
+                (folder / name).mkdir(exist_ok=True)
+        if steps.cleaning.empty is not None and steps.cleaning.empty.is_dir():
+            mean = folder / EMPTY
             if not mean.is_file():
-                room = Frames(cleaning.empty)
-                frames = map(room.capture, room.numbers or ())
-                save(mean, average_frames(frames), steps.origin, force=True)
-            steps = replace(steps, cleaning=replace(cleaning, empty=mean))
-        store = FolderStore(steps.folder / MAPS)
+                room = Frames(steps.cleaning.empty)
+                with progress_bar("averaging"):
+                    frames = map(room.capture, room.numbers or ())
+                    save(mean, average_frames(frames), steps.origin, force=True)
+            steps = replace(steps, cleaning=replace(steps.cleaning, empty=mean))
+        store = FolderStore(folder / MAPS)
         if GRID not in store:  # kept: another first frame may be readable when the run is resumed
-            grid, placed_by = self._place_grid(steps)
-            store[GRID] = {
-                "origin_m": grid.origin_m, "spacing_m": grid.spacing_m,
-                "counts": np.array(grid.counts), "placed_by": np.array(json.dumps(placed_by)),
-            }  # fmt: skip
+            grid = self.voxels.grid() if self.voxels.given else self._placed(steps)
+            arrays = {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
+            store[GRID] = {**arrays, "counts": np.array(grid.counts)}
         kept = store[GRID]
-        counts = kept["counts"].tolist()
-        grid = cl.VoxelGrid(kept["origin_m"], kept["spacing_m"], counts)
+        grid = cl.VoxelGrid(kept["origin_m"], kept["spacing_m"], kept["counts"].tolist())
         self.steps = replace(steps, grid=grid)
 
-    def _place_grid(self, steps: FrameSteps) -> tuple[cl.VoxelGrid, dict[str, Any]]:
-        """The grid, with the frame that placed it."""
-        if self.voxels.given:
-            return self.voxels.grid(), {}
-        failure: MeasurementError | None = None
-        for group in self.groups:
+    def _placed(self, steps: FrameSteps) -> cl.VoxelGrid:
+        failures = []
+        for number in self.numbers:
             try:
-                placed_by = {"frame": group[0], "inputs": steps.inputs_of(group)}
-                capture, _ = steps.cleaned(group)
+                capture, _ = steps.cleaned(number)
             except MeasurementError as error:
-                failure = failure or error
-                continue  # which is said when its turn comes
-            return grid_for(capture, self.voxels, steps.device), placed_by
-        assert failure is not None  # there is at least one frame
-        raise failure
+                failures.append(error)  # which is said when its turn comes
+                continue
+            return grid_for(capture, self.voxels, steps.device)
+        raise failures[0]
 
     def _frames(self, job: Job) -> None:
-        job.clear([RESULT])
-        kept = {CAPTURES: self.steps.kept.keep_captures, VOLUMES: self.steps.kept.keep_volumes}
-        for name in (RECORDS, MAPS, *(name for name, wanted in kept.items() if wanted)):
-            (job.folder / name).mkdir(exist_ok=True)
         with progress_bar("frames") as progress:
             for _ in job.each(
-                self.steps, self.groups, self.where,
-                done=lambda group: record_file(job.folder, group[0]).is_file(),
-                name=lambda group: f"frame {group[0]}: ",
+                self.steps, self.numbers, self.where,
+                done=lambda number: record_file(job.folder, number).is_file(),
+                name=lambda number: f"frame {number}: ",
                 tolerated=lambda error: not isinstance(error, MISSED),
                 progress=progress, say=print_line, noun="frame",
             ):  # fmt: skip
@@ -236,12 +192,10 @@ class RecordingWork:
             "device": self.steps.device or open_devices(self.where.device).first,
         }  # fmt: skip
         del first
-        inputs = [[file["sha256"] for file in one["inputs"]] for one in records]
         folder = self.steps.folder / HANDS
         with progress_bar("fitting the hand") as progress:
             try:
-                made_from = {"frames": numbers, "inputs": inputs}
-                fits = fit_frames(folder, images, settings, made_from, progress)
+                fits = fit_frames(folder, images, settings, progress)
             except CompareError as error:
                 print_warning(f"{HANDS}: {error}")
                 return None

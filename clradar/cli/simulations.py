@@ -1,4 +1,4 @@
-"""Folders of simulations: captures of clusters, and recordings of what moves."""
+"""Captures of `clradar simulate`: one, a folder of those of clusters, recordings of what moves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import clradar as cl
-from clradar.cli.console import print_line, progress_bar
+from clradar.cli.console import counted, print_line, progress_bar
 from clradar.cli.options.scene import PHYSICAL, MotionOptions, SceneOptions
 from clradar.cli.options.sweep import joints_record
 from clradar.cli.outputs import (
@@ -23,7 +23,7 @@ from clradar.errors import MeshError, warn
 from clradar.files.json_file import write_json
 from clradar.jobs import Job, Where
 from clradar.jobs.job import KEY
-from clradar.model.progress import Progress
+from clradar.model.progress import Progress, part_of
 
 if TYPE_CHECKING:
     from clradar.motion.motion_file import Motion
@@ -73,6 +73,23 @@ def check_output(
         check_outputs([output], force=force, inputs=inputs)
 
 
+def simulate_one(
+    output: Path,
+    scene: cl.Scene,
+    radar: tuple[cl.AntennaArray, cl.Waveform],
+    settings: cl.SimulationSettings,
+    device: cl.Device,
+    origin: Mapping[str, Any],
+    *,
+    force: bool,
+) -> str:
+    """Write a capture; return what it is."""
+    with progress_bar("tracing") as progress:
+        capture = cl.simulate(scene, *radar, settings=settings, device=device, progress=progress)
+    save(output, capture, origin, force=force)
+    return summary(capture)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClusterSteps:
     """What is done with a cluster, as plain values that a worker process gets."""
@@ -86,10 +103,13 @@ class ClusterSteps:
     device: cl.Device | str | None = None
 
     def run(self, item: Item, progress: Progress | None = None) -> str:
-        """Simulate a cluster, write its capture, and return it in words."""
+        """Simulate a cluster, write its capture, and return what it is."""
         number, array = item
+        if self.digest not in _scenes and keep_scene(self.scene.load()) != self.digest:
+            names = ", ".join(str(path) for path, _ in self.scene.named)
+            raise MeshError(f"{names}: changed while clusters were simulated")
         capture = cl.simulate(
-            self._scene(), array, self.waveform,
+            _scenes[self.digest], array, self.waveform,
             settings=self.settings, device=self.device, progress=progress,
         )  # fmt: skip
         save(self.file_of(number), capture, self.origin, force=True)
@@ -99,17 +119,11 @@ class ClusterSteps:
         """The capture of a cluster."""
         return self.folder / f"{CLUSTER_NAME.format(number)}.h5"
 
-    def _scene(self) -> cl.Scene:
-        if self.digest not in _scenes and keep_scene(self.scene.load()) != self.digest:
-            names = ", ".join(str(path) for path, _ in self.scene.named)
-            raise MeshError(f"{names}: changed while clusters were simulated")
-        return _scenes[self.digest]
-
 
 def simulate_clusters(
-    steps: ClusterSteps, clusters: Sequence[Item], where: Where, *, force: bool
+    steps: ClusterSteps, clusters: Sequence[cl.AntennaArray], where: Where, *, force: bool
 ) -> None:
-    """Make the captures of clusters, given with their numbers, that are not there yet."""
+    """Make the captures of clusters that are not there yet."""
     folder, origin = steps.folder, steps.origin
     inputs = {f"{i} {one['file']}": one["sha256"] for i, one in enumerate(origin["inputs"])}
     key = {
@@ -121,16 +135,17 @@ def simulate_clusters(
         force=force, resumable=lambda folder: any(folder.glob(PATTERN)),
     )  # fmt: skip
     with job.held(), progress_bar("tracing") as progress:
-        for (number, _), words in job.each(
-            steps, clusters, where, done=lambda one: steps.file_of(one[0]).is_file(),
+        for (number, _), text in job.each(
+            steps, list(enumerate(clusters, start=1)), where,
+            done=lambda one: steps.file_of(one[0]).is_file(),
             name=lambda one: f"cluster {one[0]}: ", progress=progress, say=print_line,
             noun="cluster",
         ):  # fmt: skip
-            print_line(f"{steps.file_of(number)}: {words}")
+            print_line(f"{steps.file_of(number)}: {text}")
 
 
 def summary(capture: cl.Capture) -> str:
-    """A simulated capture in words."""
+    """What a simulated capture is."""
     rays, settings = capture.meta["rays"], capture.meta["settings"]
     shape = " x ".join(str(n) for n in capture.data.shape)
     if settings["estimator"] == PHYSICAL:
@@ -152,10 +167,6 @@ def summary(capture: cl.Capture) -> str:
     )
 
 
-_STEPS = 1000
-"""Of the progress of a frame."""
-
-
 @dataclass(frozen=True, slots=True)
 class MotionRecording:
     """What a recording is simulated from; of several clusters each has its own."""
@@ -173,11 +184,10 @@ class MotionRecording:
         n_frames: int | None,
         origin: Mapping[str, Any],
         device: cl.Device,
-        progress: Progress | None,
         *,
         force: bool,
     ) -> str:
-        """Write a capture, or `n_frames` as a recording, whole or not at all; return it in words.
+        """Write a capture, or `n_frames` as a recording, whole or not at all; return what it is.
 
         Of several clusters a folder of them. One frame is in memory at a time.
         """
@@ -191,62 +201,56 @@ class MotionRecording:
                 f"{1e3 / self.rate_hz:.3g} ms between frames; lower --rate-hz, or give shorter "
                 "times in the motion file"
             )
-        several = len(self.clusters) > 1
-        if n_frames is None and not several:
-            (capture,) = self._captures(0, 1, timings[0], device, progress)
-            save(output, capture, origin, force=force)
-            instants = capture.meta["movement"].get("instants", 1)
-            times = "1 instant" if instants == 1 else f"{instants} instants"
-            return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {times}"
-        stamps_us = [round(1e6 * self._start_s(i)) for i in range(n_frames or 1)]
-        with whole_folder(output, force=force, replaced=recording_files(output)) as made:
-            for number, timing in enumerate(timings):
-                captures = self._captures(number, len(stamps_us), timing, device, progress)
-                name = CLUSTER_NAME.format(number + 1)
-                if n_frames is None:
-                    save(made / f"{name}.h5", next(captures), origin, force=False)
-                    continue
-                folder = made / name if several else made
-                described_frames = (described(capture, origin) for capture in captures)
-                save_recording(folder, described_frames, timestamps_us=stamps_us, force=True)
-                (folder / TRUTH).mkdir()
-                frames = [self._truth(i, stamp, timing) for i, stamp in enumerate(stamps_us)]
-                truth = {"frames": frames, **origin}
-                write_json(folder / TRUTH / "truth.json", truth, force=False)
-        words = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
-        words += f" of {1e3 * sweep_s:.3g} ms"
-        return words + (f", {len(self.clusters)} clusters" if several else "")
+        several, stamps_us = len(self.clusters) > 1, self._stamps_us(n_frames or 1)
+        with progress_bar("simulating") as progress:
+            if n_frames is None and not several:
+                (capture,) = self._captures(0, stamps_us, timings[0], device, progress)
+                save(output, capture, origin, force=force)
+                instants = counted(capture.meta["movement"].get("instants", 1), "instant")
+                return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {instants}"
+            with whole_folder(output, force=force, replaced=recording_files(output)) as made:
+                for number, timing in enumerate(timings):
+                    captures = self._captures(number, stamps_us, timing, device, progress)
+                    name = CLUSTER_NAME.format(number + 1)
+                    if n_frames is None:
+                        save(made / f"{name}.h5", next(captures), origin, force=False)
+                        continue
+                    folder = made / name if several else made
+                    frames = (described(capture, origin) for capture in captures)
+                    save_recording(folder, frames, timestamps_us=stamps_us, force=True)
+                    (folder / TRUTH).mkdir()
+                    known = [self._truth(i, stamp, timing) for i, stamp in enumerate(stamps_us)]
+                    truth = {"frames": known, **origin}
+                    write_json(folder / TRUTH / "truth.json", truth, force=False)
+        text = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
+        text += f" of {1e3 * sweep_s:.3g} ms"
+        return text + (f", {len(self.clusters)} clusters" if several else "")
 
-    def _start_s(self, frame: int) -> float:
-        return frame / self.rate_hz
+    def _stamps_us(self, n_frames: int) -> list[int]:
+        return [round(1e6 * (i / self.rate_hz)) for i in range(n_frames)]
 
     def _captures(
         self,
         number: int,
-        n_frames: int,
+        stamps_us: Sequence[int],
         timing: cl.SweepTiming,
         device: cl.Device,
         progress: Progress | None,
     ) -> Iterator[cl.Capture]:
         """The frames of one cluster."""
-        total = n_frames * len(self.clusters)
-        for i in range(n_frames):
-
-            def show(done: int, of: int, i: int = i) -> None:
-                if progress is not None:
-                    before = number * n_frames + i
-                    progress(before * _STEPS + _STEPS * done // of, total * _STEPS)
-
+        n_frames, total = len(stamps_us), len(stamps_us) * len(self.clusters)
+        for i, stamp_us in enumerate(stamps_us):
+            before = number * n_frames + i
             capture = cl.simulate_moving(
                 self.moving, self.clusters[number], self.waveform, timing=timing,
-                start_s=self._start_s(i), settings=self.settings, device=device, progress=show,
+                start_s=i / self.rate_hz, settings=self.settings, device=device,
+                progress=part_of(progress, before / total, (before + 1) / total),
             )  # fmt: skip
-            stamp_us = round(1e6 * self._start_s(i))
             yield replace(capture, meta={**capture.meta, "frame": i, "timestamp_us": stamp_us})
 
     def _truth(self, frame: int, stamp_us: int, timing: cl.SweepTiming) -> dict[str, Any]:
         """Where everything is in the middle of a sweep."""
-        middle_s = self._start_s(frame) + 0.5 * (timing.begin_s + timing.end_s)
+        middle_s = frame / self.rate_hz + 0.5 * (timing.begin_s + timing.end_s)
         hands = [
             {
                 "pose": body.pose(middle_s).name,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,12 +25,12 @@ from clradar.jobs.job import KEY
 if TYPE_CHECKING:
     from calibration import RoughnessSweep, Sweep
 
-TRANSFORM, RESULT = "transform.json", "sweep.json"
+RESULT = "sweep.json"
 TABLE, REGION_TABLE, FIGURE = "sweep.csv", "regions.csv", "sweep.png"
 WORK = "work"
 
 RESULTS = (FIGURE, TABLE, RESULT)
-OWN_NAMES = (KEY, TRANSFORM, RESULT, TABLE, REGION_TABLE, FIGURE, WORK)
+OWN_NAMES = (KEY, RESULT, TABLE, REGION_TABLE, FIGURE, WORK)
 """Names in the folder of a sweep that are its own; --force replaces no others. The settings first:
 the rest of a removal that is cut short then belongs to no sweep."""
 
@@ -54,11 +54,11 @@ def over_alpha(options: AlphaOptions, imaging: Mapping[str, Any], range_db: floa
         import calibration
 
         return calibration.sweep(
-            measured.volume, scene, values, metric=options.metric, dynamic_range_db=range_db,
-            **measured.radar, **imaging, **more,
+            measured.volume, scene, values, dynamic_range_db=range_db, **measured.radar, **imaging,
+            **more,
         )  # fmt: skip
 
-    record = {"alphas": values.tolist(), "metric": options.metric}
+    record = {"alphas": values.tolist()}
     return SweepKind(record, run, _write_alpha, _print_alpha)
 
 
@@ -89,23 +89,19 @@ def sweep_into(
     measured: Measurement,
     scene: cl.Scene,
     origin: Mapping[str, Any],
-    align: Mapping[str, Any] | None,
     *,
     force: bool,
     **settings: Any,
 ) -> None:
-    """Sweep in a folder, or resume a sweep that was killed there; `align` finds its place first."""
+    """Sweep in a folder, or resume a sweep that was killed there."""
     job = Job(
         folder=folder, work="sweep", own=OWN_NAMES, force=force,
         key={**origin["options"], "clradar": origin["clradar"]},
-        resumable=lambda at: (at / TRANSFORM).is_file() or any(at.glob(f"{WORK}/*.npz")),
+        resumable=lambda at: any(at.glob(f"{WORK}/*.npz")),
     )  # fmt: skip
     with job.held():
-        finished = is_finished(folder)
+        finished = all((folder / name).is_file() for name in RESULTS)
         if not finished:
-            if align is not None:
-                found = _aligned(folder / TRANSFORM, measured, scene, origin, align)
-                scene = scene.transformed(found)
             store = FolderStore(folder / WORK)
             if len(store):
                 print_line(f"{folder}: resumes with {len(store)} images that are done")
@@ -121,33 +117,6 @@ def sweep_into(
     else:
         kind.show(result)
         print_line(f"{folder}: {', '.join(RESULTS)}")
-
-
-def is_finished(folder: Path) -> bool:
-    """Whether all results are there; the last to be written is RESULT."""
-    return all((folder / name).is_file() for name in RESULTS)
-
-
-def _aligned(
-    path: Path,
-    measured: Measurement,
-    scene: cl.Scene,
-    origin: Mapping[str, Any],
-    settings: Mapping[str, Any],
-) -> np.ndarray:
-    """The pose of the mesh: from the file of an earlier run, or found and written."""
-    import calibration
-    from measurement_io import read_transform
-
-    if path.is_file():
-        return read_transform(path)
-    with progress_bar("aligning") as progress:
-        found = calibration.align_mesh(
-            measured.volume, scene, progress=progress, **measured.own_radar, **settings
-        )
-    write_json(path, {**found.to_dict(), **origin}, force=False)
-    print_text(found.report())
-    return found.transform
 
 
 def check_window(measured: Measurement, window: str) -> None:
@@ -169,34 +138,20 @@ def digest(image: cl.Volume | cl.Capture) -> str:
 
 
 def _write_alpha(folder: Path, result: Sweep) -> None:
-    from calibration.roughness.figure import sweep_figure
+    from calibration.roughness.figures import sweep_figure
     from clradar.plot import save_figure
 
     save_figure(sweep_figure(result), folder / FIGURE, force=True)
-    points = [
-        (i, k, float(alpha), seed)
+    rows = [
+        [float(alpha), seed, *(getattr(result.metrics[k][i], name) for name in METRICS)]
         for i, alpha in enumerate(result.alphas)
         for k, seed in enumerate(result.seeds)
     ]
-
-    def rows() -> Iterator[Sequence[Any]]:
-        """One row per alpha and seed: the metrics, and the score."""
-        for i, k, alpha, seed in points:
-            values = [getattr(result.metrics[k][i], name) for name in METRICS]
-            yield alpha, seed, *values, float(result.estimate.score[k, i])
-
-    write_csv(folder / TABLE, ("alpha", "seed", *METRICS, "score"), rows())
-    if result.regions is None:
-        return
-    # All other regions at their best alpha.
-    names = ("region", "alpha", "seed", result.estimate.metric, "score")
-    found = zip(result.regions.names, result.regions.estimates, strict=True)
-    regions = [
-        (name, alpha, seed, float(one.values[k, i]), float(one.score[k, i]))
-        for name, one in found
-        for i, k, alpha, seed in points
-    ]
-    write_csv(folder / REGION_TABLE, names, regions)
+    write_csv(folder / TABLE, ("alpha", "seed", *METRICS), rows)
+    if result.regions:
+        limits = ("median", "low", "high", "low95", "high95")
+        regions = [[r.name, *(getattr(r.interval, n) for n in limits)] for r in result.regions]
+        write_csv(folder / REGION_TABLE, ("region", *limits), regions)
 
 
 def _print_alpha(result: Sweep) -> None:
@@ -209,19 +164,17 @@ def _print_alpha(result: Sweep) -> None:
             return f"{values[0]:.{digits}f}"
         return f"{values.mean():.{digits}f} \N{PLUS-MINUS SIGN} {values.std(ddof=1):.{digits}f}"
 
-    found = result.estimate
     rows = []
     for i, alpha in enumerate(result.alphas):
         cells = [cell(f * result.of(name)[:, i], n) for name, f, n in METRIC_COLUMNS.values()]
-        mark = "best" if i == found.grid_best else "alike" if found.alike[i] else ""
-        rows.append([f"{alpha:g}", *cells, cell(found.score[:, i], 4), mark])
-    names = ("alpha", *METRIC_COLUMNS, "score", "")
+        rows.append([f"{alpha:g}", *cells, "nearest" if i == result.nearest else ""])
+    names = ("alpha", *METRIC_COLUMNS, "")
     print_table(names, rows, right=names[:-1])
     print_text(result.report())
 
 
 def _write_roughness(folder: Path, result: RoughnessSweep) -> None:
-    from calibration.roughness.roughness_figure import roughness_figure
+    from calibration.roughness.figures import roughness_figure
     from clradar.plot import save_figure
 
     save_figure(roughness_figure(result), folder / FIGURE, force=True)

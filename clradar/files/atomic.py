@@ -45,9 +45,36 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
 
 
 def require_space(temporary: Path, size_bytes: int) -> None:
-    """Raise `OSError` unless the disk has this space: HDF5 cannot close a file where it has not."""
+    """Raise `OSError` unless a file of this size can be written under a name that is free.
+
+    For HDF5, which cannot close a file that the disk has no space for, and says so in many lines.
+    """
+    if sys.platform == "linux" and _reserved(temporary, size_bytes):
+        return
     if size_bytes > shutil.disk_usage(temporary.parent).free:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def _reserved(temporary: Path, size_bytes: int) -> bool:
+    """Whether the file system has reserved the space, and let go of it; not all of them do.
+
+    Not by `os.posix_fallocate`: where the file system cannot, such as NFS 3, that writes it all.
+    """
+    import ctypes
+
+    system = ctypes.CDLL(None, use_errno=True)
+    reserve = system.fallocate64 if hasattr(system, "fallocate64") else system.fallocate
+    reserve.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64)
+    try:
+        with open(temporary, "xb") as file:
+            if reserve(file.fileno(), 0, 0, size_bytes) == 0:
+                return True
+            number = ctypes.get_errno()
+            if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise OSError(number, os.strerror(number))
+            return False
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 _MACHINE = sha256(platform.node().encode()).hexdigest()[:6]

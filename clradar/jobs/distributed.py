@@ -27,7 +27,8 @@ from clradar.files.failures import shown
 from clradar.files.json_differences import differences
 from clradar.jobs.cluster import DEVICE
 from clradar.jobs.outcome import ATTEMPTS, Outcome, outcome_of, reason_of
-from clradar.jobs.resources import made_with, own_device
+from clradar.jobs.resources import made_with
+from clradar.opencl import open_device
 from clradar.versions import own_version
 
 WAITING = 2
@@ -52,7 +53,7 @@ class ItemError(Exception):
 
 def worker_facts(device: str | None) -> dict[str, Any]:
     """The versions and the device of the worker that runs this."""
-    return made_with(own_device(device))
+    return made_with(open_device(device))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +71,9 @@ class Contract:
         different = differences(json.loads(self.made_with), worker_facts(self.device))
         if different:
             return f"expected versions and device of the other workers: {'; '.join(different)}"
-        try:
+        token, folder = "", self.token_file.parent
+        with suppress(OSError, ValueError):
             token = self.token_file.read_text(encoding="ascii")
-        except (OSError, ValueError):
-            token = ""
-        folder = self.token_file.parent
         if token != self.token:
             return f"cannot see the folder {shown(folder)} of the client; share it under this name"
         if not os.access(folder, os.W_OK | os.X_OK):
@@ -101,7 +100,7 @@ def run_item(steps: Any, item: Any, here: str, contract: Contract) -> Outcome:
     try:
         if moves:
             os.chdir(here)
-        return outcome_of(replace(steps, device=own_device(contract.device)).run, item, None)
+        return outcome_of(replace(steps, device=open_device(contract.device)).run, item, None)
     except Exception as error:
         raise ItemError(reason_of(error)) from None
     finally:
@@ -187,21 +186,18 @@ class Distributed:
     def made_with(self) -> Mapping[str, Any]:
         """Versions and device of all workers."""
         facts = self._results_of(worker_facts, self.device)
-        for address, fact in facts.items():
-            if fact["clradar"] != own_version():
-                raise ClusterError(
-                    f"{address}: expected clradar {own_version()} as on the client, "
-                    f"got {fact['clradar']}"
-                )
-        first, *others = facts.items()
+        (first, known), *others = facts.items()
+        if known["clradar"] != own_version():
+            own = f"clradar {own_version()} as on the client"
+            raise ClusterError(f"{first}: expected {own}, got {known['clradar']}")
         for address, fact in others:
-            different = differences(first[1], fact)
+            different = differences(known, fact)
             if different:
                 raise ClusterError(
-                    f"{address}: expected a worker that is as {first[0]}, since a sample's bits "
+                    f"{address}: expected a worker that is as {first}, since a sample's bits "
                     f"depend on it: {'; '.join(different)}"
                 )
-        return first[1]
+        return known
 
     def _await_workers(self, limit_s: float) -> list[str]:
         """The addresses of the workers with a device, once there is one."""

@@ -18,14 +18,13 @@ from clradar.jobs.outcome import Outcome, outcome_of
 from clradar.jobs.resources import (
     WorkerResources,
     check_alike,
-    divided,
     listed,
     own_cores,
     worker_resources,
 )
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, DeviceInfo, open_device
-from clradar.opencl.choice import select_devices
+from clradar.opencl.choice import select_devices, several
 from clradar.opencl.program import compiled
 from clradar.opencl.self_test import self_test
 
@@ -285,11 +284,10 @@ class Where:
         with ExitStack() as stack:
             if self.scheduler is not None:
                 client = stack.enter_context(running_cluster(self.scheduler))
-                engine = Distributed(client, self.device)
+                # Of several devices each worker has its own, in CLRADAR_DEVICE.
+                engine = Distributed(client, None if several(self.device) else self.device)
             else:
-                workers, device = divided(self.workers, self.device)
-                assert workers is not None
-                each = worker_resources(min(workers, n_items), device)
+                each = worker_resources(self.workers, self.device, n_items)
                 client, end = stack.enter_context(local_cluster(each))
                 engine = Distributed(client, end_workers=end)  # whose device is in CLRADAR_DEVICE
             try:

@@ -59,12 +59,6 @@ def open_with_layout(
         `frequencies_reversed`, `layout` (its settings), and under `file` the keys that the layout
         asks for.
 
-    Raises
-    ------
-    MeasurementError
-        Anything wrong with the file or the layout, or both do not fit each other. Nothing in the
-        file is ever unpickled or run.
-
     Examples
     --------
     >>> from pathlib import Path

@@ -45,10 +45,10 @@ Pick = Mapping[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """One key of an opened file.
+    """One key of a file, as a layout names it.
 
     `kind` is its type as text, `content` what can be read: "numbers", "text", or "other" for
-    nothing.
+    nothing; `value` reads it, in the confined process.
     """
 
     name: str
@@ -56,6 +56,15 @@ class Key:
     kind: str
     content: str = "other"
     value: Callable[[Pick], Any] | None = None
+
+    def __str__(self) -> str:
+        return f"{clean(self.name)[:80]} {self.description}"
+
+    @property
+    def description(self) -> str:
+        """Shape and type as text."""
+        shape = "" if self.content == "text" else f"{self.shape} "
+        return f"{shape}{clean(self.kind)[:80]}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from clradar.files.failures import clean, fail, reading, regular_file_size, show
 from clradar.files.limits import MAX_ARRAY_BYTES, MAX_LISTS_BYTES, MAX_META_NUMBERS
 from measurement_io.confined.hdf5_guard import HDF5_MAGIC
 from measurement_io.confined.reading import run
-from measurement_io.layouts.contents import EXPECTED
+from measurement_io.layouts.contents import EXPECTED, Key
 from measurement_io.layouts.contents import read as read_contents
 
 _SHOWN_KEYS = 30
@@ -42,25 +42,6 @@ def form_of(path: Path) -> str | None:
     if start.startswith(b"\x93NUMPY"):
         return "npy"
     return "mat5" if start[124:128] in (b"\x00\x01IM", b"\x01\x00MI") else None
-
-
-@dataclass(frozen=True, slots=True)
-class Key:
-    """One entry of a file, as a layout names it; its parts as those of `contents.Key`."""
-
-    name: str
-    shape: tuple[int, ...]
-    kind: str
-    content: str
-
-    def __str__(self) -> str:
-        return f"{clean(self.name)[:80]} {self.description}"
-
-    @property
-    def description(self) -> str:
-        """Shape and type as text."""
-        shape = "" if self.content == "text" else f"{self.shape} "
-        return f"{shape}{clean(self.kind)[:80]}"
 
 
 @dataclass(frozen=True, slots=True)

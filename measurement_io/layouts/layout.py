@@ -49,6 +49,9 @@ _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _AXES = 'a list of axes, such as ["tx", "rx", "freq"]'
 _SIGN = "-1 for exp(-j 2 pi f d / c) or +1 for exp(+j ...)"
 _SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
+_SOURCES = "one of 'key', 'values', 'file', 'array', or keys 'x', 'y' and 'z'"
+_KEYS = "'key', or 'real' and 'imag'"
+_PAIRS = '"tx_major" or "rx_major", for an axis "pair" and for nothing else'
 _SELECT = 'a slice "start:stop" (stop excluded) or a list of channels from 0'
 
 
@@ -80,28 +83,30 @@ class DataLayout(FileRecord):
     @model_validator(mode="after")
     def _fits_together(self) -> DataLayout:
         key, real, imag, axes = self.key, self.real, self.imag, self.axes
-        if (key is None) == (real is None and imag is None) or (real is None) != (imag is None):
-            got = _given(key=key, real=real, imag=imag)
-            raise mistake("'key', or 'real' and 'imag'", got, key="key")
-        for axis in axes:
-            if axis not in SIGNAL_AXES and axis not in self.pick:
-                known = ", ".join(f'"{name}"' for name in SIGNAL_AXES)
-                expected = f"{known}, or a name with an index in [data.pick]"
-                raise mistake(expected, axis, key="axes")
-            if axis != "one" and axes.count(axis) > 1:
-                raise mistake("every axis once", f'"{axis}" {axes.count(axis)} times', key="axes")
-        for name in self.pick:
-            if name in SIGNAL_AXES or name not in axes:
-                expected = "axes that are in 'axes' and have no meaning of their own"
-                raise mistake(expected, name, key="pick")
-        if "pair" in axes and ("tx" in axes or "rx" in axes):
-            raise mistake('"pair", or "tx" and "rx"', list(axes), key="axes")
-        if "part" in axes and key is None:
-            raise mistake("an axis \"part\" only with one 'key'", list(axes), key="axes")
-        if (self.pair_order is not None) != ("pair" in axes):
-            expected = '"tx_major" or "rx_major", for an axis "pair" and for nothing else'
-            raise mistake(expected, self.pair_order or "none", key="pair_order")
+        given = _given(key=key, real=real, imag=imag)
+        known = ", ".join(f'"{name}"' for name in SIGNAL_AXES)
+        unknown = [axis for axis in axes if axis not in (*SIGNAL_AXES, *self.pick)]
+        twice = [axis for axis in axes if axis != "one" and axes.count(axis) > 1]
+        idle = [name for name in self.pick if name in SIGNAL_AXES or name not in axes]
+        pair, order = "pair" in axes, self.pair_order
+        _refuse(
+            ((key is None) == (real is None and imag is None), "key", _KEYS, given),
+            ((real is None) != (imag is None), "key", _KEYS, given),
+            (unknown, "axes", f"{known}, or a name with an index in [data.pick]", unknown),
+            (twice, "axes", "every axis once", twice),
+            (idle, "pick", "axes that are in 'axes' and have no meaning of their own", idle),
+            (pair and {"tx", "rx"} & {*axes}, "axes", '"pair", or "tx" and "rx"', list(axes)),
+            ("part" in axes and key is None, "axes", "\"part\" only with one 'key'", list(axes)),
+            (pair != (order is not None), "pair_order", _PAIRS, order or "none"),
+        )
         return self
+
+
+def _refuse(*checks: tuple[object, str, str, object]) -> None:
+    """Raise the first mistake: whether it is one, key, expected, got."""
+    for wrong, key, expected, got in checks:
+        if wrong:
+            raise mistake(expected, got, key=key)
 
 
 def _select(value: Any) -> Any:
@@ -168,17 +173,15 @@ class AntennaLayout(FileRecord):
         sources = {name: getattr(self, name) for name in ("key", "values", "file", "array")}
         whole = sum(value is not None for value in sources.values())
         known = self.array is not None or self.file is not None
-        if whole + apart != 1 or (known and single):
-            expected = "one of 'key', 'values', 'file', 'array', or keys 'x', 'y' and 'z'"
-            got = _given(**(sources if whole else single))
-            raise mistake(f"{expected}, for the positions", got, key="key")
-        if whole and keys:
-            expected = "numbers, for coordinates that have no column"
-            raise mistake(expected, "a key", key="x, y, z")
-        if apart and len(single) != 3:
-            raise mistake("a key or a number (0.0 for antennas in one plane)", "none", key="z")
-        if "orientation" in self.model_fields_set and self.key is None:
-            raise mistake("a 'key' that it is about", "none", key="orientation")
+        turned = "orientation" in self.model_fields_set and self.key is None
+        given = _given(**(sources if whole else single))
+        plane = "a key or a number (0.0 for antennas in one plane)"
+        _refuse(
+            (whole + apart != 1 or (known and single), "key", f"{_SOURCES}, for positions", given),
+            (whole and keys, "x, y, z", "numbers, for coordinates that have no column", "a key"),
+            (apart and len(single) != 3, "z", plane, "none"),
+            (turned, "orientation", "a 'key' that it is about", "none"),
+        )
         return self
 
 
@@ -223,13 +226,12 @@ class FrequencyLayout(FileRecord):
     @model_validator(mode="after")
     def _is_one_of_them(self) -> FrequencyLayout:
         span = {name: getattr(self, name) for name in ("start", "stop", "step", "points")}
-        whole = self.start is not None and self.points is not None
-        whole = whole and (self.stop is None) != (self.step is None)
         ranges = any(value is not None for value in span.values())
-        if (self.key is not None) + (self.values is not None) + ranges != 1 or ranges != whole:
-            expected = "'key', or 'values', or 'start', 'points' and either 'stop' or 'step'"
-            got = _given(key=self.key, values=self.values, **span)
-            raise mistake(expected, got, key="key")
+        whole = None not in (self.start, self.points) and (self.stop is None) != (self.step is None)
+        forms = (self.key is not None) + (self.values is not None) + ranges
+        expected = "'key', or 'values', or 'start', 'points' and either 'stop' or 'step'"
+        given = _given(key=self.key, values=self.values, **span)
+        _refuse((forms != 1 or ranges != whole, "key", expected, given))
         return self
 
 
@@ -289,12 +291,6 @@ class Layout(FileRecord):
 
 def read_layout(path: str | os.PathLike[str]) -> Layout:
     """Return the layout of a TOML file; docs/layouts.md lists its settings.
-
-    Raises
-    ------
-    MeasurementError
-        Missing, no TOML, an unknown or missing key, an invalid value. The message names
-        the file, the key, what was expected and what was found, for all mistakes at once.
 
     Examples
     --------

@@ -13,7 +13,6 @@ import numpy as np
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean, shown
-from clradar.model import Scene
 from measurement_io.maroon import folders
 from measurement_io.maroon.alignment import MESH_SOURCE, SensorAlignment, read_alignment
 from measurement_io.maroon.depth_map import read_frequencies
@@ -28,18 +27,11 @@ from measurement_io.maroon.folders import (
     ranges,
 )
 from measurement_io.maroon.frame import read_frame_file
-from measurement_io.maroon.metadata import RecordingMetadata, read_metadata
-from measurement_io.maroon.recording import mesh_files, placed_mesh
-from measurement_io.record_facts import Fact, facts_of, mapping_text, millimetres
+from measurement_io.maroon.metadata import read_metadata
+from measurement_io.maroon.recording import mesh_files
+from measurement_io.record_facts import Fact, facts_of, mapping_text
 
 Record = TypeVar("Record")
-
-MESH_DISTANCE_TOLERANCE_M = 0.05
-"""How far the nearest part of a mesh may be from the distance that is noted: half of the steps in
-which objects are placed."""
-
-MASKED_SHARE = 0.5
-"""Fraction of the vertices of a mesh cut to the object that should be in the object's box."""
 
 
 @dataclass(slots=True)
@@ -171,7 +163,7 @@ def _inspect_calibration(
 
 
 def _inspect_placement(found: Findings, distance: Path) -> None:
-    """Add what lies in an `<object>/<distance>` folder, and where its meshes are placed."""
+    """Add what lies in an `<object>/<distance>` folder."""
     metadata = _beside(found, distance / METADATA_FILE, read_metadata, "")
     if metadata is not None:
         value = metadata.model_dump()
@@ -188,30 +180,14 @@ def _inspect_placement(found: Findings, distance: Path) -> None:
     meshes = found.read("meshes", lambda: mesh_files(distance))
     if meshes is None:
         return
+    found.add("meshes", ", ".join(map(clean, sorted(meshes))) or "none", sorted(meshes))
     if not meshes:
         found.missing.append(f"{MESH_FOLDER}/*.obj")
-        found.add("meshes", "none", {})
-        return
-    if alignment is not None:
+    elif alignment is not None:
         try:
             alignment.to_antenna(MESH_SOURCE)
-        except MeasurementError as error:  # once, and not for every mesh
+        except MeasurementError as error:
             found.problems.append(clean(error))
-            alignment = None
-    lines, values = [], {}
-    for name in sorted(meshes):
-        text, value = "cannot be placed", dict[str, Any]()
-        if alignment is not None:
-            try:
-                value = _mesh_value(placed_mesh(distance, name, alignment), metadata)
-                text = _mesh_text(value)
-                found.problems += _mesh_problems(name, value, metadata)
-            except MeasurementError as error:
-                found.problems.append(clean(error))
-                text = "cannot be read"
-        lines.append(f"{clean(name)}: {text}")
-        values[clean(name)] = value or None
-    found.add("meshes", "\n".join(lines), values)
 
 
 def _beside(
@@ -239,47 +215,3 @@ def _add_transforms(found: Findings, alignment: SensorAlignment) -> None:
         lines.append(f"no transforms: {clean(', '.join(alignment.unknown_keys))}")
     value = {"transforms": values, "unknown_keys": list(alignment.unknown_keys)}
     found.add(ALIGNMENT_FILE, "\n".join(lines) or "no transform in it", value)
-
-
-def _mesh_value(scene: Scene, metadata: RecordingMetadata | None) -> dict[str, Any]:
-    used = scene.vertices_m[np.unique(scene.faces)]
-    box = None if metadata is None else metadata.mask_bb_antenna
-    return {
-        "vertices": len(used),
-        "faces": scene.n_faces,
-        "low_m": used.min(axis=0).tolist(),
-        "high_m": used.max(axis=0).tolist(),
-        "share_in_mask_bb": None if box is None else float(box.contains(used).mean()),
-    }
-
-
-def _mesh_text(value: dict[str, Any]) -> str:
-    low, high = value["low_m"], value["high_m"]
-    size = millimetres([b - a for a, b in zip(low, high, strict=True)])
-    text = (
-        f"{value['vertices']} vertices, {value['faces']} faces, {size}, "
-        f"at z {1e3 * low[2]:.6g} to {1e3 * high[2]:.6g} mm"
-    )
-    share = value["share_in_mask_bb"]
-    return text if share is None else f"{text}, {share:.1%} of its vertices in mask_bb"
-
-
-def _mesh_problems(
-    name: str, value: dict[str, Any], metadata: RecordingMetadata | None
-) -> list[str]:
-    label = f"{MESH_FOLDER}/{clean(name)}.obj"
-    near, far = value["low_m"][2], value["high_m"][2]
-    at = f"z {1e3 * near:.6g} to {1e3 * far:.6g} mm"
-    problems = []
-    if near <= 0:
-        problems.append(f"{label} is placed or reaches behind the radar, {at}")
-    distance = None if metadata is None else metadata.distance_meters
-    slack = MESH_DISTANCE_TOLERANCE_M
-    if distance is not None and not near - slack <= distance <= far + slack:
-        problems.append(f"{label} is placed at {at}, {METADATA_FILE} has {distance:g} m")
-    share = value["share_in_mask_bb"]
-    if share is not None and share < (MASKED_SHARE if "masked" in name else 1 / value["vertices"]):
-        problems.append(
-            f"{label}: {share:.1%} of its vertices are in the mask_bb of {METADATA_FILE}"
-        )
-    return problems

@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import ConfigDict, Field
 
 from clradar.files.json_file import read_json_object
@@ -51,22 +50,6 @@ class MaskBox(FileRecord):
             (self.y_min_m, self.y_max_m),
             (self.z_min_m, self.z_max_m),
         )
-
-    def contains(self, points_m: np.ndarray) -> np.ndarray:
-        """Return which points lie in the box, shape (n,), bool.
-
-        A missing bound does not limit; bounds the wrong way round are taken the other way round.
-
-        Parameters
-        ----------
-        points_m : ndarray, shape (n, 3), metres
-            In the frame of the box.
-        """
-        inside = np.ones(len(points_m), dtype=bool)
-        for at_m, (low, high) in zip(np.asarray(points_m).T, self.bounds_m, strict=True):
-            low, high = -np.inf if low is None else low, np.inf if high is None else high
-            inside &= (at_m >= min(low, high)) & (at_m <= max(low, high))
-        return inside
 
 
 class RecordingMetadata(FileRecord):

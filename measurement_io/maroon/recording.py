@@ -49,12 +49,6 @@ def open_recording(
     rx_file, tx_file : path-like, optional
         Antenna positions; those of the radar folder, or of `clradar.arrays.qar50()`, if not given.
 
-    Raises
-    ------
-    MeasurementError
-        No such folder, several radar folders in it, no frame of the variant. A frame that cannot be
-        read is an error when it is accessed.
-
     Examples
     --------
     >>> from measurement_io import open_recording, save_recording
@@ -93,8 +87,7 @@ class _Files:
     def capture(self, variant: str, number: int) -> Capture:
         path = self.frames[variant][number]
         capture = read_frame_file(path, array=self.array, companion=self._companion)
-        first = self.waveform(variant, {number: capture.waveform})
-        if not first.same_frequencies(capture.waveform):
+        if not self.waveform(variant, capture).same_frequencies(capture.waveform):
             fail(path, "the frequencies of the recording's first frame", "others")
         return capture
 
@@ -104,29 +97,26 @@ class _Files:
         except MeasurementError:
             return None
 
-    def waveform(self, variant: str, known: Mapping[int, Waveform] | None = None) -> Waveform:
+    def waveform(self, variant: str, known: Capture | None = None) -> Waveform:
         """Return the frequencies of the first frame of a variant that can be read.
 
-        `known` are those of frames that have been read already.
+        `known` is a frame that was read already.
         """
-        if variant in self._waveforms:
-            return self._waveforms[variant]
         failure: MeasurementError | None = None
         for number, path in sorted(self.frames[variant].items()):
+            if variant in self._waveforms:
+                break
             try:
-                if known is not None and number in known:
-                    found = known[number]
+                if known is None or known.meta["frame"] != number:
+                    frame = read_frame_file(path, array=self.array, companion=self._companion)
                 else:
-                    found = read_frame_file(
-                        path, array=self.array, companion=self._companion
-                    ).waveform
+                    frame = known
+                self._waveforms[variant] = frame.waveform
             except MeasurementError as error:
                 failure = failure or error
-                continue
-            self._waveforms[variant] = found
-            return found
-        assert failure is not None  # there is at least one frame
-        raise failure
+        if variant not in self._waveforms and failure is not None:
+            raise failure
+        return self._waveforms[variant]
 
     def beside(self, name: str, read: Any) -> Any:
         """Return `read` of a file of the distance folder; None if it is not there."""
@@ -221,11 +211,6 @@ class Recording(Sequence[Capture]):
         """Return the same recording in another variant.
 
         Of a slice, the frames of the same numbers; of a whole recording, all that there are.
-
-        Raises
-        ------
-        MeasurementError
-            There is no frame of that variant, or none of one of the slice's numbers.
         """
         variant = checks.one_of("Recording.with_variant: variant", variant, folders.VARIANTS)
         return Recording(self._files, variant, None if self._all else self._numbers)

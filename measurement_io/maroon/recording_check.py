@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
@@ -34,7 +33,7 @@ def check_frames(
     stamps_us: dict[str, dict[int, int | float]] = {}
     for variant, files in frames.items():
         stamps = stamps_us[variant] = {}
-        read, zero, named = 0, [], {}
+        read, zero, named = 0, [], None
         for number, path in sorted(files.items()):
             done += 1
             if progress is not None:
@@ -48,8 +47,7 @@ def check_frames(
             waveform = waveform or capture.waveform
             if not waveform.same_frequencies(capture.waveform):
                 problems.append(f"{clean(path.name)}: other frequencies than the frames before")
-            if (frames_named := capture.meta.get("number_of_measurements")) is not None:
-                named[number] = frames_named
+            named = capture.meta.get("number_of_measurements") if read == 1 else named
             if not capture.data.any():
                 zero.append(number)
             if (stamp := first_time_stamp(capture)) is not None:
@@ -58,17 +56,8 @@ def check_frames(
         if not read:
             continue
         checked.append(f"{read} of {len(files)} {variant} frames read, values finite")
-        usual = Counter(named.values()).most_common(1)
-        other = [number for number, value in named.items() if value != usual[0][0]]
-        if other:
-            problems.append(
-                f"{variant} frames whose number_of_measurements is not {usual[0][0]} as of the "
-                f"rest: {ranges(other)}"
-            )
-        if variant == "raw" and usual and usual[0][0] != len(files):
-            problems.append(
-                f"the frames name {usual[0][0]} frames for the recording, {len(files)} are there"
-            )
+        if variant == "raw" and named is not None and named != len(files):
+            problems.append(f"the frames name {named} of the recording, {len(files)} are there")
         if zero:
             problems.append(f"{variant} frames that are zero everywhere: {ranges(zero)}")
         _check_stamps(variant, stamps, read, checked, problems)

@@ -147,24 +147,20 @@ def save_recording(
 ) -> Path:
     """Write captures as a recording, `path/radar_<low>_<high>_<points>` and the files beside it.
 
-    One frame at a time is in memory. All of it is written under a hidden name beside `path` and
-    renamed at the end, so that `path` never holds half a recording.
+    One frame at a time is in memory, and `path` never holds half a recording.
 
     Parameters
     ----------
     path : path-like
         The `<object>/<distance>` folder. The folders above it are made where missing.
     captures : iterable of Capture
-        All of one array and waveform; they get the numbers 0, 1, 2 ... Of antennas other than those
-        of `clradar.arrays.qar50()` the radar folder gets an `antennas.toml`, which the readers
-        take. Where the iterable has no length, each frame is written twice: it names how many
-        there are.
+        All of one array and waveform; they get the numbers 0, 1, 2 ... Where the iterable has no
+        length, each frame is written twice: it names how many there are.
     variant : {"raw", "emptyfiltered"}
         What `captures` are.
     emptyfiltered : iterable of Capture, optional
-        The same frames with the empty room removed, to go beside raw ones: each beside the one of
-        the same number in `meta["frame"]`, as those of a recording have, where all have one that is
-        unique, else one for each in order.
+        The same frames with the empty room removed: each goes beside the raw one of its number in
+        `meta["frame"]` where all have such a number, else there is one for each in order.
     timestamps_us : sequence, microseconds, optional
         A number, or a sequence of them, per frame. If not given, `meta["timestamp_us"]` of each
         capture, else 0.
@@ -175,29 +171,17 @@ def save_recording(
     grid : VoxelGrid, optional
         What `calibration.json` names as the grid of the frames; 20 x 20 x 40 cm if not given.
     copy_from : path-like, optional
-        A recording whose `metadata.json`, `alignment.json`, meshes, products and entries of
-        `calibration.json` are copied byte by byte, as far as they are not given otherwise. Which
-        of its frames a capture is, is in `meta["frame"]`.
+        A recording whose other files are copied as far as they are not given otherwise. Which of
+        its frames a capture is, is in `meta["frame"]`.
     progress : callable, optional
         Called with (frames written, frames in all) after each frame; in all is 0 if not known.
     force : bool
-        Replace the radar folder of this waveform, and files of the same name beside it, in a
-        folder that exists. Everything else in it stays.
+        Replace the radar folder of this waveform, and files of the same name beside it.
 
     Returns
     -------
     Path
         The radar folder.
-
-    Raises
-    ------
-    ModelError
-        No capture, captures of different arrays or waveforms, another number of time stamps, or
-        an invalid argument.
-    MeasurementError
-        A file of `copy_from` or of `meshes` cannot be read.
-    OutputError
-        The folder exists, is not empty and `force` is not set; or the system refuses to write.
 
     Examples
     --------

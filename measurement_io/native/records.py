@@ -54,15 +54,6 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
     force : bool
         Replace an existing file.
 
-    Raises
-    ------
-    ModelError
-        No capture; `capture.meta` holds what JSON cannot hold, or the array's name is no plain
-        text. Nothing is written.
-    OutputError
-        The target exists and `force` is not set, its folder does not exist, or the system refuses
-        to write. Nothing half-written stays behind.
-
     Examples
     --------
     >>> from measurement_io import open_capture, save_capture

@@ -18,7 +18,6 @@ import clradar
 from calibration import HYPOTHESES, Hypothesis, apply_convention, diagnose
 from calibration.conventions import search_grids
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, reference
-from clradar.cli.commands.diagnose import COARSE_GRID_MM, SearchGridOptions
 from clradar.errors import ModelError
 from clradar.hand import hand_mesh
 from clradar.model.range_profile import antenna_subset
@@ -402,19 +401,6 @@ def test_command(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert right.meta["conventions_applied"] == ["swapped, conjugated, mirrored"]
     assert right.meta["command"] == "diagnose"
     assert run("diagnose", wrong, "--fix-to", fixed) == 1  # exists
-
-
-def test_help_states_the_grid_that_is_used(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "300")
-    assert run("diagnose", "--help") == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    for axis, text in zip("xyz", COARSE_GRID_MM, strict=True):
-        options = shown[shown.index(f"--{axis}-mm RANGE") :]
-        stated = options[: options.index("]")].split("default: ")[1]
-        assert stated == f"around the echo; {text} if another axis is given"
-    assert SearchGridOptions().x_mm is None  # nothing given: the grid is around the echo
 
 
 def test_command_warns_of_indistinguishable_hypotheses(

@@ -137,17 +137,13 @@ def test_from_the_simulation_to_one_image_on_the_command_line(
     assert "3 clusters, which simulate and image take" in outcome.err
 
 
-def test_workers_devices_and_parts_make_the_same_files(
+def test_workers_and_devices_make_the_same_files(
     run: Run, tmp_path: Path, command: list[str]
 ) -> None:
     pytest.importorskip("distributed")
     here = tmp_path / "here"
     assert run(*command, "-o", here).status == 0
-    ways = {"workers": [["--workers", "2"]], "parts": [["--clusters", "2:3"], ["--clusters", "1"]]}
-    for name, parts in ways.items():
-        for part in parts:
-            outcome = run(*command, "-o", tmp_path / name, *part)
-            assert outcome.status == 0, outcome.err
+    assert run(*command, "-o", tmp_path / "workers", "--workers", "2").status == 0
     # In a process of its own, which sees the CPU as two devices.
     done = subprocess.run(
         [sys.executable, "-m", "clradar", *command, "-o", tmp_path / "devices", "--device", "all"],
@@ -156,7 +152,7 @@ def test_workers_devices_and_parts_make_the_same_files(
     assert done.returncode == 0, done.stderr
     want = contents(here)
     assert sorted(want) == NAMES
-    for name in (*ways, "devices"):
+    for name in ("workers", "devices"):
         assert contents(tmp_path / name) == want, name
 
 
@@ -221,14 +217,11 @@ def test_a_mesh_that_changes_between_clusters_is_refused(
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        (["--clusters", "4"], "some of the clusters 1 to 3"),
-        (["--clusters", "x"], "--clusters"),
         (["--workers", "0"], "--workers"),
         (["--array", "qar50", "--workers", "1"], "expected an --array of clusters"),
-        (["--array", "qar50", "--clusters", "1"], "expected an --array of clusters"),
     ],
 )
-def test_numbers_of_clusters_and_workers(
+def test_numbers_of_workers(
     run: Run, tmp_path: Path, command: list[str], options: list[str], named: str
 ) -> None:
     outcome = run(*command, "-o", tmp_path / "made", *options)

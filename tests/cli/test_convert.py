@@ -10,13 +10,12 @@ from pathlib import Path
 
 import command_line
 import maroon_files as files
-import maroon_products as made
 import numpy as np
 import pytest
 from systems import posix_only
 
 import clradar
-from measurement_io import check_file, open_capture, read_depth_map, save_capture
+from measurement_io import check_file, open_capture, save_capture
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -30,10 +29,9 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """<object>/<distance> with two frames of both variants, products of frame 1, and a mesh."""
+    """<object>/<distance> with two frames of both variants, and a mesh."""
     distance = tmp_path / "hand" / "30"
-    radar = files.write_recording(distance, n_frames=2)
-    made.write_products(radar, 1, made.scene([(0.05, 0.02, 0.3, 500.0)], (9, 7, 3)))
+    files.write_recording(distance, n_frames=2)
     (distance / "metadata.json").write_bytes(b'{"distance_meters":  0.3}')
     (distance / "photogrammetry").mkdir()
     (distance / "photogrammetry" / "mesh.obj").write_bytes(b"v 1 2 3\n")
@@ -144,15 +142,6 @@ def test_all_frames_skips_damaged_frames(run, recording, tmp_path):
     assert not (tmp_path / "b").exists()
 
 
-@pytest.mark.parametrize("number", [0, 1])
-def test_a_recording_with_a_damaged_frame_is_not_copied(run, recording, tmp_path, number):
-    bad = recording / "radar_72.0_82.0_2" / "calibrated_data" / f"00000{number}.npy"
-    bad.write_bytes(bad.read_bytes()[:-1000])
-    outcome = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
-    one_error_line(outcome, bad.name, "--all-frames converts the frames that can be read")
-    assert not (tmp_path / "copy").exists()
-
-
 # ---- to a recording
 
 
@@ -162,7 +151,7 @@ def test_one_capture_to_a_recording_and_back(run, tmp_path):
     (tmp_path / "new").mkdir()
     status, out, _ = run(tmp_path / "sim.h5", "-o", tmp_path / "new" / "30", "--to", "maroon")
     assert status == 0
-    assert "1 raw frame" in out
+    assert "1 frame" in out
     assert run(tmp_path / "new" / "30", "-o", tmp_path / "back.h5")[0] == 0
     back, capture = open_capture(tmp_path / "back.h5"), open_capture(tmp_path / "sim.h5")
     assert same_capture(back, capture)
@@ -179,103 +168,13 @@ def test_several_captures_to_a_recording(run, tmp_path):
     sources.append(files.write_frame(tmp_path / "000009.npy", files.random_frame(seed=2)))
     status, out, err = run(*sources, "-o", tmp_path / "30", "--to", "maroon")
     assert status == 0, err
-    assert "3 raw frames" in out
+    assert "3 frames" in out
     for i, source in enumerate(sources):
         read = open_capture(tmp_path / "30", frame=i)
         assert same_capture(read, open_capture(source))
         assert read.meta["number_of_measurements"] == 3
         assert read.meta["timestamp_us"] == stamps[i]
     assert check_file(tmp_path / "30").ok, check_file(tmp_path / "30")
-
-
-def test_time_stamps_and_variant_of_captures(run, tmp_path):
-    sources = [native(tmp_path / f"{i}.h5", seed=i) for i in range(2)]
-    command = [*sources, "-o", tmp_path / "30", "--to", "maroon", "--variant", "emptyfiltered"]
-    one_error_line(run(*command, "--timestamp-us", 5), "time stamps")
-    assert not (tmp_path / "30").exists()
-    assert run(*command, "--timestamp-us", 5, "--timestamp-us", 7)[0] == 0
-    read = open_capture(tmp_path / "30", frame=1, variant="emptyfiltered")
-    assert read.meta["timestamp_us"] == 7
-
-
-@pytest.mark.parametrize("whole_folder", [False, True])
-def test_all_frames_and_back(run, recording, tmp_path, whole_folder):
-    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
-    (data / "000000_emptyfiltered.npy").unlink()
-    assert run(recording, "-o", tmp_path / "frames", "--all-frames")[0] == 0
-    captures = sorted((tmp_path / "frames").iterdir(), reverse=True)  # not the order of numbers
-    captures.sort(key=lambda path: path.name[:6])
-    sources = [tmp_path / "frames"] if whole_folder else captures
-    status, out, err = run(*sources, "-o", tmp_path / "back", "--to", "maroon")
-    assert (status, err) == (0, "")
-    assert "2 raw, 1 emptyfiltered frames" in out
-    assert sorted(p.name for p in tmp_path.glob("back/*/*/*.npy")) == sorted(os.listdir(data))
-    for frame, variant in ((0, "raw"), (1, "raw"), (1, "emptyfiltered")):
-        read, theirs = (
-            open_capture(folder, frame=frame, variant=variant)
-            for folder in (tmp_path / "back", recording)
-        )
-        assert same_capture(read, theirs)
-        assert read.meta["timestamp_us"] == theirs.meta["timestamp_us"]
-    assert check_file(tmp_path / "back").ok, check_file(tmp_path / "back")
-    assert run(*sources, "-o", tmp_path / "one", "--to", "maroon", "--variant", "raw")[0] == 0
-    names = sorted(p.name for p in tmp_path.glob("one/*/*/*.npy"))
-    assert names == ["000000.npy", "000001.npy", "000002.npy"]
-
-
-def test_variants_of_frames_and_of_captures_without_one(run, recording, tmp_path):
-    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
-    filtered = [data / "000001_emptyfiltered.npy", data / "000000_emptyfiltered.npy"]
-    raw = [native(tmp_path / "a.h5"), native(tmp_path / "odd.h5", seed=5, variant="odd")]
-    target = ["-o", tmp_path / "30", "--to", "maroon"]
-    assert run(filtered[0], raw[0], filtered[1], raw[1], *target)[0] == 0
-    for variant, paths in (("raw", raw), ("emptyfiltered", filtered)):
-        for frame, path in enumerate(paths):  # without numbers of their own: in order
-            read = open_capture(tmp_path / "30", frame=frame, variant=variant)
-            assert same_capture(read, open_capture(path))
-    one_error_line(run(*raw, filtered[0], "-o", tmp_path / "40", "--to", "maroon"), "000001_empty")
-    assert not (tmp_path / "40").exists()
-
-
-def test_a_recording_to_a_recording(run, recording, tmp_path):
-    before = tree(recording)
-    status, out, err = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
-    assert status == 0, err
-    assert "2 raw, 2 emptyfiltered frames" in out
-    after = tree(tmp_path / "copy")
-    for name, content in before.items():
-        if name.endswith((".ply", ".png", ".obj", "metadata.json")):
-            assert after[name] == content
-    for frame in range(2):
-        for variant in ("raw", "emptyfiltered"):
-            assert same_capture(
-                open_capture(tmp_path / "copy", frame=frame, variant=variant),
-                open_capture(recording, frame=frame, variant=variant),
-            )
-    assert tree(recording) == before
-
-
-@pytest.mark.parametrize("variant", ["raw", "emptyfiltered", None])
-def test_one_frame_of_a_recording_to_a_recording(run, recording, tmp_path, variant):
-    chosen = [] if variant is None else ["--variant", variant]
-    command = [recording, "-o", tmp_path / "one", "--to", "maroon", "--frame", 1, *chosen]
-    assert run(*command)[0] == 0
-    there = sorted(p.name for p in tmp_path.glob("one/radar*/calibrated_data/*"))
-    expected = {"raw": ["000000.npy"], "emptyfiltered": ["000000_emptyfiltered.npy"]}
-    assert there == expected.get(variant, ["000000.npy", "000000_emptyfiltered.npy"])
-    for name in [variant] if variant else ["raw", "emptyfiltered"]:
-        read = open_capture(tmp_path / "one", variant=name)
-        assert same_capture(read, open_capture(recording, frame=1, variant=name))
-        assert read.meta["number_of_measurements"] == 1
-    (radar,) = (tmp_path / "one").glob("radar*")
-    theirs = read_depth_map(recording / radar.name, 1)
-    assert np.array_equal(read_depth_map(radar, 0).depth_m, theirs.depth_m, equal_nan=True)
-    one_error_line(
-        run(recording, "-o", tmp_path / "two", "--to", "maroon", "--frame", 5, *chosen), "frame 5"
-    )
-
-
-# ---- refusals
 
 
 def test_captures_that_do_not_belong_together(run, tmp_path):
@@ -286,36 +185,11 @@ def test_captures_that_do_not_belong_together(run, tmp_path):
         np.ones((3, 3, 2), np.complex64), array, clradar.Waveform.sfcw(72e9, 82e9, 2)
     )
     save_capture(tmp_path / "c.h5", other)
-    frame = files.write_frame(tmp_path / "000000_emptyfiltered.npy", files.random_frame())
     target = ["-o", tmp_path / "30", "--to", "maroon"]
     one_error_line(run(a, b, *target), "b.h5", "2 from 72 to 82 GHz", "3 from 72 to 82 GHz")
     one_error_line(run(a, tmp_path / "c.h5", *target), "c.h5", "qar50", "three")
     one_error_line(run(a, tmp_path / "none.h5", *target), "none.h5")
     assert not list(tmp_path.glob("**/30*"))
-    assert run(a, frame, *target, "--variant", "raw")[0] == 0
-    assert len(list((tmp_path / "30").glob("*/*/00000?.npy"))) == 2
-
-
-def test_a_recording_with_a_hole_in_the_emptyfiltered_variant(run, recording, tmp_path):
-    hole = "radar_72.0_82.0_2/calibrated_data/000000_emptyfiltered.npy"
-    (recording / hole).unlink()
-    status, out, err = run(recording, "-o", tmp_path / "copy", "--to", "maroon")
-    assert (status, err) == (0, "")
-    assert "2 raw, 1 emptyfiltered frames" in out
-    assert tree(tmp_path / "copy").keys() == tree(recording).keys()
-    read, theirs = (
-        open_capture(folder, frame=1, variant="emptyfiltered")
-        for folder in (tmp_path / "copy", recording)
-    )
-    assert same_capture(read, theirs)
-    assert read.meta["timestamp_us"] == theirs.meta["timestamp_us"]
-
-
-def test_an_emptyfiltered_frame_without_a_raw_one(run, recording, tmp_path):
-    (recording / "radar_72.0_82.0_2/calibrated_data/000000.npy").unlink()
-    target = ["-o", tmp_path / "copy", "--to", "maroon"]
-    one_error_line(run(recording, *target), "every emptyfiltered one, got none for 0", "--variant")
-    assert run(recording, *target, "--variant", "raw")[0] == 0
 
 
 @posix_only
@@ -324,14 +198,13 @@ def test_a_recording_is_never_written_into_itself(run, recording, tmp_path, forc
     before = tree(recording)
     radar = recording / "radar_72.0_82.0_2"
     frame = radar / "calibrated_data" / "000000.npy"
-    for source in (recording, radar, frame):
-        for target in (recording, radar / "calibrated_data", radar / "new"):
-            one_error_line(run(source, "-o", target, "--to", "maroon", *force), "30")
+    for target in (recording, radar / "calibrated_data", radar / "new"):
+        one_error_line(run(frame, "-o", target, "--to", "maroon", *force), "30")
     for target in (radar, radar / "calibrated_data"):
         one_error_line(run(recording, "-o", target, "--all-frames", *force), "radar_72.0_82.0_2")
     link = tmp_path / "link"
     os.symlink(recording, link)
-    one_error_line(run(recording, "-o", link, "--to", "maroon", *force), "link")
+    one_error_line(run(frame, "-o", link, "--to", "maroon", *force), "link")
     assert tree(recording) == before
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 import clradar
 import clradar.plot
-from clradar.cli.inputs import recording_words, title_of
+from clradar.cli.inputs import recording_title, title_of
 from clradar.cli.options.measured import GridOptions, axis_mm
 from clradar.files.hashing import sha256_of
 from measurement_io import (
@@ -100,8 +100,8 @@ def test_figures_of_recordings_are_titled_with_object_distance_variant_and_frame
     assert run("image", made / "volume.h5", *png).status == 0
     assert titles == [words, words, words, f"v.h5: {words}", "volume.h5"]
     volume = open_volume(tmp_path / "v.h5")
-    assert recording_words(volume.meta) == words
-    assert recording_words({"capture": {"format": "maroon", "source": 3}}) == ""
+    assert recording_title(volume.meta) == words
+    assert recording_title({"capture": {"format": "maroon", "source": 3}}) == ""
     assert title_of(Path("lab.mat"), {"format": "layout", "frame": 2}) == "lab.mat, frame 2"
 
 
@@ -226,7 +226,7 @@ def test_a_capture_without_a_grid_is_imaged_where_its_echo_is(run: Run, tmp_path
     outcome = run("image", far, "-o", tmp_path / "v.h5")
     assert outcome.status == 0, outcome.err
     assert outcome.err == ""
-    assert "no grid given: placed around the strongest echo" in outcome.out
+    assert "grid: " in outcome.out
     volume = open_volume(tmp_path / "v.h5")
     assert volume.grid.z_m[0] < 1.5 < volume.grid.z_m[-1]
     assert np.abs(volume.data).max() > 0.9

@@ -15,7 +15,7 @@ from systems import posix_only
 
 import clradar
 from clradar.cli import main
-from clradar.cli.app import COMMANDS, context_of, module_of
+from clradar.cli.app import COMMANDS, PANELS, context_of, module_of
 from clradar.errors import MeshError
 
 HEAVY = ("trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", "rich.progress")
@@ -35,9 +35,10 @@ def in_process(code: str, *arguments: str, **kwargs: Any) -> subprocess.Complete
 def test_help_lists_the_commands_there_are(run: Run) -> None:
     outcome = run("--help")
     assert outcome.status == 0
-    listed = outcome.out.split("Commands:")[1]
-    for name in COMMANDS:
-        assert f"  {name}" in listed
+    for panel, names in PANELS.items():
+        listed = outcome.out.split(f"\n{panel}:\n")[1]
+        for name in names:
+            assert f"  {name}" in listed
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -52,6 +53,15 @@ def test_help_of_each_command(run: Run, name: str) -> None:
     names = [record[0].split()[0] for record in records if record is not None]
     assert "-h," in names
     assert not [one for one in names if one not in text]
+
+
+@pytest.mark.parametrize(("typed", "completed"), [("pro", "process"), ("image --met", "--method")])
+def test_a_shell_completes_commands_and_their_options(typed: str, completed: str) -> None:
+    words = f"clradar {typed}"
+    variables = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
+    environment = {**os.environ, "_CLRADAR_COMPLETE": "complete_bash", **variables}
+    done = in_process("from clradar.cli import main; main()", env=environment)
+    assert done.stdout.split() == [completed]
 
 
 def test_version(run: Run) -> None:
@@ -112,26 +122,6 @@ def test_an_unexpected_error_names_its_type(
     monkeypatch.setattr("clradar.hand.hand_mesh", broken)
     outcome = run("hand", "-o", tmp_path / "x.ply")
     one_error_line(outcome, "ZeroDivisionError: first line second line", "--debug")
-
-
-@posix_only
-def test_surroundings_that_packages_would_blame_a_file_for(tmp_path: Path) -> None:
-    done = in_process(
-        "from clradar.cli import main; main(['materials'])",
-        env={**os.environ, "SOURCE_DATE_EPOCH": "x"},
-    )
-    assert done.stderr == (
-        "clradar: error: SOURCE_DATE_EPOCH: expected whole seconds since 1970, got 'x'\n"
-    )
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    done = in_process(
-        "import os, sys; os.rmdir(os.getcwd()); from clradar.__main__ import run\n"
-        "sys.argv = ['clradar', 'materials']; run()",
-        cwd=gone,
-    )
-    expected = "clradar: error: the current folder does not exist any more: change to another\n"
-    assert (done.returncode, done.stderr) == (1, expected)
 
 
 @posix_only

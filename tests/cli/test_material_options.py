@@ -1,4 +1,4 @@
-"""``--material``, ``--material-of`` and ``--materials``."""
+"""``--material`` and ``--material-of``."""
 
 from __future__ import annotations
 
@@ -45,13 +45,6 @@ def test_materials_of_all_and_of_parts(scene: clradar.Scene, own: Path) -> None:
     assert some.material_files == [own]
     alone = MaterialOptions(material_of=["thumb=skin"]).on(scene)
     assert names(alone) == ["perfect conductor", "skin", "perfect conductor"]
-    # Names of files come before those that come along, unless the file is named, too.
-    mine = MaterialOptions(material="palm", material_of=["thumb=skin"], materials=[own])
-    with pytest.warns(clradar.ClradarWarning, match="its own palm, which hide known ones"):
-        found = mine.on(scene)
-    assert names(found) == ["palm", "skin", "palm"]
-    assert found.materials[0].permittivity == 3
-    assert mine.material_files == [own]
     file = MaterialOptions(material=f"{own}:resin").on(scene)
     assert file.materials == (clradar.read_materials(own)["resin"],)
 

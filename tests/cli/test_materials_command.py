@@ -62,4 +62,4 @@ def test_files_that_are_none(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
     path.write_text("[x]\npermitivity = 3", encoding="utf-8")
     one_error_line(run("materials", path), "lab.toml", "x.permitivity: unknown key", "permittivity")
-    one_error_line(run("materials", tmp_path / "gone.toml"), "gone.toml", "nothing there")
+    one_error_line(run("materials", tmp_path / "gone.toml"), "gone.toml: no such file")

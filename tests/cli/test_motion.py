@@ -87,7 +87,7 @@ def test_frames_of_another_radar_and_clusters_one_after_the_other(
     np.testing.assert_allclose(second[1].data, want.data, rtol=1e-5)
     for missing in ("none.ply", "ball.ply:0.5 none.ply"):
         outcome = run("simulate", *missing.split(), *options.split(), "-o", "no.h5")
-        one_error_line(outcome, "none.ply: expected a mesh file")
+        one_error_line(outcome, "none.ply: no such file; expected a mesh file")
     outcome = run("simulate", "ball.ply", *options.split(), "--array", "wall.toml", "-o", "one")
     assert outcome.status == 0, outcome.err
     assert sorted(path.name for path in Path("one").iterdir()) == [

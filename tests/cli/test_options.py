@@ -16,18 +16,18 @@ from clradar.cli.options.groups import REQUIRED, argument, expanded, given, opti
 
 @dataclass(frozen=True, kw_only=True)
 class Base:
-    window: Literal["rect", "hann"] = option("rect", "Weights.")
+    window: Literal["rect", "hann"] = option("Weights.", "rect")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Group(Base):
-    source: Path = argument(REQUIRED, "What is read.", metavar="SOURCE")
-    edge_mm: float | None = option(None, "Length of an edge.", metavar="MM")
-    size: tuple[float, float] | None = option(None, "Width and height.")
-    parts: list[str] | None = option(None, "Parts.", names=("-p", "--part"))
-    left: bool = option(False, "A left hand.", needs="--edge-mm")
-    right: bool = option(False, "A right hand.", without="--left -p")
-    other: bool = option(False, "Of another command.", needs="--nowhere")
+    source: Path = argument("What is read.", REQUIRED, metavar="SOURCE")
+    edge_mm: float | None = option("Length of an edge.")
+    size: tuple[float, float] | None = option("Width and height.")
+    parts: list[str] | None = option("Parts.", names=("-p", "--part"))
+    left: bool = option("A left hand.", False, needs="--edge-mm")
+    right: bool = option("A right hand.", False, without="--left -p")
+    other: bool = option("Of another command.", False, needs="--nowhere")
 
 
 def outcome_of(*arguments: str) -> tuple[int, str, list[object]]:
@@ -35,7 +35,7 @@ def outcome_of(*arguments: str) -> tuple[int, str, list[object]]:
     received: list[object] = []
 
     def command(
-        *, group: Group, count: int = option(REQUIRED, "How many."), device: str | None = DEVICE
+        *, group: Group, count: int = option("How many.", REQUIRED), device: str | None = DEVICE
     ) -> None:
         received.extend([group, count, device])
 

@@ -231,7 +231,6 @@ def test_an_input_is_not_replaced_with_its_folder(run: Run, place: Path) -> None
     before = tree(place)
     for line in (
         "register in.h5 old/placed.ply -o old --force",
-        "sweep in.h5 in.ply --transform old/transform.json -o old --force",
         "convert in.h5 --to maroon --rx-file old/metadata.json -o old --force",
         "fit-hand in.h5 --pose old -o old --force",
     ):

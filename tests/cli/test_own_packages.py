@@ -42,14 +42,14 @@ def output_of(lab: Path, *arguments: str, path: str = str(ROOT)) -> tuple[int, s
 def test_a_command_runs_beside_files_of_the_names_of_ours(lab: Path, module: str) -> None:
     status, err = output_of(lab, "-m", module, *CORRECT)
     assert (status, len(err.splitlines())) == (1, 1), err
-    assert err.startswith("clradar: error: none.h5: expected a native file of channels")
+    assert err.startswith("clradar: error: none.h5: no such file")
 
 
 def test_the_installed_program_runs_there(lab: Path, tmp_path_factory) -> None:
     program = tmp_path_factory.mktemp("bin") / "clradar"
     program.write_text("from clradar.cli import main\nmain()\n")
     _, err = output_of(lab, str(program), *CORRECT)
-    assert err.startswith("clradar: error: none.h5: expected a native file of channels")
+    assert err.startswith("clradar: error: none.h5: no such file")
 
 
 def test_the_file_that_hides_a_package_is_named(lab: Path) -> None:

@@ -6,15 +6,12 @@ import csv
 import json
 import os
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import two_devices
 from command_line import Run, exit_status, one_error_line
 from PIL import Image
 from recorder import Recorder, Recording
@@ -105,18 +102,18 @@ def test_a_killed_run_resumes_to_the_same_files(
     done: list[int] = []
     one_frame = FrameSteps.run
 
-    def until_killed(self: FrameSteps, numbers: tuple[int, ...], _: Any) -> None:
+    def until_killed(self: FrameSteps, number: int, _: Any) -> None:
         if len(done) == 1:
             raise KeyboardInterrupt
-        one_frame(self, numbers)
-        done.append(numbers[0])
+        one_frame(self, number)
+        done.append(number)
 
     monkeypatch.setattr(FrameSteps, "run", until_killed)
     assert run(*command, "-o", killed).status == 130
     assert not (killed / "recording.json").exists()
     # As a kill between the two files of a frame leaves it.
     (killed / "maps" / "000001.npz").write_bytes(b"half")
-    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: done.append(n[0]) or one_frame(s, n))
+    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: done.append(n) or one_frame(s, n))
     outcome = run(*command, "-o", killed)
     assert outcome.status == 0, outcome.err
     assert "resumes with 1 of 3 frames done before" in outcome.out
@@ -167,7 +164,6 @@ def frame_file(place: Path, number: int) -> Path:
 @pytest.mark.parametrize(
     ("changed", "named"),
     [
-        ("REC", "frame 2: '"), ("SIM", "frame 2: '"), ("ROOM", "--empty '"),
         ("channels.h5", "--channels '"), ("single.h5", "SIMULATED '"),
     ],
 )  # fmt: skip
@@ -180,7 +176,7 @@ def test_inputs_count_by_their_content(
     monkeypatch.chdir(place)
     done: list[int] = []
     one_frame = FrameSteps.run
-    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: done.append(n[0]) or one_frame(s, n))
+    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: done.append(n) or one_frame(s, n))
     command = process_command(Path(), Path("out"))
     # The same by other names and with other times: nothing is done again.
     assert (run(*command).status, done) == (0, [])
@@ -199,8 +195,7 @@ def test_inputs_count_by_their_content(
     one_error_line(run(*command), named, path.name)
     assert done == []
     assert run(*command, "--force").status == 0
-    # Only what changed is made anew.
-    assert done == ([2] if changed in ("REC", "SIM") else [0, 1, 2])
+    assert done == [0, 1, 2]
     assert rows_of(Path("out")) != rows_of(processed / "out")
     if changed == "REC":
         assert run(*process_command(Path(), Path("fresh"))).status == 0
@@ -217,50 +212,12 @@ def test_frames_that_are_gone_are_not_kept_without_a_word(
     command = process_command(place, place / "out")
     for name in ("REC", "SIM"):
         frame_file(place / name, 2).unlink()
-    one_error_line(run(*command), "frame 2: is no longer there", "--force")
+    one_error_line(run(*command), "RECORDING of 3 files, now of 2", "--force")
     assert run(*command, "--force").status == 0
     assert [row["frame"] for row in rows_of(place / "out")] == ["0", "1"]
     assert len(list((place / "out" / "pictures").iterdir())) == 2
     assert not (place / "out" / "captures" / "000002.h5").exists()
     one_error_line(run("process", place / "REC", "-o", place / "REC", "--force"), "also an input")
-
-
-def test_a_grid_is_placed_anew_where_its_frame_changed(
-    run: Run, processed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place = tmp_path / "elsewhere"
-    shutil.copytree(processed / "REC", place)
-    placed = [VoxelGrid([-0.05, -0.04, z_m], [5e-3] * 3, [21, 17, 3]) for z_m in (0.3, 0.31)]
-    monkeypatch.setattr(recordings, "grid_for", lambda *_: placed.pop(0))
-    command = ("process", place, "-o", tmp_path / "out", "--keep-volumes")
-    assert run(*command).status == 0
-    frame_file(place, 0).write_bytes(frame_file(place, 2).read_bytes())
-    one_error_line(run(*command), "frame 0: '")
-    assert run(*command, "--force").status == 0
-    grids = [open_volume(tmp_path / f"out/volumes/{i:06d}.h5").grid for i in range(3)]
-    assert [grid.z_m[0] for grid in grids] == [0.31, 0.31, 0.31]
-
-
-@pytest.mark.slow  # workers: see the scheduler's; devices: clusters and parts of images
-def test_workers_and_devices_make_the_same_files(
-    run: Run, recorded: Recording, tmp_path: Path
-) -> None:
-    pytest.importorskip("distributed")
-    for name, more in (("here", ()), ("workers", ("--workers", "2"))):
-        outcome = run("process", recorded.folder, "-o", tmp_path / name, *GRID, *more)
-        assert outcome.status == 0, outcome.err
-    # In a process of its own, which sees the CPU as two devices.
-    command = ["process", recorded.folder, "-o", tmp_path / "devices", *GRID, "--device", "all"]
-    done = subprocess.run(
-        [sys.executable, "-m", "clradar", *map(str, command)],
-        env={**os.environ, **two_devices.ENVIRONMENT}, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    for name in RESULTS:
-        one, *others = (
-            (tmp_path / where / name).read_bytes() for where in ("here", "workers", "devices")
-        )
-        assert [other == one for other in others] == [True, True], name
 
 
 def test_variants_of_captures_are_told_by_their_names(
@@ -285,32 +242,13 @@ def test_variants_of_captures_are_told_by_their_names(
     one_error_line(outcome, "made: expected frames of the variant emptyfiltered", "000000.h5")
 
 
-def test_averages_hold_the_frames_that_agree(run: Run, recorded: Recording, tmp_path: Path) -> None:
-    frames = [recorded.recorder.frame(i) for i in range(4)]
-    frames[1] = replace(frames[1], data=-frames[1].data)
-    (tmp_path / "made").mkdir()
-    for i, frame in enumerate(frames):
-        save_capture(tmp_path / "made" / f"{i:06d}.h5", frame)
-    out = tmp_path / "out"
-    outcome = run("process", tmp_path / "made", "-o", out, *GRID, "--average", "3",
-                  "--keep-captures")  # fmt: skip
-    assert outcome.status == 0
-    assert "frame 0: 1 of 3 frames left out" in outcome.err
-    assert [row["frame"] for row in rows_of(out)] == ["0", "3"]
-    mean = open_capture(out / "captures" / "000000.h5")
-    assert (mean.data == average_frames([frames[0], frames[2]]).data).all()
-    # Without time stamps the frames are counted.
-    assert rows_of(out)[0]["time s"] == ""
-
-
 def test_a_frame_that_cannot_be_read_costs_no_other(
     run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    placed = [VoxelGrid([-0.05, -0.04, z_m], [5e-3] * 3, [21, 17, 3]) for z_m in (0.3, 0.31)]
+    placed = [VoxelGrid([-0.05, -0.04, 0.3], [5e-3] * 3, [21, 17, 3])]
     monkeypatch.setattr(recordings, "grid_for", lambda *_: placed.pop(0))
     made = recorded.recorder.write(tmp_path, n_frames=3)
     broken = next(made.folder.rglob("000000.npy"))
-    content = broken.read_bytes()
     broken.write_bytes(b"no frame")
     command = ("process", made.folder, "-o", tmp_path / "out", "--keep-volumes")
     outcome = run(*command)
@@ -321,13 +259,6 @@ def test_a_frame_that_cannot_be_read_costs_no_other(
     # Pictures are numbered without gaps, as a video needs them.
     pictures = tmp_path / "out" / "pictures"
     assert sorted(path.name for path in pictures.iterdir()) == ["000000.png", "000001.png"]
-    # The same command tries it again, on the grid that the other frames are on.
-    broken.write_bytes(content)
-    outcome = run(*command)
-    assert outcome.status == 0, outcome.err
-    assert [row["frame"] for row in rows_of(tmp_path / "out")] == ["0", "1", "2"]
-    grids = [open_volume(tmp_path / f"out/volumes/{i:06d}.h5").grid for i in range(3)]
-    assert [grid.z_m[0] for grid in grids] == [0.3, 0.3, 0.3]
 
 
 def test_the_workers_of_a_scheduler_make_the_same_files(
@@ -381,7 +312,7 @@ def test_the_grid_shows_the_object_of_the_first_frame(
 ) -> None:
     grids: list[VoxelGrid] = []
 
-    def keep(self: FrameSteps, numbers: tuple[int, ...], _: Any) -> None:
+    def keep(self: FrameSteps, number: int, _: Any) -> None:
         grids.append(self.grid)
         raise KeyboardInterrupt
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from command_line import Run, one_error_line
+from command_line import Run
 
 import clradar
 from clradar.cli.app import COMMANDS, module_of
@@ -115,17 +115,3 @@ def test_a_volume_is_taken_for_one_of_the_radar_that_is_named(
         assert outcome.status != 0
     with pytest.raises(typer.BadParameter, match="capture and has its antennas"):
         ImageInput(tmp_path / "capture.h5", capture).radar_or(RadarOptions(band="60:62:5"))
-
-
-def test_known_gains_are_taken_out_of_a_capture(run: Run, tmp_path: Path) -> None:
-    array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0], [0.02, 0, 0]], rx_gain=[1.0, 0.5j])
-    uneven = tmp_path / "uneven.h5"
-    save_capture(uneven, clradar.Capture([[[2], [1j]]], array, clradar.Waveform([60e9])))
-    outcome = run("clean", uneven, "--gains", "-o", tmp_path / "even.h5")
-    assert outcome.status == 0, outcome.err
-    assert "without gains of -6.0 to 0.0 dB" in outcome.out
-    even = open_capture(tmp_path / "even.h5")
-    np.testing.assert_allclose(even.data, 2)
-    again = run("clean", tmp_path / "even.h5", "--gains", "-o", tmp_path / "x.h5")
-    one_error_line(again, "even.h5: expected an array with gains")
-    assert run("clean", uneven, "-o", tmp_path / "x.h5").status == 2

@@ -157,7 +157,7 @@ def test_gpus_are_assigned_in_turn() -> None:
     assert {one.threads for one in found} == {1}
 
 
-def test_workers_of_all_devices_find_their_own(tmp_path: Path) -> None:
+def test_workers_with_a_device_each_make_the_same(tmp_path: Path) -> None:
     found = findings_of("cluster", tmp_path)
     assert found["devices"] == ["0:0", "0:1"]
     assert found["assigned"] == ["0:0", "0:1"][: len(found["assigned"])]

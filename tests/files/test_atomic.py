@@ -67,12 +67,6 @@ def test_a_failed_write_leaves_what_was_there(
     assert os.listdir(tmp_path) == ["a"]
 
 
-def test_permissions_follow_the_umask(tmp_path: Path) -> None:
-    (tmp_path / "plain").write_text("")
-    write_file(tmp_path / "a", b"")
-    assert (tmp_path / "a").stat().st_mode == (tmp_path / "plain").stat().st_mode
-
-
 def test_folders_are_swapped_and_come_back_after_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,11 +103,3 @@ def test_what_killed_processes_left_of_a_name_is_removed_and_nothing_else(tmp_pa
     (folder / "made").mkdir(parents=True)
     atomic.remove_left([tmp_path / "a.h5", tmp_path / "c"])
     assert set(tmp_path.iterdir()) == {mine, other, elsewhere}
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="what Linux reserves")
-def test_space_is_reserved_and_not_written(tmp_path: Path) -> None:
-    atomic.require_space(tmp_path / "x", 2**20)
-    with pytest.raises(OSError, match=r"No space left|too large"):
-        atomic.require_space(tmp_path / "x", 2**60)
-    assert list(tmp_path.iterdir()) == []

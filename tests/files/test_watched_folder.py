@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from clradar.errors import MeasurementError
 from clradar.files import watched_folder
 from clradar.files.watched_folder import RECHECKED, WatchedFolder
 
@@ -73,17 +72,3 @@ def test_a_look_at_many_files_looks_at_few_of_them(
         found += names(folder)
         assert len(looked) <= RECHECKED + 1
     assert found == ["0.npy"]  # each comes up in turn
-
-
-def test_a_folder_that_cannot_be_read_changes_nothing(tmp_path: Path) -> None:
-    place, away = tmp_path / "here", tmp_path / "away"
-    place.mkdir()
-    (place / "a").write_bytes(b"ab")
-    folder = WatchedFolder(place)
-    assert (names(folder), names(folder)) == ([], ["a"])
-    place.rename(away)
-    with pytest.raises(MeasurementError, match="a readable folder"):
-        folder.changes()
-    away.rename(place)
-    assert names(folder) == []
-    assert folder.is_there("a")

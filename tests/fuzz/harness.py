@@ -72,11 +72,8 @@ class Outcome:
 
 def find_target(name: str) -> Target:
     """Return a target by its name, or by `module:attribute` (for the tests of this harness)."""
-    if ":" not in name:
-        return TARGETS[name]
-    module, attribute = name.split(":")
-    target: Target = getattr(importlib.import_module(module), attribute)
-    return target
+    module, _, attribute = name.partition(":")
+    return getattr(importlib.import_module(module), attribute) if attribute else TARGETS[name]
 
 
 def run(name: str, count: int, *, seed: int = 0, start: int = 0, keep: Path) -> Outcome:
@@ -87,21 +84,28 @@ def run(name: str, count: int, *, seed: int = 0, start: int = 0, keep: Path) -> 
     return outcome
 
 
-def _watched(outcome: Outcome, name: str, seed: int, start: int, stop: int, keep: Path) -> int:
+def _watched(outcome: Outcome, name: str, seed: int, at: int, stop: int, keep: Path) -> int:
     """Add what one worker does to an outcome; return the input after the last one that it read."""
     target = find_target(name)
+
+    def note(what: str) -> None:
+        keep.mkdir(parents=True, exist_ok=True)
+        saved = keep / f"{name.replace(':', '.')}-{seed}-{at}"
+        saved.write_bytes(target.mutated(seed, at))
+        outcome.faults.append(Fault(name, at, what, saved))
+
     # In memory where the system offers it: every input is written to a file.
     base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
     with TemporaryDirectory(prefix="clradar-fuzz-", dir=base) as folder:
         here, there = multiprocessing.Pipe(duplex=False)
-        arguments = (name, seed, start, stop, Path(folder), there)
+        arguments = (name, seed, at, stop, Path(folder), there)
         worker = _workers().Process(target=_work, args=arguments)
         worker.start()
         there.close()
-        at, reading = start, False
+        reading, what = False, f"does nothing for {_WAIT_LIMIT_S:g} s"
         try:
             while here.poll(_WAIT_LIMIT_S):
-                kind, what, spent_s, peak_bytes = here.recv()
+                kind, fault, spent_s, peak_bytes = here.recv()
                 reading = kind == "reading"
                 if reading:
                     continue
@@ -110,9 +114,8 @@ def _watched(outcome: Outcome, name: str, seed: int, start: int, stop: int, keep
                 outcome.slowest_s = max(outcome.slowest_s, spent_s)
                 outcome.peak_bytes = max(outcome.peak_bytes, peak_bytes)
                 if kind == "fault":
-                    outcome.faults.append(_kept(target, name, seed, at, what, keep))
+                    note(fault)
                 at += 1
-            what = f"does nothing for {_WAIT_LIMIT_S:g} s"
         except EOFError:
             worker.join()
             output = " ".join((Path(folder) / "output").read_text(errors="replace")[-1500:].split())
@@ -126,15 +129,8 @@ def _watched(outcome: Outcome, name: str, seed: int, start: int, stop: int, keep
             return at
         if not reading:
             raise RuntimeError(f"fuzz: the worker {what}")
-        outcome.faults.append(_kept(target, name, seed, at, what, keep))
+        note(what)
         return at + 1
-
-
-def _kept(target: Target, name: str, seed: int, index: int, what: str, keep: Path) -> Fault:
-    keep.mkdir(parents=True, exist_ok=True)
-    saved = keep / f"{name.replace(':', '.')}-{seed}-{index}"
-    saved.write_bytes(target.mutated(seed, index))
-    return Fault(name, index, what, saved)
 
 
 @cache
@@ -230,7 +226,13 @@ class Watch:
 
     def _fault(self, event: str, arguments: tuple[Any, ...]) -> str | None:
         if event == "open":
-            return self._opened(*arguments[:3])
+            path, _, flags = arguments[:3]
+            if isinstance(flags, int) and flags & _WRITING:
+                return f"opens {path!r} for writing"
+            name = "" if isinstance(path, int) else os.path.realpath(os.fsdecode(path))
+            module = _importing() and name.endswith((".py", ".pyc"))
+            own = not name or module or name.startswith(self._folder + os.sep)
+            return None if own else f"opens {name!r}"
         if event == "import":
             name = str(arguments[0])
             return None if name.split(".")[0] in _LATE_IMPORTS else f"imports {name}"
@@ -243,15 +245,6 @@ class Watch:
         if event.startswith(_FORBIDDEN) and not (event == "marshal.loads" and _importing()):
             return f"{event} {arguments!r:.200}"
         return None
-
-    def _opened(self, path: Any, mode: Any, flags: Any) -> str | None:
-        if isinstance(flags, int) and flags & _WRITING:
-            return f"opens {path!r} for writing"
-        if isinstance(path, int):
-            return None
-        name = os.path.realpath(os.fsdecode(path))
-        module = _importing() and name.endswith((".py", ".pyc"))
-        return None if module or name.startswith(self._folder + os.sep) else f"opens {name!r}"
 
 
 def _importing() -> bool:
@@ -289,11 +282,11 @@ def judge(target: Target, path: Path, watch: Watch | None = None) -> tuple[str, 
 
 def _fault_of(target: Target, path: Path, error: BaseException) -> str | None:
     message = str(error)
-    if type(error) is not target.error:
-        return f"raises {type(error).__name__}: {message:.300}"
     first, *lines = message.split("\n")
     if not re.fullmatch(r"[0-9]+ mistakes, one per line:", first):
         lines = [message]
+    if type(error) is not target.error:
+        return f"raises {type(error).__name__}: {message:.300}"
     if not all(line.isprintable() and len(line) <= 2000 for line in lines):
         return f"says {message[:300]!r} in {len(message)} characters"
     if "Too many open files" in message:

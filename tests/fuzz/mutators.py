@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import pickletools
 import random
 import re
 import struct
+import warnings
+import zipfile
 import zlib
 from collections.abc import Sequence
 from itertools import islice
@@ -84,7 +87,9 @@ def _rearranged(items: list[Any], at: int, kind: int, rng: random.Random) -> lis
     if kind == 0:
         return items[:at] + items[at + 1 :]
     if kind == 1:
-        return items[:at] + [items[at]] * rng.choice((1, 2, 50)) + items[at:]
+        times = rng.choice((1, 2, 50))
+        large = isinstance(items[at], bytes) and times * len(items[at]) > MAX_GROWTH
+        return items[:at] + [items[at]] * (1 if large else times) + items[at:]
     items.insert(rng.randrange(len(items)), items.pop(at))
     return items
 
@@ -172,7 +177,31 @@ def change_glb(data: bytes, rng: random.Random) -> bytes:
     return b"glTF" + data[4:8] + (12 + len(content)).to_bytes(4, "little") + content
 
 
-# ---- images
+# ---- archives and images, whose members and chunks have right checksums again
+
+
+def change_members(data: bytes, rng: random.Random) -> bytes:
+    """Return a zip archive with a member deleted, doubled, moved, renamed or changed."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = [(name, archive.read(name)) for name in archive.namelist()]
+        at, kind = rng.randrange(len(members)), rng.randrange(6)
+    except Exception:
+        return data
+    name, content = members[at]
+    if kind < 3:
+        members = _rearranged(members, at, kind, rng)
+    elif kind == 3:
+        members[at] = (rng.choice(("s.npy", "s", "../s.npy", "/s.npy", "?", "f.npy")), content)
+    else:
+        change = change_npy_header if kind == 4 else change_pickle
+        members[at] = (name, change(content, rng))
+    stream = io.BytesIO()
+    with warnings.catch_warnings(), zipfile.ZipFile(stream, "w") as archive:
+        warnings.simplefilter("ignore")  # two members of one name are meant
+        for name, content in members:
+            archive.writestr(zipfile.ZipInfo(name), content)
+    return stream.getvalue()
 
 
 def png_checksums(data: bytes) -> bytes:

@@ -56,6 +56,7 @@ class Format:
 
 
 _HDF5 = Format((mutators.change_hdf5,), mutators.HDF5, mutators.hdf5_checksums)
+_ZIP = Format((mutators.change_members,), (b"'descr'", b"'<c8'", b"'|O'", b".npy"))
 _JSON = Format((mutators.change_json,), mutators.JSON)
 _PICKLE = Format((mutators.change_pickle,), mutators.PICKLE)
 _NPY = Format((mutators.change_npy_header, mutators.change_pickle), mutators.PICKLE)
@@ -178,7 +179,7 @@ TARGETS = {
     "native_channels": _native(
         "channels.h5", seeds.native_channels, open_channels, ChannelCalibration
     ),
-    "lab_npz": _lab("npz", "npz deflated"),
+    "lab_npz": _lab("npz", "npz deflated", form=_ZIP),
     "lab_hdf5": _lab("hdf5", "hdf5 gzip", "hdf5 lzf", "mat v7.3", form=_HDF5, short_run=40),
     "lab_mat": _lab("mat v5", "mat v5 deflated"),
     "calibration_json": Target(
@@ -209,7 +210,7 @@ TARGETS = {
     "mesh_stl": _mesh("stl", _text(b"facet normal", b"endsolid")),
     "mesh_off": _mesh("off", _text()),
     "rig_glb": _rig("hand.glb", seeds.rigs, _GLB),
-    "mano_npz": _rig("model.npz", seeds.hand_archives, Format()),
+    "mano_npz": _rig("model.npz", seeds.hand_archives, _ZIP),
     "mano_pickle": _rig("model.pkl", seeds.hand_models, _PICKLE),
     "manifest": Target("manifest.json", seeds.manifests, _manifest, Manifest, _JSON),
     "layout_toml": Target(

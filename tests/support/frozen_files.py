@@ -90,16 +90,14 @@ def write_native(folder: Path) -> None:
 
 
 def write_recording(folder: Path) -> None:
-    """One frame of two frequencies in both variants, most of it zero, with its images."""
+    """One frame of two frequencies in both variants, most of it zero."""
     array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 2)
     data = np.zeros((94, 94, 2), np.complex64)
     data[0, 0], data[3, 5], data[93, 93] = counted(3, 2)
     raw = clradar.Capture(data, array, waveform, {"timestamp_us": 1000, "gain": 0.5})
-    grid = clradar.VoxelGrid([-0.02, -0.01, 0.3], [1e-2, 2e-2, 5e-3], (4, 3, 5))
     turn = np.diag([-1.0, 1, 1, 1])
     save_recording(
         folder / "recording" / "30", [raw], emptyfiltered=[replace(raw, data=data / 2)],
-        image=lambda one: clradar.Volume(counted(*grid.shape) * np.abs(one.data).max(), grid),
         metadata={"distance_meters": 0.3, "labels": ["frozen"]},
         alignment={"photogrammetry2radar": turn.tolist()},
     )  # fmt: skip

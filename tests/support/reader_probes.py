@@ -69,10 +69,6 @@ def refuse(path: Path) -> None:
     fail(path, "this", "that")
 
 
-def unknown(path: Path) -> object:
-    return object()
-
-
 def write(path: Path, target: str) -> None:
     Path(target).write_text("written")
 

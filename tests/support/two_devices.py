@@ -115,7 +115,7 @@ def sweeps_agree() -> bool:
 
 
 def cluster(folder: str) -> None:
-    """A data set by two workers that find their own of all devices, and by one device here."""
+    """A data set by two workers with a device each, and by one device here."""
     from dataset_plans import digests
 
     from clradar.dataset import read_plan, run
@@ -124,7 +124,6 @@ def cluster(folder: str) -> None:
     from clradar.jobs.resources import (
         WorkerResources,
         own_cores,
-        own_device,
         worker_resources,
     )
 
@@ -132,9 +131,9 @@ def cluster(folder: str) -> None:
     plan_file = Path(folder) / "plan.toml"
     plan_file.write_text(PLAN, encoding="utf-8")
     plan = read_plan(plan_file)
-    each = [WorkerResources("all", (cores[i % len(cores)],), 1) for i in range(2)]
+    each = [WorkerResources(f"0:{i}", (cores[i % len(cores)],), 1) for i in range(2)]
     with local_cluster(each) as (client, _):
-        devices = client.run(lambda: own_device(None).info.selector)
+        devices = client.run(lambda: clradar.open_device().info.selector)
         run(plan, Path(folder) / "cluster", where=Where(scheduler=client.scheduler.address))
     run(plan, Path(folder) / "here", device="0:0")
     findings = {

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import clradar
-from clradar.cli.commands.view import compared_files, posed_hand
-from clradar.errors import MeasurementError, ModelError
-from clradar.hand import hand_mesh, pose_by_name, write_pose
-from clradar.hand.pose_file import pose_table
 from clradar.view import beside
 from clradar.view.beside import MATERIALS, Others, Simulation
 from clradar.view.session import Session, Shown
@@ -138,40 +132,3 @@ def test_a_volume_does_not_say_what_radar_recorded_it() -> None:
     finally:
         session.close()
     assert [shown.second for shown in front.shown] == [None]
-
-
-def test_the_files_of_a_comparison_are_found_beside_it(tmp_path: Path) -> None:
-    (tmp_path / "sim.h5").touch()
-    path = tmp_path / "metrics.json"
-    path.write_text(json.dumps({"measured": "gone.h5", "simulated": [{"file": "sim.h5"}]}))
-    assert compared_files(path) == (tmp_path / "gone.h5", [tmp_path / "sim.h5"])
-    for wrong in ({}, {"measured": "a.h5", "simulated": []}, {"measured": 1, "simulated": "b"}):
-        path.write_text(json.dumps(wrong))
-        with pytest.raises(MeasurementError, match="clradar compare --json"):
-            compared_files(path)
-
-
-@pytest.mark.device
-def test_a_hand_is_where_it_was_fitted_or_where_it_is_put(tmp_path: Path) -> None:
-    device = clradar.open_device()
-    middle = hand_mesh("L", handedness="left")
-    free = posed_hand("L", "left", None, device)
-    np.testing.assert_array_equal(free.vertices_m, middle.vertices_m)
-    transform = np.array([[0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])
-    placed_m = (middle.vertices_m - middle.joints_m[0]) @ transform[:3, :3].T + transform[:3, 3]
-    write_pose(tmp_path / "pose.toml", pose_by_name("L"))
-    pose = str(tmp_path / "pose.toml")
-    put = posed_hand(pose, "left", transform, device)
-    np.testing.assert_allclose(put.vertices_m, placed_m, atol=1e-9)
-    fit = {
-        "pose": pose_table(pose_by_name("L")),
-        "shape": {},
-        "handedness": "left",
-        "transform": transform.tolist(),
-    }
-    (tmp_path / "fit.json").write_text(json.dumps(fit))
-    fitted = posed_hand(pose, "right", None, device)
-    np.testing.assert_allclose(fitted.vertices_m, placed_m, atol=1e-9)
-    (tmp_path / "fit.json").write_text(json.dumps({**fit, "options": {"rig": "mine.glb"}}))
-    with pytest.raises(ModelError, match=r"placed\.ply"):
-        posed_hand(pose, "right", None, device)

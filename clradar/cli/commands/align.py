@@ -10,7 +10,7 @@ import clradar as cl
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
 from clradar.cli.options.common import DEVICE, FORCE, MEASURED, SearchOptions, UnitOptions
-from clradar.cli.options.groups import argument, given, option, output_option, wrong_usage
+from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, wrong_usage
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
@@ -20,26 +20,24 @@ from clradar.cli.options.measured import (
 )
 from clradar.cli.outputs import check_outputs, provenance
 from clradar.files.json_file import write_json
+from clradar.jobs import open_devices
+from clradar.model import checks
 
 
 @dataclass(frozen=True, kw_only=True)
 class AlignedOptions(UnitOptions, SearchOptions):
     """The image or the mesh to align with the measurement, and the search for its pose."""
 
-    simulated: Path | None = argument(
-        None, "Volume or capture; not with --mesh.", metavar="[SIMULATED]"
-    )
-    mesh: Path | None = option(None, "Align this mesh instead of an image.", metavar="MESH")
+    simulated: Path | None = argument("Volume or capture; not with --mesh.", metavar="[SIMULATED]")
+    mesh: Path | None = option("Align this mesh instead of an image.", metavar="MESH")
     quick: bool = option(
-        False,
         "Without the simulations that correct the bias of a mesh: up to some millimetres "
         "off where it is specular.",
+        False,
         needs="--mesh",
     )
     dynamic_range_db: float | None = option(
-        None,
-        "Depth points are this far below the maximum at most. [default: 15; mesh: 20]",
-        metavar="DB",
+        "Depth points are this far below the maximum at most. [default: 15; mesh: 20]"
     )
 
     def path(self) -> Path:
@@ -51,19 +49,15 @@ class AlignedOptions(UnitOptions, SearchOptions):
 
     def settings(self) -> dict[str, Any]:
         """Settings of both `calibration.align` and `calibration.align_mesh`."""
-        from clradar.model import checks
-
-        found = {"search_deg": checks.positive("--search-deg", self.search_deg)}
-        if self.dynamic_range_db is not None:
-            cut_db = checks.positive("--dynamic-range-db", self.dynamic_range_db)
-            found["dynamic_range_db"] = cut_db
-        return found
+        cut = {} if self.dynamic_range_db is None else {"dynamic_range_db": self.dynamic_range_db}
+        known = {"search_deg": self.search_deg, **cut}
+        return {n: checks.positive("--" + n.replace("_", "-"), v) for n, v in known.items()}
 
 
 def command(
     *,
     measured: Path = MEASURED,
-    output: Path | None = output_option(None, "JSON file for transform and report.  [required]"),
+    output: Path = output_option("JSON file for transform and report.", REQUIRED),
     aligned: AlignedOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,
@@ -73,22 +67,18 @@ def command(
     force: bool = FORCE,
 ) -> None:
     """The 4 x 4 matrix in the JSON file, "transform", moves the simulated object, or the mesh, onto
-    the measured one: `clradar simulate --transform` takes the file. Captures are imaged first, on
-    the grid of the options. --frame and --variant are those of MEASURED. Mesh against measurement
-    is the more exact of the two: see docs/calibration.md.
+    the measured one, as `clradar simulate --transform` does. Captures are imaged first. --frame and
+    --variant are those of MEASURED. A mesh is more exact than an image: docs/calibration.md.
     """
     from calibration import align, align_mesh
 
-    if output is None:
-        raise wrong_usage("-o", "expected a JSON file to write")
     path, settings = aligned.path(), aligned.settings()
     if given(radar) and aligned.mesh is None:
         raise wrong_usage(", ".join(given(radar)), "expected --mesh with it, which is simulated")
     check_outputs([output], force=force, inputs=[measured, path, *radar.files])
     voxels.grid()  # wrong usage is reported before a file is read
-    # A mesh that cannot be read should not cost an image first.
     scene = None if aligned.mesh is None else cl.Scene.from_mesh(path, unit=aligned.unit)
-    opened = cl.open_device(device)
+    opened = open_devices(device).first
     images = [ImageInput.open(measured, frames)]
     instrument = {} if scene is None else images[0].radar_or(radar)
     if scene is None:
@@ -99,11 +89,8 @@ def command(
         if scene is None:
             result = align(*volumes, progress=progress, **settings)
         else:
-            bias = not aligned.quick
-            result = align_mesh(
-                volumes[0], scene, correct_bias=bias, device=opened, progress=progress,
-                **settings, **instrument,
-            )  # fmt: skip
+            more = {"correct_bias": not aligned.quick, "device": opened, **settings, **instrument}
+            result = align_mesh(volumes[0], scene, progress=progress, **more)
     origin = provenance(
         "align", [*images[0].files, path, *radar.files], aligned, imaging, frames, radar,
         measured=measured, grid=grid_text(volumes[0].grid),

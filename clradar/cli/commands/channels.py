@@ -6,7 +6,7 @@ from pathlib import Path
 
 import clradar as cl
 from clradar.cli.console import print_line, print_table, progress_bar
-from clradar.cli.inputs import AverageOptions, title_of
+from clradar.cli.inputs import title_of
 from clradar.cli.options.channels import EstimateOptions, TargetOptions
 from clradar.cli.options.common import FORCE
 from clradar.cli.options.groups import REQUIRED, argument, option, output_option
@@ -17,20 +17,19 @@ from clradar.cli.outputs import check_figure, check_outputs, provenance, save
 def command(
     *,
     capture: Path = argument(
-        REQUIRED,
         "Of the target: native capture, recorded .npy frame, or radar folder.",
+        REQUIRED,
         metavar="CAPTURE",
     ),
     target: TargetOptions,
-    output: Path = output_option(REQUIRED, "Channels to write (HDF5)."),
+    output: Path = output_option("Channels to write (HDF5).", REQUIRED),
     estimate: EstimateOptions,
-    plot: Path | None = option(None, "Also draw gains, phases and delays: .png, .pdf or .svg."),
-    mean: AverageOptions,
+    plot: Path | None = option("Also draw gains, phases and delays: .png, .pdf or .svg."),
     frames: FrameOptions,
     force: bool = FORCE,
 ) -> None:
     """The target's position is refined, too. Which errors are observable:
-    docs/channel-calibration.md.
+    docs/channel-calibration.md. The mean of a recording's frames: `clradar clean --average`.
     """
     from calibration import estimate_channels
     from calibration.channels.figure import channels_figure
@@ -38,14 +37,11 @@ def command(
 
     known = target.read()
     check_figure(plot)
-    mean.check([capture], "CAPTURE")
     check_outputs([output, plot], force=force, inputs=[capture])
-    loaded, files, words = mean.read(capture, frames)
-    if words:
-        print_line(f"{capture}: {words}")
+    loaded, files = frames.open(capture)
     with progress_bar("fitting channels") as progress:
         channels = estimate_channels(loaded, known, progress=progress, **estimate.settings())
-    origin = provenance("channels", files, target, estimate, mean, frames)
+    origin = provenance("channels", files, target, estimate, frames)
     save(output, channels, origin, force=force)
     print_summary(output, channels)
     if plot is not None:

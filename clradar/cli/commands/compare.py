@@ -8,8 +8,8 @@ from pathlib import Path
 
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.inputs import ImageInput, common_grid, recording_words
-from clradar.cli.options.common import DEVICES, FORCE
+from clradar.cli.inputs import ImageInput, common_grid, recording_title
+from clradar.cli.options.common import DEVICE, FORCE
 from clradar.cli.options.groups import REQUIRED, argument, option, output_option, wrong_usage
 from clradar.cli.options.measured import (
     DepthMapOptions,
@@ -18,7 +18,7 @@ from clradar.cli.options.measured import (
     ImagingOptions,
     grid_text,
 )
-from clradar.cli.outputs import check_figure, check_outputs, check_page, provenance
+from clradar.cli.outputs import PAGES, check_figure, check_outputs, check_suffix, provenance
 from clradar.files.atomic import write_file
 from clradar.files.json_file import write_json
 
@@ -27,35 +27,33 @@ from clradar.files.json_file import write_json
 class ComparisonFiles:
     """Files of a comparison, none of which has to be written."""
 
-    output: Path | None = output_option(None, "Figure to write: .png, .pdf or .svg.")
-    json: Path | None = option(None, "File for the metrics, in metres.")
+    output: Path | None = output_option("Figure to write: .png, .pdf or .svg.")
+    json: Path | None = option("File for the metrics, in metres.")
     report: Path | None = option(
-        None, "Page to write: figure, 3-D view, metrics and settings in one .html file."
+        "Page to write: figure, 3-D view, metrics and settings in one .html file."
     )
 
     def check(self, *, force: bool, inputs: Sequence[Path]) -> None:
         """Raise unless all of them may be written."""
         check_figure(self.output)
-        check_page(self.report)
+        check_suffix(self.report, PAGES)
         check_outputs([self.output, self.json, self.report], force=force, inputs=inputs)
 
 
 def command(
     *,
-    measured: Path = argument(REQUIRED, "Volume or capture.", metavar="MEASURED"),
-    simulated: list[Path] = argument(REQUIRED, "Volumes or captures.", metavar="SIMULATED"),
+    measured: Path = argument("Volume or capture.", REQUIRED, metavar="MEASURED"),
+    simulated: list[Path] = argument("Volumes or captures.", REQUIRED, metavar="SIMULATED"),
     files: ComparisonFiles,
     voxels: GridOptions,
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
-    device: str | None = DEVICES,
+    device: str | None = DEVICE,
     force: bool = FORCE,
 ) -> None:
-    """Captures are imaged first: on the grid of the options, or without them on that of the first
-    volume that is given, or without volumes on the paper's where MEASURED is in it, else around its
-    strongest echo. --frame and --variant are those of
-    MEASURED, where it is a recording. The metrics are defined in docs/metrics.md.
+    """Captures are imaged first: on the grid of the options, else that of the first volume, else
+    around the echoes of MEASURED, whose --frame and --variant are. Metrics: docs/metrics.md.
     """
     from clradar.jobs import open_devices
     from clradar.report import ReportImage, html_report
@@ -75,7 +73,7 @@ def command(
         print_line("the first frames are compared; `clradar process` compares every one")
     compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
     compared.print()
-    recording = recording_words(volumes[0].meta)
+    recording = recording_title(volumes[0].meta)
     measured_label = f"Measurement: {recording}" if recording else "Measurement"
     if files.output is not None:
         compared.save_figure(

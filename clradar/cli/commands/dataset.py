@@ -3,55 +3,42 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 from clradar.cli.console import counted, print_line, print_text, print_warning, progress_bar
-from clradar.cli.options.common import DEVICES, WorkerOptions
+from clradar.cli.options.common import DEVICE, WorkerOptions
 from clradar.cli.options.groups import argument, option, output_option, wrong_usage
 from clradar.cli.outputs import check_outputs, check_place_of_folder
 from clradar.errors import ClradarError
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReplayOptions:
-    """The sample of an earlier data set to make again."""
-
-    replay: tuple[Path, int] | None = option(
-        None,
-        "Make sample N of a data set again and compare it with the stored one, bit by bit.",
-        metavar="DIR N",
-        without="PLAN.toml --dry-run",
-    )
-    rigs: Path | None = option(
-        None,
-        "Folder that the plan's names of rig files are relative to. [default: the current folder, "
-        "then the data set's]",
-        metavar="FOLDER",
-        needs="--replay",
-    )
+from clradar.jobs import open_devices
 
 
 def command(
     *,
     plan: Path | None = argument(
-        None, "The plan of the data set, see docs/datasets.md.", metavar="PLAN.toml"
+        "The plan of the data set, see docs/datasets.md.", metavar="PLAN.toml"
     ),
-    output: Path | None = output_option(
-        None, "Folder of the data set; with --replay the file to write."
+    output: Path | None = output_option("Folder of the data set; with --replay a file to write."),
+    schema: bool = option("Print the JSON schema of plans, for editors, and end.", False),
+    dry_run: bool = option("Make one sample, estimate time and space of all, write none.", False),
+    replay: tuple[Path, int] | None = option(
+        "Make sample N of a data set again and compare it with the stored one, bit by bit.",
+        metavar="DIR N",
+        without="PLAN.toml --dry-run",
     ),
-    schema: bool = option(False, "Print the JSON schema of plans, for editors, and end."),
-    dry_run: bool = option(
-        False, "Make one sample and estimate time and space of all; write none."
+    rigs: Path | None = option(
+        "Folder of the plan's rig files. [default: the current folder, then the data set's]",
+        metavar="FOLDER",
+        needs="--replay",
     ),
-    repetition: ReplayOptions,
     processes: WorkerOptions,
-    retry: bool = option(False, "Try the samples again that were set aside."),
-    device: str | None = DEVICES,
+    retry: bool = option("Try the samples again that were set aside.", False),
+    device: str | None = DEVICE,
     force: bool = option(
+        "Remove the data set that is in the folder, of this plan or another, and begin anew; with "
+        "--replay replace the file.",
         False,
-        "Remove the data set that is in the folder, of this plan or another, and begin "
-        "anew; with --replay replace the file.",
+        panel="Output",
     ),
 ) -> None:
     """Makes training data: posed hands, simulated and imaged, with their parameters as labels. The
@@ -65,15 +52,16 @@ def command(
     if schema:
         print_text(json.dumps(plan_schema(), indent=1))
         return
-    if repetition.replay is not None:
-        replay_sample(*repetition.replay, device, output, force, repetition.rigs)
+    if replay is not None:
+        check_outputs([output], force=force)
+        replay_sample(*replay, open_devices(device).infos[0].selector, output, force, rigs)
         return
     if plan is None:
         raise wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
     wanted = read_plan(plan)
     if dry_run:
         with progress_bar("making two samples"):
-            _, _, lines = estimate(wanted, device=device)
+            _, _, lines = estimate(wanted, device=open_devices(device).infos[0].selector)
         print_text("\n".join(lines))
         return
     if output is None:
@@ -90,31 +78,22 @@ def command(
 
 
 def replay_sample(
-    folder: Path,
-    index: int,
-    device: str | None,
-    output: Path | None,
-    force: bool,
-    rigs: Path | None,
+    folder: Path, index: int, device: str, output: Path | None, force: bool, rigs: Path | None
 ) -> None:
     """Make one sample again and compare it with the stored one."""
     from clradar.dataset.trial import replay
 
-    check_outputs([output], force=force)
     with progress_bar("making the sample"):
         found = replay(folder, index, device=device, output=output, force=force, rigs=rigs)
     if output is not None:
         print_line(f"{output}: sample {index}, made again")
     if found.stored_in is None:
         print_warning(f"sample {index} is not in {folder}: there was nothing to compare with")
-        return
-    stored = folder / found.stored_in
-    if not found.differences:
-        print_line(f"sample {index}: the same bits as in {stored}")
-        return
-    for line in found.made_otherwise:
-        print_warning(f"made otherwise then: {line}")
-    for line in found.differences:
-        print_line(line)
-    count = counted(len(found.differences), "difference")
-    raise ClradarError(f"sample {index}: {count} to that in {stored}")
+    elif not found.differences:
+        print_line(f"sample {index}: the same bits as in {folder / found.stored_in}")
+    else:
+        for line in found.made_otherwise:
+            print_warning(f"made otherwise then: {line}")
+        print_text("\n".join(found.differences))
+        count = counted(len(found.differences), "difference")
+        raise ClradarError(f"sample {index}: {count} to that in {folder / found.stored_in}")

@@ -1,14 +1,12 @@
-"""``clradar demo``: simulate, image and compare the embedded hand, with figure and metrics.
-
-The experiment is that of figure 4 in J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator
-for Hand Pose Imaging", EuRAD 2023.
+"""``clradar demo``: figure 4 of J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for
+Hand Pose Imaging", EuRAD 2023.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any
 
 import clradar as cl
 from clradar.cli.comparison import Comparison, figure_labels
@@ -18,61 +16,45 @@ from clradar.cli.options.groups import option, output_option
 from clradar.cli.options.measured import RadarOptions, grid_text
 from clradar.cli.outputs import check_folder, made_folder, provenance, save, save_mesh, turned
 from clradar.files.json_file import write_json
+from clradar.jobs import open_devices
 
 TURN_DEG = 25.0
-"""At 0 the palm is a mirror that faces the aperture and outshines the fingers by about 15 dB at
-alpha 0; turned by more than atan(7 / 30), 13 degrees, it glints past the aperture's edge, while
-upright fingers glint as before."""
+"""At 0 the palm is a mirror, which outshines the fingers by about 15 dB at alpha 0; from
+atan(7 / 30), 13 degrees, on it glints past the aperture's edge."""
 
-PHYSICAL = "physical"
-SNR_DB = 20.0
+PHYSICAL, SNR_DB = "physical", 20.0
 
 
 def command(
     *,
-    output: Path = output_option(Path("demo"), "Folder to make, or an empty one.", metavar="DIR"),
-    full: bool = option(False, "The paper's volume: 201 x 201 x 81 voxels of 1 mm."),
-    estimator: Literal["expected", "stochastic"] | None = option(
-        None,
-        "Of the images over alpha: stochastic is the paper's. [default: as `clradar simulate`]",
-    ),
+    output: Path = output_option("Folder to make, or an empty one.", Path("demo"), metavar="DIR"),
+    full: bool = option("The paper's volume: 201 x 201 x 81 voxels of 1 mm.", False),
     radar: RadarOptions,
     device: str | None = DEVICE,
-    force: bool = option(False, "Write into a folder that holds files already."),
+    force: bool = option("Write into a folder that holds files already.", False),
 ) -> None:
     """Simulates the letter F at alpha 0, 0.5 and 1, and by the physical estimator with the
     materials palm and skin, forms the images, and compares them with a synthetic measurement: the
     physical estimator, another seed, and complex white Gaussian noise at an SNR of 20 dB.
     The measurement is saved and read again in the file format of the instrument.
 
-    The hand is turned by 25 degrees (`clradar hand F --turn-deg 25`), so that the glint of the palm
-    does not outshine the fingers. Voxels of 2 mm, to take less than a minute on two cores.
+    The hand is turned by 25 degrees, so that the palm does not outshine the fingers.
     """
     radar.antennas()  # wrong usage is reported before anything is made
     check_folder(output, force=force)
-    opened = cl.open_device(device)
+    opened = open_devices(device).first
     voxel_m = 1e-3 if full else 2e-3
     grid = cl.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), voxel_m)
     print_line(f"device: {opened.info.label}")
-    print_line(grid_text(grid))
-    if not full:
-        print_line("voxels of 2 mm where the paper's experiment has 1 mm: --full forms those")
-    rays = {} if estimator is None else {"estimator": estimator}
+    print_line(f"grid: {grid_text(grid)}; --full has 1 mm")
     with made_folder(output):
-        run_demo(output, radar, grid, rays, opened)
+        run_demo(output, radar, grid, opened)
 
 
 def run_demo(
-    folder: Path,
-    radar: RadarOptions,
-    grid: cl.VoxelGrid,
-    rays: dict[str, Any],
-    device: cl.Device,
+    folder: Path, radar: RadarOptions, grid: cl.VoxelGrid, device: cl.Device, **rays: Any
 ) -> None:
-    """Write the files of the demonstration into a folder; those of an earlier one are replaced.
-
-    `rays` are settings of the simulations over alpha.
-    """
+    """Write the files of the demonstration over those of an earlier one; `rays` over alpha."""
     from clradar.hand import hand_mesh
     from clradar.hand.flesh import PART_NAMES
     from clradar.hand.mesh import DEFAULT_CENTER_M
@@ -83,7 +65,9 @@ def run_demo(
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
     origin = provenance("demo", [mesh], radar, rays=rays, grid=grid_text(grid))
-    simulated = {f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)}
+    simulated: dict[str, Any] = {
+        f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)
+    }
     simulated[PHYSICAL] = (skin, {"estimator": PHYSICAL}, 0)
     measured = folder / "measurement"
     volumes = []

@@ -41,7 +41,7 @@ def command() -> None:
         for info in devices
     ]
     columns = ("", "selector", "name", "platform", "kind", "memory", "units", "works", "good for")
-    print_table(columns, rows, right=("memory", "units"), keys=2)
+    print_table(columns, rows, right=("memory", "units"))
     for info in devices:
         if faults[info.selector]:
             print_line(f"{info.selector} {info.label}: {faults[info.selector]}")

@@ -17,13 +17,13 @@ from clradar.cli.outputs import check_outputs, check_suffix, provenance
 
 def command(
     source: Path = argument(
-        REQUIRED, "Volume or capture, recorded .npy frame, or radar folder.", metavar="SOURCE"
+        "Volume or capture, recorded .npy frame, or radar folder.", REQUIRED, metavar="SOURCE"
     ),
     *,
     output: Path = output_option(
-        REQUIRED, "File to write; its ending decides: .vti, .ply, .mat or .npz."
+        "File to write; its ending decides: .vti, .ply, .mat or .npz.", REQUIRED
     ),
-    depth_map: bool = option(False, "Of a volume its depth map; to .ply it is that anyway."),
+    depth_map: bool = option("Of a volume its depth map; to .ply it is that anyway.", False),
     depth: DepthMapOptions,
     frames: FrameOptions,
     force: bool = FORCE,

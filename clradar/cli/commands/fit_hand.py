@@ -7,7 +7,7 @@ from pathlib import Path
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.fits import HAND_FILES, print_hand_fit, write_hand_fit
 from clradar.cli.inputs import measurement
-from clradar.cli.options.common import DEVICES, FORCE, MEASURED
+from clradar.cli.options.common import DEVICE, FORCE, MEASURED
 from clradar.cli.options.groups import REQUIRED, output_option
 from clradar.cli.options.hand import HandFitOptions, RigFileOptions, ShapeOptions, StartNames
 from clradar.cli.options.measured import (
@@ -23,7 +23,7 @@ from clradar.cli.outputs import check_folder, provenance, whole_folder
 def command(
     *,
     measured: Path = MEASURED,
-    output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
+    output: Path = output_option("New folder.", REQUIRED, metavar="DIR"),
     fitting: HandFitOptions,
     shape: ShapeOptions,
     rigged: RigFileOptions,
@@ -31,7 +31,7 @@ def command(
     imaging: ImagingOptions,
     frame: FrameOptions,
     radar: RadarOptions,
-    device: str | None = DEVICES,
+    device: str | None = DEVICE,
     force: bool = FORCE,
 ) -> None:
     """Joint angles within their limits, place, alpha, and with --fit-shape the hand's size, so that

@@ -17,7 +17,7 @@ from clradar.cli.images import (
     title_of_image,
 )
 from clradar.cli.inputs import ImageInput, form_image, grid_for
-from clradar.cli.options.common import DEVICES, FORCE, WorkerOptions
+from clradar.cli.options.common import DEVICE, FORCE, WorkerOptions
 from clradar.cli.options.groups import REQUIRED, argument, given, recorded
 from clradar.cli.options.measured import DepthMapOptions, FrameOptions, grid_text
 from clradar.cli.outputs import provenance, save
@@ -26,9 +26,9 @@ from clradar.jobs import open_devices
 
 def command(
     captures: list[Path] = argument(
-        REQUIRED,
         "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
         "captures, as those of clusters, make one image.",
+        REQUIRED,
         metavar="CAPTURE...",
     ),
     *,
@@ -37,7 +37,7 @@ def command(
     depth: DepthMapOptions,
     frames: FrameOptions,
     processes: WorkerOptions,
-    device: str | None = DEVICES,
+    device: str | None = DEVICE,
     force: bool = FORCE,
 ) -> None:
     """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
@@ -60,7 +60,7 @@ def command(
         return
     if imaging.absolute:
         content = replace(content, meta={**content.meta, "absolute": True})
-    opened = cl.open_device(device) if imaging.fitted else open_devices(device).first
+    opened = open_devices(device).first
     grid = grid_for(content, imaging, opened, everything=imaging.everything)
     options = recorded(imaging, frames, grid=grid_text(grid))
     steps = PartSteps(

@@ -18,16 +18,15 @@ from clradar.errors import MeasurementError
 
 def command(
     file: Path = argument(
-        REQUIRED,
         "Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
         "folder that holds one, or the folder of a data set.",
+        REQUIRED,
         metavar="FILE",
     ),
     *,
-    check: bool = option(False, "Read and verify everything; exit status 1 if damaged."),
+    check: bool = option("Read and verify everything; exit status 1 if damaged.", False),
     as_json: bool = JSON,
     png: Path | None = option(
-        None,
         "Also draw it: .png, .pdf or .svg. A volume's image; echoes over range and the level of "
         "every pair of a capture, or over the frames of a recording.",
         names=("--png", "-o"),

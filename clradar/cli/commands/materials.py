@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 import clradar as cl
 from clradar.cli.console import print_line, print_table, print_text
 from clradar.cli.options.common import JSON
 from clradar.cli.options.groups import argument, option, wrong_usage
-from clradar.cli.parse import check_unit, finite, numbers
+from clradar.cli.parse import check_unit, numbers
 from clradar.constants import PLAUSIBLE_HZ
-
-if TYPE_CHECKING:
-    import numpy as np
-
 
 ROUGHNESS = ("roughness_rms", "correlation_length", "micro_roughness_rms")
 
@@ -25,9 +23,9 @@ FREQUENCIES = 101
 
 def command(
     files: list[Path] = argument(
-        (), "Materials of your own, in place of those that come along.", metavar="FILE.toml"
+        "Materials of your own, in place of those that come along.", (), metavar="FILE.toml"
     ),
-    band_ghz: str = option("72:82", "Band of the reflectance.", metavar="FIRST:LAST"),
+    band_ghz: str = option("Band of the reflectance.", "72:82", metavar="FIRST:LAST"),
     as_json: bool = JSON,
 ) -> None:
     """Permittivity and phase are at the middle of the band; the reflected power, least and most
@@ -35,8 +33,6 @@ def command(
     correlation length of the roughness, h_micro the RMS height of what is finer.
     docs/materials.md describes the files, and discusses the sources.
     """
-    import numpy as np
-
     from clradar.files.json_text import indented
     from clradar.model.known_materials import KNOWN
     from clradar.model.material_file import read_materials
@@ -61,7 +57,7 @@ def command(
 def _band(text: str) -> tuple[float, float]:
     """The ends of the band in hertz."""
     ends = numbers(text, ":")
-    if len(ends) != 2 or not finite(ends) or ends[1] < ends[0]:
+    if len(ends) != 2 or ends[1] < ends[0]:
         raise wrong_usage("--band-ghz", f"expected FIRST:LAST with FIRST <= LAST, got '{text}'")
     for end in ends:
         check_unit("--band-ghz", "a frequency", end, PLAUSIBLE_HZ, "GHz")
@@ -70,35 +66,26 @@ def _band(text: str) -> tuple[float, float]:
 
 def _figures(material: cl.Material, frequencies_hz: np.ndarray) -> dict[str, Any]:
     """The record of a material with its reflectance: values of JSON, metres and hertz."""
-    import numpy as np
-
     from clradar.model.material_file import material_record
 
     gamma = material.reflection(frequencies_hz, 1.0)[:, 0]
-    middle = len(gamma) // 2
-    power = np.abs(gamma) ** 2
+    middle, powers = len(gamma) // 2, np.abs(gamma) ** 2
     eps = None if material.conductor else complex(material.permittivity_at(frequencies_hz)[middle])
+    ends = (powers.min(), powers.max())
     return {
         "material": material_record(material),
         "band_hz": [float(frequencies_hz[0]), float(frequencies_hz[-1])],
         "permittivity_at_middle": None if eps is None else [eps.real, eps.imag],
-        "reflectance_db": [_decibels(power.min()), _decibels(power.max())],
+        "reflectance_db": [10 * math.log10(p) + 0.0 if p > 0 else None for p in ends],
         "phase_deg": math.degrees(np.angle(-gamma[middle])),
     }
-
-
-def _decibels(power: float) -> float | None:
-    """The level; None where nothing is reflected."""
-    return 10 * math.log10(power) + 0.0 if power > 0 else None
 
 
 def _row(record: dict[str, Any]) -> tuple[str, ...]:
     own, eps = record["material"], record["permittivity_at_middle"]
     low, high = ("-inf" if db is None else f"{db:.1f}" for db in record["reflectance_db"])
-    lengths_m = (
-        own.get("coating", {}).get("thickness_m"),
-        *(own.get(f"{name}_m") for name in ROUGHNESS),
-    )
+    coating_m = own.get("coating", {}).get("thickness_m")
+    lengths_m = (coating_m, *(own.get(f"{name}_m") for name in ROUGHNESS))
     coating, *roughness = ("" if m is None else f"{1e3 * m:g}" for m in lengths_m)
     return (
         own["name"],

@@ -20,13 +20,14 @@ from clradar.cli.options.measured import (
 )
 from clradar.cli.options.scene import MaterialOptions
 from clradar.cli.outputs import check_folder, provenance, whole_folder
+from clradar.jobs import open_devices
 
 
 def command(
     *,
     measured: Path = MEASURED,
-    mesh: Path = argument(REQUIRED, "Mesh file, placed anywhere.", metavar="MESH"),
-    output: Path = output_option(REQUIRED, "New folder.", metavar="DIR"),
+    mesh: Path = argument("Mesh file, placed anywhere.", REQUIRED, metavar="MESH"),
+    output: Path = output_option("New folder.", REQUIRED, metavar="DIR"),
     registration: RegistrationOptions,
     made_of: MaterialOptions,
     voxels: GridOptions,
@@ -45,7 +46,7 @@ def command(
     check_folder(output, force=force, replaced=FILES, inputs=[measured, *read, *radar.files])
     scene = cl.Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
     scene = made_of.on(scene)
-    opened = cl.open_device(device)
+    opened = open_devices(device).first
     found = measurement(measured, frames, radar, voxels, ImagingOptions(), opened)
     result = registered(found, scene, registration, opened)
     origin = provenance(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import clradar as cl
 from clradar.cli.inputs import measurement
-from clradar.cli.options.common import DEVICES, FORCE, MEASURED
+from clradar.cli.options.common import DEVICE, FORCE, MEASURED
 from clradar.cli.options.groups import REQUIRED, argument, output_option, recorded, wrong_usage
 from clradar.cli.options.measured import (
     DepthMapOptions,
@@ -17,8 +17,8 @@ from clradar.cli.options.measured import (
     RadarOptions,
     grid_text,
 )
-from clradar.cli.options.scene import MaterialOptions, SimulationOptions
-from clradar.cli.options.sweep import AlphaOptions, PlaceOptions, RegionOptions, RoughnessOptions
+from clradar.cli.options.scene import MaterialOptions, PlacementOptions, SimulationOptions
+from clradar.cli.options.sweep import AlphaOptions, RegionOptions, RoughnessOptions
 from clradar.cli.outputs import check_place_of_folder, package_versions, provenance
 from clradar.cli.sweeps import (
     OWN_NAMES,
@@ -35,27 +35,27 @@ from clradar.jobs import open_devices
 def command(
     *,
     measured: Path = MEASURED,
-    mesh: Path = argument(REQUIRED, "Mesh file.", metavar="MESH"),
-    output: Path = output_option(REQUIRED, "New folder, or one to resume.", metavar="DIR"),
+    mesh: Path = argument("Mesh file.", REQUIRED, metavar="MESH"),
+    output: Path = output_option("New folder, or one to resume.", REQUIRED, metavar="DIR"),
     alphas: AlphaOptions,
     roughness: RoughnessOptions,
     made_of: MaterialOptions,
     regions: RegionOptions,
-    place: PlaceOptions,
+    place: PlacementOptions,
     simulation: SimulationOptions,
     radar: RadarOptions,
     voxels: GridOptions,
     imaging: ImagingOptions,
     depth: DepthMapOptions,
     frames: FrameOptions,
-    device: str | None = DEVICES,
+    device: str | None = DEVICE,
     force: bool = FORCE,
 ) -> None:
     """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
-    gets sweep.png, sweep.csv, sweep.json, the settings, and with --align the transform. The same
-    command resumes where a killed one stopped; other settings in the same DIR are refused, unless
-    --force begins anew. Frequencies are those of MEASURED, where it is a capture. The result
-    and its uncertainty: docs/sweep.md.
+    gets sweep.png, sweep.csv, sweep.json and the settings. MESH is where --transform has it, as
+    `clradar align --mesh` finds it. The same command resumes where a killed one stopped; other
+    settings in the same DIR are refused, unless --force begins anew. Frequencies are those of
+    MEASURED, where it is a capture. See docs/sweep.md.
 
     With --roughness-mm it estimates roughness and correlation length in millimetres, of a MESH
     of given --material, by the physical estimator.
@@ -80,24 +80,21 @@ def command(
     found = measurement(measured, frames, radar, voxels, imaging, devices.first)
     check_window(found, imaging.window)
     band_hz = found.radar["waveform"].frequencies_hz
-    align = {"search_deg": place.search_deg} if place.align else None
     origin = provenance(
         "sweep", [*found.files, *read], imaging, **kind.record,
         measured_sha256=digest(found.content), mesh_sha256=scene.digest(),
         regions=None if labels is None else list(labels.names),
         regions_sha256=None if labels is None else sha256_of_arrays(labels.face),
-        transform=None if matrix is None else matrix.tolist(), align=align,
+        transform=None if matrix is None else matrix.tolist(),
         frequencies_ghz=[float(band_hz[0] / 1e9), float(band_hz[-1] / 1e9), len(band_hz)],
         grid=grid_text(found.volume.grid), seeds=alphas.seeds,
         simulation=asdict(settings.resolved()), dynamic_range_db=range_db,
         device=dict(devices.first.describe()), packages=package_versions(),
     )  # fmt: skip
-    # A sweep that is impossible should leave no folder behind.
-    depth_map_of(found.volume, range_db, str(measured))
+    depth_map_of(found.volume, range_db, str(measured))  # raises before a folder is made
     placed = scene if matrix is None else scene.transformed(matrix)
-    if align is None:
-        check_within_grid(placed, found.volume.grid)
+    check_within_grid(placed, found.volume.grid)
     sweep_into(
-        output, kind, found, placed, origin, align and {**align, "device": devices.first},
-        force=force, seeds=alphas.seeds, regions=labels, settings=settings, device=devices,
+        output, kind, found, placed, origin, force=force, seeds=alphas.seeds, regions=labels,
+        settings=settings, device=devices,
     )  # fmt: skip

@@ -5,25 +5,31 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from clradar.cli.options.common import Amplitude
 from clradar.cli.options.groups import REQUIRED, given, option, recorded, wrong_usage
-from clradar.cli.parse import numbers
+from clradar.cli.parse import numbers_of, position_m
 
 if TYPE_CHECKING:
     from calibration import Target
+
+OPTIONS_OF = {
+    "plate": ("--distance-mm", "--tilt-deg", "--size-mm"),
+    "sphere": ("--position-mm", "--radius-mm"),
+    "corner": ("--position-mm",),
+}
+"""Options of each kind of target beside `--amplitude`: all but tilt and size are needed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TargetOptions:
     """The known target; each option belongs to some kinds of target only."""
 
-    target: Literal["plate", "sphere", "corner"] = option(REQUIRED, "Kind of the target.")
-    distance_mm: float | None = option(None, "Plate: distance along z.")
-    tilt_deg: str | None = option(None, "Plate: farther away towards +x, +y.", metavar="X,Y")
-    size_mm: str | None = option(None, "Plate: width and height. [default: endless]", metavar="W,H")
-    position_mm: str | None = option(None, "Sphere: its centre; corner: its apex.", metavar="X,Y,Z")
-    radius_mm: float | None = option(None, "Sphere: to a thousandth of it.")
-    amplitude: Amplitude = option("unit", "1 for every pair, or 1/(R1 R2).")
+    target: Literal["plate", "sphere", "corner"] = option("Kind of the target.", REQUIRED)
+    distance_mm: float | None = option("Plate: distance along z.")
+    tilt_deg: str | None = option("Plate: farther away towards +x, +y.", metavar="X,Y")
+    size_mm: str | None = option("Plate: width and height. [default: endless]", metavar="W,H")
+    position_mm: str | None = option("Sphere: its centre; corner: its apex.", metavar="X,Y,Z")
+    radius_mm: float | None = option("Sphere: to a thousandth of it.")
+    amplitude: Literal["unit", "spreading"] = option("1 for every pair, or 1/(R1 R2).", "unit")
 
     def read(self) -> Target:
         """The target that the options describe."""
@@ -31,54 +37,43 @@ class TargetOptions:
 
         from calibration import CornerReflector, FlatPlate, Sphere
 
-        self._check()
-        amplitude = self.amplitude
-        if self.distance_mm is not None:
-            tilt_x, tilt_y = _numbers(
-                "--tilt-deg", "0,0" if self.tilt_deg is None else self.tilt_deg, 2
-            )
-            size_m = None
-            if self.size_mm is not None:
-                width_mm, height_mm = _numbers("--size-mm", self.size_mm, 2)
-                size_m = (width_mm / 1e3, height_mm / 1e3)
-            distance_m = self.distance_mm / 1e3
-            return FlatPlate(distance_m, tilt_x, tilt_y, size_m=size_m, amplitude=amplitude)
-        place_m = np.array(_numbers("--position-mm", str(self.position_mm), 3)) / 1e3
-        if self.radius_mm is not None:
-            return Sphere(place_m, self.radius_mm / 1e3, amplitude=amplitude)
-        return CornerReflector(place_m, amplitude=amplitude)
-
-    def _check(self) -> None:
-        needed, allowed = {
-            "plate": (["--distance-mm"], ["--tilt-deg", "--size-mm"]),
-            "sphere": (["--position-mm", "--radius-mm"], []),
-            "corner": (["--position-mm"], []),
-        }[self.target]
-        there = given(self)
-        for name in needed:
-            if name not in there:
+        own, there = OPTIONS_OF[self.target], given(self)
+        for name in own:
+            if name not in there and name not in ("--tilt-deg", "--size-mm"):
                 raise wrong_usage(name, f"a {self.target} needs it")
         for name in there:
-            if name not in (*needed, *allowed, "--target", "--amplitude"):
+            if name not in (*own, "--target", "--amplitude"):
                 raise wrong_usage(name, f"a {self.target} has none")
+        if self.distance_mm is not None:
+            tilt_deg = numbers_of("--tilt-deg", self.tilt_deg or "0,0", 2)
+            size_m = None
+            if self.size_mm is not None:
+                width_mm, height_mm = numbers_of("--size-mm", self.size_mm, 2)
+                size_m = (width_mm / 1e3, height_mm / 1e3)
+            distance_m = self.distance_mm / 1e3
+            return FlatPlate(distance_m, *tilt_deg, size_m=size_m, amplitude=self.amplitude)
+        place_m = np.array(position_m("--position-mm", str(self.position_mm)))
+        if self.radius_mm is not None:
+            return Sphere(place_m, self.radius_mm / 1e3, amplitude=self.amplitude)
+        return CornerReflector(place_m, amplitude=self.amplitude)
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateOptions:
     """How gains and delays are estimated."""
 
-    hold: bool = option(False, "The target is exactly at the position of the options.")
-    tolerance_mm: float = option(10.0, "Tolerance of its position, per axis.")
-    tilt_tolerance_deg: float = option(2.0, "How well a plate's tilt is known.")
-    max_delay_ps: float = option(100.0, "Largest delay of a pair that is searched for.")
-    common_delay: Literal["zero", "free"] = option("zero", "Delays scatter about this.")
-    level: Literal["mean", "target"] = option(
-        "mean", "0 dB: the mean gain, or that which echoes as modelled."
-    )
-    gate_mm: float | None = option(None, "Use echoes within this range of the target only.")
-    dead_db: float = option(20.0, "Dead: this far below the median gain.")
-    noisy_db: float = option(6.0, "Noisy: this far above the median noise.")
-    max_residual_db: float = option(-10.0, "Refuse where more of the echoes is left.")
+    PANEL = "Expert"
+
+    hold: bool = option("The target is exactly at the position of the options.", False)
+    tolerance_mm: float = option("Tolerance of its position, per axis.", 10.0)
+    tilt_tolerance_deg: float = option("How well a plate's tilt is known.", 2.0)
+    max_delay_ps: float = option("Largest delay of a pair that is searched for.", 100.0)
+    common_delay: Literal["zero", "free"] = option("Delays scatter about this.", "zero")
+    level: Literal["mean", "target"] = option("0 dB: mean gain, or echo as modelled.", "mean")
+    gate_mm: float | None = option("Use echoes within this range of the target only.")
+    dead_db: float = option("Dead: this far below the median gain.", 20.0)
+    noisy_db: float = option("Noisy: this far above the median noise.", 6.0)
+    max_residual_db: float = option("Refuse where more of the echoes is left.", -10.0)
 
     def settings(self) -> dict[str, Any]:
         """Settings of `calibration.estimate_channels`."""
@@ -89,10 +84,3 @@ class EstimateOptions:
         gate_mm = found.pop("gate_mm")
         found["gate_m"] = None if gate_mm is None else gate_mm / 1e3
         return found
-
-
-def _numbers(option: str, text: str, count: int) -> list[float]:
-    found = numbers(text)
-    if len(found) != count:
-        raise wrong_usage(option, f"expected {count} numbers with commas between, got '{text}'")
-    return found

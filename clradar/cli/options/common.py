@@ -20,60 +20,50 @@ rig_option = partial(option, needs="--rig")
 
 Unit = Literal["m", "mm", "cm", "inch"]
 
-Amplitude = Literal["unit", "spreading"]
-
 CAPTURE: Any = argument(
-    REQUIRED, "Native capture, recorded .npy frame, or radar folder.", metavar="CAPTURE"
+    "Native capture, recorded .npy frame, or radar folder.", REQUIRED, metavar="CAPTURE"
 )
-MEASURED: Any = argument(REQUIRED, "Volume, capture or recording.", metavar="MEASURED")
+MEASURED: Any = argument("Volume, capture or recording.", REQUIRED, metavar="MEASURED")
 DEVICE: Any = option(
-    None,
-    "OpenCL device: its selector or part of its name (see `clradar devices`). "
-    "[default: CLRADAR_DEVICE, else PYOPENCL_CTX, else a GPU, else a CPU]",
+    "OpenCL device: selector or part of its name, or several to divide the work among: with "
+    "commas, or all (all GPUs). [default: as `clradar devices` shows]",
     metavar="NAME",
     names=("--device",),
+    panel="Expert",
 )
-DEVICES: Any = option(
-    None,
-    "OpenCL device, or several to divide the work among: names with commas, or all (all GPUs). "
-    "[default: as `clradar devices` shows]",
-    metavar="NAME",
-    names=("--device",),
-)
-FORCE: Any = option(False, "Replace files that exist.", names=("--force",))
-JSON: Any = option(False, "Print JSON for programs, in metres and hertz.", names=("--json",))
+FORCE: Any = option("Replace files that exist.", False, names=("--force",), panel="Output")
+JSON: Any = option("Print JSON, in metres and hertz.", False, names=("--json",), panel="Output")
 
 
 @dataclass(frozen=True, kw_only=True)
 class UnitOptions:
     """The unit of length of a mesh."""
 
-    unit: Unit = option("m", "Unit of length of the mesh file.")
+    unit: Unit = option("Unit of length of the mesh file.", "m")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
     """The search for the pose of a mesh."""
 
-    search_deg: float = option(45.0, "Rotations about boresight that are tried.", metavar="DEG")
+    search_deg: float = option("Rotations about boresight that are tried.", 45.0, panel="Expert")
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorkerOptions:
     """The processes that the work is divided among."""
 
+    PANEL = "Expert"
+
     workers: int | None = option(
-        None,
-        'Worker processes (pip install "clradar[dataset]"), each with a GPU or a share of the '
+        "Worker processes (pip install 'clradar[dataset]'), each with a GPU or a share of the "
         "cores. [default: one for each of several devices, else this one]",
         metavar="N",
         min=1,
     )
     scheduler: str | None = option(
-        None,
-        "The workers of a Dask scheduler, tcp://HOST:PORT, that see the same files; see "
-        "docs/datasets-cluster.md.",
-        metavar="ADDRESS",
+        "Address of a Dask scheduler, whose workers see the same files.",
+        metavar="tcp://HOST:PORT",
         without="--workers",
     )
 

@@ -18,6 +18,9 @@ import typer
 REQUIRED = Parameter.empty
 """The default of an option without which a command is wrong usage."""
 
+UNITS = ("mm", "deg", "db", "hz", "us", "s")
+"""Of names of options: the help shows them in place of the value."""
+
 
 def wrong_usage(option: str, text: str) -> typer.BadParameter:
     """The error that names the option and ends in exit status 2."""
@@ -25,38 +28,34 @@ def wrong_usage(option: str, text: str) -> typer.BadParameter:
 
 
 def option(
-    default: Any,
     help: str,
+    default: Any = None,
     *,
+    kind: Callable[..., Any] = typer.Option,
     names: tuple[str, ...] = (),
     needs: str = "",
     without: str = "",
+    panel: str = "",
     **details: Any,
 ) -> Any:
     """A field that is an option; without `names` ``edge_mm`` is ``--edge-mm``.
 
     In a command that has the option `needs` it goes with that one only, and never with those of
-    `without`. `details` are those of `typer.Option`.
+    `without`; the help shows it under the heading `panel`. `details` are those of `typer.Option`.
     """
-    return _field(default, typer.Option, names, needs, without, help=help, **details)
-
-
-def output_option(default: Any, help: str, **details: Any) -> Any:
-    """A field that is the option ``-o``, ``--output``."""
-    return option(default, help, names=("-o", "--output"), **details)
-
-
-def argument(default: Any, help: str, **details: Any) -> Any:
-    """A field that is a positional argument; `details` are those of `typer.Argument`."""
-    return _field(default, typer.Argument, (), "", "", help=help, **details)
-
-
-def _field(
-    default: Any, kind: Callable[..., Any], names: Any, needs: str, without: str, **details: Any
-) -> Any:
-    known = {"default": default, "names": names, "needs": needs, "without": without}
-    metadata = {**known, "kind": kind, "details": details}
+    known = {"default": default, "names": names, "needs": needs, "without": without, "kind": kind}
+    metadata = {**known, "panel": panel, "details": {"help": help, **details}}
     return field(metadata=metadata, **({} if default is REQUIRED else {"default": default}))
+
+
+def argument(help: str, default: Any = None, **details: Any) -> Any:
+    """A field that is a positional argument; `details` are those of `typer.Argument`."""
+    return option(help, default, kind=typer.Argument, **details)
+
+
+def output_option(help: str, default: Any = None, **details: Any) -> Any:
+    """A field that is the option ``-o``, ``--output``."""
+    return option(help, default, names=("-o", "--output"), panel="Output", **details)
 
 
 def option_name(name: str, one: Field[Any]) -> str:
@@ -75,11 +74,12 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
     declared: dict[str, Field[Any]] = {}
     parameters: list[Parameter] = []
     for name, parameter in shown.parameters.items():
-        own, hints = {name: parameter.default}, {name: parameter.annotation}
+        own, hints, panel = {name: parameter.default}, {name: parameter.annotation}, ""
         if name in groups:
             own, hints = {f.name: f for f in fields(groups[name])}, get_type_hints(groups[name])
+            panel = getattr(groups[name], "PANEL", "")
         declared |= own
-        parameters += [_parameter(n, hints[n], one) for n, one in own.items()]
+        parameters += [_parameter(n, hints[n], one, panel) for n, one in own.items()]
 
     def run(**values: Any) -> Any:
         _check_together(declared, values)
@@ -93,12 +93,16 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
-def _parameter(name: str, hint: Any, one: Field[Any]) -> Parameter:
-    known = one.metadata
-    names = known["names"] or ((option_name(name, one),) if known["kind"] is typer.Option else ())
-    annotation: Any = Annotated[hint, known["kind"](*names, **known["details"])]
-    default = known["default"]
-    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:
+    known, details = one.metadata, dict(one.metadata["details"])
+    names, unit = known["names"], name.rpartition("_")[2]
+    if known["kind"] is typer.Option:
+        names = names or (option_name(name, one),)
+        if unit in UNITS:
+            details.setdefault("metavar", unit.upper())
+        details["rich_help_panel"] = known["panel"] or panel or None
+    annotation: Any = Annotated[hint, known["kind"](*names, **details)]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=known["default"], annotation=annotation)
 
 
 def _check_together(declared: dict[str, Field[Any]], values: dict[str, Any]) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import clradar as cl
 from clradar.cli.options.common import SearchOptions, own_option, rig_option
 from clradar.cli.options.groups import given, option, wrong_usage
 from clradar.cli.parse import FIT, alpha_or_fit, numbers
@@ -21,6 +19,7 @@ from clradar.files.toml_file import toml_document
 
 if TYPE_CHECKING:
     from clradar.hand import HandMesh, HandPose, HandShape
+    from clradar.opencl import Device
     from clradar.rigs import Rig
 
 EDGE_MM = 1.7
@@ -30,25 +29,12 @@ EDGE_MM = 1.7
 class ShapeOptions:
     """Size and proportions of the embedded hand."""
 
-    length_mm: float | None = own_option(
-        None,
-        "Wrist crease to middle fingertip. [default: 187.4]",
-        metavar="MM",
-    )
-    breadth_mm: float | None = own_option(
-        None,
-        "Across the knuckles. [default: 85.6]",
-        metavar="MM",
-    )
+    length_mm: float | None = own_option("Wrist crease to middle fingertip. [default: 187.4]")
+    breadth_mm: float | None = own_option("Across the knuckles. [default: 85.6]")
     finger_lengths: tuple[float, float, float, float, float] | None = own_option(
-        None,
-        "Thumb to little finger, relative to an average hand of this length.",
-        metavar="T I M R P",
+        "Thumb to little finger, relative to an average hand of this length.", metavar="T I M R P"
     )
-    girth: float | None = own_option(
-        None,
-        "Thickness, relative to that of an average hand of this breadth.",
-    )
+    girth: float | None = own_option("Thickness, relative to an average hand of this breadth.")
 
     @property
     def shape(self) -> HandShape:
@@ -65,17 +51,15 @@ class ShapeOptions:
 class EmbeddedHandOptions(ShapeOptions):
     """Size, shape and mesh of the embedded hand."""
 
-    edge_mm: float | None = own_option(
-        None, f"About the length of an edge. [default: {EDGE_MM}]", metavar="MM"
-    )
-    left: bool = own_option(False, "A left hand.")
+    edge_mm: float | None = own_option(f"About the length of an edge. [default: {EDGE_MM}]")
+    left: bool = own_option("A left hand.", False)
 
     @property
     def handedness(self) -> str:
         """Which hand it is, right or left."""
         return "left" if self.left else "right"
 
-    def posed(self, pose: HandPose, center_m: Sequence[float], device: str | None) -> HandMesh:
+    def posed(self, pose: HandPose, center_m: Sequence[float], device: Device) -> HandMesh:
         """The surface of the embedded hand in a pose."""
         from clradar.hand import hand_mesh
 
@@ -89,44 +73,25 @@ class EmbeddedHandOptions(ShapeOptions):
         )
 
 
-HAND_CREASE_DEG = 90.0
-"""Up to here faces of a hand stand for a curve: a finger of six sides has edges of 60 degrees."""
-
-HIGHEST_HZ = 82e9
-"""Of the imager that the command line simulates."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class RigFileOptions:
     """A rigged hand."""
 
     rig: Path | None = option(
-        None,
-        "Pose this hand instead of the embedded one: skinned glTF (.glb, .gltf) or a MANO "
-        "model (.pkl, .npz). Its mesh is taken as it is.",
+        "Pose this hand instead: skinned glTF (.glb, .gltf) or a MANO model (.pkl, .npz).",
         metavar="HAND",
         needs="--fit-hand",
     )
     mapping: Path | None = rig_option(
-        None,
-        "Which node of the rig is which joint, where it has no WebXR names: a table [joints].",
-        metavar="M.toml",
+        "Which node is which joint, without WebXR names: a table [joints].", metavar="M.toml"
     )
     rig_unit: str | None = rig_option(
-        None,
-        "The rig's unit of length: m, cm, mm, inch, or a number of millimetres. "
-        "[default: found from the hand's size]",
-        metavar="UNIT",
+        "m, cm, mm, inch, or a number of mm. [default: by the hand's size]", metavar="UNIT"
     )
-    rig_hand: str | None = rig_option(
-        None,
-        "Which hand the rig is, right or left, if neither names nor shape show it, or "
-        "which of two.",
-        metavar="SIDE",
+    rig_hand: Literal["right", "left"] | None = rig_option(
+        "Which hand the rig is, where its names and shape do not show it."
     )
-    betas: str | None = rig_option(
-        None, "Shape of a MANO hand, up to 10 numbers.", metavar="B,B,..."
-    )
+    betas: str | None = rig_option("Shape of a MANO hand, up to 10 numbers.", metavar="B,B,...")
 
     @property
     def files(self) -> list[Path]:
@@ -141,7 +106,7 @@ class RigFileOptions:
         if self.rig_unit is None or self.rig_unit in UNITS_M:
             return self.rig_unit
         values_mm = numbers(self.rig_unit)
-        if len(values_mm) != 1 or not 0 < values_mm[0] < float("inf"):
+        if len(values_mm) != 1 or values_mm[0] <= 0:
             known = f"one of {', '.join(UNITS_M)}, or a positive number of mm"
             raise wrong_usage("--rig-unit", f"expected {known}, got '{self.rig_unit}'")
         return values_mm[0] / 1e3
@@ -149,11 +114,11 @@ class RigFileOptions:
     @property
     def keys(self) -> dict[str, Any]:
         """What is given beside the files, as keys of a motion file."""
-        keys = {
-            "rig_unit": 1e3 * self.unit if isinstance(self.unit, float) else self.unit,
-            "rig_hand": self.rig_hand,
-            "betas": None if self.betas is None else numbers(self.betas),
-        }
+        betas = None if self.betas is None else numbers(self.betas)
+        if betas == []:
+            raise wrong_usage("--betas", f"expected numbers, got '{self.betas}'")
+        unit = 1e3 * self.unit if isinstance(self.unit, float) else self.unit
+        keys = {"rig_unit": unit, "rig_hand": self.rig_hand, "betas": betas}
         return {key: value for key, value in keys.items() if value is not None}
 
     def read(self) -> Rig:
@@ -161,14 +126,10 @@ class RigFileOptions:
         from clradar.rigs import read_rig
 
         assert self.rig is not None
-        if self.rig_hand not in (None, "right", "left"):
-            raise wrong_usage("--rig-hand", f"expected right or left, got '{self.rig_hand}'")
-        betas = None if self.betas is None else numbers(self.betas)
-        if betas == []:
-            raise wrong_usage("--betas", f"expected numbers, got '{self.betas}'")
         return read_rig(
-            self.rig, mapping=self.mapping, unit=self.unit, handedness=self.rig_hand, betas=betas
-        )
+            self.rig, mapping=self.mapping, unit=self.unit, handedness=self.rig_hand,
+            betas=self.keys.get("betas"),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,8 +137,7 @@ class RigOptions(RigFileOptions):
     """A rigged hand, and its pose in its own parameters."""
 
     theta: Path | None = option(
-        None,
-        "Pose of a MANO hand instead of POSE: a list of 48 numbers, axis times angle, radians.",
+        "Pose of a MANO hand instead of POSE: 48 numbers, axis times angle, radians.",
         metavar="THETA.json",
         needs="--rig",
         without="POSE --from",
@@ -189,9 +149,8 @@ class RigOptions(RigFileOptions):
         return [*super().files, *([] if self.theta is None else [self.theta])]
 
     def posed(self, pose: HandPose, name: str, center_m: Sequence[float]) -> tuple[HandMesh, str]:
-        """The rig's surface in a pose, or at a theta of MANO; and both in words."""
-        from clradar.rigs import UNITS_M, rotations_of_theta
-        from clradar.tracing.facets import warn_of_coarse_facets
+        """The rig's surface in a pose, or at a theta of MANO; and a description of both."""
+        from clradar.rigs import rotations_of_theta
 
         rig = self.read()
         if self.theta is None:
@@ -199,14 +158,9 @@ class RigOptions(RigFileOptions):
         else:
             rotations = rotations_of_theta(rig, read_theta(self.theta))
             mesh, shown = rig.turned(rotations, center_m), f"theta of {self.theta}"
-        # A hand has no sharp edges, however coarse its mesh is; at the imager's highest frequency.
-        smooth = cl.SimulationSettings(crease_deg=HAND_CREASE_DEG).resolved()
-        scene = cl.Scene(mesh.vertices_m, mesh.faces, 0.5)
-        warn_of_coarse_facets(str(self.rig), scene, smooth, HIGHEST_HZ)
-        named = (unit for unit, unit_m in UNITS_M.items() if math.isclose(rig.unit_m, unit_m))
-        unit = next(named, f"{1e3 * rig.unit_m:.6g} mm")
         joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
-        return mesh, f"{self.rig}: {rig.handedness} hand, unit {unit}, {joints}, {shown}"
+        unit = f"unit {1e3 * rig.unit_m:.6g} mm"
+        return mesh, f"{self.rig}: {rig.handedness} hand, {unit}, {joints}, {shown}"
 
 
 def read_theta(path: Path) -> list[float]:
@@ -225,18 +179,14 @@ class MovementOptions:
     """From one pose to another."""
 
     start: str | None = option(
-        None,
-        "Go from this pose to that of --to, from rest to rest: -o is a motion file (.toml) for "
-        "`clradar simulate --motion`.",
+        "Go from this pose to that of --to: -o is a motion file (.toml) for `clradar simulate`.",
         metavar="POSE",
         names=("--from",),
         needs="--to",
         without="POSE --joints",
     )
-    end: str | None = option(
-        None, "The last pose.", metavar="POSE", names=("--to",), needs="--from"
-    )
-    duration_s: float = option(1.0, "Time from pose to pose.", metavar="S", needs="--from")
+    end: str | None = option("The last pose.", metavar="POSE", names=("--to",), needs="--from")
+    duration_s: float = option("Time from pose to pose.", 1.0, needs="--from")
 
     def __post_init__(self) -> None:
         if not 0 < self.duration_s < float("inf"):
@@ -262,24 +212,22 @@ class MovementOptions:
         *,
         force: bool,
     ) -> None:
-        """Write a motion file of the embedded hand, or of a rig."""
+        """Write a motion file of the embedded hand, or of a rig; it names files as it sees them."""
         from clradar.hand.movement import pose_of
-
-        def beside(file: str | Path) -> str:
-            """A file as the motion file names it: relative to it."""
-            return os.path.relpath(file, path.parent)
 
         hand: dict[str, Any] = {"center_mm": list(center_mm)}
         if rigged.rig is not None:
             rigged.read()  # raises where it is none
             own = {"rig": rigged.rig, "mapping": rigged.mapping}
-            hand |= {key: beside(file) for key, file in own.items() if file is not None}
+            hand |= {key: os.path.relpath(at, path.parent) for key, at in own.items() if at}
             hand |= rigged.keys
         else:
             shape = embedded.shape
-            hand |= {"handedness": embedded.handedness, "length_mm": 1e3 * shape.length_m}
-            hand |= {"breadth_mm": 1e3 * shape.breadth_m, "girth": shape.girth}
-            hand["finger_lengths"] = list(shape.finger_lengths)
+            hand |= {
+                "handedness": embedded.handedness, "length_mm": 1e3 * shape.length_m,
+                "breadth_mm": 1e3 * shape.breadth_m, "girth": shape.girth,
+                "finger_lengths": list(shape.finger_lengths),
+            }  # fmt: skip
             if embedded.edge_mm is not None:
                 hand["edge_mm"] = embedded.edge_mm
         text = "[[hand]]\n" + toml_document(hand)
@@ -288,8 +236,8 @@ class MovementOptions:
             text += f"turn_deg = [0.0, {turn_deg!r}, 0.0]\n"
         for time_s, pose in zip((0.0, self.duration_s), self.poses, strict=True):
             pose_of(pose)  # raises where there is none
-            known = {"time_s": time_s, "pose": beside(pose) if Path(pose).suffix else pose}
-            text += f"[[hand.pose]]\n{toml_document(known)}"
+            named = os.path.relpath(pose, path.parent) if Path(pose).suffix else pose
+            text += "[[hand.pose]]\n" + toml_document({"time_s": time_s, "pose": named})
         write_file(path, text.encode(), force=force)
 
 
@@ -298,21 +246,13 @@ class AnyHandOptions:
     """What is known of the hand, of one image or over frames."""
 
     hand: Literal["right", "left", "either"] | None = own_option(
-        None,
-        "Which hand it is. [default: right; that of an earlier fit, or of the rig]",
+        "Which hand it is. [default: right; that of an earlier fit, or of the rig]"
     )
-    fit_shape: bool = own_option(
-        False,
-        "Fit size and proportions of the hand, too.",
-    )
+    fit_shape: bool = own_option("Fit size and proportions of the hand, too.", False)
     angle_std_deg: float = option(
-        12.0,
-        "How far joints are from those of the starting pose: standard deviation of flexion and of "
-        "the thumb; less at the joints that move less.",
-        metavar="DEG",
-        needs="--fit-hand",
+        "Standard deviation of flexion from the starting pose.", 12.0, needs="--fit-hand"
     )
-    seed: int = option(0, "Of all that is drawn.", metavar="N", needs="--fit-hand")
+    seed: int = option("Of all that is drawn.", 0, metavar="N", needs="--fit-hand")
 
     def settings(
         self, starts: StartNames, shape: ShapeOptions, rigged: RigFileOptions, search_deg: float
@@ -339,21 +279,19 @@ class HandFitOptions(AnyHandOptions, SearchOptions):
     """Where the fit starts, what it fits, and how it searches."""
 
     pose: str = option(
+        "Where the fit starts: a name (`clradar hand --list`), a pose file, the folder of an "
+        "earlier fit, several of them, or all: every letter.",
         "all",
-        "Where the fit starts: a name (`clradar hand --list`), a pose file (.toml, .json), the "
-        "folder of an earlier fit, several of them with commas, or all: every letter.",
         names=("--pose", "--start"),
         metavar="POSE,...",
     )
     alpha: str = option(
+        "0 specular to 1 diffuse, or fit: as the brightness falls with the angle.",
         FIT,
-        "0 specular to 1 diffuse, or fit: found from how the brightness falls with the angle.",
         metavar="ALPHA|fit",
     )
     quick: bool = option(
-        False,
-        "Without the simulations that correct the bias and find alpha: less exact where the hand "
-        "is specular.",
+        "Without the simulations that correct the bias and find alpha: less exact.", False
     )
 
     def fit_settings(self, shape: ShapeOptions, rigged: RigFileOptions) -> dict[str, Any]:
@@ -382,7 +320,6 @@ class StartNames:
         starts = starts_of(self._texts)
         for start in starts:
             if hand is not None and start.handedness not in (None, hand):
-                raise wrong_usage(
-                    "--hand", f"expected {start.handedness}, as in --pose, got '{hand}'"
-                )
+                text = f"expected {start.handedness}, as in --pose, got '{hand}'"
+                raise wrong_usage("--hand", text)
         return starts

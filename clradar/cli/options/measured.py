@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import clradar as cl
 from clradar.cli.options.groups import given, option, recorded, wrong_usage
-from clradar.cli.parse import RANGE_RULE, check_unit, finite, numbers, whole_steps
+from clradar.cli.parse import RANGE_RULE, check_unit, numbers, whole_steps
 from clradar.constants import DYNAMIC_RANGE_DB, FINEST_SPACING_M, PLAUSIBLE_HZ, PLAUSIBLE_RANGE_M
 from clradar.model import VoxelGrid, checks
 
@@ -22,8 +22,9 @@ ARRAY_HELP = "Antennas: a .toml file (docs/arrays.md), or qar50, the 94 x 94 ima
 class BandOptions:
     """The frequencies of a stepped-frequency sweep."""
 
+    PANEL = "Input"
+
     band: str | None = option(
-        None,
         f"First and last frequency, GHz, and their number. "
         f"[default: {START_GHZ:g}:{STOP_GHZ:g}:{STEPS}]",
         metavar="FIRST:LAST:STEPS",
@@ -35,15 +36,13 @@ class BandOptions:
         if self.band is None:
             return START_GHZ, STOP_GHZ, STEPS
         values = numbers(self.band, ":")
-        if len(values) != 3 or not finite(values) or values[2] % 1:
+        if len(values) != 3 or values[2] % 1 or values[2] < 1:
             raise wrong_usage("--band", f"expected FIRST:LAST:STEPS, got '{self.band}'")
-        for value in values[:2]:
-            check_unit("--band", "a frequency", value, PLAUSIBLE_HZ, "GHz")
         first, last, steps = values[0], values[1], int(values[2])
-        if steps < 1 or (first >= last if steps > 1 else first != last):
-            expected = (
-                "FIRST below LAST, or both equal for one step" if steps > 0 else "STEPS from 1"
-            )
+        for value in (first, last):
+            check_unit("--band", "a frequency", value, PLAUSIBLE_HZ, "GHz")
+        if first >= last if steps > 1 else first != last:
+            expected = "FIRST below LAST, or both equal for one step"
             raise wrong_usage("--band", f"expected {expected}, got '{self.band}'")
         return first, last, steps
 
@@ -57,7 +56,7 @@ class BandOptions:
 class RadarOptions(BandOptions):
     """The antennas and the frequencies."""
 
-    array: str | None = option(None, f"{ARRAY_HELP} [default: qar50]", metavar="ARRAY")
+    array: str | None = option(f"{ARRAY_HELP} [default: qar50]", metavar="ARRAY")
 
     @property
     def files(self) -> list[Path]:
@@ -71,8 +70,7 @@ class RadarOptions(BandOptions):
         from clradar import arrays
         from clradar.arrays.instruments import KNOWN
 
-        name = "qar50" if self.array is None else self.array
-        return KNOWN[name]() if name in KNOWN else arrays.read_array(name)
+        return arrays.read_array(str(self.array)) if self.files else KNOWN[self.array or "qar50"]()
 
     def clusters(self) -> tuple[cl.AntennaArray, ...]:
         """The arrays of a file of clusters, each of which has a capture of its own; else one."""
@@ -95,64 +93,36 @@ def recording_files(path: Path, capture_meta: Mapping[str, Any]) -> list[Path]:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameOptions:
-    """Which frame of a recording."""
+    """Which frame of a recording; as `measurement_io.open_capture` takes it."""
 
-    frame: int | None = option(None, "Frame of a recording. [default: 0]", metavar="N")
-    variant: Variant | None = option(None, "Variant of a recording's frame. [default: raw]")
+    PANEL = "Input"
 
-    @property
-    def chosen(self) -> dict[str, Any]:
-        """`frame` and `variant` as `measurement_io.open_capture` takes them."""
-        return recorded(self)
+    frame: int | None = option("Frame of a recording. [default: 0]", metavar="N")
+    variant: Variant | None = option("Variant of a recording's frame. [default: raw]")
 
     def open(self, path: Path) -> tuple[cl.Capture, list[Path]]:
         """The capture of a file or folder, and the files whose content it is."""
         from measurement_io import open_capture
 
-        capture = open_capture(path, **self.chosen)
+        capture = open_capture(path, **recorded(self))
         return capture, recording_files(path, capture.meta)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AntennaOptions:
-    """Files with the positions of antennas."""
-
-    rx_file: Path | None = option(None, "Positions of the Rx antennas of a recorded frame.")
-    tx_file: Path | None = option(None, "Positions of the Tx antennas of a recorded frame.")
-
-    @property
-    def files(self) -> list[Path]:
-        """The files that were given."""
-        return [path for path in (self.rx_file, self.tx_file) if path is not None]
-
-    @property
-    def chosen(self) -> dict[str, Any]:
-        """`rx_file` and `tx_file` as `measurement_io.open_recording` takes them."""
-        return {"rx_file": self.rx_file, "tx_file": self.tx_file}
 
 
 PAPER_GRID_MM = ("-100:100:1", "-100:100:1", "260:340:1")
 """The grid of the paper's experiment: 201 x 201 x 81 voxels of 1 mm."""
 
-MODEL_METHODS = ("least-squares", "sparse")
-"""Those of `clradar.reconstruct`."""
-
 GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
-
-
-def axis_option(axis: str, default: str) -> Any:
-    """The option of an axis; `default` says what holds without it."""
-    rule = GRID_RULE if axis == "x" else f"The same along {axis}"
-    return option(None, f"{rule}. [default: {default}]", metavar="RANGE")
 
 
 @dataclass(frozen=True, kw_only=True)
 class GridOptions:
     """The voxel grid, in millimetres; without any of the three one that shows the object."""
 
-    x_mm: str | None = axis_option("x", PAPER_GRID_MM[0])
-    y_mm: str | None = axis_option("y", PAPER_GRID_MM[1])
-    z_mm: str | None = axis_option("z", PAPER_GRID_MM[2])
+    PANEL = "Grid"
+
+    x_mm: str | None = option(f"{GRID_RULE}. [default: around the echoes]", metavar="RANGE")
+    y_mm: str | None = option("The same along y.", metavar="RANGE")
+    z_mm: str | None = option("The same along z.", metavar="RANGE")
 
     @property
     def given(self) -> bool:
@@ -161,13 +131,8 @@ class GridOptions:
 
     def grid(self, defaults_mm: tuple[str, str, str] = PAPER_GRID_MM) -> VoxelGrid:
         """The grid, with default ranges for the axes that were not given."""
-        texts = (self.x_mm, self.y_mm, self.z_mm)
-        axes = [
-            axis_mm(option, default if text is None else text)
-            for option, text, default in zip(
-                ("--x-mm", "--y-mm", "--z-mm"), texts, defaults_mm, strict=True
-            )
-        ]
+        named = zip("xyz", (self.x_mm, self.y_mm, self.z_mm), defaults_mm, strict=True)
+        axes = [axis_mm(f"--{a}-mm", text or default) for a, text, default in named]
         x_m, y_m, z_m = ((first / 1e3, last / 1e3) for first, last, _ in axes)
         return VoxelGrid.from_extent(x_m, y_m, z_m, [step / 1e3 for _, _, step in axes])
 
@@ -177,16 +142,16 @@ class ImagingOptions:
     """How an image is formed."""
 
     method: Literal["fast", "range", "exact"] = option(
+        "fast: over a tree of blocks, error -50 dB; range: from range profiles, -54 dB; exact: the "
+        "plain sum.",
         "fast",
-        "fast: over a tree of blocks, -50 dB of error; range: from range profiles, "
-        "-54 dB; exact: the plain sum.",
     )
-    window: Literal["rect", "hann", "taylor"] = option("rect", "Weights over frequency.")
+    window: Literal["rect", "hann", "taylor"] = option("Weights over frequency.", "rect")
 
     @property
     def fitted(self) -> bool:
         """Whether it is formed by iteration: by `clradar.reconstruct`."""
-        return self.method in MODEL_METHODS
+        return self.method in ("least-squares", "sparse")
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -200,20 +165,15 @@ class ModelImagingOptions(ImagingOptions):
 
     # A wider choice than that of the other commands.
     method: Literal["fast", "range", "exact", "least-squares", "sparse"] = option(  # type: ignore[assignment]
+        "fast: over a tree of blocks, error -50 dB; range: from range profiles, -54 dB; exact: the "
+        "plain sum. By iteration (needs pylops): least-squares, or sparse, of few voxels.",
         "fast",
-        "fast: back-projection over a tree of blocks, -50 dB of error; range: from range profiles, "
-        "-54 dB; exact: the plain sum. By iteration (needs pylops): least-squares: reflectivity "
-        "that explains the samples; sparse: that of few voxels.",
     )
     iterations: int | None = option(
-        None, "At most, of an image by iteration. [default: 30, sparse 100]", min=1
+        "At most, of an image by iteration. [default: 30, sparse 100]", metavar="N", min=1
     )
-    damping_db: float | None = option(
-        None, "Of least-squares: weight of the reflectivity's power. [default: none]", metavar="DB"
-    )
-    sparsity_db: float | None = option(
-        None, "Of sparse: threshold below the maximum. [default: -30]", metavar="DB"
-    )
+    damping_db: float | None = option("Of least-squares: weight of the power. [default: none]")
+    sparsity_db: float | None = option("Of sparse: threshold below the maximum. [default: -30]")
 
     def __post_init__(self) -> None:
         fits = {
@@ -239,9 +199,7 @@ class ModelImagingOptions(ImagingOptions):
 class DepthMapOptions:
     """How a depth map is made of a volume."""
 
-    dynamic_range_db: float = option(
-        DYNAMIC_RANGE_DB, "Cut this far below an image's maximum.", metavar="DB"
-    )
+    dynamic_range_db: float = option("Cut this far below an image's maximum.", DYNAMIC_RANGE_DB)
 
     def __post_init__(self) -> None:
         checks.dynamic_range("--dynamic-range-db", self.dynamic_range_db)
@@ -251,13 +209,13 @@ class DepthMapOptions:
 class PictureOptions:
     """What is drawn of a volume."""
 
+    PANEL = "Output"
+
     view: Literal["xy", "xz", "yz", "all"] | None = option(
-        None, "Axes of the figure, or all three. [default: xy, or across the axis that is thin]"
+        "Axes of the figure, or all three. [default: xy, or across the axis that is thin]"
     )
     slice: str | None = option(
-        None,
-        "Draw one plane of voxels: x=12 is the nearest to 12 mm, x the one through the strongest "
-        "voxel.",
+        "Draw one plane of voxels: x=12 is the nearest to 12 mm, x that of the strongest voxel.",
         metavar="AXIS[=MM]",
         needs="--png",
     )
@@ -272,20 +230,16 @@ class PictureOptions:
             return None
         axis, equals, place = self.slice.partition("=")
         values = numbers(place, ":") if equals else []
-        wrong = bool(equals) and (len(values) != 1 or not finite(values))
-        if axis not in ("x", "y", "z") or wrong:
+        if axis not in ("x", "y", "z") or len(values) != bool(equals):
             words = f"expected x, y or z, or one with =MM; got '{self.slice}'"
             raise wrong_usage("--slice", words)
         return axis, values[0] / 1e3 if equals else None
 
 
 def axis_mm(option: str, text: str) -> tuple[float, float, float]:
-    """First, last and step of ``FIRST:LAST:STEP`` in millimetres.
-
-    A single number is an axis of one voxel; its step is 1 mm.
-    """
+    """First, last and step of ``FIRST:LAST:STEP`` in millimetres; one number is one voxel."""
     values = numbers(text, ":")
-    if len(values) not in (1, 3) or not finite(values):
+    if len(values) not in (1, 3):
         raise wrong_usage(option, f"expected {GRID_RULE}, in millimetres; got '{text}'")
     farthest = max(map(abs, values[:2]))
     check_unit(option, "coordinates", farthest, (0.0, PLAUSIBLE_RANGE_M[1]), "mm")
@@ -301,87 +255,58 @@ def axis_mm(option: str, text: str) -> tuple[float, float, float]:
 
 
 def grid_text(grid: VoxelGrid) -> str:
-    """Voxels and ends of a grid in words."""
+    """Voxels and ends of a grid."""
     from clradar.imaging.grid_words import box_words
 
     counts = " x ".join(str(n) for n in grid.counts)
     return f"{counts} voxels ({box_words(grid)})"
 
 
-GATE_RULE = "NEAR:FAR, half path lengths"
-
-
 @dataclass(frozen=True, kw_only=True)
-class EmptyOptions:
-    """The capture of the empty room."""
+class CleaningOptions:
+    """What `calibration.clean` does with a capture: empty room, window of range, channels."""
 
-    empty: Path | None = option(None, "The same without the object: subtracted.", metavar="EMPTY")
+    empty: Path | None = option("The same without the object: subtracted.", metavar="EMPTY")
     scaling: Literal["none", "common", "channel"] = option(
+        "Complex factors that EMPTY is multiplied by, for drift: one for all, or per channel.",
         "none",
-        "Multiply EMPTY by complex factors first, for drift: one for all, or one per channel.",
         needs="--empty",
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class GateOptions:
-    """A window of range."""
-
     gate_mm: str | None = option(
-        None, f"Keep only echoes from this window: {GATE_RULE}.", metavar="NEAR:FAR"
+        "Keep only echoes from this window of half path lengths.", metavar="NEAR:FAR"
     )
     edge_mm: float | None = option(
-        None,
-        "Width of the window's edges, outside it. [default: 4 c / 2B, 60 for 10 GHz]",
-        metavar="MM",
-        needs="--gate-mm",
+        "Width of the window's edges, outside it. [default: 60 for 10 GHz]", needs="--gate-mm"
     )
     clutter_db: float | None = option(
-        None,
-        "How much stronger echoes outside the window are than inside. [default: 40]",
-        metavar="DB",
-        needs="--gate-mm",
+        "How much stronger echoes are outside the window. [default: 40]", needs="--gate-mm"
     )
+    channels: Path | None = option(
+        "Correct by this file of `clradar channels` (HDF5).", metavar="CHANNELS"
+    )
+    keep_noisy: bool = option("Do not set noisy channels to zero.", False, needs="--channels")
 
-    def settings(self) -> dict[str, Any] | None:
+    @property
+    def gate(self) -> dict[str, Any] | None:
         """Settings of `calibration.range_gate`; None without a window."""
         if self.gate_mm is None:
             return None
         ends_m = [value / 1e3 for value in numbers(self.gate_mm, ":")]
-        if len(ends_m) != 2 or not finite(ends_m) or not 0 <= ends_m[0] < ends_m[1]:
-            raise wrong_usage(
-                "--gate-mm",
-                f"expected {GATE_RULE} in millimetres, 0 <= NEAR < FAR; got '{self.gate_mm}'",
-            )
-        found = {"near_m": ends_m[0], "far_m": ends_m[1]}
-        if self.edge_mm is not None:
-            found["edge_m"] = self.edge_mm / 1e3
-        if self.clutter_db is not None:
-            found["clutter_db"] = self.clutter_db
-        return found
+        if len(ends_m) != 2 or not 0 <= ends_m[0] < ends_m[1]:
+            rule = "NEAR:FAR, half path lengths in millimetres, 0 <= NEAR < FAR"
+            raise wrong_usage("--gate-mm", f"expected {rule}; got '{self.gate_mm}'")
+        edge_m = None if self.edge_mm is None else self.edge_mm / 1e3
+        more = {"edge_m": edge_m, "clutter_db": self.clutter_db}
+        given = {name: value for name, value in more.items() if value is not None}
+        return {"near_m": ends_m[0], "far_m": ends_m[1], **given}
 
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelOptions:
-    """The responses of the channels."""
-
-    channels: Path | None = option(
-        None, "Correct by this file of `clradar channels` (HDF5).", metavar="CHANNELS"
-    )
-    keep_noisy: bool = option(False, "Do not set noisy channels to zero.", needs="--channels")
-
-    @property
-    def files(self) -> list[Path]:
-        """The file that was given."""
-        return [] if self.channels is None else [self.channels]
-
-    @property
-    def mask(self) -> tuple[str, ...]:
-        """Which channels are set to zero."""
-        return ("dead",) if self.keep_noisy else ("dead", "noisy")
-
-    def read(self) -> cl.ChannelCalibration | None:
-        """The channels of the file."""
+    def cleaned(self, capture: cl.Capture, empty: cl.Capture | None) -> cl.Capture:
+        """The capture without the empty room, gated and corrected."""
+        from calibration import clean
         from measurement_io import open_channels
 
-        return None if self.channels is None else open_channels(self.channels)
+        return clean(
+            capture, empty=empty, scaling=self.scaling, gate=self.gate,
+            channels=None if self.channels is None else open_channels(self.channels),
+            mask=("dead",) if self.keep_noisy else ("dead", "noisy"),
+        )  # fmt: skip

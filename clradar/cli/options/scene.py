@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
 
 import numpy as np
 
 import clradar as cl
-from clradar.cli.options.common import Amplitude, UnitOptions, WorkerOptions
+from clradar.cli.options.common import UnitOptions
 from clradar.cli.options.groups import argument, option, recorded, wrong_usage
-from clradar.cli.parse import ALL, FRAMES_METAVAR, check_unit, numbers
+from clradar.cli.parse import alpha_of, check_unit, numbers
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
@@ -25,12 +24,19 @@ from clradar.tracing.settings import (
 )
 from clradar.tracing.suited import RECEPTION_RADIUS_M
 
+if TYPE_CHECKING:
+    from clradar.motion.motion_file import Motion
+
 Estimator = Literal["stochastic", "expected", "physical"]
 
+PHYSICAL: Final = "physical"
+
+DEFAULT_ALPHA = 0.5
+
 ESTIMATORS = (
-    "stochastic: random outgoing rays, as in the paper; expected: their mean, without shot noise, "
-    f"from {EXPECTED_SAMPLES_PER_MM2:g} sample per square millimetre; physical: S-parameters of "
-    "the materials by the Kirchhoff sum, without alpha."
+    "stochastic: random rays, as in the paper; expected: their mean, without shot noise, from "
+    f"{EXPECTED_SAMPLES_PER_MM2:g} sample per mm^2; physical: S-parameters of the materials, "
+    "without alpha."
 )
 
 
@@ -39,14 +45,14 @@ class SamplingOptions:
     """How densely rays are launched."""
 
     samples_per_mm2: float | None = option(
-        None,
-        f"Surface samples per square millimetre. [default: {SAMPLES_PER_MM2:g} if stochastic]",
+        f"Surface samples per mm^2. [default: {SAMPLES_PER_MM2:g} if stochastic]",
         metavar="N",
+        panel="Expert",
     )
     rays_per_sample: int | None = option(
-        None,
         f"Rays per sample and Tx. [default: {RAYS_PER_SAMPLE}; 1 if samples are given per face]",
         metavar="N",
+        panel="Expert",
     )
 
 
@@ -54,26 +60,18 @@ class SamplingOptions:
 class SimulationOptions(SamplingOptions):
     """How rays are launched, reflected and received."""
 
-    rays_per_face: int | None = option(
-        None, "Samples on every face, instead of a density.", metavar="N"
-    )
+    PANEL = "Expert"
+
+    rays_per_face: int | None = option("Samples on every face, not a density.", metavar="N")
     reception_radius_mm: float | None = option(
-        None,
         f"A ray this near to an Rx is received. [default: {1e3 * RECEPTION_RADIUS_M:g}; of random "
-        "rays what suits range and frequency]",
-        metavar="MM",
+        "rays what suits range and frequency]"
     )
-    max_bounces: int = option(1, "Reflections per path at most.", metavar="N")
-    normals: Literal["smooth", "face"] = option(
-        "smooth", "Interpolated from the vertices, or the faces'."
-    )
-    crease_deg: float = option(CREASE_DEG, "Edges sharper than this stay sharp.", metavar="DEG")
+    max_bounces: int = option("Reflections per path at most.", 1, metavar="N")
+    normals: Literal["smooth", "face"] = option("Of the vertices, or the faces.", "smooth")
+    crease_deg: float = option("Edges sharper than this stay sharp.", CREASE_DEG)
     facets: Literal["curved", "flat"] = option(
-        "curved", "Paths end on the surface that the normals describe, or on the flat faces."
-    )
-    amplitude: Amplitude = option("unit", "1 per path, or 1/(R1 R2).")
-    pattern_exponent: float = option(
-        0.0, "With --amplitude spreading: antennas have the pattern cos(angle)^P.", metavar="P"
+        "Paths end on the surface of the normals, or on the flat faces.", "curved"
     )
 
     def settings(self, **more: Any) -> SimulationSettings:
@@ -91,9 +89,8 @@ class PlacementOptions(UnitOptions):
     """Unit and position of meshes."""
 
     transform: Path | None = option(
-        None,
         "4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame; or the "
-        "alignment.json of a recording, for its own.",
+        "alignment.json of a recording.",
         metavar="T.json",
     )
 
@@ -109,10 +106,6 @@ class PlacementOptions(UnitOptions):
         return None if self.transform is None else read_transform(self.transform)
 
 
-PHYSICAL: Final = "physical"
-
-DEFAULT_ALPHA = 0.5
-
 Read = TypeVar("Read")
 
 
@@ -121,20 +114,15 @@ class MaterialOptions:
     """What the meshes are made of."""
 
     material: str | None = option(
-        None,
-        "What the meshes are made of, which chooses the physical estimator: a name that "
-        "`clradar materials` lists, or one of a file. [default: a perfect conductor]",
+        "What the meshes are made of, for the physical estimator: a name of `clradar materials`, "
+        "or one of a file. [default: a perfect conductor]",
         metavar="NAME|FILE.toml:NAME",
         needs="--roughness-mm",
     )
     material_of: list[str] | None = option(
-        None,
         "The same of a part; may be repeated: --material palm --material-of thumb=skin.",
         metavar="PART=NAME",
         needs="--roughness-mm",
-    )
-    materials: list[Path] | None = option(
-        None, "Files whose materials have names, too; may be repeated.", metavar="FILE.toml"
     )
 
     @property
@@ -146,8 +134,8 @@ class MaterialOptions:
     def material_files(self) -> list[Path]:
         """The files that are read, each once."""
         texts = [self.material, *(text.rpartition("=")[2] for text in self.material_of or [])]
-        named = [_split(text)[0] for text in texts if text is not None]
-        return list(dict.fromkeys([*(self.materials or []), *(f for f in named if f is not None)]))
+        files = [_split(text)[0] for text in texts if text is not None]
+        return list(dict.fromkeys(file for file in files if file is not None))
 
     def estimator(self, chosen: Estimator | None) -> Estimator | None:
         """The estimator: `chosen`, or with a material the one that knows materials.
@@ -163,55 +151,35 @@ class MaterialOptions:
 
     def on(self, scene: cl.Scene) -> cl.Scene:
         """The scene of these materials."""
-        known = self._known()
         if self.material is not None:
-            scene = scene.with_material(_found("--material", self.material, known))
-        named = by_part(
-            "--material-of", self.material_of, lambda name: _found("--material-of", name, known)
-        )
-        for text in self.material_of or []:
-            if "=" not in text:
-                raise wrong_usage("--material-of", f"expected PART=NAME, got '{text}'")
-        parts = known_parts("--material-of", named, scene)
+            scene = scene.with_material(_material("--material", self.material))
+        parts = by_part("--material-of", self.material_of, _material, scene)
+        if None in parts:
+            text = next(text for text in self.material_of or () if "=" not in text)
+            raise wrong_usage("--material-of", f"expected PART=NAME, got '{text}'")
         return scene.with_material(parts) if parts else scene
-
-    def _known(self) -> dict[str, cl.Material]:
-        from clradar.model.known_materials import KNOWN
-
-        known = dict(KNOWN)
-        for path in self.materials or []:
-            own = cl.read_materials(path)
-            hidden = sorted(set(own) & set(known))
-            if hidden:
-                warn(f"--materials: {path} has its own {', '.join(hidden)}, which hide known ones")
-            known.update(own)
-        return known
 
 
 def by_part(
-    option: str, texts: Sequence[str] | None, read: Callable[[str], Read]
-) -> dict[str | None, Read]:
-    """The values of texts ``PART=VALUE``; of None that without a part."""
-    found: dict[str | None, Read] = {}
+    option: str,
+    texts: Sequence[str] | None,
+    read: Callable[[str, str], Read],
+    scene: cl.Scene | None = None,
+) -> dict[Any, Read]:
+    """The values of texts ``PART=VALUE``, of None that without a part; a scene has all parts."""
+    values: dict[Any, Read] = {}
     for text in texts or ():
         name, equals, value = text.rpartition("=")
         part = name if equals else None
-        if part in found:
+        if part in values:
             raise wrong_usage(option, f"part '{part}' is given twice" if equals else "given twice")
-        found[part] = read(value)
-    return found
-
-
-def known_parts(option: str, values: Mapping[str | None, Read], scene: cl.Scene) -> dict[str, Read]:
-    """The values of named parts, all of which the meshes have to have."""
-    named = {part: value for part, value in values.items() if part is not None}
-    unknown = sorted(set(named) - set(scene.part_names))
-    if unknown:
+        values[part] = read(option, value)
+    if scene is not None and (unknown := {*values} - {None, *scene.part_names}):
         raise ModelError(
             f"{option}: expected parts of the meshes ({', '.join(scene.part_names)}), got "
-            f"{', '.join(unknown)}"
+            f"{', '.join(sorted(map(str, unknown)))}"
         )
-    return named
+    return values
 
 
 def _split(text: str) -> tuple[Path | None, str]:
@@ -219,15 +187,14 @@ def _split(text: str) -> tuple[Path | None, str]:
     from clradar.model.material_file import SUFFIXES
 
     file, colon, name = text.rpartition(":")
-    if colon and file.lower().endswith(SUFFIXES):
-        return Path(file), name
-    return None, text
+    return (Path(file), name) if colon and file.lower().endswith(SUFFIXES) else (None, text)
 
 
-def _found(option: str, text: str, known: dict[str, cl.Material]) -> cl.Material:
+def _material(option: str, text: str) -> cl.Material:
+    from clradar.model.known_materials import KNOWN
+
     file, name = _split(text)
-    if file is not None:
-        known = cl.read_materials(file)
+    known = KNOWN if file is None else cl.read_materials(file)
     if name not in known:
         where = " or FILE.toml:NAME" if file is None else f" of {file}"
         raise wrong_usage(option, f"expected one of {', '.join(known)}{where}, got '{name}'")
@@ -239,13 +206,11 @@ class SceneOptions(PlacementOptions, MaterialOptions):
     """Meshes, their position, alpha and materials: what a worker process reads, too."""
 
     meshes: list[str] | None = argument(
-        None,
         "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1. None "
         "where --motion has a hand.",
         metavar="MESH[:ALPHA]",
     )
     alpha: list[str] | None = option(
-        None,
         "0 specular to 1 diffuse; may be repeated for named parts: --alpha palm=0.6. "
         f"[default: {DEFAULT_ALPHA:g}]",
         metavar="ALPHA|PART=ALPHA",
@@ -257,14 +222,9 @@ class SceneOptions(PlacementOptions, MaterialOptions):
         return [*(path for path, _ in self.named), *super().files, *self.material_files]
 
     @property
-    def alphas(self) -> dict[str | None, float]:
-        """The alpha of each named part; of None that of the others."""
-        return by_part("--alpha", self.alpha, lambda text: read_alpha("--alpha", text))
-
-    @property
     def default_alpha(self) -> float:
         """The alpha of what has no other."""
-        return self.alphas.get(None, DEFAULT_ALPHA)
+        return by_part("--alpha", self.alpha, read_alpha).get(None, DEFAULT_ALPHA)
 
     @property
     def named(self) -> list[tuple[Path, float]]:
@@ -275,9 +235,8 @@ class SceneOptions(PlacementOptions, MaterialOptions):
     @property
     def has_alpha(self) -> bool:
         """Whether an alpha was given."""
-        return bool(self.alpha) or any(
-            split_alpha(text)[1] is not None for text in self.meshes or []
-        )
+        own = (split_alpha(text)[1] for text in self.meshes or [])
+        return bool(self.alpha) or any(alpha is not None for alpha in own)
 
     def load(self) -> cl.Scene:
         """All meshes as one scene."""
@@ -308,23 +267,19 @@ class SceneOptions(PlacementOptions, MaterialOptions):
 
     def finished(self, scene: cl.Scene) -> cl.Scene:
         """The scene with the alphas of named parts, and of these materials."""
-        parts = known_parts("--alpha", self.alphas, scene)
-        if parts:
+        parts = by_part("--alpha", self.alpha, read_alpha, scene)
+        if {*parts} - {None}:
             values = np.array(scene.alpha)
             for name, value in parts.items():
-                values[np.asarray(scene.part) == scene.part_names.index(name)] = value
+                if name is not None:
+                    values[np.asarray(scene.part) == scene.part_names.index(name)] = value
             scene = scene.with_alpha(values)
         return self.on(scene)
 
 
 def read_alpha(option: str, text: str) -> float:
     """The alpha in the text of an option."""
-    values = numbers(text)
-    if len(values) != 1:
-        raise wrong_usage(option, f"expected a number or PART=number, got '{text}'")
-    if not (math.isfinite(values[0]) and 0.0 <= values[0] <= 1.0):
-        raise wrong_usage(option, f"expected an alpha in [0, 1], got '{text}'")
-    return values[0]
+    return alpha_of(option, text, "PART=number")
 
 
 def split_alpha(text: str) -> tuple[Path, float | None]:
@@ -335,36 +290,28 @@ def split_alpha(text: str) -> tuple[Path, float | None]:
     return Path(name), read_alpha("MESH:ALPHA", number)
 
 
-MAX_FRAMES = 10_000
-
-
 @dataclass(frozen=True, kw_only=True)
 class MotionOptions:
     """Movement, and frames of it."""
 
     motion: Path | None = option(
-        None,
-        "How meshes and hands move, and when the imager records each sample (docs/movement.md).",
+        "How meshes and hands move, and when each sample is recorded (docs/movement.md).",
         metavar="MOTION.toml",
     )
     frames: int | None = option(
-        None,
-        "Make a recording of so many frames, instead of one capture.",
-        metavar="N",
-        needs="--motion",
-        min=1,
-        max=MAX_FRAMES,
+        "Make a recording of so many frames.", metavar="N", needs="--motion", min=1, max=10_000
     )
-    rate_hz: float = option(
-        8.0,
-        "Frames per second; the first begins at time 0.",
-        metavar="HZ",
-        needs="--motion",
-    )
+    rate_hz: float = option("Frames per second, from time 0 on.", 8.0, needs="--motion")
 
     def __post_init__(self) -> None:
         if not 0 < self.rate_hz < float("inf"):
             raise wrong_usage("--rate-hz", f"expected a positive number, got {self.rate_hz:g}")
+
+    def read(self) -> Motion | None:
+        """The movement of the file, if there is one."""
+        from clradar.motion.motion_file import read_motion
+
+        return None if self.motion is None else read_motion(self.motion)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -372,17 +319,7 @@ class EstimatorOptions:
     """Estimator of the received field, and its random numbers."""
 
     estimator: Estimator | None = option(
-        None,
         f"{ESTIMATORS} [default: physical with --material, stochastic with rays or bounces, else "
         "expected]",
     )
-    seed: int = option(0, "Same seed, same device: same bits.", metavar="N")
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClusterOptions(WorkerOptions):
-    """Which clusters of an array, and on how many workers."""
-
-    clusters: str = option(
-        ALL, "Of an --array of clusters those of these numbers, from 1.", metavar=FRAMES_METAVAR
-    )
+    seed: int = option("Same seed, same device: same bits.", 0, metavar="N")

@@ -9,11 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import clradar as cl
-from clradar.cli.options.common import SearchOptions
 from clradar.cli.options.groups import option, wrong_usage
-from clradar.cli.options.scene import PlacementOptions
 from clradar.cli.parse import RANGE_RULE, ascending
-from clradar.compare import METRICS
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.files.failures import fail, read_bytes, reading
 from clradar.files.json_file import read_json
@@ -32,28 +29,19 @@ class AlphaOptions:
     """The alphas and the seeds to simulate with."""
 
     alpha: str | None = option(
-        None,
         f"{RANGE_RULE}, or a list with commas; in [0, 1]. [default: {ALPHAS}]",
         metavar="RANGE",
         without="--roughness-mm",
     )
-    seeds: int = option(3, "Simulations per alpha, each its own seed.", metavar="N")
-    seed: int = option(0, "The first seed.", metavar="N")
-    # The default of `calibration.sweep`, whose import would slow the help down.
-    metric: str = option(
-        "db_correlation", "Which metric the best alpha has; see docs/metrics.md.", metavar="NAME"
-    )
+    seeds: int = option("Simulations per alpha, each its own seed.", 3, metavar="N")
+    seed: int = option("The first seed.", 0, metavar="N")
 
     def __post_init__(self) -> None:
-        if self.metric not in METRICS:
-            known = ", ".join(METRICS)
-            raise wrong_usage("--metric", f"expected one of {known}, got '{self.metric}'")
         checks.whole("--seeds", self.seeds, 1)
 
     def alphas(self) -> np.ndarray:
         """The alphas, shape (A,), float64."""
-        text = ALPHAS if self.alpha is None else self.alpha
-        return ascending("--alpha", text, "alphas", (0.0, 1.0), least=2)
+        return ascending("--alpha", self.alpha or ALPHAS, "alphas", (0.0, 1.0), least=2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,20 +49,18 @@ class RoughnessOptions:
     """Roughness and correlation lengths to simulate with, in place of alphas."""
 
     roughness_mm: str | None = option(
-        None,
-        "In place of --alpha: root mean square heights of the surface, for the physical estimator, "
-        "at least three; heights times lengths times --seeds are 30 or more; "
-        f"{RANGE_RULE}, or a list with commas. Try 0.1:0.6:0.1.",
+        "In place of --alpha: RMS heights of the surface, at least three; heights times lengths "
+        "times --seeds are 30 or more; as --alpha. Try 0.1:0.6:0.1.",
         metavar="RANGE",
     )
     correlation_mm: str = option(
-        "1.5,3,6",
         "Correlation lengths, as above; a single one is taken for known.",
+        "1.5,3,6",
         metavar="RANGE",
         needs="--roughness-mm",
     )
     calibrated: bool = option(
-        False, "MEASURED is in S-parameters, and its level counts, too.", needs="--roughness-mm"
+        "MEASURED is in S-parameters, and its level counts.", False, needs="--roughness-mm"
     )
 
     def grid_m(self) -> tuple[np.ndarray, np.ndarray]:
@@ -100,15 +86,13 @@ class RegionOptions:
     """Regions of the mesh that have an alpha each."""
 
     regions: str | None = option(
-        None,
-        "Find an alpha for each named part, for fingers and palm, or for the regions of a "
-        "file: .npy or .json with a label per face, or .json with region: [parts].",
+        "Find an alpha for each named part, for fingers and palm, or for the regions of a file: "
+        ".npy or .json with a label per face, or .json with region: [parts].",
         metavar="parts|fingers|FILE",
     )
     joints: Path | None = option(
-        None,
-        "For --regions fingers: joint name: [x, y, z] in the unit of the mesh, as "
-        "`clradar hand --joints` writes it. Not needed where palm and fingers are parts.",
+        "For --regions fingers of a mesh without parts: joints as `clradar hand --joints` writes "
+        "them, in the unit of the mesh.",
         metavar="JOINTS.json",
     )
 
@@ -185,16 +169,5 @@ def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
     """The JSON object that `read_joints` reads; None, which it refuses, for an unknown joint."""
     from clradar.hand import JOINT_NAMES
 
-    return {
-        name: at.tolist() if np.isfinite(at).all() else None
-        for name, at in zip(JOINT_NAMES, joints, strict=True)
-    }
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlaceOptions(PlacementOptions, SearchOptions):
-    """The position of the mesh, given or to be found."""
-
-    align: bool = option(
-        False, "Find the pose of the mesh first, as `clradar align`.", without="--transform"
-    )
+    known = (at.tolist() if np.isfinite(at).all() else None for at in joints)
+    return dict(zip(JOINT_NAMES, known, strict=True))

@@ -20,9 +20,8 @@ from clradar.files.limits import (
 from clradar.files.meshes.parts import Parts
 from clradar.files.meshes.trimesh_parts import read_with_trimesh
 
-FORMATS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", ".3mf", ".dae")
-"""Endings of the names of files that are read; trimesh reads the last two with packages of
-their own."""
+FORMATS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
+"""Endings of the names of files that are read."""
 
 EXPECTED = f"a mesh file ({', '.join(FORMATS)})"
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import sys
 import warnings
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,9 @@ import numpy as np
 from clradar.errors import MeshError
 from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading
-from clradar.files.limits import MAX_MESH_BYTES
 from clradar.files.meshes import gltf_document, obj_text
 from clradar.files.meshes.parts import Parts, Piece, check_counts, placed
 from clradar.files.meshes.ply_parts import with_parts, with_texture
-
-_OTHER_PACKAGES = {"3mf": "lxml networkx", "dae": "pycollada"}
 
 
 def parts_of(label: str, mesh: Any, *, limited: bool = False, backwards: bool = False) -> Parts:
@@ -77,8 +73,6 @@ def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
         content, buffers = gltf_document.for_trimesh(path, content)
         options = {"resolver": _Named(path, buffers), "skip_materials": True}
     forbid_opening()
-    if kind == "3mf":
-        _check_archive(path, content)
     if kind == "obj":
         content, materials = obj_text.for_trimesh(path, content)
         # By default its objects and groups are merged under the first one's name.
@@ -95,11 +89,6 @@ def read_with_trimesh(path: Path, content: bytes, kind: str) -> Parts:
 def _loaded(path: Path, content: bytes, kind: str, options: dict[str, Any]) -> Any:
     import trimesh
 
-    if kind not in trimesh.available_formats():
-        wanted = (
-            f"the packages that trimesh reads .{kind} with: pip install {_OTHER_PACKAGES[kind]}"
-        )
-        fail(path, wanted, "none installed", error=MeshError)
     # trimesh would guess the encoding of a text that is no UTF-8, if that package were there.
     sys.modules["charset_normalizer"] = None  # type: ignore[assignment]
     try:
@@ -115,16 +104,3 @@ def _loaded(path: Path, content: bytes, kind: str, options: dict[str, Any]) -> A
         if isinstance(error, ModuleNotFoundError):
             got = "bytes that are neither of such a format nor UTF-8 text"
         fail(path, f"a mesh file (.{kind})", got, error=MeshError, cause=error)
-
-
-def _check_archive(path: Path, content: bytes) -> None:
-    """Raise `MeshError` if a ZIP archive would inflate beyond the limit of files."""
-    with (
-        reading(path, "a mesh file (.3mf)", error=MeshError),
-        zipfile.ZipFile(io.BytesIO(content)) as archive,
-    ):
-        # What is read of a member never exceeds the size that the archive states for it.
-        size = sum(member.file_size for member in archive.infolist())
-    if size > MAX_MESH_BYTES:
-        wanted = f"a mesh file that inflates to at most {MAX_MESH_BYTES} bytes"
-        fail(path, wanted, f"{size} bytes", error=MeshError)

@@ -737,11 +737,11 @@ def test_channels_of_a_mean(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     capture = open_capture("plate.h5")
     moved = replace(capture, data=-capture.data)
     save_recording("plates", [capture, moved, capture])
-    mean = ("channels", "plates", *PLATE[2:], "--average")
-    status, out, err = run(capsys, *mean, "-o", "mean.h5")
+    status, out, err = run(capsys, "clean", "plates", "--average", "-o", "two.h5")
     assert status == 0, err
     assert "1 of 3 frames left out" in err
-    assert "plates: mean of 2 frames" in out
+    assert "two.h5: mean of 2 frames" in out
+    assert run(capsys, "channels", "two.h5", *PLATE[2:], "-o", "mean.h5")[0] == 0
     assert run(capsys, *PLATE, "-o", "one.h5")[0] == 0
     gains = [open_channels(name).response.rx_gain for name in ("mean.h5", "one.h5")]
     np.testing.assert_array_equal(*gains)

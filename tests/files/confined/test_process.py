@@ -10,7 +10,6 @@ import threading
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
 import reader_probes as probes
 from systems import linux_only, posix_only
@@ -56,10 +55,6 @@ def test_arrays_come_back_bit_for_bit(path):
 def test_the_error_of_the_function_is_raised(path):
     message = refused(probes.refuse, path)
     assert message.endswith("file.h5: expected this, got that")
-
-
-def test_a_value_that_cannot_be_sent(path):
-    assert "object cannot be sent" in refused(probes.unknown, path)
 
 
 def test_a_crash_is_an_error_and_the_next_file_is_read(path):
@@ -221,13 +216,6 @@ def test_a_companion_that_dies_has_a_successor(path, companion, monkeypatch):
     assert confined.run(probes.content, path, companion=again)[0].size == path.stat().st_size
 
 
-def test_systems_without_limits_of_processes(monkeypatch):
-    monkeypatch.setattr(process, "resource", None)
-    process._limit(1, 1)
-    process.forbid_opening()
-    assert not process._confined
-
-
 # ---- messages of a process that is not to be trusted
 
 
@@ -243,39 +231,24 @@ def message(header: str, content: bytes = b"") -> bytes:
     return len(header).to_bytes(8, "little") + header.encode() + content
 
 
-def test_messages():
-    assert received(message('["list", [1, null]]')) == [1, None]
-    array = received(message('["array", "<u2", [2]]', b"\x01\0\x02\0"))
-    assert isinstance(array, np.ndarray)
-    assert array.tolist() == [1, 2]
-
-
 @pytest.mark.parametrize(
     "content",
     [
         b"",
-        b"\x01",
         (2**63).to_bytes(8, "little"),
-        message("{")[:-1],
         message("{"),
-        message("["),
-        message("[]"),
         message('["pickle", 1]'),
-        message('["array", "O", [1]]', bytes(8)),
         message('["array", "|O", [1]]', bytes(8)),
         message('["array", "<M8[s]", [1]]', bytes(8)),
         message('["array", [["a", "|O"]], [1]]', bytes(8)),
         message('["array", "<u2", [-1]]'),
-        message('["array", "<u2", ["1"]]', bytes(8)),
-        message('["array", "<u2", 1]', bytes(8)),
         message('["array", "<u2", [2]]', bytes(3)),
         message('["array", "<u2", [51]]', bytes(102)),
         message('["array", "<u2", [4294967296, 4294967296]]', bytes(102)),
         message("[" * 100_000),
-        message('["list", ' * 9000 + "1" + "]" * 9000),
         message('["mapping", [1]]'),
     ],
-    ids=range(21),
+    ids=range(13),
 )
 def test_messages_that_are_none(content):
     with pytest.raises(wire.BrokenMessage):

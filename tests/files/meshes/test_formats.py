@@ -80,19 +80,6 @@ def test_what_obj_files_may_hold_besides(tmp_path: Path) -> None:
         assert scene.part_names == ("mesh.obj",)
 
 
-def test_materials_name_parts_without_their_file(tmp_path: Path) -> None:
-    text = "mtllib none.mtl\n"
-    text += "o hand\nusemtl skin\nf 1 2 3\nusemtl nail\nf 1 2 4\nusemtl skin\nf 2 3 4\n"
-    scene = obj(tmp_path, OBJ_START + text)
-    assert scene.part_names == ("hand_skin", "hand_nail")
-    assert scene.part.tolist() == [0, 0, 1]
-
-
-def test_vertices_that_no_face_uses_are_left_out(tmp_path: Path) -> None:
-    scene = obj(tmp_path, "v 7 7 7\n" + OBJ_START + "v 8 8 8\nf 2 3 4\n")
-    assert len(scene.vertices_m) == 3
-
-
 @pytest.mark.parametrize(
     ("faces", "got"),
     [
@@ -156,12 +143,4 @@ def test_a_node_of_gltf_may_have_a_camera_and_a_mesh(tmp_path: Path) -> None:
     camera = {"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}
     path = tmp_path / "mesh.glb"
     path.write_bytes(glb(tetrahedron(nodes=nodes, cameras=[camera])))
-    assert Scene.from_mesh(path).n_faces == 8
-
-
-def test_gltf_without_scenes_shows_all_roots(tmp_path: Path) -> None:
-    document = tetrahedron(nodes=[{"mesh": 0}, {"children": [2]}, {"mesh": 0}])
-    del document["scene"], document["scenes"]
-    path = tmp_path / "mesh.glb"
-    path.write_bytes(glb(document))
     assert Scene.from_mesh(path).n_faces == 8

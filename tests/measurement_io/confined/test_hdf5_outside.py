@@ -85,11 +85,6 @@ def external_link(file: h5py.File) -> None:
     hide_data(file)["data"] = h5py.ExternalLink("out/other.h5", "/entry/data/data")
 
 
-def soft_link_to_an_external_one(file: h5py.File) -> None:
-    file["bridge"] = h5py.ExternalLink("out/other.h5", "/entry/data/data")
-    hide_data(file)["data"] = h5py.SoftLink("/bridge")
-
-
 def external_storage(file: h5py.File) -> None:
     storage = [("out/secret.raw", 0, h5py.h5f.UNLIMITED)]
     hide_data(file).create_dataset("data", (3, 2, 5), "c8", external=storage)
@@ -101,45 +96,16 @@ def virtual_dataset(file: h5py.File) -> None:
     hide_data(file).create_virtual_dataset("data", layout)
 
 
-def virtual_dataset_without_end(file: h5py.File) -> None:
-    # Its shape is read from the other file.
-    layout = h5py.VirtualLayout((3, 2, 5), np.complex64, maxshape=(None, 2, 5))
-    source = h5py.VirtualSource(
-        "out/other.h5", "/entry/data/data", (3, 2, 5), maxshape=(None, 2, 5)
-    )
-    layout[0 : h5py.h5s.UNLIMITED] = source[0 : h5py.h5s.UNLIMITED]
-    hide_data(file).create_virtual_dataset("data", layout)
-
-
-def group_elsewhere(file: h5py.File) -> None:
-    del file["entry/data"]
-    file["entry/data"] = h5py.ExternalLink("out/other.h5", "/entry/data")
-
-
-def positions_elsewhere(file: h5py.File) -> None:
-    del file["entry/data/tx_m"]
-    file["entry/data/tx_m"] = h5py.ExternalLink("out/other.h5", "/entry/data/tx_m")
-
-
 def read_all(path: Path) -> None:
     """What a reader does that trusts the file."""
     with h5py.File(path) as file:
-        for name in ("data", "tx", "tx_m"):
-            file["entry/data"][name][()]
+        file["entry/data/data"][()]
 
 
 @linux_only
 @pytest.mark.parametrize(
     "action",
-    [
-        external_link,
-        soft_link_to_an_external_one,
-        external_storage,
-        virtual_dataset,
-        virtual_dataset_without_end,
-        group_elsewhere,
-        positions_elsewhere,
-    ],
+    [external_link, external_storage, virtual_dataset],
     ids=lambda action: action.__name__,
 )
 def test_nothing_else_is_opened(path, watch, action):
@@ -178,49 +144,6 @@ def test_user_defined_link(path, watch):
     assert watch.names() == set()
 
 
-def test_references_are_not_followed(path, watch):
-    def action(file: h5py.File) -> None:
-        group = hide_data(file)
-        group["data"] = np.full((3, 2, 5), file["hidden"].ref, dtype=h5py.ref_dtype)
-        file.attrs["provenance"] = file["hidden"].ref
-        file.attrs["created"] = file["hidden"].regionref[0]
-
-    change(path, action)
-    assert all("expected" in text for text in outcomes(path))
-    assert watch.names() == set()
-
-
-@pytest.mark.parametrize("name", ["provenance", "clradar_format", "clradar_version"])
-def test_attributes_that_are_references_or_of_a_named_type(path, name):
-    def reference(file: h5py.File) -> None:
-        file.attrs[name] = file.ref
-
-    def named(file: h5py.File) -> None:
-        file["type"] = h5py.string_dtype()
-        old = file.attrs[name]
-        del file.attrs[name]
-        if not isinstance(old, str):
-            return
-        file.attrs.create(name, old, dtype=file["type"])
-
-    content = path.read_bytes()
-    change(path, reference)
-    found = outcomes(path)
-    assert "expected" in found[0]
-    assert "problem" in found[2]
-    path.write_bytes(content)
-    change(path, named)
-    outcomes(path)
-
-
-def test_named_type_in_the_place_of_data(path):
-    def action(file: h5py.File) -> None:
-        hide_data(file)["data"] = np.dtype("c8")
-
-    change(path, action)
-    assert all("Datatype" in text for text in outcomes(path))
-
-
 def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
     def action(file: h5py.File) -> None:
         group = hide_data(file)
@@ -256,7 +179,7 @@ MOST_BYTES = 2**30 + 2**28
 
 
 @linux_only
-@pytest.mark.parametrize("length", [2**32 - 1, 2**31, 10**9, 2**24])
+@pytest.mark.parametrize("length", [2**32 - 1, 10**9])
 @pytest.mark.parametrize("name", [b"provenance", b"created"])
 def test_text_that_claims_gigabytes(path, name, length):
     # HDF5 allocates and clears as many bytes as the attribute claims, before it reads the text.

@@ -29,17 +29,6 @@ def toml(tmp_path: Path) -> Path:
 # ---- any container
 
 
-@pytest.mark.parametrize("container", ["npz", "npz deflated", "mat v5 deflated", "hdf5 gzip"])
-def test_checksums_are_compared(tmp_path: Path, container: str, toml: Path) -> None:
-    """A flipped bit among the numbers is noticed wherever the container has a checksum."""
-    tree = tree_of(random_capture(), data=random_capture(32, 16, 64).data)
-    whole = bytearray(write(container, tmp_path / "c", tree).read_bytes())
-    whole[len(whole) // 2] ^= 1  # the data fills nearly all of the file
-    (tmp_path / "c").write_bytes(whole)
-    with pytest.raises(MeasurementError):
-        LabFile.opened(tmp_path / "c", [("data", {})]).read("data", "the data")
-
-
 # ---- .npy and .npz
 
 
@@ -55,21 +44,14 @@ def header(shape: str, descr: str = "'<c8'", order: str = "False") -> str:
 
 BAD_NPY = [
     npy(header("(5, 4, 6)"), bytes(5 * 4 * 6 * 8 - 1)),
-    npy(header("(5, 4, 6)"), bytes(5 * 4 * 6 * 8 + 1)),
     npy(header("(99999999999, 4, 6)")),
     npy(header("(-5, -4, 6)"), bytes(960)),
-    npy(header("(True, 4, 6)"), bytes(192)),
-    npy(header("(5.0, 4, 6)"), bytes(960)),
-    npy(header("5"), bytes(40)),
     npy(header(str((1,) * 40)), bytes(8)),
     npy(header("(5,)", "'|O'"), bytes(40)),
-    npy(header("(5,)", "[('a', '<f4'), ('b', '|O')]"), bytes(60)),
     npy(header("(5, 4, 6)", "'<M8[s]'"), bytes(960)),
-    npy(header("(5, 4, 6)", "'V8'"), bytes(960)),
     npy(header("(5, 4, 6)", "('<f4', (2,))"), bytes(960)),
     npy(header("(5, 4, 6)", "__import__('os').system('true')"), bytes(960)),
     npy(header("(5, 4, 6)"), bytes(960), b"\3\0"),
-    npy("-" * 9000),
     npy("(" * 9000),
     npy(header("(5, 4, 6)")[:-20]),
     b"\x93NUMPY\2\0\xff\xff\xff\xff{",
@@ -133,13 +115,6 @@ def missing_chunk(file: h5py.File, data: np.ndarray) -> None:
     made[:-1] = data[:-1]
 
 
-def virtual(file: h5py.File, data: np.ndarray) -> None:
-    file["other"] = data
-    made = h5py.VirtualLayout(data.shape, data.dtype)
-    made[:] = h5py.VirtualSource(file["other"])
-    file.create_virtual_dataset("data", made)
-
-
 def external_storage(file: h5py.File, data: np.ndarray) -> None:
     secret = Path(file.filename).with_name("secret")
     secret.write_bytes(data.tobytes())
@@ -152,28 +127,18 @@ def external_link(file: h5py.File, data: np.ndarray) -> None:
     file["data"] = h5py.ExternalLink("other.h5", "/data")
 
 
-def soft_link(file: h5py.File, data: np.ndarray) -> None:
-    file["other"] = data
-    file["data"] = h5py.SoftLink("/other")
-
-
 HOSTILE_HDF5 = [
     (missing_chunk, "5 chunks stored"),
     (lambda f, d: f.create_dataset("data", d.shape, "c8"), "bytes stored"),
-    (virtual, "virtual"),
     (external_storage, "external storage"),
     (external_link, "ExternalLink"),
-    (soft_link, "SoftLink"),
     (lambda f, d: f.create_dataset("data", data=d.real.astype("i4"), scaleoffset=4), "filter"),
     (lambda f, d: f.create_dataset("data", (2**20, 2**20, 6), "c8", chunks=(1, 1, 6)), "channels"),
     (lambda f, d: f.create_dataset("data", d.shape, "c8", chunks=(2**9,) * 3,
                                    maxshape=(None,) * 3), "in chunks of at most"),
     (lambda f, d: f.create_group("data"), "the key 'data'"),
-    (lambda f, d: f.create_dataset("data", data=h5py.Empty("c8")), "empty"),
     (lambda f, d: f.create_dataset("data", (5, 4, 6), h5py.ref_dtype), "object"),
-    (lambda f, d: f.create_dataset("data", (5, 4, 6), h5py.vlen_dtype("f4")), "object"),
     (lambda f, d: f.create_dataset("data", (5, 4, 6), [("r", "f4"), ("i", "S9")]), "hold numbers"),
-    (lambda f, d: f.create_dataset("data", (5, 4, 6), ("f4", (2,))), "hold numbers"),
 ]  # fmt: skip
 
 

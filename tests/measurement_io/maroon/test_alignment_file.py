@@ -88,13 +88,6 @@ def test_transforms_may_be_given_by_their_inverse(tmp_path):
         alignment.transform("zed", "radar")
 
 
-def test_unknown_keys_are_listed(tmp_path):
-    more = {"date": "2024-12-02", "note2": 1, "2radar": 5, "a2b2c": [1], "kinect2zed": None}
-    alignment = read_alignment(files.write_alignment(tmp_path, GIVEN | more))
-    assert alignment.unknown_keys == tuple(more)
-    assert len(alignment.given) == len(GIVEN)
-
-
 def changed(row: int, column: int, value: object) -> list[list[object]]:
     matrix: list[list[object]] = PHOTO.tolist()
     matrix[row][column] = value
@@ -105,11 +98,9 @@ def changed(row: int, column: int, value: object) -> list[list[object]]:
     ("value", "found"),
     [
         (PHOTO[:3], "shape (3, 4)"),
-        (5, "int"),
         (changed(1, 1, "0.5"), 'got "0.5"'),
         (changed(1, 1, True), "True"),
         (changed(1, 1, float("nan")), "NaN"),
-        (changed(0, 3, 10**400), "a huge number"),
         (changed(3, 0, 0.01), "last row"),
         (PHOTO.T, "last row"),
         (np.diag([1.0, 1.0, 0.0, 1.0]), "singular"),
@@ -162,25 +153,14 @@ def test_metadata(tmp_path):
     assert (empty.mask_bb_antenna, empty.distance_problem("30")) == (None, None)
 
 
-def test_the_box_holds_the_points_between_its_bounds():
-    box = BOX
-    points = np.array([[0, 0, 0.3], [0.05, 0, 0.3], [0, 9, 0.3], [0, -1, 0.3], [0, 0, 0.7]])
-    assert box.contains(points).tolist() == [True, False, True, False, False]
-    mirrored = box.mirrored().contains(points * [-1, 1, 1])
-    assert mirrored.tolist() == box.contains(points).tolist()
-    assert box.mirrored().mirrored() == box
-
-
 @pytest.mark.parametrize(
     ("change", "found"),
     [
         ({"distance_meters": "0.3"}, 'got "0.3"'),
         ({"distance_meters": -0.3}, "-0.3"),
-        ({"distance_meters": True}, "True"),
         ({"distance_meters": float("nan")}, "nan"),
         ({"mask_bb": [1, 2]}, "list"),
         ({"mask_bb": {"xmin": "left"}}, "mask_bb.xmin"),
-        ({"mask_bb": {"zmax": float("inf")}}, "mask_bb.zmax"),
         ({"empty_measurement": 7}, "empty_measurement"),
     ],
 )

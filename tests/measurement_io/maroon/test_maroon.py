@@ -15,7 +15,6 @@ import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
 from measurement_io import (
     check_file,
-    describe,
     open_capture,
     open_recording,
     save_maroon_frame,
@@ -77,19 +76,6 @@ def test_python_2_pickle(tmp_path):
     assert capture.meta["frame"] is None
 
 
-@pytest.mark.parametrize("channels", [94, 96])
-def test_axes_and_channels_one_by_one(tmp_path, channels):
-    # Every value encodes its place: rx + tx / 256 (+ j freq), exact in float32.
-    first = (channels - 94) // 2
-    index = np.arange(channels) - first
-    xr = index[:, None, None] + index[None, :, None] / 256 + 1j * np.arange(3)
-    frame = files.random_frame(3) | {"xr": xr.astype(np.complex64)}
-    data = open_capture(files.write_frame(tmp_path / "f.npy", frame)).data
-    assert data.shape == (94, 94, 3)
-    for tx, rx, freq in ((0, 0, 0), (5, 0, 1), (0, 7, 2), (93, 92, 1)):
-        assert data[tx, rx, freq] == rx + tx / 256 + 1j * freq
-
-
 @pytest.mark.parametrize("protocol", files.PROTOCOLS)
 @pytest.mark.parametrize(
     "layout",
@@ -119,14 +105,6 @@ def test_folder_frame_and_variant(tmp_path):
     first = files.expected_data(files.random_frame(seed=0))
     assert same_bits(open_capture(radar).data, first)
     assert "0-1" in refused(radar, frame=2)
-
-
-def test_object_folder_names_its_distances(tmp_path):
-    files.write_recording(tmp_path / "hand" / "30")
-    files.write_recording(tmp_path / "hand" / "40")
-    assert "30, 40" in refused(tmp_path / "hand")
-    (tmp_path / "empty").mkdir()
-    assert "nothing in it" in refused(tmp_path / "empty")
 
 
 @pytest.mark.parametrize(
@@ -207,20 +185,15 @@ def test_bad_antenna_files(tmp_path, content, found):
     ("change", "found"),
     [
         ({"xr": np.zeros((95, 96, 2), np.complex64)}, "(95, 96, 2)"),
-        ({"xr": np.zeros((96, 94, 2), np.complex64)}, "(96, 94, 2)"),
         ({"xr": np.zeros((96, 96), np.complex64)}, "(96, 96)"),
         ({"xr": np.zeros((96, 96, 2), np.float32)}, "float32"),
         ({"xr": np.zeros((96, 96, 3), np.complex64)}, "3 in 'xr', 2 in 'fvec'"),
         ({"xr": np.zeros((96, 96, 0), np.complex64), "fvec": np.zeros(0)}, "(0,)"),
         ({"xr": [1, 2]}, "another type"),
         ({"fvec": np.array([72e9, np.nan])}, "NaN"),
-        ({"fvec": np.array([82e9, 72e9])}, "descending"),
         ({"fvec": np.array([[72e9, 82e9]])}, "(1, 2)"),
-        ({"fvec": np.array([1j, 2j])}, "complex"),
         ({"fvec": np.array([72.0, 82.0])}, "got 72"),  # gigahertz
         ({"number_of_measurements": 2.5}, "2.5"),
-        ({"number_of_measurements": -1}, "-1"),
-        ({"number_of_measurements": True}, "True"),
         ({"number_of_measurements": np.array([1, 2])}, "[1, 2]"),
         ({"number_of_measurements": "many"}, "many"),
     ],
@@ -246,7 +219,6 @@ def test_values_that_complex64_cannot_hold(tmp_path, value, found):
     [
         ("radar_72.0_82.0_3", "2 in 'xr', 2 in 'fvec', 3 in the folder's name"),
         ("radar_72.0_81.0_2", "72 to 82 GHz"),
-        ("radar_72.05_82.00_2", "from 72.05 to 82.00 GHz"),
     ],
 )
 def test_folder_name_disagrees(tmp_path, name, found):
@@ -272,54 +244,20 @@ def test_a_truncated_frame_is_called_so(tmp_path):
     [
         b"",
         b"\x93NUMPY",
-        b"hello, world",
-        b"PK\x03\x04 and so on",
         b"MATLAB 5.0 MAT-file",
         files.npy(files.pickled({}), descr="<f8", shape="(4,)"),
         files.npy(files.pickled({}), shape="(1,)"),
         files.npy(pickle.dumps({"xr": 1}, 4)),
-        files.npy(files.pickled([1, 2])),
         b"\x93NUMPY\x03\x00" + files.npy(b"")[8:],
         b"\x93NUMPY\x01\x00\x10\x00" + b"(" * 16,
     ],
-    ids=range(11),
+    ids=range(8),
 )
 def test_other_files(tmp_path, content):
     path = tmp_path / "000000.npy"
     path.write_bytes(content)
     refused(path)
     assert not check_file(path).ok
-
-
-def test_a_type_of_any_length_makes_a_message_of_some(tmp_path):
-    path = tmp_path / "f.npy"
-    path.write_bytes(files.npy(b"", descr="i4," * 3000 + "i4"))
-    assert len(refused(path)) < 1000
-
-
-@pytest.mark.parametrize(
-    ("what", "where"),
-    [
-        ("iterdir", "30"),
-        ("iterdir", "calibrated_data"),
-    ],
-)
-def test_no_permission(tmp_path, monkeypatch, what, where):
-    radar = files.write_recording(tmp_path / "30")
-    real = getattr(Path, what)
-
-    def denied(self):
-        if self.name == where:
-            raise PermissionError(13, "Permission denied", str(self))
-        return real(self)
-
-    # Not by chmod, which does not stop root.
-    monkeypatch.setattr(Path, what, denied)
-    with pytest.raises(MeasurementError, match=r"30.*Permission denied"):
-        open_capture(radar.parent)
-    assert not check_file(radar.parent).ok
-    with pytest.raises(MeasurementError):
-        describe(radar.parent)
 
 
 # ---- describe, check

@@ -88,13 +88,6 @@ def dataset_reader(radar: Path, emptyfiltered: bool = False) -> list[dict[str, A
     ]
 
 
-def dataset_grid(radar: Path, number: int) -> tuple[list[float], list[float], list[int]]:
-    """Return the grid that the dataset's program takes from calibration.json for a frame."""
-    content = json.loads((radar / "calibration.json").read_text())
-    part = content[f"{number:06d}"]["volume"]
-    return part["bb_min"], part["bb_max"], part["grid_size"]
-
-
 def tree(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
@@ -185,21 +178,6 @@ def test_time_stamps_that_are_given(tmp_path, stamps, first, read):
     assert [open_capture(radar, frame=i).meta["timestamp_us"] for i in range(2)] == read
 
 
-@pytest.mark.parametrize(
-    "stamps", [[1], [1, 2, 3], [1, "2"], [1, float("nan")], [1, []], [1, None]]
-)
-@pytest.mark.parametrize("sized", [True, False])
-def test_invalid_time_stamps(tmp_path, stamps, sized):
-    captures = captures_of(2)
-    if stamps == [1, None]:  # None means that of the capture
-        save_recording(tmp_path / "30", captures, timestamps_us=stamps)
-        assert open_capture(tmp_path / "30", frame=1).meta["timestamp_us"] == 1001
-        return
-    with pytest.raises(ModelError, match=r"time stamps|timestamps_us"):
-        save_recording(tmp_path / "30", captures if sized else iter(captures), timestamps_us=stamps)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_files_beside_the_radar_folder(tmp_path):
     mesh = tmp_path / "mesh_smoothed.obj"
     mesh.write_text("v 0 0 0\n")
@@ -221,17 +199,6 @@ def test_files_beside_the_radar_folder(tmp_path):
     with pytest.raises(ModelError, match=r"metadata\.json"):
         save_recording(tmp_path / "40", captures_of(1), metadata={"a": float("nan")})
     assert sorted(p.name for p in tmp_path.iterdir()) == ["30", "mesh_smoothed.obj"]
-
-
-def test_grid_of_frames_without_an_image(tmp_path):
-    grid = clradar.VoxelGrid.from_extent((-0.05, 0.1), (-0.02, 0.03), (0.3, 0.4), 0.01)
-    radar = save_recording(tmp_path / "30", captures_of(1), grid=grid)
-    low, high, counts = dataset_grid(radar, 0)
-    np.testing.assert_allclose(low, [-0.1, -0.02, 0.3], atol=1e-12)
-    np.testing.assert_allclose(high, [0.05, 0.03, 0.4], atol=1e-12)
-    assert counts == [16, 6, 11]
-    radar = save_recording(tmp_path / "40", captures_of(1))
-    assert dataset_grid(radar, 0)[2] == [201, 201, 201]
 
 
 @pytest.fixture
@@ -306,16 +273,6 @@ def test_frames_that_do_not_belong_together(tmp_path):
             assert not (tmp_path / "hand" / "30").exists()
             assert not list(tmp_path.rglob("*.tmp"))
             assert not list(tmp_path.rglob("*.npy"))
-
-
-def test_a_failing_source_leaves_nothing(tmp_path):
-    def captures() -> Iterator[clradar.Capture]:
-        yield capture_of(0)
-        raise MeasurementError("000001.npy: expected a frame, got a ruin")
-
-    with pytest.raises(MeasurementError, match="ruin"):
-        save_recording(tmp_path / "30", captures())
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_exists(tmp_path):

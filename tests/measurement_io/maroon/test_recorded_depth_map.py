@@ -148,15 +148,6 @@ def test_a_missing_depth_map_lists_the_frames_that_have_one(radar, scene):
     assert "none of any frame" in refused(radar)
 
 
-def test_without_calibration_pixels_have_no_position(radar):
-    change_entry(radar, dict.clear)
-    assert "bb_min" in refused(radar)
-    (radar / "calibration.json").write_text("{}")
-    assert "'000000'" in refused(radar)
-    (radar / "calibration.json").unlink()
-    assert "calibration.json" in refused(radar)
-
-
 @pytest.mark.parametrize(
     ("key", "value", "found"),
     [
@@ -165,10 +156,8 @@ def test_without_calibration_pixels_have_no_position(radar):
         ("bb_min", [0, 0, True], "bb_min[2]: expected a finite number, got true"),
         ("bb_max", [-1, -1, -1], "bb_min below bb_max"),
         ("grid_size", [31, 21, 9.5], "whole numbers"),
-        ("grid_size", [31, 0, 9], "whole numbers"),
         ("grid_size", [1, 21, 9], "one point"),
         ("grid_size", [21, 31, 9], "31 rows of 21 pixels"),
-        ("grid_size", [10**12, 21, 9], "21 rows of 1000000000000 pixels"),
         ("grid_size", [10**400, 21, 9], "got a huge number"),
     ],
 )
@@ -182,10 +171,8 @@ def test_invalid_entries(radar, key, value, found):
     [
         np.eye(4).tolist(),
         np.diag([1, -1, 1000, 1]) + np.eye(4)[::-1],
-        np.zeros((4, 4)),
         np.diag([100, 100, 1000, 1]),
         [[1, 2]] * 4,
-        [1] * 5,
         "no matrix",
     ],
 )
@@ -196,15 +183,6 @@ def test_matrices_that_place_no_pixels(radar, matrix):
 
     change_entry(radar, change)
     assert "intrinsics" in refused(radar)
-
-
-def test_two_grids_of_one_frame(radar, scene):
-    box = {"bb_min": [-0.1, -0.08], "bb_max": [0.14, 0.05], "grid_size": [31, 21]}
-    rounded = box | {"bb_min": [float(np.float32(v)) for v in box["bb_min"]]}
-    change_entry(radar, lambda entry: entry["depth"].update(rounded))
-    read_depth_map(radar, 0)
-    change_entry(radar, lambda entry: entry["depth"].update(bb_max=[0.14, 0.06]))
-    assert "the same x and y" in refused(radar)
 
 
 # ---- hostile files

@@ -13,7 +13,7 @@ import maroon_files as files
 import maroon_products
 import numpy as np
 import pytest
-from systems import linux_only, posix_only
+from systems import linux_only
 
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import Recording, open_capture, open_recording, read_transform
@@ -155,16 +155,6 @@ def test_a_frame_of_other_frequencies_is_refused(tmp_path, read_before):
     assert np.array_equal(recording[2].data, seed_data(2, 3))
 
 
-def test_no_frame_can_be_read(tmp_path):
-    radar = files.write_recording(tmp_path / "30", n_frames=2)
-    for path in (radar / "calibrated_data").iterdir():
-        path.write_bytes(b"")
-    recording = open_recording(radar)
-    assert recording.timestamps_us == (None, None)
-    with pytest.raises(MeasurementError, match=r"000000\.npy"):
-        assert recording.waveform
-
-
 def test_folders_that_are_no_recording(tmp_path):
     assert "nothing there" in refused(tmp_path / "none")
     assert "a file" in refused(files.write_frame(tmp_path / "000000.npy", files.random_frame()))
@@ -178,19 +168,6 @@ def test_folders_that_are_no_recording(tmp_path):
     assert "radar_72.0_82.0_3" in refused(radar.parent)
     with pytest.raises(MeasurementError):
         open_recording("nul\0byte")
-
-
-def test_antenna_files_are_read_once(tmp_path):
-    radar = files.write_recording(tmp_path / "30")
-    rx, _ = files.antennas()
-    rows = [",".join(repr(float(v)) for v in row) for row in rx + 0.001]
-    path = tmp_path / "Rx.dat"
-    path.write_text("\n".join(["x,y,z", *rows]) + "\n")
-    recording = open_recording(radar, rx_file=path)
-    path.unlink()
-    np.testing.assert_array_equal(recording[1].array.rx_m, rx + 0.001)
-    assert recording.array is recording[0].array
-    assert "Rx.dat" in refused(radar, rx_file=str(path))
 
 
 # ---- beside the radar folder
@@ -283,16 +260,6 @@ def test_meshes_that_cannot_be_placed(tmp_path):
         path.write_bytes(content)
         with pytest.raises(MeasurementError, match=r"mesh\.obj"):
             open_recording(radar).scene()
-
-
-@posix_only
-def test_files_that_a_mesh_names_are_not_opened(tmp_path):
-    radar = files.write_recording(tmp_path / "30")
-    path = files.write_mesh(radar.parent, "mesh", *TRIANGLE)
-    os.mkfifo(tmp_path / "pipe")  # opening it would wait for ever
-    path.write_text(path.read_text().replace("mesh.mtl", str(tmp_path / "pipe")))
-    files.write_alignment(radar.parent, {"photogrammetry2radar": np.eye(4)})
-    assert open_recording(radar).scene().n_faces == 1
 
 
 # ---- cached products
