@@ -159,7 +159,7 @@ class RigOptions(RigFileOptions):
             rotations = rotations_of_theta(rig, read_theta(self.theta))
             mesh, shown = rig.turned(rotations, center_m), f"theta of {self.theta}"
         joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
-        unit = f"unit {1e3 * rig.unit_m:.6g} mm"
+        unit = "unit m" if rig.unit_m == 1.0 else f"unit {1e3 * rig.unit_m:.6g} mm"
         return mesh, f"{self.rig}: {rig.handedness} hand, {unit}, {joints}, {shown}"
 
 
