@@ -86,6 +86,20 @@ def html_report(
     The same arguments give the same text, to be written as UTF-8. It loads nothing: style, script,
     figure and points are inside. Labels, sources, notes and settings can come from untrusted files:
     all of it is escaped, and a content security policy allows the page's own script alone.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import clradar
+    >>> from clradar.report import ReportImage, html_report
+    >>> x_m = np.arange(-10, 11) * 1e-3
+    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
+    >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
+    >>> page = html_report(ReportImage("measured", near), [ReportImage("alpha = 0.3", far)])
+    >>> "overlap" in page, "0.779" in page
+    (True, True)
+    >>> _ = Path("report.html").write_text(page, encoding="utf-8")
     """
     dynamic_range_db = checks.dynamic_range("html_report: dynamic_range_db", dynamic_range_db)
     if not simulated:
@@ -129,6 +143,17 @@ def image_report(
     """Return a self-contained HTML page of one image, with figure, 3-D view, facts and provenance.
 
     `view` and `dbsm` are those of `clradar.plot.image_figure`, all else as in `html_report`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import clradar
+    >>> from clradar.report import ReportImage, image_report
+    >>> x_m = np.arange(-10, 11) * 1e-3
+    >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
+    >>> page = image_report(ReportImage("spot", clradar.DepthMap(0 * spot + 0.3, spot, x_m, x_m)))
+    >>> "at x = 0.0, y = 0.0, z = 300.0 mm" in page
+    True
     """
     dynamic_range_db = checks.dynamic_range("image_report: dynamic_range_db", dynamic_range_db)
     content = rcs_image(image.image) if dbsm else image.image

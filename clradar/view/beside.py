@@ -7,8 +7,6 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-
 from clradar.model import Capture, Scene
 from clradar.model.known_materials import KNOWN
 from clradar.opencl import Device
@@ -23,15 +21,13 @@ KEPT_CAPTURES = 8
 
 
 class Beside(Protocol):
-    """A second capture or volume for every frame."""
+    """A second capture or volume for every frame, one of `labels`, simulated or read."""
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """What can be chosen between with `Wish.other`."""
+    def labels(self) -> tuple[str, ...]: ...
 
     @property
-    def simulates(self) -> bool:
-        """Whether it is made, by `Wish.alpha` and `Wish.material`, instead of read."""
+    def simulates(self) -> bool: ...
 
     def key(self, wish: Wish, content: Content) -> Hashable:
         """Return what the second one depends on; None if there is none beside this content."""
@@ -80,12 +76,14 @@ class Simulation:
     def key(self, wish: Wish, content: Content) -> Hashable:
         if not isinstance(content, Capture):
             return None  # which radar recorded it is not known
-        antennas = [
-            (side.pattern, *(_bytes_of(a) for a in (side.antennas_m, side.axes, side.gain)))
+        radar: list[Hashable] = [side.pattern for side in content.array.sides]
+        radar += [
+            None if values is None else values.tobytes()
             for side in content.array.sides
+            for values in (side.antennas_m, side.axes, side.gain)
         ]
-        radar = (*antennas, content.waveform.frequencies_hz.tobytes())
-        return wish.alpha if wish.material == BY_ALPHA else wish.material, hash(radar)
+        surface = wish.alpha if wish.material == BY_ALPHA else wish.material
+        return surface, hash((*radar, content.waveform.frequencies_hz.tobytes()))
 
     def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
         assert isinstance(content, Capture)
@@ -103,7 +101,3 @@ class Simulation:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
-
-
-def _bytes_of(array: np.ndarray | None) -> bytes | None:
-    return None if array is None else array.tobytes()

@@ -10,6 +10,7 @@ import numpy as np
 from clradar.compare import clipped_db
 from clradar.model import DepthMap, Volume, VoxelGrid
 from clradar.plot import AMPLITUDE_BACKGROUND
+from clradar.plot.panels import amplitude_scale, colours_of
 from clradar.view.wish import Place
 
 MAX_VOXELS_DRAWN = 60_000
@@ -24,16 +25,7 @@ REACH = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cloud:
-    """Points and their colours.
-
-    Attributes
-    ----------
-    points_m : ndarray, shape (n, 3), float32, metres
-        x, y, z in the antenna frame.
-    colours : ndarray, shape (n, 3), uint8
-    size_m : float, metres
-        Of a point: the smaller of the steps of the pixels.
-    """
+    """Points, shape (n, 3), metres, their colours, and the size of one."""
 
     points_m: np.ndarray
     colours: np.ndarray
@@ -42,14 +34,7 @@ class Cloud:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flat:
-    """What a data set stores of an image in place of the volume.
-
-    Attributes
-    ----------
-    image : DepthMap
-    known : tuple of str
-        "projection", "depth", or both: which of its two arrays are stored.
-    """
+    """What a data set stores of an image in place of the volume: "projection", "depth", or both."""
 
     image: DepthMap
     known: tuple[str, ...]
@@ -64,18 +49,7 @@ class Flat:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
-    """What is drawn of an image: its depth map, its points or voxels, and slices of a volume.
-
-    Attributes
-    ----------
-    image : DepthMap
-        Its amplitude is the maximum projection.
-    volume : Volume or None
-        None where only projection or depth map are known.
-    cloud : Cloud
-    known : tuple of str
-        As of `Flat`.
-    """
+    """What is drawn of an image: its depth map, the volume if there is one, points or voxels."""
 
     image: DepthMap
     volume: Volume | None
@@ -104,25 +78,24 @@ class Drawn:
     @property
     def ends_m(self) -> np.ndarray:
         """First and last centre of voxels or pixels along x, y and z, shape (3, 2), metres."""
-        z_m: np.ndarray | list[float]
+        z_m = np.zeros(1)
         if self.volume is not None:
             z_m = self.volume.grid.z_m
         elif self.image.mask.any():
-            z_m = [np.nanmin(self.image.depth_m), np.nanmax(self.image.depth_m)]
-        else:
-            z_m = [0.0, 0.0]
+            z_m = np.sort(self.image.depth_m[self.image.mask])
         return np.array([[a[0], a[-1]] for a in (self.image.x_m, self.image.y_m, z_m)])
 
     def strongest_m(self) -> Place:
         """Return the place of the strongest voxel or pixel, metres."""
         if self.volume is not None:
-            grid = self.volume.grid
-            data = self.volume.data
-            z, y, x = np.unravel_index(int(np.abs(data).argmax()), data.shape)
-            return float(grid.x_m[x]), float(grid.y_m[y]), float(grid.z_m[z])
-        row, column = divmod(int(self.image.amplitude.argmax()), len(self.image.x_m))
-        depth_m = float(np.nan_to_num(self.image.depth_m[row, column]))
-        return float(self.image.x_m[column]), float(self.image.y_m[row]), depth_m
+            shape = self.volume.data.shape
+            top = np.unravel_index(int(np.abs(self.volume.data).argmax()), shape)
+            k, j, i = (int(index) for index in top)
+            z_m = self.volume.grid.z_m[k]
+        else:
+            j, i = divmod(int(self.image.amplitude.argmax()), len(self.image.x_m))
+            z_m = np.nan_to_num(self.image.depth_m[j, i])
+        return float(self.image.x_m[i]), float(self.image.y_m[j]), float(z_m)
 
     def level_db(self, at_m: Place) -> float:
         """Return the level at a place, below the maximum of the image; decibel."""
@@ -130,20 +103,17 @@ class Drawn:
             i, j, k = nearest(self.volume.grid, at_m)
             amplitude, peak = abs(self.volume.data[k, j, i]), np.abs(self.volume.data).max()
         else:
-            i, j = (
-                int(np.abs(a - v).argmin()) for a, v in zip(self._axes_m, at_m[:2], strict=True)
-            )
-            amplitude, peak = self.image.amplitude[j, i], self.image.amplitude.max()
+            amplitude, peak = self.image.amplitude[self._pixel(at_m)], self.image.amplitude.max()
         return float(20 * np.log10(max(amplitude / peak, 1e-30))) if peak > 0 else float("nan")
 
     def depth_m(self, at_m: Place) -> float:
         """Return the depth at x and y of a place, metres; NaN: none."""
-        i, j = (int(np.abs(a - v).argmin()) for a, v in zip(self._axes_m, at_m[:2], strict=True))
-        return float(self.image.depth_m[j, i])
+        return float(self.image.depth_m[self._pixel(at_m)])
 
-    @property
-    def _axes_m(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.image.x_m, self.image.y_m
+    def _pixel(self, at_m: Place) -> tuple[int, int]:
+        x, y, _ = at_m
+        image = self.image
+        return int(np.abs(image.y_m - y).argmin()), int(np.abs(image.x_m - x).argmin())
 
     def pointed_m(self, at_m: Place, picture: str, across: float, up: float) -> Place:
         """Return the place that a click on a picture means, metres."""
@@ -161,10 +131,8 @@ class Drawn:
 
 def nearest(grid: VoxelGrid, at_m: Place) -> tuple[int, int, int]:
     """Return the indices of the voxel that is nearest to a place."""
-    i, j, k = (
-        int(np.abs(axis - value).argmin())
-        for axis, value in zip((grid.x_m, grid.y_m, grid.z_m), at_m, strict=True)
-    )
+    axes = zip((grid.x_m, grid.y_m, grid.z_m), at_m, strict=True)
+    i, j, k = (int(np.abs(axis - value).argmin()) for axis, value in axes)
     return i, j, k
 
 
@@ -183,18 +151,17 @@ def voxels_of(
 ) -> Cloud:
     """Return the voxels within the dynamic range, at most `most`, the strongest."""
     amplitude, grid = np.abs(volume.data), volume.grid
-    size_m = float(grid.spacing_m.max())
     peak = float(amplitude.max())
-    if peak == 0.0:
-        return Cloud(np.empty((0, 3), np.float32), np.empty((0, 3), np.uint8), size_m)
-    found = np.flatnonzero(amplitude >= peak * 10 ** (-dynamic_range_db / 20))
-    if len(found) > most:
-        strongest = np.argpartition(amplitude.ravel()[found], -most)[-most:]
-        found = np.sort(found[strongest])
-    z, y, x = np.unravel_index(found, amplitude.shape)
+    level = peak * 10 ** (-dynamic_range_db / 20)
+    seen = np.flatnonzero((amplitude >= level) & (amplitude > 0))
+    if len(seen) > most:
+        strongest = np.argpartition(amplitude.ravel()[seen], -most)[-most:]
+        seen = np.sort(seen[strongest])
+    z, y, x = np.unravel_index(seen, amplitude.shape)
     points_m = np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1).astype(np.float32)
-    level_db = 20 * np.log10(amplitude.ravel()[found] / peak)
-    return Cloud(points_m, amplitude_colours(level_db, dynamic_range_db, second), size_m)
+    level_db = 20 * np.log10(amplitude.ravel()[seen] / (peak or 1.0))
+    colours = amplitude_colours(level_db, dynamic_range_db, second)
+    return Cloud(points_m, colours, float(grid.spacing_m.max()))
 
 
 def clicked_m(
@@ -227,15 +194,16 @@ def amplitude_pixels(amplitude: np.ndarray, peak: float, dynamic_range_db: float
 def amplitude_colours(
     level_db: np.ndarray, dynamic_range_db: float, second: bool = False
 ) -> np.ndarray:
-    """Return the colour of levels below the maximum, shape (n, 3), uint8.
+    """Return the colour of levels below the maximum, shape (n, 3), uint8."""
+    return _amplitude_colours(second)[scale_index(1 + level_db / dynamic_range_db)]
 
-    Those of a second image are from dark to light cyan, which no level of a first one has.
-    """
-    index = scale_index(1 + level_db / dynamic_range_db)
-    if not second:
-        return amplitude_scale()[index]
-    share = index[:, None] / 255
-    return np.round((1 - share) * SECOND_WEAK + share * SECOND_STRONG).astype(np.uint8)
+
+@cache
+def _amplitude_colours(second: bool) -> np.ndarray:
+    """Those of a second image are from dark to light cyan, which no level of a first one has."""
+    share = np.linspace(0, 1, 256)[:, None]
+    cyan = np.round((1 - share) * SECOND_WEAK + share * SECOND_STRONG).astype(np.uint8)
+    return cyan if second else colours_of(amplitude_scale())
 
 
 def blank(shape: tuple[int, ...], colour: str) -> np.ndarray:
@@ -247,18 +215,3 @@ def blank(shape: tuple[int, ...], colour: str) -> np.ndarray:
 def scale_index(share: np.ndarray) -> np.ndarray:
     """Return where on a scale of 256 colours shares of it are."""
     return np.clip(np.round(255 * share), 0, 255).astype(np.uint8)
-
-
-@cache
-def amplitude_scale() -> np.ndarray:
-    """Return the colours of levels, shape (256, 3), uint8."""
-    return scale_of("inferno", 0.2)
-
-
-@cache
-def scale_of(name: str, first: float = 0.0) -> np.ndarray:
-    """Return colours of matplotlib from a share of the scale on, shape (256, 3), uint8."""
-    import matplotlib
-
-    colours = matplotlib.colormaps[name](np.linspace(first, 1.0, 256))[:, :3]
-    return np.round(255 * colours).astype(np.uint8)

@@ -7,7 +7,7 @@ import secrets
 import socket
 from collections.abc import Coroutine, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -22,10 +22,10 @@ LOCAL_NAMES = {"localhost", "127.0.0.1", "::1"}
 
 PORTS_TRIED = 100
 
-MAX_HEAD_BYTES = 2**16
-
 HEAD_S = 10.0
 """A request has to be complete after that."""
+
+NO_REQUEST = (asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.TimeoutError)
 
 BUFFER_BYTES = 2**16
 """Of what is on its way to a browser: a slow link gets the newest frame, not those between."""
@@ -134,9 +134,7 @@ class Gate:
         try:
             head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_S)
             refused = refusal(headers_of(head[:-4]), self._protocol)
-        except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, ValueError):
-            refused = "expected a request of a browser"
-        except asyncio.TimeoutError:  # which is another one before Python 3.11
+        except (*NO_REQUEST, ValueError):
             refused = "expected a request of a browser"
         if refused is not None:
             body = f"{refused}\n".encode()
@@ -150,21 +148,18 @@ class Gate:
         inner = socket.socket()
         inner.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         inner.setblocking(False)
-        try:
+        with ExitStack() as on_failure:
+            on_failure.callback(inner.close)
             await self._loop.sock_connect(inner, self._target)
             from_viser, to_viser = await asyncio.open_connection(sock=inner, limit=BUFFER_BYTES)
-        except OSError:
-            inner.close()
-            raise
+            on_failure.pop_all()
         outer = writer.get_extra_info("socket")
         outer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
         for one in (writer, to_viser):
             one.transport.set_write_buffer_limits(BUFFER_BYTES)
         to_viser.write(head)
-        copies = [
-            asyncio.ensure_future(_copy(*ends))
-            for ends in ((reader, to_viser), (from_viser, writer))
-        ]
+        ways = ((reader, to_viser), (from_viser, writer))
+        copies = [asyncio.ensure_future(_copy(*ends)) for ends in ways]
         try:
             await asyncio.wait(copies, return_when=asyncio.FIRST_COMPLETED)
         finally:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 from clradar.backproject import METHODS, WINDOWS
-from clradar.errors import ModelError
 from clradar.model import Capture, VoxelGrid
 from clradar.model.length_unit import unit_for
+from clradar.plot.layout import typeset
 from clradar.view.beside import MATERIALS, Beside
 from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.samples import ALL, SampleFrames
@@ -43,11 +43,12 @@ class Panel:
         mesh: Any = None,
     ) -> None:
         gui = server.gui
-        self._gui, self._source, self._beside, self._mesh = gui, source, beside, mesh
-        self._acts: list[tuple[Any, Callable[[], None]]] = []
+        self.gui, self._source, self._beside, self._mesh = gui, source, beside, mesh
+        self._samples = source if isinstance(source, SampleFrames) else None
+        self._acts: dict[int, Callable[[], None]] = {}
         self.state = gui.add_markdown("")
         self.pace = gui.add_markdown("", visible=source.grows)
-        self.frame = gui.add_slider("Frame" if not _samples(source) else "Sample", 0, 1, 1, 0)
+        self.frame = gui.add_slider("Frame" if self._samples is None else "Sample", 0, 1, 1, 0)
         self.play = gui.add_checkbox("Play", source.grows)
         self.rate = gui.add_slider("Most per second", 1, 30, 1, 10, visible=False)
         self.follow_frames(wish.frame)
@@ -64,8 +65,8 @@ class Panel:
         if mesh is not None:
             self.mesh = gui.add_checkbox("Mesh", True)
         self._tabs = gui.add_tab_group()
-        self._shows: list[Any] = []
-        self._of_captures = False
+        self._tabs_of_captures = False
+        self._shows: list[Callable[[Shown], None]] = []
 
     def on(self, control: Any, act: Callable[[], None]) -> None:
         """Call `act` when a user changes a control."""
@@ -76,10 +77,10 @@ class Panel:
                 self.attempt(act)
 
         control.on_update(changed)
-        self._acts.append((control, act))
+        self._acts[id(control)] = act
 
     def attempt(self, act: Callable[[], None]) -> None:
-        """Do what a message of a page asks for; one that makes no sense is told."""
+        """Do what a message of a page asks for; one that makes no sense is refused."""
         try:
             act()
         except Exception as error:  # whatever a page sends must not print a traceback
@@ -87,17 +88,18 @@ class Panel:
 
     def key(self, key: str, label: str, act: Callable[[], None]) -> None:
         """Call `act` when a key is pressed."""
-        command = self._gui.add_command(label, hotkey=key)
+        command = self.gui.add_command(label, hotkey=key)
         command.on_trigger(lambda _: self.attempt(act))
 
     def toggle(self, control: Any) -> None:
         """Change a checkbox as a user does."""
         control.value = not control.value
-        next(act for one, act in self._acts if one is control)()
+        self._acts[id(control)]()
 
     def connect(self, session: Session, player: Plays) -> None:
         """Turn changes of the controls into wishes."""
         self._session = session
+        keys = ["L changes the layout", "V shows voxels"]
 
         def go(act: Callable[[], None]) -> Callable[[], None]:
             def gone() -> None:
@@ -106,15 +108,15 @@ class Panel:
 
             return gone
 
+        def set_rate() -> None:
+            player.per_second = between(self.rate.value, 1.0, 30.0)
+
         self.on(self.range_db, lambda: session.change(dynamic_range_db=float(self.range_db.value)))
         self.on(self.voxels, lambda: session.change(voxels=bool(self.voxels.value)))
         self.on(self.layout, lambda: session.change(layout=one_of(self.layout.value, LAYOUTS)))
-        self.on(self.frame, go(lambda: self._choose_frame(session)))
+        self.on(self.frame, go(self._choose_frame))
         self.on(self.play, lambda: player.play(bool(self.play.value)))
-        self.on(
-            self.rate, lambda: setattr(player, "per_second", between(self.rate.value, 1.0, 30.0))
-        )
-        keys = ["L changes the layout", "V shows voxels"]
+        self.on(self.rate, set_rate)
         self.key("L", "Layout", lambda: session.change(layout=_next(session.wish.layout, LAYOUTS)))
         self.key("V", "Points or voxels", lambda: self.toggle(self.voxels))
         if self._source.grows or len(self._source.frames()) > 1:
@@ -123,21 +125,21 @@ class Panel:
         self.key("N", "Next frame", go(lambda: session.step(1)))
         self.key("P", "Previous frame", go(lambda: session.step(-1)))
         with self._tabs.add_tab("Place"):
-            self._shows.append(PlaceTab(self, session))
-        if _samples(self._source) is not None:
-            with self._gui.add_folder("Sample"):
-                _add_choice(self, session, self._source)
+            self._add_place()
+        if self._samples is not None:
+            with self.gui.add_folder("Sample"):
+                self._add_samples(self._samples)
         if self._beside is not None:
             keys.append("B shows both, measured, simulated in turn")
-            self._connect_beside(session, self._beside)
+            self._connect_beside(self._beside)
         if self._mesh is not None:
             keys.append("M shows the mesh")
             self.on(self.mesh, lambda: setattr(self._mesh, "visible", bool(self.mesh.value)))
             self.key("M", "Mesh", lambda: self.toggle(self.mesh))
-        self._gui.add_markdown(f"Keys: {', '.join(keys)}.")
+        self.gui.add_markdown(f"Keys: {', '.join(keys)}.")
 
-    def _connect_beside(self, session: Session, beside: Beside) -> None:
-        sides = tuple(SIDES.values())
+    def _connect_beside(self, beside: Beside) -> None:
+        session, sides = self._session, tuple(SIDES.values())
         self.on(self.side, lambda: session.change(side=SIDES[self.side.value]))
         self.key(
             "B", "Both, measured, simulated",
@@ -149,42 +151,39 @@ class Panel:
 
     def show(self, shown: Shown) -> None:
         """Show the state of a result."""
-        if isinstance(shown.content, Capture) and not self._of_captures:
-            self._add_tabs_of_captures(shown.content, shown)
-        for tab in self._shows:
-            tab.show(shown)
+        if isinstance(shown.content, Capture) and not self._tabs_of_captures:
+            self._tabs_of_captures = True
+            with self._tabs.add_tab("Channels"):
+                self._shows.append(ChannelsTab(self, self._session, shown.content).show)
+            with self._tabs.add_tab("Settings"):
+                if self._beside is not None and self._beside.simulates:
+                    self._add_simulation()
+                if shown.first.volume is not None:
+                    self._add_imaging(shown.first.volume.grid)
+        for show in self._shows:
+            show(shown)
         self.follow_frames(shown.wish.frame)
         assign(self.layout, "value", shown.wish.layout)
         if self._beside is not None:
             label = next(label for label, side in SIDES.items() if side == shown.wish.side)
             assign(self.side, "value", label)
             assign(self.metrics, "content", metrics_text(shown))
-        self.state.content = state_text(shown, self._source.label(shown.wish.frame))
-
-    def _add_tabs_of_captures(self, capture: Capture, shown: Shown) -> None:
-        self._of_captures = True
-        with self._tabs.add_tab("Channels"):
-            self._shows.append(ChannelsTab(self, self._session, capture))
-        with self._tabs.add_tab("Settings"):
-            if self._beside is not None and self._beside.simulates:
-                _add_simulation(self, self._session)
-            if shown.first.volume is not None:
-                _add_imaging(self, self._session, shown.first.volume.grid)
+        assign(self.state, "content", state_text(shown, self._source.label(shown.wish.frame)))
 
     def follow_frames(self, frame: int) -> None:
         """Let slider and playing span the frames that the source has now, and show this one."""
-        frames = self._source.frames()
+        frames, grows = self._source.frames(), self._source.grows
         assign(self.frame, "visible", len(frames) > 1)
-        assign(self.play, "visible", len(frames) > 1 or self._source.grows)
-        assign(self.rate, "visible", len(frames) > 1 and not self._source.grows)
-        assign(self.pace, "visible", self._source.grows)
+        assign(self.play, "visible", len(frames) > 1 or grows)
+        assign(self.rate, "visible", len(frames) > 1 and not grows)
+        assign(self.pace, "visible", grows)
         assign(self.frame, "max", max(1, len(frames) - 1))
         assign(self.frame, "value", max(0, bisect_right(frames, frame) - 1))
 
-    def _choose_frame(self, session: Session) -> None:
+    def _choose_frame(self) -> None:
         frames = self._source.frames()  # there may be fewer than when the slider was drawn
         if frames:
-            session.change(frame=frames[min(int(self.frame.value), len(frames) - 1)])
+            self._session.change(frame=frames[min(int(self.frame.value), len(frames) - 1)])
 
     def busy(self, text: str) -> None:
         """Say what is being done."""
@@ -194,61 +193,114 @@ class Panel:
         """Say why a wish is not carried out."""
         self.state.content = f"**Not shown:** {escaped(text)}"
 
-
-class PlaceTab:
-    """The place where the slices meet, and the values there."""
-
-    def __init__(self, panel: Panel, session: Session) -> None:
-        gui = panel._gui
-        self._place = gui.add_vector3("x, y, z (mm)", (0.0, 0.0, 0.0), step=0.1)
-        panel.on(self._place, lambda: session.change(at_m=self._typed_m()))
-        strongest = gui.add_button("Strongest voxel")
-        strongest.on_click(lambda _: session.change(at_m=None))
-        self._values = gui.add_markdown("")
+    def _add_place(self) -> None:
+        """Add the place where the slices meet, and the values there."""
+        gui, session = self.gui, self._session
+        place = gui.add_vector3("x, y, z (mm)", (0.0, 0.0, 0.0), step=0.1)
+        gui.add_button("Strongest voxel").on_click(lambda _: session.change(at_m=None))
+        values = gui.add_markdown("")
         gui.add_markdown("A click on a picture, or on a point of the scene, chooses a place.")
 
-    def show(self, shown: Shown) -> None:
-        at_m = shown.wish.at_m or shown.chosen.strongest_m()
-        assign(self._place, "value", tuple(round(1e3 * value, 3) for value in at_m))
-        lines = []
-        for name, drawn in (("", shown.first), ("simulated: ", shown.second)):
-            if drawn is not None:
-                depth_m = drawn.depth_m(at_m)
-                unit = unit_for(0.3 if math.isnan(depth_m) else depth_m)
-                depth = "no depth" if math.isnan(depth_m) else (
-                    f"depth {unit.per_m * depth_m:.4g} {unit.name}"
-                )  # fmt: skip
-                lines.append(
-                    f"{name}{-drawn.level_db(at_m) + 0.0:.1f} dB below the maximum, {depth}"
-                )
-        assign(self._values, "content", "\n\n".join(lines).replace("-", "\N{MINUS SIGN}"))
+        def typed() -> None:
+            x, y, z = (1e-3 * float(value) for value in place.value)
+            if not all(map(math.isfinite, (x, y, z))):
+                raise ValueError("place: expected finite numbers")
+            session.change(at_m=(x, y, z))
 
-    def _typed_m(self) -> tuple[float, float, float]:
-        x, y, z = (1e-3 * float(value) for value in self._place.value)
-        if not all(map(math.isfinite, (x, y, z))):
-            raise ValueError("place: expected finite numbers")
-        return x, y, z
+        def show(shown: Shown) -> None:
+            at_m = shown.wish.at_m or shown.chosen.strongest_m()
+            assign(place, "value", tuple(round(1e3 * value, 3) for value in at_m))
+            lines = []
+            for name, drawn in (("", shown.first), ("simulated: ", shown.second)):
+                if drawn is not None:
+                    depth_m, depth = drawn.depth_m(at_m), "no depth"
+                    if not math.isnan(depth_m):
+                        unit = unit_for(depth_m)
+                        depth = f"depth {unit.per_m * depth_m:.4g} {unit.name}"
+                    below_db = -drawn.level_db(at_m) + 0.0
+                    lines.append(f"{name}{below_db:.1f} dB below the maximum, {depth}")
+            assign(values, "content", typeset("\n\n".join(lines)))
+
+        self.on(place, typed)
+        self._shows.append(show)
+
+    def _add_imaging(self, grid: VoxelGrid) -> None:
+        """Add controls of grid, method and window that captures are imaged with."""
+        gui, session = self.gui, self._session
+        with gui.add_folder("Image"):
+            step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
+            step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
+            ends = [
+                gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0)
+                for name, ends_mm in zip("xyz", extents_mm(grid), strict=True)
+            ]
+            method = gui.add_dropdown("Method", METHODS, initial_value=session.wish.method)
+            window = gui.add_dropdown("Window", WINDOWS, initial_value=session.wish.window)
+
+        def again() -> None:
+            x_mm, y_mm, z_mm = (control.value for control in ends)
+            session.change(
+                grid=grid_mm(x_mm, y_mm, z_mm, step.value),
+                method=one_of(method.value, METHODS),
+                window=one_of(window.value, WINDOWS),
+            )
+
+        for control in (step, *ends, method, window):
+            self.on(control, again)
+
+    def _add_simulation(self) -> None:
+        """Add controls of what the mesh is simulated with."""
+        gui, session = self.gui, self._session
+        with gui.add_folder("Simulation"):
+            alpha = gui.add_slider(
+                "\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, session.wish.alpha
+            )
+            material = gui.add_dropdown("Material", MATERIALS, initial_value=session.wish.material)
+        self.on(alpha, lambda: session.change(alpha=between(alpha.value, 0.0, 1.0)))
+        self.on(material, lambda: session.change(material=one_of(material.value, MATERIALS)))
+
+    def _add_samples(self, source: SampleFrames) -> None:
+        """Add the number of a sample, and poses and hands to go through alone."""
+        gui, session = self.gui, self._session
+        number = gui.add_number("Number", 0, min=0, step=1)
+        pose = gui.add_dropdown("Pose", (ALL, *source.poses), visible=len(source.poses) > 1)
+        hand = gui.add_dropdown("Hand", (ALL, "right", "left"))
+
+        def choose() -> None:
+            source.choose(pose.value, hand.value)
+            frames = source.frames()
+            self.follow_frames(session.wish.frame)
+            if not frames:
+                self.refuse("no sample has this pose and hand")
+            elif session.wish.frame not in frames:
+                session.change(frame=frames[0])
+
+        self.on(number, lambda: session.change(frame=int(number.value)))
+        self.on(pose, choose)
+        self.on(hand, choose)
 
 
 class ChannelsTab:
     """Channel data of all pairs, and of a chosen one."""
 
     def __init__(self, panel: Panel, session: Session, capture: Capture) -> None:
-        gui, array = panel._gui, capture.array
+        gui, array, wish = panel.gui, capture.array, session.wish
         # The end of a slider has to be above its begin.
-        self._tx = gui.add_slider("Tx", 0, max(1, array.n_tx - 1), 1, session.wish.tx)
-        self._rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, session.wish.rx)
+        self._tx = gui.add_slider("Tx", 0, max(1, array.n_tx - 1), 1, wish.tx)
+        self._rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, wish.rx)
         panel.on(self._tx, lambda: session.change(tx=int(self._tx.value)))
         panel.on(self._rx, lambda: session.change(rx=int(self._rx.value)))
         self._overview: Any = None
         self._curves: dict[str, Any] = {}
-        self._folder = gui.add_folder("Pair")
-        self._gui = gui
-        self._shown: tuple[Capture, int, int] | None = None
+        self._gui, self._folder = gui, gui.add_folder("Pair")
+        self._shown: tuple[Any, int, int] = (None, 0, 0)
 
     def show(self, shown: Shown) -> None:
+        """Show the data of a capture, unless they are shown already."""
         content, tx, rx = shown.content, shown.wish.tx, shown.wish.rx
-        if not isinstance(content, Capture) or self._is_shown(content, tx, rx):
+        if not isinstance(content, Capture):
+            return
+        if self._shown[0] is content and self._shown[1:] == (tx, rx):
             return
         self._shown = (content, tx, rx)
         for control, n in ((self._tx, content.array.n_tx), (self._rx, content.array.n_rx)):
@@ -269,74 +321,6 @@ class ChannelsTab:
                     legend={"show": True}, aspect=1.6,
                 )  # fmt: skip
 
-    def _is_shown(self, capture: Capture, tx: int, rx: int) -> bool:
-        return self._shown is not None and self._shown[0] is capture and self._shown[1:] == (tx, rx)
-
-
-def _add_imaging(panel: Panel, session: Session, grid: VoxelGrid) -> None:
-    """Add controls of grid, method and window that captures are imaged with."""
-    gui, wish = panel._gui, session.wish
-    with gui.add_folder("Image"):
-        step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
-        step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
-        ends = [
-            gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0)
-            for name, ends_mm in zip("xyz", extents_mm(grid), strict=True)
-        ]
-        method = gui.add_dropdown("Method", METHODS, initial_value=wish.method)
-        window = gui.add_dropdown("Window", WINDOWS, initial_value=wish.window)
-
-    def again() -> None:
-        try:
-            x_mm, y_mm, z_mm = (control.value for control in ends)
-            wished = grid_mm(x_mm, y_mm, z_mm, step.value)
-        except ModelError as error:
-            panel.refuse(str(error))
-            return
-        session.change(
-            grid=wished,
-            method=one_of(method.value, METHODS),
-            window=one_of(window.value, WINDOWS),
-        )
-
-    for control in (step, *ends, method, window):
-        panel.on(control, again)
-
-
-def _add_simulation(panel: Panel, session: Session) -> None:
-    """Add controls of what the mesh is simulated with."""
-    gui, wish = panel._gui, session.wish
-    with gui.add_folder("Simulation"):
-        alpha = gui.add_slider("\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, wish.alpha)
-        material = gui.add_dropdown("Material", MATERIALS, initial_value=wish.material)
-    panel.on(alpha, lambda: session.change(alpha=between(alpha.value, 0.0, 1.0)))
-    panel.on(material, lambda: session.change(material=one_of(material.value, MATERIALS)))
-
-
-def _samples(source: Source) -> SampleFrames | None:
-    return source if isinstance(source, SampleFrames) else None
-
-
-def _add_choice(panel: Panel, session: Session, source: Any) -> None:
-    """Add controls of a data set: the number of a sample, poses and hands to go through alone."""
-    gui = panel._gui
-    number = gui.add_number("Number", 0, min=0, step=1)
-    pose = gui.add_dropdown("Pose", (ALL, *source.poses), visible=len(source.poses) > 1)
-    hand = gui.add_dropdown("Hand", (ALL, "right", "left"))
-
-    def choose() -> None:
-        source.choose(pose.value, hand.value)
-        frames = source.frames()
-        panel.follow_frames(session.wish.frame)
-        if not frames:
-            panel.refuse("no sample has this pose and hand")
-        elif session.wish.frame not in frames:
-            session.change(frame=frames[0])
-
-    panel.on(number, lambda: session.change(frame=int(number.value)))
-    panel.on(pose, choose)
-    panel.on(hand, choose)
-
 
 def assign(control: Any, name: str, value: Any) -> None:
     """Set a property unless it has that value: each assignment is sent to every browser."""
@@ -351,7 +335,7 @@ def between(value: Any, low: float, high: float) -> float:
     return float(value)
 
 
-def one_of(value: Any, known: tuple[str, ...]) -> str:
+def one_of(value: Any, known: Sequence[str]) -> str:
     """Return one of some choices; a page could send any."""
     if value not in known:
         raise ValueError(f"expected one of {', '.join(known)}")
@@ -371,10 +355,10 @@ def metrics_text(shown: Shown) -> str:
     """Return the agreement of two images, in a line of Markdown."""
     if shown.second is None or shown.metrics is None:
         return ""
-    found = shown.metrics
-    values = (("overlap", found.overlap), ("dB correlation", found.db_correlation))
+    values = {"overlap": shown.metrics.overlap, "dB correlation": shown.metrics.db_correlation}
     return ", ".join(
-        f"{name} {'n/a' if math.isnan(value) else f'**{value:.3f}**'}" for name, value in values
+        f"{name} {'n/a' if math.isnan(value) else f'**{value:.3f}**'}"
+        for name, value in values.items()
     )
 
 

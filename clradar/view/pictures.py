@@ -16,16 +16,15 @@ from clradar.model import Capture, DepthMap
 from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import hann, profile_transform
 from clradar.plot import DEPTH_BACKGROUND, depth_limits_mm
-from clradar.plot.panels import DEPTH_MM, difference_scale
-from clradar.view.drawn import (
-    Drawn,
-    amplitude_pixels,
+from clradar.plot.panels import (
+    BELOW_MAXIMUM,
+    DEPTH_MM,
     amplitude_scale,
-    blank,
-    nearest,
-    scale_index,
-    scale_of,
+    colours_of,
+    depth_scale,
+    difference_scale,
 )
+from clradar.view.drawn import Drawn, amplitude_pixels, blank, nearest, scale_index
 from clradar.view.wish import Place
 
 SIZE_INCHES, DPI = (3.8, 3.3), 140
@@ -57,7 +56,7 @@ class Axis(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """A colour bar: its name and ends, and the scale that it has."""
+    """A colour bar: its name and ends, and the scale that it has, one of `SCALES`."""
 
     name: str
     first: float
@@ -65,21 +64,17 @@ class Bar(NamedTuple):
     scale: str
 
 
+SCALES = {"amplitude": amplitude_scale, "depth": depth_scale, "difference": difference_scale}
+
+
 Box: TypeAlias = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """An image with its axes.
+    """An image with its axes, in a unit of so many metres.
 
-    Attributes
-    ----------
-    pixels : ndarray, shape (n_rows, n_columns, 3), uint8
-    box : tuple of int
-        Left, top, right and bottom of the image within, pixels.
-    across, up : Axis
-    to_m : float
-        Metres of the unit of the axes.
+    The box has left, top, right and bottom of the image within, pixels.
     """
 
     pixels: np.ndarray
@@ -124,32 +119,39 @@ def _projection(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
 
 
 def _depth(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
-    mask = image.mask
-    pixels = blank(mask.shape, DEPTH_BACKGROUND)
-    if not mask.any():
+    if not image.mask.any():
+        pixels = blank(image.mask.shape, DEPTH_BACKGROUND)
         return _in_radar_view("Depth: nothing above zero", pixels, image, None, marked)
     low, high = depth_limits_mm([image])
     low = DEPTH_STEP_MM * np.floor(low / DEPTH_STEP_MM)
     high = DEPTH_STEP_MM * np.ceil(high / DEPTH_STEP_MM)
-    scale = scale_of("viridis_r")
-    pixels[mask] = scale[scale_index((1e3 * image.depth_m[mask] - low) / (high - low))]
     unit = unit_for(low / 1e3, high / 1e3)
     near, far = (unit.per_m / 1e3 * end for end in (low, high))
-    return _in_radar_view(
-        "Depth", pixels, image, Bar(f"z ({unit.name})", near, far, "depth"), marked
-    )
+    bar = Bar(f"z ({unit.name})", near, far, "depth")
+    pixels = _scaled(unit.per_m * image.depth_m, bar)
+    return _in_radar_view("Depth", pixels, image, bar, marked)
 
 
 def _difference(first: DepthMap, second: DepthMap) -> Picture:
     """Draw where the second image is nearer or farther than the first."""
     check_same_pixels(first, second)
-    differs_mm = 1e3 * (second.depth_m - first.depth_m)
-    known = np.isfinite(differs_mm)
-    pixels = blank(known.shape, DEPTH_BACKGROUND)
-    share = (differs_mm[known] + DEPTH_MM) / (2 * DEPTH_MM)
-    pixels[known] = _difference_scale()[scale_index(share)]
     bar = Bar("simulated - measured (mm)", -DEPTH_MM, DEPTH_MM, "difference")
+    pixels = _scaled(1e3 * (second.depth_m - first.depth_m), bar)
     return _in_radar_view("Difference in depth", pixels, first, bar, None)
+
+
+def _scaled(values: np.ndarray, bar: Bar) -> np.ndarray:
+    """Return the colours of values on the scale of a bar; of NaN that of nothing."""
+    pixels = blank(values.shape, DEPTH_BACKGROUND)
+    known = np.isfinite(values)
+    share = (values[known] - bar.first) / (bar.last - bar.first)
+    pixels[known] = _colours(bar.scale)[scale_index(share)]
+    return pixels
+
+
+@cache
+def _colours(scale: str) -> np.ndarray:
+    return colours_of(SCALES[scale]())
 
 
 def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
@@ -242,7 +244,7 @@ def _length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[float, list[Axis]
 
 
 def _amplitude_bar(dynamic_range_db: float) -> Bar:
-    return Bar("below maximum (dB)", -dynamic_range_db, 0.0, "amplitude")
+    return Bar(BELOW_MAXIMUM, -dynamic_range_db, 0.0, "amplitude")
 
 
 def _picture(
@@ -292,12 +294,7 @@ def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndar
     )  # fmt: skip
     panels = [axes]
     if bar is not None:
-        scales = {
-            "amplitude": amplitude_scale(),
-            "depth": scale_of("viridis_r"),
-            "difference": _difference_scale(),
-        }
-        colours = ListedColormap(scales[bar.scale] / 255)
+        colours = ListedColormap(_colours(bar.scale) / 255)
         drawn = ScalarMappable(Normalize(bar.first, bar.last), colours)
         panels.append(figure.colorbar(drawn, ax=axes, label=bar.name, shrink=0.9).ax)
         if bar.scale == "depth":
@@ -314,9 +311,3 @@ def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndar
     left, right = round(extent.x0) + 1, round(extent.x1)
     top, bottom = len(pixels) - round(extent.y1) + 1, len(pixels) - round(extent.y0)
     return pixels, (left, top, max(right, left + 1), max(bottom, top + 1))
-
-
-@cache
-def _difference_scale() -> np.ndarray:
-    colours = difference_scale()(np.linspace(0, 1, 256))
-    return np.round(255 * colours[:, :3]).astype(np.uint8)

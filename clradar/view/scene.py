@@ -36,12 +36,6 @@ LEGEND = "orange: measured, cyan: simulated"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _CloudInScene:
-    handle: Any
-    drawn: Drawn
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _PictureInScene:
     """A picture and its centre, width and height, units of the scene."""
 
@@ -68,7 +62,8 @@ class SceneView:
     def __init__(self, server: Any) -> None:
         self._server = server
         self._ends_m: np.ndarray | None = None
-        self._clouds: dict[str, _CloudInScene] = {}
+        self._clouds: dict[str, tuple[Any, Drawn]] = {}
+        """Handles of viser, and what they show."""
         self._pictures: dict[str, _PictureInScene] = {}
         self._marks: list[Any] = []
         self._mesh: Any = None
@@ -78,6 +73,7 @@ class SceneView:
         """Middle, width, height and depth of what the camera is to show, units of the scene."""
         server.scene.set_up_direction("+y")
         server.scene.world_axes.visible = False
+        server.scene.configure_default_lights(cast_shadow=False)  # drawn anew with every picture
         server.on_client_connect(self._aim)
 
     def show(self, shown: Shown, *, pictures: bool = True) -> None:
@@ -104,9 +100,9 @@ class SceneView:
 
     def _draw_cloud(self, name: str, drawn: Drawn, shape: str, visible: bool) -> None:
         last = self._clouds.get(name)
-        if last is not None and last.drawn is drawn:
-            if last.handle.visible != visible:
-                last.handle.visible = visible
+        if last is not None and last[1] is drawn:
+            if last[0].visible != visible:
+                last[0].visible = visible
             return
         middle_m = drawn.ends_m.mean(axis=1)
         # Relative to the middle: the browser gets half floats, of 0.06 mm for 100 mm.
@@ -119,20 +115,15 @@ class SceneView:
             position=UNITS_PER_M * middle_m,
             visible=visible,
         )
-        self._clouds[name] = _CloudInScene(handle, drawn)
+        self._clouds[name] = (handle, drawn)
 
     def draw_mesh(self, scene: Scene) -> Any:
         """Draw a mesh, half transparent, and return its handle of viser."""
         self._mesh = self._server.scene.add_mesh_simple(
-            "/mesh",
-            vertices=(UNITS_PER_M * scene.vertices_m).astype(np.float32),
-            faces=scene.faces.astype(np.uint32),
-            color=MESH_COLOUR,
-            opacity=0.4,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
+            "/mesh", vertices=(UNITS_PER_M * scene.vertices_m).astype(np.float32),
+            faces=scene.faces.astype(np.uint32), color=MESH_COLOUR, opacity=0.4, side="double",
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
         return self._mesh
 
     def on_click(self, act: Callable[[Place], None], shown: Callable[[], Shown | None]) -> None:
@@ -154,7 +145,7 @@ class SceneView:
                     kind = name if name in ("xy", "xz", "zy") else "projection"
                     act(now.chosen.pointed_m(at_m, kind, *values_m))
                     return
-            seen = [one.drawn.cloud for one in list(self._clouds.values()) if one.handle.visible]
+            seen = [drawn.cloud for handle, drawn in list(self._clouds.values()) if handle.visible]
             if seen:
                 points_m = np.concatenate([cloud.points_m for cloud in seen])
                 size_m = max(cloud.size_m for cloud in seen)
@@ -283,12 +274,9 @@ class SceneView:
             texts.append((name, middle + tick_m * beside, anchor))
         scene = self._server.scene
         lines = scene.add_line_segments(
-            "/box",
-            points=(UNITS_PER_M * np.concatenate(segments)).astype(np.float32),
-            colors=BOX_COLOUR,
-            thickness=1.0,
-            thickness_units="screen",
-        )
+            "/box", points=(UNITS_PER_M * np.concatenate(segments)).astype(np.float32),
+            colors=BOX_COLOUR, thickness=1.0, thickness_units="screen",
+        )  # fmt: skip
         labels = [
             scene.add_label(
                 f"/box/{i}", text, position=UNITS_PER_M * at, anchor=anchor,

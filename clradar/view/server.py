@@ -19,7 +19,7 @@ from clradar.opencl import Device, open_device
 from clradar.view.beside import Beside
 from clradar.view.gate import HOST, Gate, hidden_host, listen
 from clradar.view.panel import Panel, assign, escaped
-from clradar.view.playing import Follower, Player, can_follow
+from clradar.view.playing import Player
 from clradar.view.scene import SceneView
 from clradar.view.session import Session, Shown
 from clradar.view.sources import FixedFrames, Source, StreamFrames
@@ -55,12 +55,14 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
             """A page could ask for a tunnel to a server of others: nothing leaves this machine."""
 
     listening, host = listen(port), hidden_host()
+    with listen(0, host) as free:
+        port = int(free.getsockname()[1])
     silent = logging.NullHandler()
     for name in QUIET:
         logging.getLogger(name).addHandler(silent)
     # Its banner is not shown: the caller prints the address.
     with contextlib.redirect_stdout(io.StringIO()):
-        server = Server(host=host, port=listening_port(host), label=label, verbose=False)
+        server = Server(host=host, port=port, label=label, verbose=False)
     gate = None
     try:
         loop = server.get_event_loop()
@@ -78,14 +80,10 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
             logging.getLogger(name).removeHandler(silent)
 
 
-def listening_port(host: str) -> int:
-    """Return a port that is free at an address."""
-    with listen(0, host) as found:
-        return int(found.getsockname()[1])
-
-
 class Page:
     """Shows the results of a session; arguments as `serve`."""
+
+    player: Player
 
     def __init__(
         self,
@@ -96,10 +94,9 @@ class Page:
         mesh: Scene | None = None,
         truth: HasTruth | None = None,
     ) -> None:
-        self._server, self._truth = server, truth
+        self._server, self._source, self._truth = server, source, truth
         self._shown: Shown | None = None
         self._truth_nodes: list[Any] = []
-        self.follower: Follower | None = None
         server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         server.gui.main_panel.dock_right()  # beside the scene, instead of upon it
         server.gui.main_panel.set_width(PANEL_PX)
@@ -114,6 +111,7 @@ class Page:
 
     def connect(self, session: Session, player: Player) -> None:
         """Turn what is changed or clicked into wishes."""
+        self.player = player
         self.panel.connect(session, player)
         self._scene.on_click(
             lambda at_m: self.panel.attempt(lambda: session.change(at_m=at_m)), lambda: self._shown
@@ -129,17 +127,14 @@ class Page:
             ):
                 self._show_truth(self._truth.truth(shown.wish.frame))
         self._shown = shown
-        if self.follower is not None:
-            self.follower.shown(shown)
+        self.player.shown(shown)
 
     def _show_truth(self, truth: Truth | None) -> None:
         for node in self._truth_nodes:
             node.remove()
-        self._truth_nodes = []
-        lines: tuple[str, ...] = ("not known of this frame",)
-        if truth is not None:
-            self._truth_nodes, lines = draw_truth(self._server.scene, truth), truth.lines
-        self._truth_text.content = "\n\n".join(escaped(line) for line in lines)
+        self._truth_nodes = [] if truth is None else draw_truth(self._server.scene, truth)
+        lines = ("not known of this frame",) if truth is None else truth.lines
+        self._truth_text.content = "\n\n".join(map(escaped, lines))
         self._set_truth_visible()
 
     def _set_truth_visible(self) -> None:
@@ -148,8 +143,7 @@ class Page:
 
     def busy(self, text: str) -> None:
         """Say what is being done; while frames are followed it would come and go with each."""
-        followed = self.follower is not None and self.follower.source.grows
-        if self._shown is None or not followed:
+        if self._shown is None or not self._source.grows:
             self.panel.busy(text)
 
     def refuse(self, text: str) -> None:
@@ -158,8 +152,7 @@ class Page:
 
     def following(self, on: bool) -> None:
         """Show that there are other frames, and whether the newest is followed."""
-        assert self.follower is not None
-        if self.follower.source.grows:
+        if self._source.grows:
             assign(self.panel.play, "value", on)
         if self._shown is not None:
             self.panel.follow_frames(self._shown.wish.frame)
@@ -180,26 +173,21 @@ def serving(
     with running(source.name, port) as (server, served):
         page = Page(server, source, wish, beside, mesh, truth)
         session = Session(source, wish, page, device, beside=beside)
-        if can_follow(source):
-            page.follower = Follower(
-                source, session, page.following,
-                lambda text: assign(page.panel.pace, "content", text), page.refuse,
-            )  # fmt: skip
-        player = Player(session, per_second=10.0, follower=page.follower)
+        player = Player(
+            session, source, page.following,
+            lambda text: assign(page.panel.pace, "content", text), page.refuse,
+        )  # fmt: skip
         try:
             page.connect(session, player)
             if source.frames():
                 session.change()
             else:
                 page.busy("waiting for a first frame")
-            if page.follower is not None:
-                page.follower.start()
+            player.start()
             yield served, session
         finally:
             session.close()
             player.close()
-            if page.follower is not None:
-                page.follower.close()
 
 
 def serve(
@@ -246,36 +234,17 @@ def show(
     port: int = 8080,
     device: Device | str | None = None,
 ) -> None:
-    """Show captures or volumes in a browser, until SIGINT or SIGTERM.
+    """Show captures or volumes in a browser, until SIGINT or SIGTERM; print the page's address.
 
-    Parameters
-    ----------
-    frames : iterable of Capture or Volume
-        A sequence is gone through by a slider. Any other iterable, such as a generator that waits
-        for a radar, is gone through in a thread of its own as fast as it yields: the newest frame
-        is shown, and those that came meanwhile are dropped and counted. The last 256 MiB of samples
-        can be looked back at.
-    title : str
-        Plain text.
-    grid : VoxelGrid, optional
-        Of the images of captures. None: one around what the first of them shows, of half a million
-        voxels at most.
-    method, window, tolerance_db, dynamic_range_db
-        As `clradar.backproject` and `Volume.depth_map` take them.
-    mesh : Scene, optional
-        Drawn as a surface.
-    port : int
-        Of the page at 127.0.0.1, or the next one that is free. Its address is printed.
-    device : Device or str, optional
+    A sequence is gone through by a slider. Any other iterable, such as a generator that waits for a
+    radar, is gone through in a thread of its own as fast as it yields: the newest frame is shown,
+    and those that came meanwhile are dropped and counted. The last 256 MiB of samples can be looked
+    back at. What the iterable raises is raised here.
 
-    Raises
-    ------
-    MissingViser
-        viser is not installed: pip install 'clradar[view]'.
-    ModelError
-        The iterable yields something else.
-    BaseException
-        What the iterable raises.
+    `grid` is that of the images of captures, by default one around what the first of them shows, of
+    half a million voxels at most; `method`, `window`, `tolerance_db` and `dynamic_range_db` are as
+    `clradar.backproject` and `Volume.depth_map` take them. A `mesh` is drawn as a surface. The page
+    is at 127.0.0.1, at `port` or the next one that is free; `title` is plain text.
 
     Examples
     --------

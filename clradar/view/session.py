@@ -6,6 +6,7 @@ import threading
 from bisect import bisect_left, bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -32,13 +33,8 @@ class Outdated(Exception):
 class Shown:
     """A wish that was carried out: what was read, and what is drawn of it and beside it.
 
-    Attributes
-    ----------
-    first, second : Drawn
-    metrics : Metrics or None
-        Of the second image against the first; None where they cannot be compared.
-    prepared : bool
-        Whether an imager was made anew for it, which takes longer than an image.
+    Metrics are those of the second image against the first, None where they cannot be compared.
+    `prepared`: an imager was made anew for it, which takes longer than an image.
     """
 
     wish: Wish
@@ -87,8 +83,8 @@ class Session:
         self._imagers = Imagers(device)
         self._form = form or self._imagers.form
         self._content: tuple[int, Content] | None = None
-        self._images = _Images()
-        self._last_drawn: dict[bool, tuple[tuple[Volume | Flat, float, bool], Drawn]] = {}
+        self._images: OrderedDict[Hashable, Volume | Flat] = OrderedDict()
+        self._last_drawn: dict[bool, tuple[tuple[Any, ...], Drawn, Volume | Flat]] = {}
         self._compared: tuple[Drawn, Drawn, Metrics | None] | None = None
         self._changed = threading.Condition()
         self._waiting = self._busy = self._closed = False
@@ -201,38 +197,41 @@ class Session:
             other = self._beside.of(wish, content, progress)
             image = self._imaged(wish, other, key)
             if isinstance(other, Volume):
-                self._images.keep(key, image)
+                self._keep(key, image)
         return self._drawn(image, wish, second=True)
 
     def _metrics(self, first: Drawn, second: Drawn) -> Metrics | None:
         last = self._compared
         if last is None or last[0] is not first or last[1] is not second:
-            try:
-                found = metrics_of(first.image, second.image, first.image.dynamic_range_db)
-            except ClradarError:  # other pixels, or nothing to be seen
-                found = None
-            self._compared = last = (first, second, found)
+            metrics = None
+            with suppress(ClradarError):  # other pixels, or nothing to be seen
+                metrics = metrics_of(first.image, second.image, first.image.dynamic_range_db)
+            self._compared = last = (first, second, metrics)
         return last[2]
 
     def _drawn(self, image: Volume | Flat, wish: Wish, second: bool = False) -> Drawn:
         """Return what is drawn of an image: the same object as before, where it would be equal."""
-        key = (image, wish.dynamic_range_db, wish.voxels)
+        key = (id(image), wish.dynamic_range_db, wish.voxels)
         last = self._last_drawn.get(second)
-        if last is None or last[0][0] is not image or last[0][1:] != key[1:]:
+        if last is None or last[0] != key:
             drawn = Drawn.of(image, wish.dynamic_range_db, voxels=wish.voxels, second=second)
-            self._last_drawn[second] = last = (key, drawn)
+            self._last_drawn[second] = last = (key, drawn, image)
         return last[1]
 
     def _imaged(self, wish: Wish, content: Content, key: tuple[Hashable, ...]) -> Volume | Flat:
         if not isinstance(content, Capture):
             return content
-        found = self._images.get(key)
-        if found is not None:
-            return found
-        self._front.busy("imaging")
-        volume = self._form(content, wish, self._check)
-        self._images.keep(key, volume)
-        return volume
+        if key not in self._images:
+            self._front.busy("imaging")
+            self._keep(key, self._form(content, wish, self._check))
+        self._images.move_to_end(key)
+        return self._images[key]
+
+    def _keep(self, key: Hashable, image: Volume | Flat) -> None:
+        """Keep an image, and of the others the last used ones within `KEPT_BYTES`."""
+        self._images[key] = image
+        while len(self._images) > 1 and sum(map(_bytes, self._images.values())) > KEPT_BYTES:
+            self._images.popitem(last=False)
 
 
 class Imagers:
@@ -285,26 +284,6 @@ def _image_key(wish: Wish) -> tuple[Hashable, ...]:
         return ()
     ends = (*grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
     return (wish.method, wish.window, *ends)
-
-
-class _Images:
-    """Images that were formed, the last used ones within `KEPT_BYTES`."""
-
-    def __init__(self) -> None:
-        self._kept: OrderedDict[tuple[Hashable, ...], Volume | Flat] = OrderedDict()
-        self._bytes = 0
-
-    def get(self, key: tuple[Hashable, ...]) -> Volume | Flat | None:
-        if key in self._kept:
-            self._kept.move_to_end(key)
-        return self._kept.get(key)
-
-    def keep(self, key: tuple[Hashable, ...], image: Volume | Flat) -> None:
-        self._kept[key] = image
-        self._bytes += _bytes(image)
-        while self._bytes > KEPT_BYTES and len(self._kept) > 1:
-            _, dropped = self._kept.popitem(last=False)
-            self._bytes -= _bytes(dropped)
 
 
 def _bytes(image: Volume | Flat) -> int:

@@ -6,9 +6,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 from clradar.dataset.folder import is_dataset
 from clradar.errors import ClradarError, MeasurementError, ModelError
@@ -37,16 +36,15 @@ class Source(Protocol):
     """Frames that are read on access, each under a number of its own.
 
     A number stands for one content: what is written anew gets a new one. What is remembered of a
-    frame under its number stays right.
+    frame under its number stays right. `grows`: frames come while it is viewed, and the newest is
+    to be shown.
     """
 
     @property
-    def name(self) -> str:
-        """Of the path, to be shown."""
+    def name(self) -> str: ...
 
     @property
-    def grows(self) -> bool:
-        """Whether frames come while it is viewed, and the newest is to be shown."""
+    def grows(self) -> bool: ...
 
     def frames(self) -> tuple[int, ...]:
         """Return the numbers of the frames to go through, ascending; they may change."""
@@ -58,6 +56,7 @@ class Source(Protocol):
         """Read a frame; errors are those of `measurement_io.open_capture`."""
 
 
+@runtime_checkable
 class Growing(Source, Protocol):
     """A source that is looked at again."""
 
@@ -70,20 +69,11 @@ class Growing(Source, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FixedFrames:
-    """A source whose frames do not change: 0, 1, ... with these labels.
-
-    Attributes
-    ----------
-    name : str
-    labels : tuple of str
-        At least one.
-    reader : callable
-        Reads a frame.
-    """
+    """A source whose frames do not change: 0, 1, ... with these labels, at least one."""
 
     name: str
     labels: tuple[str, ...]
-    reader: Callable[[int], Content]
+    read: Callable[[int], Content]
     grows: bool = False
 
     def frames(self) -> tuple[int, ...]:
@@ -91,9 +81,6 @@ class FixedFrames:
 
     def label(self, frame: int) -> str:
         return self.labels[frame]
-
-    def read(self, frame: int) -> Content:
-        return self.reader(frame)
 
 
 def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Source:
@@ -220,13 +207,13 @@ def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:
     except MeasurementError:
         data = path
     if data.is_dir() and data != path:
-        return True, WatchedFolder(data, partial(_is_frame, variant))
+
+        def is_frame(name: str) -> bool:
+            file = frame_file(Path(name))
+            return file.frame is not None and file.variant == variant
+
+        return True, WatchedFolder(data, is_frame)
     return False, WatchedFolder(path, lambda name: visible(name) and name.endswith(SUFFIXES))
-
-
-def _is_frame(variant: str, name: str) -> bool:
-    found = frame_file(Path(name))
-    return found.frame is not None and found.variant == variant
 
 
 class StreamFrames:

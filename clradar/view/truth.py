@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -30,17 +31,10 @@ BONES = np.array([(0 if i in FIRST_OF_DIGITS else i - 1, i) for i in range(1, 25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What a frame was made of.
+    """What a frame was made of, as far as it is known.
 
-    Attributes
-    ----------
-    vertices_m : ndarray, shape (n, 3), or None
-        Of the mesh, where it is stored.
-    faces : ndarray, shape (m, 3), or None
-    joints_m : ndarray, shape (25 * hands, 3), or None
-        In the order of `clradar.hand.JOINT_NAMES`; NaN where a rig has none.
-    lines : tuple of str
-        Pose, hand, place and surface as text.
+    Joints, (25 * hands, 3), are in the order of `clradar.hand.JOINT_NAMES`, NaN where a rig has
+    none; `lines` are pose, hand, place and surface as text.
     """
 
     vertices_m: np.ndarray | None
@@ -56,43 +50,40 @@ class HasTruth(Protocol):
         """Return what a frame was made of; None: not known."""
 
 
+@dataclass(frozen=True)
 class RecordingTruth:
-    """The truth of a simulated recording, by the numbers of its frames."""
+    """The truth of a simulated recording, by the labels of its frames."""
 
-    def __init__(self, frames: Sequence[Mapping[str, Any]], labels: Any) -> None:
-        self._frames = {f"frame {one.get('frame')}": one for one in frames}
-        self._labels = labels
+    frames: Mapping[str, Mapping[str, Any]]
+    label: Callable[[int], str]
 
     def truth(self, frame: int) -> Truth | None:
         """Return joints and poses of a frame; None where the file has none of it."""
-        found = self._frames.get(self._labels(frame))
-        if found is None:
+        record = self.frames.get(self.label(frame))
+        if record is None:
             return None
-        hands = [one for one in found.get("hands", [found]) if isinstance(one, Mapping)]
+        hands = [one for one in record.get("hands", [record]) if isinstance(one, Mapping)]
         joints = [_joints_m(one.get("joints_m")) for one in hands]
         known = [one for one in joints if one is not None]
         lines = [f"pose {one['pose']}" for one in hands if isinstance(one.get("pose"), str)]
-        bodies = found.get("bodies")
+        bodies = record.get("bodies")
         for name, matrix in bodies.items() if isinstance(bodies, Mapping) else ():
             lines.append(f"{name} at {_place_text(matrix)}")
         return Truth(None, None, np.concatenate(known) if known else None, tuple(lines))
 
 
-def recording_truth(path: Path, labels: Any) -> RecordingTruth | None:
+def recording_truth(path: Path, label: Callable[[int], str]) -> RecordingTruth | None:
     """Return the truth beside a recording; None where there is none, or it cannot be read."""
-    try:
+    with suppress(ClradarError):
         radar = find_radar_folder(path)
-        record = next(
-            read_json_object(folder / FILE)
-            for folder in (radar, radar.parent)
-            if (folder / FILE).is_file()
-        )
-        frames = record.get("frames")
-    except (ClradarError, StopIteration):
-        return None
-    if not isinstance(frames, list):
-        return None
-    return RecordingTruth([one for one in frames if isinstance(one, Mapping)], labels)
+        for folder in (radar, radar.parent):
+            if (folder / FILE).is_file():
+                frames = read_json_object(folder / FILE).get("frames")
+                records = frames if isinstance(frames, list) else []
+                return RecordingTruth(
+                    {f"frame {r.get('frame')}": r for r in records if isinstance(r, Mapping)}, label
+                )
+    return None
 
 
 def _joints_m(record: Any) -> np.ndarray | None:
@@ -119,24 +110,17 @@ def draw_truth(scene: Any, truth: Truth) -> list[Any]:
     if truth.vertices_m is not None:
         nodes.append(
             scene.add_mesh_simple(
-                "/truth/mesh",
-                vertices=UNITS_PER_M * truth.vertices_m,
-                faces=truth.faces,
-                color=COLOUR,
-                opacity=0.4,
-                side="double",
+                "/truth/mesh", vertices=UNITS_PER_M * truth.vertices_m, faces=truth.faces,
+                color=COLOUR, opacity=0.4, side="double",
             )
-        )
+        )  # fmt: skip
     if truth.joints_m is not None:
         joints_m = truth.joints_m.reshape(-1, len(JOINT_NAMES), 3)
         ends = (UNITS_PER_M * joints_m[:, BONES].reshape(-1, 2, 3)).astype(np.float32)
         nodes.append(
             scene.add_line_segments(
-                "/truth/joints",
-                points=ends[np.isfinite(ends).all(axis=(1, 2))],
-                colors=COLOUR,
-                thickness=3.0,
-                thickness_units="screen",
+                "/truth/joints", points=ends[np.isfinite(ends).all(axis=(1, 2))],
+                colors=COLOUR, thickness=3.0, thickness_units="screen",
             )
-        )
+        )  # fmt: skip
     return nodes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -31,35 +32,13 @@ MOST_VOXELS = 2**24
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """What is to be shown.
+    """What is to be shown: a frame by its number in the source, and how.
 
-    Attributes
-    ----------
-    frame : int
-        Its number in the source.
-    grid : VoxelGrid or None
-        Of images of captures. None: one that shows the object of the first of them (`live_grid`).
-        Volumes have theirs.
-    method, window : str
-        As `clradar.backproject` takes them.
-    tolerance_db : float or None
-        As `clradar.backproject` takes it, of the method "fast".
-    dynamic_range_db : float, decibel
-    voxels : bool
-        Show voxels instead of depth points.
-    at_m : tuple of three floats or None, metres
-        Where the slices meet; None: in the strongest voxel.
-    tx, rx : int
-        The pair whose channel data are shown.
-    side : {"both", "measured", "simulated"}
-        What is shown where there is a second image.
-    other : int
-        Which of several second images.
-    alpha : float
-    material : str
-        Of a mesh that is simulated; one of `clradar.view.beside.MATERIALS`.
-    layout : str
-        One of `LAYOUTS`.
+    A grid, of images of captures, is None until one shows the object of the first of them
+    (`live_grid`); `at_m` is where slices meet, None in the strongest voxel; `tx` and `rx` are the
+    pair whose channel data are shown; `side` is one of `SIDES`, `other` one of several second
+    images, `alpha` and `material` those of a mesh that is simulated. Method, window and tolerance
+    are those of `clradar.backproject`.
     """
 
     frame: int = 0
@@ -81,13 +60,11 @@ class Wish:
 
 def live_grid(placed: VoxelGrid) -> VoxelGrid:
     """Return a grid of the same extent with whole multiples of its steps, if it has many voxels."""
-    factor = 1
-    while True:
-        counts = [(n - 1) // factor + 1 for n in placed.counts]
-        if math.prod(counts) <= LIVE_VOXELS:
-            nx, ny, nz = counts
+    for factor in itertools.count(1):
+        nx, ny, nz = ((n - 1) // factor + 1 for n in placed.counts)
+        if nx * ny * nz <= LIVE_VOXELS:
             return VoxelGrid(placed.origin_m, factor * placed.spacing_m, (nx, ny, nz))
-        factor += 1
+    raise AssertionError
 
 
 def grid_mm(x_mm: Extent, y_mm: Extent, z_mm: Extent, step_mm: float) -> VoxelGrid:

@@ -142,12 +142,6 @@ def test_text_of_files_is_escaped() -> None:
     hostile.encode("utf-8")
 
 
-def test_a_name_that_is_no_text_is_shown_with_escapes() -> None:
-    images = [ReportImage(NO_TEXT, ball(), NO_TEXT), ReportImage(NO_TEXT, ball())]
-    read = Read(html_report(images[0], images[1:]))
-    assert read.inside["summary"] == 2 * ["a\\udcff\\x1b[31m"]
-
-
 def test_the_points_are_those_of_the_depth_maps() -> None:
     images = [ball(), ball(4e-3, -6e-3, 0.31)]
     data = Read(page_of(*images)).data()
@@ -236,10 +230,6 @@ def test_enormous_settings_are_cut_visibly() -> None:
     assert len(table) < 2000
     many = settings_table({str(i): i for i in range(1000)})
     assert "800 more rows are omitted" in many
-
-
-def test_the_same_arguments_give_the_same_page() -> None:
-    assert page_of(ball(), ball(2e-3)) == page_of(ball(), ball(2e-3))
 
 
 def test_errors() -> None:

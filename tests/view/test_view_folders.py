@@ -13,7 +13,7 @@ from view_tab import Tab, in_browser, viewing
 
 import clradar
 from clradar.errors import MeasurementError
-from clradar.view.playing import Follower
+from clradar.view.playing import Player
 from clradar.view.session import Session, Shown
 from clradar.view.sources import FolderFrames, open_source
 from clradar.view.wish import Wish
@@ -37,13 +37,11 @@ class Watched:
         assert isinstance(source, FolderFrames)
         self.source = source
         self.session = Session(source, Wish(frame=-1), self)
-        self.follower = Follower(
-            source, self.session, lambda _: None, lambda _: None, self.said.append
-        )
+        self.player = Player(self.session, source, lambda _: None, lambda _: None, self.said.append)
 
     def show(self, shown: Shown) -> None:
         self.peaks.append(float(shown.first.image.amplitude.max()))
-        self.follower.shown(shown)
+        self.player.shown(shown)
 
     def busy(self, text: str) -> None:
         pass
@@ -58,7 +56,7 @@ class Watched:
         """The amplitudes that two looks bring to be shown."""
         self.peaks.clear()
         for _ in range(2):
-            self.follower.look()
+            self.player.look(self.source)
         return self.peaks
 
     def labels(self) -> list[str]:
@@ -81,16 +79,16 @@ def test_new_files_are_shown_as_they_come(watched: Watched) -> None:
     (watched.folder / "notes.txt").write_text("no frame")
     assert watched.look() == [10.0]
     assert watched.labels() == ["9.h5", "10.h5"]
-    watched.follower.stay()
+    watched.player.chosen()
     watched.session.change(frame=watched.source.frames()[0])
     watched.session.settle()
     watched.write("11.h5", 11.0)
     assert watched.look() == []  # who looks at an earlier one is left there
     assert watched.labels() == ["9.h5", "10.h5", "11.h5"]
-    watched.follower.follow(True)
+    watched.player.play(True)
     watched.session.settle()
     assert watched.peaks == [11.0]
-    said = watched.follower.pace.text(True, False)
+    said = watched.player.pace.text(True, False)
     assert said.startswith("2 shown, ")
     assert said.endswith(" 1 dropped")
 
@@ -99,8 +97,8 @@ def test_of_files_that_come_together_the_newest_is_shown(watched: Watched) -> No
     for i in range(1, 5):
         watched.write(f"{i}.h5", i)
     assert watched.look() == [4.0]
-    assert watched.follower.pace.dropped == 3
-    assert "4 shown" not in watched.follower.pace.text(True, False)
+    assert watched.player.pace.dropped == 3
+    assert "4 shown" not in watched.player.pace.text(True, False)
 
 
 def test_a_half_written_file_is_shown_once_it_is_whole(watched: Watched) -> None:
@@ -111,8 +109,8 @@ def test_a_half_written_file_is_shown_once_it_is_whole(watched: Watched) -> None
     half.write_bytes(content[: len(content) // 2])
     assert watched.look() == []
     assert watched.labels() == ["whole.h5"]
-    assert "1 bad, the last:" in watched.follower.pace.text(True, False)
-    assert "half.h5" in watched.follower.pace.reason
+    assert "1 bad, the last:" in watched.player.pace.text(True, False)
+    assert "half.h5" in watched.player.pace.reason
     half.write_bytes(content)
     assert watched.look() == [3.0]
     assert watched.labels() == ["whole.h5", "half.h5"]

@@ -11,7 +11,7 @@ from clradar.errors import ModelError
 from clradar.view.drawn import Drawn, Flat, amplitude_colours, clicked_m, voxels_of
 from clradar.view.pictures import (
     Picture,
-    _difference_scale,
+    _colours,
     image_pictures,
     overview_picture,
     pair_curves,
@@ -96,7 +96,7 @@ def test_a_click_takes_the_point_that_its_ray_meets_first() -> None:
 def test_the_difference_is_brown_where_the_simulation_is_farther() -> None:
     first, second = (drawn_of((0, 0, z, 1.0), (1, 0, 1, 1.0)) for z in (1, 2))
     picture = image_pictures(first, second, first, None)["difference"]
-    scale = _difference_scale()
+    scale = _colours("difference")
     assert scale[255, 0] > scale[255, 2] + 100
     assert scale[128].min() > 250
     assert lit(picture, scale[255]) == [near(-10, 0)]

@@ -168,7 +168,11 @@ def test_playing_waits_for_every_frame_and_stops() -> None:
                 enough.set()
 
     steps = Steps()
-    player = Player(steps, per_second=1e6)
+    source = FixedFrames("frames", ("0", "1"), lambda _: capture())
+    ignore: Any = lambda _: None  # noqa: E731
+    player = Player(steps, source, ignore, ignore, ignore)  # type: ignore[arg-type]
+    player.per_second = 1e6
+    player.start()
     player.play(True)
     enough.wait()
     player.play(False)
