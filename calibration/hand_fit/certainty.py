@@ -1,7 +1,7 @@
 """What a measurement tells of a hand: covariance of its parameters and joints, and what it leaves
 to the prior.
 
-docs/hand-fit.md has the equations.
+docs/hand-fit-method.md has the equations.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from calibration.registration.mesh_fit import SMOOTH
 
 COVARIANCE_RATIO = 1.2
 """Errors in simulations relative to the standard deviations of the measurement alone: residuals are
-correlated over more than a resolution cell (docs/hand-fit.md)."""
+correlated over more than a resolution cell (docs/hand-fit-method.md)."""
 
 UNTOLD_SHARE = 0.8
 """An angle is not told where its own trace in the measurement lowers its standard deviation by less
 than to this share. At 0.8 the value that prior and other angles give it is as exact, in
-simulations, as the value fitted: rms 9.4 against 9.5 degrees (docs/hand-fit.md)."""
+simulations, as the value fitted: rms 9.4 against 9.5 degrees (docs/hand-fit-method.md)."""
 
 SURFACE_NOISE = 2.0
 """By so much the deviance differs between surfaces that are drawn anew."""

@@ -2,7 +2,7 @@
 
 The samples of one surface move with their bones, and what is visible stays so. But a finger covers
 another one, and skin meets skin where a hand grows thicker: slopes without that lead to a hand that
-is too thin, with a deviance up to 6 higher (docs/hand-fit.md). What they miss is found once,
+is too thin, with a deviance up to 6 higher (docs/hand-fit-method.md). What they miss is found once,
 changing every parameter in turn, and holds near that state: for all steps here, and for those of
 fits to simulations of the same hand.
 """

@@ -16,7 +16,7 @@ from clradar.model import DepthMap, Volume
 
 MIN_OVERLAP = 0.65
 """Least overlap of a simulation of the fit with the measurement. Of 11 hands it is 0.79 or more, of
-a box, a sphere and a plate 0.52 to 0.62 (docs/hand-fit.md)."""
+a box, a sphere and a plate 0.52 to 0.62 (docs/hand-fit-method.md)."""
 
 MARGIN_M = 4e-3
 """Of the image, about a resolution cell: what is nearer to its edge is cut."""
@@ -26,7 +26,7 @@ UNUSUAL_STD = 3.0
 
 ELSEWHERE = 4.0
 """`Information.widening` from which it is remarked: standard deviations are doubled there. In
-development it was above in fits with a tip that was 9 to 97 mm off (docs/hand-fit.md)."""
+development it was above in fits with a tip that was 9 to 97 mm off (docs/hand-fit-method.md)."""
 
 
 def not_fitted(reason: str) -> CompareError:

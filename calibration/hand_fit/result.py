@@ -33,7 +33,8 @@ APART_M = 10e-3
 
 DOUBTFUL_OVERLAP = 0.8
 """Overlap of the simulation below which it may be no hand, or its pose is another: a small box and
-a cylinder have 0.68 to 0.77, other poses and the other hand up to 0.75 (docs/hand-fit.md)."""
+a cylinder have 0.68 to 0.77, other poses and the other hand up to 0.75
+(docs/hand-fit-method.md)."""
 
 DOUBTFUL_LIKENESS = 0.84
 """The same of the correlation of the rendering, where nothing is simulated: wrong letters and the
