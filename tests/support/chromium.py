@@ -90,10 +90,9 @@ class Page:
         """Load a file or an address and wait until it is complete and has been drawn twice."""
         self.events.clear()
         self.call("Page.navigate", url=path if isinstance(path, str) else path.absolute().as_uri())
-        self.js(
-            "new Promise(done => document.readyState === 'complete' ? done()"
-            " : addEventListener('load', done))"
-        )
+        # By the event and not by the state of the document, which may be that of the page before.
+        while all(event.get("method") != "Page.loadEventFired" for event in self.events):
+            self.events.append(self._next())
         self.settle()
 
     def settle(self) -> None:

@@ -8,6 +8,7 @@ import io
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -42,12 +43,11 @@ class Tab:
         self.until(f"document.body.textContent.includes({json.dumps(words)})")
 
     def until(self, condition: str) -> None:
-        """Wait until an expression is true."""
-        self.page.js(
-            f"new Promise(done => {{ const there = () => ({condition}) && done();"
-            " new MutationObserver(there).observe(document.body, {subtree: true, childList: true,"
-            "  attributes: true, characterData: true}); there(); })"
-        )
+        """Wait until an expression is true; a value that a script sets is no event of the page."""
+        end_s = time.monotonic() + chromium.DEADLINE_S
+        while not self.page.js(f"Boolean({condition})"):
+            assert time.monotonic() < end_s, f"waited in vain until {condition}"
+            time.sleep(0.05)
 
     def control(self, label: str) -> str:
         """The expression of the input beside a label."""
