@@ -10,7 +10,9 @@ from scipy.interpolate import PchipInterpolator
 
 from calibration.roughness.emulator import (
     SHRINKAGE,
+    UNLIKELY,
     Interval,
+    compared,
     fit_probability,
     plain,
     student_log_likelihood,
@@ -27,9 +29,6 @@ INTERPOLATION_SHARE = 0.25
 
 FLOOR = 0.05
 """Least standard deviation of a statistic, a natural logarithm: 5 %."""
-
-UNLIKELY = 1e-3
-"""Probability of as bad a fit below which no simulation looks like the measurement."""
 
 EDGE_LIKELIHOOD = 0.1
 """Of an end of the range, relative to the highest, above which the truth may lie beyond."""
@@ -180,17 +179,13 @@ class AlphaEstimate:
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has."""
-        columns = zip(self.statistics, self.measured, self.fitted, self.spread, strict=True)
         return {
             "text": self.text(),
             "alpha": self.interval.to_dict(),
             "uncertainty": plain(self.uncertainty),
             "fit_probability": plain(self.fit_probability),
             "points": self.n_points,
-            "statistics": {
-                name: {"measured": float(m), "fitted": float(f), "spread": float(s)}
-                for name, m, f, s in columns
-            },
+            "statistics": compared(self.statistics, self.measured, self.fitted, self.spread),
             "alphas": plain(self.alphas),
             "probability": plain(self.probability),
         }

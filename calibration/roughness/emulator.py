@@ -15,6 +15,7 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +40,9 @@ time, errors of h were 1.06 to 1.18 times the stated ones for plates, a ball and
 
 MEAN_LOG_CHI2 = -1.27
 """Mean of the logarithm of the square of a standard normal number."""
+
+UNLIKELY = 1e-3
+"""Probability of as bad a fit below which no simulation looks like the measurement."""
 
 LEVELS = (0.025, 0.16, 0.5, 0.84, 0.975)
 """Cumulative probabilities of an interval: 95 % and 68 % of it, and the median."""
@@ -112,6 +116,14 @@ def plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
+def compared(
+    names: Iterable[str], measured: np.ndarray, fitted: np.ndarray, spread: np.ndarray
+) -> dict[str, dict[str, float]]:
+    """Statistics by their names, as JSON has them."""
+    columns = zip(names, measured.tolist(), fitted.tolist(), spread.tolist(), strict=True)
+    return {name: {"measured": m, "fitted": f, "spread": s} for name, m, f, s in columns}
+
+
 def student_log_likelihood(
     scaled: np.ndarray, correlation: np.ndarray, freedom: int
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -121,7 +133,12 @@ def student_log_likelihood(
     """
     inverse = np.linalg.inv(np.linalg.cholesky(correlation)).T
     chi2 = np.square(scaled @ inverse).sum(axis=-1)
-    return -0.5 * (freedom + 1) * np.log1p(chi2 / freedom), chi2
+    return student_log_density(chi2, freedom), chi2
+
+
+def student_log_density(chi2: np.ndarray, freedom: int) -> np.ndarray:
+    """Return the logarithm of Student's density of chi squared, but for a constant."""
+    return np.asarray(-0.5 * (freedom + 1) * np.log1p(chi2 / freedom))
 
 
 def fit_probability(chi2: float, n: int, freedom: int) -> float:
@@ -136,19 +153,9 @@ def fit_probability(chi2: float, n: int, freedom: int) -> float:
 class Emulator:
     """Mean and covariance of statistics over height and length.
 
-    Attributes
-    ----------
-    powers : ndarray, shape (n_terms, 2)
-        Exponents of the logarithms of height and length in each term of the mean.
-    mean : ndarray, shape (n_terms, n_statistics)
-    trend : ndarray, shape (2, n_statistics)
-        Slope of the logarithm of the residuals' variance along both logarithms.
-    covariance : ndarray, shape (n_statistics, n_statistics)
-        Of the residuals without that trend.
-    unscaled : ndarray, shape (n_terms, n_terms)
-        Covariance of the mean's coefficients over that of the residuals.
-    freedom : int
-        Simulations less terms.
+    The mean is a polynomial of the logarithms, with the exponents `powers` and a column of `mean`
+    for each statistic; `trend` is the slope of the logarithm of the residuals' variance, of which
+    `covariance` is without; `unscaled` is that of the mean's coefficients over it.
     """
 
     powers: np.ndarray
@@ -192,20 +199,9 @@ class Emulator:
         shift: np.ndarray,
         shifts: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Logarithm of the likelihood but for a constant, and chi squared.
+        """Logarithm of the likelihood but for a constant, and chi squared, (..., n_gains) each.
 
-        Parameters
-        ----------
-        statistics : ndarray, shape (n_statistics,)
-        height_m, length_m : ndarray, shape (...,)
-        shift : ndarray, shape (n_statistics,)
-            What a gain adds to: 1 or 0.
-        shifts : ndarray, shape (n_gains,)
-            The logarithms of gains to try.
-
-        Returns
-        -------
-        two of ndarray, shape (..., n_gains)
+        `shift` is what a gain adds to, 1 or 0; `shifts` are the logarithms of gains to try.
         """
         mean, spread = self.at(height_m, length_m)
         scale = spread / np.sqrt(np.diag(self.covariance))
@@ -214,9 +210,8 @@ class Emulator:
         squares = (left**2).sum(axis=-1), (left * gain).sum(axis=-1), (gain**2).sum(axis=-1)
         own, cross, unit = (square[..., None] for square in squares)
         chi2 = own - 2 * shifts * cross + shifts**2 * unit
-        n = self.freedom
         volume = np.log(scale).sum(axis=-1)[..., None]
-        return -0.5 * (n + 1) * np.log1p(chi2 / n) - volume, chi2
+        return student_log_density(chi2, self.freedom) - volume, chi2
 
 
 def logarithms(height_m: np.ndarray, length_m: np.ndarray) -> np.ndarray:

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from calibration.roughness.emulator import Emulator, Interval, at_ends, fit_probability, plain
+from calibration.roughness.emulator import (
+    UNLIKELY,
+    Emulator,
+    Interval,
+    at_ends,
+    compared,
+    fit_probability,
+    plain,
+)
 from calibration.roughness.slope import slope_of_roughness
 from calibration.roughness.texture import COHERENT, REST, Statistic
 
@@ -19,9 +27,6 @@ TOLD_SHARE = 0.3
 
 TOLD_RATIO = 2.0
 """A length is told if its 68 % interval is at most an octave."""
-
-UNLIKELY = 1e-3
-"""Probability of as bad a fit below which no simulation looks like the measurement."""
 
 SMOOTHER_BY = 3.0
 """Standard deviations below the lowest simulated height from which a surface counts as smoother."""
@@ -157,12 +162,9 @@ class RoughnessEstimate:
             "tells_slope": self.tells_slope,
             "fit_probability": plain(self.fit_probability),
             "points": self.n_points,
-            "statistics": {
-                one.name: {"measured": float(m), "fitted": float(f), "spread": float(s)}
-                for one, m, f, s in zip(
-                    self.statistics, self.measured, self.fitted, self.spread, strict=True
-                )
-            },
+            "statistics": compared(
+                [one.name for one in self.statistics], self.measured, self.fitted, self.spread
+            ),
             "heights_m": plain(self.heights_m),
             "lengths_m": plain(self.lengths_m),
             "probability": plain(self.probability),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from clradar.model import (
     checks,
 )
 from clradar.model.progress import Progress, part_of
+from clradar.model.volume import capture_meta
 from clradar.opencl import Device
 from clradar.simulation import simulate_alphas
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
@@ -283,7 +285,8 @@ def sweep(
         if regions is None
         else _of_regions(regions.names, meters[1:], measured_map, images),
     )
-    estimator = _estimator_of(measured)
+    # Of a simulation in place of a measurement.
+    estimator = capture_meta(measured.meta).get("settings", {}).get("estimator", ESTIMATOR)
     if estimator != ESTIMATOR:
         warn(
             f"sweep: the measured image is a simulation by the {estimator} estimator, whose images "
@@ -292,13 +295,6 @@ def sweep(
     for remark in result.remarks():
         warn(f"sweep: {remark}")
     return result
-
-
-def _estimator_of(measured: Volume) -> str:
-    """The estimator of a simulation in place of a measurement."""
-    capture = measured.meta.get("capture", {})
-    settings = capture.get("settings", {}) if isinstance(capture, Mapping) else {}
-    return str(settings.get("estimator", ESTIMATOR))
 
 
 def _check_regions(regions: Regions, scene: Scene, settings: SimulationSettings) -> None:
@@ -363,9 +359,14 @@ def _of_regions(
     """
     alphas = images.of.alphas
 
-    def estimate(region: int, combination: Sequence[int]) -> AlphaEstimate:
-        along = images.along(combination, region)
+    @cache
+    def of_others(region: int, others: tuple[int, ...]) -> AlphaEstimate:
+        along = images.along(others, region)
         return _estimate(names[region], meters[region], measured, along, alphas)
+
+    def estimate(region: int, combination: Sequence[int]) -> AlphaEstimate:
+        # Its own place does not count: the last pass, which changes none, has what is needed.
+        return of_others(region, (*combination[:region], 0, *combination[region + 1 :]))
 
     best = [len(alphas) // 2] * len(names)
     for _ in range(MAX_PASSES):

@@ -148,7 +148,6 @@ class Measurement:
     content: cl.Volume | cl.Capture
     volume: cl.Volume
     radar: dict[str, Any]
-    own_radar: dict[str, Any]  # that of a capture, without that of options
     files: list[Path]
 
 
@@ -168,7 +167,7 @@ def measurement(
         raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
     volume = image.volume(common_grid(voxels, image, device=device), imaging, device)
     files = [*image.files, *radar.files]
-    return Measurement(path, image.content, volume, known, image.radar, files)
+    return Measurement(path, image.content, volume, known, files)
 
 
 def title_of(path: Path, meta: Mapping[str, Any]) -> str:

@@ -265,9 +265,10 @@ class ShardWriter:
         size_bytes = sum(array.nbytes for array in sample.arrays.values())
         free = self._path.with_name(f"{self._path.stem}-space.tmp")
         require_space(free, size_bytes + 2 * CHUNK_BYTES)
+        drawn = read_recipe(sample.recipe)
         if not self._samples:
-            self._begin(read_recipe(sample.recipe), sample.arrays)
-        self._samples.append(read_recipe(sample.recipe))
+            self._begin(drawn, sample.arrays)
+        self._samples.append(drawn)
         self._made_with.append(_text(made_with))
         for name, first in self._first.items():
             field, array = FIELDS[name], sample.arrays[name]
@@ -324,8 +325,7 @@ class ShardWriter:
         for name, rows in self._first.items():
             field, first = FIELDS[name], np.array(rows, dtype=np.int64)
             if field.ragged:
-                title = f"where {field.dataset} begin, and end"
-                self._array(field.first_place, first, None, title)
+                self._array(field.first_place, first, None, f"where {field.dataset} begin, and end")
             group = self._file[f"entry/{field.group}"]
             if "sample" not in group:
                 group["sample"] = self._file["entry/labels/sample"]

@@ -7,11 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import exit_status
-from dataset_plans import (
-    DEVICE,
-    PLAN,
-    digests,
-)
+from dataset_plans import DEVICE, PLAN, digests
 
 from clradar.dataset import make_sample, recipe, run
 from clradar.dataset.contact_sheet import contact_sheet
