@@ -75,11 +75,6 @@ def test_all_are_tried() -> None:
     assert sorted(tutorials) == sorted(["7a", *map(str, range(1, 11))])
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda p: p.stem)
-def test_they_are_short(path: Path) -> None:
-    assert len(path.read_text().splitlines()) < 70
-
-
 def test_point_target(output_of: OutputOf) -> None:
     for line, at_mm in zip(output_of("point_target.py"), (0, 0, 300), strict=True):
         peak_mm, width_mm, theory_mm = numbers(line)
