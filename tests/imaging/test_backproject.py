@@ -14,7 +14,7 @@ from scipy.signal import windows
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.backproject import METHODS, frequency_weights
-from clradar.errors import DeviceError, ModelError
+from clradar.errors import ModelError
 from clradar.imaging import fast
 from clradar.imaging.exact import TX_CHUNK
 from clradar.imaging.tiled import RX_CHUNK
@@ -223,8 +223,6 @@ def test_unknown_methods_and_windows_are_refused(
 # Invariants ---------------------------------------------------------------------------------------
 
 
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_linearity(device: clradar.Device, method: str) -> None:
     a, b = (noise(random_array(6, 5), SHORT, seed) for seed in (5, 6))
@@ -242,10 +240,6 @@ def test_linearity(device: clradar.Device, method: str) -> None:
     np.testing.assert_array_equal(
         backproject(twice, GRID, method=method, device=device).data, 2 * image["a"]
     )
-
-
-
-
 
 
 @pytest.mark.parametrize("method", METHODS)

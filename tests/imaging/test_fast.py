@@ -12,11 +12,10 @@ from images import QAR50, SWEEP, noise, rms_db, scatterers
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.errors import ModelError
-from clradar.imaging import block_tree, fast
-from clradar.imaging.block_tree import block_levels, block_sizes, image_levels, leaf_voxels
+from clradar.imaging import fast
+from clradar.imaging.block_tree import block_sizes, image_levels, leaf_voxels
 from clradar.imaging.tree_on_device import FLOAT32_SHARE, float32_phase_error
-from clradar.phasors import skeletons
-from clradar.phasors.interpolative import SLACK, decompose, decompose_sampled, phasor_rms
+from clradar.phasors.interpolative import SLACK, decompose_sampled, phasor_rms
 
 HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
 # Float32 sums of 10^6 terms of random phase in blocks of a hundred, and phases of 1e-6 turns.
@@ -87,14 +86,6 @@ def test_a_decomposition_interpolates_new_functions_of_the_family() -> None:
     assert (np.diff(found.skeleton) > 0).all()
 
 
-
-
-
-
-
-
-
-
 def test_independent_functions_keep_all_points() -> None:
     rng = np.random.default_rng(0)
 
@@ -120,8 +111,6 @@ def test_blocks_halve_down_to_about_a_wavelength() -> None:
         assert all(a in (b, 2 * b) for a, b in zip(larger, smaller, strict=True))
 
 
-
-
 def test_fine_voxels_are_interpolated_for_images_alone() -> None:
     """From an eighth of the voxels; forward and adjoint, which are each other's, sum in all."""
     array, sweep = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2]), Waveform.sfcw(72e9, 82e9, 9)
@@ -135,12 +124,6 @@ def test_fine_voxels_are_interpolated_for_images_alone() -> None:
     rho, samples = rng.normal(size=operator.domain_shape), rng.normal(size=operator.range_shape)
     one = np.vdot(samples, operator.forward(rho))
     assert abs(one - np.vdot(operator.adjoint(samples), rho)) < 1e-5 * abs(one)
-
-
-
-
-
-
 
 
 # The error ----------------------------------------------------------------------------------------
@@ -224,8 +207,6 @@ def test_few_terms_are_summed_directly(
     assert (backproject(capture, grid, device=device).data != want).any()
 
 
-
-
 RNG = np.random.default_rng(5)
 ARRAYS = {
     "in space": AntennaArray(RNG.uniform(-0.07, 0.07, (30, 3)), RNG.uniform(-0.07, 0.07, (20, 3))),
@@ -260,8 +241,6 @@ def test_large_arrays_are_imaged_in_parts(device: clradar.Device) -> None:
     grid = extent((-0.02, 0.02), (-0.03, 0.03), (0.2, 0.21), 2e-3)
     capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
     assert error_db(capture, grid, device) <= -50.0
-
-
 
 
 # Wrong arguments ----------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from images import QAR50, rms_db
 import clradar
 from clradar import AntennaArray, ImagingOperator, VoxelGrid, Waveform
 from clradar.errors import ModelError
-from clradar.imaging import fast, point_blocks
+from clradar.imaging import fast
 
 # Float32 phasors and sums, a few hundred terms in a row: some 1e-7 each.
 FLOAT32_DB = -120.0
@@ -188,8 +188,6 @@ def test_the_adjoint_of_a_grid_is_the_fast_image(
     np.testing.assert_array_equal((adjoint.view(np.float32) / capture.data.size), image.view("f4"))
 
 
-
-
 def test_pieces_and_parts_make_up_the_whole(
     device: clradar.Device, always_a_tree: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -229,8 +227,6 @@ def test_points_that_some_antennas_do_not_see_are_summed_directly(
 
 
 # Records and vectors ------------------------------------------------------------------------------
-
-
 
 
 def test_forward_gives_a_capture(device: clradar.Device) -> None:

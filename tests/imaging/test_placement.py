@@ -17,7 +17,6 @@ from clradar.errors import handled_warnings
 from clradar.imaging import echo_location, grid_check, placement
 from clradar.imaging.object_box import MOST_VOXELS, PAPER_GRID
 from clradar.imaging.placement import place_grid
-from clradar.model.range_profile import without_coupling
 from clradar.opencl import open_device
 
 QAR50 = clradar.arrays.qar50()
@@ -84,10 +83,6 @@ def test_the_grid_is_placed_around_an_echo_anywhere(at_m: list[float]) -> None:
     coarse = VoxelGrid.from_extent(*box_of(grid), (high - low) / 20)
     peak = np.abs(clradar.backproject(capture, coarse, method="range").data).max()
     assert peak > 0.1  # somewhere within a voxel that is much larger than the resolution
-
-
-
-
 
 
 def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit() -> None:
@@ -177,8 +172,6 @@ def test_an_array_on_a_line_gets_one_plane() -> None:
     assert (high >= [0.5, 0, 5.0]).all()
 
 
-
-
 def test_the_direct_coupling_is_no_object() -> None:
     coupled = clradar.impair(echoes_of([0, 0, 1.0]), coupling_db=40.0, seed=0)
     low, high = box_of(place_grid(coupled)).T
@@ -206,8 +199,6 @@ def test_what_cannot_be_told_from_coupling_is_said() -> None:
     assert place_grid(clradar.impair(echoes_of(AT_HAND), **faults)) is PAPER_GRID
 
 
-
-
 def test_the_hand_s_grid_is_extended_to_what_it_would_cut() -> None:
     palm = object_of([0, 0, 0.31], [0.08, 0.18, 0.01], 10)
     thumb = echoes_of([0, -0.03, 0.25], amplitudes=[3.0])
@@ -220,8 +211,6 @@ def test_the_hand_s_grid_is_extended_to_what_it_would_cut() -> None:
     assert warned(capture, grid) == []
     found = placement.placement(capture, clradar.open_device())
     assert placement.placement_words(capture, found).startswith("that of a hand at 0.3 m, extended")
-
-
 
 
 def test_an_ambiguous_echo_is_placed_where_it_focuses() -> None:
@@ -256,8 +245,6 @@ def test_a_grid_that_cuts_the_object_is_reported(extents: Any, side: str) -> Non
     assert warned(capture, grid) == [CUT]
     with pytest.warns(ClradarWarning, match=f"cuts the object off at {side}: it goes on beyond"):
         clradar.backproject(capture, grid)
-
-
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,6 @@ SCALE_DB = 0.002
 # The default tolerance of `backproject`, -50 dB of the RMS, at a peak above it: 0.03 dB at most.
 
 
-
 def spreading(array: AntennaArray, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return a/R of each Tx and Rx at points, from the equation, shape (n, points)."""
     sides = []
