@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.roughness.alpha_estimate import AlphaEstimate
-from calibration.roughness.roughness_estimate import RoughnessEstimate
+from calibration.roughness.emulator import Fit
+from calibration.roughness.millimetres import RoughnessEstimate
 from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
+from calibration.roughness.texture import of_power
 from clradar.model import DepthMap, checks
 from clradar.plot import AMPLITUDE_BACKGROUND
 
@@ -89,9 +90,7 @@ def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
         likely.axvspan(one.interval.low, one.interval.high, color=colour, alpha=0.15, lw=0)
     likely.set_xlim(sweep.alphas[0], sweep.alphas[-1])
     _finish(likely, f"probability of {ALPHA}, its maximum 1", ALPHA, legend=True)
-    _draw_fit(
-        statistics, sweep.estimate, sweep.estimate.statistics, DECIBEL_PER_NATURAL, COLOURS[0]
-    )
+    _draw_fit(statistics, sweep.estimate.fit, DECIBEL_PER_NATURAL, COLOURS[0])
     _finish(statistics, "statistics of the brightness (dB)", "", legend=True)
     return figure
 
@@ -150,10 +149,9 @@ def roughness_figure(sweep: RoughnessSweep) -> Figure:
         colour = COLOURS[number % len(COLOURS)]
         _draw_height(row[0], one, colour)
         _draw_pair(row[1], one)
-        of_power = np.array([s.of_power for s in one.statistics])
         # Contrast and correlation are small numbers: ten times them fits the scale.
-        scale = np.where(of_power, DECIBEL_PER_NATURAL, 10.0)
-        _draw_fit(row[2], one, [s.name for s in one.statistics], scale, colour)
+        scale = np.where(of_power(one.fit.statistics), DECIBEL_PER_NATURAL, 10.0)
+        _draw_fit(row[2], one.fit, scale, colour)
         row[2].set_ylabel("dB; contrast, apertures times 10", fontsize=LABEL_PT)
         _finish(row[2], "coherent power, the rest over tilt, texture", "", legend=True)
     return figure
@@ -193,21 +191,15 @@ def _draw_pair(axes: Axes, one: RoughnessEstimate) -> None:
     _finish(axes, "likely pairs; dashed: equal slope", "roughness h (mm)")
 
 
-def _draw_fit(
-    axes: Axes,
-    one: RoughnessEstimate | AlphaEstimate,
-    names: Sequence[str],
-    scale: np.ndarray | float,
-    colour: str,
-) -> None:
+def _draw_fit(axes: Axes, fit: Fit, scale: np.ndarray | float, colour: str) -> None:
     """Draw the measured statistics over those of simulations at the best values."""
-    index = np.arange(len(names), dtype=float)
+    index = np.arange(len(fit.statistics), dtype=float)
     axes.errorbar(
-        index, 0 * index, scale * one.spread, fmt="_", color="0.5", linewidth=4, alpha=0.6,
+        index, 0 * index, scale * fit.spread, fmt="_", color="0.5", linewidth=4, alpha=0.6,
         label="simulations at the best",
     )  # fmt: skip
-    axes.plot(index, scale * (one.measured - one.fitted), "o", ms=4, color=colour, label="measured")
-    shown = list(names)
+    axes.plot(index, scale * (fit.measured - fit.fitted), "o", ms=4, color=colour, label="measured")
+    shown = list(fit.statistics)
     for long, short in SHORT_NAMES:
         shown = [name.replace(long, short) for name in shown]
     axes.set_xticks(index, shown, rotation=35, ha="right")
