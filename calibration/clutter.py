@@ -379,6 +379,10 @@ class Gate:
     passband_db: float
     rejection_db: float
 
+    def record(self) -> dict[str, float]:
+        """Everything but the matrix, in types that JSON has."""
+        return {own.name: getattr(self, own.name) for own in fields(self)[1:]}
+
 
 def range_gate(
     capture: Capture,
@@ -439,8 +443,7 @@ def range_gate(
     for out, row in zip(data, capture.data, strict=True):
         out[:] = row.astype(np.complex128) @ found.matrix.T
     data.flags.writeable = False
-    record = {own.name: getattr(found, own.name) for own in fields(found) if own.name != "matrix"}
-    meta = {**capture.meta, "range_gate": record}
+    meta = {**capture.meta, "range_gate": found.record()}
     return Capture(data, capture.array, capture.waveform, meta)
 
 
