@@ -14,6 +14,7 @@ import maroon_files as files
 import maroon_products as made
 import numpy as np
 import pytest
+from comparisons import same_bits, tree
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
@@ -80,14 +81,6 @@ def dataset_reader(radar: Path, emptyfiltered: bool = False) -> list[dict[str, A
         }
         for frame in frames
     ]
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
-def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
-    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
 
 
 # ---- what is written
