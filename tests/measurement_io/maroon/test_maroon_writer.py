@@ -150,21 +150,6 @@ def test_emptyfiltered_frames_go_beside_the_raw_ones_of_their_number(tmp_path):
     assert not (tmp_path / "50").exists()
 
 
-@pytest.mark.parametrize(
-    ("stamps", "first", "read"),
-    [
-        ([7, 8], 7, [7, 8]),
-        ([[1, 2], [3]], 1, [[1, 2], 3]),
-        ([0.5, 2**63], 0.5, [0.5, 2**63]),
-        (np.array([5, 6]), 5, [5, 6]),
-    ],
-)
-def test_time_stamps_that_are_given(tmp_path, stamps, first, read):
-    radar = save_recording(tmp_path / "30", captures_of(2), timestamps_us=stamps)
-    assert dataset_reader(radar)[0]["time_s"] == first * 1e-6
-    assert [open_capture(radar, frame=i).meta["timestamp_us"] for i in range(2)] == read
-
-
 def test_files_beside_the_radar_folder(tmp_path):
     mesh = tmp_path / "mesh_smoothed.obj"
     mesh.write_text("v 0 0 0\n")

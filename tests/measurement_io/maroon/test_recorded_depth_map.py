@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import maroon_products as made
@@ -119,18 +118,6 @@ def test_pixels_are_placed_by_what_there_is(radar, where):
 # ---- what is missing or contradicts itself
 
 
-def test_a_missing_depth_map_lists_the_frames_that_have_one(radar, scene):
-    made.write_products(radar, 3, scene)
-    message = refused(radar, 1)
-    assert "depth/000001." in message
-    assert "0, 3" in message
-    for path in (radar / "depth").iterdir():
-        path.unlink()
-    assert "none of any frame" in refused(radar)
-    (radar / "depth").rmdir()
-    assert "none of any frame" in refused(radar)
-
-
 @pytest.mark.parametrize(
     ("key", "value", "found"),
     [
@@ -169,20 +156,3 @@ def test_matrices_that_place_no_pixels(radar, matrix):
 
 
 # ---- hostile files
-
-
-@pytest.mark.parametrize(
-    ("content", "found"),
-    [
-        (b"", "16-bit grey"),
-        (b"GIF89a" * 9, "16-bit grey"),
-        (made.png(np.ones((3, 3), int), bits=8), "mode L"),
-        (made.png(np.ones((3, 3), int))[:-20], "cut short|Truncated"),
-        (made.png(np.ones((3, 3), int))[:-16] + b"\0" * 16, "broken PNG"),
-        (made.png_of_chunks([(b"IEND", b"")]), "16-bit grey"),
-        (made.png_of_chunks([(b"IHDR", b"\0" * 5), (b"IEND", b"")]), "16-bit grey"),
-    ],
-)
-def test_other_images(radar, content, found):
-    (radar / "depth" / "000000.png").write_bytes(content)
-    assert re.search(found, refused(radar))
