@@ -195,9 +195,14 @@ class _HandInSweep:
         own_m = np.einsum("bji,vbj->vbi", frames, at_m[:, None] - origins_m)
         return weight, own_m, away_m
 
-    @property
-    def carried(self) -> np.ndarray:
-        return self._mesh.faces[: None if self.hand.rig is None else 0]
+    def stretch(self, at_m: np.ndarray) -> float:
+        if self.hand.rig is not None or not len(self.marks_s):
+            return 1.0
+        corners_m = at_m[:, self._mesh.faces]
+        edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=2), axis=3)
+        longest_m = edges_m.max(axis=2)
+        longer = longest_m / np.maximum(longest_m[1], np.finfo(float).tiny)
+        return max(1.0, float(np.quantile(longer, 0.99, axis=1).max()))
 
     @property
     def _mirror(self) -> np.ndarray:
