@@ -7,7 +7,6 @@ Lorensen and Cline, "Marching cubes: a high resolution 3D surface construction a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +16,11 @@ from clradar.hand.crossings import crossing_faces, faces_beside
 from clradar.hand.flesh import PART_NAMES, grown_flesh
 from clradar.hand.flesh_field import FleshField
 from clradar.hand.joints import JOINT_NAMES
-from clradar.hand.known_poses import pose_by_name
 from clradar.hand.pose import HandPose
+from clradar.hand.pose_file import pose_by_name
 from clradar.hand.shape import AVERAGE, HandShape
 from clradar.hand.skeleton import Skeleton, posed_skeleton
-from clradar.hand.texture import texture_coordinates_m
+from clradar.hand.skin import texture_coordinates_m
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
@@ -240,7 +239,6 @@ def hand_mesh(
     return right.moved(np.diag([-1.0 if handedness == "left" else 1.0, 1.0, 1.0]), centre_m)
 
 
-@lru_cache(maxsize=4)
 def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Device) -> HandMesh:
     """Return a right hand with its box around the origin."""
     # Sampled before the wrist rotates it: the same fingers get the same triangles for every angle

@@ -173,8 +173,8 @@ class Probes:
         found_m = np.empty((len(flat_s), *chosen_m.shape[2:]))
         for piece in np.unique(number):
             here = number == piece
-            ends_s = self.marks_s[piece : piece + 2]
-            shares = np.stack(list(Piece.between(*ends_s, NODES).shares(flat_s[here])))
+            own = Piece.between(self.marks_s[piece], self.marks_s[piece + 1], NODES)
+            shares = np.stack(list(own.shares(flat_s[here])))
             found_m[here] = np.einsum("kt,kpi->tpi", shares, chosen_m[piece])
         return found_m.reshape(*np.shape(times_s), *found_m.shape[1:])
 

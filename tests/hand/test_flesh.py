@@ -116,16 +116,6 @@ def test_vertices_are_as_close_to_the_surface_as_with_float64(device):
 # --- nothing else decides
 
 
-def test_the_cache_is_per_device(device):
-    other = clradar.open_device(device.info.selector, width=9 - device.width)
-    _right_hand.cache_clear()
-    hand_mesh("F", 4e-3, device=device)
-    hand_mesh("F", 4e-3, "left", device=device)
-    assert _right_hand.cache_info().misses == 1
-    hand_mesh("F", 4e-3, device=other)
-    assert _right_hand.cache_info().misses == 2
-
-
 def test_a_device_that_is_missing_or_too_small_is_an_error(device):
     for function in (hand_mesh, hand_joints):
         with pytest.raises(DeviceError, match="expected one of the devices here"):
