@@ -10,16 +10,19 @@ from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, SHAPE
 from calibration.hand_fit.hand_shape_vector import shape_covariance, vector_of
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, FITTED_ANGLES, N_ANGLES, HandState
 from clradar.hand.joints import FINGERS
+from clradar.hand.sampler import (
+    ABDUCTION_SHARE,
+    HOLLOW_SHARE,
+    KNUCKLE_CORRELATION,
+    LAST_SHARE,
+    NEIGHBOUR_CORRELATION,
+    SPREAD_DEG,
+)
+from clradar.hand.sampler import LAST_SIGMA_DEG as LAST_STD_DEG
 
-FLEXION_STD_DEG, ABDUCTION_STD_DEG, ARCH_STD_DEG = 12.0, 7.0, 5.0
+FLEXION_STD_DEG = SPREAD_DEG
+ABDUCTION_STD_DEG, ARCH_STD_DEG = ABDUCTION_SHARE * SPREAD_DEG, HOLLOW_SHARE * SPREAD_DEG
 """Of a hand about the pose that it means to make, before the measurement."""
-
-LAST_SHARE, LAST_STD_DEG = 2.0 / 3.0, 6.0
-"""The last joint bends by this share of the middle one, and this much otherwise."""
-
-KNUCKLE_CORRELATION, NEIGHBOUR_CORRELATION = 0.6, 0.6
-"""Of knuckle and middle joint, and of the middle joints of neighbouring fingers; the latter of the
-two metacarpals of the palm's arch, too (`clradar.hand.random_pose` has the sources)."""
 
 
 def angle_covariance(flexion_std_deg: float = FLEXION_STD_DEG) -> np.ndarray:

@@ -6,7 +6,7 @@ marching cubes; see ``docs/poses.md``.
 
 from clradar.hand.flesh import PART_NAMES
 from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG
-from clradar.hand.mesh import HandMesh, hand_joints, hand_mesh
+from clradar.hand.mesh import HandMesh, hand_mesh
 from clradar.hand.pose import HandPose, JointAngles, interpolate_poses
 from clradar.hand.pose_file import (
     DIGITS,
@@ -34,7 +34,6 @@ __all__ = [
     "HandShape",
     "JointAngles",
     "Skeleton",
-    "hand_joints",
     "hand_mesh",
     "interpolate_poses",
     "pose_around",

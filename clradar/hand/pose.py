@@ -47,8 +47,8 @@ class JointAngles:
         cls, flexion_deg: float = 0.0, abduction_deg: float = 0.0, twist_deg: float = 0.0
     ) -> JointAngles:
         """Return the joint with these angles in degrees."""
-        angles_deg = dict(zip(ANGLES, (flexion_deg, abduction_deg, twist_deg), strict=True))
-        return cls(*(float(np.deg2rad(checks.real(f"{n}_deg", a))) for n, a in angles_deg.items()))
+        given = zip(ANGLES, (flexion_deg, abduction_deg, twist_deg), strict=True)
+        return cls(*(float(np.deg2rad(checks.real(f"{name}_deg", deg))) for name, deg in given))
 
     def degrees(self) -> tuple[float, float, float]:
         """Return flexion, abduction and twist in degrees."""

@@ -12,13 +12,16 @@ with the place u_b of the point in the coordinates of the bone, the bone's matri
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from clradar.hand.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
 from clradar.hand.skeleton import MILLIMETRE_M, Skeleton
 from clradar.model.record import Record
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 BLEND_M = 6e-3
 """Skin belongs to the bones beside the nearest whose flesh is less than this farther away."""
@@ -102,6 +105,8 @@ class Skin(Record):
 
 def by_bone(point: np.ndarray, bone: np.ndarray, values: np.ndarray) -> csr_array:
     """Return rows (n, k) of pairs of point and bone as a matrix (n_points, 25 k), bone by bone."""
+    from scipy.sparse import csr_array
+
     n, width = int(point[-1]) + 1, values.shape[1]
     columns = width * bone[:, None] + np.arange(width)
     ends = width * np.searchsorted(point, np.arange(n + 1))

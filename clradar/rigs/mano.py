@@ -192,22 +192,10 @@ def _blend_of(rig: Rig) -> PoseBlend:
 def theta_of_components(
     rig: Rig, coefficients: Any, global_rad: Any = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
-    """Return the pose theta (48,), axis-angle, of coefficients of the model's principal components.
+    """Return a pose theta (48,), axis times angle, radians, of principal components of MANO.
 
-    theta = [global, hands_mean + coefficients @ hands_components]
-
-    Parameters
-    ----------
-    rig : Rig
-        Of a MANO model.
-    coefficients : array_like, shape (n,)
-        Up to as many as the model has components.
-    global_rad : array_like, shape (3,), radians
-        Rotation of the whole hand, axis times angle, in the model's frame.
-
-    Returns
-    -------
-    ndarray, shape (48,), float64, radians
+    theta = [global, hands_mean + coefficients @ hands_components], of up to as many coefficients as
+    the model has components; `global_rad` turns the whole hand, in the model's frame.
 
     Examples
     --------
@@ -227,20 +215,11 @@ def theta_of_components(
 
 
 def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
-    """Return the absolute rotations that `Rig.turned` takes, of a pose theta.
+    """Return the absolute rotations that `Rig.turned` takes, (25, 3, 3), of a pose theta (48,).
 
-    Parameters
-    ----------
-    rig : Rig
-        Of a MANO model.
-    theta_rad : array_like, shape (48,), radians
-        Axis times angle of each of the 16 joints against its parent, in the model's order and
-        frame; the first turns the whole hand. Nothing is added: `hands_mean` is in it or not.
-
-    Returns
-    -------
-    ndarray, shape (25, 3, 3), float64
-        In the canonical frame of `clradar.hand`. Joints that MANO lacks rotate with the wrist.
+    Theta has, in radians, axis times angle of each of the 16 joints against its parent, in the
+    model's order and frame; the first turns the whole hand. Nothing is added: `hands_mean` is in it
+    or not. Joints that MANO lacks rotate with the wrist.
 
     Examples
     --------
@@ -249,8 +228,7 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     >>> from clradar.rigs import rotations_of_theta
     >>> theta = np.zeros(48)
     >>> theta[3] = -np.pi / 2
-    >>> rotations = rotations_of_theta(rig, theta)
-    >>> (rotations[6] @ [0.0, 1.0, 0.0]).round(6).tolist()
+    >>> (rotations_of_theta(rig, theta)[6] @ [0.0, 1.0, 0.0]).round(6).tolist()
     [0.0, 0.0, -1.0]
     """
     from scipy.spatial.transform import Rotation

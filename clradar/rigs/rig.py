@@ -143,30 +143,15 @@ class Rig(Record):
         return self.turned(self.rotations(pose), center_m)
 
     def rotations(self, pose: str | HandPose) -> np.ndarray:
-        """Return the rotation of every bone from rest to a pose, (25, 3, 3), float64.
-
-        R = F G^T of the axes F that the bone has in the pose and G that it has at rest.
-        """
+        """Return the rotations (25, 3, 3) F G^T of bones with axes F in the pose and G at rest."""
         wanted = pose if isinstance(pose, HandPose) else pose_by_name(pose)
         return posed_skeleton(wanted).frames @ np.swapaxes(self.frames, 1, 2)
 
     def turned(self, rotations: np.ndarray, center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
         """Return the surface with every bone rotated from rest.
 
-        Parameters
-        ----------
-        rotations : ndarray, shape (25, 3, 3), float64
-            In the canonical frame, absolute, not relative to the parent; tips are not used.
-        center_m : array_like, shape (3,), metres
-
-        Returns
-        -------
-        HandMesh
-
-        Notes
-        -----
         x' = sum_j w_j (q_j + R_j (x - p_j)), where p_j is the joint at rest and q_j its position by
-        forward kinematics, q_j = q_parent + R_parent (p_j - p_parent).
+        forward kinematics; rotations R (25, 3, 3) are absolute, in the canonical frame.
         """
         centre_m = place("center_m", center_m)
         places_m = self.joint_places_m(rotations)
@@ -183,13 +168,7 @@ class Rig(Record):
         return right.moved(mirror, centre_m - mirror @ middle_m)
 
     def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
-        """Return the joints by forward kinematics, (25, 3), metres; NaN where the rig has none.
-
-        Parameters
-        ----------
-        rotations : ndarray, shape (25, 3, 3), float64
-            As for `turned`.
-        """
+        """Return the joints (25, 3) by q_j = q_parent + R_parent (p_j - p_parent), NaN for none."""
         known, parents = self.known, parents_of(self.known)
         places_m = np.full_like(self.joints_m, np.nan)
         places_m[WRIST] = self.joints_m[WRIST]

@@ -26,7 +26,7 @@ from calibration.hand_fit.skinned import SkinnedSamples
 from calibration.registration.mesh_fit import POWER_FLOOR, TUKEY_CUTOFF, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
 from clradar import arrays
-from clradar.hand import HandShape, hand_joints, pose_by_name
+from clradar.hand import HandShape, hand_mesh, pose_by_name
 from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
 from clradar.rigs import read_rig
@@ -62,7 +62,7 @@ def test_the_frame_of_the_hand_has_the_wrist_at_its_origin(hands, kind) -> None:
 
 
 def test_joints_are_those_of_the_posed_hand(hands) -> None:
-    there_m = hand_joints("V", "left", (0.01, 0.02, 0.3), device="pocl")
+    there_m = hand_mesh("V", handedness="left", center_m=(0.01, 0.02, 0.3), device="pocl").joints_m
     found_m = hands["left"].joints_m(pose_by_name("V"), AVERAGE) + there_m[0]
     assert np.abs(found_m - there_m).max() < 1e-12
 
