@@ -1067,7 +1067,8 @@ def swept(works: Works, regions: calibration.Regions | None) -> Values:
         "report": found.report(),
     }
     for name, arrays in store.items():
-        values |= {f"store {name} {key}": bits(array) for key, array in arrays.items()}
+        own = name.partition("-")[2]  # without the fingerprint of the arguments
+        values |= {f"store {own} {key}": bits(array) for key, array in arrays.items()}
     for one in found.regions:
         values[f"probability of {one.name}"] = one.probability
     return values
