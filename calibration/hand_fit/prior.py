@@ -15,13 +15,13 @@ from clradar.hand.sampler import (
     HOLLOW_SHARE,
     KNUCKLE_CORRELATION,
     LAST_SHARE,
+    LAST_SIGMA_DEG,
     NEIGHBOUR_CORRELATION,
     SPREAD_DEG,
 )
-from clradar.hand.sampler import LAST_SIGMA_DEG as LAST_STD_DEG
 
-FLEXION_STD_DEG = SPREAD_DEG
-ABDUCTION_STD_DEG, ARCH_STD_DEG = ABDUCTION_SHARE * SPREAD_DEG, HOLLOW_SHARE * SPREAD_DEG
+_SHARES = (1.0, ABDUCTION_SHARE, HOLLOW_SHARE)
+FLEXION_STD_DEG, ABDUCTION_STD_DEG, ARCH_STD_DEG = (SPREAD_DEG * share for share in _SHARES)
 """Of a hand about the pose that it means to make, before the measurement."""
 
 
@@ -46,7 +46,7 @@ def angle_covariance(flexion_std_deg: float = FLEXION_STD_DEG) -> np.ndarray:
     alone = {
         0: (1.0 - KNUCKLE_CORRELATION**2) * FLEXION_STD_DEG**2,
         2: 0.0,
-        3: LAST_STD_DEG**2,
+        3: LAST_SIGMA_DEG**2,
     }
     for one, share in follows.items():
         for other, another in follows.items():
@@ -58,8 +58,7 @@ def angle_covariance(flexion_std_deg: float = FLEXION_STD_DEG) -> np.ndarray:
     covariance[palm, palm] = ARCH_STD_DEG**2 * np.array(
         [[1.0, NEIGHBOUR_CORRELATION], [NEIGHBOUR_CORRELATION, 1.0]]
     )
-    scaled: np.ndarray = covariance * np.radians(flexion_std_deg / FLEXION_STD_DEG) ** 2
-    return scaled
+    return np.asarray(covariance * np.radians(flexion_std_deg / FLEXION_STD_DEG) ** 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -55,8 +55,7 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
         text, rest = content[_GLB_START:end], content[end:]
     with reading(path, EXPECTED, error=MeshError):
         document = parse_object(text.decode("utf-8-sig"))
-        asset = document.get("asset")
-        version = asset.get("version") if isinstance(asset, dict) else "of nothing"
+        version = (document.get("asset") or {}).get("version")
         check_document(path, version, document.get("extensionsRequired"), MeshError)
         nodes = document.get("nodes") or []
         roots = _roots(path, nodes)
