@@ -14,6 +14,7 @@ from clradar.compare.unmatched import UnmatchedObject, disagreement_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.model import DepthMap, Volume, checks
+from clradar.model.record import Record
 from clradar.overlap import overlap
 
 SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
@@ -124,10 +125,8 @@ HIGHER_IS_BETTER = frozenset(one.field for one in METRIC_TABLE if one.higher_is_
 
 
 @dataclass(frozen=True, slots=True)
-class Metrics:
-    """Agreement between a measured and a simulated image.
-
-    `docs/metrics.md` has the formulas and the pixels that each metric uses.
+class Metrics(Record):
+    """Agreement between a measured and a simulated image, by the formulas of `docs/metrics.md`.
 
     Attributes
     ----------

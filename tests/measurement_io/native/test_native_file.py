@@ -12,6 +12,8 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+import silx.io
+from silx.io import nxdata
 
 import clradar
 from clradar import AntennaPattern
@@ -111,6 +113,9 @@ def test_volume_round_trip(tmp_path):
     assert read.grid.counts == volume.grid.counts
     assert read.meta == volume.meta
     assert check_file(tmp_path / "v.h5").ok
+    with silx.io.open(str(tmp_path / "v.h5")) as file:
+        assert nxdata.get_default(file).plot_style.signal_scale_type == "log"
+        assert json.loads(file["entry/provenance/data"][()]) == volume.meta
 
 
 def test_layout_as_documented(path):
