@@ -140,5 +140,5 @@ def test_xarray_has_axes_units_and_provenance() -> None:
 def test_xarray_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
     for record in (volume(), volume().depth_map(), capture()):
-        with pytest.raises(MissingPackage, match=r"to_xarray: .*clradar\["):
+        with pytest.raises(MissingPackage, match=r"to_xarray: .*pip install xarray"):
             record.to_xarray()
