@@ -292,7 +292,8 @@ def _channels_facts(channels: ChannelCalibration) -> list[Fact]:
         what, _, unit = clean(name).rpartition("_")
         scale, shown_unit = (1e3, "mm") if unit == "m" else (1.0, unit)
         std = channels.target_std[name]
-        text = f"{scale * number:.6g} ± {scale * std:.2g} {shown_unit}"
+        digits = 3 if std == 0 else max(0, 1 - math.floor(math.log10(scale * std)))
+        text = f"{scale * number:.{digits}f} ± {scale * std:.{digits}f} {shown_unit}"
         place = {"value": number, "std": std, "unit": unit}
         facts.append(Fact(f"{clean(channels.target)} {what}", text, place))
     text = f"{channels.residual_db:.1f} dB, by noise alone {channels.noise_residual_db:.1f} dB"

@@ -108,10 +108,13 @@ class RecordingWork:
                 fits = None if self.hand is None else self._hands(records)
                 self._write(records, fits)
             job.clear([f"{HANDS}/{WORK}"])
-        print_line(f"{folder / TABLE}: {counted(len(records), 'frame')}")
-        print_line(f"{folder / RESULT}: the same with all metrics, and how they were made")
-        if (folder / MOVIE).is_file():
-            print_line(f"{folder / MOVIE}: the animation; its pictures are in pictures/")
+        texts = {
+            TABLE: counted(len(records), "frame"), FIGURE: "the same over time",
+            RESULT: "the same with all metrics, and how they were made",
+            MOVIE: "the animation; its pictures are in pictures/",
+        }  # fmt: skip
+        for path in (folder / name for name in texts if (folder / name).is_file()):
+            print_line(f"{path}: {texts[path.name]}")
         if missing := len(self.numbers) - len(records):
             raise MeasurementError(
                 f"{self.source.path}: {missing} of {len(self.numbers)} frames could not be "

@@ -19,6 +19,10 @@ class FigureScraper:
         # Part of the configuration: a text that changes with every build would rebuild every page.
         return type(self).__name__
 
+    def __getstate__(self) -> dict[str, Any]:
+        # The pages, which are pickled, know the configuration.
+        return {"saved": []}
+
     def __call__(
         self, block: tuple[Any, ...], block_vars: dict[str, Any], gallery_conf: dict[str, Any]
     ) -> str:

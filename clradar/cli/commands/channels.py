@@ -24,7 +24,9 @@ def command(
     target: TargetOptions,
     output: Path = output_option("Channels to write (HDF5).", REQUIRED),
     estimate: EstimateOptions,
-    plot: Path | None = option("Also draw gains, phases and delays: .png, .pdf or .svg."),
+    plot: Path | None = option(
+        "Also draw gains, phases and delays: .png, .pdf or .svg.", names=("--plot", "--figure")
+    ),
     frames: FrameOptions,
     force: bool = FORCE,
 ) -> None:
