@@ -10,15 +10,32 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from core.suite import SUITE, Effort, run_suite
+from core import images, operators, phasor_sums, physical, rays
 from core.timing import Row
 
 import clradar
 from clradar.files.json_file import write_json
+
+SUITE: dict[str, Callable[[clradar.Device, int, bool], list[Row]]] = {
+    "visibility": lambda device, n, quick: rays.visibility(device, n, 8192 if quick else 65536),
+    "bounces": lambda device, n, quick: rays.bounces(device, n, 200_000 if quick else 2_000_000),
+    "trees": lambda device, n, quick: rays.trees(device, n, (224,) if quick else (224, 708)),
+    "phasors": lambda device, n, quick: phasor_sums.phasor_sum(
+        device, n, 500_000 if quick else 5_000_000
+    ),
+    "images": lambda device, n, quick: images.images(device, n, images.noise(), 5 if quick else 81),
+    "operators": lambda device, n, quick: operators.operators(
+        device, n, 5 if quick else 81, 500 if quick else 2000
+    ),
+    "exact": lambda device, n, quick: [images.exact_image(device, n, images.noise())],
+    "physical": lambda device, n, quick: physical.physical(device, n, 1.0 if quick else 4.0),
+}
+"""By name: what gives the rows on a device, of medians of n, with smaller sizes if it is quick."""
 
 
 def print_row(row: Row) -> None:
@@ -36,19 +53,20 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5, help="runs of which the median counts")
     parser.add_argument("--json", type=Path, help="also write the figures")
     chosen = parser.parse_args()
-    effort = Effort(chosen.quick, min(chosen.repeats, 3) if chosen.quick else chosen.repeats)
+    repeats = min(chosen.repeats, 3) if chosen.quick else chosen.repeats
     results: list[dict[str, Any]] = []
     for name in chosen.device or [None]:
         device = clradar.open_device(name)
         where = f"{device.info.label}, {os.cpu_count()} cores, {platform.machine()}"
-        print(f"{where}, medians of {effort.repeats}", flush=True)
+        print(f"{where}, medians of {repeats}", flush=True)
         rows = []
-        for row in run_suite(device, chosen.only or list(SUITE), effort):
-            print_row(row)
-            rows.append(asdict(row))
+        for kind in chosen.only or list(SUITE):
+            for row in SUITE[kind](device, repeats, chosen.quick):
+                print_row(row)
+                rows.append(asdict(row))
         results.append({"device": dict(device.describe()), "cores": os.cpu_count(), "rows": rows})
     if chosen.json is not None:
-        write_json(chosen.json, {"repeats": effort.repeats, "results": results}, force=True)
+        write_json(chosen.json, {"repeats": repeats, "results": results}, force=True)
 
 
 if __name__ == "__main__":

@@ -18,8 +18,7 @@ import numpy as np
 from study import ARRAY, WAVEFORM
 
 import clradar
-from calibration.roughness.alpha_estimate import AlphaEmulator, estimate_alpha
-from calibration.roughness.brightness import BrightnessMeter
+from calibration.roughness.alpha import AlphaEmulator, BrightnessMeter, estimate_alpha
 from calibration.roughness.surface_points import surface_points
 from clradar.hand import hand_mesh
 from clradar.jobs.job import FolderStore

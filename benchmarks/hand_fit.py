@@ -4,8 +4,7 @@
 
 Kinds go round: "alpha", a parametric hand; "physical", the same of a drawn material, by the
 physical estimator; "rig", a rigged hand of other proportions, with alpha. Poses are drawn 12
-degrees around a letter; every sixth is free and fitted from all letters. Beside the fit is the
-descent that starts at the truth and searches for nothing, which shows what the search misses.
+degrees around a letter; every sixth is free and fitted from all letters.
 """
 
 from __future__ import annotations
@@ -18,30 +17,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from study import ARRAY, Row, image, parser, quantiles, random_motion, run, timed
+from study import Row, image, parser, quantiles, random_motion, run, timed
 
 import clradar
 from calibration import fit_hand
-from calibration.hand_fit.certainty import joints_at
-from calibration.hand_fit.descent import HandFitter, fitted_parameters
-from calibration.hand_fit.hand_model import ParametricHand
-from calibration.hand_fit.hand_state import HandState
-from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.result import TIPS
-from calibration.registration.mesh_fit import initial_log_brightness
-from calibration.registration.mesh_pose import depth_for_mesh
-from calibration.registration.radar import Radar
 from clradar.hand import (
     LETTERS,
     POSES,
-    HandPose,
     HandShape,
     hand_mesh,
     pose_around,
     random_pose,
     random_shape,
 )
-from clradar.hand.shape import AVERAGE
 from clradar.rigs import read_rig
 
 KINDS = ("alpha", "physical", "rig")
@@ -52,15 +41,12 @@ RIG_STRETCH = (0.93, 1.07)
 
 
 class Case(NamedTuple):
-    """What is measured: `transform` from the wrist's frame, `joints_m` in the antenna frame."""
+    """What is measured, in the antenna frame."""
 
     letter: str | None
     side: str
-    pose: HandPose
-    shape: HandShape
     surface: str
     scene: clradar.Scene
-    transform: np.ndarray
     joints_m: np.ndarray
 
 
@@ -105,11 +91,10 @@ def drawn(number: int, seed: int) -> Case:
     else:
         mesh = hand_mesh(pose, handedness=side, shape=shape)
     scene = clradar.Scene.from_mesh(mesh)
-    motion, wrist = random_motion(scene, rng), np.eye(4)
-    wrist[:3, 3] = mesh.joints_m[0]
+    motion = random_motion(scene, rng)
     scene, surface = surfaced(scene.transformed(motion), number, rng)
     joints_m = mesh.joints_m @ motion[:3, :3].T + motion[:3, 3]
-    return Case(letter, side, pose, shape, surface, scene, motion @ wrist, joints_m)
+    return Case(letter, side, surface, scene, joints_m)
 
 
 def errors(case: Case, joints_m: np.ndarray) -> Row:
@@ -129,22 +114,6 @@ def fitted(case: Case, volume: clradar.Volume, seed: int) -> Row:
     }
 
 
-def from_truth(case: Case, volume: clradar.Volume, seed: int, start: str) -> Row:
-    """The descent from the truth, with the prior of the fit from `start` and without a search."""
-    device = clradar.open_device()
-    fitter = HandFitter(
-        ParametricHand(case.side, device),
-        depth_for_mesh(volume, None),
-        Radar.of("hand_fit", ARRAY, None).aperture,
-        device,
-        fitted_parameters(True),
-    )
-    prior = Prior.about(HandState(POSES[start], AVERAGE, case.transform), angle_covariance())
-    truth = HandState(case.pose, case.shape, case.transform)
-    found = fitter.descend(truth, initial_log_brightness(), prior, seed=seed)
-    return {"truth_" + k: v for k, v in errors(case, joints_at(fitter, found.state)).items()}
-
-
 def main() -> None:
     given = parser(__doc__ or "", 60, 61_000).parse_args()
     warnings.simplefilter("ignore", clradar.ClradarWarning)
@@ -155,10 +124,8 @@ def main() -> None:
         estimator = "physical" if kind == "physical" else "expected"
         volume = image(case.scene, GRID, 1_000_000 + seed, estimator=estimator)
         found = timed(lambda: fitted(case, volume, seed))
-        start = case.letter or found.get("start", "flat").split(",")[0]
-        beside = from_truth(case, volume, seed, start if start in POSES else "flat")
         row = {"kind": kind, "letter": case.letter or "any", "surface": case.surface}
-        return [row | found | beside]
+        return [row | found]
 
     rows = run(given, one)
     groups = {
@@ -168,7 +135,7 @@ def main() -> None:
         "any pose": lambda r: r["letter"] == "any",
         "all": lambda r: True,
     }
-    keys = ("tips_mm", "determined_mm", "joints_mm", "tips_over_std", "truth_tips_mm", "time_s")
+    keys = ("tips_mm", "determined_mm", "joints_mm", "tips_over_std", "time_s")
     for name, chosen in groups.items():
         mine = [row for row in rows if chosen(row)]
         refused = sum("failure" in row for row in mine)

@@ -24,9 +24,9 @@ from calibration.registration.alignment import Alignment
 from calibration.registration.beyond_noise import Place
 from calibration.registration.closed_loop import Registration, Round
 from calibration.registration.register import register
-from calibration.roughness.alpha_estimate import AlphaEstimate
+from calibration.roughness.alpha import AlphaEstimate
+from calibration.roughness.millimetres import RoughnessEstimate
 from calibration.roughness.regions import Regions
-from calibration.roughness.roughness_estimate import RoughnessEstimate
 from calibration.roughness.roughness_sweep import RoughnessSweep, sweep_roughness
 from calibration.roughness.slope import alpha_of_slope, slope_of_alpha
 from calibration.roughness.sweep import Sweep, sweep

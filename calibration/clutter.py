@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -40,16 +40,15 @@ def average_frames(
         Only one at a time is held, besides the sums.
     align_phase : bool
         Rotate every frame by the phase that maximises its correlation with the sum of those before
-        it. For a phase drift common to all channels; a change of the scene would be rotated, too.
+        it, against a drift common to all channels.
     max_loss_db : float, decibel
-        Frames agree unless echoes of any delay would be this much weaker in their mean: something
-        moved, or the generator drifted. A noisy echo is no weaker than others. Of frames that do
-        not agree the largest group counts.
+        Frames agree unless echoes of any delay would be this much weaker in their mean. Of frames
+        that do not agree the largest group counts.
 
     Returns
     -------
     Capture
-        With the metadata in which all frames agree; `meta["average"]` holds the number of frames,
+        With the metadata in which all frames agree, and `meta["average"]`: the number of frames,
         the phases by which they were rotated, radians, and the frames that were left out, counted
         from 0.
 
@@ -62,11 +61,6 @@ def average_frames(
     -----
     ClradarWarning
         Frames that do not agree are left out.
-
-    Notes
-    -----
-    Summed in complex128. Noise that is independent from frame to frame goes down by 10 log10(n) dB.
-    How the loss is told from noise: `averaging_loss_db`.
 
     Examples
     --------
@@ -179,11 +173,9 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
     Notes
     -----
     The factors minimise ``sum_q w_q |Y_q - u_tx v_rx E_q|^2`` over the delay bins q of both (Hann
-    window over frequency). Ordinary least squares (w = 1) would fit the background to the object as
-    well. The object is the disturbance here, so each bin is weighted by the inverse of its residual
-    power, averaged over the pairs, and the fit is repeated (feasible generalised least squares):
-    bins that the object reaches hardly count, those of coupling and walls alone decide.
-    docs/background.md has measured errors.
+    window over frequency). The object is the disturbance here, so each bin is weighted by the
+    inverse of its residual power, averaged over the pairs, and the fit is repeated (feasible
+    generalised least squares): bins that the object reaches hardly count.
 
     The noise of `empty` is added to the result: average many frames without the object.
 
@@ -192,8 +184,7 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
     >>> import clradar, numpy as np
     >>> import calibration
     >>> from clradar import reference
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> empty = reference.point_targets(array, waveform, [[0, 0, 0.4]], [3.0])
     >>> both = reference.point_targets(
@@ -321,27 +312,15 @@ def delay_profiles(capture: Capture) -> np.ndarray:
 
 
 def averaging_loss_db(one: np.ndarray, other: np.ndarray) -> tuple[float, int]:
-    """How much weaker the echoes of two captures are in their mean, where they lose most.
+    """How much weaker the echoes of two captures are in their mean where they lose most, and where.
 
-    Parameters
-    ----------
-    one, other : ndarray, shape (n_tx, n_rx, n_freq), complex
-        Delay profiles.
-
-    Returns
-    -------
-    loss_db : float, decibel
-        0 where both differ by no more than noise; `MOST_LOSS_DB` at most.
-    delay_bin : int
-        Where that is.
-
-    Notes
-    -----
-    In bin q with the powers P1 and P2 over all pairs and that of the difference, D, the power of
-    the mean is (P1 + P2)/2 - D/4 of (P1 + P2)/2. Noise is white, so it adds the same to D in every
-    bin: the median over the bins, which echoes that moved fill only a part of. The estimate of D in
-    a bin from n pairs scatters by 1/sqrt(n); six times that is taken for noise, too. A phase
-    difference of phi costs -20 log10(cos(phi/2)) dB: 1 dB at 54 degrees, or 0.29 mm at 77 GHz.
+    Both are delay profiles, shape (n_tx, n_rx, n_freq); 0 dB where they differ by no more than
+    noise. In bin q with the powers P1 and P2 over all pairs and that of the difference, D, the
+    power of the mean is (P1 + P2)/2 - D/4 of (P1 + P2)/2. Noise is white, so it adds the same to D
+    in every bin: the median over the bins, which echoes that moved fill only a part of. The
+    estimate of D in a bin from n pairs scatters by 1/sqrt(n); six times that is taken for noise,
+    too. A phase difference of phi costs -20 log10(cos(phi/2)) dB: 1 dB at 54 degrees, or 0.29 mm
+    at 77 GHz.
     """
     power = np.zeros(one.shape[-1])
     difference = np.zeros(one.shape[-1])
@@ -388,10 +367,8 @@ class Gate:
     --------
     >>> import clradar
     >>> import calibration
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
-    >>> window = calibration.gate(waveform, near_m=0.1, far_m=0.2)
-    >>> window.matrix.shape, round(window.edge_m, 3)
-    ((32, 32), 0.06)
+    >>> calibration.gate(clradar.Waveform.sfcw(72e9, 82e9, 32), near_m=0.1, far_m=0.2).matrix.shape
+    (32, 32)
     """
 
     matrix: np.ndarray
@@ -404,8 +381,7 @@ class Gate:
 
     def record(self) -> dict[str, float]:
         """Everything but the matrix, in types that JSON has."""
-        names = ("near_m", "far_m", "edge_m", "clutter_db", "passband_db", "rejection_db")
-        return {name: getattr(self, name) for name in names}
+        return {own.name: getattr(self, own.name) for own in fields(self)[1:]}
 
 
 def range_gate(
@@ -419,9 +395,7 @@ def range_gate(
     """Remove the echoes from outside a range window.
 
     Range is half of the path length, ``(|p - tx| + |p - rx|) / 2``, the same window for every pair.
-    The direct coupling, whose path is ``|tx - rx|``, lies below half of the aperture's diagonal
-    (0.1 m for the 14 cm imager); a point (x, y, z) lies between z and the distance from the
-    farthest antenna.
+    The direct coupling lies below half of the aperture's diagonal (0.1 m for the 14 cm imager).
 
     Parameters
     ----------
@@ -429,9 +403,8 @@ def range_gate(
     near_m, far_m : float, metres
         Echoes from near_m to far_m are kept.
     edge_m : float, metres, optional
-        Echoes nearer than near_m - edge_m and farther than far_m + edge_m are rejected; those
-        between may be attenuated by any amount. Default: four resolution cells c / 2B, 60 mm for
-        10 GHz.
+        Of the bands on either side in which echoes may be attenuated by any amount; those beyond
+        are rejected. Default: four resolution cells c / 2B, 60 mm for 10 GHz.
     clutter_db : float, dB
         Power of the echoes outside relative to those inside, roughly: more rejects better, and
         distorts the window more.
@@ -446,10 +419,6 @@ def range_gate(
     ModelError
         A single frequency, a window beyond the unambiguous range c / 2 df, or edges that leave
         nothing to reject.
-
-    See Also
-    --------
-    gate : the map itself, and its equation.
 
     Examples
     --------
@@ -555,10 +524,21 @@ def gate(
     matrix = np.linalg.solve(whole, wanted).conj().T  # both are Hermitian
     matrix.flags.writeable = False
 
-    echoes, kept = _responses(matrix, offsets_hz, near, far)
-    passband_db = _amplitude_db(np.abs((echoes.conj() * kept).mean(axis=0)).min())
-    _, left = _responses(matrix, offsets_hz, far + edge, period_m + near - edge)
-    rejection_db = -_amplitude_db(np.sqrt((np.abs(left) ** 2).mean(axis=0)).max())
+    def responses(low_m: float, high_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Echoes an eighth of a resolution cell apart, before and after the gate, (n_freq, n)."""
+        count = int(np.ceil(PROBES_PER_CELL * (high_m - low_m) / cell_m)) + 2
+        range_m = np.linspace(low_m, high_m, count)
+        cycles = 2 / SPEED_OF_LIGHT_M_PER_S * np.outer(offsets_hz, range_m)
+        echoes = np.exp(-2j * np.pi * cycles)
+        return echoes, matrix @ echoes
+
+    def amplitude_db(amplitude: Any) -> float:
+        return float(20 * np.log10(max(float(amplitude), 1e-15)))
+
+    echoes, kept = responses(near, far)
+    passband_db = amplitude_db(np.abs((echoes.conj() * kept).mean(axis=0)).min())
+    _, left = responses(far + edge, period_m + near - edge)
+    rejection_db = -amplitude_db(np.sqrt((np.abs(left) ** 2).mean(axis=0)).max())
     return Gate(matrix, near, far, edge, clutter, passband_db, rejection_db)
 
 
@@ -568,18 +548,3 @@ def _gram(offsets_hz: np.ndarray, low_m: float, high_m: float, period_m: float) 
     width_m, middle_m = high_m - low_m, (high_m + low_m) / 2
     phasors = np.exp(-2j * np.pi * difference * middle_m)
     return width_m / period_m * np.sinc(difference * width_m) * phasors
-
-
-def _responses(
-    matrix: np.ndarray, offsets_hz: np.ndarray, low_m: float, high_m: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Echoes an eighth of a resolution cell apart, before and after the gate, (n_freq, n)."""
-    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * float(offsets_hz[-1] - offsets_hz[0]))
-    count = int(np.ceil(PROBES_PER_CELL * (high_m - low_m) / cell_m)) + 2
-    range_m = np.linspace(low_m, high_m, count)
-    echoes = np.exp(-2j * np.pi * (2 / SPEED_OF_LIGHT_M_PER_S * np.outer(offsets_hz, range_m)))
-    return echoes, matrix @ echoes
-
-
-def _amplitude_db(amplitude: Any) -> float:
-    return float(20 * np.log10(max(float(amplitude), 1e-15)))

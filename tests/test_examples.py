@@ -7,7 +7,6 @@ import runpy
 import sys
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -37,23 +36,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def output_of(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> OutputOf:
-    """Run an example in the folder of all, where it writes to no file of another; its output.
-
-    With `sizes` its function `main` is called, without it runs as a script with `arguments`.
-    """
+    """Run an example in the folder of all, where it writes to no file of another; its output."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
 
-    def run(name: str, *arguments: str, **sizes: float) -> list[str]:
+    def run(name: str, *arguments: str) -> list[str]:
         path, before = str(EXAMPLES / name), written()
         monkeypatch.setattr(sys, "argv", [path, *arguments])
         capsys.readouterr()
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            if sizes:
-                runpy.run_path(path)["main"](**sizes)
-            else:
-                runpy.run_path(path, run_name="__main__")
+            runpy.run_path(path, run_name="__main__")
         for file in written().items() - before.items():
             assert OWNERS.setdefault(file[0], name) == name, f"{file[0]} is of both"
         return capsys.readouterr().out.splitlines()
@@ -69,41 +62,9 @@ def numbers(line: str) -> list[float]:
 
 
 def test_all_are_tried() -> None:
-    tried = {"point_target", "compare_alpha", "sim_vs_measurement", "train_letters"}
-    assert {p.stem for p in EXAMPLES.glob("*.py")} == tried
+    assert {p.stem for p in EXAMPLES.glob("*.py")} == {"train_letters"}
     tutorials = [p.stem.split("_")[0] for p in (EXAMPLES / "tutorials").glob("*.py")]
     assert sorted(tutorials) == sorted(["7a", *map(str, range(1, 11))])
-
-
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda p: p.stem)
-def test_they_are_short(path: Path) -> None:
-    assert len(path.read_text().splitlines()) < 70
-
-
-def test_point_target(output_of: OutputOf) -> None:
-    for line, at_mm in zip(output_of("point_target.py"), (0, 0, 300), strict=True):
-        peak_mm, width_mm, theory_mm = numbers(line)
-        assert peak_mm == at_mm
-        # The far-field theory neglects that the paths are longer than z, by up to 5 %.
-        assert theory_mm <= width_mm < 1.05 * theory_mm
-
-
-def test_compare_alpha(folder: Path, output_of: OutputOf) -> None:
-    lines = output_of("compare_alpha.py", samples_per_mm2=0.3)
-    assert lines[-1] == "best: alpha = 0.3"
-    assert all(-1 <= numbers(line)[1] <= 1 for line in lines[:-1])
-    assert (folder / "compare_alpha.png").is_file()
-
-
-def test_sim_vs_measurement(folder: Path, output_of: OutputOf) -> None:
-    shift, given, aligned = output_of("sim_vs_measurement.py")
-    # The mesh lies at +4 and +3 mm (x, y); mesh against measurement is good to 1.5 mm.
-    for value, expected in zip(numbers(shift), (-4, -3, 0), strict=True):
-        assert abs(value - expected) <= 1.5
-    assert numbers(aligned)[0] > numbers(given)[0] + 0.1
-    page = (folder / "report.html").read_text(encoding="utf-8")
-    for part in ("Measurement", "As given", "Registered", "The mesh is shifted by"):
-        assert part in page
 
 
 @pytest.mark.slow
@@ -124,7 +85,7 @@ def test_train_letters_and_poses(
         tmp_path,
     )
     run(plan, folder / "letters")
-    run(replace(plan, samples=3), folder / "few")
+    run(plan.model_copy(update={"samples": 3}), folder / "few")
     with pytest.raises(SystemExit, match="expected at least two poses and four samples of each"):
         output_of("train_letters.py", "few")
     with monkeypatch.context() as patch:

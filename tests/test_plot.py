@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -20,8 +19,6 @@ from clradar.compare import Metrics, compare
 from clradar.errors import CompareError, ModelError, OutputError
 from clradar.model import AntennaArray, DepthMap, ImageScale, Volume, VoxelGrid, Waveform
 from clradar.plot import (
-    AMPLITUDE_BACKGROUND,
-    DEPTH_BACKGROUND,
     comparison_figure,
     disagreement_figure,
     image_figure,
@@ -130,25 +127,6 @@ def test_levels_are_below_the_own_maximum() -> None:
     assert image_figure(blob(), dynamic_range_db=30.0).axes[0].collections[0].get_clim()[0] == -30.0
 
 
-def test_stray_depths_do_not_stretch_the_scale() -> None:
-    x_m, depth_m = np.arange(20) * 1e-3, np.full((20, 20), 0.3)
-    depth_m[0, 0] = 0.4
-    mesh: Any = image_figure(DepthMap(depth_m, np.ones((20, 20)), x_m, x_m)).axes[1].collections[0]
-    assert mesh.get_clim() == (299.0, 301.0)
-    assert mesh.colorbar.extend == "max"  # an arrow to it
-
-
-def test_backgrounds_are_neutral_and_not_in_the_scale() -> None:
-    figure = image_figure(blob())
-    for axes, colour in zip(figure.axes, (AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND), strict=False):
-        background = np.array(to_rgb(colour))
-        assert np.ptp(background) == 0
-        np.testing.assert_allclose(to_rgb(axes.get_facecolor()), background)
-        scale = axes.collections[0].cmap(np.linspace(0, 1, 256))[:, :3]
-        # A tenth of full scale is a visible difference.
-        assert np.abs(scale - background).max(axis=1).min() > 0.1
-
-
 def test_caption() -> None:
     images = [blob(), blob(0.0), blob(-60.0)]
     given = Metrics(0.654, 0.876, 0.5, 0.25, float("nan"), 0.0123, 0.9)
@@ -187,15 +165,6 @@ def test_no_text_over_another_or_off_the_page(image: DepthMap, count: int) -> No
         assert_legible(comparison_figure(image, columns, metrics=metrics, differences=differences))
     assert_legible(image_figure(image, LONG))
     assert_legible(disagreement_figure(image, image, title=LONG))
-
-
-def test_uneven_and_single_axes() -> None:
-    x_m = np.array([0.0, 1.0, 3.0]) * 1e-3
-    image = DepthMap(np.full((1, 3), 0.3), np.ones((1, 3)), x_m, np.array([0.0]))
-    mesh: Any = image_figure(image).axes[0].collections[0]
-    coordinates = mesh.get_coordinates()
-    np.testing.assert_allclose(coordinates[0, :, 0], [-0.5, 0.5, 2.0, 4.0], atol=1e-12)
-    np.testing.assert_allclose(coordinates[:, 0, 1], [-0.5, 0.5], atol=1e-12)
 
 
 ZERO = Volume(np.zeros_like(blob().data), blob().grid)
@@ -298,16 +267,6 @@ def test_pictures_are_projected_along_the_thin_axis_or_that_of_the_view(
     assert_legible(figure)
 
 
-def test_large_lengths_are_in_metres() -> None:
-    figure = image_figure(FAR, view="xz")
-    assert brightest_at(figure) == (0.2, 3.0)
-    figure = image_figure(FAR)
-    assert figure.axes[3].get_ylabel() == "depth z (m)"
-    assert drawn(figure.axes[1]).mean() == pytest.approx(3.0, abs=0.01)
-    assert figure.axes[0].get_xlabel() == X_LEFT.replace("mm", "m")
-    assert_legible(figure)
-
-
 @pytest.mark.parametrize("image", [blob(), slab((20, 20), (30, 30), DEEP, 2.0)])
 def test_levels_as_radar_cross_sections(image: Volume) -> None:
     """Of a volume, and of a line of voxels, which is a curve."""
@@ -324,20 +283,6 @@ def test_levels_as_radar_cross_sections(image: Volume) -> None:
     if axes.lines:
         assert axes.get_title() == "Radar cross section at x = 20, y = 30 mm"
         assert axes.lines[0].get_xdata()[np.argmax(values)] == pytest.approx(300.0)
-
-
-def test_all_three_views_are_below_one_maximum_in_one_unit() -> None:
-    volume = blob()
-    far = Volume(volume.data, VoxelGrid([-0.1, -0.1, 0.96], [4e-3] * 3, volume.grid.counts))
-    for image, unit in ((volume, "mm"), (far, "m")):
-        figure = image_figure(image, view="all")
-        *panels, _ = figure.axes
-        names = [(panel.get_xlabel()[-len(unit) - 4 :], panel.get_ylabel()) for panel in panels]
-        assert names == [(f"{a} ({unit})", f"{b} ({unit})") for a, b in ("xy", "xz", "zy")]
-        assert [drawn(panel).max() for panel in panels] == [0.0] * 3
-        assert [drawn(panel).shape for panel in panels] == [(51, 51), (21, 51), (51, 21)]
-        assert len({round(float(np.ptp(panel.get_xlim())), 9) for panel in panels}) == 1
-        assert_legible(figure)
 
 
 @pytest.mark.parametrize(

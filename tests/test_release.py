@@ -109,12 +109,6 @@ def test_a_tag_is_of_the_version_that_is_ready(copy: Path) -> None:
     assert line == f"expected the tag v{__version__}, got 'v9.8.7'"
 
 
-def test_a_statement_that_is_missing_is_named(copy: Path) -> None:
-    changed(copy, "CITATION.cff", "date-released", "date")
-    with pytest.raises(ValueError, match=r"CITATION\.cff: expected a line like"):
-        Stated.read(copy)
-
-
 def test_links_of_the_readme_lead_to_the_repository() -> None:
     text = "![a b](docs/c.png) [d](docs/e.md#f), [g](https://h.example) [i](#j)"
     made = hatch_build.with_addresses(text, "https://x.example/y", "1.2.3")
@@ -124,19 +118,6 @@ def test_links_of_the_readme_lead_to_the_repository() -> None:
     )
     without = hatch_build.with_addresses(text, "", "1.2.3")
     assert without == " d, [g](https://h.example) [i](#j)"
-
-
-@pytest.mark.parametrize("repository", ["", "https://x.example/y/"])
-def test_the_metadata_have_addresses_where_there_is_a_repository(repository: str) -> None:
-    metadata = {"version": "1.2.3"}
-    hatch_build.CustomMetadataHook(str(ROOT), {"repository": repository}).update(metadata)
-    assert metadata["readme"]["content-type"] == "text/markdown"
-    assert "## Start" in metadata["readme"]["text"]
-    assert not re.findall(r"\]\((?!https?://|#)", metadata["readme"]["text"])
-    if not repository:
-        assert "urls" not in metadata
-    else:
-        assert metadata["urls"]["Issues"] == "https://x.example/y/issues"
 
 
 def test_the_recipe_needs_what_the_package_needs() -> None:

@@ -51,14 +51,6 @@ def test_every_public_name_has_a_page() -> None:
         assert page.endswith(f"\n.. public-names:: {Path(package).name}\n")
 
 
-def test_terms_are_explained_once() -> None:
-    page = (DOCS / "glossary.md").read_text("utf-8")
-    blocks = re.findall(r"```\{glossary\}\n(.*?)```", page, re.DOTALL)
-    terms = [t for block in blocks for t in block.split("\n") if t and not t.startswith(" ")]
-    assert len(terms) > 60
-    assert len({t.casefold() for t in terms}) == len(terms)
-
-
 def texts_of_code() -> str:
     """Every string of the packages, one to a line, with … for what is filled in."""
     found = []

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 import yaml
-from test_dependencies import VERSIONS
 
 ROOT = Path(__file__).resolve().parents[1]
 WORKFLOWS = ROOT / ".github" / "workflows"
@@ -47,21 +46,3 @@ def test_actions_have_a_version_and_few_rights(name: str) -> None:
     assert yaml.safe_load(text)["permissions"] == {"contents": "read"}
     rights = {key: job["permissions"] for key, job in jobs(name).items() if "permissions" in job}
     assert rights == ({"publish": {"id-token": "write"}} if name == "release.yml" else {})
-
-
-def test_an_upload_waits_for_the_tests_and_takes_their_packages() -> None:
-    release, tests = jobs("release.yml"), jobs("tests.yml")
-    assert release["publish"]["needs"] == "tests"
-    assert release["tests"]["needs"] == "ready"
-    made = [s["with"]["name"] for s in tests["packages"]["steps"] if "upload" in s.get("uses", "")]
-    taken = [s["with"]["name"] for s in release["publish"]["steps"] if "download" in s["uses"]]
-    assert made == taken
-
-
-def test_the_systems_of_the_page_are_tested() -> None:
-    table = (ROOT / "docs/install.md").read_text("utf-8").split("\n| system |")[1].split("\n\n")[0]
-    rows = re.findall(r"^\| ([^|]+?) \|", table, re.MULTILINE)
-    matrix = jobs("tests.yml")["tests"]["strategy"]["matrix"]
-    assert sorted(matrix["system"]) == sorted(rows)
-    assert tuple(matrix["python"]) == VERSIONS
-    assert [one["system"] for one in matrix["include"]] == matrix["system"]

@@ -1,4 +1,4 @@
-"""The phasor sum against finufft, at equal and at unequal frequency steps."""
+"""The phasor sum against finufft."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from core.timing import ARRAY, WAVEFORM, Row, interleaved_s, relative_rms_db
 
 
 class PathSums:
-    """Paths spread evenly over all pairs, for sums at equal and at unequal frequency steps."""
+    """Paths spread evenly over all pairs."""
 
     def __init__(self, device: clradar.Device, n_paths: int) -> None:
         rng = np.random.default_rng(0)
@@ -26,36 +26,31 @@ class PathSums:
             ARRAY.n_tx, ARRAY.n_rx,
         )  # fmt: skip
         self.start = np.searchsorted(pair, np.arange(ARRAY.n_tx * ARRAY.n_rx + 1))
-        f = WAVEFORM.frequencies_hz
-        inner = np.sort(rng.uniform(f[0], f[-1], len(f) - 2))
-        self.unequal = clradar.Waveform(np.concatenate([f[:1], inner, f[-1:]]))
-        self.peer = peers.FinufftPhasorSum(self.start, f, 1e-5)
+        self.peer = peers.FinufftPhasorSum(self.start, WAVEFORM.frequencies_hz, 1e-5)
         self.device = device
 
-    def ours(self, waveform: clradar.Waveform = WAVEFORM) -> np.ndarray:
-        data = clradar.synthesize(self.paths, ARRAY, waveform, device=self.device).data
-        return data.reshape(-1, waveform.n_freq)
+    def ours(self) -> np.ndarray:
+        data = clradar.synthesize(self.paths, ARRAY, WAVEFORM, device=self.device).data
+        return data.reshape(-1, WAVEFORM.n_freq)
 
     def prepare(self) -> None:
         """Make the peer's points and strengths."""
         self.peer.prepare(self.paths.length_m, self.paths.amplitude)
 
-    def error_db(self, data: np.ndarray, waveform: clradar.Waveform = WAVEFORM) -> float:
+    def error_db(self, data: np.ndarray) -> float:
         """Against float64, for a few of the pairs."""
         some = range(0, len(self.start) - 1, 400)
-        k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
+        k = WAVEFORM.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
         rows = (self.paths.length_m[self.start[i] : self.start[i + 1]] for i in some)
         want = np.array([np.exp(-2j * np.pi * np.outer(d, k)).sum(axis=0) for d in rows])
         return relative_rms_db(data[some], want)
 
 
 def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> list[Row]:
-    """Equal steps against finufft, and unequal steps against our own equal ones."""
     work = PathSums(device, n_paths)
-    unequal = partial(work.ours, work.unequal)
     two = partial(work.peer.transform, 2)
-    works: list[Callable[[], Any]] = [work.ours, work.prepare, work.peer.transform, two, unequal]
-    ours_s, prepare_s, *transforms_s, unequal_s = interleaved_s(works, repeats).T
+    works: list[Callable[[], Any]] = [work.ours, work.prepare, work.peer.transform, two]
+    ours_s, prepare_s, *transforms_s = interleaved_s(works, repeats).T
     transform_s = min(transforms_s, key=np.median)
     one_s, two_s = (np.median(s) for s in transforms_s)
     ratios = (prepare_s + transform_s) / ours_s
@@ -63,7 +58,6 @@ def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> list[Row]:
     alone = float(np.median(transform_s / ours_s))
     size = f"{n_paths / 1e6:g} M paths, {len(work.start) - 1} pairs x {WAVEFORM.n_freq}"
     ours_db, peer_db = work.error_db(work.ours()), work.error_db(work.peer.transform())
-    unequal_db = work.error_db(unequal(), work.unequal)
     return [
         Row(
             work=f"phasor sum, {size}",
@@ -73,12 +67,5 @@ def phasor_sum(device: clradar.Device, repeats: int, n_paths: int) -> list[Row]:
             ratio=float(np.median(ratios)),
             check=f"{spread}, {alone:.1f} without the preparation; against float64 ours "
             f"{ours_db:.0f} dB, the peer's {peer_db:.0f} dB",
-        ),
-        Row(
-            work=f"phasor sum, {size} unequal steps",
-            ours=f"{np.median(unequal_s):.3f} s",
-            peer="ours with equal steps",
-            ratio=float(np.median(ours_s / unequal_s)),
-            check=f"{unequal_db:.0f} dB against float64",
         ),
     ]

@@ -1,9 +1,8 @@
-"""Ray tracing against Embree and Mitsuba: visibility, bounces, tree building, and their growth."""
+"""Ray tracing against Embree and Mitsuba: visibility, bounces, tree building."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -70,34 +69,6 @@ def trees(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[
                 peer=f"Embree through embreex, copying the mesh included, {theirs_s:.2f} s",
                 ratio=theirs_s / ours_s,
                 check="tests/geometry/test_bvh.py",
-            )
-        )
-    return rows
-
-
-def growth(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[Row]:
-    """Cost per ray against the number of faces."""
-    works: list[Callable[[], Any]] = []
-    faces, sizes = [], []
-    with ExitStack() as stack:
-        for n in cells:
-            scene = meshes.waves(n)
-            surface = stack.enter_context(surface_of(scene, 16384, device))
-            away = bounces_of(scene, 300_000)
-            rays = stack.enter_context(NearestHits(scene.triangles_m, *away, device))
-            works += [partial(surface.visible_bits, ARRAY.tx_m), rays.trace]
-            faces.append(scene.n_faces)
-            sizes += [len(surface.points_m) * ARRAY.n_tx, 300_000]
-        ns = np.median(interleaved_s(works, repeats) / sizes, axis=0) * 1e9
-    rows = []
-    for name, cost in (("visibility", ns[0::2]), ("bounces", ns[1::2])):
-        rows.append(
-            Row(
-                work=f"{name}, time per ray for " + ", ".join(str(n) for n in faces) + " faces",
-                ours=", ".join(f"{c:.3g}" for c in cost) + " ns",
-                peer="ours with the fewest faces",
-                ratio=float(cost[0] / cost[-1]),
-                check=f"{cost[-1] / cost[0]:.2f} times as long with the most",
             )
         )
     return rows

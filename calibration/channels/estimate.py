@@ -12,13 +12,12 @@ from calibration.channels.fit import (
     ChannelFit,
     Prior,
     Samples,
-    SideResponse,
+    Side,
     by_channel,
     fit_channels,
     pairs_of,
     start,
 )
-from calibration.channels.slepian_taper import MIN_CELLS, delay_taper
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, warn
@@ -51,6 +50,13 @@ QUIET = 1e-3
 
 MOST_DB = 300.0
 """Of a threshold: twice what the float32 of captures spans between two samples of a channel."""
+
+MIN_CELLS, MAX_CELLS = 1.0, 4.0
+"""Half width of a gate in resolution cells 1 / bandwidth. Below the minimum nothing is rejected; at
+the maximum other echoes are more than 90 dB down, and more width would only cost resolution."""
+
+CONCENTRATED = 0.5
+"""Eigenvectors with at least this fraction of the largest eigenvalue span the gate."""
 
 UNEXPLAINED_DB = 10.0
 """A residual this far above that of noise alone is warned of..."""
@@ -95,34 +101,29 @@ def estimate_channels(
         Largest delay of a pair of channels in the search.
     common_delay : "zero" or "free"
         Whether delays scatter about zero or about an unknown common delay. With "free" the range of
-        a corner reflector stays nominal; plate and sphere have theirs from wavefront curvature.
+        a corner reflector stays nominal.
     level : "mean" or "target"
-        Absolute level of the gains. "mean": they have a mean of 0 dB, so that a correction keeps
-        the mean level. "target": the echo has the `amplitude` of the target's model, so that levels
-        are relative to it.
+        The gains have a mean of 0 dB, so that a correction keeps the level; or the echo has the
+        `amplitude` of the target's model.
     gate_m : float, metres, optional
         Use only echoes whose range is at most this far from the target's: more than the tolerance
-        and the delays. None uses the whole capture.
-    dead_db : float, decibel
-        A channel with this much less gain than the median of its side is dead, as is one whose
-        echo is below five standard deviations of its noise.
-    noisy_db : float, decibel
-        A live channel with this much more noise than the median of its side is noisy.
+        and the delays.
+    dead_db, noisy_db : float, decibel
+        A channel is dead with this much less gain than the median of its side, or an echo below
+        five standard deviations of its noise; noisy with this much more noise than the median.
     max_residual_db : float, decibel
-        Largest residual energy relative to the echoes', after summation over the frequencies of
-        each pair.
+        Largest residual energy relative to the echoes', summed over the frequencies of each pair.
     max_iterations : int
     progress : callable, optional
-        Called with (done, total) before every step of the fit, and at its end with the total: at
-        most `max_iterations`, usually far fewer.
+        Called with (done, total) before every step of the fit, and at its end with the total.
 
     Returns
     -------
     ChannelCalibration
-        Gauge: gains have the same mean in dB over the live channels of either side, 0 unless
-        `level` is "target"; the first live Tx has phase 0; the means of the delays of Tx and Rx are
-        equal. `meta["outlying_pairs"]` is the fraction of pairs whose echo differs from that of the
-        model: they have nearly no weight, and are not in the residual.
+        Gains have the same mean in dB over the live channels of either side, 0 unless `level` is
+        "target"; the first live Tx has phase 0; the delays of Tx and Rx have equal means.
+        `meta["outlying_pairs"]` is the share of pairs whose echo differs from that of the model:
+        they have nearly no weight.
 
     Raises
     ------
@@ -200,10 +201,7 @@ def estimate_channels(
     array = capture.array.part(live[0], live[1])
     _check_coverage(target.echo(array))
     part = replace(samples, data=samples.data[np.ix_(*live)])
-    tx, rx = (
-        SideResponse(s.log_gain[a], s.phase_rad[a], s.delay_s[a])
-        for s, a in zip(sides, live, strict=True)
-    )
+    tx, rx = (Side(s.gain[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True))
     found = fit_channels(part, array, target, tx, rx, prior, max_iterations, progress)
     quality = _quality(found, samples.count, noisy_db, max_residual_db)
     return _calibration(capture, samples, found, live, quality, level)
@@ -276,21 +274,35 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples
     return Samples(capture.data, frequencies_hz, weight, basis)
 
 
-def _gain_stds(
-    samples: Samples, echo: Echo, tx: SideResponse, rx: SideResponse
-) -> tuple[np.ndarray, np.ndarray]:
+def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Weights over frequency that pass delays up to `half_width_s`, and spectra to measure noise.
+
+    The taper with the largest fraction of its energy within the gate, with a sum of 1: the first
+    eigenvector of sin(2 pi T (f - f')) / (pi (f - f')), for equal steps the sequence of D. Slepian
+    (doi 10.1002/j.1538-7305.1978.tb02104.x) and D. J. Thomson (doi 10.1109/PROC.1982.12433).
+    A truncated Fourier transform would keep the side lobes that the ends of the band give to echoes
+    elsewhere. The spectra, shape (n_freq, m), are orthonormal and span the gate.
+    """
+    half_width_s = min(half_width_s, MAX_CELLS / float(np.ptp(frequencies_hz)))
+    apart_hz = frequencies_hz[:, None] - frequencies_hz[None, :]
+    values, vectors = np.linalg.eigh(np.sinc(2.0 * half_width_s * apart_hz))
+    taper = np.abs(vectors[:, -1])  # of one sign, but for rounding
+    return taper / taper.sum(), vectors[:, values > CONCENTRATED * values[-1]]
+
+
+def _gain_stds(samples: Samples, echo: Echo, tx: Side, rx: Side) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviation of the gain of each channel due to noise."""
     pairs = pairs_of(samples, echo, tx, rx)
     noise = by_channel(pairs.scatter, echo.seen)
     strength = np.square(echo.amplitude) * echo.seen * samples.count
-    reach = (strength @ np.exp(2 * rx.log_gain), strength.T @ np.exp(2 * tx.log_gain))
+    reach = (strength @ np.abs(rx.gain) ** 2, strength.T @ np.abs(tx.gain) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         stds = [np.sqrt(n / r) for n, r in zip(noise, reach, strict=True)]
     return stds[0], stds[1]
 
 
-def _live(side: SideResponse, std: np.ndarray, dead_db: float) -> np.ndarray:
-    gain = np.exp(side.log_gain)
+def _live(side: Side, std: np.ndarray, dead_db: float) -> np.ndarray:
+    gain = np.abs(side.gain)
     least = float(np.median(gain)) * 10 ** (-dead_db / 20)
     # The first term is for a channel that is zero everywhere: it has no noise, either.
     return (gain > 0) & (gain >= least) & (gain > DETECTABLE * std)
@@ -356,19 +368,22 @@ def _calibration(
     level: str,
 ) -> ChannelCalibration:
     """The fit in the gauge of `estimate_channels`, with dead channels filled in."""
-    log_gain = [side.log_gain for side in (found.tx, found.rx)]
-    mean_log = [float(g.mean()) for g in log_gain]
-    level_log = [0.0, 0.0] if level == "mean" else [sum(mean_log) / 2] * 2
-    first = float(found.tx.phase_rad[0])
-    phase = [found.tx.phase_rad - first, found.rx.phase_rad + first]
+    mean_log = [float(np.log(np.abs(side.gain)).mean()) for side in (found.tx, found.rx)]
+    level_log = 0.0 if level == "mean" else sum(mean_log) / 2
+    first = found.tx.gain[0] / abs(found.tx.gain[0])
+    gain = [
+        side.gain * np.exp(level_log - own_log) * turn
+        for side, own_log, turn in zip(
+            (found.tx, found.rx), mean_log, (first.conj(), first), strict=True
+        )
+    ]
     offset_s = (float(found.tx.delay_s.mean()) - float(found.rx.delay_s.mean())) / 2
     delay_s = [found.tx.delay_s - offset_s, found.rx.delay_s + offset_s]
-    gain = [np.exp(log_gain[k] - mean_log[k] + level_log[k] + 1j * phase[k]) for k in range(2)]
     # The noise of a dead channel, from its pairs with the live ones of the other side.
     power = samples.power()
     alone = (np.median(power[:, live[1]], axis=1), np.median(power[live[0]], axis=0))
     typical = float(np.median(found.pairs.model[found.echo.seen]))
-    std = (found.tx_std_rad, found.rx_std_rad)
+    std = found.phase_std_rad
     spread = samples.spread_rad_per_s
     fields: dict[str, Any] = {}
     for k, side in enumerate(("tx", "rx")):

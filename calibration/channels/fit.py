@@ -1,12 +1,13 @@
-"""Robust Gauss-Newton fit of channel responses and target pose.
+"""Fit of channel responses and target pose: variable projection.
 
 One sample is modelled as
 
-    s[i, k, n] = g_i g_k a_ik exp(j (phi_i + psi_k - nu_n (tau_i + sigma_k) - 2 pi f_n d_ik(p) / c))
+    s[i, k, n] = g_i g_k a_ik exp(-j (nu_n (tau_i + sigma_k) + 2 pi f_n d_ik(p) / c))
 
-with nu_n = 2 pi (f_n - f_ref) and f_ref the mean frequency. Around a trial, three numbers per pair
-are sufficient for these parameters: relative amplitude, phase error and delay error. Each is a sum
-of a Tx term and an Rx term (a two-way layout), and the pose p enters by the gradient of d_ik(p).
+with complex gains g, nu_n = 2 pi (f_n - f_ref) and f_ref the mean frequency. Around a trial, mean
+and slope over frequency of each pair are sufficient. For any pose p near it the best channels
+follow in closed form, gains as a rank-one matrix, delays as sums of a Tx term and an Rx term: what
+is left is a least-squares problem of three numbers, for scipy. Its solution is the next trial.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import least_squares
 
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
@@ -26,7 +29,7 @@ TUKEY_CUTOFF = 4.685 / np.sqrt(2.0)
 """Of Tukey's biweight on the magnitude of complex residuals with mean square 1."""
 
 LEAST_WEIGHT = 1e-4
-"""Of an outlier, relative to any other pair."""
+"""Of an outlier, relative to any other pair: a channel of outliers alone needs a solution, too."""
 
 DELAY_FLOOR_S = 1e-13
 """Smallest prior spread of the delays: 0.03 mm of path."""
@@ -40,15 +43,13 @@ STEP_TOLERANCE = 0.02
 LEAST_STEP = 1e-5
 """Nor does convergence require smaller steps than this: radians, nepers, pose tolerances."""
 
-MAX_STEP = 0.5
-"""Longest step of the pose in units of its tolerance, so that d(p) stays nearly linear."""
-
 CAPTURE_RANGE = 3.0
 """Largest distance of the pose from its nominal one, in units of its tolerance."""
 
-_DIFFERENCE = 1e-4  # step of the numerical gradient, in units of the tolerance
+_DIFFERENCE = 1e-4  # step of the derivative by the pose, in units of the tolerance
 _SCAN_STEPS = 8  # of the search for delays, per resolution cell 1 / bandwidth
-_START_ROUNDS = 20
+_ALTERNATIONS = 50  # of the gains of Tx and Rx, at most
+_RANK_ONE = 1e-11  # relative change of gains at which they have converged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,11 +91,6 @@ class Samples:
         part: np.ndarray = spectra if self.basis is None else spectra @ self.basis
         return part
 
-    def expanded(self, coefficients: np.ndarray) -> np.ndarray:
-        """Spectra, shape (n, n_freq), of coefficients in `basis`."""
-        spectra = coefficients if self.basis is None else coefficients @ self.basis.T
-        return spectra
-
     def power(self) -> np.ndarray:
         """Power of one sample of each pair, shape (n_tx, n_rx)."""
         n = self.frequencies_hz.size if self.basis is None else self.basis.shape[1]
@@ -118,11 +114,10 @@ def _energy(spectra: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SideResponse:
-    """The channels of one side: logarithm of the gain, phase, delay, each of shape (n,)."""
+class Side:
+    """The channels of one side: complex gain and delay, each of shape (n,)."""
 
-    log_gain: np.ndarray
-    phase_rad: np.ndarray
+    gain: np.ndarray
     delay_s: np.ndarray
 
 
@@ -161,32 +156,26 @@ class Prior:
 class ChannelFit:
     """The converged fit, with the target in its estimated pose.
 
-    `noise`, shape (n_tx, n_rx), noise power of one sample, from the channels'; `tx_std_rad` and
-    `rx_std_rad`, shape (n,), standard deviations of the phases, given the pose; `covariance` of the
-    pose parameters, in their units, 0 if the pose is fixed.
+    `noise`, shape (n_tx, n_rx), noise power of one sample, from the channels'; `phase_std_rad` of
+    Tx and of Rx, given the pose; `covariance` of the pose parameters, in their units, 0 if the pose
+    is fixed.
     """
 
-    tx: SideResponse
-    rx: SideResponse
+    tx: Side
+    rx: Side
     target: Target
     echo: Echo
     pairs: Pairs
     noise: np.ndarray
-    tx_std_rad: np.ndarray
-    rx_std_rad: np.ndarray
+    phase_std_rad: tuple[np.ndarray, np.ndarray]
     covariance: np.ndarray
 
 
-def start(samples: Samples, echo: Echo, search_s: float) -> tuple[SideResponse, SideResponse]:
+def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
     """Initial estimate of all channels, dead ones too, for a target in its nominal pose.
 
     The delay of a channel is the maximum of the delay profiles of its pairs, summed in power; gains
-    and phases are the best rank-one approximation of the sum over frequency.
-
-    Raises
-    ------
-    CalibrationError
-        The strongest echo is at the end of the delays that are searched.
+    are the best rank-one approximation of the sum over frequency.
     """
     n_tx, n_rx, _ = samples.data.shape
     # Both ends, and a step a little finer than 1 / `_SCAN_STEPS` of a cell.
@@ -213,12 +202,15 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[SideResponse, 
     rx_delay = _peaks(delays_s, rx_power) - common / 2
     rows = samples.flattened(echo.length_m, tx_delay, rx_delay)
     mean = np.stack([row @ samples.weight for row in rows])
-    tx, rx = _rank_one(mean, np.where(echo.seen, echo.amplitude, 0.0))
-    with np.errstate(divide="ignore"):
-        return (
-            SideResponse(np.log(np.abs(tx)), np.angle(tx), tx_delay),
-            SideResponse(np.log(np.abs(rx)), np.angle(rx), rx_delay),
-        )
+    # Rows and columns are normalised first, or the SVD would follow a single strong channel.
+    tx_level, rx_level = by_channel(np.abs(mean), echo.seen)
+    known = np.where(tx_level > 0, tx_level, np.inf)[:, None] * np.where(
+        rx_level > 0, rx_level, np.inf
+    )
+    right = np.linalg.svd(mean * echo.seen / known)[2][0]
+    amplitude = np.where(echo.seen, echo.amplitude, 0.0)
+    tx, rx = rank_one(mean * amplitude, amplitude**2, right * rx_level)
+    return Side(tx, tx_delay), Side(rx, rx_delay)
 
 
 def _peaks(delays_s: np.ndarray, power: np.ndarray) -> np.ndarray:
@@ -232,17 +224,21 @@ def _peaks(delays_s: np.ndarray, power: np.ndarray) -> np.ndarray:
     return peak
 
 
-def _rank_one(mean: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vectors g and h whose weight g h^T is nearest to `mean`, by alternating least squares."""
-    # Rows and columns are normalised first, or the SVD would follow a single strong channel.
-    level = by_channel(np.abs(mean), weight > 0)
-    rows, columns = (np.where(x > 0, x, np.inf) for x in level)
-    left, _, right = np.linalg.svd(mean * (weight > 0) / rows[:, None] / columns[None, :])
-    g, h = left[:, 0] * level[0], right[0] * level[1]
-    for _ in range(_START_ROUNDS):
-        g = _ratio((mean * weight) @ h.conj(), weight**2 @ np.abs(h) ** 2)
-        h = _ratio((mean * weight).T @ g.conj(), (weight**2).T @ np.abs(g) ** 2)
-    return g, h
+def rank_one(
+    product: np.ndarray, weight: np.ndarray, rx: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimise sum weight |product / weight - tx rx|^2 by alternating least squares.
+
+    A channel without weight becomes 0.
+    """
+    tx = np.zeros(len(product), complex)
+    for _ in range(_ALTERNATIONS):
+        before = tx
+        tx = _ratio(product @ rx.conj(), weight @ np.abs(rx) ** 2)
+        rx = _ratio(product.T @ tx.conj(), weight.T @ np.abs(tx) ** 2)
+        if np.abs(tx - before).max() <= _RANK_ONE * np.abs(tx).max():
+            break
+    return tx, rx
 
 
 def _ratio(product: np.ndarray, square: np.ndarray) -> np.ndarray:
@@ -260,49 +256,65 @@ def fit_channels(
     samples: Samples,
     array: AntennaArray,
     target: Target,
-    tx: SideResponse,
-    rx: SideResponse,
+    tx: Side,
+    rx: Side,
     prior: Prior,
     max_iterations: int,
     progress: Progress | None = None,
 ) -> ChannelFit:
-    """Refine a start by weighted, robust Gauss-Newton steps on channels and pose together.
+    """Refine a start: reduce the capture around it, fit pose and channels, and go on from there.
 
     Raises
     ------
     CalibrationError
-        The target leaves the capture range, or the steps do not converge.
+        The target leaves the capture range, or the fit does not settle.
     """
     nominal = target.parameters
     tolerance = prior.tolerance if prior.refine else prior.tolerance[:0]
+    moved = np.zeros(tolerance.size)
+
+    def placed(away: np.ndarray) -> Target:
+        return _placed(target, nominal + away * tolerance) if away.size else target
+
     for iteration in range(max_iterations):
         if progress is not None:
             progress(iteration, max_iterations)
-        echo = target.echo(array)
+        echo = placed(moved).echo(array)
         pairs = pairs_of(samples, echo, tx, rx)
         _check_explained(pairs, echo.seen, target)
         noise = _noise(pairs, echo.seen)
         weight = _weights(samples, pairs, noise, echo.seen)
-        gradient = _gradient(target, array, tolerance)
-        moved = (target.parameters - nominal)[: tolerance.size] / tolerance
         try:
-            step = _solved(samples, pairs, weight, gradient, moved, (tx, rx), prior.zero_mean)
-            gain_step = _gain_step(pairs, weight)
+            near = _Channels(samples, pairs, weight, (tx, rx), prior.zero_mean)
         except np.linalg.LinAlgError as error:
             raise CalibrationError(
                 f"estimate_channels: the {target.kind} does not explain the capture: where the fit "
                 "leads, some channels have no echo of it"
             ) from error
-        # All parameters are scaled together: phases compensate the motion of the target.
-        longest = float(np.abs(step.pose).max(initial=0.0))
-        step = step.scaled(min(1.0, MAX_STEP / longest) if longest > 0 else 1.0)
-        n_tx, spread = tx.phase_rad.size, samples.spread_rad_per_s
-        tx = _stepped(tx, step, gain_step, slice(0, n_tx), spread)
-        rx = _stepped(rx, step, gain_step, slice(n_tx, None), spread)
-        if tolerance.size:
-            target = _placed(target, target.parameters + step.pose * tolerance)
-            _check_range(target, nominal, tolerance)
-        if _small(step, gain_step, weight):
+
+        def residuals(away: np.ndarray) -> np.ndarray:
+            longer_m = placed(away).echo(array).length_m - echo.length_m  # noqa: B023
+            return np.concatenate([near.residuals(longer_m), away])  # noqa: B023
+
+        def slopes(away: np.ndarray) -> np.ndarray:
+            there, steps = residuals(away), _DIFFERENCE * np.eye(away.size)
+            return np.stack([(residuals(away + s) - there) / _DIFFERENCE for s in steps], axis=1)
+
+        before, covariance = moved, np.zeros((0, 0))
+        if moved.size:
+            ends = (-CAPTURE_RANGE, CAPTURE_RANGE)
+            found = least_squares(residuals, moved, slopes, ends, x_scale=1.0, max_nfev=50)
+            moved, covariance = found.x, np.linalg.inv(found.jac.T @ found.jac)
+            _check_range(target, nominal, moved, tolerance)
+        longer_m = placed(moved).echo(array).length_m - echo.length_m
+        gains, later = near.best(longer_m)
+        factors = np.exp(np.clip(gains.real, -1.0, 1.0) + 1j * gains.imag)
+        n_tx, delays_s = len(tx.gain), later / samples.spread_rad_per_s
+        tx = Side(tx.gain * factors[:n_tx], tx.delay_s + delays_s[:n_tx])
+        rx = Side(rx.gain * factors[n_tx:], rx.delay_s + delays_s[n_tx:])
+        std = 1.0 / np.sqrt(np.concatenate([weight.sum(axis=1), weight.sum(axis=0)]))
+        steps = ((gains, std), (later, std), (moved - before, np.sqrt(np.diag(covariance))))
+        if all((np.abs(x) <= np.maximum(STEP_TOLERANCE * s, LEAST_STEP)).all() for x, s in steps):
             break
     else:
         raise CalibrationError(
@@ -311,31 +323,30 @@ def fit_channels(
         )
     if progress is not None:
         progress(max_iterations, max_iterations)
+    target = placed(moved)
     echo = target.echo(array)
-    covariance = np.zeros((nominal.size, nominal.size))
-    covariance[: tolerance.size, : tolerance.size] = step.covariance * np.outer(
-        tolerance, tolerance
-    )
-    std = 1.0 / np.sqrt(np.diag(_two_way(weight)))
+    every = np.zeros((nominal.size, nominal.size))
+    every[: moved.size, : moved.size] = covariance * np.outer(tolerance, tolerance)
     pairs = pairs_of(samples, echo, tx, rx)
-    return ChannelFit(tx, rx, target, echo, pairs, noise, std[:n_tx], std[n_tx:], covariance)
+    return ChannelFit(tx, rx, target, echo, pairs, noise, (std[:n_tx], std[n_tx:]), every)
 
 
-def pairs_of(samples: Samples, echo: Echo, tx: SideResponse, rx: SideResponse) -> Pairs:
+def pairs_of(samples: Samples, echo: Echo, tx: Side, rx: Side) -> Pairs:
     """Sufficient statistics of each pair, given a trial."""
     slope = samples.offset_rad_per_s / samples.spread_rad_per_s
     shapes = np.stack([np.ones_like(slope), slope])
     inside = samples.projected(shapes)
     # Mean and slope of each pair, and the inner products of both with the gated samples.
-    readers = np.concatenate([shapes * samples.weight, samples.expanded(inside)]).T
+    expanded = inside if samples.basis is None else inside @ samples.basis.T
+    readers = np.concatenate([shapes * samples.weight, expanded]).T
     readings = np.empty((*echo.length_m.shape, 4), dtype=np.complex128)
     energy = np.empty(echo.length_m.shape)
     for i, row in enumerate(samples.flattened(echo.length_m, tx.delay_s, rx.delay_s)):
         readings[i] = row @ readers
         energy[i] = _energy(samples.projected(row))
-    model = np.exp(tx.log_gain[:, None] + rx.log_gain[None, :]) * echo.amplitude
-    phasor = np.exp(1j * (tx.phase_rad[:, None] + rx.phase_rad[None, :]))
-    readings *= phasor.conj()[:, :, None]
+    gain = np.outer(tx.gain, rx.gain)
+    model = np.abs(gain) * echo.amplitude
+    readings *= np.exp(-1j * np.angle(gain))[:, :, None]
     fitted, read = readings[:, :, :2], readings[:, :, 2:]
 
     def residual(amplitudes: np.ndarray, k: int) -> np.ndarray:
@@ -373,155 +384,75 @@ def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray
     # The squared magnitude of complex noise has the median ln 2. A larger one is model error: other
     # echoes, or a target whose position is not yet refined.
     excess = max(1.0, float(np.median(square[seen])) / np.log(2.0))
-    # Never 0: a channel all of whose pairs are outliers still needs a solution.
     tukey = np.maximum(np.maximum(1.0 - square / excess / TUKEY_CUTOFF**2, 0.0) ** 2, LEAST_WEIGHT)
     information = 2 * samples.count * pairs.model**2 / (noise * excess)
     weight: np.ndarray = information * tukey * seen
     return weight
 
 
-def _gradient(target: Target, array: AntennaArray, tolerance: np.ndarray) -> np.ndarray:
-    """Derivative of the paths by each parameter, shape (n, n_tx, n_rx), metres per tolerance."""
-    gradient = np.zeros((tolerance.size, array.n_tx, array.n_rx))
-    for k, step in enumerate(_DIFFERENCE * np.diag(tolerance)):
-        ends = [_placed(target, target.parameters + sign * step) for sign in (1, -1)]
-        high, low = (end.echo(array).length_m for end in ends)
-        gradient[k] = (high - low) / (2 * _DIFFERENCE)
-    return gradient
+class _Channels:
+    """The channels that fit best for any pose near a trial, relative to those of the trial.
 
-
-def _two_way(weight: np.ndarray) -> np.ndarray:
-    """Normal matrix of a sum of a Tx term and an Rx term, shape (n_tx + n_rx,) * 2."""
-    return np.block(
-        [
-            [np.diag(weight.sum(axis=1)), weight],
-            [weight.T, np.diag(weight.sum(axis=0))],
-        ]
-    )
-
-
-def _sums(values: np.ndarray) -> np.ndarray:
-    """Sums by Tx and by Rx, shape (n_tx + n_rx, ...)."""
-    return np.concatenate([values.sum(axis=1), values.sum(axis=0)])
-
-
-def _constrained_two_way(weight: np.ndarray) -> np.ndarray:
-    """`_two_way`, regularised in its null space: all Tx up, all Rx down."""
-    matrix = _two_way(weight)
-    n_tx, n_rx = weight.shape
-    null = np.concatenate([np.ones(n_tx), -np.ones(n_rx)]) / np.sqrt(n_tx + n_rx)
-    return matrix + float(np.mean(np.diag(matrix))) * np.outer(null, null)
-
-
-def _gain_step(pairs: Pairs, weight: np.ndarray) -> np.ndarray:
-    """Change of all logarithms of gains."""
-    excess = pairs.mean.real / pairs.model - 1.0
-    return np.clip(np.linalg.solve(_constrained_two_way(weight), _sums(weight * excess)), -1.0, 1.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Step:
-    """Changes of phases (rad), of delays (times the spread, rad) and of the pose (tolerances)."""
-
-    phase: np.ndarray
-    delay: np.ndarray
-    pose: np.ndarray
-    covariance: np.ndarray
-
-    def scaled(self, factor: float) -> _Step:
-        return _Step(factor * self.phase, factor * self.delay, factor * self.pose, self.covariance)
-
-
-def _solved(
-    samples: Samples,
-    pairs: Pairs,
-    weight: np.ndarray,
-    gradient: np.ndarray,
-    moved: np.ndarray,
-    sides: tuple[SideResponse, SideResponse],
-    zero_mean: bool,
-) -> _Step:
-    """Gauss-Newton step of phases, delays and pose, and the covariance of the pose.
-
-    The effect of a motion on the paths is split into the best sum of a Tx term and an Rx term,
-    which the channels compensate, and the rest, which only a motion explains. In terms of channels
-    that include the first, the data do not couple channels and pose.
+    Logarithms of gains, phases and delays are sums of a Tx term and an Rx term: linear least
+    squares, in which a pose matters by what its paths add to those of the trial.
     """
-    n_tx, n = weight.shape[0], sum(weight.shape)
-    m = len(gradient)
-    two_way = _constrained_two_way(weight)
-    split = (
-        np.linalg.solve(two_way, np.stack([_sums(weight * g) for g in gradient], axis=1))
-        if m
-        else np.zeros((n, 0))
-    )
-    rest = gradient - split[:n_tx].T[:, :, None] - split[n_tx:].T[:, None, :]
-    # A longer path decreases the phase and increases the delay.
-    per_phase = -2 * np.pi * samples.reference_hz / SPEED_OF_LIGHT_M_PER_S
-    per_delay = samples.spread_rad_per_s / SPEED_OF_LIGHT_M_PER_S
-    ahead, late = pairs.mean.imag / pairs.model, -pairs.slope.imag / pairs.model
-    phase = np.linalg.solve(two_way, _sums(weight * ahead))
 
-    delay_now = samples.spread_rad_per_s * np.concatenate([side.delay_s for side in sides])
-    smooth = _delay_precision(delay_now, n_tx, samples.spread_rad_per_s, zero_mean)
-    follows = per_delay * split
-    flat = rest.reshape(m, weight.size)
-    information = (per_phase**2 + per_delay**2) * (flat * weight.ravel()) @ flat.T
-    normal = np.block(
-        [
-            [two_way + smooth, -smooth @ follows],
-            [-follows.T @ smooth, information + follows.T @ smooth @ follows + np.eye(m)],
-        ]
-    )
-    score = flat @ (weight * (per_phase * ahead + per_delay * late)).ravel()
-    right = np.concatenate(
-        [
-            _sums(weight * late) - smooth @ delay_now,
-            score + follows.T @ smooth @ delay_now - moved,
-        ]
-    )
-    inverse = np.linalg.inv(normal)
-    solution = inverse @ right
-    pose = solution[n:]
-    return _Step(
-        phase - per_phase * split @ pose, solution[:n] - follows @ pose, pose, inverse[n:, n:]
-    )
+    def __init__(
+        self, samples: Samples, pairs: Pairs, weight: np.ndarray, sides: tuple[Side, Side],
+        zero_mean: bool,
+    ) -> None:  # fmt: skip
+        n_tx, n_rx = weight.shape
+        spread = samples.spread_rad_per_s
+        self._weight, self._root = weight, np.sqrt(weight)
+        self._off = _ratio(pairs.mean, pairs.model) - 1
+        self._late = -_ratio(pairs.slope.imag, pairs.model)
+        self._phase_per_m = 2 * np.pi * samples.reference_hz / SPEED_OF_LIGHT_M_PER_S
+        self._late_per_m = spread / SPEED_OF_LIGHT_M_PER_S
+        # A prior of the delays, from their own spread (empirical Bayes). For a target whose paths
+        # are a sum of two segments only this makes the position observable: a shift is equivalent
+        # to delays that follow the antennas' positions.
+        self._delay = spread * np.concatenate([side.delay_s for side in sides])
+        centre = np.eye(n_tx + n_rx)
+        if not zero_mean:
+            for part in (slice(0, n_tx), slice(n_tx, None)):
+                centre[part, part] -= 1.0 / len(centre[part])
+        variance = float(self._delay @ centre @ self._delay) / len(centre)
+        self._prior = centre / np.sqrt(max(variance, (DELAY_FLOOR_S * spread) ** 2))
+        normal = np.block(
+            [[np.diag(weight.sum(axis=1)), weight], [weight.T, np.diag(weight.sum(axis=0))]]
+        )
+        null = np.concatenate([np.ones(n_tx), -np.ones(n_rx)])  # changes nothing: regularised
+        normal += float(np.mean(np.diag(normal))) * np.outer(null, null) / len(null)
+        self._of_gains = cho_factor(normal)
+        self._of_delays = cho_factor(normal + self._prior @ self._prior)
 
+    def best(self, longer_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is added where the paths are longer by these metres, for all Tx and then all Rx.
 
-def _delay_precision(delay: np.ndarray, n_tx: int, spread: float, zero_mean: bool) -> np.ndarray:
-    """Prior inverse covariance of the delays, from their own spread (empirical Bayes).
+        To logarithms of gains and phases, real and imaginary; to delays times the spread, rad.
+        """
+        off, late = self._observed(longer_m)
+        right = self._sums(late) - self._prior @ (self._prior @ self._delay)
+        return cho_solve(self._of_gains, self._sums(off)), cho_solve(self._of_delays, right)
 
-    For a target whose paths are a sum of two segments only this prior makes the position
-    observable: a shift is equivalent to delays that follow the antennas' positions.
-    """
-    n = delay.size
-    centre = np.eye(n)
-    if not zero_mean:
-        for part in (slice(0, n_tx), slice(n_tx, n)):
-            centre[part, part] -= 1.0 / (part.stop - part.start)
-    variance = max(float(delay @ centre @ delay) / n, (DELAY_FLOOR_S * spread) ** 2)
-    precision: np.ndarray = centre / variance
-    return precision
+    def residuals(self, longer_m: np.ndarray) -> np.ndarray:
+        """What they leave of phases, delays and the delays' prior, over standard deviations."""
+        off, late = self._observed(longer_m)
+        gains, delays = self.best(longer_m)
+        n_tx = len(off)
+        left = self._root * (off.imag - gains.imag[:n_tx, None] - gains.imag[n_tx:])
+        left_late = self._root * (late - delays[:n_tx, None] - delays[n_tx:])
+        prior = self._prior @ (self._delay + delays)
+        return np.concatenate([left.ravel(), left_late.ravel(), prior])
 
+    def _observed(self, longer_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Deviation of each pair from the trial: of its mean, and of its delay."""
+        off = self._off + 1j * self._phase_per_m * longer_m
+        return off, self._late - self._late_per_m * longer_m
 
-def _stepped(
-    old: SideResponse, step: _Step, gain_step: np.ndarray, part: slice, spread: float
-) -> SideResponse:
-    return SideResponse(
-        old.log_gain + gain_step[part],
-        old.phase_rad + step.phase[part],
-        old.delay_s + step.delay[part] / spread,
-    )
-
-
-def _small(step: _Step, gain_step: np.ndarray, weight: np.ndarray) -> bool:
-    """Whether a step is negligible compared with the standard deviations of its parameters."""
-    std = 1.0 / np.sqrt(np.diag(_two_way(weight)))
-    pose_std = np.sqrt(np.diag(step.covariance))
-    parts = ((gain_step, std), (step.phase, std), (step.delay, std), (step.pose, pose_std))
-    return all(
-        bool((np.abs(x) <= np.maximum(STEP_TOLERANCE * s, LEAST_STEP)).all()) for x, s in parts
-    )
+    def _sums(self, values: np.ndarray) -> np.ndarray:
+        weighted = self._weight * values
+        return np.concatenate([weighted.sum(axis=1), weighted.sum(axis=0)])
 
 
 def _placed(target: Target, parameters: np.ndarray) -> Target:
@@ -543,15 +474,16 @@ def _check_explained(pairs: Pairs, seen: np.ndarray, target: Target) -> None:
         )
 
 
-def _check_range(target: Target, nominal: np.ndarray, tolerance: np.ndarray) -> None:
-    off = (target.parameters - nominal) / tolerance
-    worst = int(np.abs(off).argmax())
-    if abs(off[worst]) > CAPTURE_RANGE:
+def _check_range(
+    target: Target, nominal: np.ndarray, moved: np.ndarray, tolerance: np.ndarray
+) -> None:
+    worst = int(np.abs(moved).argmax())
+    if abs(moved[worst]) > 0.99 * CAPTURE_RANGE:  # the solver stays within
         name, unit = target.parameter_names[worst].rsplit("_", 1)
         scale, unit = (1e3, "mm") if unit == "m" else (1.0, "degrees")
         raise CalibrationError(
             f"estimate_channels: the {target.kind} is not in its nominal position, or is another: "
             f"expected {name} {scale * nominal[worst]:.4g} {unit} within "
             f"{CAPTURE_RANGE * scale * tolerance[worst]:.3g} {unit}, the fit leads "
-            f"{scale * off[worst] * tolerance[worst]:+.3g} {unit} away and on"
+            f"{scale * moved[worst] * tolerance[worst]:+.3g} {unit} away and on"
         )

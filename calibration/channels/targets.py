@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
@@ -12,14 +11,14 @@ from clradar.constants import PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Waveform, checks
 from clradar.model.plausible import check_plausible, place
 
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
 AMPLITUDES = ("unit", "spreading")
 MAX_TILT_DEG = 60.0
 
 RADIUS_M = (1e-4, 5.0)
 """Plausible radius of a sphere: a third of the shortest wavelength, to the largest aperture."""
-
-_NEWTON_STEPS = 60
-_NEWTON_TOLERANCE = 1e-14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +82,33 @@ class Target(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CornerReflector:
+class _AtPosition:
+    """A target whose pose is a place in front of the antennas."""
+
+    parameter_names: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
+
+    position_m: np.ndarray
+    amplitude: str = field(default="unit", kw_only=True)
+
+    def __post_init__(self) -> None:
+        name = type(self).__name__
+        position = place(f"{name}.position_m", self.position_m)
+        if position[2] <= 0:
+            expected = "a place in front of the antennas (z > 0)"
+            checks.fail(f"{name}.position_m", expected, f"z = {position[2]:g} m")
+        object.__setattr__(self, "position_m", position)
+        checks.one_of(f"{name}.amplitude", self.amplitude, AMPLITUDES)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        return self.position_m
+
+    def placed(self, parameters: np.ndarray) -> Self:
+        return replace(self, position_m=parameters)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CornerReflector(_AtPosition):
     """A trihedral corner reflector, or a point target: all paths lead via its apex.
 
     Three reflections return a ray as if from the apex, with path length
@@ -107,22 +132,6 @@ class CornerReflector:
     """
 
     kind: ClassVar[str] = "corner"
-    parameter_names: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
-
-    position_m: np.ndarray
-    amplitude: str = field(default="unit", kw_only=True)
-
-    def __post_init__(self) -> None:
-        position = _position("CornerReflector.position_m", self.position_m)
-        object.__setattr__(self, "position_m", position)
-        checks.one_of("CornerReflector.amplitude", self.amplitude, AMPLITUDES)
-
-    @property
-    def parameters(self) -> np.ndarray:
-        return self.position_m
-
-    def placed(self, parameters: np.ndarray) -> CornerReflector:
-        return replace(self, position_m=parameters)
 
     def echo(self, array: AntennaArray) -> Echo:
         to_m = np.linalg.norm(array.tx_m - self.position_m, axis=1)[:, None]
@@ -133,7 +142,7 @@ class CornerReflector:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sphere:
+class Sphere(_AtPosition):
     """A sphere: one specular path per pair by the law of reflection (Alhazen's problem).
 
     The point of reflection lies in the plane of centre, Tx and Rx. With a and b the distances of
@@ -142,7 +151,7 @@ class Sphere:
         L(t) = sqrt(a^2 + r^2 - 2 a r cos t) + sqrt(b^2 + r^2 - 2 b r cos(g - t))
 
     It is convex where the point faces both antennas; the path length is its minimum (Fermat's
-    principle), found by Newton's method on L'(t) = 0.
+    principle), found as the root of L'(t) between 0 and g.
 
     Parameters
     ----------
@@ -164,39 +173,36 @@ class Sphere:
     """
 
     kind: ClassVar[str] = "sphere"
-    parameter_names: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
 
-    position_m: np.ndarray
     radius_m: float
-    amplitude: str = field(default="unit", kw_only=True)
 
     def __post_init__(self) -> None:
-        position = _position("Sphere.position_m", self.position_m)
-        object.__setattr__(self, "position_m", position)
+        _AtPosition.__post_init__(self)
         radius = checks.positive("Sphere.radius_m", self.radius_m)
         check_plausible("Sphere.radius_m", "a radius", radius, RADIUS_M)
         object.__setattr__(self, "radius_m", radius)
-        checks.one_of("Sphere.amplitude", self.amplitude, AMPLITUDES)
-
-    @property
-    def parameters(self) -> np.ndarray:
-        return self.position_m
-
-    def placed(self, parameters: np.ndarray) -> Sphere:
-        return replace(self, position_m=parameters)
 
     def echo(self, array: AntennaArray) -> Echo:
+        from scipy.optimize.elementwise import find_root
+
         r = self.radius_m
         tx, rx = array.tx_m - self.position_m, array.rx_m - self.position_m
         a, b = np.linalg.norm(tx, axis=1)[:, None], np.linalg.norm(rx, axis=1)[None, :]
         _outside("Sphere.position_m", "the nearest antenna", min(a.min(), b.min()), r)
         across = np.linalg.norm(np.cross(tx[:, None], rx[None]), axis=2)
         between = np.arctan2(across, tx @ rx.T)
-        t = _reflection_angle(a, b, between, r)
-        to_m = np.sqrt(a**2 + r**2 - 2 * a * r * np.cos(t))
-        back_m = np.sqrt(b**2 + r**2 - 2 * b * r * np.cos(between - t))
+
+        def leg(distance: np.ndarray, angle: np.ndarray) -> np.ndarray:
+            length: np.ndarray = np.sqrt(distance**2 + r**2 - 2 * distance * r * np.cos(angle))
+            return length
+
+        def slope(t: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray) -> np.ndarray:
+            pull: np.ndarray = a * np.sin(t) / leg(a, t) - b * np.sin(g - t) / leg(b, g - t)
+            return pull
+
+        t = find_root(slope, (np.zeros_like(between), between), args=(a, b, between)).x
         seen = (np.cos(t) > r / a) & (np.cos(between - t) > r / b)
-        return _echo(to_m, back_m, seen, self.amplitude)
+        return _echo(leg(a, t), leg(b, between - t), seen, self.amplitude)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -332,13 +338,6 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     return phasors * (echo.amplitude * echo.seen)[:, :, None]
 
 
-def _position(name: str, value: Sequence[float] | np.ndarray) -> np.ndarray:
-    position = place(name, value)
-    if position[2] <= 0:
-        checks.fail(name, "a place in front of the antennas (z > 0)", f"z = {position[2]:g} m")
-    return position
-
-
 def _outside(name: str, what: str, distance_m: float, least_m: float) -> None:
     if not distance_m > least_m:
         checks.fail(
@@ -353,29 +352,3 @@ def _echo(to_m: np.ndarray, back_m: np.ndarray, seen: np.ndarray, amplitude: str
     length_m = to_m + back_m
     strength = np.ones(length_m.shape) if amplitude == "unit" else 1.0 / (to_m * back_m)
     return Echo(length_m, strength, seen)
-
-
-def _reflection_angle(a: np.ndarray, b: np.ndarray, between: np.ndarray, r: float) -> np.ndarray:
-    """Angle at the sphere's centre from Tx to the point of reflection, radians."""
-    low, high = np.zeros_like(between), between.copy()
-    t = between * ((b - r) / (a + b - 2 * r))  # exact for a plane
-    for _ in range(_NEWTON_STEPS):
-        sides = [(a, t), (b, between - t)]
-        lengths = [np.sqrt(d**2 + r**2 - 2 * d * r * np.cos(u)) for d, u in sides]
-        pull = [d * r * np.sin(u) / n for (d, u), n in zip(sides, lengths, strict=True)]
-        curve = [
-            (d * r * np.cos(u) - p**2) / n
-            for (d, u), n, p in zip(sides, lengths, pull, strict=True)
-        ]
-        slope, curvature = pull[0] - pull[1], curve[0] + curve[1]
-        # Safeguarded by bisection: the root stays between low and high.
-        low, high = np.where(slope < 0, t, low), np.where(slope > 0, t, high)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            newton = t - slope / curvature
-        inside = (curvature > 0) & (newton >= low) & (newton <= high)
-        new = np.where(inside, newton, (low + high) / 2)
-        moved = np.abs(new - t).max()
-        t = new
-        if moved < _NEWTON_TOLERANCE:
-            break
-    return t

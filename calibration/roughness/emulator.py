@@ -15,7 +15,6 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,12 +115,38 @@ def plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def compared(
-    names: Iterable[str], measured: np.ndarray, fitted: np.ndarray, spread: np.ndarray
-) -> dict[str, dict[str, float]]:
-    """Statistics by their names, as JSON has them."""
-    columns = zip(names, measured.tolist(), fitted.tolist(), spread.tolist(), strict=True)
-    return {name: {"measured": m, "fitted": f, "spread": s} for name, m, f, s in columns}
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """The statistics of a region, measured and simulated.
+
+    `statistics` are their names; `measured`, `fitted` and `spread`, shape (n_statistics,), are of
+    the measurement, and mean and standard deviation of simulations at the best values;
+    `probability` is of a fit as bad as this, or worse, if the measurement were a simulation;
+    `n_points` are the points of the surface that were read.
+    """
+
+    statistics: tuple[str, ...]
+    measured: np.ndarray
+    fitted: np.ndarray
+    spread: np.ndarray
+    probability: float
+    n_points: int
+
+    def remarks(self, instead: str) -> list[str]:
+        """Whether no simulation looks like the measurement, and what it may be instead."""
+        if not self.probability < UNLIKELY:
+            return []
+        return [
+            "no simulation has the statistics of the measurement (probability "
+            f"{self.probability:.1g}): {instead}, or clutter"
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        columns = (self.measured.tolist(), self.fitted.tolist(), self.spread.tolist())
+        rows = zip(self.statistics, *columns, strict=True)
+        found = {name: {"measured": m, "fitted": f, "spread": s} for name, m, f, s in rows}
+        probability = plain(self.probability)
+        return {"fit_probability": probability, "points": self.n_points, "statistics": found}
 
 
 def student_log_likelihood(

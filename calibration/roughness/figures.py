@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.roughness.alpha_estimate import AlphaEstimate
-from calibration.roughness.roughness_estimate import RoughnessEstimate
+from calibration.roughness.emulator import Fit
+from calibration.roughness.millimetres import RoughnessEstimate
 from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
-from clradar.model import DepthMap, checks
-from clradar.plot import AMPLITUDE_BACKGROUND
+from calibration.roughness.texture import of_power
+from clradar.compare.metrics import METRIC_TABLE
+from clradar.model import checks
+from clradar.plot.layout import TICK_PT, Extent, label_axes
+from clradar.plot.panels import amplitude_bar, draw_amplitude, draw_frame
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,31 +25,18 @@ MOST_IMAGES = 6
 
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
-SIMILARITIES = {
-    "overlap": "overlap", "db_correlation": "dB correlation", "ssim": "SSIM", "mask_iou": "mask IoU"
-}  # fmt: skip
-LENGTHS = {
-    "depth_rmse_m": "depth RMSE",
-    "chamfer_simulated_to_measured_m": "Chamfer sim. to meas.",
-    "chamfer_measured_to_simulated_m": "Chamfer meas. to sim.",
-}
-
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#404040")
 """Palette of Okabe and Ito (2008), which colour-blind readers distinguish."""
 
-LABEL_PT, TICK_PT, DPI = 8.0, 7.0, 200
+DPI = 200
 
 DECIBEL_PER_NATURAL = 10.0 / np.log(10.0)
 
 SHORT_NAMES = (
-    ("rest at ", ""),
-    (" degrees", "\N{DEGREE SIGN}"),
-    (" to ", "\N{EN DASH}"),
-    ("coherent power", "coherent"),
-    ("correlation of ", ""),
-    ("power at ", ""),
+    ("rest at ", ""), (" degrees", "\N{DEGREE SIGN}"), (" to ", "\N{EN DASH}"),
+    ("coherent power", "coherent"), ("correlation of ", ""), ("power at ", ""),
     ("points within ", "< "),
-)
+)  # fmt: skip
 
 DRAWN = 1e-3
 """Share of its maximum down to which a probability is drawn."""
@@ -66,33 +55,35 @@ def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
     checks.instance("sweep_figure: sweep", sweep, Sweep)
     figure = Figure(figsize=(11.0, 4.9), dpi=DPI, facecolor="white", layout="constrained")
     rows: Any = figure.subfigures(2, 1, height_ratios=(0.8, 1.15))
-    above, below = rows
     chosen = shown_alphas(sweep)
     images = [sweep.measured, *(image for i in chosen if (image := sweep.images[i]) is not None)]
     titles = [measured_label, *(f"{ALPHA} = {sweep.alphas[i]:g}" for i in chosen)]
-    _draw_images(above, images, titles)
-    similarities, lengths, likely, statistics = below.subplots(1, 4)
-    for axes, names, scale, title in (
-        (similarities, SIMILARITIES, 1.0, "metrics"), (lengths, LENGTHS, 1e3, "metrics (mm)")
-    ):  # fmt: skip
-        for (name, label), colour in zip(names.items(), COLOURS, strict=False):
-            values = scale * sweep.of(name)
+    panels = rows[0].subplots(1, len(images), sharex=True, sharey=True, squeeze=False)[0]
+    extent = Extent.around(images)
+    for axes, image, title in zip(panels, images, titles, strict=True):
+        drawn = draw_amplitude(axes, image, extent.unit)
+        draw_frame(axes, extent, title, y_labels=axes is panels[0])
+    amplitude_bar(panels, drawn)
+    similarities, lengths, likely, statistics = rows[1].subplots(1, 4)
+    for axes, scale, title in ((similarities, 1.0, "metrics"), (lengths, 1e3, "metrics (mm)")):
+        shown = [one for one in METRIC_TABLE if one.scale == scale]
+        for one, colour in zip(shown, COLOURS, strict=False):
+            values = scale * sweep.of(one.field)
             there = np.isfinite(values).all(axis=0)
-            x, y = sweep.alphas[there], values[:, there]
+            x, y, label = sweep.alphas[there], values[:, there], one.name.removesuffix(" (mm)")
             axes.plot(x, y.mean(axis=0), ".-", color=colour, label=label, lw=1.2, ms=4)
             axes.fill_between(x, y.min(axis=0), y.max(axis=0), color=colour, alpha=0.25, lw=0)
-        _finish(axes, title, ALPHA, legend=True)
-    for one, colour in zip(sweep.estimates, COLOURS, strict=False):
-        shown = one.probability > DRAWN * one.probability.max()
-        peak = one.probability / one.probability.max()
-        likely.plot(one.alphas[shown], peak[shown], color=colour, label=f"{one.name}: {one.text()}")
-        likely.axvspan(one.interval.low, one.interval.high, color=colour, alpha=0.15, lw=0)
+        label_axes(axes, ALPHA, "", title)
+        _legend(axes)
+    for found, colour in zip(sweep.estimates, COLOURS, strict=False):
+        peak, label = found.probability / found.probability.max(), f"{found.name}: {found.text()}"
+        likely.plot(found.alphas, np.where(peak > DRAWN, peak, np.nan), color=colour, label=label)
+        likely.axvspan(found.interval.low, found.interval.high, color=colour, alpha=0.15, lw=0)
     likely.set_xlim(sweep.alphas[0], sweep.alphas[-1])
-    _finish(likely, f"probability of {ALPHA}, its maximum 1", ALPHA, legend=True)
-    _draw_fit(
-        statistics, sweep.estimate, sweep.estimate.statistics, DECIBEL_PER_NATURAL, COLOURS[0]
-    )
-    _finish(statistics, "statistics of the brightness (dB)", "", legend=True)
+    label_axes(likely, ALPHA, "", f"probability of {ALPHA}, its maximum 1")
+    _legend(likely)
+    _draw_fit(statistics, sweep.estimate.fit, DECIBEL_PER_NATURAL, COLOURS[0])
+    label_axes(statistics, "", "", "statistics of the brightness (dB)")
     return figure
 
 
@@ -110,29 +101,6 @@ def shown_alphas(sweep: Sweep) -> list[int]:
     return sorted(chosen)
 
 
-def _draw_images(figure: Any, images: Sequence[DepthMap], titles: Sequence[str]) -> None:
-    """Draw amplitudes side by side, x to the left as the radar sees them."""
-    columns = figure.subplots(1, len(images), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, image, title in zip(columns, images, titles, strict=True):
-        with np.errstate(divide="ignore"):
-            level_db = 20 * np.log10(image.amplitude / image.amplitude.max())
-        x_mm, y_mm = 1e3 * image.x_m, 1e3 * image.y_m
-        axes.set_facecolor(AMPLITUDE_BACKGROUND)
-        axes.imshow(
-            np.where(level_db >= -image.dynamic_range_db, level_db, np.nan), cmap="inferno",
-            extent=(x_mm[0], x_mm[-1], y_mm[0], y_mm[-1]), origin="lower",
-            vmin=-image.dynamic_range_db, vmax=0.0, interpolation="nearest",
-        )  # fmt: skip
-        axes.set_xlim(x_mm[-1], x_mm[0])
-        axes.set_title(title, fontsize=LABEL_PT, parse_math=False)
-        axes.set_xlabel("x (mm)", fontsize=LABEL_PT)
-        axes.tick_params(labelsize=TICK_PT)
-    columns[0].set_ylabel("y (mm)", fontsize=LABEL_PT)
-    bar = figure.colorbar(columns[0].images[0], ax=columns, pad=0.01)
-    bar.set_label("below maximum (dB)", fontsize=LABEL_PT)
-    bar.ax.tick_params(labelsize=TICK_PT)
-
-
 def roughness_figure(sweep: RoughnessSweep) -> Figure:
     """Draw a sweep over roughness, a row for each region.
 
@@ -146,30 +114,23 @@ def roughness_figure(sweep: RoughnessSweep) -> Figure:
     rows = len(sweep.estimates)
     figure = Figure(figsize=(10.6, 3.3 * rows), dpi=DPI, facecolor="white", layout="constrained")
     cells = figure.subplots(rows, 3, squeeze=False, width_ratios=(2.6, 2.4, 3.6))
-    for number, (row, one) in enumerate(zip(cells, sweep.estimates, strict=True)):
+    for number, ((high, pair, fit), one) in enumerate(zip(cells, sweep.estimates, strict=True)):
         colour = COLOURS[number % len(COLOURS)]
-        _draw_height(row[0], one, colour)
-        _draw_pair(row[1], one)
-        of_power = np.array([s.of_power for s in one.statistics])
+        height_mm, found = 1e3 * one.heights_m, one.roughness_m
+        # Per millimetre: the heights are spaced by equal ratios.
+        high.plot(height_mm, one.probability.sum(axis=1) / np.gradient(height_mm), color=colour)
+        high.axvspan(1e3 * found.low, 1e3 * found.high, color=colour, alpha=0.2, linewidth=0)
+        high.axvline(1e3 * found.median, color=colour, linewidth=0.8)
+        high.set_ylim(0.0, None)
+        title = f"{one.name}: {one.text().split(', slope')[0]}"
+        label_axes(high, "roughness h (mm)", "probability density (1/mm)", title)
+        _draw_pair(pair, one)
         # Contrast and correlation are small numbers: ten times them fits the scale.
-        scale = np.where(of_power, DECIBEL_PER_NATURAL, 10.0)
-        _draw_fit(row[2], one, [s.name for s in one.statistics], scale, colour)
-        row[2].set_ylabel("dB; contrast, apertures times 10", fontsize=LABEL_PT)
-        _finish(row[2], "coherent power, the rest over tilt, texture", "", legend=True)
+        scale = np.where(of_power(one.fit.statistics), DECIBEL_PER_NATURAL, 10.0)
+        _draw_fit(fit, one.fit, scale, colour)
+        title = "coherent power, the rest over tilt, texture"
+        label_axes(fit, "", "dB; contrast, apertures times 10", title)
     return figure
-
-
-def _draw_height(axes: Axes, one: RoughnessEstimate, colour: str) -> None:
-    height_mm = 1e3 * one.heights_m
-    # Per millimetre: the heights are spaced by equal ratios.
-    density = one.probability.sum(axis=1) / np.gradient(height_mm)
-    axes.plot(height_mm, density, color=colour, linewidth=1.2)
-    found = one.roughness_m
-    axes.axvspan(1e3 * found.low, 1e3 * found.high, color=colour, alpha=0.2, linewidth=0)
-    axes.axvline(1e3 * found.median, color=colour, linewidth=0.8)
-    axes.set_ylim(0.0, None)
-    _finish(axes, f"{one.name}: {one.text().split(', slope')[0]}", "roughness h (mm)")
-    axes.set_ylabel("probability density (1/mm)", fontsize=LABEL_PT)
 
 
 def _draw_pair(axes: Axes, one: RoughnessEstimate) -> None:
@@ -177,7 +138,7 @@ def _draw_pair(axes: Axes, one: RoughnessEstimate) -> None:
     axes.set_xlim(height_mm[0], height_mm[-1])
     if len(length_mm) == 1:
         axes.plot(height_mm, one.probability[:, 0], color=COLOURS[0])
-        _finish(axes, f"l = {length_mm[0]:.3g} mm, as given", "roughness h (mm)")
+        label_axes(axes, "roughness h (mm)", "", f"l = {length_mm[0]:.3g} mm, as given")
         return
     likely = np.log10(np.maximum(one.probability / one.probability.max(), DRAWN))
     axes.contourf(height_mm, length_mm, likely.T, 12, cmap="cividis")
@@ -185,39 +146,27 @@ def _draw_pair(axes: Axes, one: RoughnessEstimate) -> None:
         axes.plot(height_mm, np.sqrt(2) * height_mm / slope, "--", color="white", linewidth=0.6)
         end_mm = min(height_mm[-1], slope * length_mm[-1] / np.sqrt(2))
         at = (0.97 * end_mm, 0.97 * np.sqrt(2) * end_mm / slope)
-        axes.annotate(
-            f"{slope:g}", at, color="white", fontsize=TICK_PT, ha="right", va="top",
-        )  # fmt: skip
+        axes.annotate(f"{slope:g}", at, color="white", fontsize=TICK_PT, ha="right", va="top")
     axes.set_ylim(length_mm[0], length_mm[-1])
-    axes.set_ylabel("correlation length l (mm)", fontsize=LABEL_PT)
-    _finish(axes, "likely pairs; dashed: equal slope", "roughness h (mm)")
+    title = "likely pairs; dashed: equal slope"
+    label_axes(axes, "roughness h (mm)", "correlation length l (mm)", title)
 
 
-def _draw_fit(
-    axes: Axes,
-    one: RoughnessEstimate | AlphaEstimate,
-    names: Sequence[str],
-    scale: np.ndarray | float,
-    colour: str,
-) -> None:
+def _draw_fit(axes: Axes, fit: Fit, scale: np.ndarray | float, colour: str) -> None:
     """Draw the measured statistics over those of simulations at the best values."""
-    index = np.arange(len(names), dtype=float)
+    index = np.arange(len(fit.statistics), dtype=float)
     axes.errorbar(
-        index, 0 * index, scale * one.spread, fmt="_", color="0.5", linewidth=4, alpha=0.6,
+        index, 0 * index, scale * fit.spread, fmt="_", color="0.5", linewidth=4, alpha=0.6,
         label="simulations at the best",
     )  # fmt: skip
-    axes.plot(index, scale * (one.measured - one.fitted), "o", ms=4, color=colour, label="measured")
-    shown = list(names)
+    axes.plot(index, scale * (fit.measured - fit.fitted), "o", ms=4, color=colour, label="measured")
+    shown = list(fit.statistics)
     for long, short in SHORT_NAMES:
         shown = [name.replace(long, short) for name in shown]
     axes.set_xticks(index, shown, rotation=35, ha="right")
+    _legend(axes)
 
 
-def _finish(axes: Axes, title: str, x_label: str, *, legend: bool = False) -> None:
-    axes.set_title(title, fontsize=LABEL_PT, parse_math=False)
-    axes.set_xlabel(x_label, fontsize=LABEL_PT, labelpad=2)
-    axes.tick_params(labelsize=TICK_PT)
-    axes.grid(visible=True, linewidth=0.3)
-    if legend:
-        for text in axes.legend(fontsize=TICK_PT - 0.5, framealpha=0.8).get_texts():
-            text.set_parse_math(False)
+def _legend(axes: Axes) -> None:
+    for text in axes.legend(fontsize=TICK_PT - 0.5, framealpha=0.8).get_texts():
+        text.set_parse_math(False)

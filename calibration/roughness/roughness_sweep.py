@@ -10,17 +10,25 @@ from typing import Any
 
 import numpy as np
 
+from calibration.roughness.design import (
+    SEEDS,
+    WHOLE,
+    Store,
+    check_regions,
+    estimable,
+    fingerprint,
+    remarks_of,
+    report_of,
+)
 from calibration.roughness.emulator import Interval
-from calibration.roughness.regions import Regions
-from calibration.roughness.roughness_estimate import (
+from calibration.roughness.millimetres import (
     RegionStatistics,
     RoughnessEstimate,
     estimate_roughness,
 )
-from calibration.roughness.sub_apertures import SubApertures
-from calibration.roughness.surface_points import SurfacePoints, surface_points
-from calibration.roughness.sweep import SEEDS, Store
-from calibration.roughness.texture import TextureMeter
+from calibration.roughness.regions import Regions
+from calibration.roughness.surface_points import surface_points
+from calibration.roughness.texture import SubApertures, TextureMeter
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import ClradarWarning, CompareError, warn
 from clradar.jobs.where import Devices, open_devices
@@ -38,8 +46,6 @@ CORRELATIONS_M = (1.5e-3, 3e-3, 6e-3)
 
 LEAST_SIMULATIONS = 30
 """Mean and covariance of a dozen statistics need more simulations than that."""
-
-WHOLE = "all"
 
 ESTIMATOR = "physical"
 
@@ -81,14 +87,11 @@ class RoughnessSweep:
 
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the estimates, one clause each."""
-        return tuple(f"{one.name}: {text}" for one in self.estimates for text in one.remarks())
+        return remarks_of(self.estimates)
 
     def report(self) -> str:
         """The estimates and their caveats as text."""
-        lines = []
-        for one in self.estimates:
-            lines.append(f"roughness of {one.name}: {one.text()}")
-            lines += [f"  {remark}" for remark in one.remarks()]
+        lines = report_of("roughness", self.estimates)
         if not self.calibrated:
             gain = self.gain_db.text(1.0, "dB")
             lines.append(f"gain of the measurement over the simulations {gain}")
@@ -142,10 +145,8 @@ def sweep_roughness(
     calibrated : bool
         The capture is in S-parameters, and the antennas and materials are right: the level counts,
         too. Otherwise its gain is found as well, one for all regions.
-    device : Devices, Device, str, sequence of str or None
+    device, store
         As of `sweep`.
-    store : mutable mapping, optional
-        Images in it are not simulated again, new ones are stored one by one, as in `sweep`.
     progress : callable, optional
         Called with (done, total).
     settings : SimulationSettings, optional
@@ -210,11 +211,7 @@ def sweep_roughness(
     settings = resolve_settings(settings, **{"estimator": ESTIMATOR, **fields})
     checks.one_of("sweep_roughness: estimator", settings.estimator, (ESTIMATOR,))
     first = checks.whole("sweep_roughness: seed", settings.seed, 0, 2**64 - n)
-    if regions is not None:
-        checks.instance("sweep_roughness: regions", regions, Regions)
-        if len(regions.face) != scene.n_faces:
-            expected = f"{scene.n_faces} faces"
-            checks.fail("sweep_roughness: regions", expected, f"{len(regions.face)}")
+    check_regions("sweep_roughness", regions, scene)
     devices = open_devices(device)
     devices.check_alike("a sweep")
     opened = devices.first
@@ -223,19 +220,45 @@ def sweep_roughness(
     radar = measured.array, measured.waveform
     simulations = _Simulations(scene, *radar, points.points_m, settings)
     simulations.prepared[opened.info.selector] = apertures
-    images = _Images(
-        of=simulations,
-        heights_m=heights[heights > 0],
-        lengths_m=lengths,
-        n_seeds=n_seeds,
-        apertures=apertures,
-        devices=devices,
-        store={} if store is None else store,
-    )
-    meters = _meters(points, regions, apertures, images.smooth())
-    images.simulate_missing(progress)
-    statistics = images.statistics(measured, meters)
-    estimates, gain_db = estimate_roughness(statistics, *images.simulated.T, calibrated=calibrated)
+    own = fingerprint(scene, *radar, heights, lengths, n_seeds, settings)
+    kept: Store = {} if store is None else store
+
+    def simulate_missing(
+        items: Sequence[tuple[str, float, float, int]], progress: Progress | None = None
+    ) -> None:
+        missing = [item for item in items if item[0] not in kept]
+        done = part_of(progress, 1.0 - len(missing) / len(items), 1.0)
+        for _, (name, images) in devices.made(simulations, missing, done):
+            kept[name] = {"images": images}
+
+    smooth = f"{own}-smooth"
+    simulate_missing([(smooth, 0.0, float(lengths[0]), first)])
+    tilts = points.tilts(apertures.arrays)
+    names = (WHOLE,) if regions is None else regions.names
+    meters = [TextureMeter(points, i, tilts, kept[smooth]["images"]) for i in range(len(names))]
+    estimable("roughness", names, meters)
+    pairs = [*itertools.product(heights[heights > 0].tolist(), lengths.tolist(), range(n_seeds))]
+    items = [
+        (f"{own}-{1e3 * height_m:g}-{1e3 * length_m:g}-{k}", height_m, length_m, first + i)
+        for i, (height_m, length_m, k) in enumerate(pairs)
+    ]
+    # What is simulated here is too rough for Kirchhoff at an end of the range: only the estimate
+    # matters.
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ClradarWarning)
+        simulate_missing(items, progress)
+    image = apertures.images(measured)
+    if not image.any():
+        raise CompareError("sweep: the measured image is 0 on the whole mesh")
+    statistics = [
+        RegionStatistics(
+            name, meter.names, meter.measure(image),
+            np.stack([meter.measure(kept[item[0]]["images"]) for item in items]), meter.n_points,
+        )
+        for name, meter in zip(names, meters, strict=True)
+    ]  # fmt: skip
+    simulated = np.array([(height_m, length_m) for height_m, length_m, _ in pairs])
+    estimates, gain_db = estimate_roughness(statistics, *simulated.T, calibrated=calibrated)
     last = first + n - 1
     result = RoughnessSweep(tuple(estimates), heights, lengths, (first, last), gain_db, calibrated)
     for remark in result.remarks():
@@ -264,22 +287,6 @@ def _grid(roughness_m: Any, correlation_m: Any) -> tuple[np.ndarray, np.ndarray]
         expected = "at least three values above 0"
         checks.fail("sweep_roughness: roughness_m", expected, f"{heights.tolist()}")
     return heights, lengths
-
-
-def _meters(
-    points: SurfacePoints, regions: Regions | None, apertures: SubApertures, smooth: np.ndarray
-) -> list[tuple[str, TextureMeter]]:
-    """Name and meter of each region."""
-    tilts = points.tilts(apertures.arrays)
-    names = (WHOLE,) if regions is None else regions.names
-    found = [(name, TextureMeter(points, i, tilts, smooth)) for i, name in enumerate(names)]
-    for name, meter in found:
-        if not meter.has_bins:
-            raise CompareError(
-                f"sweep: region '{name}' is too small, or too steep, to tell its roughness: only "
-                f"{meter.n_points} points of it are visible"
-            )
-    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,75 +320,3 @@ class _Simulations:
             settings=replace(self.settings, seed=seed), device=device,
         )  # fmt: skip
         yield name, self.prepared[selector].images(capture)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Images:
-    """Images of all simulations from the quarters of the aperture, in a store."""
-
-    of: _Simulations
-    heights_m: np.ndarray
-    lengths_m: np.ndarray
-    n_seeds: int
-    apertures: SubApertures
-    devices: Devices
-    store: Store
-
-    @property
-    def simulated(self) -> np.ndarray:
-        """Height and length of each simulation, shape (n, 2), metres."""
-        pairs = itertools.product(self.heights_m, self.lengths_m)
-        return np.repeat(np.array(list(pairs)), self.n_seeds, axis=0)
-
-    def smooth(self) -> np.ndarray:
-        """The images of the smooth surface."""
-        if "smooth" not in self.store:
-            self._simulate([("smooth", 0.0, float(self.lengths_m[0]), self.of.settings.seed)])
-        return self.store["smooth"]["images"]
-
-    def simulate_missing(self, progress: Progress | None) -> None:
-        """Simulate what the store lacks, and store each as soon as it is finished."""
-        items = [
-            (self._name(i), float(height_m), float(length_m), self.of.settings.seed + i)
-            for i, (height_m, length_m) in enumerate(self.simulated)
-        ]
-        missing = [item for item in items if item[0] not in self.store]
-        # What is simulated here is too rough for Kirchhoff at an end of the range: only the
-        # estimate matters.
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ClradarWarning)
-            done = 1.0 - len(missing) / len(items)
-            self._simulate(missing, part_of(progress, done, 1.0))
-
-    def _simulate(
-        self, items: list[tuple[str, float, float, int]], progress: Progress | None = None
-    ) -> None:
-        for _, (name, images) in self.devices.made(self.of, items, progress):
-            self.store[name] = {"images": images}
-
-    def statistics(
-        self, measured: Capture, meters: list[tuple[str, TextureMeter]]
-    ) -> list[RegionStatistics]:
-        """Of each region, measured and simulated."""
-        image = self.apertures.images(measured)
-        if not image.any():
-            raise CompareError("sweep: the measured image is 0 on the whole mesh")
-        return [
-            RegionStatistics(
-                name,
-                meter.statistics,
-                meter.measure(image),
-                np.stack([meter.measure(self._image(i)) for i in range(len(self.simulated))]),
-                meter.n_points,
-            )
-            for name, meter in meters
-        ]
-
-    def _image(self, i: int) -> np.ndarray:
-        return self.store[self._name(i)]["images"]
-
-    def _name(self, i: int) -> str:
-        """Of a simulation; the seed is the first one plus its number."""
-        pair, k = divmod(i, self.n_seeds)
-        height, length = divmod(pair, len(self.lengths_m))
-        return f"height{height}-length{length}-{k}"

@@ -21,6 +21,11 @@ than a resolution cell, small enough that a mesh displaced by a fraction of a de
 
 SAMPLES_PER_POINT = 8.0
 
+TILT_EDGES_DEG = (0.0, 4.0, 8.0, 12.0, 17.0, 23.0, 30.0, 40.0, 55.0)
+"""Bins of the angle between the normal and the bisector of Tx and Rx. The lobe of a surface with
+the slope 0.1 falls by 1/e over 8 degrees, that of 0.3 over 23; beyond 55 degrees the surface is
+seen at a grazing angle."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfacePoints:
@@ -46,15 +51,22 @@ class SurfacePoints:
 
         Tx and Rx are the centres of each aperture's.
         """
-        return np.stack([self._tilt(array) for array in apertures])
+        found = []
+        for array in apertures:
+            bisector = np.zeros_like(self.points_m)
+            for antennas_m in (array.tx_m, array.rx_m):
+                towards = antennas_m.mean(axis=0) - self.points_m
+                bisector += towards / np.linalg.norm(towards, axis=1, keepdims=True)
+            cosine = np.einsum("pa,pa->p", bisector, self.normals)
+            found.append(np.clip(cosine / np.linalg.norm(bisector, axis=1), -1.0, 1.0))
+        return np.arccos(np.stack(found))
 
-    def _tilt(self, array: AntennaArray) -> np.ndarray:
-        bisector = np.zeros_like(self.points_m)
-        for antennas_m in (array.tx_m, array.rx_m):
-            towards = antennas_m.mean(axis=0) - self.points_m
-            bisector += towards / np.linalg.norm(towards, axis=1, keepdims=True)
-        cosine = np.einsum("pa,pa->p", bisector, self.normals) / np.linalg.norm(bisector, axis=1)
-        return np.arccos(np.clip(cosine, -1.0, 1.0))
+
+def tilt_bins(tilts: np.ndarray, least: int) -> dict[int, np.ndarray]:
+    """Which of these tilts, radians, are in each bin of `TILT_EDGES_DEG` with at least so many."""
+    number = np.digitize(np.degrees(tilts), TILT_EDGES_DEG) - 1
+    bins = {i: number == i for i in range(len(TILT_EDGES_DEG) - 1)}
+    return {i: own for i, own in bins.items() if np.count_nonzero(own) >= least}
 
 
 def surface_points(

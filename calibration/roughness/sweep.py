@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, MutableMapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from calibration.roughness.alpha_estimate import AlphaEmulator, AlphaEstimate, estimate_alpha
-from calibration.roughness.brightness import BrightnessMeter
+from calibration.roughness.alpha import (
+    AlphaEmulator,
+    AlphaEstimate,
+    BrightnessMeter,
+    estimate_alpha,
+)
+from calibration.roughness.design import (
+    SEEDS,
+    WHOLE,
+    Store,
+    check_regions,
+    estimable,
+    fingerprint,
+    remarks_of,
+    report_of,
+)
 from calibration.roughness.emulator import Interval
 from calibration.roughness.regions import Regions
 from calibration.roughness.surface_points import surface_points
@@ -37,8 +51,6 @@ from clradar.opencl import Device
 from clradar.simulation import simulate_alphas
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
-SEEDS = 3
-WHOLE = "all"
 ESTIMATOR = "stochastic"
 
 FEWEST_OF_ONE_SEED = 5
@@ -46,9 +58,6 @@ FEWEST_OF_ONE_SEED = 5
 
 MAX_PASSES = 6
 """Over the regions, until the alpha of none goes to another simulated one."""
-
-Store = MutableMapping[str, dict[str, np.ndarray]]
-"""Finished images: name -> arrays. A dict, or a mapping that keeps files."""
 
 TRACING_SHARE = 0.75
 """Fraction of the time of one image, for the progress bar."""
@@ -112,16 +121,12 @@ class Sweep:
 
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the estimates, one clause each."""
-        judged = self.regions or (self.estimate,)  # one alpha for all is none of several regions'
-        return tuple(f"{one.name}: {text}" for one in judged for text in one.remarks())
+        # One alpha for all is none of several regions'.
+        return remarks_of(self.regions or (self.estimate,))
 
     def report(self) -> str:
         """The estimates and their caveats as text."""
-        lines = []
-        for one in self.estimates:
-            lines.append(f"alpha of {one.name}: {one.text()}")
-            lines += [f"  {remark}" for remark in one.remarks()]
-        return "\n".join(lines)
+        return "\n".join(report_of("alpha", self.estimates))
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has; None stands for NaN."""
@@ -176,12 +181,10 @@ def sweep(
     method, window
         As in `clradar.backproject`.
     device : Devices, Device, str, sequence of str or None
-        Images are divided among several devices of one kind, as `clradar.map_devices` has them
-        ("all"): to the same bits.
+        Several of one kind ("all") share the images, to the same bits.
     store : mutable mapping, optional
-        Images in it are not simulated again, new ones are stored one by one: given the same store
-        and arguments, an interrupted sweep resumes, to the same bits. Its content is not checked
-        against the arguments.
+        Images in it are not simulated again, new ones are stored one by one: an interrupted sweep
+        resumes, to the same bits. Those of other arguments are passed over.
     progress : callable, optional
         Called with (done, total).
     settings : SimulationSettings, optional
@@ -210,7 +213,7 @@ def sweep(
 
     Notes
     -----
-    What is compared are statistics of the brightness (`calibration.roughness.brightness`), whose
+    What is compared are statistics of the brightness (`calibration.roughness.alpha`), whose
     mean and covariance over alpha follow from the simulations: docs/sweep-method.md. All alphas of
     a seed share rays and random numbers.
 
@@ -242,8 +245,9 @@ def sweep(
         checks.fail("sweep: seeds", expected, f"one, of {len(values)} alphas")
     resolved = resolve_settings(settings, **fields)
     first = checks.whole("sweep: seed", resolved.seed, 0, 2**64 - n_seeds)
-    if regions is not None:
-        _check_regions(regions, scene, resolved)
+    check_regions("sweep", regions, scene)
+    if regions is not None and resolved.max_bounces > 1:
+        checks.fail("sweep: max_bounces", "1 where there are regions", resolved.max_bounces)
     radar = arrays.qar50() if array is None else array
     frequencies = Waveform.sfcw(72e9, 82e9, 128) if waveform is None else waveform
     checks.instance("sweep: array", radar, AntennaArray)
@@ -252,23 +256,16 @@ def sweep(
     check_within_grid(scene, measured.grid)
     devices = open_devices(device)
     devices.check_alike("a sweep")
-    meters = _meters(scene, regions, radar, devices.first)
+    points = surface_points(scene, regions, radar.tx_m.mean(axis=0), devices.first)
+    names = () if regions is None else regions.names
+    meters = [BrightnessMeter(points, i, radar) for i in (None, *range(len(names)))]
+    estimable("alpha", (WHOLE, *names), meters)
+    simulations = _Simulations(
+        scene, values, tuple(range(first, first + n_seeds)), regions, radar, frequencies,
+        measured.grid, method, window, dynamic_range_db, resolved,
+    )  # fmt: skip
     images = _SweepImages(
-        of=_Simulations(
-            scene=scene,
-            alphas=values,
-            seeds=tuple(range(first, first + n_seeds)),
-            regions=regions,
-            array=radar,
-            waveform=frequencies,
-            grid=measured.grid,
-            method=method,
-            window=window,
-            dynamic_range_db=dynamic_range_db,
-            settings=resolved,
-        ),
-        devices=devices,
-        store={} if store is None else store,
+        simulations, fingerprint(simulations), devices, {} if store is None else store
     )
     images.simulate_missing(progress)
     whole = images.whole()
@@ -281,9 +278,7 @@ def sweep(
         estimate=_estimate(WHOLE, meters[0], measured_map, whole, values),
         measured=measured_map,
         images=tuple(whole[0]),
-        regions=()
-        if regions is None
-        else _of_regions(regions.names, meters[1:], measured_map, images),
+        regions=_of_regions(names, meters[1:], measured_map, images),
     )
     # Of a simulation in place of a measurement.
     estimator = capture_meta(measured.meta).get("settings", {}).get("estimator", ESTIMATOR)
@@ -297,30 +292,6 @@ def sweep(
     return result
 
 
-def _check_regions(regions: Regions, scene: Scene, settings: SimulationSettings) -> None:
-    checks.instance("sweep: regions", regions, Regions)
-    if len(regions.face) != scene.n_faces:
-        checks.fail("sweep: regions", f"{scene.n_faces} faces", f"{len(regions.face)}")
-    if settings.max_bounces > 1:
-        checks.fail("sweep: max_bounces", "1 where there are regions", settings.max_bounces)
-
-
-def _meters(
-    scene: Scene, regions: Regions | None, array: AntennaArray, device: Device
-) -> list[BrightnessMeter]:
-    """Of the whole, then of each region."""
-    points = surface_points(scene, regions, array.tx_m.mean(axis=0), device)
-    names = () if regions is None else regions.names
-    found = [BrightnessMeter(points, i, array) for i in (None, *range(len(names)))]
-    for name, meter in zip((WHOLE, *names), found, strict=True):
-        if not meter.has_bins:
-            raise CompareError(
-                f"sweep: region '{name}' is too small, or too steep, to tell its alpha: only "
-                f"{meter.n_points} points of it are visible"
-            )
-    return found
-
-
 def _estimate(
     name: str,
     meter: BrightnessMeter,
@@ -331,28 +302,29 @@ def _estimate(
     """The alpha of a region, from images [seed][alpha]."""
     if not meter.sees(measured):
         raise CompareError(f"sweep: the measured image is 0 in the region '{name}'")
-    columns = list(zip(*images, strict=True))
-    kept = [
-        i
-        for i, column in enumerate(columns)
-        if all(image is not None and meter.sees(image) for image in column)
-    ]
-    if len(kept) < 2:
+    there = {
+        i: [image for image in column if image is not None and meter.sees(image)]
+        for i, column in enumerate(zip(*images, strict=True))
+    }
+    there = {i: column for i, column in there.items() if len(column) == len(images)}
+    if len(there) < 2:
         raise CompareError(
             f"sweep: no ray reaches a receiver from the region '{name}' at all alphas but "
-            f"{len(kept)}; look at where the mesh is placed, or take more samples or rays"
+            f"{len(there)}; look at where the mesh is placed, or take more samples or rays"
         )
-    there = [[image for image in columns[i] if image is not None] for i in kept]
-    statistics = np.array([[meter.measure(image) for image in column] for column in there])
-    displaced = np.array([[meter.displaced(image) for image in column] for column in there])
-    emulator = AlphaEmulator.fitted(alphas[kept], statistics.swapaxes(0, 1), displaced.mean(axis=1))
+    columns = there.values()
+    statistics = np.array([[meter.measure(image) for image in column] for column in columns])
+    displaced = np.array([[meter.displaced(image) for image in column] for column in columns])
+    emulator = AlphaEmulator.fitted(
+        alphas[[*there]], statistics.swapaxes(0, 1), displaced.mean(axis=1)
+    )
     return estimate_alpha(name, meter.names, meter.measure(measured), emulator, meter.n_points)
 
 
 def _of_regions(
     names: tuple[str, ...], meters: list[BrightnessMeter], measured: DepthMap, images: _SweepImages
 ) -> tuple[AlphaEstimate, ...]:
-    """The alpha of each region, the others at the simulated ones nearest to theirs.
+    """The alpha of each region, if any, the others at the simulated ones nearest to theirs.
 
     With single reflections a capture is the sum over the regions, and so is its image. What the
     others' own uncertainty adds follows from estimates with their neighbours on the grid.
@@ -460,16 +432,12 @@ class _Simulations:
     ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
         """Yield name and arrays of the images of seed k and some alphas."""
         k, indices = item
-        traced, stored = 0.0, 0
+        shares = {"traced": 0.0, "stored": 0.0}
 
-        def tell() -> None:
-            share = TRACING_SHARE * traced + (1 - TRACING_SHARE) * stored / len(indices)
+        def tell(name: str, now: int, of: int) -> None:
+            shares[name] = now / of
+            share = TRACING_SHARE * shares["traced"] + (1 - TRACING_SHARE) * shares["stored"]
             progress(round(_STEPS * share), _STEPS)
-
-        def on_tracing(now: int, of: int) -> None:
-            nonlocal traced
-            traced = now / of
-            tell()
 
         captures = simulate_alphas(
             self.scene,
@@ -479,13 +447,12 @@ class _Simulations:
             region=None if self.regions is None else self.regions.face,
             settings=replace(self.settings, seed=self.seeds[k]),
             device=device,
-            progress=on_tracing,
+            progress=lambda now, of: tell("traced", now, of),
         )
-        for i, of_alpha in zip(indices, captures, strict=True):
+        for n, (i, of_alpha) in enumerate(zip(indices, captures, strict=True), start=1):
             for r, capture in enumerate(of_alpha):
-                yield self.name(k, i, r), self._image(capture, device)
-            stored += 1
-            tell()
+                yield self.name_of(k, i, r), self._image(capture, device)
+            tell("stored", n, len(indices))
 
     def _image(self, capture: Capture, device: Device) -> dict[str, np.ndarray]:
         volume = backproject(
@@ -497,7 +464,7 @@ class _Simulations:
         depth = volume.depth_map(self.dynamic_range_db)
         return {"depth_m": depth.depth_m, "amplitude": depth.amplitude}
 
-    def name(self, k: int, i: int, r: int) -> str:
+    def name_of(self, k: int, i: int, r: int) -> str:
         region = "" if self.regions is None else f"-region{r}"
         return f"seed{k}-alpha{i}{region}"
 
@@ -507,6 +474,7 @@ class _SweepImages:
     """All images of a sweep, in its store: depth maps, or volumes of the regions."""
 
     of: _Simulations
+    fingerprint: str
     devices: Devices
     store: Store
 
@@ -528,11 +496,14 @@ class _SweepImages:
         done = 1.0 - sum(map(len, missing)) / (n_seeds * n_alphas)
         rest = part_of(progress, done, 1.0)
         for _, (name, image) in self.devices.made(self.of, items, rest):
-            self.store[name] = image
+            self.store[f"{self.fingerprint}-{name}"] = image
 
     def _is_stored(self, k: int, i: int) -> bool:
         parts = 1 if self.of.regions is None else len(self.of.regions.names)
-        return all(self.of.name(k, i, r) in self.store for r in range(parts))
+        return all(self._name(k, i, r) in self.store for r in range(parts))
+
+    def _name(self, k: int, i: int, r: int) -> str:
+        return f"{self.fingerprint}-{self.of.name_of(k, i, r)}"
 
     def whole(self) -> list[list[DepthMap | None]]:
         """Depth maps of the whole mesh, [seed][alpha]; None where the image is zero."""
@@ -541,11 +512,8 @@ class _SweepImages:
 
     def _whole(self, k: int, i: int) -> DepthMap | None:
         if self.of.regions is not None:
-            data = np.zeros(self.of.grid.shape, np.complex64)
-            for r in range(len(self.of.regions.names)):
-                data += self._volume(k, i, r)
-            return self._map(data)
-        stored = self.store[self.of.name(k, i, 0)]
+            return self._sum(k, [i] * len(self.of.regions.names))
+        stored = self.store[self._name(k, i, 0)]
         if not stored["amplitude"].any():
             return None
         axes = (self.of.grid.x_m, self.of.grid.y_m)
@@ -553,20 +521,17 @@ class _SweepImages:
 
     def along(self, combination: Sequence[int], region: int) -> list[list[DepthMap | None]]:
         """Whole images [seed][alpha] over the alpha of one region, the others fixed."""
-        rows = []
-        for k in range(len(self.of.seeds)):
-            others = np.zeros(self.of.grid.shape, np.complex64)
-            for r, i in enumerate(combination):
-                if r != region:
-                    others += self._volume(k, i, r)
-            indices = range(len(self.of.alphas))
-            rows.append([self._map(others + self._volume(k, i, region)) for i in indices])
-        return rows
+        before, after = combination[:region], combination[region + 1 :]
+        indices = range(len(self.of.alphas))
+        return [
+            [self._sum(k, [*before, i, *after]) for i in indices] for k in range(len(self.of.seeds))
+        ]
 
-    def _volume(self, k: int, i: int, r: int) -> np.ndarray:
-        return self.store[self.of.name(k, i, r)]["data"]
-
-    def _map(self, data: np.ndarray) -> DepthMap | None:
-        if not data.any():
-            return None
-        return Volume(data, self.of.grid).depth_map(self.of.dynamic_range_db)
+    def _sum(self, k: int, combination: Sequence[int]) -> DepthMap | None:
+        """The image of a seed where each region has an alpha of its own."""
+        data = np.zeros(self.of.grid.shape, np.complex64)
+        for r, i in enumerate(combination):
+            data += self.store[self._name(k, i, r)]["data"]
+        return (
+            Volume(data, self.of.grid).depth_map(self.of.dynamic_range_db) if data.any() else None
+        )

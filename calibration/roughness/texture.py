@@ -13,50 +13,70 @@ from itertools import combinations
 
 import numpy as np
 
-from calibration.roughness.surface_points import SurfacePoints
-
-TILT_EDGES_DEG = (0.0, 4.0, 8.0, 12.0, 17.0, 23.0, 30.0, 40.0, 55.0)
-"""Bins of the angle between the normal and the bisector of Tx and Rx. The lobe of a surface with
-the slope 0.1 falls by 1/e over 8 degrees, that of 0.3 over 23; beyond 55 degrees the surface is
-seen at a grazing angle."""
+from calibration.roughness.surface_points import TILT_EDGES_DEG, SurfacePoints, tilt_bins
+from clradar.imaging.operator import ImagingOperator
+from clradar.model import AntennaArray, Capture, Waveform
+from clradar.opencl import Device
 
 LEAST_IN_BIN = 40
 """Point and aperture pairs in a bin: the mean power of as many speckles is known to 0.7 dB."""
 
-
 COHERENT, REST = "coherent power", "rest at"
+CONTRAST, ALIKE = "contrast", "correlation of apertures"
 
 
-@dataclass(frozen=True, slots=True)
-class Statistic:
-    """What one number of a `TextureMeter` is.
+def of_power(statistics: tuple[str, ...]) -> np.ndarray:
+    """Whether each is the logarithm of a power, which the gain of an instrument adds to."""
+    return np.array([name not in (CONTRAST, ALIKE) for name in statistics])
 
-    Attributes
-    ----------
-    name : str
-    of_power : bool
-        Whether it is the logarithm of a power, which the gain of an instrument adds to.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SubApertures:
+    """Two halves of the Tx, each with two halves of the Rx: four views of the same surface.
+
+    `pairs` has the indices of the Tx and of the Rx of each, `operators` image the surface's points.
     """
 
-    name: str
-    of_power: bool
+    arrays: list[AntennaArray]
+    pairs: list[tuple[np.ndarray, np.ndarray]]
+    operators: list[ImagingOperator]
+
+    @classmethod
+    def of(
+        cls, array: AntennaArray, waveform: Waveform, points_m: np.ndarray, device: Device
+    ) -> SubApertures:
+        """The quarters of an aperture, for images at points, shape (n, 3), metres."""
+        pairs = [(tx, rx) for tx in halves(array.tx_m) for rx in halves(array.rx_m)]
+        arrays = [AntennaArray(array.tx_m[tx], array.rx_m[rx]) for tx, rx in pairs]
+        operators = [ImagingOperator(own, waveform, points_m, device=device) for own in arrays]
+        return cls(arrays, pairs, operators)
+
+    def images(self, capture: Capture) -> np.ndarray:
+        """Mean over the pairs and frequencies, shape (4, n_points), complex64."""
+        found = []
+        for operator, pair in zip(self.operators, self.pairs, strict=True):
+            samples = np.ascontiguousarray(capture.data[np.ix_(*pair)])
+            found.append(operator.adjoint(samples) / np.float32(samples.size))
+        return np.stack(found)
+
+
+def halves(antennas_m: np.ndarray) -> list[np.ndarray]:
+    """Indices of the antennas at either end of their longest extent; of a single one, that."""
+    if len(antennas_m) < 2:
+        return [np.arange(len(antennas_m))]
+    off_m = antennas_m - antennas_m.mean(axis=0)
+    axis = np.linalg.svd(off_m, full_matrices=False)[2][0]
+    order = np.argsort(off_m @ axis, kind="stable")
+    middle = len(order) // 2
+    return [np.sort(order[:middle]), np.sort(order[middle:])]
 
 
 class TextureMeter:
     """Measures the statistics of one region.
 
-    Parameters
-    ----------
-    points : SurfacePoints
-    region : int
-    tilts : ndarray, shape (4, n_points), radians
-    smooth : ndarray, shape (4, n_points), complex64
-        Images of the smooth surface from the quarters of the aperture.
-
-    Attributes
-    ----------
-    statistics : tuple of Statistic
-        What `measure` returns; logarithms are natural.
+    `tilts`, shape (4, n_points), are in radians; `smooth`, of the same shape, images of the smooth
+    surface from the quarters of the aperture. `names` are of what `measure` returns, natural
+    logarithms.
     """
 
     def __init__(
@@ -67,31 +87,17 @@ class TextureMeter:
         self._smooth = smooth[:, self._mine].astype(np.complex128)
         self._smooth_power = self._per_patch(np.abs(self._smooth) ** 2)
         self._level = float(np.mean(np.abs(self._smooth) ** 2))
-        degrees = np.degrees(tilts[:, self._mine])
-        number = np.digitize(degrees, TILT_EDGES_DEG) - 1
-        n_bins = len(TILT_EDGES_DEG) - 1
-        self._bins = {
-            i: number == i for i in range(n_bins) if np.count_nonzero(number == i) >= LEAST_IN_BIN
-        }
-        ends = [(f"{TILT_EDGES_DEG[i]:g}", f"{TILT_EDGES_DEG[i + 1]:g}") for i in self._bins]
-        self.statistics = (
-            Statistic(COHERENT, True),
-            *(Statistic(f"{REST} {low} to {high} degrees", True) for low, high in ends),
-            Statistic("contrast", False),
-            Statistic("correlation of apertures", False),
-        )
+        self.bins = tilt_bins(tilts[:, self._mine], LEAST_IN_BIN)
+        ends = [(f"{TILT_EDGES_DEG[i]:g}", f"{TILT_EDGES_DEG[i + 1]:g}") for i in self.bins]
+        rest = (f"{REST} {low} to {high} degrees" for low, high in ends)
+        self.names = (COHERENT, *rest, CONTRAST, ALIKE)
 
     @property
     def n_points(self) -> int:
         return len(self._patch)
 
-    @property
-    def has_bins(self) -> bool:
-        """Whether any bin of the tilt has enough points."""
-        return bool(self._bins)
-
     def measure(self, images: np.ndarray) -> np.ndarray:
-        """The statistics of images (4, n_points), complex, shape (n_statistics,), float64.
+        """The statistics of images (4, n_points), complex.
 
         In each patch and aperture the smooth image is fitted by one complex factor c.
 
@@ -108,9 +114,9 @@ class TextureMeter:
         power = np.abs(mine) ** 2 + 1e-300
         coherent = np.sum(np.abs(product) ** 2) / np.sum(self._smooth_power**2)
         found = [np.log(coherent + 1e-300)]
-        found += [np.log(rest[bin_].mean() + 1e-300) for bin_ in self._bins.values()]
-        counts = [np.count_nonzero(bin_) for bin_ in self._bins.values()]
-        grain = [np.log(power[b]).mean() - np.log(power[b].mean()) for b in self._bins.values()]
+        found += [np.log(rest[bin_].mean() + 1e-300) for bin_ in self.bins.values()]
+        counts = [np.count_nonzero(bin_) for bin_ in self.bins.values()]
+        grain = [np.log(power[b]).mean() - np.log(power[b].mean()) for b in self.bins.values()]
         amplitude = np.sqrt(power)
         alike = [np.corrcoef(a, b)[0, 1] for a, b in combinations(amplitude, 2)]
         found += [np.average(grain, weights=counts), float(np.mean(alike)) if alike else 0.0]

@@ -27,8 +27,6 @@ CHUNK_BYTES = 2**25
 NAMES = ("pose", "handedness", "rig")
 """Labels that are coordinates of the samples."""
 
-SIDES = ("right", "left")
-
 
 class _Stored:
     """The stored samples of a data set: `rows` has the shard and the row of each."""
@@ -76,13 +74,11 @@ def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> 
     Returns
     -------
     xarray.Dataset
-        Along `sample`, whose coordinate is the number in the plan: the products, each label, and
-        `pose`, `handedness` and `rig` as further coordinates. Everything but these is a Dask array
-        that reads its shard when it is computed. Meshes are concatenated along an axis of their
-        own: those of sample i begin at ``mesh_vertices_first[i]`` and end before
-        ``mesh_vertices_end[i]``; faces index the vertices of their own mesh. In `attrs`: `plan` and
-        `made_with` as JSON, `complete`, `set_aside`. Recipes are JSON texts:
-        ``make_sample(view.recipe.values[0])`` makes a sample again.
+        Along `sample`, the number in the plan: products and labels, as Dask arrays that read their
+        shard when they are computed, and `pose`, `handedness` and `rig` as coordinates. The meshes
+        of sample i begin at ``mesh_vertices_first[i]`` and end before ``mesh_vertices_end[i]``;
+        faces index the vertices of their own mesh. In `attrs`: `plan` and `made_with` as JSON,
+        `complete`, `set_aside`. ``make_sample(view.recipe.values[0])`` makes a sample again.
 
     Raises
     ------
@@ -233,10 +229,9 @@ class TorchDataset:
     folder : path-like
         A data set, as ``clradar dataset`` writes it.
     names : sequence of str
-        Keys of each sample: products that all have one shape ("max_projection", "depth_map",
-        "volume", "capture", "joints"), labels ("alpha", "angles_rad", "center_m", ...), "pose" and
-        "handedness" as numbers (see `poses`; 0 is right, 1 left), and "sample", its number in the
-        plan.
+        Keys of each sample: products that all have one shape ("max_projection", "volume",
+        "joints", ...), labels ("alpha", "angles_rad", ...), "pose" and "handedness" as numbers (see
+        `poses`; 0 is right, 1 left), and "sample", its number in the plan.
     transform : callable, optional
         Applied to each dictionary.
     sequences : bool
@@ -247,13 +242,6 @@ class TorchDataset:
     ----------
     poses : tuple of str
         Names of the poses by their numbers in "pose".
-
-    Raises
-    ------
-    ModelError
-        A name that the data set lacks.
-    MeasurementError
-        The folder is no data set.
 
     Notes
     -----
@@ -315,14 +303,13 @@ class TorchDataset:
 
     def _values(self, place: int) -> dict[str, Any]:
         path, row = self._rows[place]
+        numbers = {"handedness": ("right", "left"), "pose": self.poses}
         with opened_shard(path) as file:
-            return {name: self._value(file, name, row) for name in self._names}
-
-    def _value(self, file: Any, name: str, row: int) -> Any:
-        spec = FIELDS.get(name)
-        value = file[f"entry/labels/{name}" if spec is None else spec.place][row]
-        if name == "handedness":
-            return SIDES.index(value.decode())
-        if name == "pose":
-            return self.poses.index(value.decode("utf-8"))
-        return np.asarray(value)
+            places = {
+                n: FIELDS[n].place if n in FIELDS else f"entry/labels/{n}" for n in self._names
+            }
+            found = {name: file[place][row] for name, place in places.items()}
+        return {
+            name: numbers[name].index(value.decode()) if name in numbers else np.asarray(value)
+            for name, value in found.items()
+        }

@@ -98,8 +98,6 @@ def run(
 
     Raises
     ------
-    ModelError
-        The file of a rig is not that of the plan.
     OutputError
         The folder has a data set of another plan, another process writes it, or it cannot be
         written.
@@ -111,8 +109,8 @@ def run(
     Warns
     -----
     ClradarWarning
-        Earlier samples were made with other versions or on another device, shards are damaged and
-        made again, or samples are probably not as intended or were set aside.
+        Samples were made with other versions or on another device, are made again, are probably
+        not as intended, or were set aside.
 
     Examples
     --------

@@ -72,8 +72,7 @@ def make_sample(
     Parameters
     ----------
     recipe : mapping, or its JSON text
-        As `clradar.dataset.recipe` returns it, or as it is stored with a sample
-        (``open_dataset(folder).recipe.values[0]``).
+        As `clradar.dataset.recipe` returns it, or as it is stored with a sample.
     device : Device, str or None
         See `clradar.open_device`.
     rigs : path-like, or a sequence of them
@@ -90,31 +89,17 @@ def make_sample(
     ------
     ModelError
         It is no recipe, has mistakes, or a rig's file is not that of the plan.
-    DeviceError
-        There is no such device, or it fails.
 
     Examples
     --------
-    The same sample with and without noise 20 dB below the signal.
+    The same hand somewhere else: what is changed in a recipe may be any value of a plan.
 
-    >>> from pathlib import Path
-    >>> import numpy as np
     >>> from clradar.dataset import make_sample, read_plan, recipe
-    >>> _ = Path("plan.toml").write_text('''
-    ... samples = 1
-    ... poses.names = ["A"]
-    ... hands.edge_mm = 4
-    ... radar = { every = 24, steps = 4 }
-    ... simulation.samples_per_mm2 = 0.05
-    ... impairments.snr_db = 20
-    ... output.products = ["capture"]
-    ... ''')
-    >>> noisy = recipe(read_plan("plan.toml"), 0)
-    >>> clean = {**noisy, "impairments": {}}
-    >>> with_noise, without = (make_sample(r).arrays["capture"] for r in (noisy, clean))
-    >>> ratio = np.linalg.norm(without) / np.linalg.norm(with_noise - without)
-    >>> round(20 * np.log10(float(ratio)))
-    20
+    >>> there = recipe(read_plan("plan.toml"), 0)
+    >>> beside = {**there, "placement": {**there["placement"], "x_mm": 20.0}}
+    >>> one, other = (make_sample(r).arrays["joints"] for r in (there, beside))
+    >>> (1e3 * (other - one)[0]).round(6).tolist()
+    [20.0, 0.0, 0.0]
     """
     return _made(read_recipe(recipe), device, rigs)
 

@@ -59,13 +59,6 @@ def replay(
         The folder that the plan's names of rig files are relative to; by default the current
         folder, then the data set's.
 
-    Raises
-    ------
-    ModelError
-        The plan has no such sample, or the file of its rig is not that of the plan.
-    MeasurementError
-        The folder is no data set, or damaged.
-
     Examples
     --------
     >>> from clradar.dataset import read_plan, replay, run

@@ -212,19 +212,3 @@ def test_a_mesh_that_changes_between_clusters_is_refused(
     outcome = run(*command, "-o", tmp_path / "made")
     one_error_line(outcome, "ball.ply: changed while clusters were simulated")
     assert not (tmp_path / "made").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        (["--workers", "0"], "--workers"),
-        (["--array", "qar50", "--workers", "1"], "expected an --array of clusters"),
-    ],
-)
-def test_numbers_of_workers(
-    run: Run, tmp_path: Path, command: list[str], options: list[str], named: str
-) -> None:
-    outcome = run(*command, "-o", tmp_path / "made", *options)
-    assert outcome.status != 0
-    assert named in outcome.err
-    assert not (tmp_path / "made").exists()

@@ -122,8 +122,3 @@ def test_labels() -> None:
     assert comparison.figure_labels(paths, [palm, {}]) == ["palm and skin", "two"]
     same = [Path("a/x.h5"), Path("b/x.h5")]
     assert comparison.figure_labels(same, metas) == ["a/x.h5", "b/x.h5"]
-
-
-def test_surface_of_a_foreign_file_is_unknown() -> None:
-    for meta in ({}, {"scene": 3}, {"scene": {}}, {"capture": [], "scene": {"alpha_min": "x"}}):
-        assert comparison.simulated_surface(meta) is None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,6 @@ import command_line
 import maroon_files as files
 import numpy as np
 import pytest
-from systems import posix_only
 
 import clradar
 from measurement_io import check_file, open_capture, save_capture
@@ -177,37 +175,6 @@ def test_several_captures_to_a_recording(run, tmp_path):
     assert check_file(tmp_path / "30").ok, check_file(tmp_path / "30")
 
 
-def test_captures_that_do_not_belong_together(run, tmp_path):
-    a = native(tmp_path / "a.h5")
-    b = native(tmp_path / "b.h5", n_freq=3)
-    array = clradar.AntennaArray(np.eye(3), np.eye(3), "three")
-    other = clradar.Capture(
-        np.ones((3, 3, 2), np.complex64), array, clradar.Waveform.sfcw(72e9, 82e9, 2)
-    )
-    save_capture(tmp_path / "c.h5", other)
-    target = ["-o", tmp_path / "30", "--to", "maroon"]
-    one_error_line(run(a, b, *target), "b.h5", "2 from 72 to 82 GHz", "3 from 72 to 82 GHz")
-    one_error_line(run(a, tmp_path / "c.h5", *target), "c.h5", "qar50", "three")
-    one_error_line(run(a, tmp_path / "none.h5", *target), "none.h5")
-    assert not list(tmp_path.glob("**/30*"))
-
-
-@posix_only
-@pytest.mark.parametrize("force", [[], ["--force"]])
-def test_a_recording_is_never_written_into_itself(run, recording, tmp_path, force):
-    before = tree(recording)
-    radar = recording / "radar_72.0_82.0_2"
-    frame = radar / "calibrated_data" / "000000.npy"
-    for target in (recording, radar / "calibrated_data", radar / "new"):
-        one_error_line(run(frame, "-o", target, "--to", "maroon", *force), "30")
-    for target in (radar, radar / "calibrated_data"):
-        one_error_line(run(recording, "-o", target, "--all-frames", *force), "radar_72.0_82.0_2")
-    link = tmp_path / "link"
-    os.symlink(recording, link)
-    one_error_line(run(frame, "-o", link, "--to", "maroon", *force), "link")
-    assert tree(recording) == before
-
-
 def test_a_recording_that_exists_is_kept(run, recording, tmp_path):
     source = native(tmp_path / "a.h5", seed=9)
     before = tree(recording)
@@ -219,13 +186,6 @@ def test_a_recording_that_exists_is_kept(run, recording, tmp_path):
     assert run(source, "-o", recording, "--to", "maroon", "--force")[0] == 0
     assert same_capture(open_capture(recording), open_capture(source))
     assert (recording / "metadata.json").read_bytes() == before["metadata.json"]
-
-
-def test_all_frames_of_what_is_no_folder(run, tmp_path):
-    native(tmp_path / "a.h5")
-    for source in ("a.h5", "none"):
-        one_error_line(run(tmp_path / source, "-o", tmp_path / "x", "--all-frames"), source)
-    assert not (tmp_path / "x").exists()
 
 
 def test_provenance_grows_by_the_same_amount_with_every_conversion(run, tmp_path):

@@ -73,19 +73,6 @@ def test_captures_of_the_demo_are_those_of_the_library(small: Path) -> None:
         assert np.array_equal(found.data, capture.data)
 
 
-def test_the_image_shows_a_hand(small: Path) -> None:
-    """Three bright fingers stand apart above the palm: look along a line across them."""
-    depth = open_volume(small / "measurement_volume.h5").depth_map(15.0)
-    # Above the tips of thumb and index finger, which end at y = 35 mm.
-    row = int(np.abs(depth.y_m - 0.040).argmin())
-    above = depth.mask[row - 1 : row + 2].any(axis=0)
-    fingers = int(np.count_nonzero(np.diff(above.astype(int)) == 1))
-    assert fingers == 3
-    # Nothing but strays away from the hand, 12 cm wide and 20 cm high with its outline.
-    outside = np.abs(depth.x_m) > 0.070
-    assert depth.mask[:, outside].mean() < 0.01
-
-
 @pytest.mark.parametrize("full", [False, True])
 def test_command(
     full: bool,

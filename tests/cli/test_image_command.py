@@ -15,7 +15,6 @@ import clradar
 import clradar.plot
 from clradar.cli.inputs import recording_title, title_of
 from clradar.cli.options.measured import GridOptions, axis_mm
-from clradar.files.hashing import sha256_of
 from measurement_io import (
     check_file,
     describe,
@@ -40,20 +39,6 @@ def test_the_default_grid_is_that_of_the_paper() -> None:
     paper = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
     assert grid.counts == (201, 201, 81)
     assert grid.same_voxels(paper, tolerance_m=1e-15)
-
-
-def test_image_writes_what_the_library_gives(made: Path) -> None:
-    volume = open_volume(made / "volume.h5")
-    capture = open_capture(made / "sim.h5")
-    grid = clradar.VoxelGrid.from_extent(
-        (-0.06, 0.06), (-0.09, 0.09), (0.28, 0.32), (6e-3, 6e-3, 5e-3)
-    )
-    expected = clradar.backproject(capture, grid, check_grid=False, device="pocl")
-    assert volume.grid.same_voxels(grid)
-    assert np.array_equal(volume.data, expected.data)
-    assert volume.meta["capture"]["settings"]["seed"] == 7
-    digest = sha256_of(made / "sim.h5")
-    assert volume.meta["inputs"] == [{"file": "sim.h5", "sha256": digest}]
 
 
 def test_image_of_a_recording_and_its_figure(run: Run, made: Path, tmp_path: Path) -> None:
@@ -121,16 +106,6 @@ def test_report_of_one_image(run: Run, made: Path, tmp_path: Path) -> None:
     assert text.split(row)[1][:60] == saved.read_text(encoding="utf-8").split(row)[1][:60]
 
 
-def test_convert_keeps_every_bit(run: Run, made: Path, tmp_path: Path) -> None:
-    outcome = run("convert", made / "recording", "-o", tmp_path / "c.h5")
-    assert outcome.status == 0, outcome.err
-    converted, recorded = open_capture(tmp_path / "c.h5"), open_capture(made / "recording")
-    assert np.array_equal(converted.data, recorded.data)
-    assert converted.array.same_positions(recorded.array, tolerance_m=0.0)
-    assert converted.meta["format"] == "maroon"
-    assert [i["file"] for i in converted.meta["inputs"]] == ["000000.npy"]
-
-
 @pytest.mark.parametrize(
     ("name", "kind"),
     [("sim.h5", "native capture"), ("volume.h5", "native volume"), ("recording", "recording")],
@@ -157,18 +132,6 @@ def test_check_finds_a_changed_byte(run: Run, made: Path, tmp_path: Path) -> Non
     outcome = run("inspect", damaged, "--check")
     one_error_line(outcome, "damaged.h5")
     assert "problem" in outcome.out
-
-
-def test_recordings_of_another_array_are_imaged_too(run: Run, tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    array = clradar.AntennaArray(rng.normal(size=(3, 3)) * 0.02, rng.normal(size=(5, 3)) * 0.02)
-    data = rng.normal(size=(3, 5, 4)) + 0j
-    capture = clradar.Capture(data, array, clradar.Waveform.sfcw(24e9, 26e9, 4))
-    save_capture(tmp_path / "own.h5", capture)
-    outcome = run("image", tmp_path / "own.h5", "-o", tmp_path / "v.h5", "--x-mm", "0",
-                  "--y-mm", "-20:20:10", "--z-mm", "250:350:50")  # fmt: skip
-    assert outcome.status == 0, outcome.err
-    assert open_volume(tmp_path / "v.h5").grid.counts == (1, 5, 3)
 
 
 def test_a_capture_without_receptions_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:

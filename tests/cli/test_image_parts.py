@@ -166,30 +166,6 @@ def test_a_killed_image_resumes(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["killed.py", "out.h5"]
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
-def test_what_a_kill_at_the_end_leaves_is_removed(
-    run: Run, captures: list[Path], tmp_path: Path
-) -> None:
-    program, out = tmp_path / "killed.py", tmp_path / "out.h5"
-    at_the_end = """
-import os, signal
-from clradar.cli import images
-replacing = images.replacing
-def killed(path, force):
-    if path.name == "out.h5":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return replacing(path, force=force)
-images.replacing = killed
-if __name__"""
-    program.write_text(PROGRAM.format(voxels=PIECE_VOXELS).replace("if __name__", at_the_end))
-    command = ["image", *map(str, captures), *WORDS, "-o", str(out)]
-    done = subprocess.run([sys.executable, program, *command], capture_output=True, text=True)
-    assert done.returncode == -signal.SIGKILL, done.stderr
-    assert {path.name for path in (tmp_path / "out.h5.parts").iterdir()} == {".lock", "volume.h5"}
-    assert run(*command).status == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["killed.py", "out.h5"]
-
-
 def test_a_grid_that_no_memory_holds(captures: list[Path]) -> None:
     grid = clradar.VoxelGrid.from_extent((-1, 1), (-1, 1), (0.5, 1), 1e-3)
     capture = open_capture(captures[0])

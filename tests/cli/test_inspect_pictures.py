@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from command_line import Run, one_error_line
 
-from clradar import AntennaArray, Capture, Waveform, arrays
+from clradar import Capture, Waveform, arrays
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CompareError
 from clradar.plot import capture_figure, recording_figure
@@ -76,14 +76,6 @@ def test_a_recording_shows_how_its_target_moves() -> None:
     assert np.array(line.get_data()) == pytest.approx(
         np.array([[2, 3, 7], [0, 20 * np.log10(0.5), 0]]), abs=1e-3
     )
-
-
-def test_a_single_frequency_has_levels_alone() -> None:
-    array = AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]], "lab")
-    capture = Capture(np.ones((2, 1, 1), np.complex64), array, Waveform([77e9]))
-    pairs, _ = capture_figure(capture).axes
-    assert all(tick == int(tick) for tick in [*pairs.get_xticks(), *pairs.get_yticks()])
-    assert len(recording_figure([capture, capture], [0, 1]).axes) == 1
 
 
 def test_what_cannot_be_drawn_is_an_error(run: Run, made: Path, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import GRID, Run, one_error_line
+from command_line import Run, one_error_line
 from systems import posix_only
 
 import clradar
@@ -89,28 +89,12 @@ def test_help_imports_nothing_heavy(arguments: list[str], not_needed: set[str]) 
     assert not others & loaded
 
 
-def test_images_on_other_pixels_are_an_error(
-    run: Run, made: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(made)
-    outcome = run("compare", "volume.h5", "sim.h5", "--x-mm", "0:60:6", *GRID[2:], "-o", "x.png")
-    *remarks, error = outcome.err.splitlines()  # the grid cuts the hand
-    assert outcome.status == 1
-    assert all(line.startswith("clradar: warning: the grid ") for line in remarks)
-    assert error.startswith("clradar: error: compare: expected both images on the same pixels")
-    assert not (made / "x.png").exists()
-
-
 @pytest.mark.parametrize("place", [0, 1, 4])
 def test_debug_shows_the_traceback(place: int, tmp_path: Path) -> None:
     arguments = ["simulate", "none.ply", "-o", str(tmp_path / "x.h5")]
     arguments.insert(place, "--debug")
     with pytest.raises(MeshError, match=r"none\.ply"):
         main(arguments)
-
-
-def test_debug_after_two_dashes_is_a_name(run: Run, tmp_path: Path) -> None:
-    one_error_line(run("simulate", "-o", tmp_path / "x.h5", "--", "--debug"), "--debug")
 
 
 def test_an_unexpected_error_names_its_type(
@@ -122,20 +106,6 @@ def test_an_unexpected_error_names_its_type(
     monkeypatch.setattr("clradar.hand.hand_mesh", broken)
     outcome = run("hand", "-o", tmp_path / "x.ply")
     one_error_line(outcome, "ZeroDivisionError: first line second line", "--debug")
-
-
-@posix_only
-def test_control_c_is_130_without_a_traceback(tmp_path: Path) -> None:
-    code = (
-        "import os, signal, sys, clradar.hand\n"
-        "def interrupted(*a, **k):\n    os.kill(os.getpid(), signal.SIGINT)\n    return 1 / 0\n"
-        "clradar.hand.hand_mesh = interrupted\n"
-        "from clradar.cli import main\nmain(sys.argv[1:])"
-    )
-    done = in_process(code, "hand", "-o", str(tmp_path / "x.ply"))
-    assert done.returncode == 130
-    assert done.stderr == "clradar: interrupted\n"
-    assert list(tmp_path.iterdir()) == []
 
 
 SENDING = """

@@ -79,19 +79,6 @@ def test_a_material_chooses_the_estimator_that_knows_it() -> None:
         assert MaterialOptions(material="palm").estimator("expected") == "expected"
 
 
-def test_simulate_records_materials(run: Run, made: Path, own: Path, tmp_path: Path) -> None:
-    file = tmp_path / "s.h5"
-    outcome = run("simulate", made / "hand.ply", "-o", file, "--samples-per-mm2", "0.01",
-                  "--band", "72:82:2", "--estimator", "expected", "--material", f"{own}:resin",
-                  "--material-of", "thumb=skin")  # fmt: skip
-    assert outcome.status == 0, outcome.err
-    assert "--material: not used by --estimator expected" in outcome.err
-    meta = open_capture(file).meta
-    assert meta["options"]["material"] == f"{own}:resin"
-    assert meta["options"]["material_of"] == ["thumb=skin"]
-    assert [entry["file"] for entry in meta["inputs"]] == ["hand.ply", "own.toml"]
-
-
 def test_simulate_takes_the_materials_of_parts(run: Run, made: Path, tmp_path: Path) -> None:
     file = tmp_path / "s.h5"
     outcome = run("simulate", made / "hand.ply", "-o", file, "--band", "72:82:2",

@@ -56,10 +56,3 @@ def test_own_materials(run: Run, tmp_path: Path) -> None:
     one_error_line(
         run("materials", lab), "material resin: permittivity", "75 to 80 GHz", "72 to 82"
     )
-
-
-def test_files_that_are_none(run: Run, tmp_path: Path) -> None:
-    path = tmp_path / "lab.toml"
-    path.write_text("[x]\npermitivity = 3", encoding="utf-8")
-    one_error_line(run("materials", path), "lab.toml", "x.permitivity: unknown key", "permittivity")
-    one_error_line(run("materials", tmp_path / "gone.toml"), "gone.toml: no such file")

@@ -70,7 +70,6 @@ def test_devices_without_opencl(run: Run, monkeypatch: pytest.MonkeyPatch) -> No
     "command",
     [
         ("convert", "sim.h5", "-o", "{}/x.h5"),
-        ("convert", "recording", "--all-frames", "-o", "{}/frames"),
         ("convert", "sim.h5", "--to", "maroon", "-o", "{}/30"),
         ("compare", "volume.h5", "volume.h5", "-o", "{}/x.png"),
     ],

@@ -45,13 +45,6 @@ def test_a_command_runs_beside_files_of_the_names_of_ours(lab: Path, module: str
     assert err.startswith("clradar: error: none.h5: no such file")
 
 
-def test_the_installed_program_runs_there(lab: Path, tmp_path_factory) -> None:
-    program = tmp_path_factory.mktemp("bin") / "clradar"
-    program.write_text("from clradar.cli import main\nmain()\n")
-    _, err = output_of(lab, str(program), *CORRECT)
-    assert err.startswith("clradar: error: none.h5: no such file")
-
-
 def test_the_file_that_hides_a_package_is_named(lab: Path) -> None:
     # The folder of a script is first on Python's path.
     (lab / "script.py").write_text("from clradar.cli import main; main(['devices'])")
@@ -61,17 +54,6 @@ def test_the_file_that_hides_a_package_is_named(lab: Path) -> None:
     assert "rename it" in err
     _, err = output_of(lab, "-c", "import clradar; clradar.open_dataset")
     assert f"clradar.errors.PackageError: {lab / 'measurement_io.py'}: hides " in err
-
-
-def test_a_script_that_needs_no_package_of_that_name_runs(lab: Path) -> None:
-    code = "import clradar; clradar.simulate; clradar.arrays.qar50()"
-    assert output_of(lab, "-c", code) == (0, "")
-
-
-def test_a_path_that_was_set_on_purpose_is_named(lab: Path) -> None:
-    _, err = output_of(lab, "-m", "clradar", *CORRECT, path=f"{lab}{os.pathsep}{ROOT}")
-    assert err.startswith(f"clradar: error: {lab / 'calibration.py'}: hides ")
-    assert len(err.splitlines()) == 1
 
 
 def test_the_command_of_a_checkout_that_is_not_installed() -> None:

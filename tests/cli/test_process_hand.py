@@ -140,10 +140,3 @@ def test_an_interrupted_run_goes_on_where_it_was(
     assert outcome.status == 0, outcome.err
     assert tried == [2, 3]
     assert contents(cut) == contents(tmp_path / "whole")
-
-
-def test_some_frames(run: Run, recording: Path, tmp_path: Path) -> None:
-    outcome = run(*FIT, recording, "--frames", "2:3", "-o", tmp_path / "fit")
-    assert outcome.status == 0, outcome.err
-    names = {path.name for path in (tmp_path / "fit/hand/frames").iterdir()}
-    assert names == {f"00000{i}.{kind}" for i in (2, 3) for kind in ("json", "toml")}

@@ -8,10 +8,6 @@ from pathlib import Path
 import pytest
 from command_line import Run
 
-from calibration import align
-from clradar import DepthMap
-from measurement_io import check_file, open_capture, open_volume, save_recording
-
 
 @pytest.mark.parametrize(
     ("line", "label"),
@@ -46,17 +42,3 @@ def test_a_terminal_shows_progress_and_a_pipe_none(
     assert shown.status == 0, shown.err
     assert label in shown.err
     assert shown.out == plain.out  # results stay on stdout
-
-
-def test_counts_end_at_their_total(made: Path, tmp_path: Path) -> None:
-    volume = open_volume(made / "volume.h5")
-    counts: list[tuple[int, int]] = []
-    image: DepthMap = volume.depth_map()
-    align(image, image, progress=lambda *count: counts.append(count))
-    assert counts == sorted(counts)
-    assert len(counts) > 10
-    assert counts[-1][0] == counts[-1][1]
-    radar = save_recording(tmp_path / "hand" / "30", [open_capture(made / "sim.h5")] * 3)
-    counts.clear()
-    assert check_file(radar, progress=lambda *count: counts.append(count)).ok
-    assert counts == [(1, 3), (2, 3), (3, 3)]

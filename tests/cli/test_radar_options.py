@@ -6,7 +6,6 @@ import json
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 import typer
 from command_line import Run
@@ -14,7 +13,7 @@ from command_line import Run
 import clradar
 from clradar.cli.app import COMMANDS, module_of
 from clradar.cli.options.groups import expanded
-from measurement_io import open_capture, open_recording, open_volume, save_capture
+from measurement_io import open_volume, save_capture
 
 OWN = "captures and recordings have their antennas and frequencies"
 WITHOUT = {
@@ -64,29 +63,6 @@ def test_widths_of_an_array_are_not_called_its_resolution(run: Run, cross: Path)
     printed = run(*command).out
     assert "widths at -3 dB: x " in printed
     assert "resolution in range c/2B 74.9 mm" in printed
-
-
-def test_a_recorded_hand_of_another_radar_is_read_as_it_was_written(
-    run: Run, tmp_path: Path, cross: Path
-) -> None:
-    motion = tmp_path / "motion.toml"
-    made = run("hand", "--from", "S", "--to", "flat", "--edge-mm", "4", "-o", motion)
-    assert made.status == 0, made.err
-    outcome = run(
-        "simulate", "--motion", motion, "--frames", "2", "-o", tmp_path / "moving", "--array",
-        cross, "--band", "60:62:5", "--samples-per-mm2", "0.02",
-    )  # fmt: skip
-    assert outcome.status == 0, outcome.err
-    recording = open_recording(tmp_path / "moving")
-    array = clradar.arrays.read_array(cross)
-    assert recording.array.same_positions(array, 0.0)
-    assert recording.array.name == "cross60"
-    frames = list(recording)
-    assert [frame.data.shape for frame in frames] == [(6, 5, 5)] * 2
-    assert frames[0].data.any()
-    alone = open_capture(tmp_path / "moving", frame=1)
-    np.testing.assert_array_equal(alone.data, frames[1].data)
-    assert alone.array.same_positions(array, 0.0)
 
 
 def test_a_volume_is_taken_for_one_of_the_radar_that_is_named(

@@ -40,6 +40,8 @@ WRONG_USAGE = [
     (f"{SIMULATE} --reception-radius-mm=0.01", "from 0.1 to 1000 mm, got 0.01 mm"),
     (f"{SIMULATE} --reception-radius-mm=1e308", "from 0.1 to 1000 mm"),
     (f"{SIMULATE} --frames 2", "--frames: expected --motion with it"),
+    (f"{SIMULATE} --workers 0", "--workers"),
+    (f"{SIMULATE} --array qar50 --workers 1", "expected an --array of clusters"),
     (f"{SIMULATE} --workers 2 --scheduler tcp://127.0.0.1:1", "--scheduler"),
     (f"{IMAGE} --x-mm 10:0:1", "--x-mm"),
     (f"{IMAGE} --y-mm 0:10", "--y-mm"),
@@ -97,6 +99,8 @@ WRONG_USAGE = [
 
 ERRORS = [
     ("simulate none.ply -o x.h5", "none.ply: no such file; expected a mesh file"),
+    ("simulate -o x.h5 -- --debug", "--debug"),
+    ("convert none --all-frames -o x", "none"),
     (f"{SIMULATE} --unit mm", "unit='mm' did you mean"),
     (f"{SIMULATE} --alpha nail=0", "palm nail"),
     (f"{SIMULATE} --device abacus", "abacus"),

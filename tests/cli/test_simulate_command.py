@@ -122,23 +122,3 @@ def test_transform_moves_the_mesh(made: Path, tmp_path: Path, run: Run) -> None:
             PlacementOptions(transform=path).matrix()
     outcome = run("simulate", made / "hand.ply", "-o", tmp_path / "x.h5", "--transform", path)
     one_error_line(outcome, "t.json")
-
-
-def test_a_scene_behind_the_aperture_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
-    placed = tmp_path / "T.json"
-    placed.write_text(json.dumps([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -0.3], [0, 0, 0, 1]]))
-    outcome = run(
-        "simulate", made / "hand.ply", "-o", tmp_path / "s.h5", "--transform", placed,
-        "--samples-per-mm2", "0.01",
-    )  # fmt: skip
-    assert outcome.status == 0
-    assert "clradar: warning: the scene reaches behind the aperture" in outcome.err
-
-
-def test_a_starved_simulation_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
-    outcome = run("simulate", made / "hand.ply", "-o", tmp_path / "s.h5",
-                  "--samples-per-mm2=0.01", "--estimator=stochastic", "--band=72:82:2")  # fmt: skip
-    assert outcome.status == 0
-    (line,) = outcome.err.splitlines()
-    assert line.startswith("clradar: warning: ")
-    assert "pairs of antennas received no ray" in line

@@ -90,7 +90,6 @@ def test_a_pipe_that_ends_is_no_error(made: Path, command: str) -> None:
     "command",
     [
         ["image", "sim.h5", "--x-mm", "-60:60:6", "--y-mm", "-90:90:6", "--z-mm", "280:320:5"],
-        ["convert", "recording"],
         ["hand", "F", "--edge-mm", "4"],
     ],
     ids=lambda command: command[0],

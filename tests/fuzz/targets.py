@@ -56,10 +56,9 @@ class Format:
 
 
 _HDF5 = Format((mutators.change_hdf5,), mutators.HDF5, mutators.hdf5_checksums)
-_ZIP = Format((mutators.change_members,), (b"'descr'", b"'<c8'", b"'|O'", b".npy"))
+_ZIP = Format((), (b"'descr'", b"'<c8'", b"'|O'", b".npy"))
 _JSON = Format((mutators.change_json,), mutators.JSON)
 _PICKLE = Format((mutators.change_pickle,), mutators.PICKLE)
-_NPY = Format((mutators.change_npy_header, mutators.change_pickle), mutators.PICKLE)
 _PNG = Format((), (b"IHDR", b"IDAT", b"tRNS", b"zTXt"), mutators.png_checksums)
 _GLB = Format((mutators.change_glb,), mutators.GLTF)
 _GLTF = Format((mutators.change_json,), mutators.GLTF)
@@ -173,7 +172,7 @@ _NO_FRAME = {f"{seeds.RADAR}/calibrated_data/000000.npy": b"which takes no time 
 _POSED = {"motion/bent.toml": seeds.POSE, "motion/times.csv": b"0, 1, 2\n3, 4, 5\n"}
 
 TARGETS = {
-    "frame": Target("000000.npy", seeds.frames, open_capture, Capture, _NPY),
+    "frame": Target("000000.npy", seeds.frames, open_capture, Capture, _PICKLE),
     "native_capture": _native("capture.h5", seeds.native_captures, open_capture, Capture),
     "native_volume": _native("volume.h5", seeds.native_volumes, open_volume, Volume),
     "native_channels": _native(

@@ -9,7 +9,6 @@ from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 from clradar.errors import ModelError
 from clradar.geometry import bvh as module
 from clradar.geometry.bvh import Bvh, build_bvh, face_normals, flatten
-from clradar.hand import hand_mesh, pose_by_name
 
 
 def triangles_of(mesh: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -196,12 +195,6 @@ def test_splits_by_count_bound_the_depth_of_an_unbalanced_tree(monkeypatch, devi
     assert bvh.depth <= 3 + np.ceil(np.log2(len(triangles)))
 
 
-def test_same_tree_for_the_same_triangles(device):
-    first, second = (build_bvh(MESHES["soup"], device) for _ in range(2))
-    for name in ("low", "high", "child", "order"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-
-
 @pytest.mark.parametrize("name", [*MESHES, "exponential", "identical"])
 def test_without_a_cpu_device_numpy_builds_the_same_tree(name, monkeypatch, device):
     others = {
@@ -252,22 +245,3 @@ def test_numbers_that_are_none_are_refused(value, message, device):
 def test_wrong_shapes_are_refused(shape, device):
     with pytest.raises(ModelError, match="triangles_m: expected"):
         build_bvh(np.zeros(shape), device)
-
-
-def test_a_hand(device):
-    mesh = hand_mesh(pose_by_name("F"))
-    triangles = mesh.vertices_m[mesh.faces]
-    bvh = build_bvh(triangles, device)
-    check_tree(bvh, triangles)
-    # A tree as good as a balanced one has log2(n / 2) = 14 levels; twice that is far from any
-    # trouble.
-    assert bvh.depth <= 30
-
-
-@pytest.mark.slow
-def test_a_million_faces(device):
-    triangles = triangles_of(plate(0.4, 0.3, 708, wavy_m=0.01))
-    assert len(triangles) >= 10**6
-    bvh = build_bvh(triangles, device)
-    check_tree(bvh, triangles)
-    check_flat(bvh, triangles)

@@ -12,11 +12,10 @@ from images import QAR50, SWEEP, noise, rms_db, scatterers
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.errors import ModelError
-from clradar.imaging import block_tree, fast
-from clradar.imaging.block_tree import block_levels, block_sizes, image_levels, leaf_voxels
+from clradar.imaging import fast
+from clradar.imaging.block_tree import block_sizes, image_levels, leaf_voxels
 from clradar.imaging.tree_on_device import FLOAT32_SHARE, float32_phase_error
-from clradar.phasors import skeletons
-from clradar.phasors.interpolative import SLACK, decompose, decompose_sampled, phasor_rms
+from clradar.phasors.interpolative import SLACK, decompose_sampled, phasor_rms
 
 HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
 # Float32 sums of 10^6 terms of random phase in blocks of a hundred, and phases of 1e-6 turns.
@@ -87,53 +86,6 @@ def test_a_decomposition_interpolates_new_functions_of_the_family() -> None:
     assert (np.diff(found.skeleton) > 0).all()
 
 
-def test_every_family_keeps_the_tolerance() -> None:
-    """One of four families varies three times as fast as the rest."""
-    rng = np.random.default_rng(0)
-    at = np.sort(rng.uniform(-1, 1, 60))
-    fastest = np.repeat([1.0, 1.0, 1.0, 3.0], 100)[:, None]
-
-    def draw() -> np.ndarray:
-        return parts(fastest * rng.uniform(-1, 1, (400, 1)) * at).reshape(4, -1, 60)
-
-    found = decompose_sampled(draw, 1e-3)
-    fresh = draw()
-    error = phasor_rms(fresh - fresh[..., found.skeleton] @ found.weights.T)
-    assert (error <= 1.5 * SLACK * 1e-3).all()
-
-
-def test_a_decomposition_is_checked_on_functions_that_it_was_not_made_from() -> None:
-    """The first samples are alike, so that one point would do for them."""
-    rng = np.random.default_rng(0)
-    at, drawn = np.sort(rng.uniform(-1, 1, 50)), []
-
-    def draw() -> np.ndarray:
-        drawn.append(0.01 if not drawn else 1.0)
-        return parts(drawn[-1] * rng.uniform(-1, 1, (300, 1)) * at)
-
-    found = decompose_sampled(draw, 0.02)
-    fresh = draw()
-    assert phasor_rms(fresh - fresh[..., found.skeleton] @ found.weights.T) <= 1.5 * SLACK * 0.02
-
-
-def test_the_order_of_the_samples_changes_no_bit() -> None:
-    """Nor does the number of threads, which decides in what order products are summed."""
-    rng = np.random.default_rng(0)
-    samples = parts(rng.uniform(-1, 1, (300, 1)) * rng.uniform(-1, 1, 50))
-    one, other = (
-        decompose_sampled(lambda own=own: own, 1e-3) for own in (samples, samples[:, ::-1])
-    )
-    np.testing.assert_array_equal(one.skeleton, other.skeleton)
-    np.testing.assert_array_equal(one.weights, other.weights)
-
-
-def test_points_that_coincide_need_one_of_them() -> None:
-    samples = parts(np.random.default_rng(0).uniform(size=(40, 2)))[0][:, [0, 1, 0, 0]]
-    found = decompose(samples, 1e-6)
-    assert len(found.skeleton) == 2
-    np.testing.assert_allclose(samples[:, found.skeleton] @ found.weights.T, samples, atol=1e-12)
-
-
 def test_independent_functions_keep_all_points() -> None:
     rng = np.random.default_rng(0)
 
@@ -159,23 +111,6 @@ def test_blocks_halve_down_to_about_a_wavelength() -> None:
         assert all(a in (b, 2 * b) for a, b in zip(larger, smaller, strict=True))
 
 
-@pytest.mark.parametrize(
-    ("counts", "step", "leaf"),
-    [
-        ((1, 1, 1), 1e-3, (1, 1, 1)),
-        ((50, 1, 1), 1e-3, (8, 1, 1)),
-        ((3, 2, 1), 1e-3, (4, 2, 1)),
-        ((40, 40, 40), 2e-2, (2, 2, 2)),
-        ((400, 400, 400), 0.25e-3, (16, 16, 32)),
-        ((800, 800, 800), 0.01e-3, (64, 64, 64)),
-    ],
-)
-def test_the_smallest_blocks_have_eight_voxels_where_the_grid_has_and_not_too_many(
-    counts: tuple[int, int, int], step: float, leaf: tuple[int, int, int]
-) -> None:
-    assert leaf_voxels(VoxelGrid(np.zeros(3), np.full(3, step), counts), 3.9e-3) == leaf
-
-
 def test_fine_voxels_are_interpolated_for_images_alone() -> None:
     """From an eighth of the voxels; forward and adjoint, which are each other's, sum in all."""
     array, sweep = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2]), Waveform.sfcw(72e9, 82e9, 9)
@@ -189,46 +124,6 @@ def test_fine_voxels_are_interpolated_for_images_alone() -> None:
     rho, samples = rng.normal(size=operator.domain_shape), rng.normal(size=operator.range_shape)
     one = np.vdot(samples, operator.forward(rho))
     assert abs(one - np.vdot(operator.adjoint(samples), rho)) < 1e-5 * abs(one)
-
-
-def test_skeletons_are_nested_and_shrink() -> None:
-    found = block_levels(QAR50, SWEEP, PAPER_COARSE, 3e-3)
-    for above, below in pairwise(found):
-        for name in ("tx", "rx", "frequency"):
-            large, small = getattr(above, name), getattr(below, name)
-            assert set(small.skeleton) <= set(large.skeleton)
-            assert small.weights.shape == (len(large.skeleton), len(small.skeleton))
-    assert len(found[-1].tx.skeleton) < 24
-    assert len(found[-1].rx.skeleton) < 24
-    assert len(found[-1].frequency.skeleton) < 10
-
-
-def test_levels_that_exceed_the_tolerance_together_are_chosen_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked, errors = [], iter([1.01e-3, 0.99e-3])
-    one = skeletons._decomposition
-    monkeypatch.setattr(
-        skeletons, "_decomposition", lambda *args: asked.append(args[-1]) or one(*args)
-    )
-    monkeypatch.setattr(skeletons, "_rms_error", lambda *args: next(errors))
-    k = SWEEP.frequencies_hz / clradar.constants.SPEED_OF_LIGHT_M_PER_S
-    sizes = [(size, 1, 1) for size in block_sizes(PAPER_COARSE.counts, (4, 4, 8))]
-    sampler = block_tree._voxel_sampler(QAR50, PAPER_COARSE, sizes)
-    skeletons.decompositions(skeletons.AntennaPhases(QAR50.tx_m, k, sampler), 1e-3)
-    assert len(asked) == 2 * len(sizes)
-    assert asked[-1] < 0.8 * asked[0]
-
-
-def test_samples_are_spread_over_every_block() -> None:
-    sizes = [(size, 1, 1) for size in block_sizes(PAPER_COARSE.counts, (4, 4, 8))]
-    sampler = block_tree._voxel_sampler(QAR50, PAPER_COARSE, sizes)
-    for level, (size, _, _) in enumerate(sizes):
-        voxel = sampler.spread(3000, level)
-        assert (voxel >= 0).all()
-        assert (voxel < PAPER_COARSE.counts).all()
-        for axis, (n, own) in enumerate(zip(PAPER_COARSE.counts, size, strict=True)):
-            assert set(voxel[:, axis] // own) == set(range(-(-n // own)))
 
 
 # The error ----------------------------------------------------------------------------------------
@@ -312,13 +207,6 @@ def test_few_terms_are_summed_directly(
     assert (backproject(capture, grid, device=device).data != want).any()
 
 
-def test_levels_that_are_not_worthwhile_are_omitted() -> None:
-    """One voxel, and voxels that hardly share a skeleton, are summed directly."""
-    assert len(block_levels(QAR50, SWEEP, GRIDS["a voxel"], 3e-3)) == 1
-    sizes = block_sizes(PAPER_COARSE.counts, leaf_voxels(PAPER_COARSE, 3.9e-3))
-    assert len(block_levels(QAR50, SWEEP, PAPER_COARSE, 1e-4)) < len(sizes)
-
-
 RNG = np.random.default_rng(5)
 ARRAYS = {
     "in space": AntennaArray(RNG.uniform(-0.07, 0.07, (30, 3)), RNG.uniform(-0.07, 0.07, (20, 3))),
@@ -353,15 +241,6 @@ def test_large_arrays_are_imaged_in_parts(device: clradar.Device) -> None:
     grid = extent((-0.02, 0.02), (-0.03, 0.03), (0.2, 0.21), 2e-3)
     capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
     assert error_db(capture, grid, device) <= -50.0
-
-
-def test_parts_of_both_sides_make_up_the_whole(
-    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(fast, "MAX_ANTENNAS", 40)
-    assert len(fast.array_parts(QAR50)) == 9
-    capture = scatterers(QAR50, Waveform.sfcw(72e9, 82e9, 5), PAPER_COARSE)
-    assert error_db(capture, PAPER_COARSE, device) <= -50.0
 
 
 # Wrong arguments ----------------------------------------------------------------------------------

@@ -214,14 +214,3 @@ def test_the_absolute_scale_is_that_of_the_captures_gains(
         imager.form(frame)
         alone = clradar.backproject(frame, GRID, device=device)
         np.testing.assert_array_equal(imager.volume().rcs_dbsm(), alone.rcs_dbsm())
-
-
-def test_skeletons_of_several_pieces_are_chosen_once(
-    frames: list[Capture], device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(fast, "TILE_VOXELS", 20_000)
-    with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
-        assert len(imager._sum.pieces) > 1
-        monkeypatch.setattr(type(imager._sum.pieces[0]), "blocks", None)
-        for frame in frames[:2]:
-            imager.form(frame)

@@ -9,7 +9,7 @@ from images import QAR50, rms_db
 import clradar
 from clradar import AntennaArray, ImagingOperator, VoxelGrid, Waveform
 from clradar.errors import ModelError
-from clradar.imaging import fast, point_blocks
+from clradar.imaging import fast
 
 # Float32 phasors and sums, a few hundred terms in a row: some 1e-7 each.
 FLOAT32_DB = -120.0
@@ -188,16 +188,6 @@ def test_the_adjoint_of_a_grid_is_the_fast_image(
     np.testing.assert_array_equal((adjoint.view(np.float32) / capture.data.size), image.view("f4"))
 
 
-def test_blocks_of_many_points_are_cut(
-    device: clradar.Device, always_a_tree: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    points_m, rho = POINTS_M["a sphere"], complex_noise((3000,))
-    want = ImagingOperator(HALF, SWEEP_17, points_m, device=device).forward(rho)
-    monkeypatch.setattr(point_blocks, "MOST_POINTS", 5)
-    got = ImagingOperator(HALF, SWEEP_17, points_m, device=device).forward(rho)
-    assert rms_db(got - want, want) <= FLOAT32_DB
-
-
 def test_pieces_and_parts_make_up_the_whole(
     device: clradar.Device, always_a_tree: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,19 +227,6 @@ def test_points_that_some_antennas_do_not_see_are_summed_directly(
 
 
 # Records and vectors ------------------------------------------------------------------------------
-
-
-def test_a_grid_is_its_voxels(device: clradar.Device) -> None:
-    operator = ImagingOperator(SMALL, UNEVEN, GRID, device=device)
-    rho, samples = complex_noise(GRID.shape), complex_noise(operator.range_shape)
-    want = forward_sum(voxels_m(GRID), rho.ravel(), SMALL, UNEVEN)
-    assert rms_db(operator.forward(rho) - want, want) <= FLOAT32_DB
-    np.testing.assert_array_equal(
-        operator.forward(clradar.Volume(rho, GRID)), operator.forward(rho)
-    )
-    capture = clradar.Capture(samples, SMALL, UNEVEN)
-    image = clradar.backproject(capture, GRID, check_grid=False, device=device).data
-    assert rms_db(operator.adjoint(capture) / samples.size - image, image) <= FLOAT32_DB
 
 
 def test_forward_gives_a_capture(device: clradar.Device) -> None:

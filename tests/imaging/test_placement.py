@@ -17,7 +17,6 @@ from clradar.errors import handled_warnings
 from clradar.imaging import echo_location, grid_check, placement
 from clradar.imaging.object_box import MOST_VOXELS, PAPER_GRID
 from clradar.imaging.placement import place_grid
-from clradar.model.range_profile import without_coupling
 from clradar.opencl import open_device
 
 QAR50 = clradar.arrays.qar50()
@@ -84,27 +83,6 @@ def test_the_grid_is_placed_around_an_echo_anywhere(at_m: list[float]) -> None:
     coarse = VoxelGrid.from_extent(*box_of(grid), (high - low) / 20)
     peak = np.abs(clradar.backproject(capture, coarse, method="range").data).max()
     assert peak > 0.1  # somewhere within a voxel that is much larger than the resolution
-
-
-@pytest.mark.parametrize("factor", [1e-25, 1e25])
-def test_the_scale_of_samples_places_nothing(factor: float) -> None:
-    capture = echoes_of([0.02, 0.01, 1.2])
-    scaled = Capture(capture.data * np.float32(factor), capture.array, capture.waveform)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found, wanted = place_grid(scaled), place_grid(capture)
-    assert found.counts == wanted.counts
-    np.testing.assert_allclose(found.origin_m, wanted.origin_m, rtol=0, atol=1e-12)
-
-
-def test_the_image_on_the_placed_grid_shows_the_echo() -> None:
-    capture = echoes_of([0, 0, 1.5])
-    volume = clradar.backproject(capture, place_grid(capture))
-    z, y, x = np.unravel_index(np.abs(volume.data).argmax(), volume.data.shape)
-    at = [axis[i] for axis, i in zip((volume.grid.x_m, volume.grid.y_m, volume.grid.z_m),
-                                     (x, y, z), strict=True)]  # fmt: skip
-    np.testing.assert_allclose(at, [0, 0, 1.5], atol=2e-3)
-    assert np.abs(volume.data).max() > 0.99
 
 
 def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit() -> None:
@@ -194,18 +172,6 @@ def test_an_array_on_a_line_gets_one_plane() -> None:
     assert (high >= [0.5, 0, 5.0]).all()
 
 
-def test_a_grid_reaches_no_farther_to_the_sides_than_ahead() -> None:
-    """An aperture of 2.5 mm resolves 2 m at 1 m, and the margin of two of that is empty."""
-    array = AntennaArray(line_m(0.0275, 3, 0), line_m(0.0025, 4, 1))
-    capture = clradar.room_capture(
-        array, Waveform.sfcw(58e9, 62e9, 64), [], points_m=[[0.05, -0.03, 1.0]]
-    )
-    grid = place_grid(capture)
-    x, y, z = box_of(grid)
-    assert z[0] < 1.0 < z[1]
-    assert np.abs([x, y]).max() <= (z[1] ** 2 - z[0] ** 2) ** 0.5 + grid.spacing_m.max()
-
-
 def test_the_direct_coupling_is_no_object() -> None:
     coupled = clradar.impair(echoes_of([0, 0, 1.0]), coupling_db=40.0, seed=0)
     low, high = box_of(place_grid(coupled)).T
@@ -233,15 +199,6 @@ def test_what_cannot_be_told_from_coupling_is_said() -> None:
     assert place_grid(clradar.impair(echoes_of(AT_HAND), **faults)) is PAPER_GRID
 
 
-def test_removing_the_coupling_leaves_the_echoes() -> None:
-    echo, coupled = (
-        clradar.impair(echoes_of([0, 0, 0.2]), coupling_db=level, seed=0) for level in (None, 40.0)
-    )
-    left, kept = without_coupling(coupled).data, without_coupling(echo).data
-    assert np.abs(left - kept).max() < 1e-5 * np.abs(coupled.data).max()  # float32
-    assert np.abs(kept - echo.data)[..., 32:96].max() < 0.02  # at 9 cells and more
-
-
 def test_the_hand_s_grid_is_extended_to_what_it_would_cut() -> None:
     palm = object_of([0, 0, 0.31], [0.08, 0.18, 0.01], 10)
     thumb = echoes_of([0, -0.03, 0.25], amplitudes=[3.0])
@@ -254,14 +211,6 @@ def test_the_hand_s_grid_is_extended_to_what_it_would_cut() -> None:
     assert warned(capture, grid) == []
     found = placement.placement(capture, clradar.open_device())
     assert placement.placement_words(capture, found).startswith("that of a hand at 0.3 m, extended")
-
-
-def test_a_large_object_gets_a_large_grid() -> None:
-    size_m = np.array([0.24, 0.2, 0.02])
-    capture = object_of([0.1, 0, 1.2], size_m, 12)
-    low, high = box_of(place_grid(capture)).T
-    assert (low <= np.array([0.1, 0, 1.2]) - size_m / 2).all()
-    assert (high >= np.array([0.1, 0, 1.2]) + size_m / 2).all()
 
 
 def test_an_ambiguous_echo_is_placed_where_it_focuses() -> None:
@@ -296,10 +245,6 @@ def test_a_grid_that_cuts_the_object_is_reported(extents: Any, side: str) -> Non
     assert warned(capture, grid) == [CUT]
     with pytest.warns(ClradarWarning, match=f"cuts the object off at {side}: it goes on beyond"):
         clradar.backproject(capture, grid)
-
-
-def test_an_object_behind_the_grid_is_cut_off_too() -> None:
-    assert warned(echoes_of([0, 0, 0.36]), HAND_BOX) == [CUT]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ import pytest
 import clradar
 from clradar import METAL, Coating, ColeCole, Material, PermittivityTable, PowerLaw, Waveform
 from clradar.errors import ClradarWarning, ModelError
-from clradar.model.fresnel import coated, half_space
 from clradar.model.kirchhoff import check_kirchhoff, curvature_radius_m
 from clradar.model.known_materials import HORNY_LAYER, KNOWN
 
@@ -130,36 +128,6 @@ def test_a_conductor_turns_the_field_at_every_angle() -> None:
     # A good conductor comes near it: |1 + r| of copper is 1.4 (f eps_0 pi 4 / sigma)^0.5.
     copper = Material("copper", ColeCole(1.0, sigma_s_per_m=5.8e7))
     assert np.abs(copper.reflection(BAND, 1.0) + 1).max() < 1e-3
-
-
-def test_quarter_and_half_wave_layers() -> None:
-    frequency, inner, layer = 77e9, 5.0, 2.2
-    wavelength = C / frequency / np.sqrt(layer)
-    quarter = Material("x", inner, coating=Coating(wavelength / 4, layer))
-    half = Material("x", inner, coating=Coating(wavelength / 2, layer))
-    # (n0 ns - n1^2) / (n0 ns + n1^2), and no trace of the layer.
-    n_s = np.sqrt(inner)
-    expected = (n_s - layer) / (n_s + layer)
-    assert quarter.reflection(frequency, 1.0)[0, 0] == pytest.approx(expected, abs=1e-12)
-    bare = Material("x", inner).reflection(frequency, 1.0)[0, 0]
-    assert half.reflection(frequency, 1.0)[0, 0] == pytest.approx(bare, abs=1e-12)
-    matched = Material("x", inner, coating=Coating(C / frequency / inner**0.25 / 4, n_s))
-    assert abs(matched.reflection(frequency, 1.0)[0, 0]) < 1e-12
-    metal = Material("x", conductor=True, coating=Coating(wavelength / 4, layer))
-    assert metal.reflection(frequency, 1.0)[0, 0] == pytest.approx(1.0, abs=1e-12)
-
-
-def test_a_layer_goes_over_into_none_and_into_a_half_space() -> None:
-    frequency = np.array([77e9])
-    inner, layer = np.array([[6 - 9j]]), np.array([[3 - 0.4j]])
-    none = np.array(coated(inner, layer, 0.0, frequency, COSINES))
-    assert np.abs(none - np.array(half_space(inner, COSINES))).max() < ROUNDING
-    # 0.1 m of a layer with loss: exp(-2 k Im(n) d) < 1e-16.
-    thick = np.array(coated(inner, layer, 0.1, frequency, COSINES))
-    assert np.abs(thick - np.array(half_space(layer, COSINES))).max() < ROUNDING
-    same = Material("x", 3 - 0.4j, coating=Coating(1e-3, 3 - 0.4j))
-    bare = Material("x", 3 - 0.4j)
-    assert np.abs(same.reflection(BAND, COSINES) - bare.reflection(BAND, COSINES)).max() < ROUNDING
 
 
 def test_no_passive_material_reflects_more_than_it_gets() -> None:
@@ -295,17 +263,6 @@ def test_known_materials(own: Material) -> None:
     assert eval(repr(own), vars(clradar)) == own
 
 
-def test_materials_are_equal_by_value() -> None:
-    palm = clradar.material("palm")
-    assert replace(palm, roughness_rms_m=0.2e-3) != palm
-    assert replace(palm, source="measured") == palm
-    assert Material("metal", conductor=True) == METAL
-    table = PermittivityTable(np.array([7e10, 8e10]), np.array([2 - 1j, 3]))
-    assert table == PermittivityTable((7e10, 8e10), [2 - 1j, 3])
-    assert len({table, PermittivityTable((7e10, 8e10), [2 - 1j, 3])}) == 1
-    assert Material("x", 3) == Material("x", 3.0 + 0j)
-
-
 def test_radius_of_curvature_is_that_of_drawn_profiles() -> None:
     # Mean of 1/|curvature'| as the formula has it: (1 + s^2)^1.5 / E|z''| with E|z''| replaced by
     # the RMS 2 sqrt(3) h / l^2 of a Gaussian correlation: here from its fourth derivative, 12 h^2.
@@ -344,17 +301,3 @@ def test_what_kirchhoff_cannot_do_is_warned_of(h_mm: float, l_mm: float, words: 
 def test_relaxation_times_in_picoseconds_are_refused() -> None:
     with pytest.raises(ModelError, match=r"in seconds, at most 1, got 7.234; did you mean 7.234e"):
         ColeCole(4.0, [(32.0, 7.234)])
-
-
-@pytest.mark.parametrize(
-    ("angle_deg", "te_db", "tm_db"),
-    [(30, -0.7, 0.7), (45, -1.5, 1.8), (55, -2.5, 3.0), (65, -3.8, 5.1)],
-)
-def test_the_mean_of_both_polarisations_is_as_far_off_as_stated(
-    angle_deg: float, te_db: float, tm_db: float
-) -> None:
-    """docs/materials.md, of skin at 77 GHz."""
-    skin, cosine = clradar.material("skin"), [np.cos(np.radians(angle_deg))]
-    mean = skin.reflection([77e9], cosine)
-    for own, stated_db in zip(skin.fresnel([77e9], cosine), (te_db, tm_db), strict=True):
-        assert 20 * np.log10(np.abs(mean / own)).item() == pytest.approx(stated_db, abs=0.05)

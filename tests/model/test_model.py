@@ -13,7 +13,7 @@ import pytest
 
 import clradar
 from clradar import AntennaArray, Capture, DepthMap, Paths, Scene, Volume, VoxelGrid, Waveform
-from clradar.errors import ClradarError, ModelError
+from clradar.errors import ModelError
 from clradar.model import TraceStatistics, checks
 from clradar.model.range_profile import coupling_path_m
 from clradar.model.resolution import lateral_resolution_m
@@ -89,10 +89,8 @@ MAKERS: list[Callable[..., Any]] = [
 # What every field that holds real numbers refuses, whatever its shape.
 NO_REAL_NUMBERS = [
     (np.array([object()]), "numbers", "dtype object"),
-    (np.array([None, 1.0], dtype=object), "numbers", "dtype object"),
     (None, "numbers", "dtype object"),
     ("72e9", "numbers", "dtype <U"),
-    (np.array(["1", "2"]), "numbers", "dtype <U"),
     (np.array([1 + 0j, 2 + 0j]), "real numbers", "dtype complex128"),
     (np.array(["2020-01-01"], dtype="M8[D]"), "numbers", "dtype datetime64"),
     ([[1.0, 2.0], [3.0]], "shape", "ragged"),
@@ -138,41 +136,26 @@ def test_fields_of_real_numbers_refuse_other_things(
 
 WRONG = [
     # field, expected, got, maker, arguments
-    ("AntennaArray.tx_m", "shape (N, 3)", "shape (3,)", make_array, {"tx_m": np.zeros(3)}),
     ("AntennaArray.tx_m", "shape (N, 3)", "shape (2, 2)", make_array, {"tx_m": np.zeros((2, 2))}),
     ("AntennaArray.rx_m", "at least one element", "empty", make_array, {"rx_m": np.zeros((0, 3))}),
-    ("AntennaArray.rx_m", "finite", "1 of 3 that are NaN", make_array, {"rx_m": [[0, NAN, 0]]}),
     ("AntennaArray.tx_m", "finite", "3 of 3 that are NaN", make_array, {"tx_m": [[INF] * 3]}),
     ("AntennaArray.name", "a string", "7", make_array, {"name": 7}),
-    ("Waveform.frequencies_hz", "shape (N,)", "(1, 2)", make_waveform,
-     {"frequencies_hz": [[1e9, 2e9]]}),
+    ("AntennaArray.tx_pattern", "an AntennaPattern", "float", make_array, {"tx_pattern": 1.0}),
     ("Waveform.frequencies_hz", "shape (N,)", "shape ()", make_waveform, {"frequencies_hz": 1e9}),
-    ("Waveform.frequencies_hz", "at least one", "empty", make_waveform, {"frequencies_hz": []}),
     ("Waveform.frequencies_hz", "finite", "NaN", make_waveform, {"frequencies_hz": [1e9, NAN]}),
     ("Waveform.frequencies_hz", "strictly ascending", "descending values 3000000000, 2000000000",
      make_waveform, {"frequencies_hz": [1e9, 3e9, 2e9]}),
     ("Waveform.frequencies_hz", "strictly ascending", "repeated values 2000000000, 2000000000",
      make_waveform, {"frequencies_hz": [1e9, 2e9, 2e9]}),
     ("Waveform.frequencies_hz", "positive", "0 Hz", make_waveform, {"frequencies_hz": [0.0, 1e9]}),
-    ("Waveform.frequencies_hz", "positive", "-1 Hz", make_waveform, {"frequencies_hz": [-1.0]}),
-    ("Waveform.sfcw", "stop_hz above start_hz", "2e+09 Hz to 1e+09 Hz", Waveform.sfcw,
-     {"start_hz": 2e9, "stop_hz": 1e9, "steps": 4}),
     ("Waveform.sfcw", "stop_hz above start_hz", "in 1 steps", Waveform.sfcw,
      {"start_hz": 1e9, "stop_hz": 2e9, "steps": 1}),
     ("Waveform.sfcw", "or equal, for one step", "in 4 steps", Waveform.sfcw,
      {"start_hz": 1e9, "stop_hz": 1e9, "steps": 4}),
-    ("Waveform.sfcw: steps", "a whole number in [1, 10000000]", "2.5", Waveform.sfcw,
-     {"start_hz": 1e9, "stop_hz": 2e9, "steps": 2.5}),
-    ("Waveform.sfcw: steps", "a whole number in [1, 10000000]", "0", Waveform.sfcw,
-     {"start_hz": 1e9, "stop_hz": 2e9, "steps": 0}),
     ("Waveform.sfcw: steps", "a whole number in [1, 10000000]", "1" + 20 * "0", Waveform.sfcw,
      {"start_hz": 1e9, "stop_hz": 2e9, "steps": 10**20}),
-    ("Waveform.sfcw: start_hz", "a number", "'1e9'", Waveform.sfcw,
-     {"start_hz": "1e9", "stop_hz": 2e9, "steps": 2}),
     ("Waveform.sfcw: stop_hz", "finite", "inf", Waveform.sfcw,
      {"start_hz": 1e9, "stop_hz": INF, "steps": 2}),
-    ("Capture.data", "shape (2, 3, 4)", "shape (3, 2, 4)", make_capture,
-     {"data": np.ones((3, 2, 4))}),
     ("Capture.data", "shape (2, 3, 4)", "shape (2, 3)", make_capture, {"data": np.ones((2, 3))}),
     ("Capture.data", "finite", "1 of 24 that are NaN", make_capture,
      {"data": np.where(np.arange(24).reshape(2, 3, 4) == 5, complex(0, NAN), 1)}),
@@ -180,81 +163,62 @@ WRONG = [
      {"data": np.full((2, 3, 4), 1e39)}),
     ("Capture.data", "numbers (complex64)", "dtype object", make_capture,
      {"data": np.full((2, 3, 4), None)}),
-    ("Capture.data", "numbers (complex64)", "dtype <U1", make_capture,
-     {"data": np.full((2, 3, 4), "1")}),
     ("Capture.array", "an AntennaArray", "ndarray", make_capture, {"array": np.zeros((2, 3))}),
     ("Capture.waveform", "a Waveform", "list", make_capture, {"waveform": [1e9]}),
     ("Capture.meta", "a mapping", "list", make_capture, {"meta": [1]}),
     ("Capture.meta", "string keys", "3", make_capture, {"meta": {3: 4}}),
     ("VoxelGrid.origin_m", "shape (3,)", "shape (2,)", make_grid, {"origin_m": [0, 0]}),
-    ("VoxelGrid.spacing_m", "shape (3,)", "shape ()", make_grid, {"spacing_m": 1e-3}),
-    ("VoxelGrid.spacing_m", "positive", "[0.001, 0.0, 0.001]", make_grid,
-     {"spacing_m": [1e-3, 0, 1e-3]}),
     ("VoxelGrid.spacing_m", "positive", "-0.001", make_grid, {"spacing_m": [1e-3, -1e-3, 1e-3]}),
-    ("VoxelGrid.spacing_m", "finite", "NaN", make_grid, {"spacing_m": [1e-3, NAN, 1e-3]}),
     ("VoxelGrid.counts", "three counts", "(4, 3)", make_grid, {"counts": (4, 3)}),
-    ("VoxelGrid.counts", "three counts", "5", make_grid, {"counts": 5}),
     ("VoxelGrid.counts", "three counts", "'432'", make_grid, {"counts": "432"}),
-    ("VoxelGrid.counts", "a whole number >= 1", "0", make_grid, {"counts": (4, 0, 2)}),
     ("VoxelGrid.counts", "a whole number >= 1", "2.5", make_grid, {"counts": (4, 2.5, 2)}),
-    ("VoxelGrid.counts", "a whole number >= 1", "'3'", make_grid, {"counts": (4, "3", 2)}),
-    ("VoxelGrid.counts", "a whole number >= 1", "True", make_grid, {"counts": (4, True, 2)}),
     ("VoxelGrid.counts", "at most 2147483647", "2000 x 2000 x 2000", make_grid,
      {"counts": (2000, 2000, 2000)}),
     ("Volume.data", "shape (2, 3, 4)", "shape (4, 3, 2)", make_volume,
      {"data": np.ones((4, 3, 2))}),
-    ("Volume.data", "finite", "NaN", make_volume, {"data": np.full((2, 3, 4), NAN)}),
     ("Volume.grid", "a VoxelGrid", "tuple", make_volume, {"grid": (4, 3, 2)}),
-    ("Volume.meta", "a mapping", "str", make_volume, {"meta": "simulated"}),
+    ("Volume.scale", "an ImageScale", "float", make_volume, {"scale": 1.0}),
     ("DepthMap.depth_m", "shape (3, 4)", "shape (4, 3)", make_depth_map,
      {"depth_m": np.ones((4, 3))}),
     ("DepthMap.depth_m", "finite depths or NaN", "infinite", make_depth_map,
      {"depth_m": np.full((3, 4), INF)}),
-    ("DepthMap.amplitude", "finite", "NaN", make_depth_map, {"amplitude": np.full((3, 4), NAN)}),
     ("DepthMap.amplitude", ">= 0", "-1", make_depth_map, {"amplitude": np.full((3, 4), -1.0)}),
     ("DepthMap.x_m", "strictly ascending", "descending", make_depth_map, {"x_m": [3, 2, 1, 0]}),
     ("DepthMap.dynamic_range_db", "positive", "0", make_depth_map, {"dynamic_range_db": 0}),
-    ("DepthMap.dynamic_range_db", "finite", "nan", make_depth_map, {"dynamic_range_db": NAN}),
     ("Paths.rx", "shape (2,)", "shape (3,)", make_paths, {"rx": [0, 1, 2]}),
-    ("Paths.tx", "[0, 2)", "[0, 2]", make_paths, {"tx": [0, 2]}),
     ("Paths.rx", "[0, 3)", "[-1, 0]", make_paths, {"rx": [-1, 0]}),
     ("Paths.tx", "whole numbers", "fractions", make_paths, {"tx": [0.0, 0.5]}),
     ("Paths.tx", "values in [-2147483648, 2147483647]", "4294967296", make_paths,
      {"tx": [0, 2**32]}),
     ("Paths.length_m", "positive", "0", make_paths, {"length_m": [0.6, 0.0]}),
-    ("Paths.length_m", "finite", "NaN", make_paths, {"length_m": [0.6, NAN]}),
     ("Paths.amplitude", "finite", "infinite", make_paths, {"amplitude": [1.0, INF]}),
-    ("Paths.amplitude", "within the range of float32", "an overflow", make_paths,
-     {"amplitude": [1.0, 1e39]}),
     ("Paths.bounces", "at least one", "0", make_paths, {"bounces": [0, 1]}),
     ("Paths.bounces", "values in [0, 255]", "[1, 256]", make_paths, {"bounces": [1, 256]}),
-    ("Paths.n_tx", "a whole number >= 1", "0", make_paths, {"n_tx": 0}),
     ("Paths.n_rx", "a whole number >= 1", "nan", make_paths, {"n_rx": NAN}),
     ("Paths.statistics", "TraceStatistics or None", "dict", make_paths, {"statistics": {}}),
-    ("TraceStatistics.samples", "a whole number >= 0", "-1", make_statistics, {"samples": -1}),
     ("TraceStatistics.visible", "a whole number >= 0", "'8'", make_statistics, {"visible": "8"}),
     ("TraceStatistics.absorbed", "at most outgoing (7)", "8", make_statistics, {"absorbed": 8}),
-    ("Scene.vertices_m", "shape (N, 3)", "shape (3, 2)", make_scene,
-     {"vertices_m": TRIANGLE[:, :2]}),
     ("Scene.vertices_m", "finite", "NaN", make_scene, {"vertices_m": np.full((3, 3), NAN)}),
     ("Scene.faces", "at least one", "empty", make_scene, {"faces": np.zeros((0, 3), int)}),
     ("Scene.faces", "shape (N, 3)", "shape (1, 4)", make_scene, {"faces": [[0, 1, 2, 0]]}),
-    ("Scene.faces", "vertex indices in [0, 3)", "[0, 3]", make_scene, {"faces": [[0, 1, 3]]}),
     ("Scene.faces", "vertex indices in [0, 3)", "[-1, 1]", make_scene, {"faces": [[0, 1, -1]]}),
     ("alpha", "values in [0, 1]", "1.1", make_scene, {"alpha": 1.1}),
-    ("alpha", "values in [0, 1]", "-0.1", make_scene, {"alpha": [-0.1]}),
     ("alpha", "finite", "nan", make_scene, {"alpha": NAN}),
-    ("alpha", "a number", "'0.5'", make_scene, {"alpha": "0.5"}),
     ("alpha", "a number", "True", make_scene, {"alpha": True}),
-    ("alpha", "a number", "None", make_scene, {"alpha": None}),
     ("alpha", "a real number", "0.5", make_scene, {"alpha": np.complex64(0.5)}),
     ("alpha", "shape (1,)", "shape (2,)", make_scene, {"alpha": [0.1, 0.2]}),
     ("alpha", "shape (1,)", "ragged", make_scene, {"alpha": [[0.1], [0.2, 0.3]]}),
     ("Scene.part", "indices in [0, 1)", "[1, 1]", make_scene, {"part": 1}),
     ("Scene.part", "a whole number >= 0", "'mesh'", make_scene, {"part": "mesh"}),
     ("Scene.part_names", "unique names", "('a', 'a')", make_scene, {"part_names": ("a", "a")}),
-    ("Scene.part_names", "a string", "3", make_scene, {"part_names": (3,)}),
     ("Scene.part_names", "a tuple of strings", "'hand'", make_scene, {"part_names": "hand"}),
+    ("Scene.normals", "unit length, or 0", "1.1", make_scene, {"normals": [[0, 0, 1.1]] * 3}),
+    ("Scene.materials", "a tuple of materials", "()", make_scene, {"materials": ()}),
+    ("Scene.materials", "a Material", "str", make_scene, {"materials": ("palm",)}),
+    ("Scene.material", "indices in [0, 1)", "[1, 1]", make_scene, {"material": 1}),
+    ("Scene.texture_m", "shape (3, 3)", "shape (2, 3)", make_scene,
+     {"texture_m": np.zeros((2, 3))}),
+    ("Scene.texture_m", "finite", "NaN", make_scene, {"texture_m": np.full((3, 3), NAN)}),
 ]  # fmt: skip
 
 
@@ -263,11 +227,6 @@ def test_invalid_fields_are_refused(
     field: str, expected: str, got: str, make: Callable[..., Any], arguments: dict[str, Any]
 ) -> None:
     refuse(lambda: make(**arguments), field, expected, got)
-
-
-def test_model_errors_are_value_errors_of_one_family() -> None:
-    assert issubclass(ModelError, ValueError)
-    assert issubclass(ModelError, ClradarError)
 
 
 def arrays_of(record: Any) -> dict[str, np.ndarray]:
@@ -343,21 +302,8 @@ def test_records_take_what_numpy_takes() -> None:
     assert make_scene(alpha=1).alpha.tolist() == [1.0]
 
 
-def test_depth_may_be_nan_where_there_is_nothing() -> None:
-    depth = np.full((3, 4), NAN)
-    depth[1, 2] = 0.3
-    depth_map = make_depth_map(depth_m=depth, x_m=np.arange(4.0) * 10, y_m=np.arange(3.0) - 5)
-    assert depth_map.mask.sum() == 1
-    np.testing.assert_array_equal(depth_map.points_m(), [[20.0, -4.0, 0.3]])
-
-
-def test_paths_may_be_empty() -> None:
-    paths = Paths([], [], [], [], [], 2, 3)
-    assert len(paths) == 0
-    assert paths.pair.shape == (0,)
-
-
 def test_pair_counts_rx_fastest_beyond_32_bits() -> None:
+    assert Paths([], [], [], [], [], 2, 3).pair.shape == (0,)
     paths = make_paths(tx=[0, 2**20], rx=[2, 7], n_tx=2**21, n_rx=2**13)
     assert paths.pair.tolist() == [2, 2**33 + 7]
 
@@ -382,13 +328,6 @@ def test_qar50_has_the_published_positions() -> None:
     np.testing.assert_allclose(array.tx_m, tx, rtol=0, atol=ROUNDING_M)
 
 
-def test_same_positions() -> None:
-    array = clradar.arrays.qar50()
-    assert array.same_positions(AntennaArray(array.tx_m + 1e-7, array.rx_m))
-    assert not array.same_positions(AntennaArray(array.tx_m + 2e-6, array.rx_m))
-    assert not array.same_positions(AntennaArray(array.tx_m[:-1], array.rx_m))
-
-
 def test_same_antennas() -> None:
     array = clradar.arrays.qar50()
     ones = np.ones(94)
@@ -401,11 +340,6 @@ def test_same_antennas() -> None:
     ):
         assert not array.same_antennas(replace(array, **change))
         assert not replace(array, **change).same_antennas(array)
-
-
-def test_an_array_is_no_word() -> None:
-    with pytest.raises(ModelError, match="one of 'tx', 'rx', got array"):
-        checks.one_of("side", np.array(["tx", "rx"]), ("tx", "rx"))
 
 
 def test_sfcw_includes_both_ends() -> None:
@@ -447,16 +381,10 @@ def test_coupling_reaches_two_cells_beyond_the_farthest_pair() -> None:
     assert coupling_path_m(capture) == pytest.approx(0.05 + 2 * cell_m)
 
 
-def test_same_frequencies() -> None:
-    waveform = make_waveform()
-    assert waveform.same_frequencies(Waveform(waveform.frequencies_hz * (1 + 1e-10)))
-    assert not waveform.same_frequencies(Waveform(waveform.frequencies_hz * (1 + 1e-8)))
-    assert not waveform.same_frequencies(Waveform(waveform.frequencies_hz[:-1]))
-
-
 def test_grid_from_extent_has_both_ends() -> None:
     grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
     assert grid.counts == (201, 201, 81)
+    assert not grid.same_voxels(make_grid())
     assert grid.shape == (81, 201, 201)
     for axis, (first, last) in zip(
         (grid.x_m, grid.y_m, grid.z_m), ((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34)), strict=True
@@ -464,14 +392,6 @@ def test_grid_from_extent_has_both_ends() -> None:
         assert axis[0] == first
         assert abs(axis[-1] - last) < GRID_ROUNDING_M
         np.testing.assert_allclose(np.diff(axis), 1e-3, rtol=0, atol=GRID_ROUNDING_M)
-
-
-def test_grid_from_extent_takes_a_spacing_per_axis_and_axes_of_one_voxel() -> None:
-    grid = VoxelGrid.from_extent((-0.02, 0.02), (0.01, 0.01), (0.3, 0.33), (2e-3, 7e-3, 1e-2))
-    assert grid.counts == (21, 1, 4)
-    assert grid.spacing_m.tolist() == [2e-3, 7e-3, 1e-2]
-    assert grid.y_m.tolist() == [0.01]
-    np.testing.assert_allclose(grid.z_m, [0.3, 0.31, 0.32, 0.33], rtol=0, atol=GRID_ROUNDING_M)
 
 
 EXTENTS = {"x_m": (0.0, 0.1), "y_m": (0.0, 0.1), "z_m": (0.2, 0.3), "spacing_m": 0.01}
@@ -482,16 +402,10 @@ EXTENTS = {"x_m": (0.0, 0.1), "y_m": (0.0, 0.1), "z_m": (0.2, 0.3), "spacing_m":
     [
         ("x_m", (0.1, 0.0), "first <= last", "(0.1, 0)"),
         ("y_m", (0.0, 0.1, 0.2), "shape (2,)", "shape (3,)"),
-        ("y_m", 0.1, "shape (2,)", "shape ()"),
-        ("z_m", (0.2, NAN), "finite", "NaN"),
         ("z_m", ("a", "b"), "numbers", "dtype <U1"),
         ("x_m", (0.0, 0.105), "(such as (0, 0.1))", "(0, 0.105)"),
-        ("spacing_m", 0.0, "a positive number", "0.0"),
         ("spacing_m", (0.01, -0.01, 0.01), "a positive number", "-0.01"),
         ("spacing_m", (0.01, 0.01), "one number or three", "(0.01, 0.01)"),
-        ("spacing_m", "0.01", "a number", "'0.01'"),
-        ("spacing_m", None, "a number", "None"),
-        ("spacing_m", INF, "a finite number", "inf"),
     ],
 )
 def test_grid_from_extent_refuses(name: str, value: Any, expected: str, got: str) -> None:
@@ -501,23 +415,6 @@ def test_grid_from_extent_refuses(name: str, value: Any, expected: str, got: str
         expected,
         got,
     )
-
-
-def test_grid_from_extent_refuses_more_voxels_than_can_be_counted() -> None:
-    refuse(
-        lambda: VoxelGrid.from_extent((-5, 5), (-5, 5), (0, 5), 1e-3),
-        "VoxelGrid.counts",
-        "at most 2147483647 voxels",
-        "10001 x 10001 x 5001",
-    )
-
-
-def test_same_voxels() -> None:
-    grid = make_grid()
-    assert grid.same_voxels(make_grid(origin_m=np.full(3, 1e-8)))
-    assert not grid.same_voxels(make_grid(origin_m=np.full(3, 1e-6)))
-    assert not grid.same_voxels(make_grid(spacing_m=np.full(3, 1.1e-3)))
-    assert not grid.same_voxels(make_grid(counts=(3, 3, 2)))
 
 
 @pytest.mark.parametrize("value", [10**400, "5", b"5", True, np.True_, [5.0], None, 5j, object()])
@@ -552,11 +449,6 @@ def test_a_transform_is_an_invertible_affine_matrix(
     matrix: np.ndarray, expected: str, got: str
 ) -> None:
     refuse(lambda: checks.transform("transform", matrix), "transform", expected, got)
-
-
-def test_small_transforms_are_not_singular() -> None:
-    matrix = np.diag([1e-12, 1e-12, 1e-12, 1.0])  # picometres
-    np.testing.assert_array_equal(checks.transform("transform", matrix), matrix)
 
 
 # Other processes ----------------------------------------------------------------------------------

@@ -187,10 +187,3 @@ def test_nothing_else_is_written_over(structure: dict, version: str) -> None:
     device.platform.version = f"OpenCL 3.0 PoCL {version}  Linux"
     assert named_target(device) is None
     assert device.written == structure["name"]
-
-
-def test_only_pocl_is_looked_into() -> None:
-    device = Structure(b"generic")
-    device.platform.name = "Intel(R) OpenCL"
-    assert named_target(device) is None
-    assert device.written == b"generic"

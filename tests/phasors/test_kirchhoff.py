@@ -216,34 +216,6 @@ def test_flat_plate_in_the_far_field() -> None:
     assert turned == pytest.approx(-np.pi / 2 - 0.0224, abs=1e-3)
 
 
-def test_exchange_of_tx_and_rx_transposes_the_capture() -> None:
-    scene = ball_before_plate().with_material(SKIN)
-    other = clradar.AntennaArray(ARRAY.rx_m, ARRAY.tx_m)
-    one, two = (simulated(scene, array) for array in (ARRAY, other))
-    assert db(two.data, one.data.transpose(1, 0, 2)) < -95
-
-
-@pytest.mark.parametrize("material", ["metal", SKIN])
-def test_a_capture_larger_than_the_devices_share_is_summed_by_some_tx(
-    material: clradar.Material | str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scene = ball_before_plate().with_material(material)
-    want = simulated(scene, ARRAY)
-    rows: list[slice] = []
-    sum_rows = module.KirchhoffSum._sum_rows
-
-    def recorded(self, cubes, some, *rest):
-        rows.append(some)
-        sum_rows(self, cubes, some, *rest)
-
-    monkeypatch.setattr(module.KirchhoffSum, "_sum_rows", recorded)
-    # A Tx with 24 Rx and 24 frequencies takes 4608 bytes, so that 8 of the 19 fit.
-    monkeypatch.setattr(module, "CAPTURE_SHARE", 50_000 / open_device("pocl").budget_bytes)
-    got = simulated(scene, ARRAY)
-    assert rows == [slice(0, 8), slice(8, 16), slice(16, 24)]
-    assert np.array_equal(got.data, want.data)
-
-
 def test_patterns_of_antennas() -> None:
     """cos^2 for Tx, and a table for Rx that is zero beyond 40 degrees."""
     tx = clradar.AntennaPattern(gain_dbi=6.0, exponent=2.0)
@@ -315,24 +287,6 @@ def test_micro_roughness_damps_and_scatters_what_it_takes() -> None:
         sigma = 4 * np.einsum("p,pt,pr->tr", area_m2, *sides) / mean
         power[:, :, i] = sigma / (4 * np.pi) / (2 * number) ** 2
     assert data.var(axis=0).mean() == pytest.approx(power.mean(), rel=0.15)
-
-
-def test_parts_of_the_points_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each is within the tolerance by itself, whatever the memory for tiles."""
-    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.02).apply_translation([0, 0, 0.3])
-    scene = clradar.Scene(ball.vertices, ball.faces)
-    whole = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", samples_per_mm2=1.5)
-    monkeypatch.setattr("clradar.tracing.quadrature.PART_POINTS", 1500)
-    got = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", samples_per_mm2=1.5)
-    assert got.meta["kirchhoff"]["cubes"] > whole.meta["kirchhoff"]["cubes"]
-    assert got.meta["rays"] == whole.meta["rays"]
-    assert got.meta["kirchhoff"]["lit"] == whole.meta["kirchhoff"]["lit"]
-    assert db(got.data, whole.data) < TOLERANCE_DB
-    small = clradar.open_device("pocl", memory_limit_bytes=30_000_000)
-    again = clradar.simulate(
-        scene, ARRAY, WAVEFORM, estimator="physical", samples_per_mm2=1.5, device=small
-    )
-    np.testing.assert_array_equal(again.data, got.data)
 
 
 @pytest.mark.parametrize("material", [SKIN, clradar.material("palm"), clradar.METAL])

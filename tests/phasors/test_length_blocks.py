@@ -16,7 +16,6 @@ from clradar.opencl.double_single import hi_lo
 from clradar.phasors.length_blocks import (
     EDGE_PHASE_RAD,
     MOMENTS,
-    MOST_SLOTS,
     NARROWEST_HZ,
     length_blocks,
 )
@@ -115,15 +114,6 @@ def test_blocks_are_as_long_as_the_band_allows(name: str) -> None:
     assert blocks.longest_m * waveform.frequencies_hz[-1] / C_M_PER_S == pytest.approx(2**21)
 
 
-def test_slots_follow_the_frequencies_and_end() -> None:
-    slots = [length_blocks(Waveform.sfcw(1e9, 2e9, n)).n_slots for n in range(2, 300)]
-    assert length_blocks(Waveform([1e9])).n_slots == 1
-    assert all(n & (n - 1) == 0 and n <= MOST_SLOTS for n in slots)
-    assert slots == sorted(slots)
-    assert all(n <= count for count, n in enumerate(slots, 2))
-    assert all(n == MOST_SLOTS or 2 * n >= count for count, n in enumerate(slots, 2))
-
-
 @st.composite
 def cases(draw: st.DrawFn) -> tuple[Paths, AntennaArray, Waveform]:
     array = make_array(draw(st.integers(1, 3)), draw(st.integers(1, 3)))
@@ -172,14 +162,6 @@ def test_lengths_at_the_ends_of_blocks_and_numbers(lanes: clradar.Device) -> Non
     array = make_array(len(length_m), 1)
     paths = make_paths(np.arange(len(length_m)), length_m, np.ones(len(length_m)), array)
     assert_sums(paths, array, waveform, lanes)
-
-
-@pytest.mark.parametrize("name", WAVEFORMS)
-def test_the_longest_paths_are_as_exact(lanes: clradar.Device, name: str) -> None:
-    array, waveform = make_array(60, 50), WAVEFORMS[name]
-    share = 1 - np.random.default_rng(5).uniform(0, 0.5, 3000)
-    length_m = length_blocks(waveform).longest_m * share
-    assert_sums(make_paths(np.arange(3000), length_m, np.ones(3000), array), array, waveform, lanes)
 
 
 @pytest.mark.parametrize("apart", [1, 0])

@@ -11,7 +11,7 @@ import trimesh
 
 import clradar
 from clradar import AntennaArray, Paths, Scene, Waveform, reference, synthesize
-from clradar.errors import DeviceError, ModelError
+from clradar.errors import ModelError
 
 # One path errs by 2e-7 where the moments end. Two phases, the carrier's and the block's, are each
 # rounded to 2^-26 cycles, 9e-8 rad, and have sines and cosines to 1.1e-7. About ten roundings of
@@ -114,15 +114,6 @@ def test_one_path_per_pair_keeps_its_phase(lanes: clradar.Device, longest_m: flo
         assert np.abs(short - want).max() > 10 * PHASOR_ERROR
 
 
-def test_a_million_paths_over_all_pairs(device: clradar.Device) -> None:
-    array, waveform = clradar.arrays.qar50(), Waveform.sfcw(72e9, 82e9, 8)
-    paths = random_paths(10**6, array, seed=4, amplitude=np.ones(10**6))
-    data = synthesize(paths, array, waveform, device=device).data
-    want = reference.synthesize(paths, array, waveform)
-    assert (np.abs(data - want) <= PHASOR_ERROR * pair_total(paths)).all()
-    assert decibel(data, want) <= PROMISED_DB
-
-
 def test_a_million_equal_paths_in_one_pair_do_not_drift(device: clradar.Device) -> None:
     n, array, waveform = 10**6, make_array(1, 2), Waveform.sfcw(72e9, 82e9, 24)
     rng = np.random.default_rng(1)
@@ -162,62 +153,6 @@ def test_no_paths_and_empty_pairs(lanes: clradar.Device) -> None:
     data = data.copy()
     data[[0, 2], [0, 4]] = 0
     assert not data.any()
-
-
-def test_a_single_pair_and_path(lanes: clradar.Device) -> None:
-    array, waveform = make_array(1, 1), Waveform([77e9])
-    paths = Paths([0], [0], [0.6], [0.25], [1], 1, 1)
-    data = synthesize(paths, array, waveform, device=lanes).data
-    want = 0.25 * np.exp(-2j * np.pi * 77e9 * 0.6 / 299_792_458.0)
-    assert abs(data[0, 0, 0] - want) <= 0.25 * PHASOR_ERROR
-
-
-def test_the_order_of_pairs_does_not_matter(device: clradar.Device) -> None:
-    array, waveform = make_array(5, 7), Waveform.sfcw(72e9, 82e9, 13)
-    paths = random_paths(2000, array, seed=5)
-    want = synthesize(paths, array, waveform, device=device).data
-    # The same bits need the same order within a pair, so whole pairs are moved.
-    whole_pairs = np.argsort(-paths.pair, kind="stable")
-    moved = synthesize(picked(paths, whole_pairs), array, waveform, device=device).data
-    np.testing.assert_array_equal(moved, want)
-    shuffled = np.random.default_rng(6).permutation(len(paths))
-    mixed = synthesize(picked(paths, shuffled), array, waveform, device=device).data
-    assert np.abs(mixed - want).max() <= REORDERED * np.abs(want).max()
-
-
-def test_linear_in_the_amplitude(device: clradar.Device) -> None:
-    array, waveform = make_array(4, 3), Waveform.sfcw(72e9, 82e9, 11)
-    paths = random_paths(1000, array, seed=7)
-
-    def with_amplitude(amplitude: np.ndarray) -> np.ndarray:
-        again = random_paths(1000, array, seed=7, amplitude=amplitude)
-        return synthesize(again, array, waveform, device=device).data
-
-    want = synthesize(paths, array, waveform, device=device).data
-    np.testing.assert_array_equal(with_amplitude(-4 * paths.amplitude), -4 * want)
-    assert not with_amplitude(np.zeros(1000)).any()
-    other = np.random.default_rng(8).normal(size=1000).astype(np.float32)
-    # Amplitudes and their products are rounded once each, 6e-8, and the results once.
-    error = np.abs(with_amplitude(paths.amplitude + other) - want - with_amplitude(other))
-    bound = 4 * 2.0**-24 * (pair_total(paths) + np.abs(other).sum())
-    assert (error <= bound).all()
-
-
-def test_two_halves_add_up(device: clradar.Device) -> None:
-    array, waveform = make_array(4, 3), Waveform.sfcw(72e9, 82e9, 11)
-    paths = random_paths(1000, array, seed=9)
-    parts = [picked(paths, slice(0, 400)), picked(paths, slice(400, None))]
-    total = sum(synthesize(p, array, waveform, device=device).data for p in parts)
-    want = synthesize(paths, array, waveform, device=device).data
-    assert np.abs(total - want).max() <= REORDERED * np.abs(want).max()
-
-
-def test_less_memory_than_one_pair_is_an_error(device: clradar.Device) -> None:
-    # The state of one pair with one frequency is about 330 bytes, and the table as much.
-    small = clradar.open_device(device.info.selector, memory_limit_bytes=500)
-    array = make_array(7, 9)
-    with pytest.raises(DeviceError, match="does not fit"):
-        synthesize(random_paths(10, array, 1), array, Waveform([1e9]), device=small)
 
 
 def test_paths_of_another_array_are_refused(device: clradar.Device) -> None:
@@ -280,11 +215,3 @@ def test_simulate_reports_progress(device: clradar.Device) -> None:
     assert seen
     assert seen[-1] == (120, 120)
     assert all(a[0] <= b[0] for a, b in pairwise(seen))
-
-
-@pytest.mark.parametrize("name", ["trace", "simulate", "synthesize", "backproject"])
-def test_a_file_name_instead_of_a_record_is_named(name: str) -> None:
-    # The most likely slip: a path where the opened thing belongs.
-    arguments = {"trace": 2, "simulate": 3, "synthesize": 3, "backproject": 2}[name]
-    with pytest.raises(ModelError, match=rf"{name}: .*expected an? [A-Z]\w+, got str"):
-        getattr(clradar, name)(*["file.h5"] * arguments)

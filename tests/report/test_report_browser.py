@@ -139,18 +139,6 @@ def test_wheel_keys_and_buttons_zoom(two: chromium.Page) -> None:
     assert np.array_equal(pixels(two), start)
 
 
-def test_a_toggle_hides_one_cloud_and_moves_nothing(two: chromium.Page) -> None:
-    press(two, "[data-view=front]")
-    before = pixels(two)
-    press(two, "[data-cloud='1']")
-    shown = pixels(two)
-    warm = shown[..., 0] - shown[..., 2]
-    assert (warm > 40).any()
-    assert not (warm < -40).any()
-    press(two, "[data-cloud='1']")
-    assert np.array_equal(pixels(two), before)
-
-
 def test_colours_by_depth_come_with_a_scale(two: chromium.Page) -> None:
     assert two.js("document.getElementById('scale').offsetHeight") == 0
     before = pixels(two)
@@ -223,15 +211,3 @@ def test_nothing_hostile_runs(tab: chromium.Page, files: Path) -> None:
     )
     assert tab.js("typeof window.hacked") == "undefined"
     assert any("Content Security Policy" in text for text in tab.complaints())
-
-
-def test_paper_shows_what_is_folded(two: chromium.Page) -> None:
-    two.js(
-        "addEventListener('beforeprint', () => { window.unfolded ="
-        " document.querySelectorAll('details[open]').length; })"
-    )
-    assert two.js("document.querySelectorAll('details[open]').length") == 0
-    pdf = two.call("Page.printToPDF")
-    assert len(pdf["data"]) > 10_000
-    assert two.js("window.unfolded") == two.js("document.querySelectorAll('details').length")
-    assert two.js("document.querySelectorAll('details[open]').length") == 0

@@ -1,54 +1,36 @@
 """A synthetic recorder: recordings of point targets with the errors of a real instrument.
 
     made = Recorder(points_m=[[0.02, 0.01, 0.3]]).write(tmp_path, n_frames=4)
-    made.folder      tmp_path/object/30, in the MAROON form (shared with nobody: tests/maroon_files)
-    made.empty       tmp_path/empty/30, the same room without the object
-    made.recorder    the truth: points, channels, walls, every single frame as it should be read
 
-It shares no code with `measurement_io`, so that readers of its files are compared with something
-else. Signals come from `clradar.impair`, which has tests of its own against closed forms.
-`frame(i)`, `empty(i)` and `ideal(i)` give the captures without any file.
+Signals come from `clradar.impair`, which has tests of its own against closed forms. `frame(i)`,
+`empty(i)` and `ideal(i)` give the captures without any file.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import maroon_files
 import numpy as np
 
 import clradar
 from clradar import AntennaArray, Capture, ChannelResponse, Wall, Waveform
+from measurement_io import save_recording
 
 C = 299_792_458.0
 FIRST_US = 1_700_000_000_000_000
 INTERVAL_US = 100_000
-NO_ANTENNA = 1e4 + 1e4j
-"""What channels 0 and 95 hold: so strong that an image shows it if they are taken for antennas."""
 WALLS = (Wall([0, 0, 1.1], [0, 0, -1], 4.0), Wall([0.7, 0, 0], [-1, 0, 0.2], 2.0))
 
 
 @dataclass(frozen=True)
 class Recorder:
-    """A scene in a room, and the instrument that records it.
+    """A scene in a room, and the instrument that records it with faults of `clradar.impair`.
 
-    Every fault can be turned off: `walls=()`, `channels=None`, and None or 0 for the others.
-
-    Attributes
-    ----------
-    points_m : (n, 3), antenna frame; amplitudes : (n,) complex
-        Isotropic point targets: s = a exp(-j 2 pi f (|p - tx| + |p - rx|) / c).
-    array, waveform
-        Files hold arrays of 94 x 94 only.
-    walls, coupling_db, channels, snr_db, iq_gain_db, iq_phase_rad, adc_bits
-        As `clradar.impair` has them; decibels are relative to the mean power of the points.
-        `channels="drawn"`: +-3 dB, any phase, +-20 ps, from `seed`.
-    drift_phase_rad, drift_gain_db, drift_common_phase_rad
-        Steps per frame. The empty room was recorded `drift_frames` frames before frame 0.
+    Every fault can be turned off: `walls=()`, `channels=None`, and None or 0 for the others. Drift
+    is by frame; the empty room was recorded `drift_frames` frames before frame 0.
     """
 
     points_m: Any = ((0.0, 0.0, 0.3),)
@@ -67,11 +49,6 @@ class Recorder:
     drift_common_phase_rad: float = 0.0
     drift_frames: int = 0
     seed: int = 0
-
-    @property
-    def points_radar_m(self) -> np.ndarray:
-        """The points in the radar space of such recordings, whose x is mirrored."""
-        return np.asarray(self.points_m, float) * [-1, 1, 1]
 
     def response(self) -> ChannelResponse | None:
         """The channels' errors."""
@@ -151,92 +128,43 @@ class Recorder:
         n_empty: int = 2,
         *,
         name: str = "object",
-        distance_cm: int = 30,
         emptyfiltered: bool = True,
         cut_short: int | None = None,
         missing: int | None = None,
-        wrong_count: int | None = None,
     ) -> Recording:
-        """Write frames and the empty room as folders in the MAROON form.
+        """Write frames and the empty room as recordings, at 30 cm.
 
-        Parameters
-        ----------
-        n_empty
-            Frames of the empty room, one folder for all objects of `parent`; 0 for none.
-        emptyfiltered
-            Also write every frame minus the empty room's frame 0.
-        cut_short, missing
-            Frame whose file ends in the middle, frame whose file is not there.
-        wrong_count
-            `number_of_measurements` of every frame instead of `n_frames`.
+        With `emptyfiltered` also every frame minus the empty room's frame 0. The file of the frame
+        `cut_short` ends in the middle, that of `missing` is not there.
         """
-        truth = {}
-        folder = parent / name / str(distance_cm)
-        empty = parent / "empty" / str(distance_cm)
-        count = n_frames if wrong_count is None else wrong_count
-        without = self.empty(0)
-        radar = self._radar_folder(folder)
-        for i in range(n_frames):
-            truth[i] = self.frame(i)
-            path = self._write_frame(radar, truth[i].data, i, "", count)
-            if emptyfiltered:
-                filtered = truth[i].data - without.data
-                self._write_frame(radar, filtered, i, "_emptyfiltered", count)
-            if i == cut_short:
-                content = path.read_bytes()
-                path.write_bytes(content[: len(content) // 2])
-            if i == missing:
-                path.unlink()
+        folder, empty = parent / name / "30", parent / "empty" / "30"
+        stamps_us = [FIRST_US + i * INTERVAL_US for i in range(max(n_frames, n_empty))]
+        frames = [self.frame(i) for i in range(n_frames)]
+        without = self.empty(0).data
+        radar = save_recording(
+            folder, frames, timestamps_us=stamps_us[:n_frames],
+            emptyfiltered=[replace(f, data=f.data - without) for f in frames]
+            if emptyfiltered else None,
+            metadata={"distance_meters": 0.3, "empty_measurement": "empty"},
+            alignment={"photogrammetry2radar": np.diag([-1.0, 1.0, 1.0, 1.0]).tolist()},
+        )  # fmt: skip
         if n_empty:
-            empty_radar = self._radar_folder(empty)
-        for i in range(n_empty):
-            self._write_frame(empty_radar, self.empty(i).data, i, "", n_empty)
-        metadata = {"distance_meters": distance_cm / 100, "empty_measurement": "empty"}
-        (folder / "metadata.json").write_text(json.dumps(metadata))
-        alignment = {"photogrammetry2radar": np.diag([-1.0, 1.0, 1.0, 1.0]).tolist()}
-        (folder / "alignment.json").write_text(json.dumps(alignment))
-        return Recording(folder, radar, empty, self, truth)
-
-    def _radar_folder(self, distance: Path) -> Path:
-        low, high = (float(f) / 1e9 for f in self.waveform.frequencies_hz[[0, -1]])
-        radar = distance / f"radar_{low}_{high}_{self.waveform.n_freq}"
-        (radar / "calibrated_data").mkdir(parents=True)
-        sweep = {
-            "frequency_low_ghz": low,
-            "frequency_high_ghz": high,
-            "frequency_points": self.waveform.n_freq,
-        }
-        (radar / "calibration.json").write_text(json.dumps(sweep))
-        return radar
-
-    def _write_frame(self, radar: Path, data: np.ndarray, i: int, suffix: str, count: int) -> Path:
-        xr = np.full((96, 96, data.shape[2]), NO_ANTENNA, np.complex64)
-        for tx in range(94):
-            xr[1:95, 1 + tx, :] = data[tx]
-        frame = {
-            "xr": xr,
-            "fvec": np.array(self.waveform.frequencies_hz),
-            "number_of_measurements": count,
-            "timestamp_us": np.array([FIRST_US + i * INTERVAL_US]),
-        }
-        return maroon_files.write_frame(radar / "calibrated_data" / f"{i:06d}{suffix}.npy", frame)
+            empties = [self.empty(i) for i in range(n_empty)]
+            save_recording(empty, empties, timestamps_us=stamps_us[:n_empty])
+        for number, size in ((cut_short, 5000), (missing, 0)):
+            if number is not None:
+                path = radar / "calibrated_data" / f"{number:06d}.npy"
+                content = path.read_bytes()[:size]
+                path.unlink()
+                if size:
+                    path.write_bytes(content)
+        return Recording(folder, radar, empty, self, dict(enumerate(frames)))
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What was written.
-
-    Attributes
-    ----------
-    folder, radar : Path
-        `<object>/<distance>`, and the radar folder in it.
-    empty : Path
-        `<empty>/<distance>`.
-    recorder : Recorder
-        The truth.
-    frames : dict of int to Capture
-        What every frame holds, also of those that were damaged or left out afterwards.
-    """
+    """What was written: `<object>/<distance>`, the radar folder in it, `<empty>/<distance>`, the
+    truth, and what every frame holds, also of those that were damaged or left out afterwards."""
 
     folder: Path
     radar: Path

@@ -53,15 +53,6 @@ def test_every_antenna_is_in_one_slot_and_in_its_boxes(name):
     assert sorted(found) == list(range(len(at)))
 
 
-def test_a_column_of_the_imager_makes_a_bundle():
-    """Groups of neighbours only: the imager's two columns of 47 take 6 groups each."""
-    bundles = bundled(ARRAYS["imager"])[3 * 96 + 8 :].view(BUNDLE)
-    np.testing.assert_array_equal(bundles["n_groups"], [6, 6])
-    np.testing.assert_array_equal(
-        bundles["first"][:, :6], [[0, 8, 16, 24, 32, 40], [47, 55, 63, 71, 79, 87]]
-    )
-
-
 SCENES = {
     "hand": None,  # made where it is used, since that takes a device
     "bowl": clradar.Scene(*bowl(40, 80)),
@@ -88,12 +79,3 @@ def test_shafts_and_single_rays_agree(scene):
         np.testing.assert_array_equal(seen[0][name], seen[1][name], err_msg=name)
     both = np.concatenate(list(seen[0].values()), axis=1)
     assert 0.05 < both.mean() < 0.95  # there are enough of either to compare
-
-
-def test_order_of_the_antennas_does_not_matter(device):
-    at = ARRAYS["imager"]
-    order = np.random.default_rng(31).permutation(len(at))
-    with VisibleSurface(scene_of("hand"), 0.05, 0.2, device) as surface:
-        np.testing.assert_array_equal(
-            surface.visible_from(at[order]), surface.visible_from(at)[:, order]
-        )

@@ -11,8 +11,7 @@ from scipy.stats import chi2
 from shapes import bowl, box, plate, sphere
 
 import clradar
-from clradar import AntennaArray, Scene, Waveform, reference, simulation
-from clradar.phasors.phasor_sum import sum_bytes_of_pair
+from clradar import AntennaArray, Scene, Waveform, reference
 from clradar.tracing.expected import ExpectedTracer
 from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import SimulationSettings, resolve_settings
@@ -250,12 +249,6 @@ def test_the_means_agree_on_other_surfaces(name: str, alpha: float, device) -> N
     check_mean(Scene(*MESHES[name], alpha), device)
 
 
-def test_the_means_agree_with_an_alpha_per_face(device) -> None:
-    alpha = np.random.default_rng(3).uniform(0, 1, len(MESHES["waves"][1]))
-    alpha[::5], alpha[1::5] = 0.0, 1.0
-    check_mean(Scene(*MESHES["waves"], alpha), device)
-
-
 def test_the_means_agree_where_rays_are_absorbed(device) -> None:
     scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.03), 0.8)
     check_mean(scene, device, crease_deg=180.0)
@@ -342,21 +335,6 @@ def tracks(device, array: AntennaArray = ARRAY, **arguments) -> np.ndarray:
     ).data  # fmt: skip
 
 
-@pytest.mark.parametrize("settings", [{}, {"estimator": "stochastic", "max_bounces": 2}])
-def test_blocks_of_tx_change_neither_bits_nor_counts(settings, device, monkeypatch) -> None:
-    scene = Scene(*MESHES["waves"], 0.3)
-    fields = {"samples_per_mm2": 0.02, "estimator": "expected", "device": device, **settings}
-    whole = clradar.simulate(scene, ARRAY, WAVEFORM, **fields)
-    monkeypatch.setattr(simulation, "SUM_BYTES", 2 * ARRAY.n_rx * sum_bytes_of_pair(WAVEFORM))
-    shown: list[int] = []
-    progress = lambda done, total: shown.append(done)  # noqa: E731
-    got = clradar.simulate(scene, ARRAY, WAVEFORM, progress=progress, **fields)
-    assert len(shown) == 3  # 5 Tx, the samples of each block in one tile
-    assert shown == sorted(shown)
-    np.testing.assert_array_equal(got.data, whole.data)
-    assert got.meta["rays"] == whole.meta["rays"]
-
-
 LANES_TOLERANCE = 1e-4
 """Products may be fused with sums in one build and not in the other: roundings of 6e-8, which
 decide where a horizon cuts a disc and are magnified by up to a disc's 1/0.03 there."""
@@ -383,15 +361,3 @@ def test_a_sample_inside_a_sphere_is_received_from_every_direction(device) -> No
     )
     np.testing.assert_allclose(two, one, rtol=0, atol=2e-3 * 20)
     assert np.abs(one).min() > 15
-
-
-def test_the_capture_records_its_estimator(device) -> None:
-    capture = clradar.simulate(
-        Scene(*MESHES["plate"], 0.5), ARRAY, WAVEFORM, rays_per_face=3, estimator="expected",
-        device=device,
-    )  # fmt: skip
-    assert capture.meta["settings"]["estimator"] == "expected"
-    rays = capture.meta["rays"]
-    assert (rays["outgoing"], rays["absorbed"]) == (0, 0)
-    assert rays["samples"] == 6
-    assert 0 < rays["paths"] <= 6 * ARRAY.n_tx * ARRAY.n_rx

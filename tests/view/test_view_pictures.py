@@ -17,8 +17,7 @@ from clradar.view.pictures import (
     pair_curves,
     slice_pictures,
 )
-from clradar.view.scene import box_edges, ticks
-from clradar.view.wish import LIVE_VOXELS, extents_mm, grid_mm, live_grid
+from clradar.view.wish import grid_mm
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
 
@@ -147,37 +146,12 @@ def test_points_are_where_the_voxels_are_coloured_by_level() -> None:
     assert not np.array_equal(expected[0], expected[1])
 
 
-def test_an_image_without_anything_has_no_points() -> None:
-    drawn = drawn_of()
-    assert len(drawn.cloud.points_m) == 0
-    pictures = image_pictures(drawn, None, drawn, None)
-    assert list(pictures) == ["projection", "depth"]
-    assert not lit(pictures["projection"])
-    assert drawn.volume is not None
-    assert len(voxels_of(drawn.volume, 20.0).points_m) == 0
-
-
 def test_voxels_are_those_within_the_range_the_strongest_first() -> None:
     volume = drawn_of((0, 0, 0, 1.0), (1, 0, 0, 0.5), (2, 0, 3, 0.2), (1, 1, 1, 0.05)).volume
     assert volume is not None
     at_m = [[-0.01, 0, 0.30], [0, 0, 0.30], [0.01, 0, 0.33]]
     np.testing.assert_allclose(voxels_of(volume, 20.0).points_m, at_m, atol=1e-7)
     np.testing.assert_allclose(voxels_of(volume, 20.0, most=2).points_m, at_m[:2], atol=1e-7)
-
-
-def test_the_papers_grid_is_viewed_every_second_millimetre() -> None:
-    paper = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
-    live = live_grid(paper)
-    assert live.counts == (101, 101, 41)
-    assert extents_mm(live) == ((-100.0, 100.0), (-100.0, 100.0), (260.0, 340.0))
-    assert live_grid(live).same_voxels(live)
-    assert np.prod(live.counts) <= LIVE_VOXELS
-
-
-def test_a_grid_reaches_as_far_as_whole_steps() -> None:
-    grid = grid_mm((-10, 10), (0, 0), (260, 275), 4.0)
-    assert grid.counts == (6, 1, 4)
-    assert extents_mm(grid) == ((-10.0, 10.0), (0.0, 0.0), (260.0, 272.0))
 
 
 @pytest.mark.parametrize(
@@ -191,14 +165,3 @@ def test_a_grid_reaches_as_far_as_whole_steps() -> None:
 def test_grids_that_cannot_be_viewed(x_mm: tuple[float, float], step_mm: float, text: str) -> None:
     with pytest.raises(ModelError, match=text):
         grid_mm(x_mm, (-100, 100), (260, 340), step_mm)
-
-
-def test_a_box_has_twelve_edges_along_the_axes_and_round_ticks() -> None:
-    ends = np.array([[0.0, 1.0], [0.0, 2.0], [5.0, 8.0]])
-    edges = box_edges(ends)
-    lengths = np.abs(edges[:, 1] - edges[:, 0])
-    assert (np.count_nonzero(lengths, axis=1) == 1).all()
-    np.testing.assert_array_equal(np.sort(lengths.sum(axis=1)), [1] * 4 + [2] * 4 + [3] * 4)
-    assert len({tuple(edge.ravel()) for edge in edges}) == 12
-    assert ticks(-100.0, 100.0, 4) == [-100, -50, 0, 50, 100]
-    assert ticks(0.3, 0.31, 4) == [0.3, 0.305, 0.31]

@@ -24,8 +24,8 @@ from calibration import (
     estimate_channels,
     response,
 )
+from calibration.channels.estimate import delay_taper
 from calibration.channels.figure import channels_figure
-from calibration.channels.slepian_taper import delay_taper
 from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Waveform, reference
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, MeasurementError, ModelError, OutputError

@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hand_renderings import rendered_depth, state_of
-from rig_files import RigMaker
 
 from calibration.hand_fit.agreement import range_ratio, smoothed_ratio
 from calibration.hand_fit.certainty import (
     COVARIANCE_RATIO,
     Information,
-    _joint_derivatives,
     certainty,
     information_at,
     joints_at,
@@ -21,18 +19,16 @@ from calibration.hand_fit.certainty import (
     with_spread,
 )
 from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
-from calibration.hand_fit.hand_model import ParametricHand, RiggedHand
-from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, SHAPE, stepped
-from calibration.hand_fit.hand_shape_vector import shape_covariance
+from calibration.hand_fit.hand_model import ParametricHand
+from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, stepped
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, HandState, pose_with
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.range_scatter import RANGE_STD_M, range_scatter_m, roughness_m
 from calibration.registration.mesh_fit import initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
 from clradar import arrays
-from clradar.hand import JOINT_NAMES, pose_by_name
+from clradar.hand import pose_by_name
 from clradar.opencl import open_device
-from clradar.rigs import read_rig
 
 TIPS = [4, 9, 14, 19, 24]
 STEP_M = 4e-3
@@ -183,22 +179,6 @@ def test_a_hand_whose_ranges_disagree_is_uncertain(fitter: HandFitter) -> None:
     assert wide.untold == narrow.untold
 
 
-def test_the_shape_of_nobody_in_particular_is_uncertain(fitter: HandFitter) -> None:
-    prior = prior_about(truth().angles_rad)
-    average, other = (
-        certainty(
-            fitter, Fitted(truth(), initial_log_brightness(), 0.0, 0.0), prior, 0, None, known
-        ).joint_std_m
-        for known in (False, True)
-    )
-    assert (average > other).all()
-    assert average[TIPS].mean() > 1.2 * other[TIPS].mean()
-    # By no more than the spread among adults moves the joints of a hand whose pose stays.
-    by_shape = _joint_derivatives(fitter, truth(), np.zeros(3))[SHAPE]
-    spread_m2 = np.einsum("kjc,kl,ljc->j", by_shape, shape_covariance(), by_shape)
-    assert (average**2 - other**2).mean() <= spread_m2.mean()
-
-
 def test_another_solution_that_is_as_likely_widens(fitter: HandFitter) -> None:
     joints_m = joints_at(fitter, truth())
     own = np.tile(1e-6 * np.eye(3), (25, 1, 1))
@@ -211,22 +191,6 @@ def test_another_solution_that_is_as_likely_widens(fitter: HandFitter) -> None:
     assert np.isnan(as_likely[3]).all()
     assert with_spread(own, joints_m, [(other_m, 100.0)])[TIPS[1]] == pytest.approx(own[0])
     assert with_spread(own, joints_m, []) == pytest.approx(own)
-
-
-def test_joints_that_a_rig_lacks_have_no_covariance(tmp_path, fitter: HandFitter) -> None:
-    skip = tuple(JOINT_NAMES[tip] for tip in TIPS)
-    rig = read_rig(RigMaker(edge_length_m=4e-3, skip=skip).save(tmp_path / "rig.glb"))
-    parameters = fitted_parameters(False)
-    rigged = HandFitter(
-        RiggedHand(rig), fitter.depth, fitter.aperture, open_device("pocl"), parameters
-    )
-    prior = prior_about(truth().angles_rad)
-    found = Fitted(truth(), initial_log_brightness(), 0.0, 0.0)
-    known = certainty(rigged, found, prior, 0)
-    assert np.isnan(known.joint_std_m[TIPS]).all()
-    others = np.delete(np.arange(25), TIPS)
-    assert np.isfinite(known.joint_std_m[others]).all()
-    assert np.isfinite(known.angle_std_rad).all()
 
 
 def test_ranges_scatter_more_where_the_measured_ones_do() -> None:

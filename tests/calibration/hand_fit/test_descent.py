@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,15 +17,14 @@ from calibration.hand_fit.descent import (
     fitted_parameters,
 )
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
-from calibration.hand_fit.hand_shape_vector import shape_of, vector_of
-from calibration.hand_fit.hand_state import FITTED_ANGLES, angles_of, pose_with
+from calibration.hand_fit.hand_state import angles_of, pose_with
 from calibration.hand_fit.misfit import deviance_map, misfit
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.skinned import SkinnedSamples
 from calibration.registration.mesh_fit import POWER_FLOOR, TUKEY_CUTOFF, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
 from clradar import arrays
-from clradar.hand import HandShape, hand_joints, pose_by_name
+from clradar.hand import pose_by_name
 from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
 from clradar.rigs import read_rig
@@ -61,12 +59,6 @@ def test_the_frame_of_the_hand_has_the_wrist_at_its_origin(hands, kind) -> None:
     assert (joints_m[4, 0] > 0) == (kind == "left")  # the thumb
 
 
-def test_joints_are_those_of_the_posed_hand(hands) -> None:
-    there_m = hand_joints("V", "left", (0.01, 0.02, 0.3), device="pocl")
-    found_m = hands["left"].joints_m(pose_by_name("V"), AVERAGE) + there_m[0]
-    assert np.abs(found_m - there_m).max() < 1e-12
-
-
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
 def test_samples_return_to_where_they_were_drawn(hands, kind) -> None:
     model, pose = hands[kind], pose_by_name("F")
@@ -98,35 +90,6 @@ def test_samples_follow_the_bones_as_the_mesh_does(hands, kind) -> None:
     away_m, _ = KDTree(anew.vertices).query(points_m[near_tip])
     assert np.median(away_m) < 1.6e-3  # half the spacing of the vertices
     assert np.linalg.norm(points_m - mesh.vertices_m, axis=1).max() > 20e-3
-
-
-def test_a_longer_hand_takes_its_skin_along(hands) -> None:
-    model, pose = hands["right"], pose_by_name("flat")
-    mesh = model.mesh(pose, AVERAGE, 4e-3)
-    normals = mesh.to_trimesh().vertex_normals
-    bones = model.bones(pose, AVERAGE)
-    skin = model.skin(mesh, pose, AVERAGE, mesh.vertices_m, normals)
-    samples = SkinnedSamples.of(mesh.vertices_m, normals, skin, bones)
-    longer = replace(AVERAGE, length_m=1.05 * AVERAGE.length_m)
-    points_m, _ = samples.posed(model.bones(pose, longer))
-    anew = model.mesh(pose, longer, 4e-3)
-    # The soft tissue beyond the bones keeps its thickness in one and is stretched in the other.
-    assert points_m[:, 1].max() == pytest.approx(anew.vertices_m[:, 1].max(), abs=1e-3)
-
-
-def test_a_shape_is_its_vector() -> None:
-    shape = HandShape(0.2, 0.08, (0.95, 1.0, 1.05, 1.02, 0.97), 1.04)
-    again = shape_of(vector_of(shape))
-    assert vector_of(again) == pytest.approx(vector_of(shape), abs=1e-12)
-    assert shape_of(np.full(8, 9.0)).length_m == 0.26  # within the limits
-
-
-def test_angles_beyond_the_limits_are_clipped() -> None:
-    pose = pose_by_name("flat")
-    found = pose_with(pose, np.full(23, 9.0))
-    for (joint, angle), value in zip(FITTED_ANGLES, angles_of(found), strict=True):
-        assert value < 9.0, (joint, angle)
-    assert pose_with(pose, angles_of(pose)).joints == pose.joints
 
 
 def test_the_gradient_of_the_deviance_is_the_score() -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from rig_files import RigMaker
 
-from calibration.hand_fit import basins
-from calibration.hand_fit.basins import JUDGED_SEED, beside, best_apart, distinct
+from calibration.hand_fit.basins import beside
 from calibration.hand_fit.certainty import joints_at
 from calibration.hand_fit.descent import (
     COARSE,
@@ -19,8 +16,8 @@ from calibration.hand_fit.descent import (
     HandFitter,
     fitted_parameters,
 )
-from calibration.hand_fit.digit_chain import DigitChain, bones_of_digit
-from calibration.hand_fit.digit_search import DigitSearch, Tried
+from calibration.hand_fit.digit_chain import DigitChain
+from calibration.hand_fit.digit_search import DigitSearch
 from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_state import (
     ANGLES_OF_DIGIT,
@@ -172,23 +169,6 @@ def test_a_finger_far_from_its_start_is_found(fitter, skin, bent) -> None:
         assert np.array_equal(angles[others], NOMINAL.angles_rad[others])
 
 
-def tried(tips_mm: list[float], deviance: list[float]) -> Tried:
-    """Poses whose tips are along x."""
-    tips_m = 1e-3 * np.outer(tips_mm, [1.0, 0.0, 0.0])
-    return Tried(np.zeros((len(tips_mm), 23)), np.array(deviance), tips_m)
-
-
-def test_the_best_elsewhere_is_a_finger_away() -> None:
-    assert tried([0, 9, 11, 30], [5.0, 1.0, 7.0, 6.0]).best_elsewhere() == 3
-    assert tried([0, 9, -9], [5.0, 1.0, 7.0]).best_elsewhere() is None
-
-
-def test_poses_kept_are_a_finger_apart() -> None:
-    many = tried([0, 9, 11, 30, 60], [5.0, 1.0, 7.0, 6.0, 30.0])
-    assert many.apart(worse=10.0) == [1, 3]
-    assert many.apart(worse=100.0) == [1, 3, 4]
-
-
 def test_beside_a_fit_one_digit_is_elsewhere(fitter, skin, bent) -> None:
     """First the ring finger, on its way to where it is."""
     prior = Prior.about(NOMINAL, angle_covariance())
@@ -202,66 +182,3 @@ def test_beside_a_fit_one_digit_is_elsewhere(fitter, skin, bent) -> None:
         assert np.count_nonzero(away_m > 1e-6) == 1
     assert np.linalg.norm(start_m - true_m, axis=1).max() > 30e-3
     assert np.linalg.norm(tips_m[0] - true_m, axis=1).max() < 20e-3
-
-
-@pytest.mark.parametrize(
-    ("ratio", "wanted"),
-    [(1.5, {3: 6.0, 0: 7.0, 4: 8.0, 1: 12.0}), (0.5, {0: 7.0, 1: 9.0})],
-)
-def test_the_last_round_compares_the_best_with_the_best_beside_it(
-    fitter, monkeypatch, ratio: float, wanted: dict[int, float]
-) -> None:
-    """Where the ranges disagree, and not where they agree.
-
-    Ring fingers at rest, 25 degrees apart, with their deviances in each of the three rounds.
-    """
-    rounds = [[6.0, 5.0, 30.0], [2.0, 8.0, np.nan, 3.0, 4.0], [7.0, 9.0, np.nan, 6.0]]
-    brightness = initial_log_brightness()
-    states = []
-    for k in range(5):
-        angles = NOMINAL.angles_rad
-        angles[KNUCKLE] = np.radians(25.0 * k - 30.0)
-        states.append(Fitted(NOMINAL.with_angles(angles), brightness, np.inf, np.inf))
-
-    def judged(one: Fitted, prior: Prior, seed: int) -> Fitted:
-        k = round((np.degrees(one.state.angles_rad[KNUCKLE]) + 30.0) / 25.0)
-        return replace(one, deviance=rounds[(seed - JUDGED_SEED) // len(LEVELS)][k])
-
-    def at_rest(state: HandState, brightness: np.ndarray, *_: object) -> Fitted:
-        return Fitted(state, brightness, 0.0, 0.0)
-
-    monkeypatch.setattr(fitter, "descend", at_rest)
-    monkeypatch.setattr(fitter, "judged", judged)
-    monkeypatch.setattr(basins, "range_ratio", lambda *_: ratio)
-    monkeypatch.setattr(basins, "searched", lambda *_: states[1:3])
-    monkeypatch.setattr(basins, "beside", lambda best, *_: states[3:])
-    prior = Prior.about(NOMINAL, angle_covariance())
-    found = basins.basins_from(states[0], fitter, prior, None, seed=0)
-    places = [round((np.degrees(one.state.angles_rad[KNUCKLE]) + 30.0) / 25.0) for one in found]
-    # What took no part is as much worse than the best, 2 and 6, as before the last round.
-    assert dict(zip(places, (one.deviance for one in found), strict=True)) == wanted
-    assert list(wanted) == places
-
-
-def test_basins_with_the_same_tips_are_one(fitter, bent) -> None:
-    brightness = initial_log_brightness()
-    angles = bent.angles_rad
-    angles[KNUCKLE] += np.radians(2.0)
-    near = bent.with_angles(angles)
-    found = [
-        Fitted(state, brightness, deviance, deviance)
-        for state, deviance in ((near, 3.0), (NOMINAL, 2.0), (bent, 1.0))
-    ]
-    assert [one.deviance for one in best_apart(found, fitter)] == [1.0, 2.0]
-
-
-def test_places_less_than_a_finger_apart_are_one(fitter) -> None:
-    near, far = PLACE.copy(), PLACE.copy()
-    near[0, 3], far[0, 3] = 5e-3, 15e-3
-    places = [HandState(NOMINAL.pose, AVERAGE, place) for place in (PLACE, near, far)]
-    kept = distinct(places, fitter)
-    assert [place.transform[0, 3] for place in kept] == [0.0, 15e-3]
-
-
-def test_the_bones_of_a_digit_end_at_its_tip() -> None:
-    assert [bones_of_digit(digit).stop - 1 for digit in DIGITS] == list(TIPS)

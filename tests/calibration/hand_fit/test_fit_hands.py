@@ -20,7 +20,6 @@ from calibration.hand_fit.frame_fit import FOLLOWED, NOTHING, SEARCHED, FrameFit
 from calibration.hand_fit.result import ANGLE_NAMES
 from calibration.hand_fit.track import FRAME_S, Track
 from clradar.errors import CompareError, MeasurementError, ModelError
-from clradar.hand import posed_skeleton
 from clradar.model import Volume, VoxelGrid
 
 
@@ -148,12 +147,6 @@ def test_the_record_of_a_frame_is_json_that_is_read_again() -> None:
     again = FrameFit.from_dict(fit.to_dict(), Path("000000.json"))
     assert np.array_equal(again.joints_m, fit.joints_m)
     assert np.array_equal(again.joint_std_m, fit.joint_std_m)
-
-
-def test_joints_of_the_truth_are_those_of_the_state() -> None:
-    fit = run(MadeUp(), [0, 1])[1][0]
-    joints_m = posed_skeleton(fit.state.pose).joints_m + fit.state.transform[:3, 3]
-    np.testing.assert_allclose(fit.joints_m, joints_m, rtol=0, atol=1e-15)
 
 
 def test_wrong_arguments() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -63,14 +62,3 @@ def test_what_is_not_told_is_hollow_and_dashed(measured: DepthMap) -> None:
     assert len(dashed) == len(UNTOLD)
     bones_mm = 1e3 * np.concatenate([fit.joints_m[[joint, joint + 1], :2] for joint in untold])
     assert np.allclose(points(dashed), bones_mm)
-
-
-def test_joints_that_a_rig_lacks_are_left_out(measured: DepthMap) -> None:
-    fit = made_up_fit()
-    joints_m = np.array(fit.joints_m)
-    joints_m[TIPS[0]] = np.nan
-    figure = hand_fit_figure(measured, replace(fit, joints_m=joints_m, basins=fit.basins[:1]))
-    rings = [patch for patch in figure.axes[0].patches if isinstance(patch, Ellipse)]
-    assert np.allclose([ring.center for ring in rings], 1e3 * fit.tips_m[1:, :2])
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "tips of other poses found" not in labels

@@ -10,9 +10,9 @@ from hand_renderings import rendered_depth, state_of
 
 from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed, fitted_parameters
 from calibration.hand_fit.hand_model import ParametricHand
-from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, N_PARAMETERS, SHAPE, stepped
+from calibration.hand_fit.hand_rendering import N_GEOMETRY, N_PARAMETERS, SHAPE, stepped
 from calibration.hand_fit.hand_shape_vector import vector_of
-from calibration.hand_fit.hand_state import HIGHEST_RAD, LOWEST_RAD, HandState
+from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.meshed_anew import missed_slopes, settled
 from calibration.hand_fit.misfit import misfit
 from calibration.hand_fit.prior import Prior, angle_covariance
@@ -84,18 +84,6 @@ def test_nothing_is_missed_of_the_motion_and_of_what_is_not_fitted(fitter, start
     for slopes in (missed.by_power, missed.by_range):
         assert np.flatnonzero(slopes.any(axis=1)).tolist() == [RING_BENT]
     assert not missed_slopes(only(fitter, 2), started, 1).by_power.any()
-
-
-def test_a_joint_at_its_limit_is_bent_the_other_way(fitter, started) -> None:
-    place = THUMB_END - ANGLES.start
-    for limit_rad in (LOWEST_RAD[place], HIGHEST_RAD[place]):
-        angles_rad = started.state.angles_rad.copy()
-        angles_rad[place] = limit_rad
-        bent = replace(started, state=started.state.with_angles(angles_rad))
-        missed = missed_slopes(only(fitter, THUMB_END), bent, 1)
-        assert np.isfinite(missed.by_power).all()
-        assert np.isfinite(missed.by_range).all()
-        assert missed.by_range.any()
 
 
 def test_a_fit_settles_nearer_to_the_truth_and_never_in_a_higher_deviance(

@@ -16,10 +16,8 @@ from calibration.hand_fit.recognition import (
     check_likeness,
     check_overlap,
     doubts,
-    said_of_the_hand,
 )
 from calibration.hand_fit.result import DOUBTFUL_LIKENESS, DOUBTFUL_OVERLAP
-from calibration.registration.depth_surface import not_aligned
 from clradar import AntennaArray, Capture, DepthMap, Volume, VoxelGrid, Waveform, arrays
 from clradar.errors import CompareError
 from clradar.hand import HandShape
@@ -43,16 +41,6 @@ def test_a_capture_without_signal_is_refused_by_one_line_about_the_hand() -> Non
     silent = np.zeros((len(array.tx_m), len(array.rx_m), 8), np.complex64)
     with pytest.raises(CompareError, match=r"^could not fit the hand, because [^\n]*$"):
         fit_hand(Capture(silent, array, waveform), "F", device="pocl")
-
-
-def test_only_errors_of_the_alignment_are_said_of_the_hand() -> None:
-    with (
-        pytest.raises(CompareError, match=r"^could not fit the hand, because it is dark$"),
-        said_of_the_hand(),
-    ):
-        raise not_aligned("it is dark")
-    with pytest.raises(CompareError, match=r"^other$"), said_of_the_hand():
-        raise CompareError("other")
 
 
 @pytest.mark.parametrize("likeness", [0.1, -0.2, float("nan")])

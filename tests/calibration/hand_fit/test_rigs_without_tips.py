@@ -13,15 +13,11 @@ from hand_renderings import rendered_depth, state_of
 from mano_files import mano_model, mano_pickle
 
 from calibration import HandFit, fit_hand
-from calibration.hand_fit.figure import bones_between, hand_fit_figure
 from calibration.hand_fit.hand_model import RiggedHand
-from calibration.hand_fit.recognition import doubts
 from calibration.hand_fit.result import TIPS
 from calibration.registration.radar import Radar
-from clradar import DepthMap
 from clradar.cli.fits import digit_rows
 from clradar.hand import POSES
-from clradar.hand.shape import AVERAGE
 from clradar.rigs import Rig, read_rig
 
 LAST = [tip - 1 for tip in TIPS]
@@ -68,39 +64,6 @@ def test_the_result_says_that_there_are_no_tips() -> None:
     assert record["joints_m"]["thumb-tip"] is record["joint_std_m"]["thumb-tip"] is None
     assert record["basins"][1]["joints_m"]["thumb-phalanx-distal"] is not None
     assert [row[1:4] for row in digit_rows(fit)] == [["", "", ""]] * 6
-
-
-def test_a_last_joint_outside_of_the_image_is_named() -> None:
-    fit = without_tips(made_up_fit("B"))
-    axis_m = np.linspace(-0.14, 0.14, 15)
-    edge_m = fit.joints_m[LAST[4], 0] - 1e-3  # the little finger is farthest along x
-    x_m = np.linspace(-0.14, edge_m, 15)
-    depth = DepthMap(np.full((15, 15), 0.3), np.ones((15, 15)), x_m, axis_m, 20.0)
-    (remark,) = doubts(fit, depth)
-    assert "are the tips of: pinky (" in remark
-
-
-def test_the_figure_joins_what_is_there() -> None:
-    axis_m = np.linspace(-0.12, 0.12, 13)
-    depth = DepthMap(np.full((13, 13), 0.3), np.ones((13, 13)), axis_m, axis_m, 15.0)
-    fit = without_tips(made_up_fit())
-    figure = hand_fit_figure(depth, fit)
-    assert not figure.axes[0].patches
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "two standard deviations of a tip" not in labels
-    assert "tips of other poses found" in labels
-    joints_m = np.array(fit.joints_m)
-    joints_m[6 - 1] = np.nan  # the metacarpal of the index finger, as of MANO
-    pairs = list(bones_between(joints_m))
-    assert (0, 6) in pairs
-    assert all(np.isfinite(joints_m[list(pair)]).all() for pair in pairs)
-
-
-def test_the_search_tells_poses_apart_by_the_last_joints(tmp_path: Path) -> None:
-    """The bone of a tip that is missing begins at the last joint, not at the wrist."""
-    hand = RiggedHand(mano(tmp_path))
-    bones, joints_m = hand.bones(POSES["L"], AVERAGE), hand.joints_m(POSES["L"], AVERAGE)
-    np.testing.assert_array_equal(bones.origin_m[list(TIPS)], joints_m[LAST])
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from scipy import ndimage
 
 from calibration.registration.alignment import USUAL_RATIO
 from calibration.registration.beyond_noise import NOMINAL_NOISE, ResidualImage, beyond_noise
-from calibration.registration.closed_loop import _stated_covariance
 
 AXIS_M = np.arange(-40, 41) * 2e-3
 SHAPE = (len(AXIS_M), len(AXIS_M))
@@ -105,28 +103,3 @@ def test_too_few_simulations_near_the_pose_say_nothing():
     weights = np.array([1e-6, 1e-3, 1.0])
     found = beyond_noise(image(rng), [image(rng) for _ in range(3)], weights, [], CENTRE_M)
     assert (found.ratio, found.widening, found.places) == (None, 1.0, ())
-
-
-def located(constrained: int = 0) -> Any:
-    free = np.eye(6)[:, :constrained]
-    unknown = free @ free.T
-    alignment = SimpleNamespace(covariance=1e-6 * np.eye(6) + unknown, centre_m=CENTRE_M)
-    return SimpleNamespace(alignment=alignment, constrained=free, unknown=unknown)
-
-
-def test_the_covariance_states_what_is_left_to_doubt():
-    here, there = np.eye(4), np.eye(4)
-    there[0, 3] = 2e-3
-    settled = _stated_covariance(located(), here, [there], 1.0, converged=True)
-    assert _stated_covariance(located(), here, [there], 3.0, converged=True) == pytest.approx(
-        9.0 * settled
-    )
-    # Not converged: that of the uncorrected fit, and how far the other rounds are away.
-    moving = _stated_covariance(located(), here, [there, here], 1.0, converged=False)
-    expected = 1e-6 * np.eye(6)
-    expected[3, 3] += (2e-3) ** 2 / 2
-    assert moving == pytest.approx(expected)
-    assert (np.diag(moving) > np.diag(settled)).all()
-    # An unobservable direction stays as unknown as it is.
-    wide = _stated_covariance(located(2), here, [there], 3.0, converged=True)
-    assert np.diag(wide) == pytest.approx([1 + 9e-6, 1 + 9e-6, 9e-6, 9e-6, 9e-6, 9e-6])

@@ -15,12 +15,9 @@ import clradar
 from calibration import Round, register
 from calibration.registration import closed_loop
 from calibration.registration.alignment import USUAL_RATIO
-from calibration.registration.alpha_cue import FEWEST_ROUNDS
 from calibration.registration.register import TOLERANCE_M
-from clradar.cli import main
 from clradar.cli.fits import FILES
-from clradar.cli.outputs import check_folder
-from clradar.errors import CompareError, ModelError, OutputError
+from clradar.errors import CompareError, ModelError
 from clradar.files.meshes.ply_parts import ply_of_parts
 from clradar.hand import hand_mesh, pose_by_name
 from measurement_io import open_capture, open_volume, read_transform, save_volume
@@ -64,14 +61,6 @@ def errors(transform):
     off = transform - truth()
     turn = Rotation.from_matrix(transform[:3, :3] @ truth()[:3, :3].T).magnitude()
     return float(np.linalg.norm(off[:3, :3] @ CENTRE_M + off[:3, 3])), float(np.degrees(turn))
-
-
-def test_a_correction_is_taken_back_about_the_same_point():
-    """What the simulation is off is what the corrected pose lacks to the fitted one."""
-    off = np.array([0.02, -0.01, 0.03, 1e-3, 2e-3, -1e-3])
-    corrected = closed_loop._corrected(truth(), off, CENTRE_M)
-    found = closed_loop._relative_motion(truth(), corrected, CENTRE_M)
-    np.testing.assert_allclose(found, off, atol=1e-12)
 
 
 @pytest.mark.parametrize(("share", "enough"), [(0.49, False), (0.51, True)])
@@ -302,40 +291,3 @@ def test_command_registers_materials(files, capsys, monkeypatch):
     capsys.readouterr()
     assert run(files, *of, "--alpha", "0.3") == 2
     assert "--alpha" in capsys.readouterr().err
-
-
-def test_command_reports_a_wrong_unit_and_leaves_nothing(files, capsys):
-    assert run(files, "--search-deg", "15") == 1
-    # A hand of 170 "metres" is refused when it is read.
-    assert "mm" in capsys.readouterr().err
-    assert not (files / "placed").exists()
-    assert {p.name for p in files.iterdir()} == {"measured.h5", "hand.ply"}
-
-
-def test_help_says_how_many_rounds_alpha_takes(capsys):
-    with pytest.raises(SystemExit):
-        main(["register", "--help"])
-    shown = " ".join(capsys.readouterr().out.replace("\u2502", " ").split())
-    assert f"{FEWEST_ROUNDS} or more with --alpha fit" in shown
-
-
-@pytest.mark.parametrize("alpha", ["1.5", "rough", "nan"])
-def test_command_checks_alpha(files, capsys, alpha):
-    assert run(files, "--alpha", alpha) == 2
-    assert "--alpha" in capsys.readouterr().err
-
-
-def test_force_never_deletes_what_is_not_ours(tmp_path):
-    folder = tmp_path / "made"
-    check_folder(folder, force=False, replaced=FILES)
-    folder.mkdir()
-    check_folder(folder, force=False, replaced=FILES)
-    (folder / FILES[0]).touch()
-    with pytest.raises(OutputError, match="--force"):
-        check_folder(folder, force=False, replaced=FILES)
-    check_folder(folder, force=True, replaced=FILES)
-    (folder / "thesis.tex").touch()
-    with pytest.raises(OutputError, match=r"thesis\.tex"):
-        check_folder(folder, force=True, replaced=FILES)
-    with pytest.raises(OutputError, match="got a file"):
-        check_folder(folder / "thesis.tex", force=True, replaced=FILES)

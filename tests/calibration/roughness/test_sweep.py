@@ -17,8 +17,7 @@ from systems import posix_only
 
 import clradar
 from calibration import Regions, Sweep, sweep
-from calibration.roughness.alpha_estimate import AlphaEmulator, estimate_alpha
-from calibration.roughness.brightness import BrightnessMeter
+from calibration.roughness.alpha import AlphaEmulator, BrightnessMeter, estimate_alpha
 from calibration.roughness.figures import MOST_IMAGES, shown_alphas, sweep_figure
 from calibration.roughness.surface_points import surface_points
 from clradar.cli import sweeps as folder

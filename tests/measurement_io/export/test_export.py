@@ -159,23 +159,3 @@ def test_what_a_name_cannot_hold_is_one_clear_error(tmp_path: Path) -> None:
         with pytest.raises(ModelError, match="JSON"):
             export_file(tmp_path / f"bad.{suffix}", bad)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("suffix", [".vti", ".ply", ".mat", ".npz"])
-def test_files_are_whole_or_not_there(tmp_path: Path, monkeypatch: Any, suffix: str) -> None:
-    record = RECORDS["depth" if suffix == ".ply" else "volume"]
-    target = tmp_path / f"r{suffix.upper()}"
-    export_file(target, record)
-    before = target.read_bytes()
-    with pytest.raises(OutputError, match="exists already"):
-        export_file(target, record)
-
-    def full(path: Path, _: Any) -> None:
-        path.write_bytes(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setitem(export._WRITERS, suffix, full)
-    with pytest.raises(OutputError, match="No space left"):
-        export_file(target, record, force=True)
-    assert target.read_bytes() == before
-    assert list(tmp_path.iterdir()) == [target]

@@ -66,35 +66,6 @@ def test_every_protocol_and_spelling(tmp_path, protocol, spelling):
     }
 
 
-def test_python_2_pickle(tmp_path):
-    frame = files.random_frame()
-    frame["note"] = "hand"
-    path = tmp_path / "frame.npy"
-    path.write_bytes(files.npy(files.pickled_by_python_2(frame)))
-    capture = open_capture(path)
-    assert same_bits(capture.data, files.expected_data(frame))
-    assert capture.meta["frame"] is None
-
-
-@pytest.mark.parametrize("protocol", files.PROTOCOLS)
-@pytest.mark.parametrize(
-    "layout",
-    [
-        np.asfortranarray,
-        lambda a: np.ascontiguousarray(a.transpose(1, 0, 2)).transpose(1, 0, 2),
-        lambda a: np.repeat(a, 2, axis=0)[::2],
-        lambda a: a.astype(">c8"),
-        lambda a: a.astype(np.complex128),
-    ],
-    ids=["fortran", "permuted", "strided", "big-endian", "complex128"],
-)
-def test_memory_layouts(tmp_path, layout, protocol):
-    frame = files.random_frame()
-    stored = frame | {"xr": layout(frame["xr"])}
-    path = files.write_frame(tmp_path / "f.npy", stored, protocol)
-    assert same_bits(open_capture(path).data, files.expected_data(frame))
-
-
 def test_folder_frame_and_variant(tmp_path):
     radar = files.write_recording(tmp_path / "hand" / "30")
     for source in (radar, radar.parent):
@@ -260,9 +231,6 @@ def test_other_files(tmp_path, content):
     assert not check_file(path).ok
 
 
-# ---- describe, check
-
-
 # ---- write
 
 
@@ -321,10 +289,3 @@ def test_other_antennas_lie_beside_their_frames_which_are_of_one_array(tmp_path,
     (path.parent.parent / "antennas.toml").unlink()
     with pytest.raises(MeasurementError, match=r"\(96, 96, Nf\) or \(94, 94, Nf\)"):
         open_capture(path)
-
-
-@pytest.mark.parametrize("count", [4, 4.0, np.int32(4), np.array([4]), np.array(4), [4]])
-def test_the_number_of_frames_in_any_whole_form(tmp_path, count):
-    frame = files.random_frame() | {"number_of_measurements": count}
-    path = files.write_frame(tmp_path / "f.npy", frame)
-    assert open_capture(path).meta["number_of_measurements"] == 4

@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import pickle
 import pickletools
-import signal
 import struct
-import subprocess
-import sys
-import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,7 +14,6 @@ import maroon_files as files
 import maroon_products as made
 import numpy as np
 import pytest
-from systems import posix_only
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
@@ -299,63 +293,6 @@ def test_a_folder_that_exists(tmp_path):
     assert same_bits(open_capture(target).data, capture_of(5).data)
     assert not (radar / "depth").exists()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
-
-
-@posix_only
-def test_a_kill_leaves_no_recording_under_the_final_name(tmp_path):
-    code = """
-import os, signal, sys
-from test_maroon_writer import capture_of
-from measurement_io import save_recording
-
-def captures():
-    yield capture_of(0)
-    yield capture_of(1)
-    os.kill(os.getpid(), signal.SIGKILL)
-
-save_recording(sys.argv[1], captures())
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "30")],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        check=False,
-    )
-    assert done.returncode == -signal.SIGKILL
-    (left,) = tmp_path.iterdir()
-    assert left.name.startswith(".30.")
-    assert left.name.endswith(".tmp")
-    assert len(list(left.rglob("*.npy"))) == 2  # it was killed while writing, not before
-
-
-@pytest.mark.parametrize("sized", [True, False])
-def test_one_frame_at_a_time_is_in_memory(tmp_path, sized):
-    n_freq, n_frames = 16, 12
-    frame_bytes = 96 * 96 * n_freq * 8
-
-    class Frames:
-        def __iter__(self) -> Iterator[clradar.Capture]:
-            frequencies = np.linspace(72e9, 82e9, n_freq)
-            for i in range(n_frames):
-                data = np.full((94, 94, n_freq), i + 1, np.complex64)
-                yield clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform(frequencies))
-
-    class Counted(Frames):
-        def __len__(self) -> int:
-            return n_frames
-
-    seen = []
-    tracemalloc.start()
-    save_recording(
-        tmp_path / "30",
-        Counted() if sized else Frames(),
-        progress=lambda done, total: seen.append((done, total)),
-    )
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    # The first and the present capture, its copy, the 96 channels, their pickle; reading back
-    # takes up to four times the file.
-    assert peak < 7.5 * frame_bytes, f"{peak / frame_bytes:.1f} frames"
-    assert seen == [(i + 1, n_frames if sized else 0) for i in range(n_frames)]
 
 
 def test_every_numpy_finds_the_names_in_a_frame(tmp_path: Path) -> None:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,13 +10,9 @@ import maroon_files as files
 import maroon_products
 import numpy as np
 import pytest
-from systems import linux_only
 
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import Recording, open_capture, open_recording, read_transform
-
-MEMORY_LIMIT_MB = 300.0
-"""What the whole process may take while a recording is read. 32 frames alone are 290 MB."""
 
 
 def seed_data(seed: int, n_freq: int = 2) -> np.ndarray:
@@ -284,39 +277,3 @@ def test_depth_maps_are_those_of_the_position(tmp_path):
         recording.depth_map(2)
     with pytest.raises(IndexError):
         recording.depth_map(3)
-
-
-# ---- memory
-
-
-def peak_mb(radar: Path) -> tuple[int, float]:
-    """Iterate over a recording in a fresh process; return its frames and its peak memory, MB."""
-    code = (
-        "import measurement_io, sys\n"
-        "recording = measurement_io.open_recording(sys.argv[1])\n"
-        "count = sum(capture.data.shape == (94, 94, 128) for capture in recording)\n"
-        "assert len(set(recording.timestamps_us)) == 1\n"
-        "status = open('/proc/self/status').read()\n"
-        "print(count, status.split('VmHWM:')[1].split()[0])\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(radar)], capture_output=True, text=True, check=True
-    )
-    count, kilobytes = done.stdout.split()
-    return int(count), int(kilobytes) * 1024 / 1e6
-
-
-@linux_only
-@pytest.mark.parametrize("kind", [np.complex64, np.complex128])
-@pytest.mark.parametrize("count", [32, pytest.param(200, marks=pytest.mark.slow)])
-def test_one_frame_at_a_time_is_in_memory(tmp_path, kind, count):
-    radar = tmp_path / "30" / "radar_72.0_82.0_128"
-    frame = files.random_frame(128)
-    frame["xr"] = frame["xr"].astype(kind)
-    first = files.write_frame(radar / "calibrated_data" / "000000.npy", frame)
-    assert first.stat().st_size > 9e6  # the size of real ones; the others are links to it
-    for i in range(1, count):
-        os.link(first, first.with_name(f"{i:06d}.npy"))
-    read, megabytes = peak_mb(radar)
-    assert read == count
-    assert megabytes < MEMORY_LIMIT_MB

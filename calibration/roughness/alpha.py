@@ -1,4 +1,10 @@
-"""Alpha of a region with its interval, from statistics that are smooth functions of alpha."""
+"""Alpha of a region with its interval, from statistics of an image's brightness.
+
+A smooth surface is bright where it faces the antennas and dark elsewhere; the rougher, the more
+even and grainy. So what counts is the power at each tilt of the surface, the contrast, and how much
+of it is nearly as bright as the brightest place: all relative to the region's own mean, so that the
+gain of an instrument is of no account. Of these statistics mean and covariance are smooth in alpha.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +13,30 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import map_coordinates
 
 from calibration.roughness.emulator import (
     SHRINKAGE,
-    UNLIKELY,
+    Fit,
     Interval,
-    compared,
     fit_probability,
     plain,
     student_log_likelihood,
 )
+from calibration.roughness.surface_points import TILT_EDGES_DEG, SurfacePoints, tilt_bins
+from clradar.model import AntennaArray, DepthMap
+
+LEAST_IN_BIN = 20
+"""Points in a bin of the tilt."""
+
+LEVELS_DB = (3.0, 6.0, 10.0, 15.0, 20.0)
+"""Below the brightest point."""
+
+DARK = 1e-12
+"""Power of a point that is 0, relative to the mean."""
+
+PLACEMENT_STD_M = 1e-3
+"""How well a mesh is taken to be in its place, along x and y each."""
 
 GRID = 1001
 """Alphas at which the likelihood is computed."""
@@ -34,19 +54,67 @@ EDGE_LIKELIHOOD = 0.1
 """Of an end of the range, relative to the highest, above which the truth may lie beyond."""
 
 
+class BrightnessMeter:
+    """Measures the statistics of a region, or of the whole: in the image, at its surface's points.
+
+    `names` are of what `measure` returns, natural logarithms.
+    """
+
+    def __init__(self, points: SurfacePoints, region: int | None, array: AntennaArray) -> None:
+        mine = np.ones(len(points.region), bool) if region is None else points.region == region
+        self._points_m = points.points_m[mine, :2]
+        self.bins = tilt_bins(points.tilts([array])[0, mine], LEAST_IN_BIN)
+        tilts = [f"{TILT_EDGES_DEG[i]:g} to {TILT_EDGES_DEG[i + 1]:g}" for i in self.bins]
+        self.names = (
+            *(f"power at {tilt} degrees" for tilt in tilts[:-1]),  # the last follows from the rest
+            "contrast",
+            *(f"points within {level:g} dB" for level in LEVELS_DB),
+        )
+
+    @property
+    def n_points(self) -> int:
+        return len(self._points_m)
+
+    def sees(self, image: DepthMap) -> bool:
+        """Whether anything of the region is bright."""
+        return bool(self._amplitude(image, (0.0, 0.0)).any())
+
+    def measure(self, image: DepthMap, shift_m: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+        """Return the statistics, with the surface displaced along x and y."""
+        power = self._amplitude(image, shift_m).astype(np.float64) ** 2
+        power = power / power.mean() + DARK
+        bins = self.bins.values()
+        means = [power[own].mean() for own in bins]
+        grain = [np.log(power[own]).mean() - np.log(power[own].mean()) for own in bins]
+        counts = [np.count_nonzero(own) for own in bins]
+        near = [np.count_nonzero(power > power.max() * 10 ** (-level / 10)) for level in LEVELS_DB]
+        return np.array([*np.log(means[:-1]), np.average(grain, weights=counts), *np.log(near)])
+
+    def displaced(self, image: DepthMap) -> np.ndarray:
+        """Return the variance of the statistics by a mesh that is not quite in its place."""
+        middle = self.measure(image)
+        variance = np.zeros_like(middle)
+        for x, y in ((PLACEMENT_STD_M, 0.0), (0.0, PLACEMENT_STD_M)):
+            one, other = self.measure(image, (x, y)), self.measure(image, (-x, -y))
+            variance += ((one - other) ** 2 + (one + other - 2 * middle) ** 2) / 4
+        return variance
+
+    def _amplitude(self, image: DepthMap, shift_m: tuple[float, float]) -> np.ndarray:
+        places_m = self._points_m + shift_m
+        at = [
+            (places_m[:, axis] - axis_m[0]) / (axis_m[1] - axis_m[0])
+            for axis, axis_m in ((1, image.y_m), (0, image.x_m))
+        ]
+        read: np.ndarray = map_coordinates(image.amplitude, at, order=1, mode="nearest")
+        return read
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AlphaEmulator:
     """Mean and covariance of statistics over alpha.
 
-    Attributes
-    ----------
-    alphas : ndarray, shape (A,)
-    mean, variance : ndarray, shape (A, n_statistics)
-        The variance is that of a measurement from this mean.
-    interpolation : ndarray, shape (A, n_statistics)
-        What the mean at an alpha would be off by if it was interpolated between the others.
-    correlation : ndarray, shape (n_statistics, n_statistics)
-    freedom : int
+    `mean` and `variance`, of a measurement from this mean, and `interpolation`, what the mean would
+    be off by if it was interpolated between the others, have the shape (n_alphas, n_statistics).
     """
 
     alphas: np.ndarray
@@ -70,9 +138,8 @@ class AlphaEmulator:
         without = np.zeros_like(mean)
         for i in range(1, n_alphas - 1):
             others = np.arange(n_alphas) != i
-            without[i] = (
-                PchipInterpolator(alphas[others], mean[others], axis=0)(alphas[i]) - mean[i]
-            )
+            foretold = PchipInterpolator(alphas[others], mean[others], axis=0)(alphas[i])
+            without[i] = foretold - mean[i]
         if n_seeds > 1:
             left = statistics - mean
             freedom = n_alphas * (n_seeds - 1)
@@ -115,35 +182,23 @@ class AlphaEstimate:
         Median, and the limits of 68 % and 95 % of the probability.
     alphas, probability : ndarray, shape (1001,)
         Values of the swept range and their probability; before the measurement all are alike.
-    statistics : tuple of str
-    measured, fitted, spread : ndarray, shape (n_statistics,)
-        Of the measurement, and mean and standard deviation of simulations at the best alpha.
-    fit_probability : float
-        Of a fit as bad as this, or worse, if the measurement were a simulation.
-    n_points : int
-        Points of the surface that were read.
+    fit : Fit
+        Statistics: measured, and of simulations at the best alpha.
 
     Examples
     --------
     >>> import calibration, numpy as np
     >>> from calibration.roughness.emulator import Interval
-    >>> found = calibration.AlphaEstimate(
-    ...     "palm", Interval(0.55, 0.53, 0.57, 0.5, 0.6), np.ones(1), np.ones(1), (), np.ones(0),
-    ...     np.ones(0), np.ones(0), 0.4, 900)
-    >>> found.text(), found.remarks()
-    ('0.55 ± 0.02', [])
+    >>> interval = Interval(0.55, 0.53, 0.57, 0.5, 0.6)
+    >>> calibration.AlphaEstimate("palm", interval, np.ones(1), np.ones(1), None).text()
+    '0.55 ± 0.02'
     """
 
     name: str
     interval: Interval
     alphas: np.ndarray
     probability: np.ndarray
-    statistics: tuple[str, ...]
-    measured: np.ndarray
-    fitted: np.ndarray
-    spread: np.ndarray
-    fit_probability: float
-    n_points: int
+    fit: Fit
 
     @property
     def alpha(self) -> float:
@@ -161,21 +216,11 @@ class AlphaEstimate:
 
     def remarks(self) -> list[str]:
         """Reasons to doubt the estimate, one clause each."""
-        found = []
-        for bounded, end in (
-            (self.interval.bounded_below, self.alphas[0]),
-            (self.interval.bounded_above, self.alphas[-1]),
-        ):
-            if bounded:
-                found.append(
-                    f"alpha may lie beyond {end:g}, an end of its range: take a wider range"
-                )
-        if self.fit_probability < UNLIKELY:
-            found.append(
-                "no simulation has the statistics of the measurement (probability "
-                f"{self.fit_probability:.1g}): another pose or shape, several alphas, or clutter"
-            )
-        return found
+        bounded = (self.interval.bounded_below, self.interval.bounded_above)
+        ends = [end for end, is_end in zip(self.alphas[[0, -1]], bounded, strict=True) if is_end]
+        beyond = "alpha may lie beyond {:g}, an end of its range: take a wider range"
+        doubts = self.fit.remarks("another pose or shape, several alphas")
+        return [*(beyond.format(end) for end in ends), *doubts]
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has."""
@@ -183,9 +228,7 @@ class AlphaEstimate:
             "text": self.text(),
             "alpha": self.interval.to_dict(),
             "uncertainty": plain(self.uncertainty),
-            "fit_probability": plain(self.fit_probability),
-            "points": self.n_points,
-            "statistics": compared(self.statistics, self.measured, self.fitted, self.spread),
+            **self.fit.to_dict(),
             "alphas": plain(self.alphas),
             "probability": plain(self.probability),
         }
@@ -208,8 +251,7 @@ def estimate_alpha(
     ends = probability[[0, -1]] > EDGE_LIKELIHOOD * probability.max()
     bounded = (bool(ends[0] and first > 0), bool(ends[1] and last < 1))  # beyond these is nothing
     best = int(np.argmax(likelihood))
-    return AlphaEstimate(
-        name, Interval.of(alphas, probability, bounded), alphas, probability, statistics, measured,
-        mean[best], spread[best],
-        fit_probability(float(chi2[best]), len(measured) - 1, emulator.freedom), n_points,
-    )  # fmt: skip
+    as_bad = fit_probability(float(chi2[best]), len(measured) - 1, emulator.freedom)
+    fit = Fit(statistics, measured, mean[best], spread[best], as_bad, n_points)
+    interval = Interval.of(alphas, probability, bounded)
+    return AlphaEstimate(name, interval, alphas, probability, fit)

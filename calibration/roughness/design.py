@@ -1,0 +1,88 @@
+"""What sweeps over alpha and over roughness share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, MutableMapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from calibration.roughness.regions import Regions
+from clradar.errors import CompareError
+from clradar.files.hashing import sha256_of_blocks
+from clradar.model import Scene, checks
+
+SEEDS = 3
+WHOLE = "all"
+
+Store = MutableMapping[str, dict[str, np.ndarray]]
+"""Finished images: name -> arrays. A dict, or a mapping that keeps files."""
+
+
+def fingerprint(*values: Any) -> str:
+    """Return what names of images begin with: other arguments make others."""
+    return sha256_of_blocks(_blocks(values))[:12]
+
+
+def _blocks(value: Any) -> Iterator[bytes]:
+    if isinstance(value, np.ndarray):
+        yield f"{value.dtype} {value.shape}".encode()
+        yield value.tobytes()
+    elif is_dataclass(value):
+        yield from _blocks([(own.name, getattr(value, own.name)) for own in fields(value)])
+    elif isinstance(value, tuple | list):
+        for item in value:
+            yield from _blocks(item)
+    else:
+        yield repr(value).encode()
+
+
+class Estimate(Protocol):
+    """What is found of a region."""
+
+    @property
+    def name(self) -> str: ...
+    def text(self) -> str: ...
+    def remarks(self) -> list[str]: ...
+
+
+class Meter(Protocol):
+    """What measures statistics of a region."""
+
+    bins: dict[int, np.ndarray]
+
+    @property
+    def n_points(self) -> int: ...
+
+
+def check_regions(function: str, regions: Regions | None, scene: Scene) -> None:
+    if regions is not None:
+        checks.instance(f"{function}: regions", regions, Regions)
+        if len(regions.face) != scene.n_faces:
+            expected = f"{scene.n_faces} faces"
+            checks.fail(f"{function}: regions", expected, f"{len(regions.face)}")
+
+
+def estimable(what: str, names: Iterable[str], meters: Iterable[Meter]) -> None:
+    """Raise `CompareError` unless enough of each region is visible."""
+    for name, meter in zip(names, meters, strict=True):
+        if not meter.bins:
+            raise CompareError(
+                f"sweep: region '{name}' is too small, or too steep, to tell its {what}: only "
+                f"{meter.n_points} points of it are visible"
+            )
+
+
+def remarks_of(estimates: Sequence[Estimate]) -> tuple[str, ...]:
+    """Reasons to doubt the estimates, one clause each."""
+    return tuple(f"{one.name}: {text}" for one in estimates for text in one.remarks())
+
+
+def report_of(what: str, estimates: Sequence[Estimate]) -> list[str]:
+    """Lines of the estimates and their caveats."""
+    lines = []
+    for one in estimates:
+        lines.append(f"{what} of {one.name}: {one.text()}")
+        lines += [f"  {remark}" for remark in one.remarks()]
+    return lines

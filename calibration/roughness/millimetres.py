@@ -1,0 +1,246 @@
+"""Roughness and correlation length of regions, with intervals, from the statistics' likelihood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from calibration.roughness.emulator import Emulator, Fit, Interval, at_ends, fit_probability, plain
+from calibration.roughness.slope import slope_of_roughness
+from calibration.roughness.texture import COHERENT, REST, of_power
+
+KNOWN_SHARE = 0.3
+"""A height or slope is known if half its 68 % interval is at most this share of it."""
+
+KNOWN_RATIO = 2.0
+"""A length is known if its 68 % interval is at most an octave."""
+
+SMOOTHER_BY = 3.0
+"""Standard deviations below the lowest simulated height from which a surface counts as smoother."""
+
+N_HEIGHTS, N_LENGTHS = 72, 24
+GAIN_SPAN_DB, GAIN_STEP_DB, GAIN_SEARCH_DB = 15.0, 0.2, 2.0
+NATURAL_PER_DB = math.log(10.0) / 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoughnessEstimate:
+    """Roughness h and correlation length l of a region, from simulations.
+
+    Attributes
+    ----------
+    name : str
+        Of the region; "all" for the whole mesh.
+    roughness_m : Interval
+        Of the height's root mean square h, metres.
+    correlation_m : Interval
+        Of the correlation length l, metres; one value where it was given.
+    slope : Interval
+        Of sqrt(2) h / l.
+    heights_m, lengths_m : ndarray, shape (n_heights,) and (n_lengths,), metres
+    probability : ndarray, shape (n_heights, n_lengths)
+        Of each pair; they add up to 1. Before the measurement all are alike: equal ratios of
+        heights, and of lengths, are equally likely.
+    fit : Fit
+        Statistics: measured, and of simulations at the best pair and gain.
+
+    Examples
+    --------
+    >>> from calibration.roughness.emulator import Interval
+    >>> import numpy as np
+    >>> import calibration
+    >>> height = Interval(0.31e-3, 0.28e-3, 0.34e-3, 0.25e-3, 0.37e-3)
+    >>> length = Interval(3e-3, 1.4e-3, 5.5e-3, 1.1e-3, 5.9e-3, True, True)
+    >>> slope = Interval(0.15, 0.08, 0.3, 0.06, 0.4)
+    >>> calibration.RoughnessEstimate(
+    ...     "palm", height, length, slope, np.ones(1), np.ones(1), np.ones((1, 1)), None).text()
+    'h = 0.31 ± 0.03 mm; the correlation length cannot be told'
+    """
+
+    name: str
+    roughness_m: Interval
+    correlation_m: Interval
+    slope: Interval
+    heights_m: np.ndarray
+    lengths_m: np.ndarray
+    probability: np.ndarray
+    fit: Fit
+
+    @property
+    def tells_roughness(self) -> bool:
+        """Whether the measurement tells h: within 30 %, and not at an end of its range."""
+        height = self.roughness_m
+        return not height.bounded and height.std <= KNOWN_SHARE * height.median
+
+    @property
+    def tells_correlation(self) -> bool:
+        """Whether it tells l: within an octave, and not at an end of its range."""
+        length = self.correlation_m
+        return not length.bounded and length.high <= KNOWN_RATIO * length.low
+
+    @property
+    def tells_slope(self) -> bool:
+        """Whether it tells the slope: within 30 %."""
+        return self.slope.std <= KNOWN_SHARE * self.slope.median
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether h is as small as the range has it, and only an upper limit is known."""
+        return self.roughness_m.bounded_below and not self.roughness_m.bounded_above
+
+    def text(self) -> str:
+        """What the measurement tells, and what it does not."""
+        height, length = self.roughness_m, self.correlation_m
+        if self.is_smooth:
+            return f"h below {1e3 * height.high95:.2g} mm (95 %), too smooth for more"
+        slope = f"slope {self.slope.text(1, '')}"
+        if self.tells_roughness:
+            known = f"h = {height.text(1e3, 'mm')}"
+            if len(self.lengths_m) == 1 and self.tells_correlation:
+                return f"{known} for l = {1e3 * length.median:.2g} mm, as given"
+            if self.tells_correlation:
+                return f"{known}, l = {length.text(1e3, 'mm')}, {slope}"
+            if self.tells_slope:
+                return f"{known}, {slope}; l alone cannot be told"
+            return f"{known}; the correlation length cannot be told"
+        between = f"h between {1e3 * height.low95:.2g} and {1e3 * height.high95:.2g} mm (95 %)"
+        if self.tells_slope:
+            return f"only the {slope} can be told; {between}"
+        return f"neither h nor the slope can be told; {between}"
+
+    def remarks(self) -> list[str]:
+        """Reasons to doubt the estimate, one clause each."""
+        found = []
+        if self.roughness_m.bounded_above:
+            found.append(
+                f"the roughness may be above {1e3 * self.heights_m[-1]:.3g} mm, the end of its "
+                "range: take a wider one"
+            )
+        doubts = self.fit.remarks("another pose, shape or material")
+        return found if self.is_smooth else found + doubts
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers in types that strict JSON has."""
+        intervals = ("roughness_m", "correlation_m", "slope")
+        known = ("tells_roughness", "tells_correlation", "tells_slope")
+        arrays = ("heights_m", "lengths_m", "probability")
+        return {
+            "text": self.text(),
+            **{name: getattr(self, name).to_dict() for name in intervals},
+            **{name: getattr(self, name) for name in known},
+            **self.fit.to_dict(),
+            **{name: plain(getattr(self, name)) for name in arrays},
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegionStatistics:
+    """What a region's estimate is made from: `measured`, and `simulated`, a row a simulation."""
+
+    name: str
+    statistics: tuple[str, ...]
+    measured: np.ndarray
+    simulated: np.ndarray
+    n_points: int
+
+    @property
+    def shift(self) -> np.ndarray:
+        """What the logarithm of a gain adds to: 1 or 0, shape (n_statistics,)."""
+        return of_power(self.statistics).astype(float)
+
+
+def estimate_roughness(
+    regions: Sequence[RegionStatistics],
+    height_m: np.ndarray,
+    length_m: np.ndarray,
+    *,
+    calibrated: bool,
+) -> tuple[list[RoughnessEstimate], Interval]:
+    """Estimate h and l of regions that were measured with one gain, and the gain in decibels.
+
+    `height_m` and `length_m` are of the simulations; with `calibrated` the gain is 1.
+    """
+    heights_m = np.geomspace(height_m.min(), height_m.max(), N_HEIGHTS)
+    lengths_m = np.unique(length_m)
+    if len(lengths_m) > 1:
+        lengths_m = np.geomspace(lengths_m[0], lengths_m[-1], N_LENGTHS)
+    high, long = np.meshgrid(heights_m, lengths_m, indexing="ij")
+    emulators = [Emulator.fitted(height_m, length_m, region.simulated) for region in regions]
+    both = list(zip(regions, emulators, strict=True))
+
+    def likelihoods(shifts: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each region its likelihood and chi squared, for gains of these logarithms."""
+        return [e.log_likelihood(r.measured, high, long, r.shift, shifts) for r, e in both]
+
+    def of_gains(found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """The likelihood of each gain by each region."""
+        return np.stack([special.logsumexp(likelihood, axis=(0, 1)) for likelihood, _ in found])
+
+    shifts = np.zeros(1)
+    if not calibrated:
+        off = [(r.measured - e.at(high, long)[0])[..., r.shift > 0] for r, e in both]
+        least, most = min(o.min() for o in off), max(o.max() for o in off)
+        coarse = np.arange(least, most + NATURAL_PER_DB, GAIN_SEARCH_DB * NATURAL_PER_DB)
+        best = coarse[np.argmax(of_gains(likelihoods(coarse)).sum(axis=0))]
+        span = np.arange(-GAIN_SPAN_DB, GAIN_SPAN_DB + GAIN_STEP_DB, GAIN_STEP_DB)
+        shifts = best + NATURAL_PER_DB * span
+    found = likelihoods(shifts)
+    of_gain = of_gains(found)
+    total = of_gain.sum(axis=0)
+    estimates = [
+        _estimate(region, emulator, heights_m, lengths_m, shifts, likelihood + total - own, chi2)
+        for (region, emulator), own, (likelihood, chi2) in zip(both, of_gain, found, strict=True)
+    ]
+    return estimates, Interval.of(shifts / NATURAL_PER_DB, special.softmax(total))
+
+
+def _estimate(
+    region: RegionStatistics,
+    emulator: Emulator,
+    heights_m: np.ndarray,
+    lengths_m: np.ndarray,
+    shifts: np.ndarray,
+    joint: np.ndarray,
+    chi2: np.ndarray,
+) -> RoughnessEstimate:
+    i, j, k = (int(index) for index in np.unravel_index(np.argmax(joint), joint.shape))
+    probability = np.exp(special.logsumexp(joint, axis=2) - special.logsumexp(joint))
+    if _is_smoother(region, emulator, heights_m[0], lengths_m):
+        i, k = 0, int(np.argmax(joint[0, j]))
+        probability = np.zeros_like(probability)
+        probability[0] = 1 / len(lengths_m)
+    mean, spread = emulator.at(heights_m[i], lengths_m[j])
+    slopes = slope_of_roughness(1.0, 1.0) * heights_m[:, None] / lengths_m
+    of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
+    ends = at_ends(lengths_m, of_lengths) if len(lengths_m) > 1 else (False, False)
+    free = len(mean) - 1 - (len(lengths_m) > 1) - (len(shifts) > 1)
+    return RoughnessEstimate(
+        name=region.name,
+        roughness_m=Interval.of(heights_m, of_heights, at_ends(heights_m, of_heights)),
+        correlation_m=Interval.of(lengths_m, of_lengths, ends),
+        slope=Interval.of(slopes, probability),
+        heights_m=heights_m,
+        lengths_m=lengths_m,
+        probability=probability,
+        fit=Fit(
+            region.statistics, region.measured, mean + shifts[k] * region.shift, spread,
+            fit_probability(float(chi2[i, j, k]), free, emulator.freedom), region.n_points,
+        ),
+    )  # fmt: skip
+
+
+def _is_smoother(
+    region: RegionStatistics, emulator: Emulator, lowest_m: float, lengths_m: np.ndarray
+) -> bool:
+    """Whether less power is in the rest than at the lowest height: below it nothing is known."""
+    rest = np.array([name.startswith(REST) for name in region.statistics])
+    coherent = np.array([name == COHERENT for name in region.statistics])
+    weight = rest / np.count_nonzero(rest) - coherent
+    mean, spread = emulator.at(np.full(len(lengths_m), lowest_m), lengths_m)
+    share = mean @ weight - SMOOTHER_BY * np.sqrt(spread**2 @ weight**2)
+    return bool(region.measured @ weight < share.min())
