@@ -46,11 +46,6 @@ class Fact:
     words: str
     value: Any
 
-    @property
-    def key(self) -> str:
-        """The name as it is written in JSON."""
-        return self.name.replace(" ", "_")
-
 
 @dataclass(frozen=True, slots=True)
 class Description:
@@ -84,8 +79,8 @@ class Description:
 
     @property
     def values(self) -> dict[str, Any]:
-        """The facts as JSON values, by key (`Fact.key`)."""
-        return {fact.key: fact.value for fact in self.facts}
+        """The facts as JSON values, by their names with underscores."""
+        return {fact.name.replace(" ", "_"): fact.value for fact in self.facts}
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as strict JSON: a number that is not finite becomes a string."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from html import escape
@@ -112,11 +111,7 @@ def _scene_facts(scene: Scene) -> dict[str, str]:
 
 
 def _metrics_facts(metrics: Metrics) -> dict[str, str]:
-    values = {one: one.scale * getattr(metrics, one.field) for one in METRIC_TABLE}
-    texts = {
-        one.name: "n/a" if math.isnan(value) else f"{value:.{one.digits}f}"
-        for one, value in values.items()
-    }
+    texts = {one.name: one.text(metrics) for one in METRIC_TABLE}
     return {**texts, "remarks": "; ".join(metrics.remarks) or "none"}
 
 

@@ -24,7 +24,7 @@ from clradar.cli import sweeps as folder
 from clradar.cli.commands import sweep as command
 from clradar.cli.options.groups import expanded
 from clradar.cli.options.sweep import AlphaOptions, RegionOptions
-from clradar.compare import METRICS, Metrics, compare, compare_by
+from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand import hand_mesh
 from clradar.simulation import simulate_alphas
@@ -257,12 +257,6 @@ def test_simulations_that_are_to_differ_are_no_reason_to_warn(monkeypatch):
     with pytest.warns(ClradarWarning, match="misleading"):
         compare(measured, measured)
     assert len(sweep(measured, SCENE, [0.0, 1.0], seeds=2, **FEW, **RADAR).metrics[0]) == 2
-
-
-@pytest.mark.parametrize("metric", METRICS)
-def test_one_metric_alone_is_that_of_compare(regional, metric):
-    images = regional.images[1:3]
-    assert compare_by(metric, *images) == getattr(compare(*images), metric)
 
 
 # --- rays and random numbers are shared
