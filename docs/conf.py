@@ -67,7 +67,7 @@ sphinx_gallery_conf = {
     "examples_dirs": str(TUTORIALS),
     "gallery_dirs": "tutorials",
     "filename_pattern": r"\.py$",
-    "within_subsection_order": "FileNameSortKey",
+    "within_subsection_order": "figures.ByNumber",
     "image_scrapers": (FigureScraper(),),
     "capture_repr": (),
     "abort_on_example_error": True,

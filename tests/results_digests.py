@@ -524,7 +524,7 @@ def more_hands(works: Works) -> Values:
         **named("drawn", of_mesh(drawn)),
         **named("fine", of_mesh(fine)),
         **named("moved", of_mesh(moved)),
-        "joints": hand.hand_joints("L", "left", device=works.device),
+        "joints": hand.hand_mesh("L", handedness="left", device=works.device).joints_m,
     }
 
 

@@ -13,9 +13,10 @@ import pytest
 import clradar
 from clradar.errors import ClradarError
 from clradar.hand import HandPose, posed_skeleton
+from clradar.hand.skin import Skin
 from clradar.rigs import Rig
 from clradar.rigs.mano import MANO_JOINTS
-from clradar.rigs.rig import Influences, PoseBlend
+from clradar.rigs.rig import PoseBlend
 
 PACKAGES = (
     "clradar",
@@ -75,7 +76,7 @@ def namespace() -> dict[str, Any]:
         meta={},
     )  # fmt: skip
     rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
-    skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
+    skin = Skin([0, 1, 2], tips, np.ones(3), np.zeros((3, 3)))
     blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
     rig = Rig("m", "right", 1.0, np.eye(3), rest.joints_m, rest.frames, [[0, 1, 2]], skin, blend)
     data = np.full((94, 94, 3), 1 - 1j, np.complex64)

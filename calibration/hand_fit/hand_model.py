@@ -12,7 +12,7 @@ from calibration.hand_fit.result import TIPS, end_joints
 from calibration.hand_fit.skinned import Bones, Skin
 from clradar.hand import HandMesh, HandPose, HandShape, hand_mesh, posed_skeleton
 from clradar.hand.skeleton import Skeleton
-from clradar.hand.texture import SKIN_BONES, skin_weights
+from clradar.hand.skin import skin_weights
 from clradar.opencl import Device
 from clradar.rigs import Rig
 
@@ -86,7 +86,7 @@ class ParametricHand:
         weights = skin_weights(
             points_m * _mirror(self.handedness), normals * _mirror(self.handedness), posed
         )
-        return Skin.of_weights(weights, np.array(SKIN_BONES))
+        return Skin.of_weights(weights, np.arange(25))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,9 +120,7 @@ class RiggedHand:
         normals: np.ndarray,
     ) -> Skin:  # fmt: skip
         """Those of the nearest vertex."""
-        rows = self.rig.influences
-        weights = np.zeros((self.rig.n_vertices, 25))
-        weights[rows.vertex, rows.joint] = rows.weight
+        weights = self.rig.skin.weights.toarray()
         _, nearest = KDTree(mesh.vertices_m).query(points_m)
         return Skin.of_weights(weights[nearest], np.arange(25))
 

@@ -10,16 +10,19 @@ from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, SHAPE
 from calibration.hand_fit.hand_shape_vector import shape_covariance, vector_of
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, FITTED_ANGLES, N_ANGLES, HandState
 from clradar.hand.joints import FINGERS
+from clradar.hand.sampler import (
+    ABDUCTION_SHARE,
+    HOLLOW_SHARE,
+    KNUCKLE_CORRELATION,
+    LAST_SHARE,
+    LAST_SIGMA_DEG,
+    NEIGHBOUR_CORRELATION,
+    SPREAD_DEG,
+)
 
-FLEXION_STD_DEG, ABDUCTION_STD_DEG, ARCH_STD_DEG = 12.0, 7.0, 5.0
+_SHARES = (1.0, ABDUCTION_SHARE, HOLLOW_SHARE)
+FLEXION_STD_DEG, ABDUCTION_STD_DEG, ARCH_STD_DEG = (SPREAD_DEG * share for share in _SHARES)
 """Of a hand about the pose that it means to make, before the measurement."""
-
-LAST_SHARE, LAST_STD_DEG = 2.0 / 3.0, 6.0
-"""The last joint bends by this share of the middle one, and this much otherwise."""
-
-KNUCKLE_CORRELATION, NEIGHBOUR_CORRELATION = 0.6, 0.6
-"""Of knuckle and middle joint, and of the middle joints of neighbouring fingers; the latter of the
-two metacarpals of the palm's arch, too (`clradar.hand.random_pose` has the sources)."""
 
 
 def angle_covariance(flexion_std_deg: float = FLEXION_STD_DEG) -> np.ndarray:
@@ -43,7 +46,7 @@ def angle_covariance(flexion_std_deg: float = FLEXION_STD_DEG) -> np.ndarray:
     alone = {
         0: (1.0 - KNUCKLE_CORRELATION**2) * FLEXION_STD_DEG**2,
         2: 0.0,
-        3: LAST_STD_DEG**2,
+        3: LAST_SIGMA_DEG**2,
     }
     for one, share in follows.items():
         for other, another in follows.items():
@@ -55,8 +58,7 @@ def angle_covariance(flexion_std_deg: float = FLEXION_STD_DEG) -> np.ndarray:
     covariance[palm, palm] = ARCH_STD_DEG**2 * np.array(
         [[1.0, NEIGHBOUR_CORRELATION], [NEIGHBOUR_CORRELATION, 1.0]]
     )
-    scaled: np.ndarray = covariance * np.radians(flexion_std_deg / FLEXION_STD_DEG) ** 2
-    return scaled
+    return np.asarray(covariance * np.radians(flexion_std_deg / FLEXION_STD_DEG) ** 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 
 from clradar.arrays.instruments import qar50
 from clradar.arrays.lobes import Lobe, climbed_lobes, response_over_directions, search_terms
-from clradar.arrays.point_spread import Clusters, clusters_of, pair_sums, response, spans_m
+from clradar.arrays.point_spread import Clusters, clusters_of, pair_sums, response, spans_m, thinned
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Waveform
 from clradar.model.range_profile import MIN_STEPS
@@ -31,8 +31,6 @@ FEWEST_PEAK = 0.3
 
 CLIMBED = 3
 """Peaks that are climbed at all frequencies, strongest first."""
-
-FREQUENCIES = 32
 
 ALIAS_DB = -12.0
 """Of an alias that is worth a word: farther echoes are often stronger than what is near."""
@@ -62,7 +60,7 @@ def ghosts(
     for counts in among:
         rows = np.flatnonzero(~own & counts(places_m))
         chosen.append(places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED])
-    climbed = climbed_lobes(clusters, _some(waveform), at_m, np.concatenate(chosen), step)
+    climbed = climbed_lobes(clusters, thinned(waveform), at_m, np.concatenate(chosen), step)
     found, first = [], 0
     for places in chosen:
         lobes = climbed[first : first + len(places)]
@@ -148,7 +146,7 @@ def range_aliases(
     places_m = middle_m + there_m[:, :, None] * (at_m - middle_m) / range_m
     ahead = (there_m > 0) & (places_m[:, :, 2] > antennas_m[:, 2].max())
     level = np.zeros(there_m.shape)
-    level[ahead] = response(array, _some(waveform), at_m, places_m[ahead])
+    level[ahead] = response(array, thinned(waveform), at_m, places_m[ahead])
     highest = level.argmax(axis=1)
     found = [
         (p[i], float(values[i])) for p, values, i in zip(places_m, level, highest, strict=True)
@@ -170,12 +168,6 @@ def _drawn(count: int, most: int) -> np.ndarray:
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
-
-
-def _some(waveform: Waveform) -> np.ndarray:
-    count = min(waveform.n_freq, FREQUENCIES)
-    rows = np.linspace(0, waveform.n_freq - 1, count).round().astype(int)
-    return waveform.frequencies_hz[rows]
 
 
 def _peaks(level: np.ndarray, size: int | tuple[int, ...] = 3) -> np.ndarray:

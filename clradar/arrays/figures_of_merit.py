@@ -8,13 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.arrays.lobes import DirectionMap, Lobe, lobes, widest_search_deg
-from clradar.arrays.point_spread import Clusters, clusters_of, width_m
+from clradar.arrays.point_spread import Clusters, clusters_of, thinned, width_m
 from clradar.errors import warn
 from clradar.model import AntennaArray, Waveform, checks
 from clradar.model.plausible import doubtful_place
-
-FREQUENCIES = 32
-"""At most so many of a band take part; the range that they leave unambiguous covers the lobes."""
 
 LEVEL_DB = -20.0
 
@@ -114,7 +111,7 @@ def array_figures(
         checks.instance("array_figures: array", one, AntennaArray)
     checks.instance("array_figures: waveform", waveform, Waveform)
     focus = checks.read_only("array_figures: focus_m", focus_m, np.float64, (3,))
-    frequencies_hz = _chosen(waveform)
+    frequencies_hz = thinned(waveform)
     if within_deg is None:
         within_deg = widest_search_deg(array, float(frequencies_hz[len(frequencies_hz) // 2]))
     within = checks.positive("array_figures: within_deg", within_deg)
@@ -144,10 +141,3 @@ def array_figures(
         within,
         over_directions,
     )
-
-
-def _chosen(waveform: Waveform) -> np.ndarray:
-    """At most `FREQUENCIES` over the whole band."""
-    count = min(waveform.n_freq, FREQUENCIES)
-    rows = np.linspace(0, waveform.n_freq - 1, count).round().astype(int)
-    return waveform.frequencies_hz[rows]

@@ -36,8 +36,8 @@ CELLS = 4.0
 SHIFTS = 256
 """Ranges at which the echoes of a direction are added up over the band."""
 
-CLIMBS = 6
-"""Steps to a maximum, each through the parabola of 27 points around the one before."""
+CLIMBED_TO = 2e-3
+"""Steps of the lattice within which a maximum is found."""
 
 AT_POLE = 1e-3
 """Distance of a unit vector from the y axis within which its azimuth is that of rounding."""
@@ -209,6 +209,8 @@ def climbed_lobes(
 
     They are at the ranges that suit them; `step` is that of `response_over_directions`.
     """
+    from scipy.optimize import minimize
+
     if not len(starts_m):
         return []
     distance_m = float(np.linalg.norm(focus_m))
@@ -217,54 +219,30 @@ def climbed_lobes(
     shifts_m = np.linspace(-CELLS, CELLS, SHIFTS) * min(cell_m, distance_m / (CELLS + 1))
     sums = pair_sums(array, frequencies_hz, focus_m, starts_m)
     profiles = np.abs(sums @ np.exp(2j * np.outer(wavenumbers(frequencies_hz), shifts_m)))
-    ranges_m = distance_m + shifts_m[profiles.argmax(axis=1)]
-    at = np.column_stack([starts_m[:, :2] / distance_m, ranges_m])  # sines along x and y, range
-    nearest_m, farthest_m = distance_m + shifts_m[[0, -1]]
 
-    def levels(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (..., 3), metres, of sines and ranges, and the response there."""
-        # Beyond the horizon as much before it, so that the maximum there is one of the climb, too.
-        beyond = np.maximum(1.0, np.hypot(*places.T[:2]).T)[..., None]
-        sines = places[..., :2] * (2.0 - beyond) / beyond
-        upwards = np.sqrt(np.clip(1.0 - (sines**2).sum(axis=-1), 0.0, None))
-        direction = np.concatenate([sines, upwards[..., None]], axis=-1)
-        at_m = np.clip(places[..., 2:], nearest_m, farthest_m) * direction
-        level = response(array, frequencies_hz, focus_m, at_m.reshape(-1, 3))
-        return at_m, level.reshape(places.shape[:-1])
+    def place_m(at: np.ndarray) -> np.ndarray:
+        """Position (3,), metres, of sines along x and y and a range."""
+        # Beyond the horizon as much before it, so that a maximum there is one of the climb, too.
+        beyond = max(1.0, float(np.hypot(*at[:2])))
+        sines = at[:2] * (2.0 - beyond) / beyond
+        upwards = np.sqrt(max(1.0 - float(sines @ sines), 0.0))
+        range_m = np.clip(at[2], distance_m + shifts_m[0], distance_m + shifts_m[-1])
+        return np.asarray(range_m * np.array([*sines, upwards]))
 
-    reach = np.tile([*step, cell_m / 4], (len(at), 1))
-    best_m, best = levels(at)
-    for _ in range(CLIMBS):
-        at_m, level = levels(at[:, None] + _AROUND * reach[:, None])
-        highest = level.argmax(axis=1)
-        rows = np.arange(len(at))
-        better = level[rows, highest] > best
-        best_m[better] = at_m[rows, highest][better]
-        best = np.maximum(best, level[rows, highest])
-        move, peaked = _summits(level)
-        move[~peaked] = _AROUND[highest[~peaked]]
-        at = at + move * reach
-        reach[peaked] *= 0.4
-    return [_lobe(*found) for found in zip(best_m, best, strict=True)]
+    reach = np.array([*step, cell_m / 4])
+    found = []
+    for start, range_m in zip(
+        starts_m, distance_m + shifts_m[profiles.argmax(axis=1)], strict=True
+    ):
+        at = np.array([*start[:2] / distance_m, range_m])
 
+        def lowered(steps: np.ndarray, at: np.ndarray = at) -> float:
+            there_m = place_m(at + steps * reach)
+            return -float(response(array, frequencies_hz, focus_m, there_m[None])[0])
 
-_AROUND = np.stack(np.meshgrid(*3 * [[-1.0, 0.0, 1.0]]), axis=-1).reshape(-1, 3)
-_PAIRS = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
-_PARABOLA = np.linalg.pinv(
-    np.column_stack([np.ones(27), _AROUND, *(_AROUND[:, i] * _AROUND[:, j] for i, j in _PAIRS)])
-)
-
-
-def _summits(level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tops of parabolas through values around points, shape (n, 27), in steps, shape (n, 3).
-
-    Also whether each is a maximum within the steps, shape (n,).
-    """
-    values = level @ _PARABOLA.T
-    slope, bend = values[:, 1:4], np.empty((len(level), 3, 3))
-    for value, (i, j) in zip(values[:, 4:].T, _PAIRS, strict=True):
-        bend[:, i, j] = bend[:, j, i] = value * (2 if i == j else 1)
-    # Along an axis without aperture or bandwidth nothing changes: no slope, no bend, no step.
-    top = -(np.linalg.pinv(bend, rcond=1e-3, hermitian=True) @ slope[:, :, None])[:, :, 0]
-    peaked = (np.abs(top) <= 1.0).all(axis=1) & (np.linalg.eigvalsh(bend)[:, 2] < 1e-4)
-    return np.clip(top, -1.0, 1.0), peaked
+        # Along an axis without aperture or bandwidth nothing changes.
+        corners = np.concatenate([np.zeros((1, 3)), 0.5 * np.eye(3)])
+        options = {"initial_simplex": corners, "xatol": CLIMBED_TO, "fatol": 1e-7}
+        top = minimize(lowered, np.zeros(3), method="Nelder-Mead", options=options)
+        found.append(_lobe(place_m(at + top.x * reach), -float(top.fun)))
+    return found

@@ -14,11 +14,14 @@ from typing import TypeAlias
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import AntennaArray
+from clradar.model import AntennaArray, Waveform
 from clradar.model.antenna_side import AntennaSide
 
 Clusters: TypeAlias = AntennaArray | Sequence[AntennaArray]
 """One array, or several of which one image is formed."""
+
+FREQUENCIES = 32
+"""At most so many of a band take part; the range that they leave unambiguous covers the lobes."""
 
 TERMS_AT_ONCE = 100_000
 """Antennas times points: what a core's cache holds."""
@@ -38,6 +41,13 @@ def spans_m(array: Clusters) -> np.ndarray:
     last = np.max([one.tx_m.max(axis=0) + one.rx_m.max(axis=0) for one in own], axis=0)
     first = np.min([one.tx_m.min(axis=0) + one.rx_m.min(axis=0) for one in own], axis=0)
     return np.asarray(last - first)
+
+
+def thinned(waveform: Waveform) -> np.ndarray:
+    """At most `FREQUENCIES` of a band, over all of it."""
+    count = min(waveform.n_freq, FREQUENCIES)
+    rows = np.linspace(0, waveform.n_freq - 1, count).round().astype(int)
+    return waveform.frequencies_hz[rows]
 
 
 def wavenumbers(frequencies_hz: np.ndarray) -> np.ndarray:

@@ -269,12 +269,16 @@ def _place(above: str, loc: Sequence[Any]) -> str:
 def _field(model: Any, loc: Sequence[Any]) -> tuple[type[BaseModel] | None, Any]:
     """Return the model and the field of a place; None where it is none of a model."""
     owner: type[BaseModel] | None = model
-    field = None
+    field, is_key = None, False
     for at, part in enumerate(loc):
+        if is_key:
+            field, is_key = None, False
+            continue
         if isinstance(part, int) or owner is None:
             continue
         field = owner.model_fields.get(part)
         if at + 1 < len(loc):
+            is_key = field is not None and get_origin(field.annotation) is dict
             owner = None if field is None else _model_in(field.annotation)
     return owner, field
 

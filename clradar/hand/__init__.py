@@ -6,11 +6,16 @@ marching cubes; see ``docs/poses.md``.
 
 from clradar.hand.flesh import PART_NAMES
 from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG
-from clradar.hand.known_poses import DIGITS, LETTERS, POSES, pose_by_name
-from clradar.hand.mesh import HandMesh, hand_joints, hand_mesh
-from clradar.hand.movement import HandMovement, hand_movement
+from clradar.hand.mesh import HandMesh, hand_mesh
 from clradar.hand.pose import HandPose, JointAngles, interpolate_poses
-from clradar.hand.pose_file import read_pose, write_pose
+from clradar.hand.pose_file import (
+    DIGITS,
+    LETTERS,
+    POSES,
+    pose_by_name,
+    read_pose,
+    write_pose,
+)
 from clradar.hand.sampler import pose_around, random_pose
 from clradar.hand.shape import ADULT_RANGES, HandShape, random_shape
 from clradar.hand.skeleton import Skeleton, posed_skeleton
@@ -25,14 +30,11 @@ __all__ = [
     "PART_NAMES",
     "POSES",
     "HandMesh",
-    "HandMovement",
     "HandPose",
     "HandShape",
     "JointAngles",
     "Skeleton",
-    "hand_joints",
     "hand_mesh",
-    "hand_movement",
     "interpolate_poses",
     "pose_around",
     "pose_by_name",

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.hand.cones import Cone
 from clradar.hand.joints import FINGERS
 from clradar.hand.skeleton import (
     FINGER_TIP_TISSUE_MM,
@@ -55,6 +54,22 @@ _FINGER_RADII_MM: dict[str, tuple[float, float, float, float]] = {
 _THUMB_RADII_MM = (11.0, 10.5, 9.7, 7.3)
 
 _THUMB_TIP_TISSUE_MM = 5.7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cone:
+    """A round cone: the convex hull of two spheres, neither of which may hold the other."""
+
+    begin_m: np.ndarray
+    end_m: np.ndarray
+    begin_radius_m: float
+    end_radius_m: float
+
+    def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lowest and the highest corner (3,) of the bounding box, metres."""
+        low_m = np.minimum(self.begin_m - self.begin_radius_m, self.end_m - self.end_radius_m)
+        high_m = np.maximum(self.begin_m + self.begin_radius_m, self.end_m + self.end_radius_m)
+        return low_m, high_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import DeviceError
-from clradar.hand.cones import Cone
 from clradar.hand.flesh import (
     CONTACT_BLEND_M,
     CUT_BLEND_M,
@@ -16,6 +15,7 @@ from clradar.hand.flesh import (
     PALM_BLEND_M,
     ROOT_BLEND_M,
     STUB_M,
+    Cone,
     Flesh,
 )
 from clradar.opencl import Buffers, build

@@ -7,7 +7,6 @@ Lorensen and Cline, "Marching cubes: a high resolution 3D surface construction a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +16,11 @@ from clradar.hand.crossings import crossing_faces, faces_beside
 from clradar.hand.flesh import PART_NAMES, grown_flesh
 from clradar.hand.flesh_field import FleshField
 from clradar.hand.joints import JOINT_NAMES
-from clradar.hand.known_poses import pose_by_name
 from clradar.hand.pose import HandPose
+from clradar.hand.pose_file import pose_by_name
 from clradar.hand.shape import AVERAGE, HandShape
 from clradar.hand.skeleton import Skeleton, posed_skeleton
-from clradar.hand.texture import texture_coordinates_m
+from clradar.hand.skin import texture_coordinates_m
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
@@ -106,13 +105,9 @@ class HandMesh(Record):
                 checks.fail(f"HandMesh.{name}", f"indices in [0, {count - 1}]", f"[{low}, {high}]")
 
     def moved(self, matrix: np.ndarray, shift_m: np.ndarray) -> HandMesh:
-        """Return the mesh rotated or mirrored, then shifted; its texture stays on the skin.
+        """Return the mesh rotated or mirrored by an orthogonal matrix (3, 3), then shifted, metres.
 
-        Parameters
-        ----------
-        matrix : ndarray, shape (3, 3)
-            Orthogonal.
-        shift_m : ndarray, shape (3,), metres
+        Its texture stays on the skin.
         """
         normals = None if self.normals is None else _rotated(self.normals, matrix)
         return replace(
@@ -138,46 +133,6 @@ def _rotated(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     # Written out: the bits of a matrix product may depend on the number of threads of BLAS.
     x, y, z = vectors.T
     return np.stack([m[0] * x + m[1] * y + m[2] * z for m in matrix], axis=1)
-
-
-def hand_joints(
-    pose: str | HandPose = "F",
-    handedness: str = "right",
-    center_m: Any = DEFAULT_CENTER_M,
-    shape: HandShape = AVERAGE,
-    device: Device | str | None = None,
-) -> np.ndarray:
-    """Return the joints of a hand that stands in front of the radar, palm towards it.
-
-    Parameters
-    ----------
-    pose : str or HandPose
-        A name in `POSES`, upper or lower case, or a pose.
-    handedness : {"right", "left"}
-        A right hand's thumb points to -x, a left hand is its mirror image.
-    center_m : array_like, shape (3,), metres
-        Where the centre of the flesh's bounding box goes, in the antenna frame.
-    shape : HandShape
-    device : Device, str or None
-        Where the surface is sampled, see `clradar.open_device`.
-
-    Returns
-    -------
-    ndarray, shape (25, 3), float64, metres
-        Joint centres in the order of `JOINT_NAMES`: those of `hand_mesh` with the default edge
-        length. Another edge length moves the box's centre, and so the joints, by up to 0.2 mm.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from clradar.hand import JOINT_NAMES, hand_joints
-    >>> joints_m = hand_joints("flat")
-    >>> tip, wrist = (JOINT_NAMES.index(name) for name in ("middle-finger-tip", "wrist"))
-    >>> round(100 * float(np.linalg.norm(joints_m[tip] - joints_m[wrist])))  # centimetres
-    18
-    """
-    mesh = hand_mesh(pose, handedness=handedness, center_m=center_m, shape=shape, device=device)
-    return mesh.joints_m
 
 
 def checked_edge_m(edge_length_m: float) -> float:
@@ -240,7 +195,6 @@ def hand_mesh(
     return right.moved(np.diag([-1.0 if handedness == "left" else 1.0, 1.0, 1.0]), centre_m)
 
 
-@lru_cache(maxsize=4)
 def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Device) -> HandMesh:
     """Return a right hand with its box around the origin."""
     # Sampled before the wrist rotates it: the same fingers get the same triangles for every angle
@@ -310,7 +264,9 @@ def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarra
     if not _is_closed(adjacency):
         raise ModelError("pose: expected one closed surface, got one with open edges")
     vertices_m, normal = _relaxed(field, raw_m, adjacency)
-    facing = _facing(field, vertices_m, normal, spacing_m)
+    # Which have other skin close in front, as where fingers touch.
+    ahead_m = 2.0 * spacing_m
+    facing = field.distances_m(vertices_m + ahead_m * normal) < 0.9 * ahead_m
     return _uncrossed(vertices_m, raw_m, faces, facing), faces
 
 
@@ -356,9 +312,8 @@ def _relaxed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices after two steps of tangential Laplacian relaxation, and their normals (V, 3).
 
-    Marching cubes leaves slivers where the surface passes close to a grid node. Each vertex moves
-    half-way to the mean of its neighbours, within the tangent plane, and then along the normal back
-    to the surface by a Newton step.
+    Marching cubes leaves slivers where the surface passes close to a grid node: each vertex moves
+    half-way to the mean of its neighbours, in the tangent plane, then back to the surface.
     """
     weight = adjacency.sum(axis=1).reshape(-1, 1)
     for _ in range(2):
@@ -373,14 +328,6 @@ def _relaxed(
 def _unit_vectors(vectors: np.ndarray) -> np.ndarray:
     vectors = vectors.astype(np.float64)
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
-
-
-def _facing(
-    field: FleshField, vertices_m: np.ndarray, normal: np.ndarray, spacing_m: float
-) -> np.ndarray:
-    """Return which vertices (V,) have other skin close in front, as where fingers touch."""
-    ahead_m = 2.0 * spacing_m
-    return field.distances_m(vertices_m + ahead_m * normal) < 0.9 * ahead_m
 
 
 def _uncrossed(

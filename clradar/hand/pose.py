@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -47,14 +47,13 @@ class JointAngles:
         cls, flexion_deg: float = 0.0, abduction_deg: float = 0.0, twist_deg: float = 0.0
     ) -> JointAngles:
         """Return the joint with these angles in degrees."""
-        angles_deg = dict(zip(ANGLES, (flexion_deg, abduction_deg, twist_deg), strict=True))
-        return cls(*(float(np.deg2rad(checks.real(f"{n}_deg", a))) for n, a in angles_deg.items()))
+        given = zip(ANGLES, (flexion_deg, abduction_deg, twist_deg), strict=True)
+        return cls(*(float(np.deg2rad(checks.real(f"{name}_deg", deg))) for name, deg in given))
 
     def degrees(self) -> tuple[float, float, float]:
         """Return flexion, abduction and twist in degrees."""
-        angles_rad = (self.flexion_rad, self.abduction_rad, self.twist_rad)
         with np.errstate(over="ignore"):  # to infinity, which no joint reaches
-            flexion, abduction, twist = (float(np.rad2deg(angle)) for angle in angles_rad)
+            flexion, abduction, twist = (float(np.rad2deg(angle)) for angle in astuple(self))
         return flexion, abduction, twist
 
 
@@ -134,7 +133,7 @@ def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
     """Return the linear interpolation of two poses, angle by angle.
 
     Interpolated angles are within the limits of the joints. Fingers may penetrate each other on the
-    way; `clradar.hand.contact.overlaps` measures how deep.
+    way; `clradar.hand.sampler.overlaps` measures how deep.
 
     Parameters
     ----------
@@ -155,12 +154,16 @@ def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
     if not 0.0 <= share <= 1.0:
         checks.fail("share", "a number in [0, 1]", repr(share))
     joints = {}
-    for joint in JOINT_NAMES:
-        one, other = a.angles(joint), b.angles(joint)
-        joints[joint] = JointAngles(
-            *(
-                (1.0 - share) * getattr(one, f"{name}_rad") + share * getattr(other, f"{name}_rad")
-                for name in ANGLES
-            )
-        )
+    for joint in {**a.joints, **b.joints}:
+        ends = zip(astuple(a.angles(joint)), astuple(b.angles(joint)), strict=True)
+        joints[joint] = JointAngles(*((1.0 - share) * one + share * other for one, other in ends))
     return HandPose(f"{a.name} to {b.name}, {share:g}", joints)
+
+
+def minimum_jerk(time: float) -> float:
+    """Share of the way at a share of the time: from rest to rest with the least jerk.
+
+    Flash and Hogan, "The coordination of arm movements: an experimentally confirmed mathematical
+    model", Journal of Neuroscience 5(7), 1985: 10 t^3 - 15 t^4 + 6 t^5.
+    """
+    return time**3 * (10.0 - 15.0 * time + 6.0 * time**2)

@@ -1,27 +1,86 @@
-"""Pose files: TOML or JSON, angles in degrees by joint; format in ``docs/poses.md``."""
+"""Poses by name and from files: TOML or JSON, angles in degrees; format in ``docs/poses.md``."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import astuple
+from functools import cache
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clradar.errors import MeasurementError, ModelError, OutputError, quoted
+from clradar.errors import OutputError
 from clradar.files.atomic import write_file
-from clradar.files.failures import fail, read_bytes, reading, shown
-from clradar.files.json_text import indented, parse_json
+from clradar.files.failures import fail, shown
+from clradar.files.json_text import indented
 from clradar.files.limits import MAX_TOML_BYTES
-from clradar.files.toml_file import parse_toml, toml_document, unknown_key
+from clradar.files.toml_file import nearest, parse_toml, toml_document
 from clradar.hand.joints import ANGLES
-from clradar.hand.pose import HandPose, JointAngles, check_angles
+from clradar.hand.pose import HandPose, JointAngles
+from clradar.model import checks
 
 SUFFIXES = (".toml", ".json")
 
-_EXPECTED = "a pose (a TOML or JSON file, see docs/poses.md)"
-_KEYS = ("name", "description", "source", "joints")
+LETTERS: tuple[str, ...] = tuple("ABCDEFGHIKLMNOPQRSTUVWXY")
+"""The static letters of the American manual alphabet: all but J and Z, which are movements."""
+
+DIGITS: tuple[str, ...] = tuple("0123456789")
+
+
+class _PackagedPoses(Mapping[str, HandPose]):
+    """Poses of ``poses.toml``, which is read at the first use of one."""
+
+    _NAMES = ("flat", *LETTERS, *DIGITS)
+
+    def __getitem__(self, name: str) -> HandPose:
+        return _packaged()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._NAMES)
+
+    def __len__(self) -> int:
+        return len(self._NAMES)
+
+
+@cache
+def _packaged() -> dict[str, HandPose]:
+    file = resources.files("clradar.hand").joinpath("poses.toml")
+    tables = parse_toml(file.read_text("utf-8"))
+    return {k: pose_of_table({"name": k, **v}, Path(str(file))) for k, v in tables.items()}
+
+
+POSES: Mapping[str, HandPose] = _PackagedPoses()
+"""Poses by name: `flat` (open hand), letters of the American manual alphabet, digits."""
+
+
+def pose_by_name(name: str) -> HandPose:
+    """Return a pose of `POSES`; in upper or lower case.
+
+    Examples
+    --------
+    >>> from clradar.hand import pose_by_name
+    >>> pose = pose_by_name("f")
+    >>> pose.name, round(pose.angles("index-finger-phalanx-intermediate").degrees()[0])
+    ('F', 79)
+    """
+    wanted = checks.text("pose", name).strip().casefold()
+    for known in POSES:
+        if known.casefold() == wanted:
+            return POSES[known]
+    got = f"{name!r}{nearest(name, tuple(POSES))}"
+    checks.fail("pose", "one of " + ", ".join(repr(known) for known in POSES), got)
+
+
+def pose_of(pose: str | os.PathLike[str] | HandPose) -> HandPose:
+    """Return a pose that is given by its name, by a pose file, or as it is."""
+    if isinstance(pose, HandPose):
+        return pose
+    if not isinstance(pose, str | os.PathLike):
+        checks.fail("poses", "names, pose files or poses", repr(pose))
+    return read_pose(pose) if Path(pose).suffix else pose_by_name(os.fspath(pose))
 
 
 def read_pose(path: str | os.PathLike[str]) -> HandPose:
@@ -36,18 +95,22 @@ def read_pose(path: str | os.PathLike[str]) -> HandPose:
     >>> read_pose("hook.toml").angles("index-finger-phalanx-intermediate").degrees()
     (80.0, 0.0, 0.0)
     """
+    from clradar.files.records import read_record
+    from clradar.hand.pose_record import PoseFile
+
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         fail(path, f"a name that ends in {' or '.join(SUFFIXES)}", f"'{path.suffix}'")
-    return parse_pose(read_bytes(path, _EXPECTED, MAX_TOML_BYTES), path)
+    expected = "a pose (a TOML or JSON file, see docs/poses.md)"
+    return read_record(path, PoseFile, expected, limit=MAX_TOML_BYTES).pose()
 
 
-def parse_pose(content: bytes, path: Path) -> HandPose:
-    """Return the pose of a file's content, JSON or TOML by the ending of its name."""
-    with reading(path, _EXPECTED):
-        text = content.decode("utf-8-sig")
-        parsed = parse_json(text) if path.suffix.lower() == ".json" else parse_toml(text)
-    return pose_of_table(parsed, path)
+def pose_of_table(parsed: Any, path: Path) -> HandPose:
+    """Return the pose of a parsed file; `path` is what errors name."""
+    from clradar.files.records import record_of
+    from clradar.hand.pose_record import PoseFile
+
+    return record_of(parsed, PoseFile, path).pose()
 
 
 def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = False) -> None:
@@ -82,57 +145,21 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
     write_file(target, text.encode("utf-8"), force=force)
 
 
-def pose_of_table(parsed: Any, path: Path) -> HandPose:
-    """Return the pose of a parsed file; `path` is what errors name."""
-    top = _table(path, "", parsed, _KEYS)
-    texts = {key: top.get(key, "") for key in _KEYS[:3]}
-    for key, text in texts.items():
-        if not isinstance(text, str) or (key == "name" and not text.strip()):
-            got = "none" if key not in top else quoted(repr(text))
-            fail(path, f"{key} to be a string that is not empty", got)
-    if "joints" not in top:
-        fail(path, "a table joints, with the angles of each joint", "none")
-    joints = {}
-    for joint, table in _table(path, "joints", top["joints"]).items():
-        place = f"joints.{quoted(joint)}"
-        given = _table(path, place, table, [f"{name}_deg" for name in ANGLES])
-        try:
-            joints[joint] = JointAngles.from_degrees(**given)
-            check_angles(joint, joints[joint])
-        except ModelError as error:
-            place = "" if str(error).startswith("joint") else f"joint {quoted(joint)}: "
-            raise MeasurementError(f"{shown(path)}: {place}{error}") from error
-    return HandPose(texts["name"], joints, texts["description"], texts["source"])
-
-
-def _table(path: Path, place: str, value: Any, keys: Sequence[str] = ()) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        fail(path, f"{place or 'the pose'} to be a table", quoted(repr(value)))
-    for key in value:
-        if keys and key not in keys:
-            at = f"{place}.{quoted(key)}".lstrip(".")
-            raise MeasurementError(f"{shown(path)}: {at}: {unknown_key(key, keys)}")
-    return value
-
-
-def _decimal_deg(angle_rad: float) -> float:
-    """Return the shortest decimal number of degrees that is this angle, else the nearest one."""
-    angle_deg = float(np.rad2deg(angle_rad))
-    for digits in range(17):
-        rounded = round(angle_deg, digits)
-        if float(np.deg2rad(rounded)) == angle_rad:
-            return rounded
-    return angle_deg
-
-
-def _angles(angles: JointAngles) -> dict[str, float]:
-    pairs = ((f"{name}_deg", getattr(angles, f"{name}_rad")) for name in ANGLES)
-    return {key: _decimal_deg(value) for key, value in pairs if value != 0.0}
-
-
 def pose_table(pose: HandPose) -> dict[str, Any]:
     """Return what a pose file holds, in types that JSON has."""
     record: dict[str, Any] = {"name": pose.name}
     record |= {k: v for k in ("description", "source") if (v := getattr(pose, k))}
     record["joints"] = {joint: _angles(angles) for joint, angles in pose.joints.items()}
     return record
+
+
+def _angles(angles: JointAngles) -> dict[str, float]:
+    pairs = zip(ANGLES, astuple(angles), strict=True)
+    return {f"{name}_deg": _decimal_deg(rad) for name, rad in pairs if rad != 0.0}
+
+
+def _decimal_deg(angle_rad: float) -> float:
+    """Return the shortest decimal number of degrees that is this angle, else the nearest one."""
+    angle_deg = float(np.rad2deg(angle_rad))
+    tried = (round(angle_deg, digits) for digits in range(17))
+    return next((deg for deg in tried if float(np.deg2rad(deg)) == angle_rad), angle_deg)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from clradar.hand.contact import Overlap, overlaps
+from clradar.hand.flesh import PART_NAMES, Cone, Flesh, grown_flesh
 from clradar.hand.joints import FINGERS, LIMITS_DEG
 from clradar.hand.pose import HandPose, JointAngles
+from clradar.hand.shape import AVERAGE, HandShape
+from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
 
 MOST_OVERLAP_M = 1.5e-3
@@ -19,12 +21,12 @@ MOST_PALM_OVERLAP_M = 4e-3
 
 # Neighbouring fingers bend together: tendons and muscles are shared (Santello, Flanders and
 # Soechting, "Postural hand synergies for tool use", Journal of Neuroscience 18(23), 1998).
-_NEIGHBOURS = 0.6
+NEIGHBOUR_CORRELATION = 0.6
 # A finger's knuckle and its middle joint: hooks and flat fists exist, but are less frequent.
-_KNUCKLE = 0.6
+KNUCKLE_CORRELATION = 0.6
 # The last joint bends by about two thirds of the middle one (Rijpkema and Girard, "Computer
 # animation of knowledge-based human grasping", SIGGRAPH 1991), which fingertips that press change.
-_LAST_SHARE, _LAST_SIGMA_DEG = 2.0 / 3.0, 6.0
+LAST_SHARE, LAST_SIGMA_DEG = 2.0 / 3.0, 6.0
 
 _KNUCKLE_DEG = (-8.0, 92.0)
 _MIDDLE_DEG = (0.0, 108.0)
@@ -70,7 +72,7 @@ SPREAD_DEG = 12.0
 
 MOST_SPREAD_DEG = 45.0
 
-_ABDUCTION_SHARE, _HOLLOW_SHARE = 7.0 / 12.0, 5.0 / 12.0
+ABDUCTION_SHARE, HOLLOW_SHARE = 7.0 / 12.0, 5.0 / 12.0
 """Standard deviations of the fingers' abductions and of the palm's arch, as shares of it."""
 
 _SWEEPS = 6
@@ -143,14 +145,14 @@ def _with_digit(pose: HandPose, mean: HandPose, digit: str, deviates_deg: np.nda
             "thumb-phalanx-distal": (last,),
         }
     else:
-        middle = _mixed(knuckle, own, _KNUCKLE)
+        middle = _mixed(knuckle, own, KNUCKLE_CORRELATION)
         turns = {
-            f"{digit}-finger-phalanx-proximal": (knuckle, _ABDUCTION_SHARE * abduction),
+            f"{digit}-finger-phalanx-proximal": (knuckle, ABDUCTION_SHARE * abduction),
             f"{digit}-finger-phalanx-intermediate": (middle,),
-            f"{digit}-finger-phalanx-distal": (_mixed(middle, last, _LAST_SHARE),),
+            f"{digit}-finger-phalanx-distal": (_mixed(middle, last, LAST_SHARE),),
         }
         if digit in _HOLLOW_DEG:
-            turns[f"{digit}-finger-metacarpal"] = (_HOLLOW_SHARE * hollow,)
+            turns[f"{digit}-finger-metacarpal"] = (HOLLOW_SHARE * hollow,)
     joints = dict(pose.joints)
     for joint, turned_deg in turns.items():
         wanted_rad = np.array(astuple(mean.angles(joint)))
@@ -187,10 +189,12 @@ def _drawn(rng: np.random.Generator) -> HandPose:
     middle = rng.standard_normal()
     for i, finger in enumerate(FINGERS):
         if i > 0:
-            middle = _mixed(middle, rng.standard_normal(), _NEIGHBOURS)
-        knuckle_deg = _between(_KNUCKLE_DEG, _mixed(middle, rng.standard_normal(), _KNUCKLE))
+            middle = _mixed(middle, rng.standard_normal(), NEIGHBOUR_CORRELATION)
+        knuckle_deg = _between(
+            _KNUCKLE_DEG, _mixed(middle, rng.standard_normal(), KNUCKLE_CORRELATION)
+        )
         middle_deg = _between(_MIDDLE_DEG, middle)
-        last_deg = _LAST_SHARE * middle_deg + _LAST_SIGMA_DEG * rng.standard_normal()
+        last_deg = LAST_SHARE * middle_deg + LAST_SIGMA_DEG * rng.standard_normal()
         mean_deg, sigma_deg = _SPREAD_DEG[finger]
         free = float(np.cos(np.deg2rad(max(knuckle_deg, 0.0))))
         spread_deg = (mean_deg + sigma_deg * rng.standard_normal()) * free
@@ -211,8 +215,80 @@ def _drawn(rng: np.random.Generator) -> HandPose:
         + _THUMB_TWIST_SIGMA_DEG * rng.standard_normal(),
     )
     bend("thumb-phalanx-proximal", _between(_THUMB_KNUCKLE_DEG, bent))
-    last = _mixed(bent, rng.standard_normal(), _KNUCKLE)
+    last = _mixed(bent, rng.standard_normal(), KNUCKLE_CORRELATION)
     bend("thumb-phalanx-distal", _between(_THUMB_LAST_DEG, last))
     deviates = np.clip(rng.standard_normal(3), -2.0, 2.0).tolist()
     bend("wrist", *(s * deviate for s, deviate in zip(_WRIST_SIGMA_DEG, deviates, strict=True)))
     return HandPose("random", joints)
+
+
+# Fractions of a cone's axis at which spheres approximate it. Between two spheres, up to 5 mm apart
+# on a bone of 45 mm, their surface is 0.3 mm below a flank of 10 mm radius.
+_SPHERES = np.linspace(0.0, 1.0, 10)
+
+# Neighbouring fingers share their webs, so they may touch within this fraction of their first
+# phalanges from the knuckles.
+_WEB = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """Penetration depth of two parts of a hand, metres, by their names in `PART_NAMES`.
+
+    It is the distance to move one out of the other; negative, the gap between them.
+    """
+
+    parts: tuple[str, str]
+    depth_m: float
+
+
+def overlaps(pose: HandPose, shape: HandShape = AVERAGE) -> tuple[Overlap, ...]:
+    """Return the overlap of every pair of digits, and of each digit and the palm, deepest first.
+
+    Anatomically joined parts do not count: the roots of neighbouring fingers, where the webs are,
+    and the first phalanges with the palm.
+    """
+    flesh = grown_flesh(posed_skeleton(pose, shape))
+    webs, rests, ends = _digit_spheres(flesh)
+    names = PART_NAMES[1:]
+    found = []
+    for i, one in enumerate(names):
+        for j in range(i + 1, len(names)):
+            depths = [_depth_m(rests[i], rests[j])]
+            depths += [_depth_m(webs[i], rests[j]), _depth_m(rests[i], webs[j])]
+            if j > i + 1:
+                depths.append(_depth_m(webs[i], webs[j]))
+            found.append(Overlap((one, names[j]), max(depths)))
+    palm = _spheres(flesh.palm)
+    found += [
+        Overlap(("palm", name), _depth_m(palm, end)) for name, end in zip(names, ends, strict=True)
+    ]
+    return tuple(sorted(found, key=lambda overlap: -overlap.depth_m))
+
+
+_Spheres = tuple[np.ndarray, np.ndarray]
+
+
+def _spheres(cones: tuple[Cone, ...], begin: float = 0.0, end: float = 1.0) -> _Spheres:
+    """Return centres (N, 3) and radii (N,) of spheres along a part of each cone."""
+    along = begin + (end - begin) * _SPHERES
+    centres_m = [c.begin_m + along[:, None] * (c.end_m - c.begin_m) for c in cones]
+    radii_m = [c.begin_radius_m + along * (c.end_radius_m - c.begin_radius_m) for c in cones]
+    return np.concatenate(centres_m), np.concatenate(radii_m)
+
+
+def _digit_spheres(flesh: Flesh) -> tuple[list[_Spheres], list[_Spheres], list[_Spheres]]:
+    """Return for each digit its spheres at the web, beyond it, and beyond the first phalanx."""
+    webs, rests, ends = [], [], []
+    for root, end in zip(flesh.roots, flesh.ends, strict=True):
+        bone = root[:1]
+        webs.append(_spheres(bone, 0.0, _WEB))
+        beyond, free = _spheres(bone, _WEB, 1.0), _spheres(end)
+        rests.append((np.concatenate([beyond[0], free[0]]), np.concatenate([beyond[1], free[1]])))
+        ends.append(free)
+    return webs, rests, ends
+
+
+def _depth_m(one: _Spheres, other: _Spheres) -> float:
+    apart_m = np.linalg.norm(one[0][:, None] - other[0][None], axis=2)
+    return float((one[1][:, None] + other[1][None] - apart_m).max())

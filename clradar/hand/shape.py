@@ -131,15 +131,9 @@ def random_shape(rng: np.random.Generator) -> HandShape:
         drawn = {
             "length_m": (length[0] + length[1] * normal[0]) * 1e-3,
             "breadth_m": (breadth[0] + breadth[1] * together) * 1e-3,
-            "girth": 1.0 + _GIRTH_SIGMA * normal[2],
             "finger_lengths": 1.0 + _FINGER_LENGTH_SIGMA * normal[3:],
+            "girth": 1.0 + _GIRTH_SIGMA * normal[2],
         }
-        if all(
-            np.all((low <= drawn[name]) & (drawn[name] <= high))
-            for name, (low, high) in ADULT_RANGES.items()
-        ):
-            break
-    lengths = tuple(drawn["finger_lengths"].tolist())
-    return HandShape(
-        float(drawn["length_m"]), float(drawn["breadth_m"]), lengths, float(drawn["girth"])
-    )
+        ranges = ((drawn[name], *limits) for name, limits in ADULT_RANGES.items())
+        if all(np.all((low <= value) & (value <= high)) for value, low, high in ranges):
+            return HandShape(**drawn)

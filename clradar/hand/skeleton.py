@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clradar.hand.joints import FINGER_BONES, FINGERS, JOINT_INDEX, THUMB_BONES
-from clradar.hand.pose import HandPose, JointAngles
+from clradar.hand.pose import HandPose
 from clradar.hand.shape import AVERAGE, HandShape
 
 MILLIMETRE_M = 1e-3
@@ -101,21 +101,10 @@ class Skeleton:
     def point_m(
         self, name: str, along: float, side_mm: float = 0.0, dorsal_mm: float = 0.0
     ) -> np.ndarray:
-        """Return a point next to the bone that begins at a joint.
+        """Return a point (3,), metres, next to the bone that begins at a joint.
 
-        Parameters
-        ----------
-        name : str
-            The joint.
-        along : float
-            Fraction of the bone's length from that joint.
-        side_mm, dorsal_mm : float, millimetres
-            Offsets along the bending axis (away from the thumb) and towards the back of the bone,
-            in an average hand; a thicker one has them larger.
-
-        Returns
-        -------
-        ndarray, shape (3,), float64, metres
+        `along` is a share of the bone's length; offsets are along the bending axis (away from the
+        thumb) and towards the back, in an average hand: a thicker one has them larger.
         """
         at = JOINT_INDEX[name]
         begin_m, end_m = self.joints_m[at], self.joints_m[at + 1]
@@ -125,11 +114,7 @@ class Skeleton:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proportions:
-    """Scale factors from the average hand to one of another shape.
-
-    `palm` (3,) of the positions of bones there, `digits` of the lengths of bones, `thickness` of
-    flesh.
-    """
+    """Factors to the average hand: of places in the palm (3,), of bones' lengths, and of flesh."""
 
     palm: np.ndarray
     digits: dict[str, float]
@@ -139,9 +124,8 @@ class Proportions:
 def proportions(shape: HandShape) -> Proportions:
     """Return the scale factors for a hand's length, breadth, finger lengths and girth.
 
-    The fingers' factors are relative to the hand: the palm and all fingers are scaled until the
-    middle finger ends at the hand's length. The positions of the knuckles allow for the flesh
-    beside them, so that the breadth holds for every girth.
+    Fingers are relative to the hand: palm and fingers are scaled until the middle finger ends at
+    the hand's length. Knuckles allow for the flesh beside them, so that the breadth always holds.
     """
     middle = shape.finger_lengths[2]
     scale = shape.length_m / MILLIMETRE_M / (_PALM_LENGTH_MM + middle * _FINGER_LENGTH_MM)
@@ -149,11 +133,11 @@ def proportions(shape: HandShape) -> Proportions:
     beside_mm = AVERAGE.breadth_m / MILLIMETRE_M - float(np.linalg.norm(_KNUCKLES_MM))
     knuckles_mm = shape.breadth_m / MILLIMETRE_M - thickness * beside_mm
     across_mm = float(np.sqrt(knuckles_mm**2 - (scale * _KNUCKLES_MM[1]) ** 2))
-    relative = dict(zip(("thumb", *FINGERS), shape.finger_lengths, strict=True))
+    digits = zip(("thumb", *FINGERS), shape.finger_lengths, strict=True)
     return Proportions(
-        palm=np.array([across_mm / _KNUCKLES_MM[0], scale, thickness]),
-        digits={name: scale * factor for name, factor in relative.items()},
-        thickness=thickness,
+        np.array([across_mm / _KNUCKLES_MM[0], scale, thickness]),
+        {name: scale * factor for name, factor in digits},
+        thickness,
     )
 
 
@@ -181,13 +165,20 @@ def _frame_along(direction: np.ndarray) -> np.ndarray:
     return np.stack([side, along, dorsal], axis=1)
 
 
-def _rotation(angles: JointAngles, abduction_sign: float, twist_sign: float) -> np.ndarray:
-    """Return the rotation (3, 3) of a joint in the axes of the bone before it.
+def _signs(joint: str) -> tuple[float, float]:
+    """Return the positive sense of abduction and twist about the axes of the skeleton."""
+    if joint.startswith(("wrist", "thumb")):
+        return 1.0, -1.0
+    return 1.0 if joint.startswith(("index", "middle")) else -1.0, 1.0
+
+
+def _turn(pose: HandPose, joint: str) -> np.ndarray:
+    """Return the rotation (3, 3) of a joint of a pose, in the axes of the bone before it.
 
     Flexion comes first, about the bending axis of the bone before; then abduction, about the dorsal
-    axis that the flexion has rotated; then twist about the bone. The signs give the positive sense
-    of the two about the axes of the skeleton.
+    axis that the flexion has rotated; then twist about the bone.
     """
+    angles, (abduction_sign, twist_sign) = pose.angles(joint), _signs(joint)
     # Bending rotates the bone (+y) towards the palm (-z), hence the negative angle about x.
     return (
         _axis_rotation(0, -angles.flexion_rad)
@@ -196,35 +187,14 @@ def _rotation(angles: JointAngles, abduction_sign: float, twist_sign: float) -> 
     )
 
 
-def _signs(joint: str) -> tuple[float, float]:
-    """Return the signs of abduction and twist, for `_rotation`."""
-    if joint.startswith(("wrist", "thumb")):
-        return 1.0, -1.0
-    return 1.0 if joint.startswith(("index", "middle")) else -1.0, 1.0
-
-
-def _turn(pose: HandPose, joint: str) -> np.ndarray:
-    """Return the rotation (3, 3) of a joint of a pose."""
-    return _rotation(pose.angles(joint), *_signs(joint))
-
-
 def turning_axes(pose: HandPose, joint: str) -> np.ndarray:
     """Return the axes about which the angles of a joint turn its bone, and all that follows.
 
-    Parameters
-    ----------
-    pose : HandPose
-    joint : str
-
-    Returns
-    -------
-    ndarray, shape (3, 3), float64
-        Unit vectors as columns, of flexion, abduction and twist in this order, in the axes of the
-        bone (`Skeleton.frames`). Right-handed rotations about them are growing angles.
+    Unit vectors as columns (3, 3), of flexion, abduction and twist, in the axes of the bone
+    (`Skeleton.frames`): right-handed rotations about them are growing angles.
 
     Examples
     --------
-    >>> import numpy as np
     >>> from clradar.hand import HandPose
     >>> turning_axes(HandPose("straight"), "index-finger-phalanx-distal")[:, 0].tolist()
     [-1.0, 0.0, 0.0]

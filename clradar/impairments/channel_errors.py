@@ -1,15 +1,51 @@
-"""Random channel errors: the fixed ones of an uncalibrated instrument, and drift over frames."""
+"""Random channel errors: the fixed ones of an uncalibrated instrument, and drift over frames.
+
+Random numbers are of Philox, which counts: J. Salmon et al., "Parallel random numbers: as easy as
+1, 2, 3", SC 2011.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from enum import IntEnum
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
-from clradar.impairments.random_streams import Part, random_stream
 from clradar.model import AntennaArray, ChannelResponse, Waveform, checks
+
+SEED_LIMIT = 2**64 - 1
+FRAME_LIMIT = 999_999
+"""Largest number of a recorded frame."""
+
+
+class Part(IntEnum):
+    """Quantities that are drawn. A number never changes its meaning."""
+
+    NOISE = 1
+    TX_GAIN = 2
+    RX_GAIN = 3
+    TX_PHASE = 4
+    RX_PHASE = 5
+    TX_DELAY = 6
+    RX_DELAY = 7
+    TX_PHASE_DRIFT = 8
+    RX_PHASE_DRIFT = 9
+    TX_GAIN_DRIFT = 10
+    RX_GAIN_DRIFT = 11
+    COMMON_PHASE_DRIFT = 12
+
+
+def random_stream(seed: int, part: Part, frame: int = 0) -> np.random.Generator:
+    """Return the generator of one part of one frame, independent of those of all others.
+
+    Philox4x64-10 with the key (seed, part), started at the counter (0, 0, 0, frame).
+    """
+    key = np.array([checks.whole("seed", seed, 0, SEED_LIMIT), part], dtype=np.uint64)
+    counter = np.array([0, 0, 0, checks.whole("frame", frame, 0, FRAME_LIMIT)], dtype=np.uint64)
+    return np.random.Generator(np.random.Philox(counter=counter, key=key))
+
 
 GAIN_LIMIT_DB = 300.0
 """complex64 holds amplitudes from -900 to 760 dB, so a signal still fits in."""
@@ -108,11 +144,6 @@ def drift_factors(
 
     Random walks: each frame adds a normal step to the phase (standard deviation `phase_rad`) and to
     the gain (`gain_db`) of every channel, and one to the phase that all share. Frame 0 has none.
-
-    Raises
-    ------
-    ModelError
-        A walk of the gain beyond `GAIN_LIMIT_DB`.
     """
 
     def walk(part: Part, deviation: float, count: int) -> np.ndarray:

@@ -176,13 +176,7 @@ def coupling_rows(
 ) -> Iterator[np.ndarray]:
     """Yield the direct coupling, transmitter by transmitter, shape (n_rx, n_freq), complex128.
 
-    Its amplitude is proportional to 1 / |tx - rx|, with this RMS over the pairs, and it arrives
-    after |tx - rx| / c + `delay_s`.
-
-    Raises
-    ------
-    ModelError
-        A Tx and a Rx at the same position.
+    Its amplitude goes with 1 / |tx - rx|, with this RMS; it comes after |tx - rx| / c + `delay_s`.
     """
     distance_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m, axis=2)
     if not distance_m.all():

@@ -7,13 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from clradar.impairments.channel_errors import GAIN_LIMIT_DB, checked_spread, drift_factors
+from clradar.impairments.channel_errors import (
+    FRAME_LIMIT,
+    GAIN_LIMIT_DB,
+    SEED_LIMIT,
+    Part,
+    checked_spread,
+    drift_factors,
+    random_stream,
+)
 from clradar.impairments.environment import coupling_rows
-from clradar.impairments.random_streams import FRAME_LIMIT, SEED_LIMIT, Part, random_stream
 from clradar.model import Capture, ChannelResponse, checks
 from clradar.model.capture import check_same_radar
 
-ADC_BITS_LIMIT = 24
+MOST_BITS = 24
 """Bits of the mantissa of complex64."""
 
 
@@ -50,7 +57,7 @@ def impair(
         The scene alone.
     seed : int, 0 to 2**64 - 1
         Same seed and settings, same numbers. Each random part has its own stream
-        (`clradar.impairments.random_streams`), so switching one fault on leaves the draws of the
+        (`clradar.impairments.channel_errors.Part`), so switching one fault on leaves the draws of the
         others as they are.
     frame : int, 0 to 999999
         Which frame of a recording: new noise, and more drift with every frame.
@@ -133,12 +140,21 @@ def impair(
         checks.instance("impair: room", room, Capture)
         check_same_radar("impair: room", room, capture)
     if channels is not None:
-        _check_channels(channels, n_tx, n_rx)
-    bits, full_scale = _converter(adc_bits, adc_full_scale)
+        checks.instance("impair: channels", channels, ChannelResponse)
+        counts = (len(channels.tx_gain), len(channels.rx_gain))
+        if counts != (n_tx, n_rx):
+            checks.fail("impair: channels", f"{n_tx} Tx and {n_rx} Rx", "{}, {}".format(*counts))
+    bits = None if adc_bits is None else checks.whole("impair: adc_bits", adc_bits, 2, MOST_BITS)
+    full_scale = None
+    if adc_full_scale is not None:
+        if bits is None:
+            checks.fail("impair: adc_full_scale", "adc_bits with it", "none")
+        full_scale = checks.positive("impair: adc_full_scale", adc_full_scale)
     delay_s = checks.real("impair: coupling_delay_s", coupling_delay_s)
     if coupling is None and delay_s != 0:
         checks.fail("impair: coupling_delay_s", "coupling_db with it", "none")
     relative = coupling is not None or snr is not None
+    common_rad = drift_common_phase_rad
     settings: dict[str, Any] = {
         "seed": checks.whole("impair: seed", seed, 0, SEED_LIMIT),
         "frame": checks.whole("impair: frame", frame, 0, FRAME_LIMIT),
@@ -149,9 +165,7 @@ def impair(
         "channels": None if channels is None else _channel_record(channels),
         "drift_phase_rad": checked_spread("impair: drift_phase_rad", drift_phase_rad),
         "drift_gain_db": checked_spread("impair: drift_gain_db", drift_gain_db, GAIN_LIMIT_DB),
-        "drift_common_phase_rad": checked_spread(
-            "impair: drift_common_phase_rad", drift_common_phase_rad
-        ),
+        "drift_common_phase_rad": checked_spread("impair: drift_common_phase_rad", common_rad),
         "iq_gain_db": _per_receiver("iq_gain_db", iq_gain_db, n_rx, GAIN_LIMIT_DB),
         "iq_phase_rad": _per_receiver("iq_phase_rad", iq_phase_rad, n_rx, np.pi),
         "snr_db": snr,
@@ -206,10 +220,14 @@ class _SignalChain:
         if gain_db.any() or phase_rad.any():
             self.quadrature = (10 ** (gain_db / 20) * np.exp(1j * phase_rad))[:, None]
         coupling, snr = settings["coupling_db"], settings["snr_db"]
-        self.coupling_rms = 0.0 if coupling is None else _amplitude(coupling, power)
-        self.noise_rms = 0.0 if snr is None else _amplitude(-snr, power)
-        self.noise_tx = _noise_factors(settings["noisy_tx_db"], array.n_tx)
-        self.noise_rx = _noise_factors(settings["noisy_rx_db"], array.n_rx)
+        self.coupling_rms, self.noise_rms = (
+            0.0 if db is None else float(np.sqrt(power) * 10 ** (sign * db / 20))
+            for db, sign in ((coupling, 1), (snr, -1))
+        )
+        self.noise_tx, self.noise_rx = np.ones(array.n_tx), np.ones(array.n_rx)
+        for factors, key in ((self.noise_tx, "noisy_tx_db"), (self.noise_rx, "noisy_rx_db")):
+            for channel, db in settings[key].items():
+                factors[int(channel)] = 10 ** (db / 20)
 
     def rows(self) -> Iterator[np.ndarray]:
         """Yield the signal of each transmitter, shape (n_rx, n_freq), complex128."""
@@ -266,13 +284,6 @@ def _reference_power(capture: Capture, given: float | None, needed: bool) -> flo
     return power
 
 
-def _check_channels(channels: ChannelResponse, n_tx: int, n_rx: int) -> None:
-    checks.instance("impair: channels", channels, ChannelResponse)
-    counts = (len(channels.tx_gain), len(channels.rx_gain))
-    if counts != (n_tx, n_rx):
-        checks.fail("impair: channels", f"{n_tx} Tx and {n_rx} Rx", "{}, {}".format(*counts))
-
-
 def _channel_record(channels: ChannelResponse) -> dict[str, Any]:
     """Return a channel response in types of JSON: gains as [real, imaginary]."""
     record: dict[str, Any] = {"reference_hz": channels.reference_hz}
@@ -281,16 +292,6 @@ def _channel_record(channels: ChannelResponse) -> dict[str, Any]:
         record[f"{side}_gain"] = np.stack([gain.real, gain.imag], axis=1).tolist()
         record[f"{side}_delay_s"] = getattr(channels, f"{side}_delay_s").tolist()
     return record
-
-
-def _converter(bits: int | None, full_scale: float | None) -> tuple[int | None, float | None]:
-    if bits is not None:
-        bits = checks.whole("impair: adc_bits", bits, 2, ADC_BITS_LIMIT)
-    if full_scale is not None:
-        if bits is None:
-            checks.fail("impair: adc_full_scale", "adc_bits with it", "none")
-        full_scale = checks.positive("impair: adc_full_scale", full_scale)
-    return bits, full_scale
 
 
 def _decibels(name: str, value: Any) -> float:
@@ -316,13 +317,6 @@ def _noisy(
     }
 
 
-def _noise_factors(noisy_db: dict[str, float], count: int) -> np.ndarray:
-    level_db = np.zeros(count)
-    for channel, db in noisy_db.items():
-        level_db[int(channel)] = db
-    return 10 ** (level_db / 20)
-
-
 def _per_receiver(name: str, value: Any, count: int, limit: float) -> float | list[float]:
     """Return numbers within +-`limit`: one per receiver, or one where all are equal."""
     field = f"impair: {name}"
@@ -332,7 +326,3 @@ def _per_receiver(name: str, value: Any, count: int, limit: float) -> float | li
     if np.abs(values).max() > limit:
         checks.fail(field, f"numbers within +-{limit:g}", f"{np.abs(values).max():g}")
     return float(values[0]) if (values == values[0]).all() else values.tolist()
-
-
-def _amplitude(level_db: float, power: float) -> float:
-    return float(np.sqrt(power) * 10 ** (level_db / 20))

@@ -17,21 +17,23 @@ class BodyInSweep(Protocol):
     """A body during one sweep, on the same faces at all times.
 
     `marks_s` are times between which it goes one way, and turns by no more than an eighth of a
-    turn; none: it stays in its place all the time. `carried` are the faces, shape (n, 3), of skin
-    that is carried from the middle of the sweep.
+    turn; none: it stays in its place all the time.
     """
 
     @property
     def marks_s(self) -> np.ndarray: ...
-
-    @property
-    def carried(self) -> np.ndarray: ...
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
         """Vertices at a time, or those of `rows`, shape (n, 3), metres."""
 
     def scene(self, time_s: float) -> Scene:
         """The body at a time."""
+
+    def stretch(self, at_m: np.ndarray) -> float:
+        """By how much skin tears that is carried: 1 % of the faces become longer by this at least.
+
+        Of vertices at some times (n_times, V, 3), the second in the middle of the sweep.
+        """
 
 
 class Body(Protocol):
@@ -82,9 +84,8 @@ class _RigidInSweep:
     motion: RigidMotion | None
     marks_s: np.ndarray
 
-    @property
-    def carried(self) -> np.ndarray:
-        return np.empty((0, 3), np.int32)
+    def stretch(self, at_m: np.ndarray) -> float:
+        return 1.0
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
         vertices_m = self.body.vertices_m if rows is None else self.body.vertices_m[rows]

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clradar.hand import (
     HandMesh,
-    HandMovement,
     HandPose,
     HandShape,
     hand_mesh,
@@ -25,9 +24,9 @@ from clradar.hand.mesh import (
     checked_edge_m,
     kept_from_skin,
 )
-from clradar.hand.movement import pose_of
+from clradar.hand.pose_file import pose_of
 from clradar.hand.shape import AVERAGE
-from clradar.hand.texture import SKIN_BONES, skin_weights
+from clradar.hand.skin import Skin, skin_weights
 from clradar.model import Scene, checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
@@ -37,6 +36,8 @@ from clradar.opencl import Device
 
 if TYPE_CHECKING:
     from clradar.rigs import Rig
+
+WRIST = JOINT_INDEX["wrist"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -86,6 +87,7 @@ class MovingHand(Record):
     rig: Rig | None = None
     alpha: float = 0.5
     device: Device | str | None = None
+    _wrist_m: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         times_s = increasing("MovingHand.times_s", self.times_s)
@@ -103,6 +105,9 @@ class MovingHand(Record):
         center_m = checks.read_only("center_m", place("center_m", self.center_m), np.float64, (3,))
         side = self.handedness if self.rig is None else self.rig.handedness
         self._set(times_s=times_s, poses=poses, center_m=center_m, handedness=side)
+        keys_m = [posed_skeleton(pose, self.shape).joints_m * self.mirror for pose in poses]
+        box_m = np.min(keys_m, axis=(0, 1)), np.max(keys_m, axis=(0, 1))
+        self._set(_wrist_m=center_m - 0.5 * (box_m[0] + box_m[1]))
 
     def pose(self, time_s: float) -> HandPose:
         """Return the pose at a time."""
@@ -112,10 +117,15 @@ class MovingHand(Record):
             return last if share == 1.0 else first
         return interpolate_poses(first, last, share)
 
+    @property
+    def mirror(self) -> np.ndarray:
+        """Factors of the coordinates, (3,), from the right hand's frame to that of the hand."""
+        return np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
+
     def transform(self, time_s: float) -> np.ndarray:
         """Return the transform (4, 4) from the frame of the hand, whose wrist is the origin."""
         made = np.eye(4)
-        made[:3, 3] = self.center_m - _middle_m(tuple(self.poses), self.shape, self.handedness)
+        made[:3, 3] = self._wrist_m
         moved: np.ndarray = made if self.motion is None else self.motion.at(time_s) @ made
         return moved
 
@@ -126,8 +136,10 @@ class MovingHand(Record):
         """
         if self.rig is not None:
             return self.mesh(time_s).joints_m
-        own = HandMovement((self.pose(time_s),), self.transform(time_s)[None], self.handedness)
-        return own.joints_m(0, self.shape)
+        own_m = posed_skeleton(self.pose(time_s), self.shape).joints_m * self.mirror
+        transform = self.transform(time_s)
+        moved: np.ndarray = own_m @ transform[:3, :3].T + transform[:3, 3]
+        return moved
 
     def mesh(self, time_s: float) -> HandMesh:
         """Return the surface at a time, in the antenna frame."""
@@ -153,19 +165,10 @@ class MovingHand(Record):
         )
 
     def _placed(self, mesh: HandMesh, time_s: float) -> HandMesh:
-        own = HandMovement((self.pose(time_s),), self.transform(time_s)[None], self.handedness)
-        return own.placed(0, mesh)
-
-
-_BONES = list(SKIN_BONES)
-
-
-@lru_cache(maxsize=8)
-def _middle_m(poses: tuple[HandPose, ...], shape: HandShape, handedness: str) -> np.ndarray:
-    """The centre (3,) of the box around the joints of all poses, metres, from the wrist."""
-    keys = HandMovement(poses, np.tile(np.eye(4), (len(poses), 1, 1)), handedness)
-    joints_m = np.concatenate([keys.joints_m(i, shape) for i in range(len(keys))])
-    return np.asarray(0.5 * (joints_m.min(axis=0) + joints_m.max(axis=0)))
+        """Bring a mesh in its own upright place to that of a time; its wrist is the origin."""
+        transform = self.transform(time_s)
+        at_origin = mesh.moved(np.eye(3), -mesh.joints_m[WRIST])
+        return at_origin.moved(transform[:3, :3], transform[:3, 3])
 
 
 @dataclass(frozen=True)
@@ -181,51 +184,50 @@ class _HandInSweep:
         return self.hand._posed(self.hand.pose(self.middle_s))
 
     @cached_property
-    def _skin(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Weights (V, b), places in the frame of each bone (V, b, 3), distances from the skin."""
-        mesh, pose = self._mesh, self.hand.pose(self.middle_s)
-        bones = posed_skeleton(pose, self.hand.shape)
+    def _skin(self) -> tuple[Skin, np.ndarray]:
+        """The skin in the frame of the skeleton, and its distances from the surface, metres."""
+        hand, mesh, pose = self.hand, self._mesh, self.hand.pose(self.middle_s)
+        bones = posed_skeleton(pose, hand.shape)
         assert mesh.normals is not None
-        at_m = (mesh.vertices_m - mesh.joints_m[JOINT_INDEX["wrist"]]) * self._mirror
-        at_m = at_m + bones.joints_m[JOINT_INDEX["wrist"]]
-        _, _, away_m = kept_from_skin(at_m, None, pose, self.hand.shape, self.hand.device)
-        normals = mesh.normals * self._mirror
-        weight = skin_weights(at_m, normals, bones)
-        frames, origins_m = bones.frames[_BONES], bones.joints_m[_BONES]
-        own_m = np.einsum("bji,vbj->vbi", frames, at_m[:, None] - origins_m)
-        return weight, own_m, away_m
+        at_m = (mesh.vertices_m - mesh.joints_m[WRIST]) * hand.mirror + bones.joints_m[WRIST]
+        _, _, away_m = kept_from_skin(at_m, None, pose, hand.shape, hand.device)
+        weights = skin_weights(at_m, mesh.normals * hand.mirror, bones)
+        return Skin.on(at_m, weights, bones), away_m
 
-    @property
-    def carried(self) -> np.ndarray:
-        return self._mesh.faces[: None if self.hand.rig is None else 0]
+    def stretch(self, at_m: np.ndarray) -> float:
+        if self.hand.rig is not None or not len(self.marks_s):
+            return 1.0
+        corners_m = at_m[:, self._mesh.faces]
+        edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=2), axis=3)
+        longest_m = edges_m.max(axis=2)
+        longer = longest_m / np.maximum(longest_m[1], np.finfo(float).tiny)
+        return max(1.0, float(np.quantile(longer, 0.99, axis=1).max()))
 
-    @property
-    def _mirror(self) -> np.ndarray:
-        return np.array([-1.0 if self.hand.handedness == "left" else 1.0, 1.0, 1.0])
-
-    def _moved(self, pose: HandPose, rows: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Vertices of `rows` (n, 3), their normals (n, 3) and the joints (25, 3) in a pose.
+    def _moved(
+        self, pose: HandPose, rows: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Vertices (n, 3), their normals (n, 3) and the joints (25, 3) in a pose.
 
         In the frame of the hand, whose wrist is the origin, metres.
         """
         hand, bones = self.hand, posed_skeleton(pose, self.hand.shape)
-        weight, own_m, away_m = self._skin
-        frames, origins_m = bones.frames[_BONES], bones.joints_m[_BONES]
-        places_m = np.einsum("bij,vbj->vbi", frames, own_m[rows]) + origins_m
-        carried_m = np.einsum("vb,vbi->vi", weight[rows], places_m)
+        skin, away_m = self._skin
+        if rows is not None:
+            skin, away_m = skin.of_points(rows), away_m[rows]
+        carried_m = skin.posed(bones.frames, bones.joints_m)
         # The mean over bones leaves the surface where joints bend, by up to a millimetre.
-        moved_m, normals, _ = kept_from_skin(carried_m, away_m[rows], pose, hand.shape, hand.device)
-        wrist_m = bones.joints_m[JOINT_INDEX["wrist"]]
-        joints_m = (bones.joints_m - wrist_m) * self._mirror
-        return (moved_m - wrist_m) * self._mirror, normals * self._mirror, joints_m
+        moved_m, normals, _ = kept_from_skin(carried_m, away_m, pose, hand.shape, hand.device)
+        wrist_m = bones.joints_m[WRIST]
+        own = (moved_m - wrist_m, normals, bones.joints_m - wrist_m)
+        return own[0] * hand.mirror, own[1] * hand.mirror, own[2] * hand.mirror
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
-        chosen = slice(None) if rows is None else rows
         pose = self.hand.pose(time_s)
         if pose == self.hand.pose(self.middle_s) or self.hand.rig is not None:
-            return self._mesh_at(time_s).vertices_m[chosen]
+            vertices_m = self._mesh_at(time_s).vertices_m
+            return vertices_m if rows is None else vertices_m[rows]
         transform = self.hand.transform(time_s)
-        at_m, _, _ = self._moved(pose, chosen)
+        at_m, _, _ = self._moved(pose, rows)
         moved: np.ndarray = at_m @ transform[:3, :3].T + transform[:3, 3]
         return moved
 
@@ -238,6 +240,6 @@ class _HandInSweep:
             return self.hand._placed(self._mesh, time_s)
         if self.hand.rig is not None:
             return self.hand._placed(self.hand.rig.posed(pose), time_s)
-        at_m, normals, joints_m = self._moved(pose, slice(None))
+        at_m, normals, joints_m = self._moved(pose)
         moved = replace(self._mesh, vertices_m=at_m, normals=normals, joints_m=joints_m)
         return self.hand._placed(moved, time_s)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.hand.movement import minimum_jerk
+from clradar.hand.pose import minimum_jerk
 from clradar.model import checks
 from clradar.model.record import Record
 

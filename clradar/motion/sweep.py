@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from itertools import product
+from itertools import repeat
 from typing import Any
 
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import ClradarWarning, ModelError, warn
+from clradar.errors import ClradarWarning, warn
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.motion.bodies import MovingScene
-from clradar.motion.instants import Group, Probes, Way, plan_groups
+from clradar.motion.instants import Planner, Probes
 from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate
@@ -26,9 +26,6 @@ TOLERANCE_DB = -50.0
 TORN = 3.0
 """Of `Probes.stretch`: captures of skin that was carried so far were off by -24 to -6 dB, of less
 by -41 to -15 dB (docs/movement.md)."""
-
-MOST_INSTANTS = 2048
-"""Of a sweep. What needs more is most likely in another unit."""
 
 _OVERHEAD_TX = {"physical": 80.0}
 """What a simulation costs apart from its Tx, in the cost of one Tx: measured with a hand."""
@@ -77,8 +74,9 @@ def simulate_moving(
     -------
     Capture
         Of a scene that does not move during the sweep, with the bits of ``simulate(moving.at(t),
-        ...)``. ``meta["movement"]`` has the times, the instants and `phase_error_db`, the error of
-        the phasors of points; what else is in `meta` is of the first instant.
+        ...)``. ``meta["movement"]`` has the times, the instants, `phase_error_db`, the error of
+        the phasors of points, and `sample_error_db`, what the samples of one group of Tx differ by
+        from a simulation between its instants; what else is in `meta` is of the first instant.
 
     Raises
     ------
@@ -127,71 +125,79 @@ def simulate_moving(
     opened = open_device(device)
     probes = Probes.of(sweep, begin_s, end_s)
     about = {"start_s": start_s, "sweep_s": end_s - begin_s}
-    if probes.way is None:
+    if not probes.moves:
         still = simulate(
             scene, array, waveform, settings=resolved, device=opened, progress=progress
         )
         return replace(still, meta={**still.meta, "movement": about})
-
     if probes.stretch > TORN:
         warn(
             "simulate_moving: a hand bends so far within one sweep that its skin, carried from the "
             f"middle, tears: 1 % of its faces become {probes.stretch:.1f} times as long or longer; "
             "take a shorter sweep or a slower movement"
         )
-    tolerance = 10.0 ** (tolerance_db / 20.0)
     overhead_tx = _OVERHEAD_TX.get(str(resolved.estimator), 12.0)
-    marks_inside = ((probes.marks_s > begin_s) & (probes.marks_s < end_s)).any()
-    best, way = np.inf, None
-    groups: list[Group] = []
-    for follow, cut in product((probes.way, None), (True, False) if marks_inside else (False,)):
-        plan = plan_groups(
-            probes, array, waveform, times_s, tolerance, overhead_tx,
-            follow=follow, cut=cut, budget=best,
-        )  # fmt: skip
-        if plan is not None:
-            (best, groups), way = plan, follow
-    if not groups or sum(len(group.times_s) for group in groups) > MOST_INSTANTS:
-        raise ModelError(
-            f"simulate_moving: expected a movement that {MOST_INSTANTS} instants can follow, got a "
-            "faster one; are the times in seconds and the shifts in metres? A table of shorter "
-            "times or a larger tolerance_db makes it possible"
-        )
+    groups = Planner(probes, array, waveform, times_s, 10.0 ** (tolerance_db / 20.0)).groups(
+        overhead_tx
+    )
+    middle = len(groups) // 2
+    doubtful_s = groups[middle].doubtful_s
     total = sum(len(group.times_s) * len(group.tx) for group in groups)
+    total += 0 if doubtful_s is None else len(groups[middle].tx)
     done = 0
+    meta: dict[str, Any] = {}
+
+    def simulated(time_s: float, part: AntennaArray, own: SimulationSettings) -> np.ndarray:
+        """Samples of some Tx at an instant, relative to the middle of what moves."""
+        nonlocal done, meta
+        with sampled_as(scene), warnings.catch_warnings():
+            if meta:
+                warnings.simplefilter("ignore", ClradarWarning)
+            one = simulate(sweep.scene(time_s), part, waveform, settings=own, device=opened)
+        meta = meta or dict(one.meta)
+        done += part.n_tx
+        if progress is not None:
+            progress(done, total)
+        return one.data / followed(part, np.full((1, 1, 1), time_s))
+
+    def followed(part: AntennaArray, at_s: np.ndarray) -> np.ndarray:
+        """Phasors of an echo of the middle of what moves when each sample is recorded."""
+        at_m = probes.middle_m(at_s)
+        to_tx_m = np.linalg.norm(at_m - part.tx_m[:, None, None], axis=3)
+        to_rx_m = np.linalg.norm(at_m - part.rx_m[None, :, None], axis=3)
+        rate = -2j * np.pi * waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
+        return np.asarray(np.exp(rate * (to_tx_m + to_rx_m)))
+
     data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), dtype=np.complex64)
-    meta: dict[str, Any] | None = None
-    rate = -2j * np.pi * waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
     for number, group in enumerate(groups):
-        part = array.part(group.tx, slice(None))
-        own = _of_group(resolved, number)
+        part, own = array.part(group.tx, slice(None)), _of_group(resolved, number)
+        tested_s = doubtful_s if number == middle else None
+        tests = repeat(0.0) if tested_s is None else group.shares(np.full((1, 1, 1), tested_s))
         recorded_s = times_s[group.tx]
         added = np.zeros((len(group.tx), array.n_rx, waveform.n_freq), dtype=np.complex128)
-        for time_s, share in zip(group.times_s, group.shares(recorded_s), strict=True):
-            with sampled_as(scene), warnings.catch_warnings():
-                if meta is not None:
-                    warnings.simplefilter("ignore", ClradarWarning)
-                one = simulate(sweep.scene(time_s), part, waveform, settings=own, device=opened)
-            if meta is None:
-                meta = dict(one.meta)
-            samples = one.data.astype(np.complex128)
-            if way is not None:
-                samples /= np.exp(rate * _followed_m(way, part, np.full((1, 1, 1), time_s)))
+        tested = np.zeros_like(added)
+        for time_s, share, test in zip(
+            group.times_s, group.shares(recorded_s), tests, strict=False
+        ):
+            samples = simulated(time_s, part, own)
             added += share * samples
-            done += len(group.tx)
-            if progress is not None:
-                progress(done, total)
-        if way is not None:
-            added *= np.exp(rate * _followed_m(way, part, recorded_s))
-        data[group.tx] = added
-    assert meta is not None
+            tested += test * samples
+        data[group.tx] = added * followed(part, recorded_s)
+        if tested_s is not None:
+            true = simulated(tested_s, part, own)
+            error = np.linalg.norm(tested - true) / max(np.linalg.norm(true), np.finfo(float).tiny)
+            about["sample_error_db"] = _decibels(error)
     about |= {
         "groups": len(groups),
         "instants": sum(len(group.times_s) for group in groups),
-        "phase_error_db": 20.0 * float(np.log10(max(max(group.error for group in groups), 1e-15))),
+        "phase_error_db": _decibels(max(group.error for group in groups)),
     }
     settings_meta = {**meta["settings"], "seed": resolved.seed}
     return Capture(data, array, waveform, {**meta, "settings": settings_meta, "movement": about})
+
+
+def _decibels(error: float) -> float:
+    return 20.0 * float(np.log10(max(error, 1e-15)))
 
 
 def _of_group(settings: SimulationSettings, number: int) -> SimulationSettings:
@@ -200,14 +206,3 @@ def _of_group(settings: SimulationSettings, number: int) -> SimulationSettings:
         return settings
     words = np.random.SeedSequence([settings.seed, number]).generate_state(1, np.uint64)
     return replace(settings, seed=int(words[0]))
-
-
-def _followed_m(way: Way, array: AntennaArray, times_s: np.ndarray) -> np.ndarray:
-    """Two-way lengths of a point on its way when each sample is recorded.
-
-    Shape (n_tx, n_rx, n_freq or 1); `times_s` (n_tx or 1, n_rx or 1, n_freq or 1).
-    """
-    at_m = way.at_m(times_s)
-    to_tx_m = np.linalg.norm(at_m - array.tx_m[:, None, None], axis=3)
-    to_rx_m = np.linalg.norm(at_m - array.rx_m[None, :, None], axis=3)
-    return np.asarray(to_tx_m + to_rx_m)

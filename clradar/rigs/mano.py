@@ -19,12 +19,15 @@ from typing import Any
 
 import numpy as np
 
+from clradar.errors import ModelError
+from clradar.files.confined.process import forbid_opening
 from clradar.files.limits import MAX_MESH_BYTES
 from clradar.files.pickles import UnsafePickle
+from clradar.hand import pose_by_name
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, check_side
-from clradar.rigs.failures import fail, reading
+from clradar.rigs.failures import fail, file_bytes, reading
 from clradar.rigs.mano_pickle import as_array, load_mano
 from clradar.rigs.names import side_in
 from clradar.rigs.rig import PoseBlend, Rig
@@ -54,37 +57,50 @@ TIP_VERTICES = {"thumb": 744, "index": 320, "middle": 443, "ring": 554, "pinky":
 _N_ANGLES = 3 * (len(MANO_JOINTS) - 1)
 
 
-def mano_rig(
-    path: Path,
-    content: bytes,
-    betas: Sequence[float] | None,
-    unit: str | float | None,
-    handedness: str | None,
-) -> Rig:
-    """Return the rig of a MANO model of a shape."""
+_SHAPES = {
+    "v_template": "(V, 3)",
+    "shapedirs": "(V, 3, B)",
+    "posedirs": f"(V, 3, {3 * _N_ANGLES})",
+    "J_regressor": f"({len(MANO_JOINTS)}, V)",
+    "kintree_table": f"(2, {len(MANO_JOINTS)})",
+    "weights": f"(V, {len(MANO_JOINTS)})",
+    "f": "(F, 3)",
+}
+_OPTIONAL = {"hands_mean": f"({_N_ANGLES},)", "hands_components": f"(N, {_N_ANGLES})"}
+
+
+def plain_mano(
+    path: Path, betas: list[float], unit: str | float | None, handedness: str | None
+) -> dict[str, Any]:
+    """Return the rig of a MANO model, or what is wrong with `betas`; in the confined process."""
+    pose_by_name("flat")  # rigs need it; once the file is read, no other can be opened
+    content = file_bytes(path, "a MANO model")
+    forbid_opening()
     with reading(path, EXPECTED):
         try:
-            model = _npz(path, content) if content.startswith(b"PK") else _pickled(path, content)
-            fields = _fields(path, model)
+            fields = checked_fields(
+                path, (_npz if content[:2] == b"PK" else _pickled)(path, content)
+            )
         except UnsafePickle as error:
             fail(path, EXPECTED, error)
-    shapedirs = fields["shapedirs"]
-    given = [] if betas is None else betas
-    amounts = checks.read_only("betas", given, np.float64, (None,), allow_empty=True)
-    if len(amounts) > shapedirs.shape[2]:
-        checks.fail("betas", f"at most {shapedirs.shape[2]} numbers", f"{len(amounts)}")
-    shaped = fields["v_template"] + shapedirs[:, :, : len(amounts)] @ amounts
-    with reading(path, EXPECTED):
-        return _rig(path, fields, shaped, unit, handedness)
+        try:
+            return mano_rig(path, fields, betas, unit, handedness).plain()
+        except ModelError as error:
+            return {"argument": str(error)}
 
 
-def _rig(
+def mano_rig(
     path: Path,
     fields: dict[str, np.ndarray],
-    shaped: np.ndarray,
+    betas: Sequence[float],
     unit: str | float | None,
     handedness: str | None,
 ) -> Rig:
+    """Return the rig of the fields of a model, of a shape."""
+    shapedirs, weights = fields["shapedirs"], fields["weights"]
+    if len(betas) > shapedirs.shape[2]:
+        checks.fail("betas", f"at most {shapedirs.shape[2]} numbers", f"{len(betas)}")
+    shaped = fields["v_template"] + shapedirs[:, :, : len(betas)] @ np.array(betas, np.float64)
     joints = np.full((len(JOINT_NAMES), 3), np.nan)
     joints[list(MANO_JOINTS)] = fields["J_regressor"] @ shaped
     if len(shaped) == N_VERTICES:
@@ -93,20 +109,19 @@ def _rig(
             joints[JOINT_INDEX[name]] = shaped[vertex]
     check_joints(str(path), joints)
     side = check_side(str(path), joints, handedness or side_in(path.stem))
-    weights = fields["weights"]
-    rows = np.argwhere(weights)
+    rows, column = np.nonzero(weights)
     surface = Surface.grouped(
-        path, "weights", fields["f"], len(shaped), rows[:, 0],
-        np.array(MANO_JOINTS)[rows[:, 1]], weights[rows[:, 0], rows[:, 1]], shaped[rows[:, 0]],
+        path, "weights", fields["f"], len(shaped), rows, np.array(MANO_JOINTS)[column],
+        weights[rows, column], shaped[rows],
     )  # fmt: skip
-    local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
     used = np.unique(fields["f"])  # vertices without faces are dropped
     blend = PoseBlend(
         joints=MANO_JOINTS[1:],
         directions=np.ascontiguousarray(fields["posedirs"][used]),
-        hands_mean=fields["hands_mean"],
-        hands_components=fields["hands_components"],
+        hands_mean=fields.get("hands_mean", np.zeros(_N_ANGLES)),
+        hands_components=fields.get("hands_components", np.zeros((0, _N_ANGLES))),
     )
+    local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
     return rig_of(str(path), joints, local, surface, side, unit, blend=blend)
 
 
@@ -137,20 +152,8 @@ def _npz(path: Path, content: bytes) -> dict[str, np.ndarray]:
     return model
 
 
-_SHAPES = {
-    "v_template": "(V, 3)",
-    "shapedirs": "(V, 3, B)",
-    "posedirs": f"(V, 3, {3 * _N_ANGLES})",
-    "J_regressor": f"({len(MANO_JOINTS)}, V)",
-    "kintree_table": f"(2, {len(MANO_JOINTS)})",
-    "weights": f"(V, {len(MANO_JOINTS)})",
-    "f": "(F, 3)",
-}
-_OPTIONAL = {"hands_mean": f"({_N_ANGLES},)", "hands_components": f"(N, {_N_ANGLES})"}
-
-
-def _fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the model's arrays, checked; optional ones that are missing are zeros."""
+def checked_fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the model's arrays, checked."""
     missing = [name for name in _SHAPES if name not in model]
     if missing:
         fail(path, f"{EXPECTED}, with '{missing[0]}'", f"only {sorted(model)}")
@@ -177,8 +180,6 @@ def _fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     parents = [-1 if p < 0 or p >= len(MANO_JOINTS) else int(p) for p in tree[0]]
     if tuple(parents) != PARENTS or tree[1].tolist() != list(range(len(MANO_JOINTS))):
         fail(path, "the hierarchy of MANO's 16 joints in 'kintree_table'", parents)
-    fields.setdefault("hands_mean", np.zeros(_N_ANGLES))
-    fields.setdefault("hands_components", np.zeros((0, _N_ANGLES)))
     return fields
 
 
@@ -191,22 +192,10 @@ def _blend_of(rig: Rig) -> PoseBlend:
 def theta_of_components(
     rig: Rig, coefficients: Any, global_rad: Any = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
-    """Return the pose theta (48,), axis-angle, of coefficients of the model's principal components.
+    """Return a pose theta (48,), axis times angle, radians, of principal components of MANO.
 
-    theta = [global, hands_mean + coefficients @ hands_components]
-
-    Parameters
-    ----------
-    rig : Rig
-        Of a MANO model.
-    coefficients : array_like, shape (n,)
-        Up to as many as the model has components.
-    global_rad : array_like, shape (3,), radians
-        Rotation of the whole hand, axis times angle, in the model's frame.
-
-    Returns
-    -------
-    ndarray, shape (48,), float64, radians
+    theta = [global, hands_mean + coefficients @ hands_components], of up to as many coefficients as
+    the model has components; `global_rad` turns the whole hand, in the model's frame.
 
     Examples
     --------
@@ -226,20 +215,11 @@ def theta_of_components(
 
 
 def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
-    """Return the absolute rotations that `Rig.turned` takes, of a pose theta.
+    """Return the absolute rotations that `Rig.turned` takes, (25, 3, 3), of a pose theta (48,).
 
-    Parameters
-    ----------
-    rig : Rig
-        Of a MANO model.
-    theta_rad : array_like, shape (48,), radians
-        Axis times angle of each of the 16 joints against its parent, in the model's order and
-        frame; the first turns the whole hand. Nothing is added: `hands_mean` is in it or not.
-
-    Returns
-    -------
-    ndarray, shape (25, 3, 3), float64
-        In the canonical frame of `clradar.hand`. Joints that MANO lacks rotate with the wrist.
+    Theta has, in radians, axis times angle of each of the 16 joints against its parent, in the
+    model's order and frame; the first turns the whole hand. Nothing is added: `hands_mean` is in it
+    or not. Joints that MANO lacks rotate with the wrist.
 
     Examples
     --------
@@ -248,8 +228,7 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     >>> from clradar.rigs import rotations_of_theta
     >>> theta = np.zeros(48)
     >>> theta[3] = -np.pi / 2
-    >>> rotations = rotations_of_theta(rig, theta)
-    >>> (rotations[6] @ [0.0, 1.0, 0.0]).round(6).tolist()
+    >>> (rotations_of_theta(rig, theta)[6] @ [0.0, 1.0, 0.0]).round(6).tolist()
     [0.0, 0.0, -1.0]
     """
     from scipy.spatial.transform import Rotation

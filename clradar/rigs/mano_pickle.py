@@ -6,21 +6,13 @@ Nothing that the pickle names is imported or called; see `clradar.files.pickles`
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
 from clradar.files.limits import MAX_SPARSE_ELEMENTS
-from clradar.files.pickles import (
-    ARRAYS,
-    Fixed,
-    Names,
-    PickledArray,
-    array_shape,
-    load,
-    refuse,
-)
+from clradar.files.pickles import ARRAYS, Fixed, Names, PickledArray, array_shape, load, refuse
 
 _MAX_NESTING = 6
 """Of chumpy objects; each level can have two inner ones. The models have a Select of a Ch."""
@@ -34,70 +26,34 @@ def load_mano(content: bytes) -> Any:
 class _Object(metaclass=Fixed):
     """An object with attributes."""
 
-    __slots__ = ("dictionaries",)
+    __slots__ = ("state",)
 
     def __init__(self, *_arguments: Any) -> None:
-        self.dictionaries: tuple[dict[str, Any], ...] = ()
+        self.state: dict[str, Any] = {}
 
     def __setstate__(self, state: Any) -> None:
-        # A state is a dictionary, or that and one of the slots.
-        parts = state if isinstance(state, tuple) and len(state) == 2 else (state,)
-        self.dictionaries = tuple(part for part in parts if part is not None)
-        if not all(isinstance(part, dict) for part in self.dictionaries):
+        # A dictionary, or that and one of the slots.
+        both = state if isinstance(state, tuple) and len(state) == 2 else (state,)
+        parts = [part for part in both if part is not None]
+        if not all(isinstance(part, dict) for part in parts):
             refuse("an object whose state is no dictionary")
-
-    def get(self, name: str) -> Any:
-        found = [part[name] for part in self.dictionaries if name in part]
-        return found[-1] if found else None
+        self.state = {name: value for part in parts for name, value in part.items()}
 
 
-class Sparse(_Object):
-    """A matrix of scipy in compressed columns (`csc`) or rows (`csr`)."""
-
-    __slots__ = ()
-    columns: ClassVar[bool]
-
-    def dense(self) -> np.ndarray:
-        """Return the matrix with its zeros."""
-        shape = self.get("_shape") or self.get("shape")
-        parts = [self.get(name) for name in ("data", "indices", "indptr")]
-        if not isinstance(shape, tuple) or not all(isinstance(p, PickledArray) for p in parts):
-            refuse("a sparse matrix without data, indices, indptr and shape")
-        data, indices, starts = (as_array(part) for part in parts)
-        shape = array_shape(shape)
-        if len(shape) != 2 or indices.dtype.kind not in "iu" or starts.dtype.kind not in "iu":
-            refuse("a sparse matrix whose parts do not fit together")
-        if math.prod(shape) > MAX_SPARSE_ELEMENTS or data.dtype.kind not in "iuf":
-            refuse("a sparse matrix whose parts do not fit together")
-        form = csc_matrix if self.columns else csr_matrix
-        try:
-            matrix = form((data.astype(np.float64), indices, starts), shape)
-            matrix.check_format(full_check=True)
-        except ValueError:
-            refuse("a sparse matrix whose parts do not fit together")
-        return np.asarray(matrix.toarray())
+class ByColumns(_Object):
+    """A matrix of scipy in compressed columns."""
 
 
-class ByColumns(Sparse):
-    __slots__ = ()
-    columns = True
-
-
-class ByRows(Sparse):
-    __slots__ = ()
-    columns = False
+class ByRows(_Object):
+    """The same in compressed rows."""
 
 
 class Ch(_Object):
     """An object of the package chumpy that holds an array `x`."""
 
-    __slots__ = ()
-
 
 class Select(_Object):
     """One that takes elements of `a`."""
-
-    __slots__ = ()
 
 
 def as_array(value: Any, depth: int = 0) -> np.ndarray:
@@ -108,26 +64,41 @@ def as_array(value: Any, depth: int = 0) -> np.ndarray:
         if not isinstance(value.value, np.ndarray):
             refuse("an array of objects where numbers are needed")
         return value.value
-    if isinstance(value, Sparse):
-        return value.dense()
+    if isinstance(value, ByColumns | ByRows):
+        return _dense(value)
     if isinstance(value, Ch):
-        return as_array(value.get("x"), depth + 1)
+        return as_array(value.state.get("x"), depth + 1)
     if isinstance(value, Select):
-        source, at = (as_array(value.get(name), depth + 1) for name in ("a", "idxs"))
+        source, at = (as_array(value.state.get(name), depth + 1) for name in ("a", "idxs"))
         if at.dtype.kind not in "iu" or (at.size and not 0 <= at.min() <= at.max() < source.size):
             refuse("a chumpy.reordering.Select whose elements do not exist")
-        chosen = source.reshape(-1)[at]
-        shape = value.get("preferred_shape")
-        return chosen if shape is None else chosen.reshape(array_shape(_sizes(shape)))
+        shape = value.state.get("preferred_shape", at.shape)
+        if isinstance(shape, PickledArray):
+            shape = [int(n) for n in as_array(shape).reshape(-1)]
+        shape = tuple(shape) if isinstance(shape, list) else shape
+        return source.reshape(-1)[at].reshape(array_shape(at.shape if shape is None else shape))
     if isinstance(value, int | float | np.number) and not isinstance(value, bool):
         return np.asarray(value)
     refuse(f"{type(value).__name__} where an array is needed")
 
 
-def _sizes(shape: Any) -> Any:
-    if isinstance(shape, PickledArray):
-        return tuple(int(n) for n in as_array(shape).reshape(-1))
-    return tuple(shape) if isinstance(shape, list) else shape
+def _dense(value: ByColumns | ByRows) -> np.ndarray:
+    shape = value.state.get("_shape") or value.state.get("shape")
+    parts = [value.state.get(name) for name in ("data", "indices", "indptr")]
+    if not isinstance(shape, tuple) or not all(isinstance(p, PickledArray) for p in parts):
+        refuse("a sparse matrix without data, indices, indptr and shape")
+    data, indices, starts = (as_array(part) for part in parts)
+    kinds = data.dtype.kind in "iuf", indices.dtype.kind in "iu", starts.dtype.kind in "iu"
+    shape = array_shape(shape)
+    if len(shape) != 2 or not all(kinds) or math.prod(shape) > MAX_SPARSE_ELEMENTS:
+        refuse("a sparse matrix whose parts do not fit together")
+    try:
+        form = csc_matrix if isinstance(value, ByColumns) else csr_matrix
+        matrix = form((data.astype(np.float64), indices, starts), shape)
+        matrix.check_format(full_check=True)
+    except ValueError:
+        refuse("a sparse matrix whose parts do not fit together")
+    return np.asarray(matrix.toarray())
 
 
 class _Listed(metaclass=Fixed):
@@ -160,25 +131,23 @@ class _Plain(metaclass=Fixed):
         refuse("an object without a class of its own")
 
 
-_BUILTINS = ("__builtin__", "builtins")
+_BUILTINS = {"object": _Plain, "dict": _Dictionary} | dict.fromkeys(
+    ("set", "frozenset", "list", "tuple"), _Listed
+)
+_SPARSE = [(f"{form}_{kind}", form, made) for form, made in (("csc", ByColumns), ("csr", ByRows))
+           for kind in ("matrix", "array")]  # fmt: skip
 _NAMES: Names = {
     **ARRAYS,
     ("collections", "OrderedDict"): _Dictionary,
     ("chumpy.ch", "Ch"): Ch,
     ("chumpy", "Ch"): Ch,
     ("chumpy.reordering", "Select"): Select,
-    **{(module, "object"): _Plain for module in _BUILTINS},
-    **{(module, "dict"): _Dictionary for module in _BUILTINS},
+    ("copy_reg", "_reconstructor"): _Reconstructor,
+    ("copyreg", "_reconstructor"): _Reconstructor,
+    **{(m, name): made for m in ("__builtin__", "builtins") for name, made in _BUILTINS.items()},
     **{
-        (module, kind): _Listed
-        for module in _BUILTINS
-        for kind in ("set", "frozenset", "list", "tuple")
-    },
-    **{(module, "_reconstructor"): _Reconstructor for module in ("copy_reg", "copyreg")},
-    **{
-        (module, f"{form}_{kind}"): made
-        for form, made in (("csc", ByColumns), ("csr", ByRows))
+        (module, name): made
+        for name, form, made in _SPARSE
         for module in ("scipy.sparse", f"scipy.sparse.{form}", f"scipy.sparse._{form}")
-        for kind in ("matrix", "array")
     },
 }

@@ -1,12 +1,8 @@
-"""A rigged hand at rest, and its surface in a pose by linear blend skinning.
-
-Magnenat-Thalmann, Laperriere and Thalmann, "Joint-dependent local deformations for hand animation
-and object grasping", Graphics Interface 1988.
-"""
+"""A rigged hand at rest, and its surface in a pose by linear blend skinning."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -16,6 +12,7 @@ from clradar.hand import JOINT_NAMES, HandMesh, HandPose, pose_by_name
 from clradar.hand.flesh import PART_NAMES
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from clradar.hand.skeleton import posed_skeleton
+from clradar.hand.skin import Skin
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
@@ -25,31 +22,6 @@ from clradar.rigs.anatomy import CHAINS, WRIST, parents_of
 _PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)
 for _part, _chain in enumerate(CHAINS, start=1):
     _PART_OF_JOINT[list(_chain[1:])] = _part
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Influences(Record):
-    """Skinning weights as a sparse matrix: one row per pair of vertex and joint, in that order.
-
-    Weights sum to 1 over a vertex; `point_m` (N, 3) is the weight times the position of the vertex
-    at rest as that joint alone would have it, metres.
-    """
-
-    vertex: np.ndarray
-    joint: np.ndarray
-    weight: np.ndarray
-    point_m: np.ndarray
-
-    def __post_init__(self) -> None:
-        self._set_array("vertex", np.int64, (None,))
-        self._set_array("joint", np.int64, (None,))
-        self._set_array("weight", np.float64, (None,))
-        self._set_array("point_m", np.float64, (None, 3))
-
-    def summed(self, values: np.ndarray, n_vertices: int) -> np.ndarray:
-        """Return the sums (n_vertices, k) of the rows (N, k) of every vertex."""
-        columns = [np.bincount(self.vertex, column, n_vertices) for column in values.T]
-        return np.stack(columns, axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -67,6 +39,7 @@ class PoseBlend(Record):
     hands_components: np.ndarray
 
     def __post_init__(self) -> None:
+        self._set(joints=tuple(self.joints))
         n = 3 * len(self.joints)
         self._set_array("directions", np.float64, (None, 3, 3 * n), allow_empty=True)
         self._set_array("hands_mean", np.float64, (n,), allow_empty=True)
@@ -92,7 +65,8 @@ class Rig(Record):
     frames : array_like, shape (25, 3, 3), float64
         Axes of the bones at rest as columns, as in `Skeleton.frames`.
     faces : array_like, shape (F, 3), int32
-    influences : Influences
+    skin : clradar.hand.skin.Skin
+        Of the vertices, in the coordinates of joints at rest.
     blend : PoseBlend, optional
     ignored : tuple of str
         Names of meshes of the file that do not belong to the hand.
@@ -104,9 +78,9 @@ class Rig(Record):
     >>> import numpy as np
     >>> from clradar.hand import HandPose, posed_skeleton
     >>> from clradar.rigs import Rig
-    >>> from clradar.rigs.rig import Influences
+    >>> from clradar.hand.skin import Skin
     >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
-    >>> skin = Influences([0, 1, 2], tips, np.ones(3), rest.joints_m[tips])
+    >>> skin = Skin([0, 1, 2], tips, np.ones(3), np.zeros((3, 3)))
     >>> rig = Rig("tips", "right", 1.0, np.eye(3), rest.joints_m, rest.frames, [[0, 1, 2]], skin)
     >>> thumb_m, index_m, _ = rig.posed("F").vertices_m
     >>> bool(np.linalg.norm(thumb_m - index_m) < 0.02)  # they touch, below the skin
@@ -120,26 +94,34 @@ class Rig(Record):
     joints_m: np.ndarray
     frames: np.ndarray
     faces: np.ndarray
-    influences: Influences
+    skin: Skin
     blend: PoseBlend | None = None
     ignored: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checks.one_of("Rig.handedness", self.handedness, ("right", "left"))
+        self._set(ignored=tuple(self.ignored))
         n = len(JOINT_NAMES)
         self._set_array("axes", np.float64, (3, 3))
         self._set_array("joints_m", np.float64, (n, 3), finite=False)
         self._set_array("frames", np.float64, (n, 3, 3))
         self._set_array("faces", np.int32, (None, 3))
 
+    def plain(self) -> dict[str, Any]:
+        """Return the fields in types that a message between processes can hold."""
+        blend = None if self.blend is None else _fields(self.blend)
+        return {**_fields(self), "skin": _fields(self.skin), "blend": blend}
+
+    @classmethod
+    def of_plain(cls, plain: dict[str, Any]) -> Rig:
+        """Return the rig of what `plain` returned."""
+        blend = None if plain["blend"] is None else PoseBlend(**plain["blend"])
+        return cls(**{**plain, "skin": Skin(**plain["skin"]), "blend": blend})
+
     @property
     def known(self) -> np.ndarray:
         """Mask (25,) of the joints that the rig has, bool."""
         return np.isfinite(self.joints_m).all(axis=1)
-
-    @property
-    def n_vertices(self) -> int:
-        return int(self.influences.vertex[-1]) + 1
 
     def posed(self, pose: str | HandPose = "F", center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
         """Return the surface of this hand in a pose, palm towards the radar.
@@ -161,50 +143,32 @@ class Rig(Record):
         return self.turned(self.rotations(pose), center_m)
 
     def rotations(self, pose: str | HandPose) -> np.ndarray:
-        """Return the rotation of every bone from rest to a pose, (25, 3, 3), float64.
-
-        R = F G^T of the axes F that the bone has in the pose and G that it has at rest.
-        """
+        """Return the rotations (25, 3, 3) F G^T of bones with axes F in the pose and G at rest."""
         wanted = pose if isinstance(pose, HandPose) else pose_by_name(pose)
         return posed_skeleton(wanted).frames @ np.swapaxes(self.frames, 1, 2)
 
     def turned(self, rotations: np.ndarray, center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
         """Return the surface with every bone rotated from rest.
 
-        Parameters
-        ----------
-        rotations : ndarray, shape (25, 3, 3), float64
-            In the canonical frame, absolute, not relative to the parent; tips are not used.
-        center_m : array_like, shape (3,), metres
-
-        Returns
-        -------
-        HandMesh
-
-        Notes
-        -----
         x' = sum_j w_j (q_j + R_j (x - p_j)), where p_j is the joint at rest and q_j its position by
-        forward kinematics, q_j = q_parent + R_parent (p_j - p_parent).
+        forward kinematics; rotations R (25, 3, 3) are absolute, in the canonical frame.
         """
         centre_m = place("center_m", center_m)
         places_m = self.joint_places_m(rotations)
-        vertices_m = self._skinned(rotations, places_m)
+        vertices_m = self.skin.posed(rotations, places_m)
+        if self.blend is not None:
+            turned = (self.skin.weights @ rotations.reshape(-1, 9)).reshape(-1, 3, 3)
+            vertices_m += np.einsum("vij,vj->vi", turned, self._blend_offsets_m(rotations))
         if not np.isfinite(vertices_m).all():
             raise RigError(f"{self.label}: expected finite vertices, got NaN")
         middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
         mirror = np.diag([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
-        rest_m = self.influences.summed(self.influences.point_m, self.n_vertices)
+        rest_m = self.skin.posed(np.tile(np.eye(3), (len(JOINT_NAMES), 1, 1)), self.joints_m)
         right = HandMesh(vertices_m, self.faces, places_m, self._parts(), texture_m=rest_m)
         return right.moved(mirror, centre_m - mirror @ middle_m)
 
     def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
-        """Return the joints by forward kinematics, (25, 3), metres; NaN where the rig has none.
-
-        Parameters
-        ----------
-        rotations : ndarray, shape (25, 3, 3), float64
-            As for `turned`.
-        """
+        """Return the joints (25, 3) by q_j = q_parent + R_parent (p_j - p_parent), NaN for none."""
         known, parents = self.known, parents_of(self.known)
         places_m = np.full_like(self.joints_m, np.nan)
         places_m[WRIST] = self.joints_m[WRIST]
@@ -215,15 +179,6 @@ class Rig(Record):
                     bone_m = self.joints_m[joint] - self.joints_m[up]
                     places_m[joint] = places_m[up] + rotations[up] @ bone_m
         return places_m
-
-    def _skinned(self, rotations: np.ndarray, places_m: np.ndarray) -> np.ndarray:
-        rows = self.influences
-        points_m, weight = rows.point_m, rows.weight[:, None]
-        if self.blend is not None:
-            points_m = points_m + weight * self._blend_offsets_m(rotations)[rows.vertex]
-        offsets_m = points_m - weight * self.joints_m[rows.joint]
-        moved_m = np.einsum("nij,nj->ni", rotations[rows.joint], offsets_m)
-        return rows.summed(moved_m + weight * places_m[rows.joint], self.n_vertices)
 
     def _blend_offsets_m(self, rotations: np.ndarray) -> np.ndarray:
         blend = self.blend
@@ -236,7 +191,11 @@ class Rig(Record):
 
     def _parts(self) -> np.ndarray:
         """Return for every face (F,) the part with the largest weight at its corners."""
-        rows = self.influences
-        share = np.zeros((self.n_vertices, len(PART_NAMES)))
-        np.add.at(share, (rows.vertex, _PART_OF_JOINT[rows.joint]), rows.weight)
+        of_part = np.arange(len(PART_NAMES)) == _PART_OF_JOINT[:, None]
+        share = self.skin.weights @ of_part.astype(np.float64)
         return np.argmax(share[self.faces].sum(axis=1), axis=1).astype(np.int32)
+
+
+def _fields(record: Any) -> dict[str, Any]:
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from clradar.hand import JOINT_NAMES
+from clradar.hand.skin import Skin
 from clradar.rigs.anatomy import (
     CHAINS,
     UNITS_M,
@@ -19,7 +20,7 @@ from clradar.rigs.anatomy import (
     rest_frames,
 )
 from clradar.rigs.failures import clean, fail
-from clradar.rigs.rig import Influences, PoseBlend, Rig
+from clradar.rigs.rig import PoseBlend, Rig
 
 WEIGHT_SUM = (0.9, 1.1)
 """Sums of a vertex's weights that are normalised to 1: bytes round by up to 1/510 per weight, and
@@ -196,6 +197,7 @@ def rig_of(
     faces = surface.faces
     if _volume(rest @ axes.T, faces) < 0:  # a mirror in the file, or the one to a right hand
         faces = faces[:, [0, 2, 1]]
+    own_m = points_m / surface.weight[:, None] - joints_m[surface.joint]
     return Rig(
         label=label,
         handedness=side,
@@ -204,7 +206,7 @@ def rig_of(
         joints_m=joints_m,
         frames=frames,
         faces=faces.astype(np.int32),
-        influences=Influences(surface.vertex, surface.joint, surface.weight, points_m),
+        skin=Skin(surface.vertex, surface.joint, surface.weight, own_m),
         blend=blend,
         ignored=ignored,
     )

@@ -8,6 +8,18 @@ from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
 
+class ByNumber:
+    """The order of tutorials: 1, …, 7, 7a, …, 10."""
+
+    def __init__(self, src_dir: str) -> None:
+        pass
+
+    def __call__(self, name: str) -> tuple[int, str]:
+        """Return the number that a file's name begins with, and the rest."""
+        digits = len(name) - len(name.lstrip("0123456789"))
+        return int(name[:digits]), name[digits:]
+
+
 class FigureScraper:
     """Saves every `matplotlib.figure.Figure` among a block's names, once."""
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import GRID, Run, one_error_line
-from made_up_frames import MOVEMENT, made_up_fit_hands, no_figure
+from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands, no_figure
 
 import calibration
 import clradar.plot
@@ -90,9 +90,12 @@ def test_a_folder_with_frames_table_and_figures(
     assert (frame["how"], frame["start"]) == ("followed", "frame 2")
     assert frame["time_s"] == pytest.approx(0.375001)
     # A pose file, a transform and a start for other commands.
-    assert read_pose(folder / "frames/000003.toml").joints.keys() == MOVEMENT.poses[3].joints.keys()
+    assert (
+        read_pose(folder / "frames/000003.toml").joints.keys()
+        == MOVEMENT.pose(TIMES_S[3]).joints.keys()
+    )
     start = read_start(folder / "frames/000003.json")
-    assert np.array_equal(start.transform, MOVEMENT.transforms[3])
+    assert np.array_equal(start.transform, MOVEMENT.transform(TIMES_S[3]))
     fitted = [one["hand"] for one in json.loads((whole / "recording.json").read_text())["frames"]]
     assert [one["how"] for one in fitted] == ["searched", "nothing found", "searched", "followed"]
     assert fitted[3] == frame
@@ -100,7 +103,7 @@ def test_a_folder_with_frames_table_and_figures(
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     overall = list(csv.DictReader((whole / "frames.csv").read_text().splitlines()))
     tip_mm = [float(overall[3][f"hand index tip {axis} mm"]) for axis in "xyz"]
-    np.testing.assert_allclose(tip_mm, 1e3 * MOVEMENT.joints_m(3)[9], rtol=0, atol=5.1e-4)
+    np.testing.assert_allclose(tip_mm, 1e3 * MOVEMENT.joints_m(TIMES_S[3])[9], rtol=0, atol=5.1e-4)
     assert overall[1]["hand index tip x mm"] == ""  # nothing is seen there
     before = contents(whole)
     again = run(*FIT, recording, "-o", whole)

@@ -257,8 +257,7 @@ def _hand_model() -> dict[str, Any]:
     from mano_files import ORDER, PARENTS, TURN
     from scipy.sparse import csc_matrix
 
-    from clradar.hand import JOINT_NAMES, posed_skeleton
-    from clradar.hand.known_poses import pose_by_name
+    from clradar.hand import JOINT_NAMES, pose_by_name, posed_skeleton
 
     bones = posed_skeleton(pose_by_name("flat")).joints_m
     joints = bones[[JOINT_NAMES.index(name) for name in ORDER]] @ TURN.T

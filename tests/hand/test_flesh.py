@@ -9,7 +9,7 @@ from flesh_reference import blended_m, cone_distance_m, part_distances_m
 
 import clradar
 from clradar.errors import DeviceError
-from clradar.hand import POSES, hand_joints, hand_mesh, posed_skeleton, random_pose, random_shape
+from clradar.hand import POSES, hand_mesh, posed_skeleton, random_pose, random_shape
 from clradar.hand.flesh import Flesh, grown_flesh
 from clradar.hand.flesh_field import FleshField
 from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M, _right_hand
@@ -116,20 +116,9 @@ def test_vertices_are_as_close_to_the_surface_as_with_float64(device):
 # --- nothing else decides
 
 
-def test_the_cache_is_per_device(device):
-    other = clradar.open_device(device.info.selector, width=9 - device.width)
-    _right_hand.cache_clear()
-    hand_mesh("F", 4e-3, device=device)
-    hand_mesh("F", 4e-3, "left", device=device)
-    assert _right_hand.cache_info().misses == 1
-    hand_mesh("F", 4e-3, device=other)
-    assert _right_hand.cache_info().misses == 2
-
-
 def test_a_device_that_is_missing_or_too_small_is_an_error(device):
-    for function in (hand_mesh, hand_joints):
-        with pytest.raises(DeviceError, match="expected one of the devices here"):
-            function("F", device="no such device")
+    with pytest.raises(DeviceError, match="expected one of the devices here"):
+        hand_mesh("F", device="no such device")
     small = clradar.open_device(device.info.selector, memory_limit_bytes=20_000)
     with pytest.raises(DeviceError, match="choose another device"):
         hand_mesh("F", COARSE_M, device=small)

@@ -12,8 +12,7 @@ import clradar
 from clradar import AntennaArray, Capture, Wall, Waveform, draw_channels, impair, room_capture
 from clradar.errors import ModelError
 from clradar.impairments import channel_errors
-from clradar.impairments.channel_errors import WALK_BLOCK, drift_factors
-from clradar.impairments.random_streams import Part, random_stream
+from clradar.impairments.channel_errors import WALK_BLOCK, Part, drift_factors, random_stream
 
 C = 299_792_458.0
 # complex64 rounds real and imaginary part to 2^-24 of themselves; computed in float64 before.

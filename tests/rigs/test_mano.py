@@ -152,7 +152,7 @@ def test_the_shape_changes_joints_and_surface(path: Path, model: dict[str, Any])
 
 def test_fingertips_are_vertices_of_the_released_mesh() -> None:
     """A mesh of 778 vertices has its tips at the vertices that are in use everywhere."""
-    from clradar.rigs.mano import TIP_VERTICES, _fields, _rig
+    from clradar.rigs.mano import TIP_VERTICES, checked_fields, mano_rig
 
     made = {k: v for k, v in mano_model().items() if isinstance(v, np.ndarray)}
     made["J_regressor"] = mano_model()["J_regressor"].toarray()
@@ -166,8 +166,7 @@ def test_fingertips_are_vertices_of_the_released_mesh() -> None:
         np.vstack([cut["v_template"].T, np.ones(778)]),
         np.vstack([made["J"].T, np.ones(16)]), rcond=None,
     )[0].T  # fmt: skip
-    fields = _fields(Path("m.npz"), cut)
-    rig = _rig(Path("m.npz"), fields, fields["v_template"], None, "right")
+    rig = mano_rig(Path("m.npz"), checked_fields(Path("m.npz"), cut), [], None, "right")
     assert rig.known[JOINT_NAMES.index("thumb-tip")]
     for finger, vertex in TIP_VERTICES.items():
         name = "thumb-tip" if finger == "thumb" else f"{finger}-finger-tip"

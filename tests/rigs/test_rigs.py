@@ -156,7 +156,7 @@ def test_at_rest_the_surface_is_the_files_own(tmp_path: Path) -> None:
         assert away[-1] < VERTEX_TOLERANCE_M
         # Turned by nothing, every vertex is where its weights have it at rest, to the last bits.
         same = rig.turned(np.broadcast_to(np.eye(3), (25, 3, 3)))
-        rest = rig.influences.summed(rig.influences.point_m, rig.n_vertices)
+        rest = same.texture_m
         np.testing.assert_allclose(
             same.vertices_m - same.joints_m[0], rest - rig.joints_m[0], atol=1e-15
         )
@@ -195,8 +195,8 @@ def test_a_bent_finger_has_its_closed_form(tmp_path: Path) -> None:
     at = after.joints_m[last] - after.joints_m[knuckle]
     np.testing.assert_allclose(at, reach * np.array(along), atol=JOINT_TOLERANCE_M)
     # Vertices that only the last bone moves turn about the bending axis with it.
-    rows = rig.influences
-    alone = rows.vertex[(rows.joint == last) & (rows.weight > 1 - 1e-6)]
+    rows = rig.skin
+    alone = rows.point[(rows.bone == last) & (rows.weight > 1 - 1e-6)]
     assert len(alone) > 20
     axis = np.array([np.cos(roll), 0.0, -np.sin(roll)])
     turn = Rotation.from_rotvec(-angle * axis).as_matrix()
@@ -206,7 +206,7 @@ def test_a_bent_finger_has_its_closed_form(tmp_path: Path) -> None:
         atol=VERTEX_TOLERANCE_M,
     )  # fmt: skip
     # The rest of the hand stands still.
-    others = np.setdiff1d(np.arange(rig.n_vertices), rows.vertex[np.isin(rows.joint, range(6, 10))])
+    others = np.setdiff1d(np.arange(len(rig.skin)), rows.point[np.isin(rows.bone, range(6, 10))])
     np.testing.assert_allclose(
         after.vertices_m[others] - after.joints_m[0],
         before.vertices_m[others] - before.joints_m[0],
@@ -216,10 +216,10 @@ def test_a_bent_finger_has_its_closed_form(tmp_path: Path) -> None:
 
 def test_what_one_bone_moves_stays_rigid(tmp_path: Path) -> None:
     rig = read_rig(make(tmp_path, bones=True))
-    rows = rig.influences
+    rows = rig.skin
     one, other = rig.posed("flat"), rig.posed("A")
     for joint in range(25):
-        alone = rows.vertex[(rows.joint == joint) & (rows.weight == 1.0)][::7]
+        alone = rows.point[(rows.bone == joint) & (rows.weight == 1.0)][::7]
         if len(alone) < 4:
             continue
         shapes = [m.vertices_m[alone] for m in (one, other)]
@@ -369,16 +369,13 @@ def rewritten(document: GLTF2, maker: RigMaker, path: Path) -> Path:
 
 
 def test_strips_fans_and_lists_without_indices_are_triangles(tmp_path: Path) -> None:
-    from clradar.rigs.gltf_file import GltfFile
-    from clradar.rigs.triangles import _faces
+    from clradar.rigs.gltf import faces_of
 
-    path = tmp_path / "file.gltf"
-    file = GltfFile(path, b'{"asset": {"version": "2.0"}}')
     corners = np.array([10, 11, 12, 13, 14])
     # glTF 2.0, 3.7.2.1: p_i = {v_i, v_(i+1+i%2), v_(i+2-i%2)} and p_i = {v_(i+1), v_(i+2), v_0}.
-    strip = _faces(file, "x", corners, 5)
+    strip = faces_of(corners, 5)
     assert strip.tolist() == [[10, 11, 12], [11, 13, 12], [12, 13, 14]]
-    fan = _faces(file, "x", corners, 6)
+    fan = faces_of(corners, 6)
     assert [sorted(t) for t in fan.tolist()] == [[10, 11, 12], [10, 12, 13], [10, 13, 14]]
 
     def unindexed(maker: RigMaker) -> None:
@@ -388,7 +385,7 @@ def test_strips_fans_and_lists_without_indices_are_triangles(tmp_path: Path) -> 
 
     rig = read_rig(make(tmp_path, index_type=None, edit=unindexed))
     plain = read_rig(make(tmp_path, "b.glb"))
-    assert rig.n_vertices == plain.n_vertices  # corners at one place with one skin are one vertex
+    assert len(rig.skin) == len(plain.skin)  # corners at one place with one skin are one vertex
     assert rig.posed("F").to_trimesh().is_watertight
 
 
@@ -492,12 +489,12 @@ def swapped(one: str, other: str) -> str:
     ("text", "message"),
     [
         ("[joints]\nwrist = 'Bone000'", "a node for 'thumb-metacarpal' in m.toml, got none"),
-        (mapping_text() + "\nhand = 'Bone001'", "WebXR joint names, got 'hand'"),
+        (mapping_text() + "\nhand = 'Bone001'", r"m.toml: joints.hand: expected .* got 'hand'"),
         (mapping_text().replace("Bone003", "Bone999"), "a node called 'Bone999' for 'thumb-phal"),
         (mapping_text().replace("Bone003", "Bone002"), "a node for each joint in m.toml, got 'B"),
         (mapping_text().replace('"Bone003"', "99"), "a node below 27 for 'thumb-phalanx-distal'"),
-        (mapping_text().replace('"Bone003"', "[1]"), "the name or number of a node for 'thumb-p"),
-        ("[bones]\nwrist = 'x'", "a table .joints.: WebXR name = node, got 'bones'"),
+        (mapping_text().replace('"Bone003"', "[1]"), "-distal: expected the name or num"),
+        ("[bones]\nwrist = 'x'", "bones: unknown key"),
         ("wrist = ", "a TOML file"),
         (swapped("index", "middle"), "in the order index, middle, ring, pinky, got middle, index"),
     ],
@@ -678,9 +675,7 @@ def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path: Path) -> None:
 
     plain = read_rig(make(tmp_path)).posed("F")
     rig = read_rig(make(tmp_path, "b.glb", edit=scale))
-    np.testing.assert_allclose(
-        rig.influences.summed(rig.influences.weight[:, None], rig.n_vertices), 1.0, atol=1e-15
-    )
+    np.testing.assert_allclose(rig.skin.weights.sum(axis=1), 1.0, atol=1e-15)
     np.testing.assert_allclose(rig.posed("F").vertices_m, plain.vertices_m, atol=VERTEX_TOLERANCE_M)
 
 
@@ -864,5 +859,5 @@ def test_rigs_go_to_other_processes(tmp_path: Path) -> None:
     rig = read_rig(make(tmp_path, turn=TURN @ MIRROR), handedness="left")
     again = pickle.loads(pickle.dumps(rig))
     np.testing.assert_array_equal(again.posed("A").vertices_m, rig.posed("A").vertices_m)
-    assert not again.influences.weight.flags.writeable
+    assert not again.skin.weight.flags.writeable
     assert len(repr(rig)) < 1000

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from flesh_reference import flesh_distance_m
 
-from clradar.hand.cones import Cone
-from clradar.hand.flesh import Flesh
+from clradar.hand.flesh import Cone, Flesh
 
 STEP_M = 1e-6
 """Of the central differences: rounding of distances near 0.1 m, 1e-17 m, is 1e-11 of it."""

@@ -26,18 +26,23 @@ from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.result import ANGLE_NAMES
 from calibration.hand_fit.track import FRAME_S, Track
 from clradar.errors import CompareError
-from clradar.hand import hand_movement
 from clradar.hand.shape import AVERAGE
 from clradar.model import Volume
+from clradar.motion.hands import MovingHand
+from clradar.motion.rigid import RigidMotion
 
-MOVEMENT = hand_movement(["F", "flat"], 8, shift_m=(0.0, 0.0, 0.01))
+TIMES_S = np.arange(8) / 8.0
+MOVEMENT = MovingHand(
+    TIMES_S[[0, -1]], ["F", "flat"],
+    motion=RigidMotion(TIMES_S[[0, -1]], [(0, 0, 0), (0, 0, 0.01)], profile="smooth"),
+)  # fmt: skip
 
 
 def settled(frame: int, misfit: float, belief: Belief) -> Settled:
     """A made-up fit at the truth of a frame."""
-    state = HandState(MOVEMENT.poses[frame], AVERAGE, MOVEMENT.transforms[frame])
+    state = HandState(MOVEMENT.pose(TIMES_S[frame]), AVERAGE, MOVEMENT.transform(TIMES_S[frame]))
     known = np.linalg.inv(np.linalg.inv(belief.covariance[belief.known, belief.known]) + np.eye(31))
-    joints_m = MOVEMENT.joints_m(frame)
+    joints_m = MOVEMENT.joints_m(TIMES_S[frame])
     certainty = Certainty(
         known, (), np.sqrt(np.diag(known)[:23]), np.tile(1e-6 * np.eye(3), (25, 1, 1)),
         (ANGLE_NAMES[3],),

@@ -18,8 +18,7 @@ from rig_files import bone_weights
 from scipy.sparse import csc_matrix
 from scipy.spatial import cKDTree
 
-from clradar.hand import JOINT_NAMES, hand_mesh, posed_skeleton
-from clradar.hand.known_poses import pose_by_name
+from clradar.hand import JOINT_NAMES, hand_mesh, pose_by_name, posed_skeleton
 
 # MANO's order: wrist, then three joints each of index, middle, little, ring finger and thumb.
 ORDER = [

@@ -28,9 +28,9 @@ from clradar.hand import (
     HandShape,
     Skeleton,
     hand_mesh,
+    pose_by_name,
     posed_skeleton,
 )
-from clradar.hand.known_poses import pose_by_name
 from clradar.hand.shape import AVERAGE
 
 PARENTS = [

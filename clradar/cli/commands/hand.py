@@ -63,7 +63,7 @@ def command(
     pose (docs/movement.md).
     """
     from clradar.hand import POSES
-    from clradar.hand.movement import pose_of
+    from clradar.hand.pose_file import pose_of
 
     if list_poses:
         print_table(("pose", "description"), [(n, known.description) for n, known in POSES.items()])

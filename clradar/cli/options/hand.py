@@ -213,7 +213,7 @@ class MovementOptions:
         force: bool,
     ) -> None:
         """Write a motion file of the embedded hand, or of a rig; it names files as it sees them."""
-        from clradar.hand.movement import pose_of
+        from clradar.hand.pose_file import pose_of
 
         hand: dict[str, Any] = {"center_mm": list(center_mm)}
         if rigged.rig is not None:

@@ -39,10 +39,9 @@ from clradar.hand import (
     pose_by_name,
     read_pose,
 )
-from clradar.hand.movement import RATE_HZ
 from clradar.hand.sampler import MOST_SPREAD_DEG, SPREAD_DEG
 from clradar.hand.shape import AVERAGE, BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
-from clradar.motion.timing import ORDERS, STEP_S
+from clradar.motion.timing import ORDERS, RATE_HZ, STEP_S
 
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names of sets of poses."""

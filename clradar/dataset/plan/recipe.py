@@ -32,7 +32,7 @@ from clradar.hand import (
     random_pose,
     random_shape,
 )
-from clradar.hand.movement import minimum_jerk
+from clradar.hand.pose import minimum_jerk
 from clradar.model import checks
 
 VERSION = 3

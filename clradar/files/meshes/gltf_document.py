@@ -26,22 +26,16 @@ _HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_tex
 _FAN = 6
 
 
-def parsed(path: Path, text: bytes, error: type[ClradarError]) -> dict[str, Any]:
-    """Return the document of a glTF file, of version 2, that needs no extension for its geometry.
-
-    Nothing of it is known to be of the right type. The class `error` is raised for other files.
-    """
-    with reading(path, EXPECTED, error=error):
-        document = parse_object(text.decode("utf-8-sig"))
-        asset = document.get("asset")
-        version = str(asset.get("version")) if isinstance(asset, dict) else "of nothing"
-        if not version.startswith("2."):
-            fail(path, EXPECTED, f"version {clean(version)}", error=error)
-        for name in document.get("extensionsRequired") or []:
-            if not str(name).startswith(_HARMLESS):
-                wanted = "a glTF file that needs no extension for its geometry"
-                fail(path, wanted, clean(name), error=error)
-    return document
+def check_document(
+    path: Path, version: object, extensions: object, error: type[ClradarError]
+) -> None:
+    """Raise `error` unless it is glTF of version 2 that needs no extension for its geometry."""
+    if not str(version).startswith("2."):
+        fail(path, EXPECTED, f"version {clean(version)}", error=error)
+    for name in extensions if isinstance(extensions, list) else []:
+        if not str(name).startswith(_HARMLESS):
+            wanted = "a glTF file that needs no extension for its geometry"
+            fail(path, wanted, clean(name), error=error)
 
 
 def bytes_beside(path: Path, what: str, name: str, most: int, error: type[ClradarError]) -> bytes:
@@ -59,8 +53,10 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
     if content.startswith(GLB_MAGIC):
         end = _GLB_START + int.from_bytes(content[12:16], "little")
         text, rest = content[_GLB_START:end], content[end:]
-    document = parsed(path, text, MeshError)
     with reading(path, EXPECTED, error=MeshError):
+        document = parse_object(text.decode("utf-8-sig"))
+        version = (document.get("asset") or {}).get("version")
+        check_document(path, version, document.get("extensionsRequired"), MeshError)
         nodes = document.get("nodes") or []
         roots = _roots(path, nodes)
         _check_meshes(path, document)

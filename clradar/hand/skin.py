@@ -1,0 +1,174 @@
+"""Linear blend skinning: skin that several bones carry, in one pose or in many.
+
+Magnenat-Thalmann, Laperriere and Thalmann, "Joint-dependent local deformations for hand animation
+and object grasping", Graphics Interface 1988. Every bone takes a point of the skin along, and a
+point that belongs to several goes to the weighted mean:
+
+    x = sum_b w_b (M_b u_b + o_b)
+
+with the place u_b of the point in the coordinates of the bone, the bone's matrix M and origin o.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clradar.hand.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
+from clradar.hand.skeleton import MILLIMETRE_M, Skeleton
+from clradar.model.record import Record
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+BLEND_M = 6e-3
+"""Skin belongs to the bones beside the nearest whose flesh is less than this farther away."""
+
+BACKWARDS_M = 8e-3
+"""What counts as distance, too, where the normal is across the direction away from a bone, twice
+that where it points to it: skin that touches the skin of another bone stays with its own."""
+
+# About the mean distance of the skin from the bone that begins at each joint, millimetres.
+_RADII_MM = {
+    "wrist": 17.0,
+    "thumb-metacarpal": 12.0,
+    "thumb-phalanx-proximal": 10.7,
+    "thumb-phalanx-distal": 9.0,
+    **{f"{finger}-finger-metacarpal": 12.0 for finger in FINGERS},
+    **{f"{finger}-finger-phalanx-proximal": 9.8 for finger in FINGERS},
+    **{f"{finger}-finger-phalanx-intermediate": 9.0 for finger in FINGERS},
+    **{f"{finger}-finger-phalanx-distal": 7.6 for finger in FINGERS},
+}
+_BONES = tuple(_RADII_MM)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Skin(Record):
+    """Points of the skin: one row per pair of point and bone, points ascending.
+
+    `bone` is the index into `JOINT_NAMES` of the joint at which it begins; weights sum to 1 over a
+    point; `own_m`, shape (n, 3), is the place of the point in the coordinates of the bone.
+    """
+
+    point: np.ndarray
+    bone: np.ndarray
+    weight: np.ndarray
+    own_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        point = self._set_array("point", np.int64, (None,))
+        self._set_array("bone", np.int64, point.shape)
+        self._set_array("weight", np.float64, point.shape)
+        self._set_array("own_m", np.float64, (*point.shape, 3))
+
+    @classmethod
+    def on(cls, points_m: np.ndarray, weights: np.ndarray, bones: Skeleton) -> Skin:
+        """Return the skin of points (n, 3) and weights (n, 25) in the pose of a skeleton."""
+        point, bone = np.nonzero(weights)
+        away_m = points_m[point] - bones.joints_m[bone]
+        own_m = np.einsum("nji,nj->ni", bones.frames[bone], away_m)
+        return cls(point, bone, weights[point, bone], own_m)
+
+    def __len__(self) -> int:
+        return int(self.point[-1]) + 1
+
+    @property
+    def weights(self) -> csr_array:
+        """Weights, shape (n, 25)."""
+        return by_bone(self.point, self.bone, self.weight[:, None])
+
+    def of_points(self, chosen: np.ndarray) -> Skin:
+        """Return the skin of some points alone, in their order."""
+        first = np.searchsorted(self.point, chosen)
+        counts = np.searchsorted(self.point, chosen, side="right") - first
+        rows = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+        point = np.repeat(np.arange(len(chosen)), counts)
+        return Skin(point, self.bone[rows], self.weight[rows], self.own_m[rows])
+
+    def posed(self, matrices: np.ndarray, origins_m: np.ndarray) -> np.ndarray:
+        """Return the points where bones take them, shape (..., n, 3), metres.
+
+        Of one pose or many: `matrices`, shape (..., 25, 3, 3), and `origins_m`, (..., 25, 3). A
+        bone that carries no skin may be NaN.
+        """
+        homogeneous = np.concatenate([self.own_m, np.ones((len(self.own_m), 1))], axis=1)
+        own = by_bone(self.point, self.bone, self.weight[:, None] * homogeneous)
+        maps = np.concatenate([np.swapaxes(matrices, -1, -2), origins_m[..., None, :]], axis=-2)
+        used = np.isin(np.arange(len(JOINT_NAMES)), self.bone)
+        maps = np.where(used[:, None, None], maps, 0.0).reshape(-1, own.shape[1], 3)
+        placed = own @ maps.transpose(1, 0, 2).reshape(own.shape[1], -1)
+        placed_m = placed.reshape(len(self), -1, 3).swapaxes(0, 1)
+        return np.ascontiguousarray(placed_m).reshape(*matrices.shape[:-3], len(self), 3)
+
+
+def by_bone(point: np.ndarray, bone: np.ndarray, values: np.ndarray) -> csr_array:
+    """Return rows (n, k) of pairs of point and bone as a matrix (n_points, 25 k), bone by bone."""
+    from scipy.sparse import csr_array
+
+    n, width = int(point[-1]) + 1, values.shape[1]
+    columns = width * bone[:, None] + np.arange(width)
+    ends = width * np.searchsorted(point, np.arange(n + 1))
+    shape = (n, len(JOINT_NAMES) * width)
+    return csr_array((values.ravel(), columns.ravel(), ends), shape=shape)
+
+
+def skin_weights(vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton) -> np.ndarray:
+    """Return by how much every bone moves points of the skin of a posed hand, (V, 25).
+
+    Rows sum to 1. The weights of the bones beside the nearest fall to zero as (1 - d / c)^2, where
+    d is how much farther their flesh is than that of the nearest, c = `BLEND_M`. A hard choice of
+    one bone would tear the skin apart across a triangle.
+    """
+    distance_m = np.stack([_distance_m(vertices_m, normals, posed, b) for b in _BONES], axis=1)
+    nearest = distance_m.argmin(axis=1)
+    distance_m -= distance_m.min(axis=1, keepdims=True)
+    weight = np.maximum(0.0, 1.0 - distance_m / BLEND_M) ** 2 * _BESIDE[nearest]
+    weight /= weight.sum(axis=1, keepdims=True)
+    of_all = np.zeros((len(weight), len(JOINT_NAMES)))
+    of_all[:, [JOINT_INDEX[bone] for bone in _BONES]] = weight
+    return of_all
+
+
+def texture_coordinates_m(
+    vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton, flat: Skeleton
+) -> np.ndarray:
+    """Return where points (V, 3) of the skin of a posed hand are in a flat hand of the same bones,
+    metres: coordinates that stay with the skin.
+    """
+    skin = Skin.on(vertices_m, skin_weights(vertices_m, normals, posed), posed)
+    return skin.posed(flat.frames, flat.joints_m)
+
+
+def _distance_m(
+    vertices_m: np.ndarray, normals: np.ndarray, bones: Skeleton, bone: str
+) -> np.ndarray:
+    """Return the distances (V,) of points from the flesh around a bone, metres."""
+    at = JOINT_INDEX[bone]
+    begin_m = bones.joints_m[at]
+    end_m = bones.joint_m("middle-finger-metacarpal") if bone == "wrist" else bones.joints_m[at + 1]
+    axis_m, from_begin_m = end_m - begin_m, vertices_m - begin_m
+    share = np.clip(np.einsum("vi,i->v", from_begin_m, axis_m) / (axis_m @ axis_m), 0.0, 1.0)
+    away_m = from_begin_m - share[:, None] * axis_m
+    length_m = np.linalg.norm(away_m, axis=1)
+    outward = np.einsum("vi,vi->v", away_m, normals) / np.maximum(length_m, 1e-12)
+    radius_m = _RADII_MM[bone] * bones.thickness * MILLIMETRE_M
+    return length_m - radius_m + BACKWARDS_M * (1.0 - outward)
+
+
+def _are_beside(one: str, other: str) -> bool:
+    """Return whether the same skin may belong to both bones: not skin that only touches."""
+    palm, roots = ("wrist", "metacarpal"), ("metacarpal", "proximal")
+    if one.endswith(palm) and other.endswith(palm):
+        return True
+    digits = [bone.split("-")[0] for bone in (one, other)]
+    if digits[0] == digits[1]:
+        return abs(JOINT_INDEX[one] - JOINT_INDEX[other]) <= 1
+    if not one.endswith(roots) or not other.endswith(roots) or "thumb" in digits:
+        return False
+    # The webs between the fingers.
+    return abs(FINGERS.index(digits[0]) - FINGERS.index(digits[1])) == 1
+
+
+_BESIDE = np.array([[_are_beside(one, other) for other in _BONES] for one in _BONES])
