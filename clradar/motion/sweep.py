@@ -18,7 +18,7 @@ from clradar.motion.instants import Planner, Probes
 from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate
-from clradar.tracing.ambiguous import AMBIGUOUS, warn_of_ambiguity
+from clradar.tracing.ambiguous import warn_of_ambiguity
 from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
 from clradar.tracing.surface_samples import sampled_as
 
@@ -27,6 +27,9 @@ TOLERANCE_DB = -50.0
 TORN = 3.0
 """Of `Probes.stretch`: captures of skin that was carried so far were off by -24 to -6 dB, of less
 by -41 to -15 dB (docs/movement.md)."""
+
+AMBIGUOUS = "simulate: the scene (is as wide as|reaches to)"
+"""How `warn_of_ambiguity` begins: the lobes of some Tx are not those of the array."""
 
 _OVERHEAD_TX = {"physical": 80.0}
 """What a simulation costs apart from its Tx, in the cost of one Tx: measured with a hand."""

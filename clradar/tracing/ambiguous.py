@@ -18,10 +18,6 @@ LEAST_SPAN = 0.05
 PERIODS = 5
 
 
-AMBIGUOUS = "simulate: the scene (is as wide as|reaches to)"
-"""How the warnings begin, for who simulates an array by parts, whose lobes are not the whole's."""
-
-
 def warn_of_ambiguity(scene: Scene, array: AntennaArray, waveform: Waveform) -> None:
     """Warn of a scene beyond the unambiguous range, or as wide as the array's grating lobes.
 
