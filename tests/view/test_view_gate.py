@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.errors import ClradarError, MeasurementError
 from clradar.view.server import running, serving
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
@@ -139,15 +138,6 @@ def test_a_port_in_use_is_passed_over() -> None:
             assert number < port < number + 100
 
 
-def test_without_a_free_port_the_error_says_which_were_tried() -> None:
-    with (
-        socket.create_server(("127.0.0.1", 65535)),
-        pytest.raises(ClradarError, match="65535"),
-        serving(source(), Wish(), port=65535),
-    ):
-        pass
-
-
 def messages(browser: Any) -> list[dict[str, Any]]:
     """The messages that the next of viser's packets holds."""
     import msgspec.msgpack
@@ -165,25 +155,6 @@ def browser_at(port: int) -> Any:
 
     protocol: Any = f"viser-v{viser.__version__}"
     return connect(f"ws://127.0.0.1:{port}", subprotocols=[protocol], max_size=None)
-
-
-def test_a_first_frame_that_cannot_be_read_is_said_on_the_page() -> None:
-    volume = source().read(0)
-
-    def read(frame: int) -> Any:
-        if frame == 0:
-            raise MeasurementError("000000.npy: expected a frame, got noise")
-        return volume
-
-    frames = FixedFrames("broken", ("frame A", "frame B"), read)
-    with serving(frames, Wish(), port=0) as (port, session):
-        session.settle()
-        with browser_at(port) as browser:
-            while "expected a frame, got noise" not in str(messages(browser)):
-                pass
-            session.step(1)
-            while "frame B: volume of" not in str(messages(browser)):
-                pass
 
 
 @contextmanager
