@@ -27,10 +27,9 @@ _EXPECTED = "a motion (a TOML file, see docs/movement.md)"
 class Motion:
     """What a motion file says.
 
-    Motions by the name of a mesh file ("" stands for all that have none of their own), arguments of
-    `MovingHand`, order and step as `SweepTiming.in_order` takes them or times (n_tx, n_freq) or
-    (n_tx * n_rx, n_freq) of a table, seconds, the time from the sweep of one cluster to that of the
-    next (None: when it has ended), and all files that were read.
+    Motions by the name of a mesh file ("": of all others), arguments of `MovingHand`, order and
+    step of `SweepTiming.in_order` or times (n_tx or n_tx * n_rx, n_freq) of a table, seconds, the
+    time from one cluster to the next (None: when it has ended), and all files that were read.
     """
 
     bodies: Mapping[str, RigidMotion]
