@@ -39,13 +39,6 @@ def clean(
     -------
     Capture
 
-    Raises
-    ------
-    CalibrationError
-        Two captures, or capture and channels, are of different arrays or frequencies.
-    ModelError
-        An invalid argument.
-
     Examples
     --------
     >>> import clradar, numpy as np

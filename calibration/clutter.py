@@ -52,11 +52,6 @@ def average_frames(
         the phases by which they were rotated, radians, and the frames that were left out, counted
         from 0.
 
-    Raises
-    ------
-    ModelError
-        No frame, something that is not a capture, other antennas or frequencies than the first.
-
     Warns
     -----
     ClradarWarning
@@ -158,12 +153,6 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
     -------
     Capture
         `meta["background"]` holds the factors as [real, imaginary] and the metadata of `empty`.
-
-    Raises
-    ------
-    ModelError
-        Other antennas or frequencies, an unknown scaling, or an empty capture that is zero where it
-        has to be scaled.
 
     Warns
     -----

@@ -144,11 +144,6 @@ def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
         Same waveform; where anything changes, the label of the hypothesis is appended to the list
         ``meta["conventions_applied"]``.
 
-    Raises
-    ------
-    ModelError
-        Tx and Rx cannot be swapped because their numbers differ.
-
     Examples
     --------
     >>> import clradar
@@ -326,10 +321,7 @@ def diagnose(
     Raises
     ------
     ModelError
-        No grid, and a waveform whose range profile cannot find the scene; a position that is not
-        three numbers, or behind the antennas.
-    DeviceError
-        See `clradar.backproject`.
+        No grid, and a waveform whose range profile cannot find the scene.
 
     Examples
     --------

@@ -130,8 +130,6 @@ def estimate_channels(
     CalibrationError
         The target does not explain the capture: wrong target, wrong pose, pure noise, too few live
         channels, or a fit that does not converge.
-    ModelError
-        An invalid argument.
 
     Warns
     -----
@@ -149,8 +147,7 @@ def estimate_channels(
 
     >>> import clradar, numpy as np
     >>> import calibration
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> plate = calibration.FlatPlate(0.3)
     >>> echo = calibration.response(plate, array, waveform)

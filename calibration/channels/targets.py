@@ -303,22 +303,11 @@ class FlatPlate:
 def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndarray:
     """Simulate the samples that ideal channels record of a target.
 
-    Parameters
-    ----------
-    target : CornerReflector, Sphere or FlatPlate
-    array : AntennaArray
-    waveform : Waveform
-
     Returns
     -------
     ndarray, shape (n_tx, n_rx, n_freq), complex128
         a exp(-j 2 pi f d / c), with d the length and a the amplitude of the pair's path; 0 for
         pairs without an echo.
-
-    Raises
-    ------
-    ModelError
-        An antenna is on, in or behind the target.
 
     Examples
     --------

@@ -140,19 +140,11 @@ def sweep_roughness(
         Correlation lengths l, ascending. A single one is taken for known.
     seeds : int
         Simulations for each pair, from the `seed` of the settings upwards, each another.
-    regions : Regions, optional
-        Estimate h and l for each of these.
     calibrated : bool
         The capture is in S-parameters, and the antennas and materials are right: the level counts,
         too. Otherwise its gain is found as well, one for all regions.
-    device, store
-        As of `sweep`.
-    progress : callable, optional
-        Called with (done, total).
-    settings : SimulationSettings, optional
-        The defaults of ``estimator="physical"`` if not given.
-    **fields
-        Fields of `SimulationSettings`, in place of those of `settings`.
+    regions, device, store, progress, settings, **fields
+        As of `sweep`, of the physical estimator.
 
     Returns
     -------
@@ -162,10 +154,6 @@ def sweep_roughness(
     ------
     CompareError
         The mesh, or a region, is not visible, or too small to be judged.
-    ModelError
-        An argument is invalid, or there are too few simulations.
-    MeshError, DeviceError
-        As `clradar.simulate`.
 
     Warns
     -----

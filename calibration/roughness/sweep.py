@@ -187,10 +187,8 @@ def sweep(
         resumes, to the same bits. Those of other arguments are passed over.
     progress : callable, optional
         Called with (done, total).
-    settings : SimulationSettings, optional
-        The defaults if not given.
-    **fields
-        Fields of `SimulationSettings`, in place of those of `settings`.
+    settings, **fields
+        Of `clradar.SimulationSettings`.
 
     Returns
     -------
@@ -201,10 +199,6 @@ def sweep(
     CompareError
         The measured image is zero or has no depth; the mesh lies outside of it, or a region is not
         visible or too small; or no ray reaches a receiver at all alphas but one.
-    ModelError
-        An argument is invalid.
-    MeshError, DeviceError
-        As `clradar.simulate`.
 
     Warns
     -----
@@ -225,9 +219,9 @@ def sweep(
     >>> import calibration
     >>> ball = trimesh.creation.icosphere(4, 0.04)
     >>> scene = clradar.Scene(ball.vertices + [0, 0, 0.3], ball.faces)
-    >>> q = clradar.arrays.qar50()
-    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::4], q.rx_m[::4]),
-    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 4), slice(None, None, 4))
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> radar = {"array": array, "waveform": waveform, "device": "pocl"}
     >>> rays = {"samples_per_mm2": 2, "reception_radius_m": 0.02, "estimator": "stochastic"}
     >>> capture = clradar.simulate(scene.with_alpha(0.4), **radar, **rays, seed=9)
     >>> grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.252, 0.32), 4e-3)

@@ -106,24 +106,6 @@ def test_kills_at_random_moments_change_no_byte(
     print(f"{done} kills in {len(there)} runs, files there after each: {there}")
 
 
-def test_repeated_ctrl_c_ends_the_run(
-    plan_file: Path, undisturbed: dict[str, str], tmp_path: Path
-) -> None:
-    folder = tmp_path / "set"
-    for delay_s in (0.0, 0.5, 2.0, 4.0):
-        process = started(command(plan_file, folder, "--workers", "2"))
-        wait_for_work(process, folder)
-        time.sleep(delay_s)
-        end_s = time.monotonic() + LIMIT_S
-        while process.poll() is None:
-            os.killpg(process.pid, signal.SIGINT)
-            time.sleep(0.1)
-            assert time.monotonic() < end_s
-        process.communicate()
-    subprocess.run(command(plan_file, folder), check=True)
-    assert digests(folder) == undisturbed
-
-
 @pytest.fixture
 def scheduler(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
     """A scheduler with three workers on this machine's loopback."""

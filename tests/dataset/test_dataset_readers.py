@@ -11,13 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import silx.io
 from dataset_plans import (
     DEVICE,
     PLAN,
     light_plan,
 )
-from silx.io import nxdata
 
 import clradar
 from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
@@ -55,20 +53,6 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
     labels = labels_of(PLAN)
     assert {name for name, label in labels.items() if label.axes} <= set(view.data_vars)
     assert view.attrs["complete"] == 1
-
-
-def test_viewers_show_shards(made: Path) -> None:
-    """By silx: the picture first, with title and units."""
-    for path in sorted((made / "shards").iterdir()):
-        with silx.io.open(str(path)) as file:
-            assert nxdata.get_default(file).group.name == "/entry/max_projection"
-            groups = ("capture", "volume", "max_projection", "depth_map", "joints", "mesh")
-            found = {name: nxdata.NXdata(file["entry"][name]) for name in groups}
-            assert all(one.is_valid and one.title for one in found.values())
-            for name in ("volume", "max_projection", "depth_map"):
-                assert found[name].interpretation == "image"
-            for name in ("depth_map", "joints", "mesh"):
-                assert found[name].signal_name.endswith(" (m)")
 
 
 def test_xarray_reads_lazily(made: Path, tmp_path: Path) -> None:

@@ -60,3 +60,13 @@ def instrument(
         rx_delay_s=drawn.rx_delay_s + common_delay_s / 2,
     )
     return Instrument(array, waveform, channels, np.random.default_rng(seed))
+
+
+def edge_array(n: int) -> AntennaArray:
+    """n Tx on the left and right, n Rx on the lower and upper edge of a 14 cm square."""
+    along = np.tile(np.linspace(-0.069, 0.069, n // 2), 2)
+    across = np.repeat([-0.0705, 0.0705], n // 2)
+    zero = np.zeros(n)
+    return AntennaArray(
+        np.stack([across, along, zero], axis=1), np.stack([along, across, zero], axis=1)
+    )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +27,6 @@ from calibration.channels.figure import channels_figure
 from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Waveform, reference
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, MeasurementError, ModelError, OutputError
-from clradar.model.progress import Progress
 from measurement_io import (
     check_file,
     describe,
@@ -37,7 +34,6 @@ from measurement_io import (
     open_channels,
     save_capture,
     save_channels,
-    save_recording,
 )
 
 # Tolerated change of the image of another target.
@@ -654,37 +650,6 @@ def test_damaged_files(tmp_path: Path, found: ChannelCalibration, name: str) -> 
     assert not check_file(path).ok
 
 
-def test_flipped_bytes_end_in_one_error(tmp_path: Path, found: ChannelCalibration) -> None:
-    path = tmp_path / "channels.h5"
-    save_channels(path, found)
-    whole = path.read_bytes()
-    rng = np.random.default_rng(0)
-    for _ in range(150):
-        damaged = bytearray(whole)
-        for at in rng.integers(0, len(whole), 3):
-            damaged[at] ^= 1 << int(rng.integers(8))
-        path.write_bytes(damaged)
-        with suppress(MeasurementError):  # any other exception is a failure
-            open_channels(path)
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"meta": {"when": float("nan")}}, "finite"),
-        ({"target": "nul\0"}, "plain text"),
-        ({"target_position": {"a,b": 1.0, "c": 2.0, "d": 3.0}}, "comma"),
-        ({"target_position": {}, "target_covariance": np.zeros((0, 0))}, "."),
-    ],
-)
-def test_records_that_no_file_can_hold(
-    tmp_path: Path, found: ChannelCalibration, changed: dict[str, Any], message: str
-) -> None:
-    with pytest.raises(ModelError, match=message):
-        save_channels(tmp_path / "c.h5", replace(found, **changed))
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_figure(found: ChannelCalibration) -> None:
     figure = channels_figure(found, "a_$title$")
     assert [axes.get_ylabel() for axes in figure.axes[::2]] == [
@@ -730,39 +695,6 @@ def test_commands(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.testing.assert_array_equal(corrected.data, want.data)
     assert [item["file"] for item in corrected.meta["inputs"]] == ["corner.h5", "channels.h5"]
     assert run(capsys, "inspect", "channels.h5", "--check")[0] == 0
-
-
-def test_channels_of_a_mean(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The frames of a recording that agree; a moved target is left out, with a warning."""
-    capture = open_capture("plate.h5")
-    moved = replace(capture, data=-capture.data)
-    save_recording("plates", [capture, moved, capture])
-    status, out, err = run(capsys, "clean", "plates", "--average", "-o", "two.h5")
-    assert status == 0, err
-    assert "1 of 3 frames left out" in err
-    assert "two.h5: mean of 2 frames" in out
-    assert run(capsys, "channels", "two.h5", *PLATE[2:], "-o", "mean.h5")[0] == 0
-    assert run(capsys, *PLATE, "-o", "one.h5")[0] == 0
-    gains = [open_channels(name).response.rx_gain for name in ("mean.h5", "one.h5")]
-    np.testing.assert_array_equal(*gains)
-
-
-def test_the_command_shows_progress_once(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shown: list[float] = []
-
-    @contextmanager
-    def bar(label: str) -> Iterator[Progress]:
-        assert "channels" in label
-        yield lambda done, total: shown.append(done / total)
-
-    monkeypatch.setattr("clradar.cli.commands.channels.progress_bar", bar)
-    assert run(capsys, *PLATE, "-o", "channels.h5")[0] == 0
-    assert shown == sorted(shown)
-    assert len(shown) > 2
-    assert (shown[0], shown[-1]) == (0.0, 1.0)
-    assert shown.count(1.0) == 1
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from command_line import exit_status
+from recorded_targets import edge_array
 from scipy import stats
 from shapes import plate, sphere
 
@@ -32,16 +33,6 @@ from measurement_io import save_capture, save_volume
 
 # The smallest lengths are too steep for Kirchhoff; `test_...` expects what matters.
 pytestmark = pytest.mark.filterwarnings("ignore:material:clradar.ClradarWarning")
-
-
-def edge_array(n: int) -> clradar.AntennaArray:
-    """n Tx on the left and right, n Rx on the lower and upper edge of a 14 cm square."""
-    along = np.tile(np.linspace(-0.069, 0.069, n // 2), 2)
-    across = np.repeat([-0.0705, 0.0705], n // 2)
-    zero = np.zeros(n)
-    return clradar.AntennaArray(
-        np.stack([across, along, zero], axis=1), np.stack([along, across, zero], axis=1)
-    )
 
 
 ARRAY = edge_array(20)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import exit_status as run
+from recorded_targets import edge_array
 from shapes import plate, sphere
 from systems import posix_only
 
@@ -24,23 +25,12 @@ from clradar.cli import sweeps as folder
 from clradar.cli.commands import sweep as command
 from clradar.cli.options.groups import expanded
 from clradar.cli.options.sweep import AlphaOptions, RegionOptions
-from clradar.compare import METRICS, Metrics, compare, compare_by
+from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand import hand_mesh
 from clradar.simulation import simulate_alphas
 from clradar.tracing.stochastic import Tracer
 from measurement_io import save_capture
-
-
-def edge_array(n: int) -> clradar.AntennaArray:
-    """n Tx on the left and right, n Rx on the lower and upper edge of a 14 cm square."""
-    along = np.tile(np.linspace(-0.069, 0.069, n // 2), 2)
-    across = np.repeat([-0.0705, 0.0705], n // 2)
-    zero = np.zeros(n)
-    return clradar.AntennaArray(
-        np.stack([across, along, zero], axis=1), np.stack([along, across, zero], axis=1)
-    )
-
 
 # Two alphas in one measurement, few rays and short ranges of alpha give reasons for doubt, here on
 # purpose; `test_doubts_are_warnings` expects them.
@@ -259,12 +249,6 @@ def test_simulations_that_are_to_differ_are_no_reason_to_warn(monkeypatch):
     assert len(sweep(measured, SCENE, [0.0, 1.0], seeds=2, **FEW, **RADAR).metrics[0]) == 2
 
 
-@pytest.mark.parametrize("metric", METRICS)
-def test_one_metric_alone_is_that_of_compare(regional, metric):
-    images = regional.images[1:3]
-    assert compare_by(metric, *images) == getattr(compare(*images), metric)
-
-
 # --- rays and random numbers are shared
 
 
@@ -441,61 +425,7 @@ def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     assert contents(files / "killed") == contents(files / "whole")
 
 
-def test_an_interruption_while_results_are_written(files, monkeypatch):
-    """Figure and tables exist without the JSON file that marks the end: they are written again."""
-    write_json = folder.write_json
-
-    def interrupted(path, *arguments, **options):
-        if path.name == folder.RESULT:
-            raise KeyboardInterrupt
-        write_json(path, *arguments, **options)
-
-    monkeypatch.setattr(folder, "write_json", interrupted)
-    short = [*COMMAND, "-o", "out", "--regions", "labels.npy"]
-    assert run(*short) == 130
-    assert not (files / "out" / folder.RESULT).exists()
-    monkeypatch.setattr(folder, "write_json", write_json)
-    assert run(*short) == 0
-    assert run(*[*short[:-3], "again", *short[-2:]]) == 0
-    assert contents(files / "out") == contents(files / "again")
-    assert (files / "out" / folder.REGION_TABLE).read_text().startswith("region,median,low,")
-
-
-def test_the_mesh_is_placed_by_a_transform(files):
-    """A mesh in millimetres somewhere else, and the matrix that brings it back."""
-    import trimesh
-
-    back = np.eye(4)
-    back[:3, 3] = [0.04, 0.02, -0.05]
-    moved = 1e3 * (SCENE.vertices_m - back[:3, 3])
-    trimesh.Trimesh(moved, SCENE.faces, process=False).export("moved.ply")
-    (files / "back.json").write_text(json.dumps(back.tolist()))
-    short = ["sweep", "measured.h5", "moved.ply", *COMMAND[3:], "--unit", "mm"]
-    placed = [*COMMAND, "-o", "placed"]
-    assert run(*placed) == 0
-    assert run(*short, "--transform", "back.json", "-o", "by_file") == 0
-
-    values = [
-        json.loads((files / name / folder.RESULT).read_text())["metrics"]
-        for name in ("placed", "by_file")
-    ]
-    for here, there in zip(values[0][0], values[1][0], strict=True):
-        # The file's float32 millimetres moved the vertices by nanometres: a few borderline rays.
-        assert here["db_correlation"] == pytest.approx(there["db_correlation"], abs=0.02)
-
-
 # --- the folder
-
-
-def test_a_sweep_that_fails_before_an_image_leaves_nothing(files, monkeypatch, capsys):
-    def refused(*_, **__):
-        raise CompareError("refused")
-
-    monkeypatch.setattr("calibration.sweep", refused)
-    before = contents(files)
-    assert run(*COMMAND, "-o", "new") == 1
-    assert contents(files) == before
-    assert not (files / "new").exists()
 
 
 # --- wrong input
@@ -538,14 +468,6 @@ def test_a_mesh_that_no_ray_comes_back_from_is_an_error():
     flat = clradar.Scene(*plate(0.05, 0.3, 2)).transformed(turned)
     with pytest.raises(CompareError, match=r"no ray reaches|not visible|too small"):
         sweep(somewhere(), flat, [0.0, 0.01], seeds=2, **RADAR, **FEW)
-
-
-def test_a_region_out_of_sight_is_an_error():
-    hidden = clradar.Scene(*plate(0.01, 0.33, 1))
-    behind = clradar.Scene.combine([clradar.Scene(*plate(0.1, 0.3, 4)), hidden])
-    labels = np.repeat([0, 1], [behind.n_faces - hidden.n_faces, hidden.n_faces])
-    with pytest.raises(CompareError, match="region '1' is not visible"):
-        sweep(somewhere(), behind, ALPHAS, regions=Regions.of_labels(labels), **RADAR, **FEW)
 
 
 @pytest.mark.parametrize(

@@ -57,14 +57,6 @@ def start(monkeypatch, capsys):
     return run
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_help(start, name):
-    done = start(name, "--help")
-    assert done.returncode == 0, done.stderr
-    assert "--output" in done.stdout
-    assert "--force" in done.stdout
-
-
 def recorded(seed: int) -> clradar.Capture:
     """A plate 30 cm away, by an instrument whose channels differ."""
     return instrument(seed, SMALL, n_freq=16).record_target(FlatPlate(0.3))
@@ -87,12 +79,6 @@ def test_background(start, tmp_path):
     assert done.stderr.startswith("background.py: error: ")
     assert "clean.h5" in done.stderr
     assert len(done.stderr.splitlines()) == 1
-
-
-def test_background_needs_something_to_do(start, tmp_path):
-    done = start("background", tmp_path / "hand.h5", "-o", tmp_path / "clean.h5")
-    assert done.returncode == 2
-    assert "--empty" in done.stderr
 
 
 def test_channels(start, tmp_path):
