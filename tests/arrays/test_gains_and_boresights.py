@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.spatial.transform import Rotation
 import clradar
 from clradar.arrays.point_spread import response
 from clradar.simulation import simulate_alphas
+from measurement_io import open_capture, save_capture
 
 RNG = np.random.Generator(np.random.Philox(3))
 TX_M, RX_M = (RNG.uniform(-0.05, 0.05, (n, 3)) * [1, 1, 0] for n in (5, 9))
@@ -136,3 +138,17 @@ def test_turning_antennas_and_scene_together_changes_nothing() -> None:
     difference = np.abs(data[1] - data[0]).max() / np.abs(data[0]).max()
     # -60 dB of the skeletons' tolerance; another quadrature of the turned faces.
     assert difference < 3e-3
+
+
+def test_files_keep_them(tmp_path: Path) -> None:
+    pattern = clradar.AntennaPattern(exponent=1.0)
+    array = clradar.AntennaArray(
+        TX_M, RX_M, "lab", pattern, None, TX_GAIN, None, np.tile([0.6, 0, 0.8], (5, 1))
+    )
+    data = np.ones((5, 9, 8), np.complex64)
+    save_capture(tmp_path / "capture.h5", clradar.Capture(data, array, WAVEFORM))
+    read = open_capture(tmp_path / "capture.h5").array
+    np.testing.assert_array_equal(read.tx_gain, TX_GAIN)
+    np.testing.assert_array_equal(read.tx_boresight, array.tx_boresight)
+    assert read.rx_gain is None
+    assert read.rx_boresight is None
