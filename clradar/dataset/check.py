@@ -50,15 +50,13 @@ def describe_dataset(folder: Path) -> Description:
     stored, aside = len(manifest.stored), len(manifest.aside)
     text = f"yes, but for {aside} set aside" if aside else "yes"
     device = manifest.made_with.get("device", {})
+    closed = len(manifest.shards)
+    shards = f"{closed} of {plan.n_shards}, {size / 2**20:.1f} MiB"
     facts = [
         Fact("samples", f"{stored} of {plan.samples}", {"stored": stored, "plan": plan.samples}),
         Fact("complete", text if manifest.complete else "no", manifest.complete),
         Fact("set aside", f"{aside}", sorted(manifest.aside)),
-        Fact(
-            "shards",
-            f"{len(manifest.shards)} of {plan.n_shards}, {size / 2**20:.1f} MiB",
-            {"closed": len(manifest.shards), "plan": plan.n_shards, "bytes": size},
-        ),
+        Fact("shards", shards, {"closed": closed, "plan": plan.n_shards, "bytes": size}),
         Fact("products", ", ".join(plan.output.products), list(plan.output.products)),
         Fact("poses", f"{plan.poses.kind} of {len(names)}: {clean(', '.join(names))}", names),
         Fact("seed", f"{plan.seed}", plan.seed),
@@ -147,20 +145,21 @@ def _array(file: Any, name: str) -> dict[str, Any]:
 
 
 def _shard_problems(folder: Path, manifest: Manifest, number: int) -> Iterator[str]:
-    name, plan = shard_name(number), manifest.plan
+    path, plan = folder / shard_name(number), manifest.plan
     samples = plan.shard_samples(number)
     expected = [sample for sample in samples if sample not in manifest.aside]
-    found = read_confined(_contents, folder / name, size=len(samples) * data_bytes(plan))
-    with reading(folder / name, EXPECTED):
-        if found["samples"] != expected:
-            got = _listed(found["samples"])
-            yield f"{name}: expected the samples {_listed(expected)}, got {got}"
-        elif expected:
-            for problem in _content_problems(found, plan, expected):
-                yield f"{name}: {problem}"
+    found = read_confined(_contents, path, size=len(samples) * data_bytes(plan))
+    with reading(path, EXPECTED):
+        for problem in _content_problems(found, plan, expected):
+            yield f"{shard_name(number)}: {problem}"
 
 
 def _content_problems(found: Mapping[str, Any], plan: Plan, samples: list[int]) -> Iterator[str]:
+    if found["samples"] != samples:
+        yield f"expected the samples {_listed(samples)}, got {_listed(found['samples'])}"
+        return
+    if not samples:
+        return
     labels = found["labels"]
     recipes = [json.loads(text) for text in labels["recipe"]]
     makers = [json.loads(text)["clradar"] for text in labels["made_with"]]

@@ -12,7 +12,7 @@ from clradar.dataset.folder import CONTACT_SHEET, Manifest
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import metres, read_recipe
 from clradar.dataset.sample import Sample
-from clradar.dataset.shards import axes_of, opened_shard, row_of, sample_of
+from clradar.dataset.shards import opened_shard, row_of, sample_of
 from clradar.files.atomic import write_file
 from clradar.hand import JOINT_NAMES
 from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes
@@ -60,10 +60,8 @@ def contact_sheet(samples: list[Sample]) -> Figure:
     rows = -(-len(samples) // columns)
     size = (columns * CELL_INCHES + 0.2, rows * (CELL_INCHES + 0.22) + 0.2)
     figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
-    cells = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes in cells[len(samples) :]:
-        axes.set_axis_off()
-    for axes, sample in zip(cells, samples, strict=False):
+    for number, sample in enumerate(samples, start=1):
+        axes = figure.add_subplot(rows, columns, number)
         drawn = read_recipe(sample.recipe)
         _draw(axes, drawn.plan, sample.arrays)
         text = f"{drawn.sample}: {drawn.pose.name}"
@@ -76,20 +74,17 @@ def contact_sheet(samples: list[Sample]) -> Figure:
 def _draw(axes: Any, plan: Plan, arrays: Mapping[str, np.ndarray]) -> None:
     axes.set(xticks=[], yticks=[], facecolor=AMPLITUDE_BACKGROUND, aspect="equal")
     image, limits = _image(arrays)
-    if image is None or plan.keeps_images:
+    if image is None:
         x_m, y_m, _ = metres(plan.placement)
-        edges_m = [x_m - FRAME_M, x_m + FRAME_M, y_m - FRAME_M, y_m + FRAME_M]
-        if image is not None:
-            known = axes_of(plan)
-            edges_m = [edge for name in ("x_m", "y_m") for edge in _edges_m(known[name][0])]
-        elif "mesh_vertices" in arrays:
-            points = arrays["mesh_vertices"]
-            axes.plot(points[:, 0], points[:, 1], ",", color="#bbbbbb")
-        if "joints" in arrays:
-            _draw_joints(axes, arrays["joints"])
-        extent = tuple(edges_m)
+        extent = (x_m - FRAME_M, x_m + FRAME_M, y_m - FRAME_M, y_m + FRAME_M)
+        points = arrays.get("mesh_vertices", np.empty((0, 3)))
+        axes.plot(points[:, 0], points[:, 1], ",", color="#bbbbbb")
+    elif plan.keeps_images:
+        extent = (*_edges_m(plan.image.grid.x_m), *_edges_m(plan.image.grid.y_m))
     else:  # the axes are Rx and Tx
         extent = (-0.5, image.shape[1] - 0.5, -0.5, image.shape[0] - 0.5)
+    if "joints" in arrays and (image is None or plan.keeps_images):
+        _draw_joints(axes, arrays["joints"])
     if image is not None:
         axes.imshow(
             image, extent=extent, origin="lower", cmap="magma", vmin=limits[0], vmax=limits[1],

@@ -144,6 +144,5 @@ BYTES = {"bytes": 1, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30, "TiB": 2**40}
 
 def _rounded(number: float, units: Mapping[str, int]) -> str:
     """A number in the largest unit of which there are at least two, or in the smallest."""
-    fitting = [unit for unit, size in units.items() if number >= 2 * size]
-    unit = fitting[-1] if fitting else next(iter(units))
-    return f"{number / units[unit]:.{int(units[unit] > 1)}f} {unit}"
+    name, size = [(n, s) for n, s in units.items() if number >= 2 * s or s == 1][-1]
+    return f"{number / size:.{int(size > 1)}f} {name}"

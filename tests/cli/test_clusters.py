@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -154,47 +153,6 @@ def test_workers_and_devices_make_the_same_files(
     assert sorted(want) == NAMES
     for name in ("workers", "devices"):
         assert contents(tmp_path / name) == want, name
-
-
-KILLED = """
-import os, signal, sys
-from clradar.cli import simulations
-from clradar.cli.app import main
-
-def save(path, *rest, **options):
-    if path.name == "cluster_002.h5":
-        path.with_name(f".{path.name}.0.tmp").write_bytes(b"half")
-        os.kill(os.getpid(), signal.SIGKILL)
-    whole(path, *rest, **options)
-
-whole, simulations.save = simulations.save, save
-main(sys.argv[1:])
-"""
-
-
-def test_a_killed_simulation_of_clusters_resumes(
-    run: Run, tmp_path: Path, radar: Path, command: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    assert run(*command, "-o", whole).status == 0
-    done = subprocess.run([sys.executable, "-c", KILLED, *command, "-o", killed])
-    assert done.returncode == -signal.SIGKILL
-    assert {*contents(killed)} > {"cluster_001.h5", ".cluster_002.h5.0.tmp", "settings.json"}
-    one = ClusterSteps.run
-    made: list[int] = []
-    monkeypatch.setattr(ClusterSteps, "run", lambda s, i, p=None: made.append(i[0]) or one(s, i, p))
-    outcome = run(*command, "-o", killed)
-    assert outcome.status == 0, outcome.err
-    assert "resumes with 1 of 3 clusters done before" in outcome.out
-    assert made == [2, 3]
-    assert contents(killed) == contents(whole)
-    one_error_line(run(*command, "--seed", "1", "-o", killed), "settings.seed 0, now 1", "--force")
-    assert contents(killed) == contents(whole)
-    radar.write_text(RULES.replace("n = 2", "n = 1").replace("[-0.1, 0, 0]", "[0.1, 0, 0]"))
-    one_error_line(run(*command, "-o", killed), "wall.toml")
-    outcome = run(*command, "-o", killed, "--force")
-    assert outcome.status == 0, outcome.err
-    assert sorted(contents(killed)) == ["cluster_001.h5", "cluster_002.h5", "settings.json"]
 
 
 def test_a_mesh_that_changes_between_clusters_is_refused(

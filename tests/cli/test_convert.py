@@ -11,6 +11,7 @@ import command_line
 import maroon_files as files
 import numpy as np
 import pytest
+from comparisons import same_capture, tree
 
 import clradar
 from measurement_io import check_file, open_capture, save_capture
@@ -41,20 +42,6 @@ def native(path: Path, seed: int = 0, n_freq: int = 2, **meta: object) -> Path:
     waveform = clradar.Waveform.sfcw(72e9, 82e9, n_freq)
     save_capture(path, clradar.Capture(data, clradar.arrays.qar50(), waveform, meta))
     return path
-
-
-def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
-    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
-
-
-def same_capture(a: clradar.Capture, b: clradar.Capture) -> bool:
-    return same_bits(a.data, b.data) and same_bits(
-        a.waveform.frequencies_hz, b.waveform.frequencies_hz
-    )
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
 def one_error_line(outcome: tuple[int, str, str], *parts: str) -> None:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 import pytest
-import two_devices
 from command_line import Run, one_error_line
 
 import clradar
@@ -51,17 +47,6 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fast, "FEW_TERMS", 0)
 
 
-def datasets(path: Path) -> dict[str, Any]:
-    """The content of a file, but for the time it was made at."""
-    found: dict[str, Any] = {}
-    with h5py.File(path) as file:
-        file.visititems(
-            lambda name, one: found.update({name: one[()]}) if hasattr(one, "dtype") else None
-        )
-        found["provenance"] = file.attrs["provenance"]
-    return {name: getattr(value, "tobytes", lambda v=value: v)() for name, value in found.items()}
-
-
 def test_the_parts_make_the_image_that_is_formed_in_memory(
     run: Run, captures: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -96,24 +81,6 @@ if __name__ == "__main__":
     from clradar.cli import main
     main()
 """
-
-
-def test_workers_and_devices_make_the_same_file(
-    run: Run, captures: list[Path], tmp_path: Path
-) -> None:
-    pytest.importorskip("distributed")
-    program = tmp_path / "divided.py"  # processes that are spawned import it
-    program.write_text(PROGRAM.format(voxels=PIECE_VOXELS))
-    assert run("image", *captures, "-o", tmp_path / "here.h5", *WORDS).status == 0
-    for name, more in (("two", ["--workers", "2"]), ("all", ["--device", "all"])):
-        command = [program, "image", *captures, "-o", tmp_path / f"{name}.h5", *WORDS, *more]
-        environment = two_devices.ENVIRONMENT if name == "all" else {}
-        done = subprocess.run(
-            [sys.executable, *map(str, command)],
-            env={**os.environ, **environment}, capture_output=True, text=True,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-        assert datasets(tmp_path / f"{name}.h5") == datasets(tmp_path / "here.h5")
 
 
 KILLED = PROGRAM.replace(

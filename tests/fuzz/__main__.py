@@ -27,7 +27,7 @@ def main() -> int:
     failed = False
     for name in options.targets or TARGETS:
         outcome = harness.run(
-            name, options.runs, seed=options.seed, start=options.start, keep=options.keep
+            TARGETS[name], options.runs, seed=options.seed, start=options.start, keep=options.keep
         )
         print(f"{name}: {outcome}", flush=True)
         failed |= bool(outcome.faults)

@@ -1,187 +1,101 @@
-"""Read many mutated files in a process of its own, judge each outcome, and report the faults.
+"""Read many mutated files, judge each outcome, and report the faults.
 
 Allowed: a result of the target, or its error on printable lines that name the file. A fault is
 anything else: another exception, a command run, a module imported, a file opened that is not the
-input, too much memory or time, the end of the process.
+input, too much memory or time. What parses binary files has a process of its own, which may end.
 """
 
 from __future__ import annotations
 
-import importlib
-import multiprocessing
 import os
 import re
-import resource
 import signal
 import sys
 import time
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
-from multiprocessing import forkserver
-from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
-from unittest.mock import patch
-
-import reader_probes
 
 from clradar.errors import ClradarWarning
-from fuzz.targets import TARGETS, Target
-from measurement_io.confined import reading as confined
-
-ADDRESS_SPACE_BYTES = 8 * 2**30
-"""What a worker may allocate on top of what it has, so that a bomb does not take the machine."""
-
-_WAIT_LIMIT_S = 1800.0
-"""Longest time without progress. What is at fault uses processor time, which is limited."""
+from fuzz.targets import Target
 
 _MOST_FAULTS = 20
 """A run ends after so many: they have one cause, mostly."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """One input that ended otherwise than allowed; `saved` is the file with its bytes."""
-
-    name: str
-    index: int
-    what: str
-    saved: Path
-
-    def __str__(self) -> str:
-        return f"{self.name}, input {self.index}: {self.what} [{self.saved}]"
-
-
 @dataclass(slots=True)
 class Outcome:
-    """What came of a run."""
+    """What came of a run. Of each fault the number of the input, what it is, and the kept file."""
 
     results: int = 0
     errors: int = 0
-    faults: list[Fault] = field(default_factory=list)
+    faults: list[tuple[int, str, Path]] = field(default_factory=list)
     slowest_s: float = 0.0
-    peak_bytes: int = 0
 
     def __str__(self) -> str:
         counts = f"{self.results} results, {self.errors} errors, {len(self.faults)} faults"
-        cost = f"slowest {self.slowest_s:.2f} s, peak {self.peak_bytes / 1e6:.0f} MB"
-        return "\n".join([f"{counts}; {cost}", *map(str, self.faults)])
+        lines = [f"input {index}: {what} [{saved}]" for index, what, saved in self.faults]
+        return "\n".join([f"{counts}; slowest {self.slowest_s:.2f} s", *lines])
 
 
-def find_target(name: str) -> Target:
-    """Return a target by its name, or by `module:attribute` (for the tests of this harness)."""
-    module, _, attribute = name.partition(":")
-    return getattr(importlib.import_module(module), attribute) if attribute else TARGETS[name]
-
-
-def run(name: str, count: int, *, seed: int = 0, start: int = 0, keep: Path) -> Outcome:
+def run(target: Target, count: int, *, seed: int = 0, start: int = 0, keep: Path) -> Outcome:
     """Read inputs `start` to `start + count` of a target; those at fault are kept in a folder."""
-    outcome, at, stop = Outcome(), start, start + count
-    while at < stop and len(outcome.faults) < _MOST_FAULTS:
-        at = _watched(outcome, name, seed, at, stop, keep)
+    outcome = Outcome()
+    # In memory where the system offers it: every input is written to a file.
+    base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    with TemporaryDirectory(prefix="clradar-fuzz-", dir=base) as folder, warnings.catch_warnings():
+        # Ours are meant for users; one that leaks from a library is a fault.
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", ClradarWarning)
+        path = target.place(Path(folder))
+        for content in target.seeds():  # later nothing has to be imported or started
+            path.write_bytes(content)
+            kind, fault = judge(target, path)
+            assert kind == "result", f"a seed of {target.file_name} gives: {kind} {fault}"
+        watch = _watch()
+        watch.folder = os.path.realpath(folder)
+        for index in range(start, start + count):
+            path.write_bytes(target.mutated(seed, index))
+            began = time.process_time()
+            kind, fault = judge(target, path, watch)
+            outcome.slowest_s = max(outcome.slowest_s, time.process_time() - began)
+            outcome.results += kind == "result"
+            outcome.errors += kind == "error"
+            if fault is not None:
+                keep.mkdir(parents=True, exist_ok=True)
+                saved = keep / f"{target.file_name.replace('/', '-')}-{seed}-{index}"
+                saved.write_bytes(path.read_bytes())
+                outcome.faults.append((index, fault, saved))
+                if len(outcome.faults) == _MOST_FAULTS:
+                    break
     return outcome
 
 
-def _watched(outcome: Outcome, name: str, seed: int, at: int, stop: int, keep: Path) -> int:
-    """Add what one worker does to an outcome; return the input after the last one that it read."""
-    target = find_target(name)
-
-    def note(what: str) -> None:
-        keep.mkdir(parents=True, exist_ok=True)
-        saved = keep / f"{name.replace(':', '.')}-{seed}-{at}"
-        saved.write_bytes(target.mutated(seed, at))
-        outcome.faults.append(Fault(name, at, what, saved))
-
-    # In memory where the system offers it: every input is written to a file.
-    base = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
-    with TemporaryDirectory(prefix="clradar-fuzz-", dir=base) as folder:
-        here, there = multiprocessing.Pipe(duplex=False)
-        arguments = (name, seed, at, stop, Path(folder), there)
-        worker = _workers().Process(target=_work, args=arguments)
-        worker.start()
-        there.close()
-        reading, what = False, f"does nothing for {_WAIT_LIMIT_S:g} s"
-        try:
-            while here.poll(_WAIT_LIMIT_S):
-                kind, fault, spent_s, peak_bytes = here.recv()
-                reading = kind == "reading"
-                if reading:
-                    continue
-                outcome.results += kind == "result"
-                outcome.errors += kind == "error"
-                outcome.slowest_s = max(outcome.slowest_s, spent_s)
-                outcome.peak_bytes = max(outcome.peak_bytes, peak_bytes)
-                if kind == "fault":
-                    note(fault)
-                at += 1
-        except EOFError:
-            worker.join()
-            output = " ".join((Path(folder) / "output").read_text(errors="replace")[-1500:].split())
-            what = f"ends the process with {worker.exitcode}: {output}"
-            if worker.exitcode == -signal.SIGPROF:
-                what = f"takes more than {target.processor_limit_s:g} s of processor time"
-        finally:
-            worker.kill()
-            worker.join()
-        if worker.exitcode == 0:
-            return at
-        if not reading:
-            raise RuntimeError(f"fuzz: the worker {what}")
-        note(what)
-        return at + 1
-
-
 @cache
-def _workers() -> multiprocessing.context.ForkServerContext:
-    """Forks of one process that has imported the readers, which takes longer than a short run."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["fuzz.harness"])
-    tests = Path(__file__).resolve().parents[1]
-    paths = [str(tests), str(tests / "support"), str(tests.parent), os.getenv("PYTHONPATH", "")]
-    with patch.dict(os.environ, {"PYTHONPATH": os.pathsep.join(filter(None, paths))}):
-        # The worker may start no process: readers are forked by a server that the seeds start.
-        os.environ.pop("CLRADAR_READERS", None)
-        forkserver.ensure_running()
-    return context
+def _watch() -> Watch:
+    """One for a process: hooks stay."""
+    return Watch()
 
 
-def _work(name: str, seed: int, start: int, stop: int, folder: Path, out: Connection) -> None:
-    """Read inputs in this process; what is printed goes to FOLDER/output."""
-    with open(folder / "output", "wb") as output:
-        os.dup2(output.fileno(), 1)
-        os.dup2(output.fileno(), 2)
-    # Ours are meant for users; one that leaks from a library is a fault.
-    warnings.simplefilter("error")
-    warnings.simplefilter("ignore", ClradarWarning)
-    target = find_target(name)
-    (folder / "files").mkdir()
-    path = target.place(folder / "files")
-    watch = Watch(folder / "files")
-    probe = path.with_name("probe")  # starts the process that any input may need
-    probe.write_bytes(b"-")
-    confined.run(reader_probes.same, probe, 1)
-    probe.unlink()
-    for content in target.seeds():  # later nothing has to be imported or started
-        path.write_bytes(content)
-        kind, fault = judge(target, path)
-        if kind != "result":
-            raise RuntimeError(f"a seed of {name} gives no result: {kind} {fault}")
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    limit = pages * os.sysconf("SC_PAGE_SIZE") + ADDRESS_SPACE_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
-    for index in range(start, stop):
-        path.write_bytes(target.mutated(seed, index))
-        out.send(("reading", None, 0.0, 0))
-        began = time.process_time()
-        # The system ends this process where the time is up, whatever library it is in.
-        signal.setitimer(signal.ITIMER_PROF, target.processor_limit_s)
-        kind, fault = judge(target, path, watch)
+@contextmanager
+def _limited(seconds: float) -> Iterator[None]:
+    """Processor time, of what Python runs; a confined reader has a limit of its own."""
+
+    def out_of_time(*_: object) -> None:
+        raise Canary(f"takes more than {seconds:g} s of processor time")
+
+    before = signal.signal(signal.SIGPROF, out_of_time)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        yield
+    finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
-        out.send((kind, fault, time.process_time() - began, _peak_bytes()))
-        if fault is not None and "of memory" in fault:
-            break  # the peak stays: a fresh process sees the next one
+        signal.signal(signal.SIGPROF, before)
 
 
 # ---- what reading may do
@@ -206,10 +120,10 @@ class Canary(BaseException):
 class Watch:
     """An audit hook of this process that notes, and stops, what a reader has no business doing."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self) -> None:
         self.armed = False
         self.seen: list[str] = []
-        self._folder = os.path.realpath(folder)
+        self.folder = ""
         sys.addaudithook(self._hook)
 
     def _hook(self, event: str, arguments: tuple[Any, ...]) -> None:
@@ -231,7 +145,7 @@ class Watch:
                 return f"opens {path!r} for writing"
             name = "" if isinstance(path, int) else os.path.realpath(os.fsdecode(path))
             module = _importing() and name.endswith((".py", ".pyc"))
-            own = not name or module or name.startswith(self._folder + os.sep)
+            own = not name or module or name.startswith(self.folder + os.sep)
             return None if own else f"opens {name!r}"
         if event == "import":
             name = str(arguments[0])
@@ -258,12 +172,17 @@ def _importing() -> bool:
 
 def judge(target: Target, path: Path, watch: Watch | None = None) -> tuple[str, str | None]:
     """Read one input; return ("result" | "error" | "fault") and, for a fault, what it is."""
+    Path("/proc/self/clear_refs").write_text("5")  # the peak of memory is that of now
     before = _peak_bytes()
     if watch is not None:
         watch.seen.clear()
-        watch.armed = True
     try:
-        found = target.read(path)
+        with _limited(target.processor_limit_s):
+            if watch is not None:
+                watch.armed = True
+            found = target.read(path)
+            if watch is not None:
+                watch.armed = False
         fault = None if isinstance(found, target.result) else f"returns {type(found).__name__}"
         kind = "result"
     except KeyboardInterrupt:

@@ -37,7 +37,6 @@ def frames() -> list[bytes]:
         for protocol in maroon_files.PROTOCOLS
         for spelling in maroon_files.SPELLINGS
     ]
-    pickles += [maroon_files.pickled_by_python_2(frame)]
     pickles += [maroon_files.pickled(maroon_files.random_frame(1))]
     return [maroon_files.npy(content) for content in pickles]
 

@@ -126,8 +126,8 @@ GRIDS = {
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", GRIDS)
-def test_grids_anywhere(lanes: clradar.Device, name: str, method: str) -> None:
-    error = error_db(noise(random_array(6, 5), SHORT), GRIDS[name], lanes, method)
+def test_grids_anywhere(device: clradar.Device, name: str, method: str) -> None:
+    error = error_db(noise(random_array(6, 5), SHORT), GRIDS[name], device, method)
     assert error <= TOLERANCE_DB[method]
 
 
@@ -147,11 +147,11 @@ def test_more_transmitters_than_one_call_takes(device: clradar.Device, n_tx: int
     assert error <= EXACT_DB
 
 
-def test_a_voxel_on_an_antenna(lanes: clradar.Device) -> None:
+def test_a_voxel_on_an_antenna(device: clradar.Device) -> None:
     array = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
     grid = VoxelGrid.from_extent((0.0, 0.01), (0.0, 0.0), (0.0, 0.0), 5e-3)
     for method in METHODS:
-        error = error_db(noise(array, SHORT), grid, lanes, method)
+        error = error_db(noise(array, SHORT), grid, device, method)
         assert error <= TOLERANCE_DB[method]
 
 

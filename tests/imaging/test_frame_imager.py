@@ -13,7 +13,7 @@ from images import QAR50, SWEEP, noise
 import clradar
 from clradar import Capture, FrameImager, VoxelGrid
 from clradar.errors import ModelError
-from clradar.imaging import fast, way_down
+from clradar.imaging import fast
 from clradar.phasors.phasor_sum import PhasorSum
 
 THIRD = clradar.AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
@@ -57,19 +57,6 @@ def test_frames_have_the_bits_of_single_images(
             np.testing.assert_allclose(shown.depth_m, depth.depth_m, rtol=1e-6)
             np.testing.assert_allclose(shown.amplitude, depth.amplitude, rtol=1e-6)
             assert depth.mask.any()
-
-
-def test_blocks_reduced_in_one_launch_have_the_same_bits(
-    frames: list[Capture], device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = []
-    for fewest in (1, 10**9):
-        monkeypatch.setattr(way_down, "FEWEST_BLOCKS", fewest)
-        with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
-            assert any(imager._resident._way._striped) == (fewest == 1)
-            imager.form(frames[3])
-            made.append(imager.volume().data)
-    np.testing.assert_array_equal(*made)
 
 
 class Counted:

@@ -32,13 +32,6 @@ def test_one_holder_at_a_time(tmp_path: Path) -> None:
         pass
 
 
-def test_a_refusal_leaves_no_folder_and_no_lock(tmp_path: Path) -> None:
-    for folder in (tmp_path / "new", tmp_path):
-        with pytest.raises(OutputError, match="refused"), held(folder, "sweep"):
-            raise OutputError("refused")
-    assert list(tmp_path.iterdir()) == []
-
-
 @posix_only
 def test_a_lock_that_its_holder_removes_locks_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -56,16 +56,6 @@ def test_meshes_in_memory() -> None:
         np.testing.assert_array_equal(Scene.from_mesh(mesh).triangles_m, box().triangles)
 
 
-def test_a_scene_graph_places_its_parts() -> None:
-    graph = trimesh.Scene()
-    graph.add_geometry(box(), geom_name="box")
-    move = trimesh.transformations.translation_matrix([0.2, 0, 0])
-    graph.add_geometry(box(), geom_name="moved", transform=move)
-    scene = Scene.from_mesh(graph)
-    moved = scene.triangles_m[scene.part == scene.part_names.index("moved")]
-    np.testing.assert_allclose(moved, box(0.2).triangles, rtol=0, atol=ROUNDING_M)
-
-
 TRIANGLE = "v {0} 0 0\nv {0} 0.1 0\nv {0} 0 0.1\n{1}\nf {2} {3} {4}\n"
 
 

@@ -12,14 +12,12 @@ from hypothesis import strategies as st
 import clradar
 from clradar import AntennaArray, Paths, Waveform, synthesize
 from clradar.errors import ModelError
-from clradar.opencl.double_single import hi_lo
 from clradar.phasors.length_blocks import (
     EDGE_PHASE_RAD,
     MOMENTS,
     NARROWEST_HZ,
     length_blocks,
 )
-from clradar.phasors.phasor_sum import PhasorSum
 
 C_M_PER_S = 299_792_458.0
 
@@ -174,42 +172,6 @@ def test_blocks_in_turn_in_one_slot_do_not_drift(device: clradar.Device, apart: 
     data = synthesize(paths, array, waveform, device=device).data
     two, _ = summed(make_paths([0, 0], length_m[:2], [0.7, 0.7], array), waveform)
     assert np.abs(data - n / 2 * two).max() <= PHASOR_ERROR * 0.7 * n
-
-
-def total_of_calls(
-    paths: Paths, array: AntennaArray, waveform: Waveform, device: clradar.Device, cuts: np.ndarray
-) -> np.ndarray:
-    """Add the paths in their order, a call from each cut to the next, as a tracer does."""
-    with PhasorSum(array, waveform, device) as total:
-        for part in np.split(np.arange(len(paths)), cuts):
-            part = part[np.argsort(paths.pair[part], kind="stable")]
-            total.add(paths.pair[part], paths.length_m[part], paths.amplitude[part])
-        data = total.result()
-        # Reading the result changes nothing.
-        np.testing.assert_array_equal(total.result(), data)
-    return data
-
-
-@pytest.mark.parametrize("longest_m", [0.8, 30.0])
-@pytest.mark.parametrize("limit_bytes", [None, 40_000])
-def test_the_bits_do_not_depend_on_calls_nor_memory(
-    lanes: clradar.Device, longest_m: float, limit_bytes: int | None
-) -> None:
-    array, waveform = make_array(3, 5), Waveform.sfcw(72e9, 82e9, 21)
-    paths = random_paths(1500, array, longest_m, seed=2)
-    # What float32 halves hold, so that a tracer's rows are the same paths.
-    paths = make_paths(
-        paths.pair, np.sum(np.float64(hi_lo(paths.length_m)), axis=0), paths.amplitude, array
-    )
-    want = synthesize(paths, array, waveform, device=lanes).data
-    device = clradar.open_device(
-        lanes.info.selector, memory_limit_bytes=limit_bytes, width=lanes.width
-    )
-    rng = np.random.default_rng(3)
-    for n_cuts in (0, 1, 40):
-        cuts = np.sort(rng.integers(0, len(paths) + 1, n_cuts))
-        data = total_of_calls(paths, array, waveform, device, cuts)
-        np.testing.assert_array_equal(data, want)
 
 
 def test_a_path_of_too_many_wavelengths_is_an_error(device: clradar.Device) -> None:

@@ -80,20 +80,9 @@ GROUP_ITEMS = 64
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """What a kernel takes of a GPU.
-
-    Attributes
-    ----------
-    registers : int
-        Of an item: vector registers on AMD's.
-    stack, spills : int
-        Bytes of an item in local memory, and how many of these are spilled registers.
-    byte_loads : int
-        Instructions that load a single byte.
-    occupancy : int
-        Percent of the items that a processor can hold, as far as registers and shared memory limit
-        it.
-    """
+    """What a kernel takes of a GPU: registers of an item (vector registers on AMD's), bytes of an
+    item in local memory and how many of these are spilled registers, instructions that load a
+    single byte, percent of the items that a processor can hold by registers and shared memory."""
 
     registers: int
     stack: int

@@ -12,9 +12,10 @@ import pickle
 import pickletools
 import struct
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 PROTOCOLS = (2, 3, 4, 5)
 FRAME_INTERVAL_US = 125_000
@@ -76,29 +77,6 @@ def _other_name(module: str, spelling: str) -> str:
     return module
 
 
-class _Python2Pickler(pickle._Pickler):  # type: ignore[name-defined, misc]
-    """Writes strings and bytes alike as Python 2 did: one kind of byte string."""
-
-    dispatch: ClassVar = dict(pickle._Pickler.dispatch)  # type: ignore[attr-defined]
-
-    def _save_string(self, obj: str | bytes) -> None:
-        raw = obj.encode("latin1") if isinstance(obj, str) else obj
-        self.write(b"T" + struct.pack("<i", len(raw)) + raw)
-        self.memoize(obj)
-
-    dispatch[str] = _save_string
-    dispatch[bytes] = _save_string
-
-
-def pickled_by_python_2(obj: Any) -> bytes:
-    """Return the frame's pickle as Python 2 with an old numpy wrote it (protocol 2)."""
-    holder = np.empty((), dtype=object)
-    holder[()] = obj
-    stream = io.BytesIO()
-    _Python2Pickler(stream, protocol=2).dump(holder)
-    return respelled(stream.getvalue(), "numpy.core")
-
-
 def npy(pickle_bytes: bytes, descr: str = "|O", shape: str = "()") -> bytes:
     """Return an .npy file of version 1.0 with this pickle as its content."""
     header = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}"
@@ -139,12 +117,7 @@ def write_recording(
 def rigid(turns_deg: tuple[float, float, float], shift: tuple[float, float, float]) -> np.ndarray:
     """Return a 4 x 4 matrix: rotations about x, then y, then z, then a shift."""
     matrix = np.eye(4)
-    for axis, degrees in enumerate(turns_deg):
-        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-        i, j = ((1, 2), (2, 0), (0, 1))[axis]
-        turn = np.eye(4)
-        turn[i, i], turn[i, j], turn[j, i], turn[j, j] = c, -s, s, c
-        matrix = turn @ matrix
+    matrix[:3, :3] = Rotation.from_euler("xyz", turns_deg, degrees=True).as_matrix()
     matrix[:3, 3] = shift
     return matrix
 

@@ -6,6 +6,7 @@ array [x, y, z] of amplitudes; each file follows the description of the format.
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 import zlib
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 DEPTH_CUT_DB = 15.0
 
@@ -50,21 +52,15 @@ def scene(targets: list[tuple[float, float, float, float]], counts=(31, 21, 9)) 
 
 
 def image_rows(of_xy: np.ndarray) -> np.ndarray:
-    """Return [row = y descending, column = x ascending] of an array [x, y], element by element."""
-    n_x, n_y = of_xy.shape
-    rows = np.empty((n_y, n_x), of_xy.dtype)
-    for row in range(n_y):
-        for column in range(n_x):
-            rows[row, column] = of_xy[column, n_y - 1 - row]
-    return rows
+    """Return [row = y descending, column = x ascending] of an array [x, y]."""
+    return of_xy.T[::-1]
 
 
-def png(pixels: np.ndarray, bits: int = 16, kind: int = 0) -> bytes:
-    """Return an unfiltered PNG of grey pixels [row, column]."""
-    depth = {8: ">u1", 16: ">u2"}[bits]
-    raw = b"".join(b"\0" + row.astype(depth).tobytes() for row in pixels)
-    header = struct.pack(">IIBBBBB", pixels.shape[1], pixels.shape[0], bits, kind, 0, 0, 0)
-    return png_of_chunks([(b"IHDR", header), (b"IDAT", zlib.compress(raw)), (b"IEND", b"")])
+def png(pixels: np.ndarray, bits: int = 16) -> bytes:
+    """Return a PNG of grey pixels [row, column]."""
+    stream = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels, f"<u{bits // 8}")).save(stream, "PNG")
+    return stream.getvalue()
 
 
 def png_of_chunks(chunks: list[tuple[bytes, bytes]]) -> bytes:
@@ -76,11 +72,7 @@ def png_of_chunks(chunks: list[tuple[bytes, bytes]]) -> bytes:
 
 
 def png_pixels(content: bytes) -> np.ndarray:
-    """Return the pixels of a PNG file as `png` writes it."""
-    width, height = struct.unpack(">II", content[16:24])
-    data = zlib.decompress(content[content.index(b"IDAT") + 4 :])
-    rows = np.frombuffer(data, np.uint8).reshape(height, 1 + 2 * width)
-    return rows[:, 1:].copy().view(">u2").astype(np.uint16)
+    return np.asarray(Image.open(io.BytesIO(content)), np.uint16)
 
 
 def write_products(radar: Path, number: int, of: RadarScene) -> dict[str, Any]:

@@ -71,33 +71,12 @@ def posed(pose: str | HandPose, shape: HandShape = AVERAGE) -> Skeleton:
 class RigMaker:
     """A hand of this package as a skinned glTF file; the fields choose its peculiarities.
 
-    Attributes
-    ----------
-    pose : str or HandPose
-        The pose at rest.
-    shape : HandShape
-    units : float
-        File units per metre, in the vertices.
-    scale : float
-        Scale of a node above the joints; the joints are in `units / scale`.
-    turn : ndarray, shape (3, 3)
-        Orthogonal; with a determinant of -1 the hand is mirrored. Without `local_turns` any matrix,
-        which stretches the hand.
-    called : callable
-        WebXR name -> name of the node.
-    bones : bool
-        Bones that are no joints of a hand: a forearm above the wrist, a twist bone in the index.
-    skip : tuple of str
-        Joints that are left out; their flesh and children go to their parents.
-    weight_type, joint_type : str
-    sets : int
-        Sets of four weights.
-    siblings : bool
-        All joints are children of one node.
-    standing : HandPose or str
-        The pose in which the nodes stand, if not that of the inverse bind matrices.
-    edit : callable
-        Changes the arrays before they are written.
+    `units` are those of the file per metre, in the vertices; joints are in `units / scale`, the
+    scale of a node above them. `turn` is orthogonal (-1: mirrored), or without `local_turns` any
+    matrix, which stretches the hand. `bones` are some that are no joints: a forearm above the
+    wrist, a twist bone in the index. The flesh and children of joints to `skip` go to their
+    parents. `sets` are of four weights. The nodes stand in the pose `standing`, if not in that of
+    the inverse bind matrices. `edit` changes the arrays before they are written.
     """
 
     pose: str | HandPose = "flat"

@@ -21,7 +21,6 @@ from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import resolve_settings
 from clradar.tracing.stochastic import Tracer
 from clradar.tracing.surface_samples import sampled_as
-from clradar.tracing.visible_surface import VisibleSurface
 
 POINT_TOLERANCE_M = 3e-7
 """Three products and two sums of float32 numbers below 0.5 m, and weights wrong by two roundings:
@@ -112,23 +111,6 @@ def test_curved_points_are_those_of_the_reference(name, device):
     assert (np.abs(curved - ground).max() == 0) == (name == "soup")
 
 
-def test_points_that_meshes_are_aligned_by_lie_on_the_ball(device):
-    """Of 6 mm edges on 50 mm, whose faces are 0.1 mm inside; rays start from the faces."""
-    radius_m = 0.05
-    vertices, faces = sphere((0, 0, 0), radius_m, 3)
-    scene = clradar.Scene(vertices, faces, normals=vertices / radius_m)
-    with VisibleSurface(scene, 0.3, 1.0, device) as surface:
-        off_m = np.linalg.norm(surface.points_m, axis=1) - radius_m
-        starts_m, behind_m = surface.ray_origins(np.array([[0, 0, 1.0], [0, 0, -1.0]])).swapaxes(
-            0, 1
-        )
-    assert np.abs(off_m).max() < 2e-6 + POINT_TOLERANCE_M
-    assert np.linalg.norm(starts_m, axis=1).mean() < radius_m - 5e-5
-    lifted_m = (starts_m - behind_m)[:, 2]  # each off its face, towards where it is seen from
-    assert lifted_m.min() >= 0
-    assert lifted_m.max() > 4e-6
-
-
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 1000])
 def test_every_face_gets_rays_per_face_samples(count, device):
     scene = scene_of(MESHES["bowl"])
@@ -159,21 +141,6 @@ def test_a_single_sample_is_uniform_on_its_face(seed, device):
     assert chi2.sf(statistic, rows**2 - 1) > CHI_SQUARE_P
     # Not too even either: these are random.
     assert chi2.cdf(statistic, rows**2 - 1) > CHI_SQUARE_P
-
-
-@pytest.mark.parametrize("count", [100, 3600, 50000])
-def test_many_samples_cover_a_face_evenly(count, device):
-    """A stratified set is at least as even as a random one: chi square below its expectation."""
-    scene = clradar.Scene([[0, 0, 0.3], [0.1, 0.02, 0.3], [0.03, 0.08, 0.35]], [[0, 1, 2]])
-    points, _, _, face, _ = sampled(scene, device, rays_per_face=count, seed=4)
-    weight = barycentric(points.astype(float), scene.triangles_m[face])
-    rows = 6 if count > 1000 else 3
-    counts = np.bincount(cells_of_triangle(weight, rows), minlength=2 * rows**2)
-    counts = counts[counts > 0]
-    assert len(counts) == rows**2
-    expected = count / rows**2
-    assert ((counts - expected) ** 2).sum() / expected < rows**2 - 1
-    assert np.abs(points.mean(axis=0) - scene.triangles_m[0].mean(axis=0)).max() < 0.1 / count**0.5
 
 
 @pytest.mark.parametrize("density", [0.003, 0.1, 1.7, 10.0])

@@ -9,18 +9,8 @@ MINUS = "\N{MINUS SIGN}"
 
 @dataclass(frozen=True)
 class Row:
-    """A number, what it should be, and the bound on their difference.
-
-    Attributes
-    ----------
-    case : str
-    expected, found : float
-    bound : float
-        On |found - expected|; where `at_most`, found has to be at most `bound` by itself.
-    unit : str
-    digits : int
-        After the point in tables.
-    """
+    """A number, what it should be, and the bound on their difference; with `at_most` on what was
+    found by itself. `digits` are those after the point in tables."""
 
     case: str
     expected: float

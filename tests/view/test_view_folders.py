@@ -6,10 +6,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import chromium
 import numpy as np
 import pytest
-from view_tab import Tab, in_browser, viewing
 
 import clradar
 from clradar.errors import MeasurementError
@@ -153,13 +151,6 @@ def test_a_folder_that_is_away_for_a_while(watched: Watched, tmp_path: Path) -> 
     assert watched.look() == [2.0]
 
 
-def test_a_folder_of_files_is_viewed_without_watching(tmp_path: Path) -> None:
-    for i in (10, 9):
-        save_volume(tmp_path / f"{i}.h5", volume(i))
-    source = open_source(tmp_path)
-    assert [source.label(frame) for frame in source.frames()] == ["9.h5", "10.h5"]
-
-
 def test_frames_of_a_recording_are_watched_by_variant(tmp_path: Path) -> None:
     array, waveform = clradar.arrays.qar50(), clradar.Waveform(np.array([72e9, 77e9, 82e9]))
     capture = clradar.Capture(np.ones((94, 94, 3), np.complex64), array, waveform)
@@ -178,23 +169,3 @@ def test_folders_and_files_that_cannot_be_viewed(tmp_path: Path) -> None:
         open_source(tmp_path / "notes.txt", watch=True)
     with pytest.raises(MeasurementError, match="expected a folder, got nothing there"):
         open_source(tmp_path / "absent", watch=True)
-
-
-@in_browser
-def test_files_appear_in_a_browser_once_they_are_whole(tmp_path: Path) -> None:
-    pytest.importorskip("viser")
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    with (
-        viewing("view", folder, "--watch") as (_, address),
-        chromium.chromium(tmp_path / "profile", webgl=True) as page,
-    ):
-        tab = Tab(page, address)
-        tab.load("waiting for a first frame")
-        save_volume(folder / "a.h5", volume(1.0))
-        tab.says("a.h5: volume of")
-        content = (folder / "a.h5").read_bytes()
-        (folder / "b.h5").write_bytes(content[: len(content) // 2])
-        tab.says("1 bad, the last:")
-        (folder / "b.h5").write_bytes(content)
-        tab.says("b.h5: volume of")

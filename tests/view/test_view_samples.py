@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import chromium
 import numpy as np
 import pytest
 from dataset_plans import plan_of
-from view_tab import Tab, in_browser, viewing
 
 import clradar
 from clradar.dataset import Sample, recipe
@@ -178,27 +176,3 @@ def test_data_sets_that_cannot_be_viewed(tmp_path: Path) -> None:
     (folder / "manifest.json").write_text("{}")
     with pytest.raises(MeasurementError, match=r"manifest\.json"):
         open_source(folder)
-
-
-@in_browser
-def test_samples_are_chosen_in_a_browser(letters: Path, tmp_path: Path) -> None:
-    pytest.importorskip("viser")
-    source = SampleFrames(letters)
-    source.choose(hand="left")
-    left = source.frames()
-    with (
-        viewing("view", letters) as (_, address),
-        chromium.chromium(tmp_path, webgl=True) as page,
-    ):
-        tab = Tab(page, address)
-        tab.load("sample 0: maximum projection and depth map of")
-        tab.type("Number", "7")
-        tab.says("sample 7: maximum")
-        tab.says(source.truth(7).lines[1].split(")")[0])
-        tab.type("Number", "6")
-        tab.says("expected sample 6, got none that is stored")
-        tab.choose("Hand", "left")
-        tab.says(f"sample {left[0]}: maximum")
-        page.js("document.activeElement.blur()")  # in a control the keys are its own
-        page.key("n", "KeyN")
-        tab.says(f"sample {left[1]}: maximum")

@@ -114,16 +114,6 @@ def test_a_frame_that_cannot_be_read_is_said_and_the_next_one_is_shown() -> None
     assert [wish.frame for wish in front.shown] == [3]
 
 
-def test_stepping_goes_around_the_end() -> None:
-    form = SlowImager()
-    form.let.release(9)
-    with session_of(lambda _: capture(), form) as (session, front):
-        for by in (-1, 1, 1):
-            session.step(by)
-            session.settle()
-    assert [wish.frame for wish in front.shown] == [4, 0, 1]
-
-
 def test_closing_ends_what_is_being_imaged() -> None:
     form = SlowImager()
     with session_of(lambda _: capture(), form) as (session, front):
@@ -135,22 +125,6 @@ def test_closing_ends_what_is_being_imaged() -> None:
         form.let.release()
         closing.join()
     assert not front.shown
-
-
-def test_an_error_of_a_library_is_said_and_does_not_end_the_thread() -> None:
-    def read(frame: int) -> clradar.Capture:
-        if frame == 1:
-            raise ValueError("no such axis")
-        return capture()
-
-    form = SlowImager()
-    form.let.release(9)
-    with session_of(read, form) as (session, front):
-        for frame in (1, 2):
-            session.change(frame=frame)
-            session.settle()
-    assert front.refused == ["ValueError: no such axis"]
-    assert [wish.frame for wish in front.shown] == [2]
 
 
 def test_playing_waits_for_every_frame_and_stops() -> None:

@@ -155,27 +155,6 @@ def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
 # ---- lengths that lie
 
 
-MOST_BYTES = 2**30 + 2**28
-"""`confined.MEMORY_BYTES`, and a quarter for what the limit does not count."""
-
-
-@linux_only
-@pytest.mark.parametrize(("name", "length"), [(b"provenance", 2**32 - 1), (b"created", 10**9)])
-def test_text_that_claims_gigabytes(path, name, length):
-    # HDF5 allocates and clears as many bytes as the attribute claims, before it reads the text.
-    content = bytearray(path.read_bytes())
-    # Attribute message, version 3: sizes of name, type and shape (2 bytes each), a byte, the name
-    # and so on, then the length of the text.
-    at = content.index(name + b"\0")
-    sizes = struct.unpack_from("<3H", content, at - 7)
-    struct.pack_into("<I", content, at + sum(sizes), length)
-    path.write_bytes(hdf5_checksums(bytes(content)))
-    cost = confined.run(reader_probes.cost_of_reading, path)
-    assert cost["bytes"] < MOST_BYTES
-    assert cost["outcome"] != "result"
-    outcomes(path)
-
-
 # ---- damage that the library does not survive
 
 

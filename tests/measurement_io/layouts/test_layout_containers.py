@@ -6,12 +6,10 @@ import io
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-import scipy.io
 from layout_files import layout, random_capture, write
 from test_layouts import PLAIN, assert_same, refused, tree_of
 
@@ -130,29 +128,3 @@ def test_matlab_classes_of_v73(tmp_path: Path, toml: Path) -> None:
 
 
 # ---- MATLAB v5
-
-
-def test_mat5_types(tmp_path: Path) -> None:
-    """Numbers of every class, in structs too; what is none is listed and not read."""
-    rng = np.random.default_rng(0)
-    tree: dict[str, Any] = {
-        dtype: (100 * rng.standard_normal((3, 2, 4))).astype(dtype)
-        for dtype in ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "c8", "c16")
-    }
-    tree |= {"one": 1.0, "whole": np.arange(300.0)}
-    tree["rec"] = {"deep": {"a": tree["f8"], "text": "abc"}, "c": tree["c16"]}
-    tree |= {"cell": np.array([[1, "a"]], object), "flag": np.array([[True]]), "empty": []}
-    scipy.io.savemat(tmp_path / "c.mat", tree)
-    found = LabFile.opened(tmp_path / "c.mat")
-    numbers = [name for name, key in found.keys.items() if key.content == "numbers"]
-    assert {"f8", "rec/deep/a", "rec/c", "one", "whole", "flag"} <= set(numbers)
-    found = LabFile.opened(tmp_path / "c.mat", [(name, {}) for name in (*found.keys, "rec.deep.a")])
-    for name in ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "c8", "c16"):
-        assert found.read(name, "a test").tobytes() == tree[name].tobytes()
-        assert found.read(name, "a test").dtype == tree[name].dtype
-    assert found.read("whole", "a test").dtype == np.float64
-    assert found.read("rec.deep.a", "a test").tobytes() == tree["f8"].tobytes()
-    assert found.read("rec.deep.text", "a test", "text") == "abc"
-    for name in ("cell", "empty"):
-        with pytest.raises(MeasurementError, match=r"cell|hold numbers|at least one"):
-            found.read(name, "a test")

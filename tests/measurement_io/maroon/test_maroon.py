@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pickle
-import re
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 
 import maroon_files as files
 import numpy as np
 import pytest
+from comparisons import refusal, same_bits
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
@@ -21,19 +21,7 @@ from measurement_io import (
     save_recording,
 )
 
-
-def refused(path: Path, **arguments: object) -> str:
-    """Open what must not open; return the message, which names the file and fits one line."""
-    with pytest.raises(MeasurementError) as caught:
-        open_capture(path, **arguments)  # type: ignore[arg-type]
-    message = str(caught.value)
-    assert path.name in message
-    assert "\n" not in message
-    return message
-
-
-def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
-    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+refused = partial(refusal, open_capture)
 
 
 # ---- what is read
@@ -76,21 +64,6 @@ def test_folder_frame_and_variant(tmp_path):
     first = files.expected_data(files.random_frame(seed=0))
     assert same_bits(open_capture(radar).data, first)
     assert "0-1" in refused(radar, frame=2)
-
-
-@pytest.mark.parametrize(
-    ("stamps", "read"),
-    [
-        ([1, 2, np.int64(3)], [1, 2, 3]),
-        (np.arange(100_000), list(range(100_000))),
-        (np.arange(100_001), None),  # more than there can be frames
-    ],
-    ids=("a list", "most", "too many"),
-)
-def test_several_time_stamps(tmp_path, stamps, read):
-    frame = files.random_frame() | {"timestamp_us": stamps}
-    capture = open_capture(files.write_frame(tmp_path / "f.npy", frame))
-    assert capture.meta["timestamp_us"] == read
 
 
 def test_keys_of_no_use_are_left_out(tmp_path):
@@ -200,16 +173,6 @@ def test_folder_name_disagrees(tmp_path, name, found):
 # ---- damaged files, of which tests/files has the hostile pickles
 
 
-def test_a_truncated_frame_is_called_so(tmp_path):
-    path = files.write_frame(tmp_path / "000000.npy", files.random_frame(2))
-    whole = path.read_bytes()
-    path.write_bytes(whole[:5000])
-    found = re.search(r"expected (\d+) bytes or more, got 5000: the file is trunc", refused(path))
-    assert 96 * 96 * 2 * 8 < int(found[1]) <= len(whole)
-    path.write_bytes(whole[:-1])
-    assert "cut short" in refused(path)
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -238,20 +201,6 @@ def test_other_files(tmp_path, content):
 def capture():
     data = files.expected_data(files.random_frame(5))
     return clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 5))
-
-
-@pytest.mark.parametrize("channels", [94, 96])
-def test_written_frame_reads_back(tmp_path, capture, channels):
-    target = tmp_path / "30"
-    path = save_maroon_frame(target, capture, channels=channels, timestamp_us=17)
-    assert path == target / "radar_72.0_82.0_5" / "calibrated_data" / "000000.npy"
-    read = open_capture(target)
-    assert same_bits(read.data, capture.data)
-    assert same_bits(read.waveform.frequencies_hz, capture.waveform.frequencies_hz)
-    assert read.meta["timestamp_us"] == 17
-    assert check_file(target).ok
-    xr = np.load(path, allow_pickle=True).item()["xr"]
-    assert xr.shape == (channels, channels, 5)
 
 
 def test_existing_recording_needs_force(tmp_path, capture):

@@ -14,6 +14,7 @@ import maroon_files as files
 import maroon_products as made
 import numpy as np
 import pytest
+from comparisons import same_bits, tree
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
@@ -82,14 +83,6 @@ def dataset_reader(radar: Path, emptyfiltered: bool = False) -> list[dict[str, A
     ]
 
 
-def tree(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-
-def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
-    return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
-
-
 # ---- what is written
 
 
@@ -155,21 +148,6 @@ def test_emptyfiltered_frames_go_beside_the_raw_ones_of_their_number(tmp_path):
         with pytest.raises(ModelError, match=found):
             save_recording(tmp_path / "50", raw[:3], emptyfiltered=wrong)
     assert not (tmp_path / "50").exists()
-
-
-@pytest.mark.parametrize(
-    ("stamps", "first", "read"),
-    [
-        ([7, 8], 7, [7, 8]),
-        ([[1, 2], [3]], 1, [[1, 2], 3]),
-        ([0.5, 2**63], 0.5, [0.5, 2**63]),
-        (np.array([5, 6]), 5, [5, 6]),
-    ],
-)
-def test_time_stamps_that_are_given(tmp_path, stamps, first, read):
-    radar = save_recording(tmp_path / "30", captures_of(2), timestamps_us=stamps)
-    assert dataset_reader(radar)[0]["time_s"] == first * 1e-6
-    assert [open_capture(radar, frame=i).meta["timestamp_us"] for i in range(2)] == read
 
 
 def test_files_beside_the_radar_folder(tmp_path):

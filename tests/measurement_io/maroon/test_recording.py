@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import maroon_files as files
 import maroon_products
 import numpy as np
 import pytest
+from comparisons import refusal
 
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import Recording, open_capture, open_recording, read_transform
@@ -27,11 +29,7 @@ def holds(recording: Recording, seeds: list[int]) -> bool:
     )
 
 
-def refused(path: Path, **arguments: str) -> str:
-    with pytest.raises(MeasurementError) as caught:
-        open_recording(path, **arguments)  # type: ignore[arg-type]
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
+refused = partial(refusal, open_recording)
 
 
 def remove(radar: Path, *names: str) -> None:
@@ -92,20 +90,6 @@ def test_variants(tmp_path):
     remove(radar, *(f"00000{i}_emptyfiltered" for i in (0, 2, 3)))
     assert open_recording(radar).variants == ("raw",)
     assert "no frame of this variant" in refused(radar, variant="emptyfiltered")
-
-
-def test_time_stamps(tmp_path):
-    radar = files.write_recording(tmp_path / "30", n_frames=4)
-    frame = files.random_frame(seed=1)
-    del frame["timestamp_us"]
-    files.write_frame(radar / "calibrated_data" / "000001.npy", frame)
-    several = files.random_frame(seed=2) | {"timestamp_us": [7, 8]}
-    files.write_frame(radar / "calibrated_data" / "000002.npy", several)
-    recording = open_recording(radar)
-    first = 1_700_000_000_000_123
-    last = first + 3 * files.FRAME_INTERVAL_US
-    assert recording.timestamps_us == (first, None, 7, last)
-    assert recording[::-3].timestamps_us == (last, first)
 
 
 def test_intact_frames_beside_damaged_ones_are_readable(tmp_path):
