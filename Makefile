@@ -10,7 +10,7 @@ JOBS ?= 2
 # Tests start many programs, and each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-spawn test-slow test-intel test-lowest nightly mutants fuzz memcheck gpucheck lint size format figures validation docs bench release clean
+.PHONY: demo test test-spawn test-slow test-intel test-lowest nightly mutants fuzz memcheck gpucheck lint size format figures validation docs links bench release clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -90,6 +90,10 @@ validation: $(VENV)/.installed
 docs: export OPENBLAS_NUM_THREADS := 1
 docs: $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -W --keep-going -b html -d build/doctrees $(DOCS) docs build/site
+
+# Whether what the pages link to is there; needs a network.
+links: $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -q -b linkcheck -D sphinx_gallery_conf.plot_gallery=0 -d build/doctrees docs build/links
 
 # Against peers, in turns, for ratios. BENCH=--quick takes three minutes.
 bench: $(VENV)/.installed-bench

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+from importlib import import_module
 from pathlib import Path
 
 HERE = Path(__file__).parent
@@ -42,6 +43,9 @@ napoleon_use_rtype = False
 napoleon_custom_sections = [("Warns", "params_style")]
 
 public_packages = (HERE / "api" / "index.md").read_text().split("```")[1].split()[3:]
+for package in map(import_module, public_packages):
+    for public_name in package.__all__:  # now: pydantic's records cannot be imported by autodoc
+        getattr(package, public_name)
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
@@ -63,7 +67,7 @@ sphinx_gallery_conf = {
     "examples_dirs": str(TUTORIALS),
     "gallery_dirs": "tutorials",
     "filename_pattern": r"\.py$",
-    "within_subsection_order": "FileNameSortKey",
+    "within_subsection_order": "figures.ByNumber",
     "image_scrapers": (FigureScraper(),),
     "capture_repr": (),
     "abort_on_example_error": True,

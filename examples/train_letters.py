@@ -1,6 +1,6 @@
 """How well can a small classifier tell letters in radar images of hands that it was not taught on?
 
-pip install 'clradar[dataset]' scikit-learn
+pip install xarray 'dask[array]' scikit-learn
 clradar dataset plans/letters.toml -o letters --workers 2 && python train_letters.py letters
 """
 

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import MIN_STEPS, echo_profile
 from clradar.model.resolution import lateral_resolution_m
 
-_META_LINES = 40
+_META_LINES, _META_CHARACTERS = 40, 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +45,6 @@ class Fact:
     name: str
     words: str
     value: Any
-
-    @property
-    def key(self) -> str:
-        """The name as it is written in JSON."""
-        return self.name.replace(" ", "_")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +79,8 @@ class Description:
 
     @property
     def values(self) -> dict[str, Any]:
-        """The facts as JSON values, by key (`Fact.key`)."""
-        return {fact.key: fact.value for fact in self.facts}
+        """The facts as JSON values, by their names with underscores."""
+        return {fact.name.replace(" ", "_"): fact.value for fact in self.facts}
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as strict JSON: a number that is not finite becomes a string."""
@@ -101,10 +97,12 @@ class Description:
         width = max((len(fact.name) for fact in self.facts), default=0)
         lines = [f"{self.path}: {self.kind}"]
         for fact in self.facts:
+            if self.missing and fact.words == "none":  # said below
+                continue
             first, *others = fact.words.split("\n")
             lines.append(f"  {fact.name:<{width}}  {first}")
             lines += [f"  {'':<{width}}  {other}" for other in others]
-        lines += [f"  missing: {line}" for line in self.missing]
+        lines += [f"  missing: {'; '.join(self.missing)}"] if self.missing else []
         lines += [f"  problem: {line}" for line in self.problems]
         lines += ["", self.template.rstrip("\n")] if self.template else []
         return "\n".join(lines)
@@ -289,7 +287,8 @@ def _channels_facts(channels: ChannelCalibration) -> list[Fact]:
         what, _, unit = clean(name).rpartition("_")
         scale, shown_unit = (1e3, "mm") if unit == "m" else (1.0, unit)
         std = channels.target_std[name]
-        text = f"{scale * number:.6g} +- {scale * std:.2g} {shown_unit}"
+        digits = 3 if std == 0 else max(0, 1 - math.floor(math.log10(scale * std)))
+        text = f"{scale * number:.{digits}f} ± {scale * std:.{digits}f} {shown_unit}"
         place = {"value": number, "std": std, "unit": unit}
         facts.append(Fact(f"{clean(channels.target)} {what}", text, place))
     text = f"{channels.residual_db:.1f} dB, by noise alone {channels.noise_residual_db:.1f} dB"
@@ -305,11 +304,11 @@ def _length(length_m: float) -> str:
 
 
 def mapping_text(mapping: Mapping[str, Any]) -> str:
-    """Return a mapping as text, one entry per line."""
+    """Return a mapping as text, an entry on each line, cut where it is long."""
     lines = []
     for key, value in list(mapping.items())[:_META_LINES]:
         text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-        lines.append(f"{clean(key)[:40]}: {clean(text)}")
+        lines.append(shorten(f"{clean(key)}: {clean(text)}", _META_CHARACTERS, placeholder=" …"))
     if len(mapping) > _META_LINES:
         lines.append(f"and {len(mapping) - _META_LINES} more entries")
     return "\n".join(lines)

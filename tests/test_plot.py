@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import pickle
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -103,7 +104,7 @@ def test_columns_of_a_comparison(count: int) -> None:
         blob(z_mm=290.0), [(label, blob(z_mm=320.0)) for label in labels], metrics=()
     )
     columns = count + 1
-    assert len(figure.axes) == 2 * columns + 2
+    assert len(pickle.loads(pickle.dumps(figure)).axes) == len(figure.axes) == 2 * columns + 2
     assert [a.get_title() for a in figure.axes[:columns]] == ["Measurement", *labels]
     for i, axes in enumerate(figure.axes[: 2 * columns]):
         assert axes.get_xlabel() == (X_LEFT if i >= columns else "")

@@ -100,7 +100,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
         asked = typed.split()[1:]
     command = typer.main.get_command(_app(_requested(asked), debug))
     with printed_warnings(), printed_log(debug):
-        command.main(args=given, prog_name="clradar")
+        try:
+            status = command.main(args=given, prog_name="clradar", standalone_mode=False)
+        except typer.Abort:
+            status = 1
+        except Exception as error:
+            status = _usage_status(error)
+    raise SystemExit(status or 0)
+
+
+def _usage_status(error: Any) -> int:
+    """Print wrong usage on one line, as all errors are; others are raised again."""
+    if not hasattr(error, "format_message"):  # typer has a click of its own, or not
+        raise error
+    if type(error).__name__ == "NoArgsIsHelpError":
+        error.show()
+    else:
+        place = f"; see {error.ctx.command_path} -h" if error.ctx is not None else ""
+        print_error(f"{error.format_message().replace('Value error, ', '').rstrip('.')}{place}")
+    return int(error.exit_code)
 
 
 def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +20,6 @@ from clradar.files.atomic import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-METRIC_COLUMNS = {one.name: (one.field, one.scale, one.digits) for one in METRIC_TABLE}
-"""Title of a column: field of `Metrics`, factor to the unit of the column, decimals."""
 
 
 def simulated_surface(meta: Mapping[str, Any]) -> str | None:
@@ -83,12 +78,11 @@ class Comparison:
 
     def print(self) -> None:
         """Print one row of metrics per simulated image, and what they do not show."""
-        rows = []
-        for label, found in zip(self.labels, self.metrics, strict=True):
-            values = [(f * getattr(found, name), n) for name, f, n in METRIC_COLUMNS.values()]
-            rows.append([label, *("n/a" if math.isnan(v) else f"{v:.{n}f}" for v, n in values)])
-        print_table(("simulated", *METRIC_COLUMNS), rows, right=tuple(METRIC_COLUMNS))
-        for label, found in zip(self.labels, self.metrics, strict=True):
+        labelled = list(zip(self.labels, self.metrics, strict=True))
+        names = [one.name for one in METRIC_TABLE]
+        rows = [[label, *(one.text(found) for one in METRIC_TABLE)] for label, found in labelled]
+        print_table(("simulated", *names), rows, right=names)
+        for label, found in labelled:
             for remark in found.remarks:
                 print_line(f"{label}: {remark}")
 

@@ -81,6 +81,8 @@ def _print(text: str, stream: TextIO) -> None:
 def _encodable(text: str, stream: TextIO) -> str:
     """The text with escapes for what a stream's encoding lacks, as in the C locale."""
     encoding = getattr(stream, "encoding", None) or "utf-8"
+    if encoding.lower().replace("-", "") != "utf8":
+        text = text.replace("±", "+-").replace("…", "...")
     return text.encode(encoding, "backslashreplace").decode(encoding)
 
 

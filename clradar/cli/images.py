@@ -48,7 +48,9 @@ class ImageFiles(PictureOptions):
     """Files of an image, one of which has to be written."""
 
     output: Path | None = output_option("Volume to write (HDF5).")
-    png: Path | None = option("Draw amplitude and depth: .png, .pdf or .svg.")
+    png: Path | None = option(
+        "Draw amplitude and depth: .png, .pdf or .svg.", names=("--png", "--figure")
+    )
     report: Path | None = option("Page: figure, 3-D view, facts and settings in one .html file.")
     dbsm: bool = option("Draw radar cross sections in dBsm, of S-parameters.", False)
 

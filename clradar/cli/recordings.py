@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import clradar as cl
-from clradar.cli.comparison import METRIC_COLUMNS, write_csv
+from clradar.cli.comparison import write_csv
 from clradar.cli.console import counted, print_line, print_warning, progress_bar
 from clradar.cli.frames import (
     CAPTURES,
@@ -35,6 +35,7 @@ from clradar.cli.moving_hands import (
 )
 from clradar.cli.options.measured import GridOptions
 from clradar.cli.outputs import save
+from clradar.compare import METRIC_TABLE
 from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
 from clradar.files.json_file import read_json_object, write_json
@@ -108,10 +109,13 @@ class RecordingWork:
                 fits = None if self.hand is None else self._hands(records)
                 self._write(records, fits)
             job.clear([f"{HANDS}/{WORK}"])
-        print_line(f"{folder / TABLE}: {counted(len(records), 'frame')}")
-        print_line(f"{folder / RESULT}: the same with all metrics, and how they were made")
-        if (folder / MOVIE).is_file():
-            print_line(f"{folder / MOVIE}: the animation; its pictures are in pictures/")
+        texts = {
+            TABLE: counted(len(records), "frame"), FIGURE: "the same over time",
+            RESULT: "the same with all metrics, and how they were made",
+            MOVIE: "the animation; its pictures are in pictures/",
+        }  # fmt: skip
+        for path in (folder / name for name in texts if (folder / name).is_file()):
+            print_line(f"{path}: {texts[path.name]}")
         if missing := len(self.numbers) - len(records):
             raise MeasurementError(
                 f"{self.source.path}: {missing} of {len(self.numbers)} frames could not be "
@@ -262,9 +266,9 @@ def table(records: Sequence[Record], labels: Sequence[str]) -> dict[str, np.ndar
             place = f"{what} {axis} mm"
             found[place] = column(lambda one, key=f"{what}_m", i=i: 1e3 * one[key][i])
     for i, label in enumerate(labels):
-        for name, (key, scale, _) in METRIC_COLUMNS.items():
-            value = lambda one, i=i, key=key, scale=scale: scale * one["metrics"][i][key]  # noqa: E731
-            found[f"{label}: {name}" if len(labels) > 1 else name] = column(value)
+        for metric in METRIC_TABLE:
+            value = lambda one, i=i, m=metric: m.scale * one["metrics"][i][m.field]  # noqa: E731
+            found[f"{label}: {metric.name}" if len(labels) > 1 else metric.name] = column(value)
     return found | (_motion(records) if any("alignment" in one for one in records) else {})
 
 

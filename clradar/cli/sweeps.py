@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import clradar as cl
-from clradar.cli.comparison import METRIC_COLUMNS, write_csv
+from clradar.cli.comparison import write_csv
 from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
 from clradar.cli.inputs import Measurement
 from clradar.cli.options.scene import PHYSICAL, Estimator
 from clradar.cli.options.sweep import AlphaOptions, RoughnessOptions
-from clradar.compare import METRICS
+from clradar.compare import METRIC_TABLE, METRICS
 from clradar.errors import CompareError
 from clradar.files.hashing import sha256_of_arrays
 from clradar.files.json_file import write_json
@@ -166,9 +166,9 @@ def _print_alpha(result: Sweep) -> None:
 
     rows = []
     for i, alpha in enumerate(result.alphas):
-        cells = [cell(f * result.of(name)[:, i], n) for name, f, n in METRIC_COLUMNS.values()]
+        cells = [cell(m.scale * result.of(m.field)[:, i], m.digits) for m in METRIC_TABLE]
         rows.append([f"{alpha:g}", *cells, "nearest" if i == result.nearest else ""])
-    names = ("alpha", *METRIC_COLUMNS, "")
+    names = ("alpha", *(one.name for one in METRIC_TABLE), "")
     print_table(names, rows, right=names[:-1])
     print_text(result.report())
 

@@ -2,19 +2,16 @@
 
 from clradar.compare.images import clipped_db, depth_map_of
 from clradar.compare.metrics import (
-    HIGHER_IS_BETTER,
     METRIC_TABLE,
     METRICS,
     Metrics,
     compare,
-    compare_by,
     metrics_of,
 )
 from clradar.compare.spread import spread
 from clradar.compare.unmatched import Disagreement, UnmatchedObject, disagreement
 
 __all__ = [
-    "HIGHER_IS_BETTER",
     "METRICS",
     "METRIC_TABLE",
     "Disagreement",
@@ -22,7 +19,6 @@ __all__ = [
     "UnmatchedObject",
     "clipped_db",
     "compare",
-    "compare_by",
     "depth_map_of",
     "disagreement",
     "metrics_of",

@@ -14,6 +14,7 @@ from clradar.compare.unmatched import UnmatchedObject, disagreement_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.model import DepthMap, Volume, checks
+from clradar.model.record import Record
 from clradar.overlap import overlap
 
 SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
@@ -93,6 +94,11 @@ class Metric(NamedTuple):
     undefined: str = ""
     """What NaN means, where it can be."""
 
+    def text(self, metrics: Metrics) -> str:
+        """The value in the unit of the name."""
+        value = self.scale * getattr(metrics, self.field)
+        return "n/a" if math.isnan(value) else f"{value:.{self.digits}f}"
+
 
 METRIC_TABLE = (
     Metric("overlap", overlap, "overlap"),
@@ -120,14 +126,10 @@ METRIC_TABLE = (
 
 METRICS = tuple(one.field for one in METRIC_TABLE)
 
-HIGHER_IS_BETTER = frozenset(one.field for one in METRIC_TABLE if one.higher_is_better)
-
 
 @dataclass(frozen=True, slots=True)
-class Metrics:
-    """Agreement between a measured and a simulated image.
-
-    `docs/metrics.md` has the formulas and the pixels that each metric uses.
+class Metrics(Record):
+    """Agreement between a measured and a simulated image, by the formulas of `docs/metrics.md`.
 
     Attributes
     ----------
@@ -278,7 +280,10 @@ def metrics_of(
     measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
 ) -> Metrics:
     """Return what `compare` returns, without its warning: of simulations that are to differ."""
-    first, second = _cut(measured, simulated, dynamic_range_db)
+    dynamic_range_db = checks.dynamic_range("compare: dynamic_range_db", dynamic_range_db)
+    first = depth_map_of(measured, dynamic_range_db, "measured image")
+    second = depth_map_of(simulated, dynamic_range_db, "simulated image")
+    check_same_pixels(first, second)
     values = {one.field: one.value(first, second) for one in METRIC_TABLE}
     unmatched = disagreement_of(first, second)
     return Metrics(
@@ -287,26 +292,3 @@ def metrics_of(
         missing=unmatched.missing,
         surplus=unmatched.surplus,
     )
-
-
-def compare_by(
-    metric: str,
-    measured: Volume | DepthMap,
-    simulated: Volume | DepthMap,
-    *,
-    dynamic_range_db: float = DYNAMIC_RANGE_DB,
-) -> float:
-    """Return one of the `METRICS` of what `compare` returns, without computing the rest."""
-    checks.one_of("compare_by: metric", metric, METRICS)
-    pair = _cut(measured, simulated, dynamic_range_db)
-    return METRIC_TABLE[METRICS.index(metric)].value(*pair)
-
-
-def _cut(
-    measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
-) -> tuple[DepthMap, DepthMap]:
-    dynamic_range_db = checks.dynamic_range("compare: dynamic_range_db", dynamic_range_db)
-    first = depth_map_of(measured, dynamic_range_db, "measured image")
-    second = depth_map_of(simulated, dynamic_range_db, "simulated image")
-    check_same_pixels(first, second)
-    return first, second

@@ -102,7 +102,7 @@ def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> 
         import xarray  # noqa: F401
     except ImportError as error:
         raise MissingPackage(
-            f"open_dataset: expected xarray and dask, got {error}; pip install 'clradar[dataset]'"
+            f"open_dataset: expected xarray and dask, got {error}; pip install xarray 'dask[array]'"
         ) from error
     stored = _Stored(folder)
     whole = stored.sequences("open_dataset") if sequences else None

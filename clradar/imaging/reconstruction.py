@@ -266,5 +266,5 @@ def _require_pylops() -> None:
         import pylops  # noqa: F401
     except ImportError as error:
         raise MissingPackage(
-            'reconstruct: expected the package pylops, found none; pip install "clradar[pylops]"'
+            "reconstruct: expected the package pylops, found none; pip install pylops"
         ) from error

@@ -57,7 +57,7 @@ def impair(
         The scene alone.
     seed : int, 0 to 2**64 - 1
         Same seed and settings, same numbers. Each random part has its own stream
-        (`clradar.impairments.channel_errors.Part`), so switching one fault on leaves the draws of
+        (`clradar.impairments.channel_errors.Part`): switching one fault on leaves the draws of
         the others as they are.
     frame : int, 0 to 999999
         Which frame of a recording: new noise, and more drift with every frame.

@@ -183,7 +183,7 @@ def map_devices(
     ----------
     function : callable
         Called with an item and an opened device. With several devices, which need Dask (pip install
-        'clradar[dataset]'), function, items and results are pickled, and a script that calls this
+        'dask[distributed]'), function, items and results are pickled, and a script that calls this
         has its own code under ``if __name__ == "__main__":``.
     items : iterable
     device : Device, str, sequence of str or None
@@ -302,5 +302,5 @@ def _dask() -> Iterator[None]:
         yield
     except ImportError as error:
         raise ClusterError(
-            f"several processes need Dask: pip install 'clradar[dataset]' ({error})"
+            f"several processes need Dask: pip install 'dask[distributed]' ({error})"
         ) from error

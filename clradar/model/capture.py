@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import checks, html, labelled
+from clradar.model import checks, labelled
 from clradar.model.array import AntennaArray
 from clradar.model.record import Record
 from clradar.model.waveform import Waveform
@@ -108,18 +108,6 @@ class Capture(Record):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return self._own_array(dtype, copy)
-
-    def _repr_html_(self) -> str:
-        strength = np.abs(self.data.astype(np.complex128)).mean(axis=2)
-        band_ghz = self.waveform.frequencies_hz[[0, -1]] / 1e9
-        facts = {
-            "array": f"{self.array.name}: {self.array.n_tx} Tx, {self.array.n_rx} Rx",
-            "frequencies": f"{band_ghz[0]:g} to {band_ghz[1]:g} GHz, {self.waveform.n_freq}",
-            "strongest": f"{strength.max():.3g}",
-            **html.meta_facts(self.meta),
-        }
-        caption = "mean magnitude over frequency, Tx downwards, Rx to the right, 30 dB"
-        return html.page_of("Capture", facts, html.level_picture(strength), caption)
 
     def to_xarray(self) -> xarray.Dataset:
         """Return `capture` along tx, rx and frequency_hz, with antennas, units and `meta` as JSON.

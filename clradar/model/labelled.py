@@ -16,7 +16,7 @@ from clradar.files.json_text import to_json
 if TYPE_CHECKING:
     import xarray
 
-INSTALL = "pip install 'clradar[export]'"
+INSTALL = "pip install xarray"
 
 
 def import_xarray(function: str) -> Any:

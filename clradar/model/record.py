@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from importlib import import_module
 from types import MappingProxyType
 from typing import Any
 
@@ -24,6 +25,11 @@ class Record:
         own: Any = self
         parts = [f"{f.name}={_field_text(getattr(self, f.name))}" for f in fields(own) if f.repr]
         return f"{type(self).__name__}({', '.join(parts)})"
+
+    def _repr_html_(self) -> str | None:
+        # By name: figures are above the records, and are imported for notebooks alone.
+        text: str | None = import_module("clradar.plot.notebook").html_of(self)
+        return text
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # Pickle calls the class again with its fields. It does not know read-only mappings.

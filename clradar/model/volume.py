@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.model import checks, html, labelled
+from clradar.model import checks, labelled
 from clradar.model.grid import VoxelGrid
 from clradar.model.record import Record
 from clradar.model.scale import ImageScale
@@ -97,19 +97,6 @@ class DepthMap(Record):
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return self._own_array(dtype, copy)
 
-    def _repr_html_(self) -> str:
-        facts = {
-            "x": html.extent_text("pixels", self.x_m),
-            "y": html.extent_text("pixels", self.y_m),
-            "seen": f"{self.mask.sum()} of {self.mask.size} pixels",
-        }
-        if self.mask.any():
-            near, far = 1e3 * np.nanmin(self.depth_m), 1e3 * np.nanmax(self.depth_m)
-            facts["depth"] = f"{near:.1f} to {far:.1f} mm"
-        caption = f"depth, near is bright, {self.dynamic_range_db:g} dB; x to the left, y up"
-        picture = html.depth_picture(html.as_seen(self.depth_m))
-        return html.page_of("DepthMap", facts, picture, caption)
-
     def to_xarray(self) -> xarray.Dataset:
         """Return `depth_m` and `amplitude` along y_m and x_m, with units.
 
@@ -184,19 +171,6 @@ class Volume(Record):
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return self._own_array(dtype, copy)
-
-    def _repr_html_(self) -> str:
-        amplitude = self.max_projection()
-        facts = {
-            "x": html.extent_text("voxels", self.grid.x_m),
-            "y": html.extent_text("voxels", self.grid.y_m),
-            "z": html.extent_text("voxels", self.grid.z_m),
-            "strongest": f"{amplitude.max():.3g}",
-            **html.meta_facts(self.meta),
-        }
-        caption = f"maximum along z, {-html.FLOOR_DB:g} dB; x to the left, y up"
-        picture = html.level_picture(html.as_seen(amplitude))
-        return html.page_of("Volume", facts, picture, caption)
 
     def to_xarray(self) -> xarray.DataArray:
         """Return the voxels along z_m, y_m and x_m, with units and `meta` as JSON.

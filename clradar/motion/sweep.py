@@ -18,6 +18,7 @@ from clradar.motion.instants import Planner, Probes
 from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate
+from clradar.tracing.ambiguous import warn_of_ambiguity
 from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
 from clradar.tracing.surface_samples import sampled_as
 
@@ -26,6 +27,9 @@ TOLERANCE_DB = -50.0
 TORN = 3.0
 """Of `Probes.stretch`: captures of skin that was carried so far were off by -24 to -6 dB, of less
 by -41 to -15 dB (docs/movement.md)."""
+
+AMBIGUOUS = "simulate: the scene (is as wide as|reaches to)"
+"""How `warn_of_ambiguity` begins: the lobes of some Tx are not those of the array."""
 
 _OVERHEAD_TX = {"physical": 80.0}
 """What a simulation costs apart from its Tx, in the cost of one Tx: measured with a hand."""
@@ -136,6 +140,7 @@ def simulate_moving(
             f"middle, tears: 1 % of its faces become {probes.stretch:.1f} times as long or longer; "
             "take a shorter sweep or a slower movement"
         )
+    warn_of_ambiguity(scene, array, waveform)
     overhead_tx = _OVERHEAD_TX.get(str(resolved.estimator), 12.0)
     groups = Planner(probes, array, waveform, times_s, 10.0 ** (tolerance_db / 20.0)).groups(
         overhead_tx
@@ -151,8 +156,7 @@ def simulate_moving(
         """Samples of some Tx at an instant, relative to the middle of what moves."""
         nonlocal done, meta
         with sampled_as(scene), warnings.catch_warnings():
-            if meta:
-                warnings.simplefilter("ignore", ClradarWarning)
+            warnings.filterwarnings("ignore", "" if meta else AMBIGUOUS, ClradarWarning)
             one = simulate(sweep.scene(time_s), part, waveform, settings=own, device=opened)
         meta = meta or dict(one.meta)
         done += part.n_tx

@@ -17,7 +17,7 @@ from clradar.opencl.pocl_target import named_target
 from clradar.opencl.runtimes import platforms
 
 INSTALL_HINT = (
-    "install one: pip install 'pyopencl[pocl]' (Linux on x86-64) or 'clradar[intel]' (any x86), "
+    "install one: pip install 'pyopencl[pocl]' (Linux on x86-64) or intel-opencl-rt (any x86), "
     "conda-forge's pocl, the system's PoCL from 5.0 on, or a GPU's driver; see docs/install.md"
 )
 

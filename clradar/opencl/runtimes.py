@@ -1,6 +1,6 @@
 """Discovery of Intel's CPU runtime where it is installed as a Python package.
 
-The package (`pip install clradar[intel]`; on Windows it comes with the install) puts its library
+The package (`pip install intel-opencl-rt`; on Windows it comes with the install) puts its library
 into the environment, where the OpenCL loader does not look. On Linux the loader reads one folder of
 `.icd` files, each naming a library, once per process; `OCL_ICD_VENDORS` names it. While the
 platforms are listed for the first time it names a temporary folder with the system's entries and

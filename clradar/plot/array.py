@@ -42,14 +42,15 @@ def array_figure(
     """
     figure = new_figure(*SIZE, title or clusters_of(array)[0].name)
     axes = figure.subplots(2, 2)
-    _elements(axes[0, 0], array)
+    draw_elements(axes[0, 0], array)
     _virtual(axes[0, 1], array)
     _directions(axes[1, 0], found)
     _cuts(axes[1, 1], array, waveform, found)
     return figure
 
 
-def _elements(axes: Axes, array: Clusters) -> None:
+def draw_elements(axes: Axes, array: Clusters) -> None:
+    """Draw the places of the antennas, as the radar sees the scene."""
     own, unit = clusters_of(array), _unit(array)
     for sides_m, colour, marker, name in (
         ([one.tx_m for one in own], TX_COLOUR, "s", "Tx"),

@@ -48,8 +48,9 @@ def capture_figure(capture: Capture, title: str | None = None) -> Figure:
         profile = range_profile(capture)
         unit = unit_for(profile.path_m[-1] / 2)
         ranges = unit.per_m * profile.path_m / 2
-        panels[0].plot(ranges, _level_db(profile.power), color=CURVE_COLOURS[0], linewidth=0.9)
-        panels[0].set(xlim=(0, ranges[-1]), ylim=(-SHOWN_DB, 2))
+        level_db = _level_db(profile.power)
+        panels[0].plot(ranges, level_db, color=CURVE_COLOURS[0], linewidth=0.9)
+        panels[0].set(xlim=(0, _reach(ranges, level_db)), ylim=(-SHOWN_DB, 2))
         x_name = f"half path length ({unit.name})"
         label_axes(panels[0], x_name, BELOW_MAXIMUM, "Echoes, mean power of all pairs")
     power = np.asarray(np.mean(np.abs(capture.data) ** 2, axis=2, dtype=np.float64))
@@ -61,6 +62,11 @@ def capture_figure(capture: Capture, title: str | None = None) -> Figure:
     label_axes(panels[-1], "Rx", "Tx", "Level of every pair", grid=False)
     add_bar(panels[-1:], drawn, BELOW_MAXIMUM, "min")
     return figure
+
+
+def _reach(ranges: np.ndarray, level_db: np.ndarray) -> float:
+    """Return where the axis of ranges ends: twice as far as the last that is shown."""
+    return float(min(ranges[-1], 2 * ranges[np.flatnonzero(level_db > -SHOWN_DB)[-1]]))
 
 
 def recording_figure(
@@ -97,6 +103,7 @@ def recording_figure(
             shading="nearest", rasterized=True,
         )  # fmt: skip
         y_name = f"half path length ({unit.name})"
+        panels[0].set_ylim(0, _reach(places, _level_db(power).max(axis=0)))
         label_axes(panels[0], "frame", y_name, "Echoes of every frame", grid=False)
         add_bar(panels[:1], drawn, BELOW_MAXIMUM, "min")
     panels[-1].plot(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -191,9 +190,7 @@ def _write_caption(figure: Figure, metrics: Sequence[Metrics], notes: Sequence[s
     for row, one in enumerate(table):
         write(max(boxes[0].x1, NAMES_WIDTH / figure.get_figwidth()), row, one.name, "right")
         for box, values in zip(boxes[1:], metrics, strict=True):
-            value = one.scale * getattr(values, one.field)
-            text = "n/a" if math.isnan(value) else typeset(f"{value:.{one.digits}f}")
-            write((box.x0 + box.x1) / 2, row, text, "center")
+            write((box.x0 + box.x1) / 2, row, typeset(one.text(values)), "center")
     for row, line in enumerate(notes, len(table)):
         write(0.01, row, line, "left")
 

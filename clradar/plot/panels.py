@@ -170,16 +170,7 @@ def draw_frame(
     view: View = FRONT,
 ) -> None:
     """Set limits, ticks and labels; x increases to the left, in the radar's view and from above."""
-    from matplotlib.ticker import MaxNLocator
-
-    class Ticks(MaxNLocator):
-        """Round values, away from the ends: labels of neighbouring panels must not touch."""
-
-        def tick_values(self, vmin: float, vmax: float) -> Any:
-            low, high = sorted((vmin, vmax))
-            away = margin * (high - low)
-            inner = [v for v in super().tick_values(low, high) if low + away <= v <= high - away]
-            return np.array(inner or [(low + high) / 2])
+    from clradar.plot.ticks import InnerTicks
 
     arrow = "\N{LEFTWARDS ARROW} " if view.horizontal == "x" else ""
     x_name, y_name = (
@@ -191,7 +182,7 @@ def draw_frame(
     # A low image is at the lower edge, so that the labels of its x axis are below the colour bar.
     axes.set_aspect("equal", adjustable="box", anchor="S")
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(Ticks("auto", steps=[1, 2, 5, 10], min_n_ticks=1))
+        axis.set_major_locator(InnerTicks(margin))
     axes.ticklabel_format(useOffset=False)
     axes.tick_params(labelbottom=x_labels, labelleft=y_labels)
 

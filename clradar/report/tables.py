@@ -95,7 +95,7 @@ def metrics_section(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
     for label, found in zip(labels, metrics, strict=True):
         cells = [f'<th scope="row">{escaped(label)}</th>']
         for one, best_text in zip(METRIC_TABLE, best, strict=True):
-            shown = _metric_value(one, found)
+            shown = typeset(one.text(found))
             inner = f"<strong>{shown}</strong>" if shown == best_text else shown
             cells.append(f'<td data-name="{escaped(one.name)}">{inner}</td>')
         rows.append(f"<tr>{''.join(cells)}</tr>")
@@ -116,18 +116,13 @@ def metrics_section(labels: Sequence[str], metrics: Sequence[Metrics]) -> str:
     )
 
 
-def _metric_value(one: Metric, metrics: Metrics) -> str:
-    value = getattr(metrics, one.field)
-    return "n/a" if math.isnan(value) else typeset(f"{one.scale * value:.{one.digits}f}")
-
-
 def _best(one: Metric, metrics: Sequence[Metrics]) -> str | None:
     """Return the best value as it is displayed, None for fewer than two values."""
     known = [found for found in metrics if not math.isnan(getattr(found, one.field))]
     if len(known) < 2:
         return None
     choose = max if one.higher_is_better else min
-    return _metric_value(one, choose(known, key=lambda found: getattr(found, one.field)))
+    return typeset(one.text(choose(known, key=lambda found: getattr(found, one.field))))
 
 
 def image_facts(

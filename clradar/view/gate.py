@@ -25,8 +25,6 @@ PORTS_TRIED = 100
 HEAD_S = 10.0
 """A request has to be complete after that."""
 
-NO_REQUEST = (asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.TimeoutError)
-
 BUFFER_BYTES = 2**16
 """Of what is on its way to a browser: a slow link gets the newest frame, not those between."""
 
@@ -134,7 +132,9 @@ class Gate:
         try:
             head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_S)
             refused = refusal(headers_of(head[:-4]), self._protocol)
-        except (*NO_REQUEST, ValueError):
+        except (asyncio.IncompleteReadError, asyncio.TimeoutError):
+            return  # opened in advance: the browser would take it for its next request's answer
+        except (asyncio.LimitOverrunError, ValueError):
             refused = "expected a request of a browser"
         if refused is not None:
             body = f"{refused}\n".encode()

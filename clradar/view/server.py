@@ -26,7 +26,7 @@ from clradar.view.sources import FixedFrames, Source, StreamFrames
 from clradar.view.truth import HasTruth, Truth, draw_truth
 from clradar.view.wish import Wish
 
-INSTALL = "pip install 'clradar[view]'"
+INSTALL = "pip install viser"
 
 PANEL_PX = 350.0
 

@@ -8,6 +8,18 @@ from matplotlib.figure import Figure
 from sphinx_gallery.scrapers import figure_rst
 
 
+class ByNumber:
+    """The order of tutorials: 1, …, 7, 7a, …, 10."""
+
+    def __init__(self, src_dir: str) -> None:
+        pass
+
+    def __call__(self, name: str) -> tuple[int, str]:
+        """Return the number that a file's name begins with, and the rest."""
+        digits = len(name) - len(name.lstrip("0123456789"))
+        return int(name[:digits]), name[digits:]
+
+
 class FigureScraper:
     """Saves every `matplotlib.figure.Figure` among a block's names, once."""
 
@@ -18,6 +30,10 @@ class FigureScraper:
     def __repr__(self) -> str:
         # Part of the configuration: a text that changes with every build would rebuild every page.
         return type(self).__name__
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The pages, which are pickled, know the configuration.
+        return {"saved": []}
 
     def __call__(
         self, block: tuple[Any, ...], block_vars: dict[str, Any], gallery_conf: dict[str, Any]

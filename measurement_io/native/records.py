@@ -32,7 +32,6 @@ from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
     EXPECTED,
     SCHEMES,
-    VIEW_AXES,
     VIEWS,
     WEIGHTS,
     NativeHeader,
@@ -150,12 +149,12 @@ def _views(planes: Planes, grid: VoxelGrid) -> list[View]:
     except ModelError:
         return []
     titles = (
-        "Maximum amplitude along z",
+        "Maximum amplitude along z; the radar sees x to the left",
         f"Depth of the maximum along z, within {depth.dynamic_range_db:g} dB of the strongest",
     )
     return [
-        View(VIEWS[0], titles[0], VIEW_AXES, depth.amplitude, "amplitude", None),
-        View(VIEWS[1], titles[1], VIEW_AXES, depth.depth_m, "depth", "m"),
+        View(VIEWS[0], titles[0], depth.amplitude, "amplitude", None),
+        View(VIEWS[1], titles[1], depth.depth_m, "depth", "m"),
     ]
 
 

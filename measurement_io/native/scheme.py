@@ -1,8 +1,7 @@
 """The common scheme of native HDF5 files (NeXus NXdata): structure, header, reading, writing.
 
-Layout (docs/files.md has the tables): `/` NXroot, `/entry` NXentry, `/entry/data` NXdata with its
-signal and its axes; the root's attributes hold format and version,
-when it was made and, as JSON, where it comes from.
+docs/files.md has the tables: `/` NXroot, `/entry` NXentry, `/entry/data` NXdata with its signal and
+its axes; the root's attributes hold format and version, when it was made and its provenance.
 """
 
 from __future__ import annotations
@@ -36,7 +35,6 @@ _STRUCTURE_BYTES = 2**16
 """Of a file beside its arrays and its provenance; 16 kB in a capture of the 94 x 94 imager."""
 
 EXPECTED = "a readable native HDF5 file"
-
 
 Length = int | str | None
 """Of an axis: a number, the name of a length that all datasets with it share, or None for any."""
@@ -186,14 +184,10 @@ SCHEMES = {
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An image that is drawn from the data, for viewers alone: an NXdata group beside it.
-
-    Its `axes` are datasets of `/entry/data`.
-    """
+    """An image that is drawn from the data, for viewers alone: an NXdata group beside it."""
 
     name: str
     title: str
-    axes: tuple[str, ...]
     data: np.ndarray
     long_name: str
     unit: str | None
@@ -261,7 +255,7 @@ def write(
     # From version 1.10 on HDF5 keeps checksums of its own structures, and long attributes.
     with ExitStack() as stack:
         temporary = stack.enter_context(replacing(path, force=force))
-        require_space(temporary, size_bytes + len(text) + _STRUCTURE_BYTES)
+        require_space(temporary, size_bytes + 2 * len(text) + _STRUCTURE_BYTES)
         file = stack.enter_context(h5py.File(temporary, "x", libver=("v110", "v110")))
         file.attrs["NX_class"] = NX_CLASSES["/"]
         file.attrs["default"] = "entry"
@@ -285,11 +279,16 @@ def write(
             value = values[dataset.name]
             _write_dataset(data, dataset.name, value, dataset.dtype, long_name, dataset.unit)
         data[scheme.signal].attrs["interpretation"] = scheme.interpretation
+        note = entry.create_group("provenance")  # for viewers, as what follows
+        note.attrs["NX_class"] = "NXnote"
+        note["type"], note["data"] = "application/json", text
         for view in views:
-            group = _data_group(entry, view.name, view.title, "data", view.axes)
+            group = _data_group(entry, view.name, view.title, "data", VIEW_AXES)
             _write_dataset(group, "data", view.data, view.data.dtype, view.long_name, view.unit)
             group["data"].attrs["interpretation"] = "image"
-            for axis in view.axes:
+            if view.unit is None:  # an amplitude, in dB for silx
+                group.attrs["SILX_style"] = '{"signal_scale_type": "log"}'
+            for axis in VIEW_AXES:
                 group[axis] = data[axis]
 
 

@@ -10,12 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clradar.compare import (
-    HIGHER_IS_BETTER,
-    METRICS,
-    Metrics,
-    compare,
-)
+from clradar.compare import METRIC_TABLE, METRICS, Metrics, compare
 from clradar.compare.metrics import SSIM_SIGMA, SSIM_WINDOW
 from clradar.errors import CompareError, ModelError
 from clradar.model import DepthMap, Volume, VoxelGrid
@@ -152,9 +147,9 @@ def test_the_metrics_have_the_stated_sense() -> None:
     base = layer(texture(60), np.random.default_rng(61).integers(0, N_Z, (N_Y, N_X)))
     other = layer(texture(62), np.random.default_rng(63).integers(0, N_Z, (N_Y, N_X)))
     perfect, worse = compare(base, base).to_dict(), compare(base, other).to_dict()
-    names = list(METRICS)
-    assert {n for n in names if perfect[n] > worse[n]} == HIGHER_IS_BETTER
-    assert {n for n in names if perfect[n] < worse[n]} == set(names) - HIGHER_IS_BETTER
+    names, higher = list(METRICS), {one.field for one in METRIC_TABLE if one.higher_is_better}
+    assert {n for n in names if perfect[n] > worse[n]} == higher
+    assert {n for n in names if perfect[n] < worse[n]} == set(names) - higher
     assert names[0] == METRICS[0]
 
 

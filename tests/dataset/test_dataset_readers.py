@@ -74,7 +74,7 @@ def test_without_xarray_the_error_names_the_extra(
     made: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ImportError, match=r"pip install 'clradar\[dataset\]'"):
+    with pytest.raises(ImportError, match=r"pip install xarray 'dask\[array\]'"):
         open_dataset(made)
 
 

@@ -145,6 +145,27 @@ def test_skin_that_tears_is_warned_of() -> None:
     assert any("its skin, carried from the middle, tears" in str(one.message) for one in warned)
 
 
+@pytest.mark.filterwarnings("error:simulate. the scene is as wide")
+def test_parts_of_an_array_warn_of_no_lobes_that_it_has_not() -> None:
+    corners = [trimesh.creation.icosphere(1, 8e-3) for _ in range(4)]
+    for i, ball in enumerate(corners):
+        ball.apply_translation([(-0.06, 0.06)[i % 2], (-0.08, 0.08)[i // 2], 0.3])
+    scene = Scene.from_mesh(trimesh.util.concatenate(corners))
+    body = MovingBody(scene, RigidMotion.steady((0.0, 0.0, 3.0)))
+    timing = clradar.SweepTiming.in_order(94, 2, step_s=160e-6)
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 2)
+
+    def stop(done: int, total: int) -> None:
+        """After the first part: warnings are errors here."""
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        clradar.simulate_moving(
+            MovingScene([body]), clradar.arrays.qar50(), waveform, timing=timing, progress=stop,
+            samples_per_mm2=0.1,
+        )  # fmt: skip
+
+
 def test_skin_that_is_carried_is_that_of_the_pose() -> None:
     # Two meshes of this hand, with edges of 1.6 and 1.7 mm, differ by -36 dB. Of the same samples.
     radar = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))

@@ -227,9 +227,6 @@ def test_degenerate_faces_change_nothing(device):
     assert same_bits(tracing(plain, ARRAY, **arguments), tracing(more, ARRAY, **arguments))
 
 
-# --- two-sided surfaces
-
-
 # --- order, repetition, tiles, memory
 
 

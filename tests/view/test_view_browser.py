@@ -44,7 +44,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow  # after the reload it waited in vain at times, under load
 @in_browser
 def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: Path) -> None:
     with contextlib.ExitStack() as stack:

@@ -48,7 +48,7 @@ def test_without_viser_the_error_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
     source = open_source(volume_file(tmp_path))
-    with pytest.raises(MissingViser, match=r"clradar\[view\]"), serving(source, Wish()):
+    with pytest.raises(MissingViser, match=r"pip install viser"), serving(source, Wish()):
         pass
 
 

@@ -105,6 +105,16 @@ def test_what_is_no_request_is_refused(port: int, data: bytes) -> None:
     assert status(sent(port, data)) == 403
 
 
+@pytest.mark.parametrize("data", [b"", b"GET / HT"])
+def test_a_connection_that_is_not_used_ends_without_an_answer(
+    port: int, data: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A browser opens some in advance, and takes what it finds there for its next answer."""
+    monkeypatch.setattr("clradar.view.gate.HEAD_S", 0.01)
+    with closing(sent(port, data)) as connection:
+        assert connection.recv(1) == b""
+
+
 def test_viser_itself_is_where_no_page_can_guess() -> None:
     with running("view", 0) as (server, port):
         host = server.get_host()

@@ -26,7 +26,7 @@ COLUMNS = ("azimuth deg", "elevation deg", "dB", "")
 def command(
     array: str = argument(ARRAY_HELP, "qar50", metavar="ARRAY"),
     *,
-    output: Path | None = output_option("Figure: .png, .pdf or .svg."),
+    output: Path | None = output_option("Figure: .png, .pdf or .svg.", None, "--figure"),
     at_mm: str = option("Point that the array is focused on.", "0,0,300", metavar="X,Y,Z"),
     band: BandOptions,
     within_deg: float | None = option("Lobes up to this angle. [default: 90, or less]"),

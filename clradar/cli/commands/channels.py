@@ -24,7 +24,9 @@ def command(
     target: TargetOptions,
     output: Path = output_option("Channels to write (HDF5).", REQUIRED),
     estimate: EstimateOptions,
-    plot: Path | None = option("Also draw gains, phases and delays: .png, .pdf or .svg."),
+    plot: Path | None = option(
+        "Also draw gains, phases and delays: .png, .pdf or .svg.", names=("--plot", "--figure")
+    ),
     frames: FrameOptions,
     force: bool = FORCE,
 ) -> None:
@@ -79,7 +81,7 @@ def print_summary(output: Path, channels: cl.ChannelCalibration) -> None:
         what, unit = name.rsplit("_", 1)
         scale, shown = (1e3, "mm") if unit == "m" else (1.0, "deg")
         std = scale * channels.target_std[name]
-        parts.append(f"{what} {scale * value:.3f} +- {std:.3f} {shown}")
+        parts.append(f"{what} {scale * value:.3f} ± {std:.3f} {shown}")
     print_line(f"{channels.target}: {', '.join(parts)}")
     print_line(
         f"{output}: {channels.residual_db:.1f} dB of the echoes is left, "

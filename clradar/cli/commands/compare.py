@@ -27,7 +27,7 @@ from clradar.files.json_file import write_json
 class ComparisonFiles:
     """Files of a comparison, none of which has to be written."""
 
-    output: Path | None = output_option("Figure to write: .png, .pdf or .svg.")
+    output: Path | None = output_option("Figure to write: .png, .pdf or .svg.", None, "--figure")
     json: Path | None = option("File for the metrics, in metres.")
     report: Path | None = option(
         "Page to write: figure, 3-D view, metrics and settings in one .html file."

@@ -25,7 +25,9 @@ COARSE_GRID_MM = ("-100:100:4", "-100:100:4", "260:340:10")
 def command(
     *,
     capture: Path = CAPTURE,
-    output: Path | None = output_option("Figure of all images: .png, .pdf or .svg."),
+    output: Path | None = output_option(
+        "Figure of all images: .png, .pdf or .svg.", None, "--figure"
+    ),
     json: Path | None = option("File for the result, in metres.", panel="Output"),
     fix_to: Path | None = option("The capture in clradar's convention (HDF5).", panel="Output"),
     expect_mm: str | None = option(

@@ -29,7 +29,7 @@ def command(
     png: Path | None = option(
         "Also draw it: .png, .pdf or .svg. A volume's image; echoes over range and the level of "
         "every pair of a capture, or over the frames of a recording.",
-        names=("--png", "-o"),
+        names=("--png", "-o", "--figure"),
         without="--check --json",
     ),
     picture: PictureOptions,

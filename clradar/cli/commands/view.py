@@ -66,7 +66,7 @@ def command(
     device: str | None = DEVICE,
 ) -> None:
     """Serves a page at 127.0.0.1 until Ctrl-C, and prints its address. Needs viser: pip install
-    'clradar[view]'. Captures are imaged as `clradar image` does, with larger voxels at first.
+    viser. Captures are imaged as `clradar image` does, with larger voxels at first.
     """
     check_suffix(html, PAGES)
     check_outputs([html], force=force, inputs=[path])

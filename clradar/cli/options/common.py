@@ -56,7 +56,7 @@ class WorkerOptions:
     PANEL = "Expert"
 
     workers: int | None = option(
-        "Worker processes (pip install 'clradar[dataset]'), each with a GPU or a share of the "
+        "Worker processes (pip install 'dask[distributed]'), each with a GPU or a share of the "
         "cores. [default: one for each of several devices, else this one]",
         metavar="N",
         min=1,

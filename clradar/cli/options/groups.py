@@ -53,9 +53,9 @@ def argument(help: str, default: Any = None, **details: Any) -> Any:
     return option(help, default, kind=typer.Argument, **details)
 
 
-def output_option(help: str, default: Any = None, **details: Any) -> Any:
-    """A field that is the option ``-o``, ``--output``."""
-    return option(help, default, names=("-o", "--output"), panel="Output", **details)
+def output_option(help: str, default: Any = None, *names: str, **details: Any) -> Any:
+    """A field that is the option ``-o``, ``--output``, and has other names, too."""
+    return option(help, default, names=("-o", "--output", *names), panel="Output", **details)
 
 
 def option_name(name: str, one: Field[Any]) -> str:

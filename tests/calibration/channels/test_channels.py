@@ -585,7 +585,7 @@ def test_file_round_trip(tmp_path: Path, found: ChannelCalibration) -> None:
     report = check_file(path)
     assert report.ok, report.problems
     text = str(describe(path))
-    for words in ("native channels", "dead Tx", "plate distance", "residual", "+-"):
+    for words in ("native channels", "dead Tx", "plate distance", "residual", "±"):
         assert words in text
     with pytest.raises(OutputError, match="exists already"):
         save_channels(path, found)

@@ -83,7 +83,7 @@ def test_a_bare_recording_lists_what_is_missing(tmp_path):
         *("metadata.json", "alignment.json", "photogrammetry/*.obj"),
     ):
         assert part in missing
-    assert "missing: metadata.json" in str(description)
+    assert f"missing: {missing}" in str(description)
     assert description.words["metadata.json"] == "none"
     assert description.values["metadata.json"] is None
     assert description.values["ignored_in_calibrated_data"] == ["mean.npy"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,9 @@ import comparisons
 import h5py
 import numpy as np
 import pytest
+import silx.io
 from comparisons import refusal, same_bits
+from silx.io import nxdata
 
 import clradar
 from clradar import AntennaPattern
@@ -96,6 +99,31 @@ def test_volume_round_trip(tmp_path):
     assert read.grid.counts == volume.grid.counts
     assert read.meta == volume.meta
     assert check_file(tmp_path / "v.h5").ok
+    with silx.io.open(str(tmp_path / "v.h5")) as file:
+        assert nxdata.get_default(file).plot_style.signal_scale_type == "log"
+        assert json.loads(file["entry/provenance/data"][()]) == volume.meta
+
+
+def test_layout_as_documented(path):
+    capture = open_capture(path)
+    with h5py.File(path) as file:
+        assert file.attrs["NX_class"] == "NXroot"
+        assert file.attrs["clradar_format"] == "capture"
+        assert file.attrs["clradar_version"] == 1
+        assert json.loads(file.attrs["provenance"]) == {"seed": 1}
+        entry = file[file.attrs["default"]]
+        assert entry.attrs["NX_class"] == "NXentry"
+        group = entry[entry.attrs["default"]]
+        assert group.name == "/entry/data"
+        assert group.attrs["NX_class"] == "NXdata"
+        assert list(group.attrs["axes"]) == ["tx", "rx", "frequency_hz"]
+        data = group[group.attrs["signal"]]
+        assert (data.dtype, data.shuffle, data.fletcher32) == (np.complex64, True, True)
+        assert same_bits(data[()], capture.data)
+        for axis, length in zip(group.attrs["axes"], data.shape, strict=True):
+            assert group[axis].shape == (length,)
+        assert group["frequency_hz"].attrs["units"] == "Hz"
+        assert group["tx_m"].attrs["units"] == "m"
 
 
 def test_patterns_stay_with_the_array(tmp_path):
