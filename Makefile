@@ -40,7 +40,8 @@ mutants: $(VENV)/.installed-dev
 # Everything that `.ci/run` leaves out, to be run over night. Each part has its own command, too.
 nightly: test-slow memcheck gpucheck test-spawn test-lowest test-intel mutants fuzz
 
-# The oldest versions of the dependencies that pyproject.toml allows, in an environment of its own.
+# The oldest versions of the dependencies that pyproject.toml allows, in an environment of its own; with a
+# click that does not warn of what the oldest typer uses, since warnings are errors in the tests.
 test-lowest: $(VENV)-lowest/.installed
 	$(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile
 
@@ -111,7 +112,7 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[test,lint]"
+	$(BIN)/python -m pip install --quiet --editable ".[test,vtk,lint]"
 	touch $(VENV)/.installed $@
 
 $(VENV)/.installed-docs: $(VENV)/.installed pyproject.toml
@@ -139,7 +140,7 @@ $(VENV)-intel/.installed: pyproject.toml
 
 $(VENV)-lowest/.installed: pyproject.toml $(VENV)/.installed-dev
 	$(PYTHON) -m venv $(VENV)-lowest
-	$(BIN)/uv pip install --quiet --python $(VENV)-lowest/bin/python --resolution lowest-direct --editable ".[test]"
+	$(BIN)/uv pip install --quiet --python $(VENV)-lowest/bin/python --resolution lowest-direct --editable ".[test]" "click==8.4.*"
 	touch $@
 
 clean:

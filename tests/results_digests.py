@@ -227,11 +227,12 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Something to compute from the shared inputs."""
+    """Something to compute from the shared inputs; if it is `cheap`, the tests compute it, too."""
 
     name: str
     compute: Callable[[Works], Values]
     tolerance: float
+    cheap: bool
 
     def results(self, works: Works) -> dict[str, Result]:
         return {k: as_result(v, self.tolerance) for k, v in self.compute(works).items()}
@@ -241,12 +242,12 @@ CASES: dict[str, Case] = {}
 
 
 def case(
-    tolerance: float,
+    tolerance: float, *, cheap: bool = True
 ) -> Callable[[Callable[[Works], Values]], Callable[[Works], Values]]:
     """Put a function into the table of cases."""
 
     def add(function: Callable[[Works], Values]) -> Callable[[Works], Values]:
-        CASES[function.__name__] = Case(function.__name__, function, tolerance)
+        CASES[function.__name__] = Case(function.__name__, function, tolerance, cheap)
         return function
 
     return add
@@ -506,6 +507,25 @@ def hand_meshes(works: Works) -> Values:
         "Y", 4e-3, "left", (0.01, -0.02, 0.28), shape, device=works.device
     )
     return {**named("F", of_mesh(works.mesh)), **named("Y", of_mesh(left))}
+
+
+@case(SUMMED)
+def more_hands(works: Works) -> Values:
+    """A drawn hand, a finer one, a moved one, and joints without a mesh."""
+    hand = clradar.hand
+    rng = np.random.default_rng(5)
+    drawn = hand.hand_mesh(
+        hand.random_pose(rng), 4e-3, shape=hand.random_shape(rng), device=works.device
+    )
+    fine = hand.hand_mesh("7", 2e-3, device=works.device)
+    turn = motion(0.4, (0.01, 0.0, 0.02))
+    moved = works.mesh.moved(turn[:3, :3], turn[:3, 3])
+    return {
+        **named("drawn", of_mesh(drawn)),
+        **named("fine", of_mesh(fine)),
+        **named("moved", of_mesh(moved)),
+        "joints": hand.hand_mesh("L", handedness="left", device=works.device).joints_m,
+    }
 
 
 @case(SUMMED)
@@ -885,12 +905,31 @@ def registration(works: Works) -> Values:
     }
 
 
+@case(FOUND, cheap=False)
+def registration_of_glints(works: Works) -> Values:
+    """The same with the bias of a fit to the rendering alone removed."""
+    return placed(
+        calibration.align_mesh(works.measured, works.small_hand, **works.radar, search_deg=5.0)
+    )
+
+
 # Sweeps
 
 
 @case(FOUND)
+def alpha_sweep(works: Works) -> Values:
+    """Of a wavy plate: three alphas, two seeds."""
+    return swept(works, None)
+
+
+@case(FOUND)
 def alpha_sweep_of_regions(works: Works) -> Values:
-    """Of a wavy plate, with an alpha for each half: three alphas, two seeds."""
+    """The same with an alpha for each half."""
+    return swept(works, calibration.Regions.of_parts(works.wave))
+
+
+def swept(works: Works, regions: calibration.Regions | None) -> Values:
+    """Return images, metrics and estimates of a sweep over a wavy plate."""
     rays: dict[str, Any] = {
         **{"samples_per_mm2": 1.0, "rays_per_sample": 2, "reception_radius_m": 0.025},
     }
@@ -902,8 +941,8 @@ def alpha_sweep_of_regions(works: Works) -> Values:
     grid = clradar.VoxelGrid.from_extent((-0.03, 0.03), (-0.03, 0.03), (0.285, 0.315), 3e-3)
     image = clradar.backproject(measured, grid, device=works.device)
     found = calibration.sweep(
-        image, works.wave, [0.1, 0.4, 0.7], seeds=2, device=works.device,
-        regions=calibration.Regions.of_parts(works.wave), **radar, **rays,
+        image, works.wave, [0.1, 0.4, 0.7], seeds=2, regions=regions, device=works.device,
+        **radar, **rays,
     )  # fmt: skip
     images = [image.amplitude for image in found.images if image is not None]
     values: dict[str, Any] = {
@@ -1069,6 +1108,20 @@ def placed_grids(works: Works) -> Values:
     }
 
 
+@case(FOUND, cheap=False)
+def hand_fit(works: Works) -> Values:
+    """A hand from its image, without the simulations that judge it."""
+    pose = clradar.hand.pose_by_name("F")
+    scene = clradar.Scene.from_mesh(
+        clradar.hand.hand_mesh(pose, 4e-3, device=works.device), alpha=0.5
+    )
+    capture = clradar.simulate(scene, seed=4, **works.radar)
+    grid = clradar.VoxelGrid.from_extent((-0.09, 0.09), (-0.099, 0.099), (0.26, 0.341), 3e-3)
+    image = clradar.backproject(capture, grid, device=works.device)
+    fit = calibration.fit_hand(image, "F", closed_loop=False, alpha=0.5, **works.radar)
+    return {"joints": fit.joints_m, "angles": angles(fit.pose)}
+
+
 # Data sets
 
 PLAN = """
@@ -1141,11 +1194,12 @@ def data_set_physical(works: Works) -> Values:
 def document(
     device: clradar.Device,
     *,
+    cheap: bool = False,
     only: Iterable[str] = (),
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Compute the named cases, or all; their digests as JSON."""
-    chosen = [c for c in CASES.values() if not only or c.name in only]
+    """Compute the named cases, or all, or all `cheap` ones; their digests as JSON."""
+    chosen = [c for c in CASES.values() if (c.cheap or not cheap) and (not only or c.name in only)]
     results = {}
     # Results without a device option use the same one.
     with (
@@ -1179,11 +1233,14 @@ def main(arguments: list[str] | None = None) -> int:
     action = parser.add_mutually_exclusive_group(required=True)
     action.add_argument("--write", type=Path, metavar="FILE.json")
     action.add_argument("--compare", type=Path, metavar="FILE.json")
+    parser.add_argument("--cheap", action="store_true", help="only what the tests compute")
     parser.add_argument("--only", nargs="+", default=[], choices=list(CASES), metavar="CASE")
     parser.add_argument("--width", type=int, choices=(1, 8), help="lanes, to round otherwise")
     given = parser.parse_args(arguments)
     device = clradar.open_device("pocl", width=given.width)
-    made = document(device, only=given.only, progress=lambda name: print(name, flush=True))
+    made = document(
+        device, cheap=given.cheap, only=given.only, progress=lambda name: print(name, flush=True)
+    )
     if given.write is not None:
         given.write.write_text(text_of(made))
         return 0

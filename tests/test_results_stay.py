@@ -33,8 +33,8 @@ def on_file() -> Document:
 
 @pytest.fixture(scope="module")
 def made() -> Document:
-    """What this machine computes."""
-    return digests.document(clradar.open_device("pocl"))
+    """What this machine computes, without the case that takes half of the time."""
+    return digests.document(clradar.open_device("pocl"), cheap=True)
 
 
 def elsewhere(document: Document) -> Document:
@@ -46,7 +46,8 @@ def elsewhere(document: Document) -> Document:
 
 @pytest.mark.device
 def test_results_stay(on_file: Document, made: Document) -> None:
-    assert set(on_file["results"]) == set(made["results"]) == set(digests.CASES)
+    assert set(on_file["results"]) == set(digests.CASES)
+    assert set(made["results"]) == {name for name, case in digests.CASES.items() if case.cheap}
     # Bits of the host depend on threads of libraries, which other tests of a process may have set.
     one_process = "PYTEST_XDIST_WORKER" not in os.environ
     for other in [made, elsewhere(made)] if one_process else [elsewhere(made)]:

@@ -45,10 +45,8 @@ def ghosts(
     at_m: np.ndarray,
     *among: Callable[[np.ndarray], np.ndarray],
 ) -> list[list[Lobe]]:
-    """Return grating lobes of the image of a point, those from `GHOST_DB` on, strongest first.
-
-    One list for each of `among`, which say of positions (n, 3) at the distance of the point,
-    metres, which count. Of several arrays: lobes of one image of all.
+    """Return grating lobes of the image of a point from `GHOST_DB` on, strongest first: a list for
+    each of `among`, which say of positions (n, 3), metres, at that distance, which count.
     """
     clusters = clusters_of(array)
     if len(clusters) == 1 and _needs_no_search(clusters[0], waveform):
@@ -160,8 +158,8 @@ def _needs_no_search(array: AntennaArray, waveform: Waveform) -> bool:
     return imager or array.n_tx * array.n_rx == 1
 
 
-def _few(array: AntennaArray, count: int) -> AntennaArray:
-    return array.part(_drawn(array.n_tx, count), _drawn(array.n_rx, count))
+def _few(array: AntennaArray, most: int) -> AntennaArray:
+    return array.part(_drawn(array.n_tx, most), _drawn(array.n_rx, most))
 
 
 def _drawn(count: int, most: int) -> np.ndarray:

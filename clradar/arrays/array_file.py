@@ -31,13 +31,6 @@ def read_array(path: str | os.PathLike[str]) -> AntennaArray:
     ----------
     path : path-like
 
-    Raises
-    ------
-    MeasurementError
-        Missing, too large, not TOML, an unknown key, an invalid value; a file with
-        ``pairs = "cluster"`` and several poses, which `read_clusters` reads. The message names the
-        file, the key, what was expected and found.
-
     Examples
     --------
     Twelve transmitters along x and sixteen receivers along y.
@@ -64,11 +57,6 @@ def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
 
     A Tx then is measured with the Rx of its own pose only, so that each pose has a capture of its
     own; `clradar.backproject` makes one image of them all. Without that key it is one array.
-
-    Raises
-    ------
-    MeasurementError
-        As `read_array`; more than 1024 clusters.
 
     Examples
     --------

@@ -164,36 +164,29 @@ class Antennas(Placed):
 
     @model_validator(mode="after")
     def _is_for_each(self) -> Antennas:
-        gain, boresight = self._rows("gain", 2), self._rows("boresight", 3)
-        if self.gain_db is not None or self.phase_deg is not None:
+        gain, boresight = self._for_each("gain", 2), self._for_each("boresight", 3)
+        level_db, phase_deg = self._for_each("gain_db"), self._for_each("phase_deg")
+        complex_gain = None if gain is None else gain @ [1.0, 1j]
+        if level_db is not None or phase_deg is not None:
             if gain is not None:
                 raise mistake("no gain_db and no phase_deg beside it", "both", key="gain")
-            level_db, phase_deg = self._each("gain_db"), self._each("phase_deg")
-            complex_gain = 10 ** (level_db / 20) * np.exp(1j * np.deg2rad(phase_deg))
-        else:
-            complex_gain = None if gain is None else gain @ [1.0, 1j]
+            level_db, phase_deg = (0.0 if v is None else v for v in (level_db, phase_deg))
+            turned = np.exp(1j * np.deg2rad(phase_deg))
+            complex_gain = np.ones(len(self._at_m)) * 10 ** (level_db / 20) * turned
         self._side = Side(self._at_m, complex_gain, boresight)
         return self
 
-    def _each(self, key: str) -> np.ndarray:
-        """One number for all antennas, or one for each; 0 where it is not there."""
-        value, count = getattr(self, key), len(self._at_m)
-        if isinstance(value, tuple) and len(value) != count:
-            raise mistake(f"one number, or one for each of {count} antennas", len(value), key=key)
-        return np.array(np.broadcast_to(value or 0.0, count))
-
-    def _rows(self, key: str, columns: int) -> np.ndarray | None:
-        """One row of numbers for all antennas, or one for each, shape (n, columns)."""
-        value, count = getattr(self, key), len(self._at_m)
+    def _for_each(self, key: str, *columns: int) -> Any:
+        """Return what is given once or for each of n antennas, shape (n, *columns), or None."""
+        value, shape = getattr(self, key), (len(self._at_m), *columns)
         if value is None:
             return None
         rows = np.array(value)
-        if rows.ndim == 1 and len(rows) != columns:
-            raise mistake(f"a list of {columns} numbers", list(value), key=key)
-        if rows.ndim == 2 and rows.shape != (count, columns):
-            expected = f"one row of {columns} numbers for each of {count} antennas, or one for all"
-            raise mistake(expected, f"{len(rows)} of {rows.shape[1]}", key=key)
-        return np.array(np.broadcast_to(rows, (count, columns)))
+        if rows.shape not in (columns, shape):
+            one = f"one row of {columns[0]} numbers" if columns else "one number"
+            got = " of ".join(map(str, rows.shape))
+            raise mistake(f"{one}, or one for each of {shape[0]} antennas", got, key=key)
+        return np.array(np.broadcast_to(rows, shape))
 
 
 class Pose(Placed):
@@ -310,15 +303,10 @@ class Side:
         """All of them in one, with 1 for gains and +z for boresights that only others have."""
         if len(parts) == 1:
             return parts[0]
-        gain = boresight = None
-        if any(part.gain is not None for part in parts):
-            gain = np.concatenate(
-                [np.ones(len(p.at_m)) if p.gain is None else p.gain for p in parts]
-            )
-        if any(part.boresight is not None for part in parts):
-            boresight = np.concatenate(
-                [_along_z(len(p.at_m)) if p.boresight is None else p.boresight for p in parts]
-            )
+        ones = [np.ones(len(part.at_m)) if part.gain is None else part.gain for part in parts]
+        axes = [_along_z(len(p.at_m)) if p.boresight is None else p.boresight for p in parts]
+        gain = None if all(p.gain is None for p in parts) else np.concatenate(ones)
+        boresight = None if all(p.boresight is None for p in parts) else np.concatenate(axes)
         return cls(np.concatenate([part.at_m for part in parts]), gain, boresight)
 
 

@@ -75,12 +75,6 @@ def array_figures(
     -------
     ArrayFigures
 
-    Raises
-    ------
-    ModelError
-        An invalid argument; a focus behind the antennas; a `within_deg` whose search would take
-        minutes.
-
     Warns
     -----
     ClradarWarning

@@ -97,9 +97,8 @@ def lobes(
 ) -> tuple[tuple[Lobe, ...], DirectionMap]:
     """Maxima of the response over direction and range but for the main lobe, strongest first.
 
-    The response at the middle frequency tells where to look; there the echoes of the whole band
-    are added up at the range that suits them, and the maximum is climbed. That response is
-    returned, too.
+    The response at the middle frequency, which is returned, too, tells where to look; there the
+    maximum over the whole band is climbed.
     """
     from scipy.ndimage import maximum_filter
 

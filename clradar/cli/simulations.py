@@ -26,7 +26,7 @@ from clradar.jobs.job import KEY
 from clradar.model.progress import Progress, part_of
 
 if TYPE_CHECKING:
-    from clradar.motion.motion_file import Motion
+    from clradar.motion.motion_record import Motion
 
 CLUSTER_NAME = "cluster_{:03d}"
 """Capture or recording of one cluster, counted from 1, in the folder of all."""

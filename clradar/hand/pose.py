@@ -132,14 +132,8 @@ def check_angles(joint: str, angles: Any) -> None:
 def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
     """Return the linear interpolation of two poses, angle by angle.
 
-    Interpolated angles are within the limits of the joints. Fingers may penetrate each other on the
-    way; `clradar.hand.sampler.overlaps` measures how deep.
-
-    Parameters
-    ----------
-    a, b : HandPose
-    share : float
-        In [0, 1]: 0 gives the angles of `a`, 1 those of `b`, to the last bit.
+    A share of 0 gives the angles of `a`, 1 those of `b`, to the last bit. Fingers may penetrate
+    each other on the way; `clradar.hand.sampler.overlaps` measures how deep.
 
     Examples
     --------

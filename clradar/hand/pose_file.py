@@ -114,18 +114,10 @@ def pose_of_table(parsed: Any, path: Path) -> HandPose:
 
 
 def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = False) -> None:
-    """Write a pose to a .toml or .json file, whole or not at all.
+    """Write a pose to a .toml or .json file, whole or not at all; `force` replaces one.
 
     Reading it gives the pose again; an angle that is not a decimal number of degrees may come back
     changed by its last bit.
-
-    Parameters
-    ----------
-    path : path-like
-        Target. Its folder has to exist.
-    pose : HandPose
-    force : bool
-        Replace an existing file.
 
     Examples
     --------

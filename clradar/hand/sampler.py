@@ -48,10 +48,6 @@ def random_pose(rng: np.random.Generator) -> HandPose:
     the palm towards the radar. Poses in which digits penetrate by more than `MOST_OVERLAP_M`, or
     the palm by more than `MOST_PALM_OVERLAP_M`, are rejected.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-
     Examples
     --------
     >>> import numpy as np
@@ -84,29 +80,13 @@ def pose_around(
 ) -> HandPose:
     """Draw a plausible pose around another one; it depends on the state of the generator alone.
 
-    Flexions of the fingers and all angles of the thumb deviate by `spread_deg`, abductions of the
-    fingers by 7/12 and the arch of the palm by 5/12 of it. Middle joint and knuckle of a finger are
-    correlated by 0.6, and the last joint follows the middle one by two thirds. Twists of the
-    fingers and the wrist stay. Angles are clipped to the limits of the joints. No parts penetrate
-    more than in `random_pose`, or than they do in `pose` itself.
-
-    Parameters
-    ----------
-    pose : HandPose
-    rng : numpy.random.Generator
-    spread_deg : float, degrees
-        Standard deviation, from 0 to 45.
-
-    Returns
-    -------
-    HandPose
-        Of the same name.
-
-    Notes
-    -----
-    Whole hands around a fist would nearly all penetrate. So digits are drawn one at a time, six
-    times over, and a draw is kept if it fits between the other digits as they are: independence
-    sampling (Metropolis within Gibbs) of the normal distribution cut where digits penetrate.
+    Flexions of the fingers and all angles of the thumb deviate by `spread_deg` (standard deviation,
+    0 to 45 degrees), abductions of the fingers by 7/12 and the arch of the palm by 5/12 of it.
+    Middle joint and knuckle of a finger are correlated by 0.6, and the last joint follows the
+    middle one by two thirds. Twists of the fingers and the wrist stay. Angles are clipped to the
+    limits of the joints. No parts penetrate more than in `random_pose`, or than in `pose` itself.
+    Digits are drawn one at a time, six times over, and a draw is kept if it fits between the other
+    digits as they are: Metropolis within Gibbs, as whole hands around a fist nearly all penetrate.
 
     Examples
     --------

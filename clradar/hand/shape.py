@@ -112,10 +112,6 @@ def random_shape(rng: np.random.Generator) -> HandShape:
     0.6; the fingers' factors have a standard deviation of 0.024, girth one of 0.045. Draws outside
     `ADULT_RANGES` are rejected.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-
     Examples
     --------
     >>> import numpy as np

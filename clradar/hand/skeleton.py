@@ -247,15 +247,10 @@ def _thumb(pose: HandPose, size: Proportions) -> _Chain:
 
 
 def posed_skeleton(pose: HandPose, shape: HandShape = AVERAGE) -> Skeleton:
-    """Return the skeleton of a right hand in its own frame.
+    """Return the skeleton of a right hand in its own frame, whose origin is the wrist.
 
-    The origin is the wrist. The angles of the wrist rotate the whole hand; with all of them 0 it
-    has +y along the fingers, the palm towards -z, the thumb towards -x.
-
-    Parameters
-    ----------
-    pose : HandPose
-    shape : HandShape
+    The angles of the wrist rotate the whole hand; with all of them 0 it has +y along the fingers,
+    the palm towards -z, the thumb towards -x.
 
     Examples
     --------

@@ -94,11 +94,6 @@ def draw_channels(
         Gain, phase and delay of Tx and Rx have independent random streams: another `gain_db` does
         not change the phases.
 
-    Raises
-    ------
-    ModelError
-        A negative spread, a spread or a channel out of range.
-
     Examples
     --------
     >>> import clradar

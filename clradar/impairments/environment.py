@@ -27,11 +27,6 @@ class Wall:
         RMS over the pairs of antennas of its echo, in the units of a capture; negative where the
         reflection reverses the sign.
 
-    Raises
-    ------
-    ModelError
-        Wrong shape, NaN or infinite, or a normal of length zero.
-
     Examples
     --------
     >>> import clradar
@@ -81,11 +76,6 @@ def room_capture(
     -------
     Capture
         `meta["room"]` holds the walls and the points.
-
-    Raises
-    ------
-    ModelError
-        No wall and no point, antennas on both sides of a wall or on it, shapes that differ.
 
     Notes
     -----

@@ -56,9 +56,8 @@ def impair(
     capture : Capture
         The scene alone.
     seed : int, 0 to 2**64 - 1
-        Same seed and settings, same numbers. Each random part has its own stream
-        (`clradar.impairments.channel_errors.Part`): switching one fault on leaves the draws of
-        the others as they are.
+        Same seed and settings, same numbers. Each random part has its own stream, so switching one
+        fault on leaves the draws of the others as they are.
     frame : int, 0 to 999999
         Which frame of a recording: new noise, and more drift with every frame.
     reference_power : float, optional
@@ -66,18 +65,14 @@ def impair(
         to. That of `capture` by default. Give that of the scene to record the empty room.
     room : Capture, optional
         Added as it is; see `clradar.room_capture`. Same array and waveform.
-    coupling_db : float, dB, optional
-        Mean power of the direct coupling Tx -> Rx over all pairs. Its amplitude is
-        proportional to ``1 / |tx - rx|``, and it arrives after ``|tx - rx| / c``.
-    coupling_delay_s : float, seconds
-        Delay of the instrument, added to that.
+    coupling_db, coupling_delay_s : float, dB and seconds, optional
+        Mean power of the direct coupling Tx -> Rx over all pairs. Its amplitude goes with
+        ``1 / |tx - rx|``, and it arrives after ``|tx - rx| / c`` and this delay of the instrument.
     channels : ChannelResponse, optional
         Gain, phase and delay of every channel; see `clradar.draw_channels`.
-    drift_phase_rad, drift_gain_db : float, radians and dB per frame
-        Standard deviation of the step that every channel's phase and gain take from one frame to
-        the next. Frame 0 has not drifted.
-    drift_common_phase_rad : float, radians per frame
-        The same for a phase that all pairs share.
+    drift_phase_rad, drift_gain_db, drift_common_phase_rad : float, radians and dB per frame
+        Standard deviation of the step that every channel's phase and gain, and a phase that all
+        pairs share, take from one frame to the next. Frame 0 has not drifted.
     iq_gain_db, iq_phase_rad : float or array_like, shape (n_rx,), dB and radians
         Gain of a receiver's quadrature component relative to the in-phase component, and its phase
         error: its difference from 90 degrees.
@@ -86,21 +81,14 @@ def impair(
         normal, circular, independent from sample to sample, the same on weak and dead channels.
     noisy_tx_db, noisy_rx_db : mapping of int to float, dB, optional
         Increase of the noise of single channels.
-    adc_bits : int, 2 to 24, optional
-        Bits of the converters of the in-phase and the quadrature component.
-    adc_full_scale : float, optional
-        Amplitude at which they clip; the largest component in this frame if not given.
+    adc_bits, adc_full_scale : int, 2 to 24, and float, optional
+        Bits of the converters of both components, and the amplitude at which they clip: the largest
+        one in this frame if not given.
 
     Returns
     -------
     Capture
         `meta["impairments"]` is a list with one mapping per call: all settings as they were used.
-
-    Raises
-    ------
-    ModelError
-        An invalid setting, decibels relative to a capture that is zero, a room of another array or
-        waveform, or values beyond the range of complex64.
 
     Notes
     -----

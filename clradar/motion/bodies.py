@@ -92,8 +92,7 @@ class _RigidInSweep:
         if self.motion is None:
             return vertices_m
         matrix = self.motion.at(time_s)
-        moved: np.ndarray = vertices_m @ matrix[:3, :3].T + matrix[:3, 3]
-        return moved
+        return np.asarray(vertices_m @ matrix[:3, :3].T + matrix[:3, 3])
 
     def scene(self, time_s: float) -> Scene:
         matrix = np.eye(4) if self.motion is None else self.motion.at(time_s)

@@ -126,8 +126,7 @@ class MovingHand(Record):
         """Return the transform (4, 4) from the frame of the hand, whose wrist is the origin."""
         made = np.eye(4)
         made[:3, 3] = self._wrist_m
-        moved: np.ndarray = made if self.motion is None else self.motion.at(time_s) @ made
-        return moved
+        return made if self.motion is None else np.asarray(self.motion.at(time_s) @ made)
 
     def joints_m(self, time_s: float) -> np.ndarray:
         """Return the joints at a time, shape (25, 3), antenna frame, metres.
@@ -137,9 +136,7 @@ class MovingHand(Record):
         if self.rig is not None:
             return self.mesh(time_s).joints_m
         own_m = posed_skeleton(self.pose(time_s), self.shape).joints_m * self.mirror
-        transform = self.transform(time_s)
-        moved: np.ndarray = own_m @ transform[:3, :3].T + transform[:3, 3]
-        return moved
+        return _moved_by(self.transform(time_s), own_m)
 
     def mesh(self, time_s: float) -> HandMesh:
         """Return the surface at a time, in the antenna frame."""
@@ -169,6 +166,10 @@ class MovingHand(Record):
         transform = self.transform(time_s)
         at_origin = mesh.moved(np.eye(3), -mesh.joints_m[WRIST])
         return at_origin.moved(transform[:3, :3], transform[:3, 3])
+
+
+def _moved_by(transform: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    return np.asarray(points_m @ transform[:3, :3].T + transform[:3, 3])
 
 
 @dataclass(frozen=True)
@@ -222,14 +223,11 @@ class _HandInSweep:
         return own[0] * hand.mirror, own[1] * hand.mirror, own[2] * hand.mirror
 
     def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
-        pose = self.hand.pose(time_s)
-        if pose == self.hand.pose(self.middle_s) or self.hand.rig is not None:
+        hand, pose = self.hand, self.hand.pose(time_s)
+        if rows is None or pose == hand.pose(self.middle_s) or hand.rig is not None:
             vertices_m = self._mesh_at(time_s).vertices_m
             return vertices_m if rows is None else vertices_m[rows]
-        transform = self.hand.transform(time_s)
-        at_m, _, _ = self._moved(pose, rows)
-        moved: np.ndarray = at_m @ transform[:3, :3].T + transform[:3, 3]
-        return moved
+        return _moved_by(hand.transform(time_s), self._moved(pose, rows)[0])
 
     def scene(self, time_s: float) -> Scene:
         return Scene.from_mesh(self._mesh_at(time_s), alpha=self.hand.alpha)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,9 +23,12 @@ from clradar.files.records import (
 )
 from clradar.hand.mesh import DEFAULT_CENTER_M, DEFAULT_EDGE_LENGTH_M
 from clradar.hand.shape import AVERAGE, HandShape
+from clradar.model import AntennaArray, Scene, Waveform, checks
+from clradar.motion.bodies import MovingBody, MovingScene
 from clradar.motion.hands import MovingHand
 from clradar.motion.rigid import BEYOND, PROFILES, RigidMotion
-from clradar.motion.timing import ORDERS, STEP_S
+from clradar.motion.timing import ORDERS, STEP_S, SweepTiming
+from clradar.opencl import Device
 
 MAX_PLACES = 10_000
 ZERO = (0.0, 0.0, 0.0)
@@ -180,6 +184,10 @@ class SweepTable(FileRecord):
         | None
     ) = None
 
+    @property
+    def step_s(self) -> float:
+        return self.step_us * 1e-6 if "step_us" in self.model_fields_set else STEP_S
+
     @model_validator(mode="after")
     def _has_one_order(self) -> SweepTable:
         if self.table_us is not None and self.model_fields_set & {"order", "step_us"}:
@@ -187,15 +195,23 @@ class SweepTable(FileRecord):
         return self
 
 
-class MotionFile(FileRecord):
-    """What a motion file says."""
+class Motion(FileRecord):
+    """What a motion file says.
+
+    Beside its tables `bodies`, motions by the name of a mesh file ("": of all others), `hands`,
+    arguments of `MovingHand`, all `files` that were read, and `times_s` of a table, if there is
+    one, (n_tx or n_tx * n_rx, n_freq).
+    """
 
     body: tuple[BodyTable, ...] = Field((), description="tables [[body]]")
     hand: tuple[HandTable, ...] = Field((), description="tables [[hand]]")
     sweep: SweepTable = SweepTable()
+    _hands: list[dict[str, Any]] = PrivateAttr(default_factory=list)
+    _files: list[Path] = PrivateAttr(default_factory=list)
+    _times_s: list[np.ndarray] = PrivateAttr(default_factory=list)
 
     @model_validator(mode="after")
-    def _moves_something(self) -> MotionFile:
+    def _moves_something(self) -> Motion:
         names = [own.mesh for own in self.body]
         for i, name in enumerate(names):
             if name in names[:i]:
@@ -204,3 +220,69 @@ class MotionFile(FileRecord):
         if not names and not self.hand:
             raise mistake("[[body]] or [[hand]], at least one", "none", key="body")
         return self
+
+    @property
+    def bodies(self) -> dict[str, RigidMotion]:
+        return {own.mesh: own._motion for own in self.body}
+
+    @property
+    def hands(self) -> list[dict[str, Any]]:
+        return self._hands
+
+    @property
+    def files(self) -> list[Path]:
+        return self._files
+
+    @property
+    def times_s(self) -> list[np.ndarray]:
+        return self._times_s
+
+    def timing(self, array: AntennaArray, waveform: Waveform) -> SweepTiming:
+        """Return when the samples of a sweep of this radar are recorded."""
+        n_tx, n_freq = array.n_tx, waveform.n_freq
+        if not self.times_s:
+            return SweepTiming.in_order(
+                n_tx, n_freq, step_s=self.sweep.step_s, order=self.sweep.order
+            )
+        rows, columns = self.times_s[0].shape
+        if rows not in (n_tx, n_tx * array.n_rx) or columns != n_freq:
+            expected = f"{n_tx} rows, one per Tx (or {n_tx * array.n_rx}, Tx by Tx, one per Rx)"
+            checks.fail(
+                f"{self.files[0]}: sweep.table_us",
+                f"{expected} of {n_freq} times, one per frequency",
+                f"{rows} rows of {columns}",
+            )
+        return SweepTiming(self.times_s[0].reshape(n_tx, rows // n_tx, n_freq))
+
+    def timings(self, clusters: Sequence[AntennaArray], waveform: Waveform) -> list[SweepTiming]:
+        """Return when samples are recorded by clusters that take turns, or by the only array."""
+        own = [self.timing(array, waveform) for array in clusters]
+        turn_s = None if self.sweep.cluster_us is None else self.sweep.cluster_us * 1e-6
+        if turn_s is None:
+            last_s = 0.0 if self.times_s else self.sweep.step_s
+            turn_s = own[0].end_s - own[0].begin_s + last_s
+        return [SweepTiming(timing.times_s + i * turn_s) for i, timing in enumerate(own)]
+
+    def scene(
+        self,
+        bodies: Mapping[str, Scene],
+        *,
+        finish: Callable[[Scene], Scene] | None = None,
+        alpha: float = 0.5,
+        device: Device | str | None = None,
+    ) -> MovingScene:
+        """Return the moving scene of meshes by their names, and of the hands of the file."""
+        for name in self.bodies:
+            if name and name not in bodies:
+                named = ", ".join(map(repr, bodies)) or "none"
+                checks.fail(
+                    f"{self.files[0]}: body.mesh", f"one of the meshes: {named}", repr(name)
+                )
+        moving: list[Any] = [
+            MovingBody(scene, self.bodies.get(name, self.bodies.get("")))
+            for name, scene in bodies.items()
+        ]
+        moving += [MovingHand(**hand, alpha=alpha, device=device) for hand in self.hands]
+        if not moving:
+            checks.fail(f"{self.files[0]}", "a mesh, or [[hand]] in the file", "neither")
+        return MovingScene(moving, finish)

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clradar.hand.pose import minimum_jerk
 from clradar.model import checks
 from clradar.model.record import Record
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 PROFILES = ("linear", "smooth")
 BEYOND = ("hold", "continue")
@@ -41,11 +44,6 @@ class RigidMotion(Record):
         Constant velocity between two places, or from rest to rest (`minimum_jerk`).
     beyond : {"hold", "continue"}
         Before the first and after the last place: stay, or go on with the velocity there.
-
-    Raises
-    ------
-    ModelError
-        Wrong shapes, times that do not increase; "continue" with a single place or with "smooth".
 
     Examples
     --------
@@ -97,7 +95,10 @@ class RigidMotion(Record):
         begin, share = between(self.times_s, time_s, self.profile, hold=self.beyond == "hold")
         end = min(begin + 1, len(self.times_s) - 1)
         made = np.eye(4)
-        made[:3, :3] = _turned(self.turns_rad[begin], self.turns_rad[end], share)
+        first, way_rad = _way(self.turns_rad[begin], self.turns_rad[end])
+        turn_rad = share * way_rad
+        turned = first * type(first).from_rotvec(turn_rad) if turn_rad.any() else first
+        made[:3, :3] = turned.as_matrix()
         shift_m = (1.0 - share) * self.shifts_m[begin] + share * self.shifts_m[end]
         made[:3, 3] = self.about_m - made[:3, :3] @ self.about_m + shift_m
         return made
@@ -115,8 +116,9 @@ def marks_s(motion: RigidMotion, begin_s: float, end_s: float) -> np.ndarray:
     for first, from_s, to_s in pieces(motion.times_s, begin_s, end_s, hold=hold):
         ends = slice(first, first + 2)
         if np.ptp(np.c_[motion.shifts_m, motion.turns_rad][ends], axis=0).any():
-            turn_rad = _turn_rad(*motion.turns_rad[ends]) * STEEPEST[motion.profile]
-            turn_rad *= (to_s - from_s) / (motion.times_s[first + 1] - motion.times_s[first])
+            _, way_rad = _way(*motion.turns_rad[ends])
+            share = (to_s - from_s) / (motion.times_s[first + 1] - motion.times_s[first])
+            turn_rad = float(np.linalg.norm(way_rad)) * STEEPEST[motion.profile] * share
             count = min(np.ceil(turn_rad / (0.25 * np.pi)), MOST_TURNS)
             found.append(np.linspace(from_s, to_s, int(max(count, 1)) + 1))
     return np.unique(np.concatenate(found)) if found else np.empty(0)
@@ -154,27 +156,16 @@ def between(
     return begin, float(minimum_jerk(share) if profile == "smooth" else share)
 
 
-def _of_one_axis(first_rad: np.ndarray, last_rad: np.ndarray) -> bool:
+def _way(first_rad: np.ndarray, last_rad: np.ndarray) -> tuple[Rotation, np.ndarray]:
+    """Return the first rotation, and the rotation vector from it to the last one.
+
+    Of one axis over any number of turns, else the shortest.
+    """
+    from scipy.spatial.transform import Rotation
+
+    # scipy takes no read-only arrays.
+    first, last = (Rotation.from_rotvec(np.array(end_rad)) for end_rad in (first_rad, last_rad))
     across = np.linalg.norm(np.cross(first_rad, last_rad))
-    return bool(across <= 1e-12 * np.linalg.norm(first_rad) * np.linalg.norm(last_rad))
-
-
-def _turn_rad(first_rad: np.ndarray, last_rad: np.ndarray) -> float:
-    """The angle between two places: of one axis over any number of turns."""
-    from scipy.spatial.transform import Rotation
-
-    if _of_one_axis(first_rad, last_rad):
-        return float(np.linalg.norm(last_rad - first_rad))
-    ends = [Rotation.from_rotvec(np.array(end)) for end in (first_rad, last_rad)]
-    return float((ends[0].inv() * ends[1]).magnitude())
-
-
-def _turned(first_rad: np.ndarray, last_rad: np.ndarray, share: float) -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
-    if _of_one_axis(first_rad, last_rad):
-        vector = (1.0 - share) * first_rad + share * last_rad
-        return np.eye(3) if not vector.any() else Rotation.from_rotvec(vector).as_matrix()
-    first = Rotation.from_rotvec(np.array(first_rad))  # scipy takes no read-only arrays
-    way = (first.inv() * Rotation.from_rotvec(np.array(last_rad))).as_rotvec()
-    return (first * Rotation.from_rotvec(share * way)).as_matrix()
+    if across <= 1e-12 * np.linalg.norm(first_rad) * np.linalg.norm(last_rad):
+        return first, last_rad - first_rad
+    return first, (first.inv() * last).as_rotvec()

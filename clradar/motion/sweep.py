@@ -67,12 +67,8 @@ def simulate_moving(
         Of the largest error of the interpolated phasors exp(j phase) of points on the surface;
         negative. It decides on the number of instants. Samples may be off by more, where the
         surface bends, turns away or shadows itself.
-    settings, device
-        As `clradar.simulate` takes them.
-    progress : callable, optional
-        Called with (done, total) instants times Tx.
-    **fields
-        Fields of `SimulationSettings`, in place of those of `settings`.
+    settings, device, progress, **fields
+        As `clradar.simulate` takes them; progress counts instants times Tx.
 
     Returns
     -------
@@ -81,13 +77,6 @@ def simulate_moving(
         ...)``. ``meta["movement"]`` has the times, the instants, `phase_error_db`, the error of
         the phasors of points, and `sample_error_db`, what the samples of one group of Tx differ by
         from a simulation between its instants; what else is in `meta` is of the first instant.
-
-    Raises
-    ------
-    ModelError
-        As `clradar.simulate`; a timing of another radar; a movement too fast for 2048 instants.
-    MeshError, DeviceError
-        As `clradar.simulate`.
 
     Warns
     -----

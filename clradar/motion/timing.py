@@ -48,16 +48,10 @@ class SweepTiming(Record):
     def in_order(
         cls, n_tx: int, n_freq: int, *, step_s: float = STEP_S, order: str = "tx"
     ) -> SweepTiming:
-        """Return the timing of Tx that take turns, all Rx recording at once.
+        """Return the timing of Tx that take turns, a sample each `step_s`, at all Rx at once.
 
-        Parameters
-        ----------
-        n_tx, n_freq : int
-        step_s : float, seconds
-            From one sample to the next; 0: all at once.
-        order : {"tx", "frequency"}
-            What is switched last: "tx" records all frequencies at each Tx, "frequency" switches
-            through all Tx at each frequency.
+        The order "tx" records all frequencies at each Tx, "frequency" switches through all Tx at
+        each frequency; a step of 0 records all at once.
         """
         n_tx = checks.whole("n_tx", n_tx, 1)
         n_freq = checks.whole("n_freq", n_freq, 1)

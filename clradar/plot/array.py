@@ -11,7 +11,7 @@ from clradar.arrays.point_spread import Clusters, clusters_of, response
 from clradar.model import Waveform
 from clradar.model.length_unit import METRES, LengthUnit, unit_for
 from clradar.plot.layout import TICK_PT, label_axes, new_figure
-from clradar.plot.panels import CURVE_COLOURS, add_bar
+from clradar.plot.panels import BELOW_MAXIMUM, CURVE_COLOURS, add_bar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -103,7 +103,7 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
             axes.plot(at[along], lobe.level_db, "v", color=TX_COLOUR, markersize=4)
         return
     mesh = axes.pcolormesh(*sines, level_db, shading="nearest", rasterized=True)
-    add_bar([axes], mesh, "dB", "min")
+    add_bar([axes], mesh, BELOW_MAXIMUM, "min")
     beam = max((w for w in found.widths_m[:2] if np.isfinite(w)), default=np.inf)
     reach = SHOWN_BEAMS * beam / found.focus_m[2]
     for number, (lobe, at) in enumerate(zip(found.lobes, places, strict=True), 1):
@@ -146,5 +146,5 @@ def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) 
     axes.annotate("-3 dB", (0.01, -3), xycoords=("axes fraction", "data"), va="bottom",
                   fontsize=TICK_PT, color="#666666")  # fmt: skip
     title = "response of the whole band; widths at -3 dB"
-    label_axes(axes, f"distance from the focus ({unit.name})", "dB", title)
+    label_axes(axes, f"distance from the focus ({unit.name})", BELOW_MAXIMUM, title)
     axes.legend(fontsize=TICK_PT)

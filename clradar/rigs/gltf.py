@@ -123,7 +123,7 @@ def _surface(file: _File, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
             turned = np.einsum("nij,nj->ni", matrices[bone][:, :3, :3], positions[vertex])
             pieces.append(
                 Surface.grouped(
-                    file.path, what, faces, len(positions), vertex, moved_by[bones[bone]],
+                    file.path, what, faces, vertex, moved_by[bones[bone]],
                     weights[vertex, column], turned + matrices[bone][:, :3, 3],
                 )
             )  # fmt: skip
@@ -272,7 +272,7 @@ class _File:
         return bones, self.world[bones] @ inverse
 
     def triangles(self, what: str, primitive: Any) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return positions (n, 3), float64, and faces (m, 3); None for points and lines."""
+        """Return positions (n, 3), float64, and faces (m, 3); None without triangles."""
         mode = _TRIANGLES if primitive.mode is None else primitive.mode
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             return None
@@ -294,7 +294,8 @@ class _File:
             fail(self.path, f"{what}: indices below {len(positions)}", int(corners.max()))
         if mode == _TRIANGLES and len(corners) % 3:
             fail(self.path, f"{what}: three indices per triangle", len(corners))
-        return positions.astype(np.float64), faces_of(corners, mode)
+        faces = faces_of(corners, mode)
+        return (positions.astype(np.float64), faces) if len(faces) else None
 
     def weights(
         self, what: str, primitive: Any, n_vertices: int, skinned: bool

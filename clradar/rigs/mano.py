@@ -111,7 +111,7 @@ def mano_rig(
     side = check_side(str(path), joints, handedness or side_in(path.stem))
     rows, column = np.nonzero(weights)
     surface = Surface.grouped(
-        path, "weights", fields["f"], len(shaped), rows, np.array(MANO_JOINTS)[column],
+        path, "weights", fields["f"], rows, np.array(MANO_JOINTS)[column],
         weights[rows, column], shaped[rows],
     )  # fmt: skip
     used = np.unique(fields["f"])  # vertices without faces are dropped

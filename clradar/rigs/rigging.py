@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from clradar.hand import JOINT_NAMES
-from clradar.hand.skin import Skin
+from clradar.hand.skin import Skin, by_bone
 from clradar.rigs.anatomy import (
     CHAINS,
     UNITS_M,
@@ -49,7 +49,6 @@ class Surface:
     """
 
     faces: np.ndarray
-    n_vertices: int
     vertex: np.ndarray
     joint: np.ndarray
     weight: np.ndarray
@@ -57,16 +56,9 @@ class Surface:
 
     @classmethod
     def grouped(
-        cls,
-        path: Path,
-        what: str,
-        faces: np.ndarray,
-        n_vertices: int,
-        vertex: np.ndarray,
-        joint: np.ndarray,
-        weight: np.ndarray,
-        points: np.ndarray,
-    ) -> Surface:
+        cls, path: Path, what: str, faces: np.ndarray, vertex: np.ndarray, joint: np.ndarray,
+        weight: np.ndarray, points: np.ndarray,
+    ) -> Surface:  # fmt: skip
         """Check and normalise weights, and sum the rows of bones of one joint.
 
         `points` (N, 3) are the positions of the vertex as the row's bone has it, not weighted.
@@ -76,27 +68,22 @@ class Surface:
             fail(path, f"{what}: weights from 0", f"NaN or a negative one at vertex {bad}")
         if not np.isfinite(points).all():
             fail(path, f"{what}: a finite place for every vertex", "an overflow")
-        sums = np.bincount(vertex, weight, n_vertices)
-        used = np.zeros(n_vertices, dtype=bool)
-        used[faces] = True
+        used = np.unique(faces)
+        sums = np.bincount(vertex, weight, int(used[-1]) + 1 if len(used) else 0)
         low, high = WEIGHT_SUM
-        odd = np.flatnonzero(used & ~((sums >= low) & (sums <= high)))
+        odd = used[~((sums[used] >= low) & (sums[used] <= high))]
         if len(odd):
-            fail(
-                path,
-                f"{what}: weights that sum to 1 (at least {low:g}, at most {high:g})",
-                f"{sums[odd[0]]:.4g} at vertex {odd[0]}"
-                + (f" and others at {len(odd) - 1} more" if len(odd) > 1 else ""),
-            )
-        keep = used[vertex]
-        number = np.cumsum(used) - 1
-        vertex, joint = number[vertex[keep]], joint[keep]
-        weight = weight[keep] / sums[used][vertex]
-        pair, row = np.unique(vertex * len(JOINT_NAMES) + joint, return_inverse=True)
-        columns = [weight, *(weight * points[keep].T)]
+            more = f" and others at {len(odd) - 1} more" if len(odd) > 1 else ""
+            expected = f"{what}: weights that sum to 1 (at least {low:g}, at most {high:g})"
+            fail(path, expected, f"{sums[odd[0]]:.4g} at vertex {odd[0]}{more}")
+        keep = np.isin(vertex, used)
+        number = np.searchsorted(used, vertex[keep])
+        share = weight[keep] / sums[vertex[keep]]
+        pair, row = np.unique(number * len(JOINT_NAMES) + joint[keep], return_inverse=True)
+        columns = [share, *(share * points[keep].T)]
         summed = np.stack([np.bincount(row, column, len(pair)) for column in columns], axis=1)
         vertex, joint = np.divmod(pair, len(JOINT_NAMES))
-        return cls(number[faces], int(used.sum()), vertex, joint, summed[:, 0], summed[:, 1:])
+        return cls(np.searchsorted(used, faces), vertex, joint, summed[:, 0], summed[:, 1:])
 
     @classmethod
     def joined(cls, path: Path, pieces: Sequence[Surface]) -> Surface:
@@ -104,20 +91,16 @@ class Surface:
         offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)])
         if offsets[-1] > MAX_FILE_VERTICES:
             fail(path, f"at most {MAX_FILE_VERTICES} vertices", int(offsets[-1]))
-        return cls(
-            np.concatenate([p.faces + o for p, o in zip(pieces, offsets, strict=False)]),
-            int(offsets[-1]),
-            np.concatenate([p.vertex + o for p, o in zip(pieces, offsets, strict=False)]),
-            *(
-                np.concatenate([getattr(p, name) for p in pieces])
-                for name in ("joint", "weight", "points")
-            ),
-        )._welded()
+        moved = [
+            replace(piece, faces=piece.faces + offset, vertex=piece.vertex + offset)
+            for piece, offset in zip(pieces, offsets, strict=False)
+        ]
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(p, name) for p in moved]) for name in names))._welded()
 
     def _welded(self) -> Surface:
         # Files split vertices at seams of texture and colour.
-        dense = np.zeros((self.n_vertices, len(JOINT_NAMES)))
-        dense[self.vertex, self.joint] = self.weight
+        dense = by_bone(self.vertex, self.joint, self.weight[:, None]).toarray()
         _, first, number = np.unique(
             np.concatenate([self.rest(), dense], axis=1),
             axis=0, return_index=True, return_inverse=True,
@@ -125,14 +108,17 @@ class Surface:
         # In the order of the file.
         order = np.argsort(first)
         number = np.argsort(order)[number.reshape(-1)]
-        first = first[order]
         faces = number[self.faces]
         whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        rows = np.flatnonzero(np.isin(self.vertex, first))
+        rows = np.isin(self.vertex, first)
         return Surface(
-            faces[whole], len(first), number[self.vertex[rows]],
+            faces[whole], number[self.vertex[rows]],
             self.joint[rows], self.weight[rows], self.points[rows],
         )  # fmt: skip
+
+    @property
+    def n_vertices(self) -> int:
+        return int(self.vertex[-1]) + 1 if len(self.vertex) else 0
 
     def rest(self) -> np.ndarray:
         """Return the vertices (n_vertices, 3) at rest."""

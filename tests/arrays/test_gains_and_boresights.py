@@ -48,14 +48,6 @@ def test_gains_multiply_the_samples(settings: dict[str, Any]) -> None:
     np.testing.assert_array_equal(uneven, plain * TIMES)
 
 
-def test_a_part_of_an_array_keeps_the_gains_and_boresights_of_its_antennas() -> None:
-    at = RNG.normal(size=(9, 3))
-    part = clradar.AntennaArray(TX_M, RX_M, tx_gain=TX_GAIN, rx_boresight=at).part([3, 0], [8])
-    np.testing.assert_array_equal(part.tx_gain, TX_GAIN[[3, 0]])
-    np.testing.assert_allclose(part.rx_boresight, at[[8]] / np.linalg.norm(at[8]))
-    assert part.rx_gain is part.tx_boresight is None
-
-
 def test_gains_are_taken_out_of_samples_unless_one_is_zero() -> None:
     data = RNG.normal(size=(5, 9, 8)).astype(np.complex64)
     found = clradar.Capture(data * TIMES, UNEVEN, WAVEFORM).without_gains()

@@ -13,8 +13,8 @@ from contextlib import suppress
 import pytest
 from systems import posix_only
 
-from clradar.cli.comparison import METRIC_COLUMNS
 from clradar.cli.console import progress_bar
+from clradar.compare import METRIC_TABLE
 from clradar.model.progress import part_of, say_stage
 
 
@@ -65,11 +65,12 @@ def in_terminal(columns: int, code: str) -> str:
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode()).replace("\r", "")
 
 
+METRIC_COLUMNS = [metric.name for metric in METRIC_TABLE]
 METRICS = ["0.942", "0.919", "-101.25", "0.75", "11.77", "12.68", "13.36"]
 TABLES = {
-    "metrics": (["simulated", *METRIC_COLUMNS], [["sim.h5", *METRICS]], list(METRIC_COLUMNS)),
+    "metrics": (["simulated", *METRIC_COLUMNS], [["sim.h5", *METRICS]], METRIC_COLUMNS),
     "long name": (
-        ["simulated", *METRIC_COLUMNS], [["n" * 70, *METRICS]], list(METRIC_COLUMNS)
+        ["simulated", *METRIC_COLUMNS], [["n" * 70, *METRICS]], METRIC_COLUMNS
     ),
     "text": (
         ["axes", "phase", "frequencies", "x", "sharpness (dB)", "brightest at x, y, z (mm)", ""],

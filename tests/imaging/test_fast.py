@@ -104,6 +104,8 @@ def test_blocks_halve_down_to_about_a_wavelength() -> None:
     grid = extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
     leaf = leaf_voxels(grid, 3.9e-3)
     assert leaf == (4, 4, 8)
+    fine = VoxelGrid(np.zeros(3), np.full(3, 1e-5), (800, 800, 800))
+    assert leaf_voxels(fine, 3.9e-3) == (64, 64, 64)  # no larger than that
     sizes = block_sizes(grid.counts, leaf)
     assert sizes[0] == (256, 256, 128)
     assert sizes[-1] == leaf

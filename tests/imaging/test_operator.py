@@ -298,3 +298,5 @@ def test_wrong_values_are_refused(device: clradar.Device) -> None:
     ):
         with pytest.raises(ModelError, match=message):
             call(given)  # type: ignore[operator]
+    own = clradar.Volume(complex_noise(GRID.shape), GRID)
+    np.testing.assert_array_equal(operator.forward(own), operator.forward(own.data))

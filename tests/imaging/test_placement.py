@@ -107,6 +107,13 @@ def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit() -> None:
     assert np.array_equal(given.spacing_m, PAPER_GRID.spacing_m)
 
 
+def test_the_scale_of_samples_places_nothing() -> None:
+    capture = echoes_of([0.02, 0.01, 1.2])
+    for factor in (1e-25, 1e25):
+        scaled = Capture(capture.data * np.float32(factor), capture.array, capture.waveform)
+        np.testing.assert_allclose(box_of(place_grid(scaled)), box_of(place_grid(capture)))
+
+
 def line_m(length_m: float, count: int, axis: int) -> np.ndarray:
     places = np.zeros((count, 3))
     places[:, axis] = np.linspace(-length_m / 2, length_m / 2, count)

@@ -205,28 +205,6 @@ def test_a_point_that_goes_away_is_shifted_in_the_image_as_theory_says(order: st
     assert max(abs(across_m), abs(away_m)) > 1.9e-3
 
 
-def test_a_fast_point_is_blurred_as_the_closed_form_is() -> None:
-    timing = clradar.SweepTiming.in_order(24, 16, step_s=STEP_S)
-    velocity = (3.0, 0.0, 0.0)
-    capture = clradar.simulate_moving(
-        moving_point(velocity), RADAR, WAVEFORM, timing=timing, samples_per_mm2=30,
-        estimator="physical",
-    )  # fmt: skip
-    way_m = POINT_M + timing.times_s[..., None] * np.array(velocity)
-    grid = clradar.VoxelGrid.from_extent((-0.02, 0.06), (0.01, 0.01), (0.3, 0.3), 0.5e-3)
-
-    def profile(data: np.ndarray) -> np.ndarray:
-        volume = clradar.backproject(clradar.Capture(data, RADAR, WAVEFORM), grid, method="exact")
-        values: np.ndarray = np.abs(volume.data[0, 0])
-        return values / np.linalg.norm(values)
-
-    moved, theory = profile(capture.data), profile(echo(way_m))
-    sharp = profile(echo(np.broadcast_to(way_m.mean(axis=(0, 1, 2)), way_m.shape)))
-    assert moved @ theory > 0.995
-    assert theory.max() < 0.75 * sharp.max()
-    assert moved @ sharp < 0.9
-
-
 @pytest.mark.parametrize("estimator", ["expected", "stochastic", "physical"])
 def test_a_scene_that_stays_has_the_bits_of_a_still_one(estimator: str) -> None:
     ball = Scene.from_mesh(trimesh.creation.icosphere(radius=0.01).apply_translation(POINT_M))

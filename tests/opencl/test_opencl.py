@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from importlib.metadata import PackagePath
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -290,6 +291,8 @@ def test_a_memory_limit_only_lowers_the_budget(device: clradar.Device) -> None:
         open_device(device.info.selector, memory_limit_bytes=10**18).budget_bytes
         == device.budget_bytes
     )
+    with pytest.raises(DeviceError, match="for which they are settled"):
+        open_device(device, memory_limit_bytes=10**6)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the folder of the cache is elsewhere")
@@ -871,6 +874,16 @@ def test_a_device_that_changes_exact_arithmetic_is_refused(
 
 
 # Intel's runtime
+
+
+def test_intel_library_is_found_in_its_package(monkeypatch, tmp_path):
+    path = PackagePath("lib/libintelocl.so")
+    path.dist = SimpleNamespace(locate_file=lambda path: tmp_path / path)
+    monkeypatch.setattr(runtimes, "distribution", lambda _: SimpleNamespace(files=[path]))
+    assert runtimes.intel_library() is None  # listed, but deleted
+    (tmp_path / "lib").mkdir()
+    (tmp_path / path).touch()
+    assert runtimes.intel_library() == (tmp_path / path).resolve()
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ import clradar
 from clradar import simulation
 from clradar.errors import DeviceError
 from clradar.hand import hand_mesh
-from clradar.imaging import block_tree, fast, tree_on_device
+from clradar.imaging import block_tree, fast, tree_on_device, way_down
 from clradar.opencl.program import launch_parts
 from clradar.opencl.sources import kernel_folder
 from clradar.phasors import kirchhoff_sum, phasor_sum
@@ -175,6 +175,7 @@ WAYS: dict[str, Callable[..., Any]] = {
         (phasor_sum, "CALL_PATHS", 64),
         (quadrature, "TILE_POINTS", 1001), (kirchhoff_sum, "LEG_BYTES", 2**17),
         (kirchhoff_sum, "BATCH_BYTES", 2**17), (tree_on_device, "CPU_CHUNK_BYTES", 1),
+        (way_down, "FEWEST_BLOCKS", 1),
     ),
     "blocks of Tx": of_pieces(
         (simulation, "SUM_BYTES", 1), (kirchhoff_sum, "CAPTURE_SHARE", 1e-5)

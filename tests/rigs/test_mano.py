@@ -96,15 +96,6 @@ def test_theta_and_beta_give_the_models_own_surface(tmp_path: Path, side: str, s
     assert posed.to_trimesh().volume > 0
 
 
-def test_without_pose_and_shape_it_is_the_template(path: Path, model: dict[str, Any]) -> None:
-    rig = read_rig(path)
-    posed = rig.turned(rotations_of_theta(rig, np.zeros(48)))
-    expected = (model["v_template"] - model["J"][0]) @ rig.axes.T
-    # The regressor's joints are those of `J` as far as its pseudo-inverse goes.
-    np.testing.assert_allclose(posed.vertices_m - posed.joints_m[0], expected, atol=1e-12)
-    np.testing.assert_array_equal(posed.faces, model["f"])
-
-
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_pose_files_pose_it(tmp_path: Path, side: str) -> None:
     file = tmp_path / "hand.pkl"

@@ -22,7 +22,6 @@ from systems import posix_only
 
 from clradar import Scene
 from clradar.errors import ClradarWarning, ModelError, RigError
-from clradar.files.confined import process
 from clradar.hand import (
     JOINT_NAMES,
     HandPose,
@@ -33,7 +32,7 @@ from clradar.hand import (
     write_pose,
 )
 from clradar.hand.flesh import PART_NAMES
-from clradar.rigs import UNITS_M, Rig, read_mapping, read_rig
+from clradar.rigs import UNITS_M, Rig, read_rig
 
 JOINT_TOLERANCE_M = 1e-12
 """Joints go through about ten products of 4x4 matrices of float64 with entries up to 4 m in the
@@ -83,6 +82,8 @@ CURLED = HandPose(
 )
 """Without twist, which joint positions do not show, and with the thumb of the flat hand."""
 
+TURNED = HandPose("turned", {"wrist": JointAngles.from_degrees(flexion_deg=30.0)})
+
 # --- hands that are posed rightly however they come
 
 KINDS = {
@@ -124,9 +125,9 @@ def test_joints_are_those_of_the_posed_skeleton(tmp_path: Path, kind: str) -> No
     assert rig.handedness == side
     assert rig.unit_m == UNITS_M[UNITS.get(kind, "m")]
     assert rig.known.all()
-    for pose in ("flat", "F", "A", "W"):
+    for pose in (*(pose_by_name(name) for name in ("flat", "F", "A", "W")), TURNED):
         found = joints_about_wrist(rig.posed(pose), side)
-        expected = posed_skeleton(pose_by_name(pose)).joints_m
+        expected = posed_skeleton(pose).joints_m
         np.testing.assert_allclose(found, expected, atol=JOINT_TOLERANCE_M, rtol=0)
 
 
@@ -214,23 +215,6 @@ def test_a_bent_finger_has_its_closed_form(tmp_path: Path) -> None:
     )
 
 
-def test_what_one_bone_moves_stays_rigid(tmp_path: Path) -> None:
-    rig = read_rig(make(tmp_path, bones=True))
-    rows = rig.skin
-    one, other = rig.posed("flat"), rig.posed("A")
-    for joint in range(25):
-        alone = rows.point[(rows.bone == joint) & (rows.weight == 1.0)][::7]
-        if len(alone) < 4:
-            continue
-        shapes = [m.vertices_m[alone] for m in (one, other)]
-        lengths = [np.linalg.norm(s[:, None] - s[None], axis=2) for s in shapes]
-        np.testing.assert_allclose(lengths[0], lengths[1], atol=1e-14)
-    # Bones keep their lengths.
-    for begin, end in ((7, 8), (8, 9), (2, 3), (0, 11)):
-        lengths = [np.linalg.norm(m.joints_m[end] - m.joints_m[begin]) for m in (one, other)]
-        assert lengths[0] == pytest.approx(lengths[1], abs=1e-14)
-
-
 def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path: Path) -> None:
     rig = read_rig(make(tmp_path, pose="flat"))
     flat, bent = rig.posed("flat"), rig.posed("A", center_m=(0.0, 0.1, 0.4))
@@ -294,13 +278,6 @@ def test_parts_are_those_of_the_digits(tmp_path: Path) -> None:
         assert shares[0] == pytest.approx(shares[1], rel=0.35)
     scene = Scene.from_mesh(posed, alpha=0.5)
     assert scene.n_faces == len(posed.faces)
-
-
-def test_wrist_angles_rotate_the_whole_hand(tmp_path: Path) -> None:
-    pose = HandPose("turned", {"wrist": JointAngles.from_degrees(flexion_deg=30.0)})
-    rig = read_rig(make(tmp_path, turn=TURN, bones=True))
-    found = joints_about_wrist(rig.posed(pose))
-    np.testing.assert_allclose(found, posed_skeleton(pose).joints_m, atol=JOINT_TOLERANCE_M)
 
 
 # --- how files hold it
@@ -507,21 +484,7 @@ def test_wrong_mappings_are_named(tmp_path: Path, text: str, message: str) -> No
         read_rig(path, mapping=mapping)
 
 
-def test_mappings_are_read_without_a_rig(tmp_path: Path) -> None:
-    (tmp_path / "m.toml").write_text("[joints]\nwrist = 'a b'\nthumb-tip = 7")
-    assert read_mapping(tmp_path / "m.toml") == {"wrist": "a b", "thumb-tip": 7}
-
-
 # --- sides and units
-
-
-def test_names_that_contradict_the_joints_are_refused(tmp_path: Path) -> None:
-    path = RigMaker(called="{}_left".format).save(tmp_path / "hand.glb")
-    with pytest.raises(RigError, match=r"a left hand, got a right one by the position"):
-        read_rig(path)
-    path = make(tmp_path, "b.glb")
-    with pytest.raises(RigError, match=r"b\.glb: expected a left hand, got a right one"):
-        read_rig(path, handedness="left")
 
 
 def test_the_side_of_a_flat_hand_must_be_given(tmp_path: Path) -> None:
@@ -731,23 +694,10 @@ def test_a_mesh_that_many_nodes_use_counts_each_time(tmp_path: Path) -> None:
     document = maker.build()
     skinned = document.nodes[-1]
     assert skinned.skin is not None
-    document.nodes += [skinned] * 3000
+    document.nodes += [skinned] * 1200
     path = rewritten(document, maker, tmp_path / "hand.glb")
     with pytest.raises(RigError, match="at most 67108864 numbers, with all uses of them"):
         read_rig(path)
-
-
-def test_rigs_are_read_by_another_process_with_limits(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = make(tmp_path)
-    seen = []
-    read = process.run
-    monkeypatch.setattr(process, "run", lambda *a: seen.append(a) or read(*a))
-    read_rig(path)
-    reader = seen[0][0]
-    assert (reader.error, reader.cpu_s) == (RigError, 20 + path.stat().st_size // 2**19)
-    assert reader.memory_bytes == 2**31 + 20 * path.stat().st_size
 
 
 @posix_only
@@ -842,11 +792,7 @@ def test_the_command_refuses_in_one_line_and_writes_nothing(
         assert err.count("\n") == 1
     for arguments, message in (
         (("--rig-unit", "mm"), "--rig-unit"),
-        (("--mapping", "m.toml"), "--rig"),
-        (("--rig", "hand.glb", "--left"), "--left"),
-        (("--rig", "hand.glb", "--edge-mm", "2"), "--edge-mm"),
         (("--rig", "hand.glb", "--rig-unit", "ell"), "--rig-unit"),
-        (("--rig", "hand.glb", "--rig-hand", "both"), "--rig-hand"),
         (("--rig", "hand.glb", "--theta", "t.json"), "--theta"),
     ):
         code, _, err = run(capsys, "hand", "F", *arguments, "-o", "x.ply")

@@ -227,6 +227,9 @@ def test_degenerate_faces_change_nothing(device):
     assert same_bits(tracing(plain, ARRAY, **arguments), tracing(more, ARRAY, **arguments))
 
 
+# --- two-sided surfaces
+
+
 # --- order, repetition, tiles, memory
 
 

@@ -116,6 +116,22 @@ def test_a_tenth_of_the_pairs_may_be_empty_or_the_others_have_twenty_paths(
     assert len(found) == warned
 
 
+def test_more_rays_per_face_are_advised_unless_more_samples_do_not_help() -> None:
+    settings = resolve_settings(estimator="stochastic", rays_per_face=1)
+    found: list[str] = []
+    with handled_warnings(found.append):
+        for away_m in (0.3, 0.0):  # of what reaches behind the aperture that is said
+            warn_if_starved(np.arange(100) // 50, ball(0.04, away_m, 0.3), ARRAY, settings)
+    (text,) = found
+    assert [list(one) for one in advised(text)] == [["rays_per_face"]]
+
+
+def test_vertices_without_a_face_are_nowhere(device: clradar.Device) -> None:
+    scene = ball(0.02, 0.3, 1.0)
+    with_stray = np.concatenate([scene.vertices_m, [[1e308, 0, -1e308]]])
+    clradar.trace(Scene(with_stray, scene.faces, 1.0), ARRAY, samples_per_mm2=1, device=device)
+
+
 def test_a_capture_without_any_path_says_so(device: clradar.Device) -> None:
     with pytest.warns(ClradarWarning, match="no ray reached a receiver"):
         data = simulated(ball(0.02, 0.3, 0.5), device, samples_per_mm2=1e-308)

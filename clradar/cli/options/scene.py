@@ -25,7 +25,7 @@ from clradar.tracing.settings import (
 from clradar.tracing.suited import RECEPTION_RADIUS_M
 
 if TYPE_CHECKING:
-    from clradar.motion.motion_file import Motion
+    from clradar.motion.motion_record import Motion
 
 Estimator = Literal["stochastic", "expected", "physical"]
 

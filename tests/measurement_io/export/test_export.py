@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import scipy.io
 import trimesh
-from vtkio.reader import read_vtkxml_data
 
 import clradar
 from clradar.errors import ModelError, OutputError
@@ -50,9 +49,10 @@ RECORDS = {"capture": capture(), "volume": volume(), "depth": volume().depth_map
 @pytest.mark.parametrize("counts", [(4, 3, 5), (1, 7, 2), (1, 1, 1)])
 def test_image_data_for_paraview(tmp_path: Path, counts: tuple[int, int, int]) -> None:
     # VTK 9.7.2 itself, of 140 MB, read the same by hand.
+    vtkio = pytest.importorskip("vtkio.reader", reason="needs pip install '.[vtk]'")
     image = volume(counts)
     export_file(tmp_path / "v.vti", image)
-    read = read_vtkxml_data(str(tmp_path / "v.vti"))
+    read = vtkio.read_vtkxml_data(str(tmp_path / "v.vti"))
     ends = read.grid.whole_extents.tolist()
     assert ends == [0, counts[0] - 1, 0, counts[1] - 1, 0, counts[2] - 1]
     np.testing.assert_allclose(read.grid.origin, image.grid.origin_m, rtol=1e-6)  # it reads float32
