@@ -51,12 +51,31 @@ def test_every_public_name_has_a_page() -> None:
         assert page.endswith(f"\n.. public-names:: {Path(package).name}\n")
 
 
-def texts_of_code() -> str:
+def test_words_are_the_field_s_own() -> None:
+    """Pages, and what the packages print, have none of the words that CONTRIBUTING.md lists."""
+    rule = (ROOT / "CONTRIBUTING.md").read_text("utf-8").split("in messages and pages, too: not")[1]
+    words = re.findall(r'"([a-z ]+)"', rule.split("\n")[0])
+    assert len(words) > 3
+    listed = re.compile(rf"\b({'|'.join(words)})\b", re.IGNORECASE)
+    texts = [
+        re.sub(r"```.*?```|`[^`]*`", "", page.read_text("utf-8"), flags=re.DOTALL)
+        for page in (ROOT / "README.md", *DOCS.glob("*.md"))
+    ]
+    printed = [line for line in texts_of_code(docstrings=False).split("\n") if " " in line]
+    found = [match[0] for text in (*texts, *printed) for match in listed.finditer(text)]
+    assert found == []
+
+
+def texts_of_code(*, docstrings: bool = True) -> str:
     """Every string of the packages, one to a line, with … for what is filled in."""
     found = []
     for package in ("clradar", "calibration", "measurement_io"):
         for path in sorted((ROOT / package).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+            alone = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+            for node in nodes:
+                if id(node) in alone and not docstrings:
+                    continue
                 if isinstance(node, ast.Constant) and isinstance(node.value, str):
                     found.append(node.value)
                 elif isinstance(node, ast.JoinedStr):

@@ -30,8 +30,8 @@ COVARIANCE_RATIO = 1.2
 correlated over more than a resolution cell (docs/hand-fit-method.md)."""
 
 UNTOLD_SHARE = 0.8
-"""An angle is not told where its own trace in the measurement lowers its standard deviation by less
-than to this share. At 0.8 the value that prior and other angles give it is as exact, in
+"""An angle is undetermined where its own trace lowers its standard deviation by less than to this
+share. At 0.8 the value that prior and other angles give it is as exact, in
 simulations, as the value fitted: rms 9.4 against 9.5 degrees (docs/hand-fit-method.md)."""
 
 SURFACE_NOISE = 2.0

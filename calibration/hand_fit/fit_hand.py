@@ -147,7 +147,7 @@ def fit_hand(
     its bones [1]_, is fitted by Fisher scoring on the likelihood of speckle [2]_ with a correlated
     prior about the start. With the closed loop the fit F is corrected by simulations of the hand S
     and the fits G to these, ``S <- F - mean(G - S) / 2``. docs/hand-fit.md has the equations, what
-    is told and what is not, what is refused, and how exact it is.
+    is determined and what is not, what is refused, and how exact it is.
 
     References
     ----------

@@ -25,7 +25,7 @@ RIVAL_DEVIANCE = 6.0
 least exp(-3) = 5 % of the best one's."""
 
 TOLD_M = 4e-3
-"""A tip whose standard deviation is below is told by the measurement: about a resolution cell."""
+"""A tip whose standard deviation is below is determined: about a resolution cell."""
 
 APART_M = 10e-3
 """Poses with a tip farther apart than this are different ones: a finger is 15 mm thick."""
@@ -209,7 +209,7 @@ class HandFit:
     def told_tips(self) -> np.ndarray:
         """Mask, shape (5,), of the tips whose standard deviation is below `TOLD_M`.
 
-        None is told where the fit is doubtful.
+        None where the fit is doubtful.
         """
         return (self.tip_std_m < TOLD_M) & (not self.doubtful)
 
@@ -217,7 +217,7 @@ class HandFit:
     def told_angles(self) -> np.ndarray:
         """Mask, shape (23,), of the angles that the measurement tells: all but those `untold`.
 
-        None is told where the fit is doubtful.
+        None where the fit is doubtful.
         """
         known = [name not in self.untold for name in ANGLE_NAMES]
         return np.array(known) & (not self.doubtful)
@@ -332,7 +332,7 @@ class HandFit:
         n_told = np.count_nonzero(self.told_angles)
         lines.append(f"The measurement tells {n_told} of {len(ANGLE_NAMES)} angles.")
         if self.doubtful:
-            lines[-1] = "No tip and no angle is told, since the fit is doubtful."
+            lines[-1] = "No tip and no angle is determined, since the fit is doubtful."
         elif self.untold:
             lines[-1] += f" It does not tell, and the start gave: {', '.join(self.untold)}."
         if len(self.basins) > 1:

@@ -59,7 +59,7 @@ class RoughnessEstimate:
     >>> slope = Interval(0.15, 0.08, 0.3, 0.06, 0.4)
     >>> calibration.RoughnessEstimate(
     ...     "palm", height, length, slope, np.ones(1), np.ones(1), np.ones((1, 1)), None).text()
-    'h = 0.31 ± 0.03 mm; the correlation length cannot be told'
+    'h = 0.31 ± 0.03 mm; the correlation length is not observable'
     """
 
     name: str
@@ -106,12 +106,12 @@ class RoughnessEstimate:
             if self.tells_correlation:
                 return f"{known}, l = {length.text(1e3, 'mm')}, {slope}"
             if self.tells_slope:
-                return f"{known}, {slope}; l alone cannot be told"
-            return f"{known}; the correlation length cannot be told"
+                return f"{known}, {slope}; l alone is not observable"
+            return f"{known}; the correlation length is not observable"
         between = f"h between {1e3 * height.low95:.2g} and {1e3 * height.high95:.2g} mm (95 %)"
         if self.tells_slope:
-            return f"only the {slope} can be told; {between}"
-        return f"neither h nor the slope can be told; {between}"
+            return f"only the {slope} is observable; {between}"
+        return f"neither h nor the slope is observable; {between}"
 
     def remarks(self) -> list[str]:
         """Reasons to doubt the estimate, one clause each."""

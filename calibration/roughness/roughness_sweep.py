@@ -135,7 +135,7 @@ def sweep_roughness(
         In its measured pose, with its materials; their roughness is replaced.
     roughness_m : array_like, shape (n_heights,), metres
         Root mean square heights h to simulate, ascending, at least three above 0. The smooth
-        surface is simulated in any case; of one below the lowest height only that is told.
+        surface is simulated in any case; of one below the lowest height only that is said.
     correlation_m : float or array_like, shape (n_lengths,), metres
         Correlation lengths l, ascending. A single one is taken for known.
     seeds : int

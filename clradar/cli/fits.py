@@ -165,13 +165,13 @@ def write_hand_fit(
 
 
 DIGIT_COLUMNS = (
-    "digit", "tip x, y, z (mm)", "sd (mm)", "tip told", "angles told", "not told: as in the start"
+    "digit", "tip x, y, z (mm)", "sd (mm)", "tip determined", "angles determined", "as in the start"
 )  # fmt: skip
 BASIN_COLUMNS = ("pose", "start", "hand", "deviance", "tips apart (mm)")
 
 
 def print_hand_fit(fit: HandFit) -> None:
-    """Print tips, told angles and basins as tables, and what remains of the report."""
+    """Print tips, determined angles and basins as tables, and what remains of the report."""
     print_table(DIGIT_COLUMNS, digit_rows(fit), right=DIGIT_COLUMNS[1:3])
     if len(fit.basins) > 1:
         # One row for each pose in which the fit came to rest, with the tips' largest distance.

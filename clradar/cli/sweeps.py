@@ -72,7 +72,7 @@ def over_roughness(options: RoughnessOptions) -> SweepKind:
         if isinstance(measured.content, cl.Volume):
             raise CompareError(
                 f"{measured.path}: expected a capture with --roughness-mm, got a volume: roughness "
-                "is told from images by parts of the aperture"
+                "is estimated from images by parts of the aperture"
             )
         return calibration.sweep_roughness(
             measured.content, scene, heights_m, lengths_m, calibrated=options.calibrated, **more

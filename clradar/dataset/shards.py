@@ -275,6 +275,7 @@ class ShardWriter:
             rows, data = len(array) if field.ragged else 1, self._file[field.place]
             data.resize(first[-1] + rows, axis=0)
             data[first[-1] :] = array
+            data.flush()  # as in `_array`
             first.append(first[-1] + rows)
 
     def _begin(self, sample: SamplePlan, arrays: Mapping[str, np.ndarray]) -> None:
@@ -341,6 +342,7 @@ class ShardWriter:
     def _array(self, place: str, value: np.ndarray, units: str | None, long_name: str) -> Any:
         made = self._file.create_dataset(place, data=value, chunks=value.shape, **self._filters)
         _describe(made, units, long_name)
+        made.flush()  # else its place in the file would depend on when Python closes it
         return made
 
 

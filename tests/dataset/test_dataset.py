@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import command_line
 import h5py
@@ -28,7 +29,7 @@ from clradar.dataset.check import check_dataset
 from clradar.dataset.folder import MANIFEST
 from clradar.dataset.plan.recipe import metres, radians, read_recipe
 from clradar.dataset.sample import _rig, placed_hand, radar_of, rotation
-from clradar.dataset.shards import opened_shard, sample_of
+from clradar.dataset.shards import new_shard, opened_shard, sample_of
 from clradar.errors import ModelError, OutputError
 from clradar.hand import POSES, HandShape, hand_mesh
 
@@ -116,6 +117,27 @@ def test_samples_do_not_depend_on_what_was_made_before() -> None:
         again = make_sample(sample.recipe, DEVICE)
         for name, array in sample.arrays.items():
             assert again.arrays[name].tobytes() == array.tobytes(), name
+
+
+def test_when_arrays_are_closed_changes_no_byte_of_a_shard(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with opened_shard(made / "shards" / "shard-00000.h5") as file:
+        samples = [sample_of(file, row, PLAN) for row in range(2)]
+    kept: list[object] = []
+    create = h5py.Group.create_dataset
+
+    def created(*args: Any, **options: Any) -> Any:
+        kept.append(create(*args, **options))
+        return kept[-1]
+
+    for name in ("closed", "open"):
+        with new_shard(tmp_path / name, PLAN) as shard:
+            for sample in samples:
+                shard.add(*sample)
+        monkeypatch.setattr(h5py.Group, "create_dataset", created)
+    assert kept
+    assert (tmp_path / "open").read_bytes() == (tmp_path / "closed").read_bytes()
 
 
 def test_a_recipe_may_be_its_text(made: Path) -> None:
