@@ -49,7 +49,7 @@ def test_a_lock_that_its_holder_removes_locks_nobody(
 
     monkeypatch.setattr(fcntl, "flock", late)
     with held(tmp_path, "sweep"):
-        assert len(opened) == 2
+        assert len(opened) > 1  # filelock looked, and locked anew
         with pytest.raises(OutputError, match="another sweep"), held(tmp_path, "sweep"):
             pass
 

@@ -108,15 +108,14 @@ def test_a_server_that_stops_leaves_no_thread() -> None:
 
 @in_browser
 def test_an_iterable_is_shown_newest_first(tmp_path: Path) -> None:
-    """Ten lines of a lab: a generator that is slower than the page, and ends."""
-    script = tmp_path / "lab.py"
+    """Ten lines of a lab: a generator that ends with an error once its frames were seen."""
+    script, seen = tmp_path / "lab.py", tmp_path / "seen"
     script.write_text(
-        "import clradar, clradar.view\n"
+        "import pathlib, clradar, clradar.view\n"
         "array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 8)\n"
         "def frames():\n"
-        "    for i in range(50):\n"
-        "        points_m = [[0.002 * i - 0.05, 0, 0.3]]\n"
-        "        yield clradar.room_capture(array, waveform, [], points_m=points_m)\n"
+        f"    while not pathlib.Path({str(seen)!r}).exists():\n"
+        "        yield clradar.room_capture(array, waveform, [], points_m=[[0, 0, 0.3]])\n"
         "    raise RuntimeError('the radar was switched off')\n"
         "clradar.view.show(frames(), title='lab', port=0)\n"
     )
@@ -126,5 +125,6 @@ def test_an_iterable_is_shown_newest_first(tmp_path: Path) -> None:
     ):
         tab = Tab(page, address)
         tab.load(" shown")
+        seen.touch()
         assert "switched off" in process.communicate()[1]
         assert process.returncode == 1
