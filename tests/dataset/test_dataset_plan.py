@@ -15,10 +15,9 @@ from dataset_plans import tiny
 from rig_files import RigMaker
 
 from clradar.dataset import PlanError, read_plan, recipe
+from clradar.dataset.plan.draws import Draw, fixed, stream
 from clradar.dataset.plan.plan import Plan, plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.plan.values import Draw, fixed, stream
-from clradar.dataset.sample import radar_of
 from clradar.errors import ModelError
 from clradar.files.toml_file import read_toml
 from clradar.hand import (
@@ -96,7 +95,7 @@ def test_a_plan_comes_back_from_its_record() -> None:
         ({"samples": 0}, "samples", "a whole number from 1"),
         ({"samples": 2.5}, "samples", "got 2.5"),
         ({"seed": -1}, "seed", "a whole number from 0"),
-        ({"poses": {"names": ["A", "J"]}}, "poses.names", 'got "J"'),
+        ({"poses": {"names": ["A", "J"]}}, "poses.names[1]", "got 'J'"),
         ({"poses": {"names": "leters"}}, "poses.names", "did you mean 'letters'?"),
         ({"poses": {"names": ["A", "A"]}}, "poses.names", "A more often"),
         ({"poses": {"names": None}}, "poses.names", "got nothing"),
@@ -125,10 +124,14 @@ def test_a_plan_comes_back_from_its_record() -> None:
         ({"placement": {"x_mm": float("nan")}}, "placement.x_mm", "got nan"),
         ({"placement": {"z_mm": {"normal": [300, 50]}}}, "placement.z_mm", "[0, 600] within 6"),
         ({"placement": {"z_mm": 400}}, "placement.z_mm", "image.z_mm is 250 to 350"),
-        ({"alpha": 1.5}, "alpha", "from 0 to 1"),
+        ({"alpha": 1.5}, "alpha.others", "from 0 to 1"),
         ({"alpha": {"palm": 0.5, "tumb": 0.5}}, "alpha.tumb", "did you mean 'thumb'?"),
-        ({"alpha": {"normal": [0.5, 0.1], "palm": None, "others": None}}, "alpha", "a number or {"),
-        ({"alpha": {"palm": {"normal": [1, 0]}}}, "alpha.palm", "b, ...] }, got { normal = ... }"),
+        (
+            {"alpha": {"normal": [0.5, 0.1], "palm": None, "others": None}},
+            "alpha.others",
+            "[-0.1, 1.1]",
+        ),
+        ({"alpha": {"palm": {"normal": [1, 1]}}}, "alpha.palm", "values from 0 to 1, got {"),
         ({"impairments": {"adc_bits": 99}}, "impairments.adc_bits", "from 2 to 24"),
         ({"impairments": {"coupling_delay_ps": 3}}, "impairments.coupling_delay_ps", "coupling_db"),
         (
@@ -149,7 +152,7 @@ def test_a_plan_comes_back_from_its_record() -> None:
         ({"image": {"x_mm": [10, -10]}}, "image.x_mm", "first <= last"),
         ({"image": {"x_mm": [-10, 7]}}, "image", "whole number of steps"),
         ({"image": {"method": "exact", "tolerance_db": -50}}, "image.tolerance_db", "none unless"),
-        ({"output": {"products": ["depthmap"]}}, "output.products", "did you mean 'depth_map'?"),
+        ({"output": {"products": ["depthmap"]}}, "output.products[0]", "did you mean 'depth_map'?"),
         ({"output": {"products": []}}, "output.products", "at least one"),
         ({"output": {"products": ["joints"]}}, "impairments", "a product that they change"),
         ({"output": {"shard_size": 0}}, "output.shard_size", "from 1"),
@@ -183,7 +186,7 @@ def test_all_mistakes_are_found_at_once() -> None:
         tiny(seed=-1, hands={"handednes": "left"}, alpha=7, image={"step_mm": 0}, radr={"every": 2})
     )
     keys = {line.split(": ")[1] for line in found}
-    assert keys == {"seed", "hands.handednes", "alpha", "image.step_mm", "radr"}
+    assert keys == {"seed", "hands.handednes", "alpha.others", "image.step_mm", "radr"}
 
 
 def test_the_command_prints_every_mistake_and_makes_nothing(tmp_path: Path) -> None:
@@ -221,10 +224,10 @@ points_m = [[0, 0.03, 0]]
     plan = read_plan(tmp_path / "plan.toml")
     (tmp_path / "few.toml").unlink()
     assert plan_from(json.loads(json.dumps(plan_record(plan))), "manifest", tmp_path) == plan
-    array, _ = radar_of(read_recipe(json.dumps(recipe(plan, 0))).plan)
+    array = read_recipe(json.dumps(recipe(plan, 0))).plan.radar.antennas
     assert array.tx_m.tolist() == [[0, 0, 0], [0.02, 0, 0]]
     assert array.tx_gain.tolist() == [1, 1]
-    assert array is radar_of(plan)[0]
+    assert array is plan.radar.antennas
     for name, words in (("few.toml", "few.toml"), ("qar5", "got .qar5")):
         (tmp_path / "plan.toml").write_text(text.format(name))
         with pytest.raises(PlanError, match=f"radar.array: .*{words}"):
