@@ -70,9 +70,8 @@ with work_folder.held(Path("work"), "sweep"):
     write_file(Path("work") / "text", b"a\\n")
 print(sorted(os.listdir("work")), Path("work/text").read_bytes())
 
-from clradar.jobs.cluster import KeepToCores
+from clradar.jobs.workers import KeepToCores, own_cores
 from clradar.files.interrupts import interrupts_blocked
-from clradar.jobs.resources import own_cores
 KeepToCores(own_cores()).setup(None)
 with interrupts_blocked():
     print("cores:", own_cores() == list(range(os.cpu_count())))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import clradar as cl
+from clradar.cli import options as opt
 from clradar.cli.comparison import write_csv
 from clradar.cli.console import counted, print_line, print_warning, progress_bar
 from clradar.cli.frames import (
@@ -20,7 +20,6 @@ from clradar.cli.frames import (
     VOLUMES,
     Frames,
     FrameSteps,
-    read_record,
     record_file,
 )
 from clradar.cli.inputs import grid_for
@@ -33,7 +32,6 @@ from clradar.cli.moving_hands import (
     hand_columns,
     print_sequence,
 )
-from clradar.cli.options.measured import GridOptions
 from clradar.cli.outputs import save
 from clradar.compare import METRIC_TABLE
 from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
@@ -75,27 +73,19 @@ Record = Mapping[str, Any]
 
 @dataclass(slots=True, kw_only=True)
 class RecordingWork:
-    """A recording, what is done with its frames, and how."""
+    """A recording, and what is done with its frames."""
 
     source: Frames
     steps: FrameSteps  # without what is placed or averaged once the folder is begun
-    voxels: GridOptions
+    voxels: opt.GridOptions
     numbers: Sequence[int]
-    settings: Mapping[str, Any]  # options without the places of files
-    inputs: Mapping[str, Sequence[Path]]  # all files that are read
     labels: Sequence[str]
     where: Where
     hand: Mapping[str, Any] | None  # settings of `calibration.fit_hands`
-    force: bool
 
-    def run(self) -> None:
+    def run(self, job: Job) -> None:
         """Do the frames that are not done yet, and what is made of all; say what is there."""
         folder = self.steps.folder
-        job = Job(
-            folder=folder, work="processed recording", own=OWN_NAMES, inputs=self.inputs,
-            key={**self.settings, "clradar": self.steps.origin["clradar"]}, force=self.force,
-            resumable=lambda folder: any(folder.glob(f"{RECORDS}/*.json")),
-        )  # fmt: skip
         with job.held():
             finished = (folder / RESULT).is_file()  # it goes before any frame is done
             if not finished or len(self._done()) < len(self.numbers):
@@ -104,7 +94,7 @@ class RecordingWork:
                 self._frames(job)
                 if not self._done():
                     raise MeasurementError(f"{self.source.path}: no frame could be processed")
-            records = [read_record(folder, number) for number in self._done()]
+            records = [read_json_object(record_file(folder, number)) for number in self._done()]
             if not (folder / RESULT).is_file():
                 fits = None if self.hand is None else self._hands(records)
                 self._write(records, fits)
@@ -133,28 +123,24 @@ class RecordingWork:
         from calibration import average_frames
 
         steps, folder = self.steps, self.steps.folder
-        for name in (RECORDS, MAPS):
+        kept = [CAPTURES] * steps.how.keep_captures + [VOLUMES] * steps.how.keep_volumes
+        for name in (RECORDS, MAPS, *kept):
             (folder / name).mkdir(exist_ok=True)
-        for name, wanted in {
-            CAPTURES: steps.chosen.keep_captures, VOLUMES: steps.chosen.keep_volumes
-        }.items():  # fmt: skip
-            if wanted:
-                (folder / name).mkdir(exist_ok=True)
-        if steps.cleaning.empty is not None and steps.cleaning.empty.is_dir():
+        if steps.how.empty is not None and steps.how.empty.is_dir():
             mean = folder / EMPTY
             if not mean.is_file():
-                room = Frames(steps.cleaning.empty)
+                room = Frames(steps.how.empty)
                 with progress_bar("averaging"):
                     frames = map(room.capture, room.numbers or ())
                     save(mean, average_frames(frames), steps.origin, force=True)
-            steps = replace(steps, cleaning=replace(steps.cleaning, empty=mean))
+            steps = replace(steps, how=replace(steps.how, empty=mean))
         store = FolderStore(folder / MAPS)
         if GRID not in store:  # kept: another first frame may be readable when the run is resumed
             grid = self.voxels.grid() if self.voxels.given else self._placed(steps)
             arrays = {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
             store[GRID] = {**arrays, "counts": np.array(grid.counts)}
-        kept = store[GRID]
-        grid = cl.VoxelGrid(kept["origin_m"], kept["spacing_m"], kept["counts"].tolist())
+        known = store[GRID]
+        grid = cl.VoxelGrid(known["origin_m"], known["spacing_m"], known["counts"].tolist())
         self.steps = replace(steps, grid=grid)
 
     def _placed(self, steps: FrameSteps) -> cl.VoxelGrid:
@@ -230,7 +216,7 @@ class RecordingWork:
         shown = [one["frame"] for one in records if one["peak_db"] is not None]
         if shown:
             images = (self.steps.map_of(f"{number:06d}") for number in shown)
-            pictures = FramePictures(images, self.steps.depth.dynamic_range_db)
+            pictures = FramePictures(images, self.steps.how.dynamic_range_db)
             (folder / PICTURES).mkdir(exist_ok=True)
             files = []
             with progress_bar("drawing") as progress:

@@ -36,8 +36,7 @@ from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
 from clradar.jobs.job import Job
 from clradar.jobs.lock import remove_temporaries
-from clradar.jobs.outcome import ATTEMPTS, Aside, reason_of
-from clradar.jobs.resources import made_with
+from clradar.jobs.outcome import ATTEMPTS, Aside, made_with, reason_of
 from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 from clradar.opencl import forget_devices, open_device

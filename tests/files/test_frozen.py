@@ -21,7 +21,7 @@ import clradar
 import clradar.dataset
 from calibration.hand_fit.frame_fit import FrameFit
 from calibration.hand_fit.starts import read_start
-from clradar.cli.options.sweep import read_joints
+from clradar.cli.commands.sweep import read_joints
 from clradar.dataset.check import check_dataset
 from clradar.hand import HandShape, read_pose
 from measurement_io import (

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import exit_status as run
+from command_line import group_of
 from recorded_targets import edge_array
 from shapes import plate, sphere
 from systems import posix_only
@@ -23,8 +24,9 @@ from calibration.roughness.figures import MOST_IMAGES, shown_alphas, sweep_figur
 from calibration.roughness.surface_points import surface_points
 from clradar.cli import sweeps as folder
 from clradar.cli.commands import sweep as command
-from clradar.cli.options.groups import expanded
-from clradar.cli.options.sweep import AlphaOptions, RegionOptions
+from clradar.cli.commands.sweep import RegionOptions
+from clradar.cli.groups import expanded
+from clradar.cli.sweeps import AlphaOptions
 from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand import hand_mesh
@@ -420,8 +422,8 @@ def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     # Other settings are refused by name, and --force begins anew.
     assert run(*COMMAND, "--rays-per-sample", "3", "--seed", "4", "-o", "whole") == 1
     error = capsys.readouterr().err
-    assert ": simulation.rays_per_sample 2, now 3" in error
-    assert "simulation.seed 0, now 4" in error
+    assert "rays_per_sample 2, now 3" in error
+    assert "seed 0, now 4" in error
     assert contents(files / "killed") == contents(files / "whole")
 
 
@@ -519,8 +521,8 @@ def test_the_command_has_the_defaults_of_the_function():
 
 
 def test_alphas_are_rounded_as_typed():
-    assert AlphaOptions().alphas().tolist() == [round(i / 10, 1) for i in range(11)]
-    assert AlphaOptions(alpha="0.1,0.25,1").alphas().tolist() == [0.1, 0.25, 1.0]
+    assert AlphaOptions().alpha == tuple(round(i / 10, 1) for i in range(11))
+    assert group_of(AlphaOptions, alpha="0.1,0.25,1").alpha == (0.1, 0.25, 1.0)
 
 
 # --- regions
