@@ -1,7 +1,5 @@
 """Runs of the command line in the tests' own process."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, TypeVar

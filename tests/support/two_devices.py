@@ -3,8 +3,6 @@
 Run as a program, since POCL_DEVICES is read once per process; prints its findings as JSON.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Closed-loop registration: the pose found, the files written, failures that leave nothing."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Sweeps over alpha: estimates, shared random numbers, and the same bits after an interruption."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import signal
@@ -13,6 +11,7 @@ import numpy as np
 import pytest
 from command_line import exit_status as run
 from command_line import group_of
+from nightly import nightly
 from recorded_targets import edge_array
 from shapes import plate, sphere
 from systems import posix_only
@@ -254,7 +253,7 @@ def test_simulations_that_are_to_differ_are_no_reason_to_warn(monkeypatch):
 # --- rays and random numbers are shared
 
 
-@pytest.mark.parametrize("max_bounces", [1, 2])
+@pytest.mark.parametrize("max_bounces", [2, *nightly([1])])
 def test_shared_visibility_gives_the_bits_of_simulate(max_bounces, device):
     rays = {**FEW, "max_bounces": max_bounces, "seed": 5}
     made = [c for (c,) in simulate_alphas(SCENE, ARRAY, WAVEFORM, ALPHAS, device=device, **rays)]
@@ -322,7 +321,7 @@ class StopsAfter(dict):
             raise Interrupted
 
 
-@pytest.mark.parametrize("regions", [None, Regions.of_parts(SCENE)])
+@pytest.mark.parametrize("regions", [Regions.of_parts(SCENE), *nightly([None])])
 def test_an_interrupted_sweep_ends_with_the_same_bits(regions):
     measured = image_of(SCENE.with_alpha(0.3), 9, **FEW)
     arguments = {"seeds": 2, "regions": regions, **RADAR, **FEW}
@@ -425,9 +424,6 @@ def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     assert "rays_per_sample 2, now 3" in error
     assert "seed 0, now 4" in error
     assert contents(files / "killed") == contents(files / "whole")
-
-
-# --- the folder
 
 
 # --- wrong input
