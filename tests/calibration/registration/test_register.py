@@ -255,7 +255,7 @@ def test_command_writes_all(files, hand, capsys):
     assert np.linalg.norm(std[3:]) > max(record["rounds"][0]["moved_m"], 0.3e-3)
     assert "moved by" in out.out
     capture, volume = open_capture(folder / "capture.h5"), open_volume(folder / "volume.h5")
-    assert capture.meta["options"]["alpha"] == "0.3"
+    assert capture.meta["options"]["alpha"] == 0.3
     assert volume.grid.counts == (101, 101, 41)
     metrics = json.loads((folder / "metrics.json").read_text())
     assert -1.0 <= metrics["simulated"][0]["metrics"]["db_correlation"] <= 1.0
