@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
@@ -17,6 +18,10 @@ from clradar.view.samples import ALL, SampleFrames
 from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
 from clradar.view.wish import LAYOUTS, SIDES, Wish, extents_mm, grid_mm
+
+
+FOLLOWED_S = 1.0
+"""Between two drawings of the channels of frames that are followed."""
 
 
 class Plays(Protocol):
@@ -294,6 +299,7 @@ class ChannelsTab:
         self._curves: dict[str, Any] = {}
         self._gui, self._folder = gui, gui.add_folder("Pair")
         self._shown: tuple[Any, int, int] = (None, 0, 0)
+        self._drawn_s = -math.inf
 
     def show(self, shown: Shown) -> None:
         """Show the data of a capture, unless they are shown already."""
@@ -302,6 +308,9 @@ class ChannelsTab:
             return
         if self._shown[0] is content and self._shown[1:] == (tx, rx):
             return
+        if shown.wish.quick and time.monotonic() - self._drawn_s < FOLLOWED_S:
+            return
+        self._drawn_s = time.monotonic()
         self._shown = (content, tx, rx)
         for control, n in ((self._tx, content.array.n_tx), (self._rx, content.array.n_rx)):
             assign(control, "max", max(1, n - 1))

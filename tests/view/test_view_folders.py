@@ -55,6 +55,7 @@ class Watched:
         self.peaks.clear()
         for _ in range(2):
             self.player.look(self.source)
+        self.session.settle()
         return self.peaks
 
     def labels(self) -> list[str]:
