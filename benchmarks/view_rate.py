@@ -23,6 +23,7 @@ from study import ARRAY, WAVEFORM
 import clradar
 from clradar.hand import hand_mesh
 from clradar.view.server import serving
+from clradar.view.session import View
 from clradar.view.sources import open_source
 from clradar.view.wish import Wish, grid_mm
 from measurement_io import save_capture
@@ -44,9 +45,10 @@ def main() -> None:
         for n in range(FRAMES):
             there = scene.transformed(np.eye(4) + np.eye(4, k=3) * 2e-3 * n)
             save_capture(made / f"{n}.h5", clradar.simulate(there, ARRAY, WAVEFORM, seed=0))
-        wish = Wish(frame=-1, grid=grid_mm((-100, 100), (-100, 100), (260, 340), 2.0))
+        grid = grid_mm((-100, 100), (-100, 100), (260, 340), 2.0)
+        view = View(source=open_source(folder, watch=True), wish=Wish(frame=-1, grid=grid))
         with (
-            serving(open_source(folder, watch=True), wish, port=0) as (port, _),
+            serving(view, port=0) as (port, _),
             chromium.chromium(Path(top), webgl=True) as page,
         ):
             page.resize(*SIZE)

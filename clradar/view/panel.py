@@ -6,7 +6,7 @@ import math
 import time
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
 from clradar.model import Capture, VoxelGrid
@@ -14,26 +14,14 @@ from clradar.model.length_unit import unit_for
 from clradar.plot.layout import typeset
 from clradar.view.beside import MATERIALS, Beside
 from clradar.view.pictures import overview_picture, pair_curves
+from clradar.view.playing import Player
 from clradar.view.samples import ALL, SampleFrames
 from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
-from clradar.view.wish import LAYOUTS, SIDES, Wish, extents_mm, grid_mm
-
+from clradar.view.wish import LAYOUTS, SIDES, Wish, escaped, extents_mm, grid_mm
 
 FOLLOWED_S = 1.0
 """Between two drawings of the channels of frames that are followed."""
-
-
-class Plays(Protocol):
-    """What the control that plays and stops acts on."""
-
-    per_second: float
-
-    def play(self, on: bool) -> None:
-        """Begin or stop to play."""
-
-    def chosen(self) -> None:
-        """Say that a frame has been chosen by hand."""
 
 
 class Panel:
@@ -101,7 +89,7 @@ class Panel:
         control.value = not control.value
         self._acts[id(control)]()
 
-    def connect(self, session: Session, player: Plays) -> None:
+    def connect(self, session: Session, player: Player) -> None:
         """Turn changes of the controls into wishes."""
         self._session = session
         keys = ["L changes the layout", "V shows voxels"]
@@ -385,8 +373,3 @@ def state_text(shown: Shown, label: str) -> str:
     if shown.second is not None:
         drawn += f", {len(shown.second.cloud.points_m)} simulated"
     return f"{escaped(label)}: {kind} of {counts}, {drawn}"
-
-
-def escaped(text: str) -> str:
-    """Return text of a file so that Markdown and HTML show it as it is."""
-    return "".join(f"&#{ord(c)};" if c in "\\`*_{}[]<>()#+!|&~$" else c for c in text)

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 from clradar.errors import ClradarError
 from clradar.model import Capture
-from clradar.view.panel import escaped
 from clradar.view.session import Session, Shown
 from clradar.view.sources import Growing, Source
+from clradar.view.wish import escaped
 
 WINDOW = 30
 """Frames over which rate and latency are taken."""

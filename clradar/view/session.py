@@ -14,15 +14,28 @@ from clradar.compare import Metrics, metrics_of
 from clradar.errors import ClradarError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.imaging.placement import place_grid
-from clradar.model import Capture, Volume, VoxelGrid
+from clradar.model import Capture, Scene, Volume, VoxelGrid
 from clradar.opencl import Device
 from clradar.view.beside import Beside
 from clradar.view.drawn import Drawn, Flat
 from clradar.view.sources import Content, Source
+from clradar.view.truth import Truths
 from clradar.view.wish import QUICK_DB, Wish, live_grid
 
 KEPT_BYTES = 512 * 2**20
 """Of images: 150 frames of 101 x 101 x 41 voxels, so that a recording plays from memory."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """What is viewed, what it begins with, and what is shown beside and within it."""
+
+    source: Source
+    wish: Wish
+    beside: Beside | None = None
+    mesh: Scene | None = None
+    truth: Truths | None = None
+    device: Device | None = None
 
 
 class Outdated(Exception):
@@ -68,19 +81,10 @@ class Front(Protocol):
 class Session:
     """Reads and images frames in a thread of its own, the newest wish alone."""
 
-    def __init__(
-        self,
-        source: Source,
-        wish: Wish,
-        front: Front,
-        device: Device | None = None,
-        form: Callable[..., Volume] | None = None,
-        beside: Beside | None = None,
-    ) -> None:
-        self.source = source
-        self._beside = beside
-        self._wish, self._front, self._device = wish, front, device
-        self._imagers = Imagers(device)
+    def __init__(self, view: View, front: Front, form: Callable[..., Volume] | None = None) -> None:
+        self.source, self._beside, self._device = view.source, view.beside, view.device
+        self._wish, self._front = view.wish, front
+        self._imagers = Imagers(view.device)
         self._form = form or self._imagers.form
         self._content: tuple[int, Content] | None = None
         self._images: OrderedDict[Hashable, Volume | Flat] = OrderedDict()

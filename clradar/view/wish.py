@@ -95,3 +95,8 @@ def extents_mm(grid: VoxelGrid) -> tuple[Extent, Extent, Extent]:
         for axis in (grid.x_m, grid.y_m, grid.z_m)
     )
     return x, y, z
+
+
+def escaped(text: str) -> str:
+    """Return text of a file so that Markdown and HTML show it as it is."""
+    return "".join(f"&#{ord(c)};" if c in "\\`*_{}[]<>()#+!|&~$" else c for c in text)

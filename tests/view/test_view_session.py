@@ -14,7 +14,7 @@ import clradar
 from clradar.errors import MeasurementError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.view.playing import Player
-from clradar.view.session import Session, Shown
+from clradar.view.session import Session, Shown, View
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import QUICK_DB, Wish
 
@@ -65,7 +65,9 @@ class SlowImager:
 def session_of(read: Callable[[int], Any], form: Any) -> Iterator[tuple[Session, Record]]:
     front = Record()
     labels = tuple(f"frame {i}" for i in range(5))
-    session = Session(FixedFrames("rec", labels, read), Wish(grid=GRID), front, form=form)
+    session = Session(
+        View(source=FixedFrames("rec", labels, read), wish=Wish(grid=GRID)), front, form=form
+    )
     try:
         yield session, front
     finally:
@@ -172,7 +174,7 @@ def test_frames_that_come_and_go_are_stepped_through_by_their_numbers() -> None:
     form, front = SlowImager(), Record()
     form.let.release(9)
     source = Growing()
-    session = Session(source, Wish(frame=3, grid=GRID), front, form=form)
+    session = Session(View(source=source, wish=Wish(frame=3, grid=GRID)), front, form=form)
     for there, by in (((3, 7, 9), 1), ((3, 9, 11), 1), ((3, 11), -1), ((), 1)):
         source.there = there
         session.step(by)
@@ -186,7 +188,9 @@ def test_captures_without_a_grid_get_one_that_shows_them() -> None:
     form, front = SlowImager(), Record()
     form.let.release(9)
     empty = capture(0.0)  # with echoes there would be a warning of too few frequencies
-    session = Session(FixedFrames("c", ("c",), lambda _: empty), Wish(), front, form=form)
+    session = Session(
+        View(source=FixedFrames("c", ("c",), lambda _: empty), wish=Wish()), front, form=form
+    )
     session.change()
     session.settle()
     placed = session.wish.grid
@@ -245,8 +249,10 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(
     monkeypatch.setattr("clradar.view.session.FrameImager", Imager)
     source = Following()
     front = Counting()
-    session = Session(source, Wish(frame=-1, grid=GRID), front)
-    front.player = player = Player(session, source, lambda _: None, lambda _: None, front.refused.append)
+    session = Session(View(source=source, wish=Wish(frame=-1, grid=GRID)), front)
+    front.player = player = Player(
+        session, source, lambda _: None, lambda _: None, front.refused.append
+    )
     try:
         for _ in range(2):
             player.look(source)
