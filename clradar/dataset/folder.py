@@ -1,12 +1,12 @@
 """The folder of a data set: its manifest and its shards.
 
-    manifest.json            the plan, what made the samples, and which samples failed
+    manifest.json            the plan, what made the samples, which failed, SHA-256 of shards
     shards/shard-00000.h5    samples
     contact-sheet.png        when it is complete
 
 A shard that is there is done. Of what failed the shards tell, too: the manifest is written anew
 from them. Data sets of version 1, by clradar 0.2 and older, also have `parts`, single samples of
-shards that were never closed; their manifests have a list of shards, which does not count.
+shards that were never closed.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+
+from pydantic import Field
 
 from clradar.dataset.plan.plan import Plan, PlanError, plan_from, plan_record
 from clradar.dataset.plan.recipe import EARLIER_SETTINGS
 from clradar.errors import MeasurementError, OutputError, quoted
-from clradar.files.failures import fail, reading, shown
+from clradar.files.failures import fail, shown
 from clradar.files.json_file import read_json_object, write_json
-from clradar.files.records import is_whole
+from clradar.files.records import OpenRecord, Whole, record_of
 from clradar.jobs.outcome import Aside
 
 FORMAT, VERSION = "dataset", 2
@@ -35,34 +37,39 @@ SUMMARIES = (CONTACT_SHEET, "statistics.json", "statistics.csv")
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""
 
-EXPECTED = "the manifest of a data set"
 _SHARD = re.compile(r"shard-(\d{5,})\.h5")
+
+
+class AsideRecord(OpenRecord):
+    sample: Whole
+    reason: str
+    attempts: Whole
+
+
+class ManifestRecord(OpenRecord):
+    """What is read of a manifest, beside its format and version."""
+
+    plan: dict[str, Any]
+    made_with: dict[str, Any]
+    set_aside: tuple[AsideRecord, ...]
+    sha256: dict[str, str] = Field(default_factory=dict)
 
 
 @dataclass(slots=True)
 class Manifest:
-    """A data set as its folder tells it without any shard being opened.
-
-    `shards` are the numbers of those that are there, `aside` the samples that failed, by number.
-    """
+    """A data set as its folder tells it without any shard being opened."""
 
     plan: Plan
     made_with: Mapping[str, Any] = field(default_factory=dict)
-    aside: dict[int, Aside] = field(default_factory=dict)
-    shards: set[int] = field(default_factory=set)
-
-    def is_done(self, shard: int) -> bool:
-        """Whether a shard is there, or nothing of it can be made."""
-        return shard in self.shards or all(n in self.aside for n in self.plan.shard_samples(shard))
+    aside: dict[int, Aside] = field(default_factory=dict)  # what failed, by its number
+    sha256: dict[str, str] = field(default_factory=dict)  # by the names of shards
+    shards: set[int] = field(default_factory=set)  # that are there
 
     @property
     def missing(self) -> list[int]:
-        """The shards that are to be made."""
-        return [shard for shard in range(self.plan.n_shards) if not self.is_done(shard)]
-
-    @property
-    def complete(self) -> bool:
-        return not self.missing
+        """The shards that are to be made: not there, and with a sample that has not failed."""
+        absent = (n for n in range(self.plan.n_shards) if n not in self.shards)
+        return [n for n in absent if not all(s in self.aside for s in self.plan.shard_samples(n))]
 
     @property
     def stored(self) -> list[int]:
@@ -77,13 +84,13 @@ class Manifest:
 
     def record(self) -> dict[str, Any]:
         """Return it as JSON."""
-        aside = [self.aside[sample] for sample in sorted(self.aside)]
         return {
             "clradar_format": FORMAT,
             "clradar_version": VERSION,
             "plan": plan_record(self.plan),
             "made_with": dict(self.made_with),
-            "set_aside": [{name: getattr(a, name) for name in a.__slots__} for a in aside],
+            "set_aside": [asdict(self.aside[sample]) for sample in sorted(self.aside)],
+            "sha256": {name: self.sha256[name] for name in sorted(self.sha256)},
         }
 
 
@@ -108,33 +115,23 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST
     manifest = manifest_of(path, read_json_object(path))
     if (folder / SHARDS).is_dir():
-        for entry in os.scandir(folder / SHARDS):
-            number = shard_number(entry.name)
-            if number is not None and number < manifest.plan.n_shards:
-                manifest.shards.add(number)
+        numbers = (shard_number(entry.name) for entry in os.scandir(folder / SHARDS))
+        n_shards = manifest.plan.n_shards
+        manifest.shards = {n for n in numbers if n is not None and n < n_shards}
     return manifest
 
 
-def manifest_of(path: Path, record: Mapping[str, Any]) -> Manifest:
+def manifest_of(path: Path, content: Mapping[str, Any]) -> Manifest:
     """Return the content of a manifest, without shards."""
-    with reading(path, EXPECTED):
-        if record.get("clradar_format") != FORMAT:
-            fail(path, EXPECTED, "another JSON file")
-        version = record["clradar_version"]
-        if not is_whole(version) or version > VERSION:
-            fail(path, f"version {VERSION} or older", f"{quoted(version)}; update clradar")
-        for key, kind in {"plan": dict, "made_with": dict, "set_aside": list}.items():
-            if not isinstance(record[key], kind):
-                fail(path, f"{key} to be a {kind.__name__}", quoted(record[key]))
-        plan = _plan(path, record["plan"])
-        manifest = Manifest(plan, record["made_with"])
-        for content in record["set_aside"]:
-            aside = Aside(**content)
-            numbers = is_whole(aside.sample) and is_whole(aside.attempts)
-            if not numbers or not 0 <= aside.sample < plan.samples:
-                fail(path, "an entry with sample, reason, attempts", quoted(content))
-            manifest.aside[aside.sample] = Aside(aside.sample, str(aside.reason), aside.attempts)
-        return manifest
+    expected = "the manifest of a data set"
+    if content.get("clradar_format") != FORMAT:
+        fail(path, expected, "another JSON file")
+    version = content.get("clradar_version")
+    if not isinstance(version, int) or version > VERSION:
+        fail(path, f"version {VERSION} or older", f"{quoted(version)}; update clradar")
+    record = record_of(content, ManifestRecord, path)
+    aside = {one.sample: Aside(**one.model_dump()) for one in record.set_aside}
+    return Manifest(_plan(path, record.plan), record.made_with, aside, record.sha256)
 
 
 def _plan(path: Path, content: Mapping[str, Any]) -> Plan:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.dataset.folder import read_manifest, shard_name
-from clradar.dataset.plan.plan import PRODUCTS, plan_record
-from clradar.dataset.shards import FIELDS, LABELS, fields_of, labels_of, opened_shard, samples_of
+from clradar.dataset.plan.plan import plan_record
+from clradar.dataset.shards import ARRAYS, LABELS, arrays_of, labels_of, opened_shard, samples_of
 from clradar.errors import ClradarError, MissingPackage
 from clradar.files.failures import fail
 from clradar.files.json_text import to_json
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 CHUNK_BYTES = 2**25
 """Approximate size of the chunks of Dask arrays."""
 
-NAMES = ("pose", "handedness", "rig")
+NAMES = ("sample", "pose", "handedness", "rig")
 """Labels that are coordinates of the samples."""
 
 
@@ -34,17 +35,14 @@ class _Stored:
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.manifest = read_manifest(Path(folder))
         self.plan = self.manifest.plan
-        self.paths: list[Path] = []
         self.rows: list[tuple[Path, int]] = []
         self.samples: list[int] = []
         for number in sorted(self.manifest.shards):
             path = Path(folder) / shard_name(number)
             with opened_shard(path) as file:
                 samples = samples_of(file)
-            if samples:
-                self.paths.append(path)
-                self.rows += ((path, row) for row in range(len(samples)))
-                self.samples += samples
+            self.rows += ((path, row) for row in range(len(samples)))
+            self.samples += samples
         if not self.samples:
             fail(Path(folder), "a data set with at least one shard of samples", "none")
 
@@ -80,13 +78,6 @@ def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> 
         faces index the vertices of their own mesh. In `attrs`: `plan` and `made_with` as JSON,
         `complete`, `set_aside`. ``make_sample(view.recipe.values[0])`` makes a sample again.
 
-    Raises
-    ------
-    MeasurementError
-        It is no data set, damaged, or has no shard.
-    MissingPackage
-        xarray or Dask is not installed.
-
     Examples
     --------
     >>> from clradar.dataset import open_dataset, read_plan, run
@@ -106,9 +97,9 @@ def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> 
         ) from error
     stored = _Stored(folder)
     whole = stored.sequences("open_dataset") if sequences else None
-    view = _joined([_shard(path) for path in stored.paths])
+    view = _view([*dict.fromkeys(path for path, _ in stored.rows)])
     view.attrs = {
-        "complete": int(stored.manifest.complete),
+        "complete": int(not stored.manifest.missing),
         "set_aside": len(stored.manifest.aside),
         "plan": to_json("plan", plan_record(stored.plan)),
         "made_with": to_json("made_with", stored.manifest.made_with),
@@ -116,30 +107,38 @@ def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> 
     return view if whole is None else _sequences(view, whole)
 
 
-def _shard(path: Path) -> xarray.Dataset:
-    """Return the samples of a shard, with rows of ragged arrays along an axis of their own."""
+def _view(paths: list[Path]) -> xarray.Dataset:
+    """Return the samples of shards, with rows of meshes along axes of their own."""
+    import dask.array
     import xarray
 
-    variables: dict[str, Any] = {}
+    fields = {**ARRAYS, **LABELS}
+    parts: dict[str, list[Any]] = defaultdict(list)
     coordinates: dict[str, Any] = {}
-    with opened_shard(path) as file:
-        for name in fields_of(file):
-            spec = FIELDS[name]
-            first = f"{name}_row" if spec.ragged else "sample"
-            variables[name] = ((first, *spec.axes), *_lazy(path, file[spec.place]))
-            if spec.ragged:
-                begins = file[spec.first_place][:]
-                variables[f"{name}_first"] = ("sample", begins[:-1])
-                variables[f"{name}_end"] = ("sample", begins[1:])
-        labels = file["entry/labels"]
-        for name in labels:
-            axes = LABELS[name].axes if name in LABELS else ()
-            where = coordinates if name in (*NAMES, "sample") else variables
-            read = (_values(labels[name]),) if where is coordinates else _lazy(path, labels[name])
-            where[name] = (("sample", *axes), *read)
-        for name, axis in file["entry/axes"].items():
-            dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
-            coordinates[name] = (dims, _values(axis), _units(axis))
+    for path in paths:
+        with opened_shard(path) as file:
+            for name, field in fields.items():
+                if field.place in file:
+                    parts[name].append(_lazy(path, file[field.place]))
+                if field.place in file and field.ragged:
+                    offset = parts[f"{name}_end"][-1][-1] if parts[f"{name}_end"] else 0
+                    edges = offset + file[f"{field.place}_first"][:]
+                    parts[f"{name}_first"].append(edges[:-1])
+                    parts[f"{name}_end"].append(edges[1:])
+            for name, axis in file["entry/axes"].items() if not coordinates else ():
+                dims = (name[:2], "coordinate") if name in ("tx_m", "rx_m") else (name,)
+                coordinates[name] = (dims, _values(axis), _units(axis.attrs.get("units"), name))
+    variables: dict[str, Any] = {}
+    for name, own in parts.items():
+        if name not in fields:  # where meshes begin and end
+            variables[name] = ("sample", np.concatenate(own))
+            continue
+        field = fields[name]
+        first = f"{name}_row" if field.ragged else "sample"
+        whole = dask.array.concatenate(own)
+        where = coordinates if name in NAMES else variables
+        values = whole.compute() if name in NAMES else whole
+        where[name] = ((first, *field.axes), values, _units(field.units, field.long_name))
     return xarray.Dataset(variables, coordinates)
 
 
@@ -148,40 +147,20 @@ def _values(dataset: Any, key: Any = ...) -> np.ndarray:
     return np.char.decode(found, "utf-8") if dataset.dtype.kind == "S" else found
 
 
-def _joined(shards: list[xarray.Dataset]) -> xarray.Dataset:
-    """Join shards along their samples, and ragged arrays along their rows."""
-    import xarray
-
-    ragged = [str(name) for name in shards[0].data_vars if f"{name}_first" in shards[0]]
-    for name in ragged:
-        offset = 0
-        for shard in shards:
-            for edge in (f"{name}_first", f"{name}_end"):
-                shard[edge] = shard[edge] + offset
-            offset += shard.sizes[f"{name}_row"]
-    view = xarray.concat(
-        [shard.drop_vars(ragged) for shard in shards], "sample",
-        data_vars="minimal", coords="minimal", compat="override", join="override",
-    )  # fmt: skip
-    for name in ragged:
-        parts = [shard[name].variable for shard in shards]
-        view[name] = xarray.Variable.concat(parts, f"{name}_row")
-    return view
+def _units(units: str | None, long_name: str) -> dict[str, str]:
+    return {"long_name": long_name} | ({} if units is None else {"units": str(units)})
 
 
-def _lazy(path: Path, dataset: Any) -> tuple[Any, dict[str, str]]:
-    """Return a Dask array that reads its shard when it is computed, and units and title."""
+def _lazy(path: Path, dataset: Any) -> Any:
+    """Return a Dask array that reads its shard when it is computed."""
     import dask.array
 
     text = dataset.dtype.kind == "S"  # no text has more characters than bytes
     dtype = np.dtype(f"U{dataset.dtype.itemsize}") if text else dataset.dtype
     rest = dataset.shape[1:]
-    row_bytes = max(1, int(np.prod(rest)) * dtype.itemsize)
-    step = max(1, min(len(dataset), CHUNK_BYTES // row_bytes))
+    step = max(1, CHUNK_BYTES // max(1, int(np.prod(rest)) * dtype.itemsize))
     lazy = _Lazy(path, dataset.name, dataset.shape, dtype, dataset.ndim)
-    name = f"{dataset.name}-{dask.base.tokenize(lazy, path.stat().st_mtime_ns)}"
-    array = dask.array.from_array(lazy, chunks=(step, *rest), name=name, asarray=False)
-    return array, _units(dataset)
+    return dask.array.from_array(lazy, chunks=(step, *rest), name=False, asarray=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,13 +176,6 @@ class _Lazy:
     def __getitem__(self, key: Any) -> np.ndarray:
         with opened_shard(self.path) as file:
             return _values(file[self.place], key).astype(self.dtype, copy=False)
-
-
-def _units(dataset: Any) -> dict[str, str]:
-    found = {key: str(dataset.attrs[key]) for key in ("units", "long_name") if key in dataset.attrs}
-    if "long_name" in found:  # xarray writes the units beside it
-        found["long_name"] = found["long_name"].removesuffix(f" ({found.get('units')})")
-    return found
 
 
 def _sequences(view: xarray.Dataset, whole: np.ndarray) -> xarray.Dataset:
@@ -224,6 +196,8 @@ def _sequences(view: xarray.Dataset, whole: np.ndarray) -> xarray.Dataset:
 class TorchDataset:
     """Samples as dictionaries of tensors, for `torch.utils.data.DataLoader`.
 
+    It can be pickled, and forked: no file stays open. Depth maps have NaN where there is no depth.
+
     Parameters
     ----------
     folder : path-like
@@ -243,10 +217,6 @@ class TorchDataset:
     poses : tuple of str
         Names of the poses by their numbers in "pose".
 
-    Notes
-    -----
-    It can be pickled, and forked: no file stays open. Depth maps have NaN where there is no depth.
-
     Examples
     --------
     >>> from clradar.dataset import TorchDataset, read_plan, run
@@ -265,21 +235,19 @@ class TorchDataset:
         sequences: bool = False,
     ) -> None:
         stored = _Stored(folder)
-        self._rows = stored.rows
+        plan, self._rows, self._transform = stored.plan, stored.rows, transform
         positions = stored.sequences("TorchDataset") if sequences else np.arange(len(stored.rows))
         self._positions: np.ndarray = positions
-        plan = stored.plan
         self.poses = tuple(pose.name for pose in plan.poses.poses)
-        self._names, self._transform = tuple(names), transform
-        labels = labels_of(plan)
-        numbers = [name for name, label in labels.items() if label.axes or label.of == "movement"]
-        arrays = [name for name in PRODUCTS if name in plan.output.products and name in FIELDS]
-        known = [*arrays, *numbers, "handedness", "sample"]
+        fields = {**arrays_of(plan.output.products), **labels_of(plan)}
+        known = [n for n, own in fields.items() if own.dtype != "text" and not own.ragged]
+        known.append("handedness")
         named = plan.poses.kind in ("list", "around")
         if named and (plan.movement is None or plan.movement.poses == "stay"):
             known.append("pose")
-        for name in self._names:
+        for name in names:
             checks.one_of("TorchDataset: names", name, tuple(known))
+        self._places = {name: fields[name].place for name in names}
 
     def __len__(self) -> int:
         return len(self._positions)
@@ -293,22 +261,18 @@ class TorchDataset:
         if not -len(self) <= position < len(self):
             raise IndexError(f"position {position} of a data set of {len(self)} samples")
         places = self._positions[position]
-        if places.ndim:
-            frames = [self._values(int(place)) for place in places]
-            values = {name: np.stack([own[name] for own in frames]) for name in self._names}
-        else:
-            values = self._values(int(places))
-        sample = {name: torch.as_tensor(value) for name, value in values.items()}
+        values = [self._values(int(place)) for place in places.reshape(-1)]
+        sample = {
+            name: torch.as_tensor(np.stack([own[name] for own in values]) if places.ndim else value)
+            for name, value in values[0].items()
+        }
         return sample if self._transform is None else self._transform(sample)
 
     def _values(self, place: int) -> dict[str, Any]:
         path, row = self._rows[place]
         numbers = {"handedness": ("right", "left"), "pose": self.poses}
         with opened_shard(path) as file:
-            places = {
-                n: FIELDS[n].place if n in FIELDS else f"entry/labels/{n}" for n in self._names
-            }
-            found = {name: file[place][row] for name, place in places.items()}
+            found = {name: file[own][row] for name, own in self._places.items()}
         return {
             name: numbers[name].index(value.decode()) if name in numbers else np.asarray(value)
             for name, value in found.items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,15 +24,15 @@ from clradar.dataset.folder import (
 from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, found_rig, make_sample
-from clradar.dataset.shards import failed_of, new_shard, opened_shard, sample_of, samples_of
+from clradar.dataset.shards import failed_of, new_shard, opened_shard, read_sample, samples_of
 from clradar.errors import (
     ClradarError,
     DeviceError,
     MeasurementError,
-    OutputError,
     handled_warnings,
     warn,
 )
+from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
 from clradar.jobs.job import Job
 from clradar.jobs.lock import remove_temporaries
@@ -51,17 +51,8 @@ STOP_AFTER = 10
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """Counts of a run.
-
-    Attributes
-    ----------
-    made : int
-        Samples of this run.
-    samples : int
-        Of the plan.
-    aside : tuple of Aside
-        Samples that are set aside, by earlier runs too.
-    """
+    """Counts of a run: samples that it made, samples of the plan, and what is set aside, by earlier
+    runs too."""
 
     made: int
     samples: int
@@ -96,16 +87,6 @@ def run(
     progress : callable, optional
         Called with (done, total) units of work.
 
-    Raises
-    ------
-    OutputError
-        The folder has a data set of another plan, another process writes it, or it cannot be
-        written.
-    DeviceError
-        There is no such device, or it failed for `STOP_AFTER` samples in a row.
-    ClusterError
-        The workers differ, or the connection is lost.
-
     Warns
     -----
     ClradarWarning
@@ -135,7 +116,7 @@ def run(
         if force:
             job.clear(OWN_NAMES[1:])
         (path / SHARDS).mkdir(exist_ok=True)
-        dataset = _Run(plan, path, _known(path, plan))
+        dataset = _Run(plan, path)
         again = {sample // plan.output.shard_size for sample in dataset.manifest.aside if retry}
         shards = sorted({*dataset.manifest.missing, *again})
         if shards:
@@ -145,10 +126,6 @@ def run(
                 dataset.make(shards, where, progress)
             finally:
                 remove_temporaries(path / SHARDS)  # of killed workers
-        if not read_manifest(path).complete:
-            raise OutputError(
-                f"{path}: shards that workers wrote are not visible here; the same command resumes"
-            )
         write_manifest(path, dataset.manifest)
         job.clear([PARTS])
         write_contact_sheet(path, dataset.manifest)
@@ -159,30 +136,6 @@ def _check_rigs(plan: Plan) -> None:
     """Raise `ModelError` unless the files of the rigs are those of the plan."""
     for rig in plan.hands.rigs:
         found_rig(rig, (plan.folder,))
-
-
-def _known(path: Path, plan: Plan) -> Manifest:
-    """Return what is there; shards that are damaged, or lack samples without a reason, go."""
-    before = read_manifest(path)
-    known = Manifest(plan, before.made_with)  # equal, with the folder of its rigs
-    for number in range(plan.n_shards):
-        samples, file = plan.shard_samples(number), path / shard_name(number)
-        failed = {sample: before.aside[sample] for sample in samples if sample in before.aside}
-        if number in before.shards:
-            try:
-                with opened_shard(file) as shard:
-                    there = samples_of(shard)
-                    failed = {n: a for n, a in failed.items() if n not in there} | failed_of(shard)
-                fault = None if {*there, *failed} == {*samples} else f"{file}: lacks samples"
-            except MeasurementError as error:
-                fault = str(error)
-            if fault is not None:
-                warn(f"{fault}; its samples are made again")
-                file.unlink()
-                continue
-            known.shards.add(number)
-        known.aside |= failed
-    return known
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,14 +150,15 @@ class Work:
     stored: bool = True
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Made:
     """How many samples of a shard were made, with their warnings, and which failed."""
 
-    count: int
-    failed: Mapping[int, Aside]
-    warnings: Mapping[int, str]
     made_with: Mapping[str, Any]
+    failed: dict[int, Aside]
+    warnings: dict[int, str] = field(default_factory=dict)
+    count: int = 0
+    sha256: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,70 +171,91 @@ class ShardMaker:
 
     def run(self, work: Work, progress: Progress | None) -> Made:
         """Make a shard; what an earlier one has of it is kept."""
-        selector = open_device(self.device).info.selector
+        opened = open_device(self.device)
+        made = Made(made_with(opened), {aside.sample: aside for aside in work.deadly})
         if not work.stored:
             for sample in work.samples:
-                self._attempt(sample, selector, [])
-            return Made(0, {}, {}, {})
+                self._attempt(sample, opened.info.selector, made)
+            return made
         target = self.folder / shard_name(work.samples[0] // self.plan.output.shard_size)
-        failed = {aside.sample: aside for aside in work.deadly}
-        warnings: dict[int, str] = {}
-        texts: list[str] = []
-        count = 0
         with new_shard(target, self.plan) as shard:
             for done, sample in enumerate(work.samples, start=1):
-                made = None if sample in failed else self._stored(target, sample)
-                if made is not None:
-                    shard.add(*made)
-                elif sample not in failed:
-                    found = self._attempt(sample, selector, texts)
-                    if isinstance(found, Aside):
-                        failed[sample] = found
-                    else:
-                        shard.add(found, made_with(open_device(selector)))
-                        warnings |= {sample: "; ".join(texts)} if texts else {}
-                        count += 1
-                if sample in failed:
-                    shard.fail(failed[sample])
+                kept = None if sample in made.failed else self._stored(target, sample)
+                if kept is not None:
+                    shard.add(*kept)
+                elif sample not in made.failed:
+                    found = self._attempt(sample, opened.info.selector, made)
+                    if found is not None:
+                        shard.add(found, made.made_with)
+                        made.count += 1
+                if sample in made.failed:
+                    shard.fail(made.failed[sample])
                 if progress is not None:
                     progress(done, len(work.samples))
-        return Made(count, failed, warnings, made_with(open_device(selector)))
+        made.sha256 = sha256_of(target)
+        return made
 
     def _stored(self, target: Path, sample: int) -> tuple[Sample, Mapping[str, Any]] | None:
         """What the shard that is to be replaced has, or the part of a data set of version 1."""
         for path in (target, self.folder / PARTS / f"{sample:08d}.h5"):
             try:
-                with opened_shard(path) as file:
-                    if sample in (there := samples_of(file)):
-                        return sample_of(file, there.index(sample), self.plan)
-            except MeasurementError:  # there is none, or it is damaged
+                return read_sample(path, sample, self.plan)
+            except MeasurementError:  # it is not there, or damaged
                 continue
         return None
 
-    def _attempt(self, sample: int, selector: str, texts: list[str]) -> Sample | Aside:
-        """Make a sample, or return why there is none. Warnings take the place of `texts`."""
+    def _attempt(self, sample: int, selector: str, made: Made) -> Sample | None:
+        """Make a sample, or note why there is none."""
         reason = ""
         for _ in range(ATTEMPTS):
-            texts.clear()
+            texts: list[str] = []
             try:
                 with handled_warnings(texts.append):  # for the process that shows them
                     device = open_device(selector)
-                    return make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
+                    found = make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
             except Exception as error:
                 reason = reason_of(error)
                 if isinstance(error, DeviceError):
                     forget_devices()  # a context may stay unusable after a failed launch
-        return Aside(sample, reason, ATTEMPTS)
+                continue
+            if texts:
+                made.warnings[sample] = "; ".join(texts)
+            return found
+        made.failed[sample] = Aside(sample, reason, ATTEMPTS)
+        return None
 
 
 class _Run:
     """A run, and what it knows of its data set."""
 
-    def __init__(self, plan: Plan, path: Path, manifest: Manifest) -> None:
-        self.plan, self.path, self.manifest = plan, path, manifest
+    def __init__(self, plan: Plan, path: Path) -> None:
+        self.plan, self.path = plan, path
+        before = read_manifest(path)
+        self.manifest = Manifest(plan, before.made_with, before.aside)  # with the folder of rigs
         self._made = self._failures = 0
         self._warned: dict[int, str] = {}
         self._makers: Mapping[str, Any] | None = None
+        for number in sorted(before.shards):
+            self._take_in(number, before.sha256.get(Path(shard_name(number)).name))
+
+    def _take_in(self, number: int, sha256: str | None) -> None:
+        """Take what is there; a shard that is damaged, or lacks samples without a reason, goes."""
+        file, samples = self.path / shard_name(number), self.plan.shard_samples(number)
+        known = {n: self.manifest.aside.pop(n) for n in samples if n in self.manifest.aside}
+        try:
+            with opened_shard(file) as shard:
+                there, failed = {*samples_of(shard)}, failed_of(shard)
+            failed = {n: aside for n, aside in known.items() if n not in there} | failed
+            fault = None if there | {*failed} == {*samples} else f"{file}: lacks samples"
+        except MeasurementError as error:
+            fault = str(error)
+        if fault is not None:
+            warn(f"{fault}; its samples are made again")
+            file.unlink()
+            return
+        self.manifest.aside |= failed
+        self.manifest.shards.add(number)
+        self.manifest.sha256[file.name] = sha256 or sha256_of(file)
 
     def make(self, shards: Sequence[int], where: Where, progress: Progress | None) -> None:
         """Make shards. Of one that killed its workers each sample is tried alone to find which."""
@@ -307,16 +282,18 @@ class _Run:
                 self._take(work, result)
 
     def _take(self, work: Work, result: Made) -> None:
-        manifest, before = self.manifest, self.manifest.record()
+        manifest, before = self.manifest, (self.manifest.made_with, self.manifest.aside)
         if self._makers != result.made_with:  # all workers are alike
             for line in differences(dict(manifest.made_with or result.made_with), result.made_with):
                 warn(f"{self.path}: has samples made with {line}; their bits depend on it")
         self._makers = result.made_with
+        shard = work.samples[0] // self.plan.output.shard_size
         manifest.made_with = manifest.made_with or result.made_with
-        manifest.shards.add(work.samples[0] // self.plan.output.shard_size)
+        manifest.shards.add(shard)
+        manifest.sha256[Path(shard_name(shard)).name] = result.sha256
         others = {n: aside for n, aside in manifest.aside.items() if n not in work.samples}
-        manifest.aside = others | dict(result.failed)
-        if manifest.record() != before:
+        manifest.aside = others | result.failed
+        if (manifest.made_with, manifest.aside) != before:
             write_manifest(self.path, manifest)
         self._made += result.count
         self._warned |= result.warnings

@@ -14,8 +14,7 @@ import numpy as np
 from clradar.backproject import backproject
 from clradar.dataset.plan.hands import RigFile
 from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.radar import plan_array, plan_waveform
-from clradar.dataset.plan.recipe import SamplePlan, metres, radians, read_recipe
+from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.errors import ModelError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
@@ -23,7 +22,7 @@ from clradar.hand import HandMesh, HandPose, hand_mesh
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
-from clradar.model import AntennaArray, Capture, Scene, Waveform
+from clradar.model import Capture, Scene
 from clradar.motion.bodies import MovingScene
 from clradar.motion.hands import MovingHand
 from clradar.motion.rigid import RigidMotion
@@ -85,11 +84,6 @@ def make_sample(
         With the products that the recipe lists. Their bits depend on the device and its driver,
         not on earlier samples or the number of threads.
 
-    Raises
-    ------
-    ModelError
-        It is no recipe, has mistakes, or a rig's file is not that of the plan.
-
     Examples
     --------
     The same hand somewhere else: what is changed in a recipe may be any value of a plan.
@@ -101,15 +95,11 @@ def make_sample(
     >>> (1e3 * (other - one)[0]).round(6).tolist()
     [20.0, 0.0, 0.0]
     """
-    return _made(read_recipe(recipe), device, rigs)
-
-
-def _made(drawn: SamplePlan, device: Device | str | None, rigs: Folders) -> Sample:
-    plan = drawn.plan
-    products, image = plan.output.products, plan.image
+    drawn = read_recipe(recipe)
+    plan, products = drawn.plan, drawn.plan.output.products
     arrays: dict[str, np.ndarray] = {}
     hand = None if plan.movement is None else moving_hand(drawn, device)
-    mesh = placed_hand(drawn, device, rigs) if hand is None else _in_the_middle(hand, drawn)
+    mesh = placed_hand(drawn, device, rigs) if hand is None else hand.mesh(_middle_s(drawn))
     if "joints" in products:
         arrays["joints"] = mesh.joints_m
     if "mesh" in products:
@@ -122,15 +112,11 @@ def _made(drawn: SamplePlan, device: Device | str | None, rigs: Folders) -> Samp
     if "capture" in products:
         arrays["capture"] = capture.data
     if plan.keeps_images:
+        image = plan.image
         volume = backproject(
-            capture,
-            image.grid,
-            method=image.method,
-            window=image.window,
-            tolerance_db=image.tolerance_db,
-            check_grid=False,
-            device=device,
-        )
+            capture, image.grid, method=image.method, window=image.window,
+            tolerance_db=image.tolerance_db, check_grid=False, device=device,
+        )  # fmt: skip
         if "volume" in products:
             arrays["volume"] = volume.data
         if "max_projection" in products:
@@ -150,14 +136,10 @@ def placed_hand(
         mesh = posed_rig(hands.rigs[0], drawn.pose, hands.handedness, rigs)
     else:
         mesh = hand_mesh(
-            drawn.pose,
-            edge_length_m=hands.edge_mm / 1e3,
-            handedness=hands.handedness,
-            center_m=(0.0, 0.0, 0.0),
-            shape=hands.shapes[0].shape,
-            device=device,
-        )
-    return mesh.moved(rotation(radians(place)), np.asarray(metres(place)))
+            drawn.pose, edge_length_m=hands.edge_mm / 1e3, handedness=hands.handedness,
+            center_m=(0.0, 0.0, 0.0), shape=hands.shapes[0].shape, device=device,
+        )  # fmt: skip
+    return mesh.moved(rotation(place.radians), np.asarray(place.metres))
 
 
 def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> MovingHand:
@@ -167,41 +149,32 @@ def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> Moving
     hands, place, movement = drawn.plan.hands, drawn.plan.placement, drawn.plan.movement
     assert movement is not None
     assert movement.last is not None
-    begin = Rotation.from_matrix(rotation(radians(place)))
-    end = Rotation.from_matrix(rotation(radians(movement))) * begin
+    begin = Rotation.from_matrix(rotation(place.radians))
+    end = Rotation.from_matrix(rotation(movement.radians)) * begin
     times_s = (0.0, (movement.frames - 1) / movement.rate_hz)
     motion = RigidMotion(
-        times_s,
-        [(0.0, 0.0, 0.0), metres(movement)],
-        [begin.as_rotvec(), end.as_rotvec()],
-        about_m=metres(place),
-        profile="smooth",
-    )
+        times_s, [(0.0, 0.0, 0.0), movement.metres], [begin.as_rotvec(), end.as_rotvec()],
+        about_m=place.metres, profile="smooth",
+    )  # fmt: skip
     return MovingHand(
-        times_s,
-        [drawn.first, movement.last],
-        motion=motion,
-        center_m=metres(place),
-        shape=hands.shapes[0].shape,
-        edge_length_m=hands.edge_mm / 1e3,
-        handedness=hands.handedness,
-        device=device,
-    )
-
-
-def _in_the_middle(hand: MovingHand, drawn: SamplePlan) -> HandMesh:
-    """The hand in the middle of a frame's sweep."""
-    timing, start_s = _timing(drawn), drawn.start_s
-    return hand.mesh(0.5 * ((timing.begin_s + start_s) + (timing.end_s + start_s)))
+        times_s, [drawn.first, movement.last], motion=motion, center_m=place.metres,
+        shape=hands.shapes[0].shape, edge_length_m=hands.edge_mm / 1e3,
+        handedness=hands.handedness, device=device,
+    )  # fmt: skip
 
 
 def _timing(drawn: SamplePlan) -> SweepTiming:
-    array, waveform = radar_of(drawn.plan)
-    movement = drawn.plan.movement
+    radar, movement = drawn.plan.radar, drawn.plan.movement
     assert movement is not None
     return SweepTiming.in_order(
-        array.n_tx, waveform.n_freq, step_s=movement.step_us * 1e-6, order=movement.order
+        radar.antennas.n_tx, radar.steps, step_s=movement.step_us * 1e-6, order=movement.order
     )
+
+
+def _middle_s(drawn: SamplePlan) -> float:
+    """The middle of a frame's sweep."""
+    timing, start_s = _timing(drawn), drawn.start_s
+    return 0.5 * ((timing.begin_s + start_s) + (timing.end_s + start_s))
 
 
 def posed_rig(record: RigFile, pose: HandPose, handedness: str, rigs: Folders = "") -> HandMesh:
@@ -220,12 +193,9 @@ def _rig(record: RigFile, folders: tuple[str, ...]) -> Any:
 
     file, mapping = found_rig(record, folders)
     return read_rig(
-        file,
-        mapping=mapping,
-        unit=record.unit,
-        handedness=record.handedness,
+        file, mapping=mapping, unit=record.unit, handedness=record.handedness,
         betas=record.betas or None,
-    )
+    )  # fmt: skip
 
 
 def found_rig(record: RigFile, folders: Sequence[str | Path]) -> tuple[str, str | None]:
@@ -285,7 +255,7 @@ def recorded_capture(
 ) -> Capture:
     """Return the simulated capture of a scene, with the impairments of the plan."""
     plan = drawn.plan
-    array, waveform = radar_of(plan)
+    array, waveform = plan.radar.antennas, plan.radar.waveform
     found = plan.simulation.settings()
     settings = {name: getattr(found, name) for name in found.__slots__}
     if isinstance(scene, MovingHand):
@@ -300,8 +270,7 @@ def recorded_capture(
     if not given.any:
         return capture
     channels = room = None
-    if given.channels is not None:
-        own = given.channels
+    if (own := given.channels) is not None:
         channels = draw_channels(
             array, waveform, seed=own.seed or 0, gain_db=own.gain_db,
             phase_rad=float(np.deg2rad(own.phase_deg)), delay_s=1e-12 * own.delay_ps,
@@ -315,17 +284,10 @@ def recorded_capture(
         room = room_capture(array, waveform, walls)
     return impair(
         capture, seed=given.seed or 0, channels=channels, room=room, frame=drawn.frame,
-        snr_db=None if given.snr_db is None else given.snr_db.values[0],
-        coupling_db=None if given.coupling_db is None else given.coupling_db.values[0],
-        coupling_delay_s=1e-12 * given.coupling_delay_ps.values[0],
-        iq_gain_db=given.iq_gain_db.values[0],
-        iq_phase_rad=float(np.deg2rad(given.iq_phase_deg.values[0])),
+        snr_db=None if given.snr_db is None else float(given.snr_db),
+        coupling_db=None if given.coupling_db is None else float(given.coupling_db),
+        coupling_delay_s=1e-12 * float(given.coupling_delay_ps),
+        iq_gain_db=float(given.iq_gain_db),
+        iq_phase_rad=float(np.deg2rad(float(given.iq_phase_deg))),
         adc_bits=given.adc_bits,
     )  # fmt: skip
-
-
-def radar_of(plan: Plan) -> tuple[AntennaArray, Waveform]:
-    """Return antennas and frequencies of a plan; equal ones are the same objects."""
-    radar = plan.radar
-    frequencies = plan_waveform(radar.start_ghz, radar.stop_ghz, radar.steps)
-    return plan_array(radar.array, radar.every), frequencies

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -41,9 +41,8 @@ def replay(
     force: bool = False,
     rigs: Path | None = None,
 ) -> Replay:
-    """Make sample `index` of a data set again, from its recipe.
-
-    One that is not stored is made from the plan.
+    """Make sample `index` of a data set again, from its recipe; one that is not stored, from the
+    plan.
 
     Parameters
     ----------
@@ -71,9 +70,9 @@ def replay(
     manifest = read_manifest(folder)
     if output is not None:
         refuse_own(folder, output)
-    wanted, place = recipe(manifest.plan, index), manifest.place_of(index)
     then: dict[str, Any] = {}
-    stored = Sample(wanted, {})
+    stored = Sample(recipe(manifest.plan, index), {})
+    place = manifest.place_of(index)
     if place is not None:
         stored, then = read_sample(folder / place, index, manifest.plan)
     opened = open_device(device)
@@ -87,40 +86,33 @@ def replay(
     return Replay(made, place, tuple(_different(stored, made)), tuple(differences(then, now)))
 
 
-def _different(stored: Sample, made: Sample) -> list[str]:
-    found = []
+def _different(stored: Sample, made: Sample) -> Iterator[str]:
     for name in dict.fromkeys([*stored.arrays, *made.arrays]):
         one, other = stored.arrays.get(name), made.arrays.get(name)
         if one is None or other is None:
-            found.append(f"{name}: {'not stored' if one is None else 'not made'}")
+            yield f"{name}: {'not stored' if one is None else 'not made'}"
         elif (one.shape, one.dtype) != (other.shape, other.dtype):
-            found.append(f"{name}: {one.dtype} {one.shape}, now {other.dtype} {other.shape}")
+            yield f"{name}: {one.dtype} {one.shape}, now {other.dtype} {other.shape}"
         elif one.tobytes() != other.tobytes():
-            found.append(f"{name}: {_deviation(one, other)}")
-    return found
-
-
-def _deviation(one: np.ndarray, other: np.ndarray) -> str:
-    changed = int(np.count_nonzero((one != other) & ~(np.isnan(one) & np.isnan(other))))
-    with np.errstate(invalid="ignore"):
-        error = np.nanmax(np.abs(other.astype(np.complex128) - one))
-        peak = np.nanmax(np.abs(one))
-    return f"{changed} of {one.size} numbers differ, by up to {error:.3g}; the peak is {peak:.3g}"
+            changed = int(np.count_nonzero((one != other) & ~(np.isnan(one) & np.isnan(other))))
+            error = np.nanmax(np.abs(other.astype(np.complex128) - one))
+            most = f"by up to {error:.3g}; the peak is {np.nanmax(np.abs(one)):.3g}"
+            yield f"{name}: {changed} of {one.size} numbers differ, {most}"
 
 
 def estimate(plan: Plan, *, device: str | None = None) -> tuple[float, float, list[str]]:
-    """Make shards of one and of two samples in a temporary folder, and extrapolate to all.
+    """Make a shard of one sample and one of two, and extrapolate seconds and bytes to all samples.
 
-    Returns seconds and bytes of all samples, and the same in words. The first sample builds kernels
-    and fills caches, so the second one counts.
+    The first sample builds kernels and fills caches, so the second one counts. The last value is
+    the same in words.
     """
     opened = open_device(device)
-    times_s, sizes, made = [], [], []
+    times_s, sizes = [], []
     with tempfile.TemporaryDirectory(prefix="clradar-") as name:
+        path, made = Path(name) / "shard.h5", []
         for index in (0, min(1, plan.samples - 1)):
             begun_s = perf_counter()
             made.append(make_sample(recipe(plan, index), opened, rigs=plan.folder))
-            path = Path(name) / f"{len(made)}.h5"
             with new_shard(path, plan) as shard:
                 for one in made:
                     shard.add(one, made_with(opened))
@@ -130,19 +122,9 @@ def estimate(plan: Plan, *, device: str | None = None) -> tuple[float, float, li
     all_s = first_s + (plan.samples - 1) * one_s
     all_bytes = plan.samples * one_bytes + plan.n_shards * max(0, sizes[0] - one_bytes)
     text = [
-        f"one sample: {one_s:.2f} s, {_rounded(one_bytes, BYTES)} (the first of a process "
+        f"one sample: {one_s:.2f} s, {one_bytes / 2**20:.3f} MiB (the first of a process "
         f"{first_s:.2f} s) on {opened.info.label}",
-        f"all {plan.samples} samples: {_rounded(all_s, TIMES)} one after the other, "
-        f"{_rounded(all_bytes, BYTES)}",
+        f"all {plan.samples} samples: {all_s / 3600:.3g} h one after the other, "
+        f"{all_bytes / 2**30:.3g} GiB",
     ]
     return all_s, all_bytes, text
-
-
-TIMES = {"s": 1, "min": 60, "h": 3600, "days": 86400}
-BYTES = {"bytes": 1, "KiB": 2**10, "MiB": 2**20, "GiB": 2**30, "TiB": 2**40}
-
-
-def _rounded(number: float, units: Mapping[str, int]) -> str:
-    """A number in the largest unit of which there are at least two, or in the smallest."""
-    name, size = [(n, s) for n, s in units.items() if number >= 2 * s or s == 1][-1]
-    return f"{number / size:.{int(size > 1)}f} {name}"

@@ -20,14 +20,12 @@ def differences(before: Any, now: Any, name: str = "") -> list[str]:
     if before == now:
         return []
     texts = str(before), str(now)
-    found = []
     if isinstance(before, dict) and isinstance(now, dict):
-        for key in {**now, **before}:
-            found += differences(before.get(key), now.get(key), f"{name}.{key}" if name else key)
-        return found
+        above = f"{name}." if name else ""
+        inner = ((above + key, before.get(key), now.get(key)) for key in {**now, **before})
+        return [line for key, one, other in inner for line in differences(one, other, key)]
     if isinstance(before, list) and isinstance(now, list) and max(map(len, texts)) > SHOWN:
-        if len(before) != len(now):
-            found = [f"{name} of {len(before)}, now of {len(now)}"]
+        found = [f"{name} of {len(before)}, now of {len(now)}"] * (len(before) != len(now))
         for i, (one, other) in enumerate(zip(before, now, strict=False)):
             found += differences(one, other, f"{name}[{i}]")
         return found

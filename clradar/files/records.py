@@ -224,6 +224,8 @@ def _line(found: Any, model: type[BaseModel], source: str, above: str) -> str:
     if kind == "extra_forbidden" and owner is not None:
         return f"{source}: {place}: {unknown_key(loc[-1], list(owner.model_fields))}"
     expected, got = _expected(kind, context), context.get("got")
+    if kind == "literal_error":
+        expected = choice_text(found["input"], re.findall("'([^']*)'", context["expected"]))
     if kind == "missing":
         expected = "a value" if _model_in(field.annotation) is None else "a table"
     if kind != "mistake" and (described := getattr(field, "description", None)):

@@ -10,8 +10,7 @@ import numpy as np
 
 from clradar.dataset import Sample
 from clradar.dataset.folder import read_manifest
-from clradar.dataset.plan.recipe import SamplePlan, metres, radians, read_recipe
-from clradar.dataset.sample import radar_of
+from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.dataset.shards import read_sample
 from clradar.files.failures import fail
 from clradar.model import Capture, DepthMap, Volume
@@ -29,8 +28,7 @@ LOOK_S = 1.0
 class SampleFrames:
     """The stored samples of a data set as a source; frames have the numbers of the plan.
 
-    Only the manifest is read at first. Of shards, one sample at a time is read, in a confined
-    process; a few are kept.
+    Only the manifest is read at first. Of shards, one sample at a time is read; a few are kept.
     """
 
     def __init__(self, folder: Path, *, watch: bool = False) -> None:
@@ -66,7 +64,8 @@ class SampleFrames:
         sample = self._sample(frame)
         arrays = sample.arrays
         if "volume" not in arrays and "capture" in arrays:
-            return Capture(arrays["capture"], *radar_of(read_recipe(sample.recipe).plan))
+            radar = read_recipe(sample.recipe).plan.radar
+            return Capture(arrays["capture"], radar.antennas, radar.waveform)
         grid = self._manifest.plan.image.grid
         if "volume" in arrays:
             return Volume(arrays["volume"], grid)
@@ -135,8 +134,8 @@ class SampleFrames:
 
 def _lines(drawn: SamplePlan) -> tuple[str, ...]:
     hands, placement = drawn.plan.hands, drawn.plan.placement
-    centre_mm = ", ".join(f"{1e3 * value:.1f}" for value in metres(placement))
-    turns_deg = ", ".join(f"{np.degrees(value):.1f}" for value in radians(placement))
+    centre_mm = ", ".join(f"{1e3 * value:.1f}" for value in placement.metres)
+    turns_deg = ", ".join(f"{np.degrees(value):.1f}" for value in placement.radians)
     lines = [
         f"pose {drawn.pose.name}, {hands.handedness} hand",
         f"centre ({centre_mm}) mm, turned by ({turns_deg})°",

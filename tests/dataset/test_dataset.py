@@ -27,9 +27,9 @@ import clradar
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
 from clradar.dataset.check import check_dataset
 from clradar.dataset.folder import MANIFEST
-from clradar.dataset.plan.recipe import metres, radians, read_recipe
-from clradar.dataset.sample import _rig, placed_hand, radar_of, rotation
-from clradar.dataset.shards import new_shard, opened_shard, sample_of
+from clradar.dataset.plan.recipe import read_recipe
+from clradar.dataset.sample import _rig, placed_hand, rotation
+from clradar.dataset.shards import new_shard, read_sample
 from clradar.errors import ModelError, OutputError
 from clradar.hand import POSES, HandShape, hand_mesh
 
@@ -78,8 +78,7 @@ def test_a_sample_equals_its_stages_run_one_by_one(made: Path) -> None:
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 0.01)
     volume = clradar.backproject(capture, grid, device=DEVICE)
 
-    with opened_shard(made / "shards" / "shard-00001.h5") as file:
-        sample, _ = sample_of(file, 0, PLAN)
+    sample, _ = read_sample(made / "shards" / "shard-00001.h5", 2, PLAN)
     assert sample.recipe == wanted
     found = sample.arrays
     np.testing.assert_allclose(found["joints"], joints_m, rtol=0, atol=POINT_ERROR_M)
@@ -122,8 +121,7 @@ def test_samples_do_not_depend_on_what_was_made_before() -> None:
 def test_when_arrays_are_closed_changes_no_byte_of_a_shard(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with opened_shard(made / "shards" / "shard-00000.h5") as file:
-        samples = [sample_of(file, row, PLAN) for row in range(2)]
+    samples = [read_sample(made / "shards" / "shard-00000.h5", n, PLAN) for n in range(2)]
     kept: list[object] = []
     create = h5py.Group.create_dataset
 
@@ -159,7 +157,7 @@ def test_what_a_recipe_leaves_out_is_a_default_or_one_error() -> None:
     assert noisy.tobytes() != clean.tobytes()
     given = {"seed": 3, "gain_db": 2.0, "dead_rx": [1]}
     uneven = make_sample({**whole, "impairments": {"channels": given}}, DEVICE).arrays["capture"]
-    array, waveform = radar_of(PLAN)
+    array, waveform = PLAN.radar.antennas, PLAN.radar.waveform
     channels = clradar.draw_channels(array, waveform, **given)
     wanted = clradar.impair(clradar.Capture(clean, array, waveform), channels=channels).data
     assert uneven.tobytes() == wanted.tobytes() != clean.tobytes()
@@ -233,7 +231,7 @@ def test_rigs_are_hands_too(
     sides = [{**one, "hands": {**one["hands"], "handedness": side}} for side in ("right", "left")]
     hands = (placed_hand(read_recipe(side), DEVICE, rigs=tmp_path) for side in sides)
     place = read_recipe(one).plan.placement
-    turn, centre_m = rotation(radians(place)), metres(place)
+    turn, centre_m = rotation(place.radians), place.metres
     right_m, left_m = ((hand.joints_m - centre_m) @ turn for hand in hands)
     np.testing.assert_allclose(left_m, right_m * [-1.0, 1.0, 1.0], atol=POINT_ERROR_M)
 
@@ -282,8 +280,7 @@ def test_a_sample_made_again_has_the_same_bits(made: Path, tmp_path: Path) -> No
     again = replay(made, 3, device=DEVICE, output=tmp_path / "sample.h5")
     assert again.stored_in == "shards/shard-00001.h5"
     assert again.differences == ()
-    with opened_shard(tmp_path / "sample.h5") as file:
-        written, _ = sample_of(file, 0, PLAN)
+    written, _ = read_sample(tmp_path / "sample.h5", 3, PLAN)
     assert written.recipe == recipe(PLAN, 3)
     for name, array in again.sample.arrays.items():
         assert written.arrays[name].tobytes() == array.tobytes()

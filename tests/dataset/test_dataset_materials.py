@@ -15,7 +15,7 @@ from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay
 from clradar.dataset.check import check_dataset
 from clradar.dataset.plan.plan import plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.sample import placed_hand, radar_of, scene_of
+from clradar.dataset.sample import placed_hand, scene_of
 from clradar.hand import PART_NAMES
 
 pytestmark = pytest.mark.filterwarnings("ignore::clradar.ClradarWarning")  # of few samples
@@ -91,9 +91,9 @@ def test_a_plan_of_materials_comes_back_from_its_record(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        ({"material": "rubber"}, "material: expected one of metal, skin.*got \"rubber\""),
-        ({"material": 3}, "material: expected the name of a material"),
-        ({"material": "gone.toml:resin"}, "material: .*gone.toml"),
+        ({"material": "rubber"}, "material.others.of: expected one of metal, skin.*got \"rubber\""),
+        ({"material": 3}, "material.others.of: expected the name of a material"),
+        ({"material": "gone.toml:resin"}, "material.others.of: .*gone.toml"),
         ({"material": {"plam": "skin", "palm": "palm"}}, "did you mean 'palm'"),
         ({"material": {"of": "skin", "coating_thickness_mm": 0.1}}, "a material with a coating"),
         ({"material": {"of": "metal", "roughness_rms_mm": 0.1}}, "correlation_length_m"),
@@ -139,7 +139,9 @@ def test_a_data_set_of_materials_is_made_checked_and_replayed(tmp_path: Path) ->
         "samples_per_mm2": 0.5,
         "seed": stored["simulation"]["seed"],
     }
-    clean = clradar.simulate(scene, *radar_of(PLAN), device=DEVICE, **settings)
+    clean = clradar.simulate(
+        scene, PLAN.radar.antennas, PLAN.radar.waveform, device=DEVICE, **settings
+    )
     without_noise = {**stored, "impairments": {}}
     again = make_sample(without_noise, DEVICE).arrays["capture"]
     assert again.tobytes() == clean.data.tobytes()

@@ -92,7 +92,7 @@ def test_a_starved_sample_is_warned_of_once_the_data_set_is_there(tmp_path: Path
     with pytest.warns(ClradarWarning, match=text) as caught:
         assert run(starved, tmp_path, device=DEVICE).made == 2
     assert len(caught) == 1
-    assert read_manifest(tmp_path).complete
+    assert not read_manifest(tmp_path).missing
 
 
 def test_a_run_that_makes_nothing_leaves_nothing(

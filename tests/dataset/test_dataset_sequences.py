@@ -15,7 +15,7 @@ import clradar
 from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
 from clradar.dataset.check import check_dataset
 from clradar.dataset.plan.plan import PlanError, plan_from, plan_record
-from clradar.dataset.plan.recipe import SamplePlan, metres, read_recipe
+from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.dataset.sample import moving_hand
 from clradar.hand import JOINT_NAMES
 
@@ -43,7 +43,7 @@ def test_frames_share_the_draws_of_their_sequence() -> None:
     moved_m = hand.transform(0.2)[:3, 3] - hand.transform(0.0)[:3, 3]
     assert moved_m[2] == pytest.approx(0.03, abs=0.03)
     assert hand.motion is not None
-    about = (*metres(frames[4].plan.placement), 1.0)
+    about = (*frames[4].plan.placement.metres, 1.0)
     assert hand.motion.at(0.2) @ about == pytest.approx(np.add(about, (0, 0, 0.03, 0)))
     # The label is the pose in the middle of the sweep.
     slots = 12 * 16

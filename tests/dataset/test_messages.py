@@ -44,7 +44,7 @@ def test_entries_of_a_manifest_that_cannot_be_sorted(tmp_path: Path, sample: Any
     record["set_aside"] = [{"sample": own, "reason": "why", "attempts": 1} for own in (3, sample)]
     (tmp_path / "manifest.json").write_text(json.dumps(record))
     (problem,) = check_dataset(tmp_path).problems
-    assert "manifest.json: expected " in problem
+    assert "manifest.json: set_aside[1].sample: expected a whole number" in problem
     assert "TypeError" not in problem
 
 

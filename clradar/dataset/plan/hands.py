@@ -1,38 +1,35 @@
-"""The tables [poses], [hands], [placement], [movement] and alpha of a plan."""
+"""The tables [poses], [hands], [placement], [movement], alpha and material of a plan."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, ValidationInfo, model_validator
-
-from clradar.dataset.plan.values import (
-    Draw,
-    Value,
-    choice,
-    draws,
-    fixed,
-    floats,
-    number,
-    tried,
-    whole,
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
 )
+
+from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
+from clradar.dataset.plan.draws import Draw, Within, fixed, tried
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
 from clradar.files.hashing import sha256_of
-from clradar.files.records import FileRecord, mistake
+from clradar.files.records import FileRecord, NumberOrText, Numbers, Text, mistake, numbers
 from clradar.files.toml_file import choice_text, toml_brief
 from clradar.hand import (
     ANGLES,
     DIGITS,
-    JOINT_NAMES,
     LETTERS,
     PART_NAMES,
-    POSES,
     HandPose,
     HandShape,
     JointAngles,
@@ -41,7 +38,10 @@ from clradar.hand import (
 )
 from clradar.hand.sampler import MOST_SPREAD_DEG, SPREAD_DEG
 from clradar.hand.shape import AVERAGE, BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
-from clradar.motion.timing import ORDERS, RATE_HZ, STEP_S
+from clradar.model.known_materials import KNOWN, material
+from clradar.model.material import Material
+from clradar.model.material_file import SUFFIXES, material_of, read_materials
+from clradar.motion.timing import RATE_HZ, STEP_S
 
 POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 """Names of sets of poses."""
@@ -49,19 +49,11 @@ POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 EDGE_MM = 2.0
 """About 29 000 faces; see docs/datasets.md for what other lengths cost and err."""
 
-NEAREST_MM, FARTHEST_MM = 100.0, 3000.0
-"""Limits of the centre of a hand along z."""
+Value = TypeVar("Value")
 
-SIDE_MM = 1000.0
-MOST_FRAMES = 10_000
-
-SHAPE_COLUMNS = (
-    "length_m",
-    "breadth_m",
-    *(f"finger_lengths.{digit}" for digit in ("thumb", "index", "middle", "ring", "pinky")),
-    "girth",
-)
-"""Names of the numbers of `shape_row`."""
+Side = Annotated[Draw, Within(-1000.0, 1000.0)]
+Turn = Annotated[Draw, Within(-360.0, 360.0)]
+Share = Annotated[Draw, Within(0.0, 1.0)]
 
 
 def pose_record(pose: HandPose) -> dict[str, Any]:
@@ -78,35 +70,11 @@ def pose_of(record: Mapping[str, Any]) -> HandPose:
     return HandPose(record["name"], joints)
 
 
-def angles_rad(pose: HandPose) -> np.ndarray:
-    """Return the angles of all joints, shape (25, 3), radians: `JOINT_NAMES` by `ANGLES`."""
-    joints = (pose.angles(name) for name in JOINT_NAMES)
-    return np.array([[getattr(own, f"{name}_rad") for name in ANGLES] for own in joints])
-
-
-def shape_record(shape: HandShape) -> dict[str, Any]:
-    return {**asdict(shape), "finger_lengths": list(shape.finger_lengths)}
-
-
-def shape_row(shape: HandShape | None) -> list[float]:
-    """Return a shape as numbers, in the order of `SHAPE_COLUMNS`; NaN if there is none."""
-    if shape is None:
-        return [float("nan")] * len(SHAPE_COLUMNS)
-    return [shape.length_m, shape.breadth_m, *shape.finger_lengths, shape.girth]
-
-
-Side = Annotated[Draw, draws(-SIDE_MM, SIDE_MM)]
-Turn = Annotated[Draw, draws(-360.0, 360.0)]
-Share = Annotated[Draw, draws(0.0, 1.0, ("uniform", "choice"))]
-
-
-def texts(value: Any, what: str) -> tuple[str, ...]:
-    """A list of different texts."""
-    if not isinstance(value, list) or not all(isinstance(v, str) and v for v in value):
-        raise mistake(f"a list of {what}", value)
-    if twice := sorted({v for v in value if value.count(v) > 1}):
-        raise mistake(f"every one of the {what} once", f"{', '.join(twice)} more often")
-    return tuple(value)
+def check_once(values: Iterable[str], what: str, *, key: str = "") -> None:
+    """Raise a mistake if a text is there twice."""
+    known = list(values)
+    if twice := sorted({value for value in known if known.count(value) > 1}):
+        raise mistake(f"every one of the {what} once", f"{', '.join(twice)} more often", key=key)
 
 
 def folder_of(info: ValidationInfo) -> Path:
@@ -114,32 +82,35 @@ def folder_of(info: ValidationInfo) -> Path:
     return Path() if info.context is None else info.context["folder"]
 
 
-def _named(value: Any) -> tuple[HandPose, ...]:
-    if isinstance(value, str):
-        if value not in POSE_SETS:
-            raise mistake(choice_text(value, (*POSE_SETS, "a list of names")), toml_brief(value))
-        value = list(POSE_SETS[value])
-    for name in texts(value, "names of poses"):
-        if not any(known.casefold() == name.casefold() for known in POSES):
-            raise mistake(choice_text(name, tuple(POSES)), toml_brief(name))
-    return tuple(pose_by_name(name) for name in value)
+def _of_set(value: Any) -> Any:
+    if isinstance(value, str) and value not in POSE_SETS:
+        raise mistake(choice_text(value, (*POSE_SETS, "a list of names")))
+    return POSE_SETS[value] if isinstance(value, str) else value
 
 
-def _of_file(value: Any, info: ValidationInfo) -> HandPose:
-    if not isinstance(value, str) or not value:
-        raise mistake("the name of a pose file", toml_brief(value))
-    pose: HandPose = tried(read_pose, folder_of(info) / value)
+def _named(name: str) -> HandPose:
+    pose: HandPose = tried(pose_by_name, name)
+    return pose
+
+
+def _of_file(name: str, info: ValidationInfo) -> HandPose:
+    pose: HandPose = tried(read_pose, folder_of(info) / name)
     return pose
 
 
 def _of_record(value: Any) -> HandPose:
     try:
-        return pose_of(value)
+        return value if isinstance(value, HandPose) else pose_of(value)
     except (ClradarError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise mistake("a name and joints_rad", clean(repr(error))) from error
 
 
-_NAMES = {"anyOf": [{"enum": list(POSE_SETS)}, {"type": "array", "items": {"type": "string"}}]}
+Pose = Annotated[HandPose, PlainValidator(_of_record), WithJsonSchema({"type": "object"})]
+_NAMES = WithJsonSchema(
+    {"anyOf": [{"enum": list(POSE_SETS)}, {"type": "array", "items": {"type": "string"}}]}
+)
+Named = Annotated[Text, AfterValidator(_named)]
+FromFile = Annotated[Text, AfterValidator(_of_file)]
 
 
 class Poses(FileRecord):
@@ -151,39 +122,41 @@ class Poses(FileRecord):
     poses, 1 the second; `spread_deg` is the standard deviation of "around".
     """
 
-    kind: Annotated[str, choice("list", "interpolation", "around", "sampler")] = "list"
-    names: Annotated[tuple[HandPose, ...], Value(_named, _NAMES)] = ()
-    files: tuple[Annotated[HandPose, Value(_of_file, {"type": "string"}, True)], ...] = ()
-    resolved: tuple[Annotated[HandPose, Value(_of_record, {"type": "object"})], ...] = ()
-    order: Annotated[str, choice("cycle", "random")] = "cycle"
-    share: Share = Draw("uniform", (0.0, 1.0))
-    spread_deg: Annotated[float, number(0.0, MOST_SPREAD_DEG)] = SPREAD_DEG
+    kind: Literal["list", "interpolation", "around", "sampler"] = "list"
+    names: Annotated[tuple[Named, ...], BeforeValidator(_of_set), _NAMES] = ()
+    files: tuple[FromFile, ...] = ()
+    resolved: tuple[Pose, ...] = ()
+    order: Literal["cycle", "random"] = "cycle"
+    share: Share | None = None
+    spread_deg: Annotated[float, Within(0.0, MOST_SPREAD_DEG)] | None = None
 
     @property
     def poses(self) -> tuple[HandPose, ...]:
-        return (*self.names, *self.files, *self.resolved)
+        poses: Any = (*self.names, *self.files, *self.resolved)
+        return poses
 
     @model_validator(mode="after")
     def _check(self) -> Poses:
-        given, found = self.model_fields_set, self.poses
-        if "share" in given and self.kind != "interpolation":
-            got = toml_brief(self.share.to_plain())
+        kind, found = self.kind, self.poses
+        if self.share is not None and kind != "interpolation":
+            got = self.share.to_plain()
             raise mistake('no share unless kind = "interpolation"', got, key="share")
-        if "spread_deg" in given and self.kind != "around":
-            got = toml_brief(self.spread_deg)
-            raise mistake('none unless kind = "around"', got, key="spread_deg")
-        if self.kind == "sampler" and found:
+        if self.spread_deg is not None and kind != "around":
+            raise mistake('none unless kind = "around"', self.spread_deg, key="spread_deg")
+        if kind == "sampler" and found:
             expected = 'no poses with "sampler", which makes its own'
             raise mistake(expected, f"{len(found)} poses", key="kind")
-        if self.kind != "sampler" and not found:
+        if kind != "sampler" and not found:
             raise mistake('poses, such as "letters" or ["A", "B"]', "nothing", key="names")
-        if self.kind == "interpolation" and len(found) < 2:
+        if kind == "interpolation" and len(found) < 2:
             raise mistake("at least two poses to interpolate between", f"{len(found)}", key="names")
-        names = [pose.name for pose in found]
-        for name in sorted({n for n in names if names.count(n) > 1}):
-            raise mistake("poses with different names", f"'{name}' more than once", key="files")
-        # Where they came from does not count.
-        self.__dict__.update(names=(), files=(), resolved=found)
+        check_once((pose.name for pose in found), "names of poses", key="names")
+        values: dict[str, Any] = {"names": (), "files": (), "resolved": found}
+        if kind == "interpolation":
+            values["share"] = self.share or Draw("uniform", (0.0, 1.0))
+        if kind == "around" and self.spread_deg is None:
+            values["spread_deg"] = SPREAD_DEG
+        self.__dict__.update(values)  # where poses came from does not count
         return self
 
 
@@ -194,53 +167,49 @@ class RigFile(FileRecord):
     content, and `handedness`, which is given or estimated, are filled in when the plan is read.
     """
 
-    file: str
-    sha256: str
-    handedness: Annotated[str, choice("right", "left")]
-    mapping: str | None = None
+    file: Text
+    sha256: str = ""
+    handedness: Literal["right", "left"] | None = None
+    mapping: Text | None = None
     mapping_sha256: str | None = None
-    unit: str | float | None = None
-    betas: tuple[float, ...] = ()
+    unit: NumberOrText | None = None
+    betas: Numbers = ()
+
+    @model_validator(mode="after")
+    def _read_once(self, info: ValidationInfo) -> RigFile:
+        """Read the files of a plan, so that one that is no rig is found at once."""
+        if not self.sha256:
+            self.__dict__.update(tried(self._found, folder_of(info)))
+        return self
+
+    def _found(self, folder: Path) -> dict[str, Any]:
+        from clradar.rigs import read_rig
+
+        names = None if self.mapping is None else folder / self.mapping
+        try:
+            rig = read_rig(
+                folder / self.file, mapping=names, unit=self.unit, handedness=self.handedness,
+                betas=self.betas or None,
+            )  # fmt: skip
+        except ClradarError as error:  # it names the option of the command
+            raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
+        found = {"sha256": sha256_of(folder / self.file), "handedness": rig.handedness}
+        return found if names is None else {**found, "mapping_sha256": sha256_of(names)}
 
 
-def _rig(given: Any, info: ValidationInfo) -> Any:
-    """The record of a rig whose file is read once, so that one that is no rig is found at once."""
-    value = {"file": given} if isinstance(given, str) else given
-    if not isinstance(value, dict) or "sha256" in value:
-        return value
-    for key in ("file", "mapping"):
-        text = value.get(key)
-        if (text is not None or key == "file") and not (isinstance(text, str) and text):
-            raise mistake("the name of a file", toml_brief(text), key=key)
-    known = ("file", "mapping", "unit", "handedness", "betas")
-    if unknown := [key for key in value if key not in known]:
-        raise mistake(f"the keys {', '.join(known)}", unknown[0])
-    return {**value, **tried(_found_rig, value, folder_of(info))}
-
-
-def _found_rig(value: dict[str, Any], folder: Path) -> dict[str, Any]:
-    from clradar.rigs import read_rig
-
-    path = folder / value["file"]
-    names = None if value.get("mapping") is None else folder / value["mapping"]
-    options = {key: value[key] for key in ("unit", "handedness", "betas") if key in value}
-    try:
-        rig = read_rig(path, mapping=names, **options)
-    except ClradarError as error:  # it names the option of the command
-        raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
-    found = {"sha256": sha256_of(path), "handedness": rig.handedness}
-    return found if names is None else {**found, "mapping_sha256": sha256_of(names)}
+def _of_name(value: Any) -> Any:
+    return {"file": value} if isinstance(value, str) else value
 
 
 class ShapeTable(FileRecord):
     """A shape of `shapes`, with lengths in millimetres, or as in manifests in metres."""
 
-    length_mm: Annotated[float, number(*(1e3 * v for v in LENGTH_LIMITS_M))] | None = None
-    breadth_mm: Annotated[float, number(*(1e3 * v for v in BREADTH_LIMITS_M))] | None = None
-    length_m: Annotated[float, number(*LENGTH_LIMITS_M)] | None = None
-    breadth_m: Annotated[float, number(*BREADTH_LIMITS_M)] | None = None
-    finger_lengths: Annotated[tuple[float, ...], floats(5)] = AVERAGE.finger_lengths
-    girth: Annotated[float, number(*FACTOR_LIMITS)] = AVERAGE.girth
+    length_mm: Annotated[float, Within(*(1e3 * v for v in LENGTH_LIMITS_M))] | None = None
+    breadth_mm: Annotated[float, Within(*(1e3 * v for v in BREADTH_LIMITS_M))] | None = None
+    length_m: Annotated[float, Within(*LENGTH_LIMITS_M)] | None = None
+    breadth_m: Annotated[float, Within(*BREADTH_LIMITS_M)] | None = None
+    finger_lengths: Annotated[tuple[float, ...], numbers(5)] = AVERAGE.finger_lengths
+    girth: Annotated[float, Within(*FACTOR_LIMITS)] = AVERAGE.girth
 
     @model_validator(mode="after")
     def _check(self) -> ShapeTable:
@@ -266,43 +235,60 @@ class Hands(FileRecord):
     `rigs` take the place of shapes.
     """
 
-    handedness: str = "right"
-    shape: Annotated[str, choice("default", "sampled", "list")] = "default"
+    handedness: str = ""
+    shape: Literal["default", "sampled", "list"] | None = None
     shapes: tuple[ShapeTable, ...] = ()
-    rigs: tuple[Annotated[RigFile, BeforeValidator(_rig)], ...] = ()
-    edge_mm: Annotated[float, number(0.5, 4.0)] = EDGE_MM
+    rigs: tuple[Annotated[RigFile, BeforeValidator(_of_name)], ...] = ()
+    edge_mm: Annotated[float, Within(0.5, 4.0)] = EDGE_MM
 
     @model_validator(mode="after")
     def _check(self) -> Hands:
-        sides = ("right", "left", "both", *(("as it is",) if self.rigs else ()))
-        if "handedness" not in self.model_fields_set:
-            self.__dict__["handedness"] = sides[-1] if self.rigs else "right"
-        if self.handedness not in sides:
-            got = toml_brief(self.handedness)
-            raise mistake(choice_text(self.handedness, sides), got, key="handedness")
-        if "shape" not in self.model_fields_set and self.shapes:
-            self.__dict__["shape"] = "list"
-        if (self.shape == "list") != bool(self.shapes):
+        sides = ("as it is", "right", "left", "both")[0 if self.rigs else 1 :]
+        self.__dict__["handedness"] = side = self.handedness or sides[0]
+        if side not in sides:
+            raise mistake(choice_text(side, sides), toml_brief(side), key="handedness")
+        self.__dict__["shape"] = shape = self.shape or ("list" if self.shapes else "default")
+        if (shape == "list") != bool(self.shapes):
             expected = 'a list of shapes with shape = "list", and else none'
-            raise mistake(expected, toml_brief(self.shape), key="shapes")
-        if self.rigs and self.shape != "default":
+            raise mistake(expected, toml_brief(shape), key="shapes")
+        if self.rigs and shape != "default":
             expected = "none with rigs, which have shapes of their own"
-            raise mistake(expected, toml_brief(self.shape), key="shape")
+            raise mistake(expected, toml_brief(shape), key="shape")
         return self
 
+    def of_shape(self, handedness: str, shape: HandShape) -> Hands:
+        """The hand of a sample."""
+        update = {"shape": "list", "shapes": (ShapeTable(**asdict(shape)),)}
+        return self.model_copy(update={**update, "handedness": handedness})
 
-class Placement(FileRecord):
-    """The table [placement]: centre of the hand's bounding box, and rotation about it."""
+
+class Motion(FileRecord):
+    """A shift, and turns about the fixed axes x, then y, then z."""
 
     x_mm: Side = fixed(0.0)
     y_mm: Side = fixed(0.0)
-    z_mm: Annotated[Draw, draws(NEAREST_MM, FARTHEST_MM)] = fixed(300.0)
+    z_mm: Side = fixed(0.0)
     rotation_x_deg: Turn = fixed(0.0)
     rotation_y_deg: Turn = fixed(0.0)
     rotation_z_deg: Turn = fixed(0.0)
 
+    @property
+    def metres(self) -> list[float]:
+        return [float(draw) / 1e3 for draw in (self.x_mm, self.y_mm, self.z_mm)]
 
-class MovementPlan(FileRecord):
+    @property
+    def radians(self) -> list[float]:
+        turns = (self.rotation_x_deg, self.rotation_y_deg, self.rotation_z_deg)
+        return [float(np.deg2rad(float(draw))) for draw in turns]
+
+
+class Placement(Motion):
+    """The table [placement]: centre of the hand's bounding box, and rotation about it."""
+
+    z_mm: Annotated[Draw, Within(100.0, 3000.0)] = fixed(300.0)
+
+
+class MovementPlan(Motion):
     """The table [movement]: consecutive samples are the frames of a sequence.
 
     With `poses` "next" the hand goes from its pose to another, drawn like it, until the last frame;
@@ -311,45 +297,133 @@ class MovementPlan(FileRecord):
     (`clradar.SweepTiming.in_order`).
     """
 
-    frames: Annotated[int, whole(2, MOST_FRAMES)] = 8
-    rate_hz: Annotated[float, number(0.0, 1e6, above=True)] = RATE_HZ
-    poses: Annotated[str, choice("next", "stay")] = "next"
-    last: Annotated[HandPose, Value(_of_record, {"type": "object"})] | None = None
-    x_mm: Side = fixed(0.0)
-    y_mm: Side = fixed(0.0)
-    z_mm: Side = fixed(0.0)
-    rotation_x_deg: Turn = fixed(0.0)
-    rotation_y_deg: Turn = fixed(0.0)
-    rotation_z_deg: Turn = fixed(0.0)
-    order: Annotated[str, choice(*ORDERS)] = "tx"
-    step_us: Annotated[float, number(0.0, 1e6)] = 1e6 * STEP_S
+    frames: Annotated[int, Within(2, 10_000)] = 8
+    rate_hz: Annotated[float, Within(0.0, 1e6, above=True)] = RATE_HZ
+    poses: Literal["next", "stay"] = "next"
+    last: Pose | None = None
+    order: Literal["tx", "frequency"] = "tx"
+    step_us: Annotated[float, Within(0.0, 1e6)] = 1e6 * STEP_S
 
 
-class Alpha(FileRecord):
-    """Roughness of a hand, by part; `others` is one value for all parts without their own."""
+class ByPart(FileRecord, Generic[Value]):
+    """A value for each part of a hand; `others` is one value for all parts without their own."""
 
-    palm: Share | None = None
-    thumb: Share | None = None
-    index: Share | None = None
-    middle: Share | None = None
-    ring: Share | None = None
-    pinky: Share | None = None
+    palm: Value | None = None
+    thumb: Value | None = None
+    index: Value | None = None
+    middle: Value | None = None
+    ring: Value | None = None
+    pinky: Value | None = None
+    others: Value
+
+    def each(self, made: Callable[[Value], Any]) -> dict[str, Any]:
+        """What is made of the value of every part."""
+        values = {name: getattr(self, name) for name in PART_NAMES}
+        return {name: made(self.others if v is None else v) for name, v in values.items()}
+
+    @staticmethod
+    def of_all(value: Any) -> Any:
+        """The table of one value for all parts."""
+        keys = {*value} if isinstance(value, dict) else None
+        if isinstance(value, ByPart) or keys == set() or (keys and keys & {*PART_NAMES, "others"}):
+            return value
+        return {"others": value}
+
+
+class Alpha(ByPart[Share]):
+    """Roughness of a hand, by part."""
+
     others: Share = fixed(0.5)
 
     @property
     def of_parts(self) -> Mapping[str, float]:
         """The alpha of every part of a sample, of which nothing is to be drawn."""
-        return {name: (getattr(self, name) or self.others).values[0] for name in PART_NAMES}
+        return self.each(float)
 
 
-def alpha_of(value: Any) -> Any:
-    """The table of a value for all parts."""
-    names = (*PART_NAMES, "others")
-    if isinstance(value, Alpha) or (
-        isinstance(value, dict) and (len(value) != 1 or next(iter(value)) in names)
-    ):
-        return value
-    return Alpha(others=draws(0.0, 1.0, ("uniform", "choice")).read(value))
+AlphaOfParts = Annotated[Alpha, BeforeValidator(Alpha.of_all)]
 
 
-AlphaOfParts = Annotated[Alpha, BeforeValidator(alpha_of)]
+# Materials
+
+
+def _made_of(given: Any, info: ValidationInfo) -> Material:
+    """Return the material of a name, ``FILE.toml:NAME``, or a table as in a file of materials."""
+    if isinstance(given, Material):
+        return given
+    if isinstance(given, dict):
+        made: Material = tried(material_of, given, "material")
+        return made
+    if not isinstance(given, str):
+        raise mistake("the name of a material, FILE.toml:NAME, or a table", toml_brief(given))
+    file, colon, name = given.rpartition(":")
+    known: Mapping[str, Material] = KNOWN
+    if colon and file.lower().endswith(SUFFIXES):
+        known = tried(read_materials, folder_of(info) / file)
+    else:
+        name = given
+    if name not in known:
+        raise mistake(f"one of {', '.join(known)}, or FILE.toml:NAME", toml_brief(given))
+    return known[name]
+
+
+_SCHEMA = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
+
+
+def _millimetres(low_m: float, high_m: float) -> Within:
+    return Within(1e3 * low_m, 1e3 * high_m)
+
+
+class PartMaterial(FileRecord):
+    """What a part of a hand is made of: a material, of which some lengths may be drawn."""
+
+    of: Annotated[Material, PlainValidator(_made_of), _SCHEMA] = Field(
+        default_factory=lambda: material("palm")
+    )  # most of what a radar sees of a hand that is held towards it
+    roughness_rms_mm: Annotated[Draw, _millimetres(0.0, PLAUSIBLE_ROUGHNESS_M[1])] | None = None
+    correlation_length_mm: Annotated[Draw, _millimetres(*PLAUSIBLE_CORRELATION_M)] | None = None
+    coating_thickness_mm: Annotated[Draw, _millimetres(*PLAUSIBLE_COATING_M)] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> PartMaterial:
+        if self.coating_thickness_mm is not None and self.of.coating is None:
+            got = repr(self.of.name)
+            raise mistake("a material with a coating", got, key="coating_thickness_mm")
+        tried(lambda: (self.made(0), self.made(1)))
+        return self
+
+    def made(self, bound: int = 0) -> Material:
+        """Return the material with its least or its greatest lengths: equal where all is drawn."""
+        names = ("roughness_rms_mm", "correlation_length_mm", "coating_thickness_mm")
+        given = {name: getattr(self, name) for name in names}
+        values: dict[str, Any] = {
+            name.replace("_mm", "_m"): draw.bounds()[bound] / 1e3
+            for name, draw in given.items()
+            if draw is not None
+        }
+        thickness_m = values.pop("coating_thickness_m", None)
+        if thickness_m is not None and self.of.coating is not None:
+            values["coating"] = replace(self.of.coating, thickness_m=thickness_m)
+        return replace(self.of, **values)
+
+
+def _of_material(value: Any) -> Any:
+    """A material by itself is one whose lengths are its own."""
+    return value if isinstance(value, dict | PartMaterial) else {"of": value}
+
+
+Part = Annotated[PartMaterial, BeforeValidator(_of_material)]
+
+
+class PlanMaterials(ByPart[Part]):
+    """What a hand is made of, by part."""
+
+    others: Part = Field(default_factory=PartMaterial)
+
+    @property
+    def of_parts(self) -> Mapping[str, Material]:
+        """The material of every part of a sample, of which nothing is to be drawn."""
+        return self.each(PartMaterial.made)
+
+
+MaterialsOfParts = Annotated[PlanMaterials, BeforeValidator(PlanMaterials.of_all)]

@@ -5,40 +5,39 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, PrivateAttr, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, PrivateAttr, ValidationError, model_validator
 
+from clradar.dataset.plan.draws import Draw, Within
 from clradar.dataset.plan.hands import (
     Alpha,
     AlphaOfParts,
     Hands,
+    MaterialsOfParts,
     MovementPlan,
     Placement,
+    PlanMaterials,
     Poses,
+    check_once,
     pose_record,
-    texts,
 )
-from clradar.dataset.plan.materials import MaterialsOfParts, PlanMaterials
-from clradar.dataset.plan.radar import Image, Impairments, RadarPlan, SimulationPlan, plan_array
-from clradar.dataset.plan.values import Draw, Value, whole
+from clradar.dataset.plan.radar import Image, Impairments, RadarPlan, SimulationPlan
 from clradar.errors import MeasurementError
 from clradar.files.failures import shown
 from clradar.files.limits import MAX_PLAN_BYTES
 from clradar.files.records import FileRecord, mistake, mistakes_of, raise_mistakes
-from clradar.files.toml_file import choice_text, read_toml, toml_brief
+from clradar.files.toml_file import read_toml
 from clradar.hand import HandPose
 from clradar.model import Material
 from clradar.model.material_file import material_record
 
-PRODUCTS = ("capture", "volume", "max_projection", "depth_map", "mesh", "joints")
-"""Arrays that can be stored of a sample."""
+Product = Literal["capture", "volume", "max_projection", "depth_map", "mesh", "joints"]
 
+PRODUCTS: tuple[str, ...] = get_args(Product)
 IMAGES = ("volume", "max_projection", "depth_map")
 """Products that need an image."""
 
-MAX_SAMPLES = 10**8
-MAX_SHARD = 4096
 MAX_SHARDS = 50_000
 """Limit of the manifest's size."""
 
@@ -63,33 +62,28 @@ class PlanError(MeasurementError):
     ... except PlanError as error:
     ...     print(*error.mistakes, sep="\\n")
     plan.toml: samples: expected a value, got nothing
-    plan.toml: alpha: expected values from 0 to 1, got 2
+    plan.toml: alpha.others: expected values from 0 to 1, got 2
     plan.toml: sampels: unknown key; expected one of ... (did you mean 'samples'?)
     """
 
 
-def _products(value: Any) -> tuple[str, ...]:
-    for name in (given := texts(value, "products")):
-        if name not in PRODUCTS:
-            raise mistake(choice_text(name, PRODUCTS), toml_brief(name))
+def _products(given: tuple[str, ...]) -> tuple[str, ...]:
     if not given:
         raise mistake(f"at least one of {', '.join(PRODUCTS)}", "none")
+    check_once(given, "products")
     return tuple(name for name in PRODUCTS if name in given)
 
 
-_PRODUCTS = {"type": "array", "items": {"enum": list(PRODUCTS)}, "minItems": 1}
-
-
 class Output(FileRecord):
-    """The table [output]: `PRODUCTS` to store, samples per shard, and level of gzip, 0 to 9."""
+    """The table [output]: what to store, samples per shard, and level of gzip, 0 to 9."""
 
-    products: Annotated[tuple[str, ...], Value(_products, _PRODUCTS)] = (
+    products: Annotated[tuple[Product, ...], AfterValidator(_products)] = (
         "max_projection",
         "depth_map",
         "joints",
     )
-    shard_size: Annotated[int, whole(1, MAX_SHARD)] = 64
-    compression: Annotated[int, whole(0, 9)] = 1
+    shard_size: Annotated[int, Within(1, 4096)] = 64
+    compression: Annotated[int, Within(0, 9)] = 1
 
 
 class Plan(FileRecord):
@@ -113,8 +107,8 @@ class Plan(FileRecord):
     (1, range(0, 2), ['A', 'B'])
     """
 
-    seed: Annotated[int, whole(0, 2**63 - 1)] = 0
-    samples: Annotated[int, whole(1, MAX_SAMPLES)]
+    seed: Annotated[int, Within(0, 2**63 - 1)] = 0
+    samples: Annotated[int, Within(1, 10**8)]
     poses: Poses
     hands: Hands = Hands()
     placement: Placement = Placement()
@@ -149,8 +143,7 @@ class Plan(FileRecord):
 
     @property
     def folder(self) -> Path:
-        """What the names of rig files are relative to. It does not count in comparisons: the same
-        plan in another folder is equal."""
+        """What the names of rig files are relative to; the same plan elsewhere is equal."""
         return self._folder
 
     @property
@@ -172,15 +165,7 @@ class Plan(FileRecord):
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
-    """Return the plan of a TOML file; docs/plans.md lists its keys.
-
-    Raises
-    ------
-    PlanError
-        Its `mistakes` has one line for each invalid key: the file, the key, what was expected, and
-        what was found.
-    MeasurementError
-        The file is missing or no TOML.
+    """Return the plan of a TOML file; docs/plans.md lists its keys. Mistakes are a `PlanError`.
 
     Examples
     --------
@@ -213,9 +198,9 @@ def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
     return plan
 
 
-def _contradictions(plan: Plan) -> Iterator[tuple[str, str, str]]:
+def _contradictions(plan: Plan) -> Iterator[tuple[str, str, Any]]:
     """Yield key, expected and got of contradictions between tables."""
-    estimator = plan.simulation.estimator
+    estimator, movement = plan.simulation.estimator, plan.movement
     if plan.material is not None and plan.alpha is not None:
         if estimator == "physical":
             yield "alpha", "material in its place with simulation.estimator physical", "alpha"
@@ -224,24 +209,20 @@ def _contradictions(plan: Plan) -> Iterator[tuple[str, str, str]]:
     if plan.n_shards > MAX_SHARDS:
         least = -(-plan.samples // MAX_SHARDS)
         expected = f"at least {least} for {plan.samples} samples ({MAX_SHARDS} files)"
-        yield "output.shard_size", expected, f"{plan.output.shard_size}"
-    channels = plan.impairments.channels
-    if channels is not None:
-        array = plan_array(plan.radar.array, plan.radar.every)
+        yield "output.shard_size", expected, plan.output.shard_size
+    if plan.impairments.channels is not None:
+        array, channels = plan.radar.antennas, plan.impairments.channels
         for key, count in (("dead_tx", array.n_tx), ("dead_rx", array.n_rx)):
             last = max(getattr(channels, key), default=0)
             if last >= count:
-                expected = f"channels from 0 to {count - 1}"
-                yield f"impairments.channels.{key}", expected, f"{last}"
+                yield f"impairments.channels.{key}", f"channels from 0 to {count - 1}", last
     if plan.impairments.any and not plan.needs_capture:
         expected = "a product that they change (capture, volume, max_projection or depth_map)"
         yield "impairments", expected, ", ".join(plan.output.products)
-    if plan.movement is not None:
-        if plan.samples % plan.movement.frames:
-            expected = f"a multiple of movement.frames, {plan.movement.frames}"
-            yield "samples", expected, f"{plan.samples}"
-        if plan.hands.rigs:
-            yield "movement", "hands without rigs", "hands.rigs"
+    if movement is not None and plan.samples % movement.frames:
+        yield "samples", f"a multiple of movement.frames, {movement.frames}", plan.samples
+    if movement is not None and plan.hands.rigs:
+        yield "movement", "hands without rigs", "hands.rigs"
     for key in ("x_mm", "y_mm", "z_mm") if plan.keeps_images else ():
         drawn: Draw = getattr(plan.placement, key)
         least_mm, greatest_mm = drawn.bounds()
@@ -253,32 +234,23 @@ def _contradictions(plan: Plan) -> Iterator[tuple[str, str, str]]:
             yield f"placement.{key}", expected, f"{least_mm:g} to {greatest_mm:g}"
 
 
-def plan_record(plan: Plan) -> dict[str, Any]:
-    """Return a plan in the vocabulary of plan files, every key written out, so that `plan_from`
-    gives it back to the last bit.
+def plan_record(value: Any) -> Any:
+    """Return a plan, or a value of it, in the vocabulary of plan files, every key written out, so
+    that `plan_from` gives it back to the last bit.
 
     Poses are written out with their angles: the record does not change when the poses of the
     package or the pose files do.
     """
-    record: dict[str, Any] = _plain(plan)
-    if plan.poses.kind != "interpolation":
-        del record["poses"]["share"]
-    if plan.poses.kind != "around":
-        del record["poses"]["spread_deg"]
-    return record
-
-
-def _plain(value: Any) -> Any:
     if isinstance(value, BaseModel):
         pairs = ((name, getattr(value, name)) for name in type(value).model_fields)
-        return {name: _plain(item) for name, item in pairs if item is not None and item != ()}
+        return {name: plan_record(item) for name, item in pairs if item is not None and item != ()}
     if isinstance(value, Draw):
         return value.to_plain()
     if isinstance(value, HandPose):
         return pose_record(value)
     if isinstance(value, Material):
         return material_record(value)
-    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+    return [plan_record(item) for item in value] if isinstance(value, tuple) else value
 
 
 def plan_schema() -> dict[str, Any]:

@@ -5,29 +5,24 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
 
 from clradar.arrays import read_array
 from clradar.arrays.array_file import array_of, array_record
 from clradar.arrays.instruments import KNOWN
-from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.dataset.plan.draws import Draw, Within, fixed, tried
 from clradar.dataset.plan.hands import folder_of
-from clradar.dataset.plan.values import (
-    Draw,
-    Value,
-    channel_numbers,
-    choice,
-    draws,
-    fixed,
-    floats,
-    number,
-    tried,
-    whole,
-)
-from clradar.files.records import FileRecord, is_number, mistake
+from clradar.files.records import FileRecord, Vector, is_number, mistake, numbers
 from clradar.files.toml_file import choice_text, toml_brief
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import AntennaArray, VoxelGrid, Waveform
@@ -37,51 +32,53 @@ from clradar.tracing.settings import (
     SimulationSettings,
 )
 
-DENSITIES_PER_MM2 = {
-    "expected": 0.25,
-    "stochastic": 10.0,
-    "physical": PHYSICAL_SAMPLES_PER_MM2,
-}
+DENSITIES_PER_MM2 = {"expected": 0.25, "stochastic": 10.0, "physical": PHYSICAL_SAMPLES_PER_MM2}
 
 RAYS_PER_SAMPLE = 160
 """With the expected estimator: as many rays per square millimetre as the stochastic one has by
 default in `simulate`, so amplitudes have its scale."""
 
-QAR50 = "qar50"
-STEP_MM = 2.0
-
 DECIBELS = 300.0
 
-Seed = Annotated[int, whole(0, 2**63 - 1)] | None
-"""SamplePlan for every sample, unless it is given."""
+Seed = Annotated[int, Within(0, 2**63 - 1)] | None
+"""Drawn for every sample, unless it is given."""
 
-Level = Annotated[Draw, draws(-DECIBELS, DECIBELS)]
+Level = Annotated[Draw, Within(-DECIBELS, DECIBELS)]
+
+
+def _different(values: tuple[int, ...]) -> tuple[int, ...]:
+    if len({*values}) != len(values):
+        raise mistake("different channels", list(values))
+    return values
+
+
+Channels = Annotated[tuple[Annotated[int, Within(0, 1023)], ...], AfterValidator(_different)]
 
 
 class ChannelErrors(FileRecord):
     """Gains and delays of an uncalibrated instrument; see `clradar.draw_channels`. With `per`
     "dataset" all samples share one."""
 
-    gain_db: Annotated[float, number(0.0, DECIBELS)] = 3.0
-    phase_deg: Annotated[float, number(0.0, 180.0)] = 180.0
-    delay_ps: Annotated[float, number(0.0, 1e6)] = 20.0
-    dead_tx: Annotated[tuple[int, ...], channel_numbers(0, 1023)] = ()
-    dead_rx: Annotated[tuple[int, ...], channel_numbers(0, 1023)] = ()
-    per: Annotated[str, choice("dataset", "sample")] = "dataset"
+    gain_db: Annotated[float, Within(0.0, DECIBELS)] = 3.0
+    phase_deg: Annotated[float, Within(0.0, 180.0)] = 180.0
+    delay_ps: Annotated[float, Within(0.0, 1e6)] = 20.0
+    dead_tx: Channels = ()
+    dead_rx: Channels = ()
+    per: Literal["dataset", "sample"] = "dataset"
     seed: Seed = None
 
 
 class WallPlan(FileRecord):
     """A reflecting wall; see `clradar.Wall`."""
 
-    point_mm: Annotated[tuple[float, ...], floats(3)] = (0.0, 0.0, 1000.0)
-    normal: Annotated[tuple[float, ...], floats(3)] = (0.0, 0.0, -1.0)
-    amplitude: Annotated[float, number(-1e12, 1e12)] = 1.0
+    point_mm: Vector = (0.0, 0.0, 1000.0)
+    normal: Vector = (0.0, 0.0, -1.0)
+    amplitude: Annotated[float, Within(-1e12, 1e12)] = 1.0
 
     @model_validator(mode="after")
     def _check(self) -> WallPlan:
         if not any(self.normal):
-            raise mistake("a direction", toml_brief(list(self.normal)), key="normal")
+            raise mistake("a direction", list(self.normal), key="normal")
         return self
 
 
@@ -90,10 +87,10 @@ class Impairments(FileRecord):
 
     snr_db: Level | None = None
     coupling_db: Level | None = None
-    coupling_delay_ps: Annotated[Draw, draws(-1e6, 1e6)] = fixed(0.0)
+    coupling_delay_ps: Annotated[Draw, Within(-1e6, 1e6)] = fixed(0.0)
     iq_gain_db: Level = fixed(0.0)
-    iq_phase_deg: Annotated[Draw, draws(-180.0, 180.0)] = fixed(0.0)
-    adc_bits: Annotated[int, whole(2, 24)] | None = None
+    iq_phase_deg: Annotated[Draw, Within(-180.0, 180.0)] = fixed(0.0)
+    adc_bits: Annotated[int, Within(2, 24)] | None = None
     channels: ChannelErrors | None = None
     walls: tuple[WallPlan, ...] = ()
     seed: Seed = None
@@ -128,17 +125,17 @@ def _array(value: Any, info: ValidationInfo) -> str | dict[str, Any]:
     raise mistake(expected, toml_brief(value))
 
 
-_ARRAYS = {"anyOf": [{"type": "string"}, {"type": "object"}]}
+_ARRAYS = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
 
 
 class RadarPlan(FileRecord):
     """The table [radar]: every n-th antenna of a known array ("qar50") or of a file's, and SFCW."""
 
-    array: Annotated[str | Mapping[str, Any], Value(_array, _ARRAYS, True)] = QAR50
-    every: Annotated[int, whole(1, 47)] = 1
-    start_ghz: Annotated[float, number(0.1, 1000.0)] = 72.0
-    stop_ghz: Annotated[float, number(0.1, 1000.0)] = 82.0
-    steps: Annotated[int, whole(1, 4096)] = 128
+    array: Annotated[str | Mapping[str, Any], PlainValidator(_array), _ARRAYS] = "qar50"
+    every: Annotated[int, Within(1, 47)] = 1
+    start_ghz: Annotated[float, Within(0.1, 1000.0)] = 72.0
+    stop_ghz: Annotated[float, Within(0.1, 1000.0)] = 82.0
+    steps: Annotated[int, Within(1, 4096)] = 128
 
     @model_validator(mode="after")
     def _check(self) -> RadarPlan:
@@ -148,20 +145,25 @@ class RadarPlan(FileRecord):
             raise mistake(expected, f"{start:g}, {stop:g}", key="stop_ghz")
         return self
 
+    @property
+    def antennas(self) -> AntennaArray:
+        """Every n-th antenna; equal ones are the same object."""
+        known = isinstance(self.array, str)
+        return _antennas(self.array if known else json.dumps(self.array), self.every)
+
+    @property
+    def waveform(self) -> Waveform:
+        """The frequencies; equal ones are the same object."""
+        return _waveform(self.start_ghz, self.stop_ghz, self.steps)
+
 
 @lru_cache(maxsize=8)
-def plan_waveform(start_ghz: float, stop_ghz: float, steps: int) -> Waveform:
-    """Return the frequencies of a plan; equal ones are the same object."""
+def _waveform(start_ghz: float, stop_ghz: float, steps: int) -> Waveform:
     return Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
 
-def plan_array(array: str | Mapping[str, Any], every: int) -> AntennaArray:
-    """Return every n-th antenna of a plan's array; equal ones are the same object."""
-    return _part(array if isinstance(array, str) else json.dumps(array), every)
-
-
 @lru_cache(maxsize=8)
-def _part(array: str, every: int) -> AntennaArray:
+def _antennas(array: str, every: int) -> AntennaArray:
     antennas = KNOWN[array]() if array in KNOWN else array_of(json.loads(array), "array", "array")
     if every == 1:
         return antennas
@@ -172,19 +174,17 @@ def _part(array: str, every: int) -> AntennaArray:
 class SimulationPlan(FileRecord):
     """The table [simulation]: `clradar.SimulationSettings`, each sample with a seed of its own."""
 
-    estimator: Annotated[str, choice("expected", "stochastic", "physical")] = "expected"
-    samples_per_mm2: Annotated[float, number(0.0, 1e4, above=True)] | None = None
-    rays_per_face: Annotated[int, whole(1, 2**20)] | None = None
-    rays_per_sample: Annotated[int, whole(1, 2**16)] | None = None
-    reception_radius_mm: Annotated[float, number(0.0, 1000.0, above=True)] = (
-        1e3 * RECEPTION_RADIUS_M
-    )
-    max_bounces: Annotated[int, whole(1, 255)] = 1
-    normals: Annotated[str, choice("smooth", "face")] = "smooth"
-    crease_deg: Annotated[float, number(0.0, 180.0)] = CREASE_DEG
-    facets: Annotated[str, choice("curved", "flat")] = "curved"
-    amplitude: Annotated[str, choice("unit", "spreading")] = "unit"
-    pattern_exponent: Annotated[float, number(0.0, 100.0)] = 0.0
+    estimator: Literal["expected", "stochastic", "physical"] = "expected"
+    samples_per_mm2: Annotated[float, Within(0.0, 1e4, above=True)] | None = None
+    rays_per_face: Annotated[int, Within(1, 2**20)] | None = None
+    rays_per_sample: Annotated[int, Within(1, 2**16)] | None = None
+    reception_radius_mm: Annotated[float, Within(0.0, 1e3, above=True)] = 1e3 * RECEPTION_RADIUS_M
+    max_bounces: Annotated[int, Within(1, 255)] = 1
+    normals: Literal["smooth", "face"] = "smooth"
+    crease_deg: Annotated[float, Within(0.0, 180.0)] = CREASE_DEG
+    facets: Literal["curved", "flat"] = "curved"
+    amplitude: Literal["unit", "spreading"] = "unit"
+    pattern_exponent: Annotated[float, Within(0.0, 100.0)] = 0.0
     seed: Seed = None
 
     @model_validator(mode="after")
@@ -206,23 +206,26 @@ class SimulationPlan(FileRecord):
         return SimulationSettings(**values, reception_radius_m=radius_m)
 
 
-def _steps(value: Any) -> tuple[float, ...]:
-    steps = (float(value),) * 3 if is_number(value) else floats(3).read(value)
+def _positive(steps: tuple[float, ...]) -> tuple[float, ...]:
     if min(steps) <= 0:
-        raise mistake("a positive step, or three of them", toml_brief(value))
-    return tuple(steps)
+        raise mistake("a positive step, or three of them", list(steps))
+    return steps
 
 
-def _extent(value: Any) -> tuple[float, ...]:
-    low, high = floats(2).read(value)
-    if high < low:
-        raise mistake("[first, last] with first <= last", toml_brief([low, high]))
-    return low, high
+def _ascending(ends: tuple[float, ...]) -> tuple[float, ...]:
+    if ends[1] < ends[0]:
+        raise mistake("[first, last] with first <= last", list(ends))
+    return ends
 
 
-_PAIR = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
-Extent = Annotated[tuple[float, ...], Value(_extent, _PAIR)]
-_STEP = {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}
+Extent = Annotated[tuple[float, ...], numbers(2), AfterValidator(_ascending)]
+Steps = Annotated[
+    tuple[float, ...],
+    AfterValidator(_positive),
+    numbers(3),
+    BeforeValidator(lambda value: [value] * 3 if is_number(value) else value),
+    WithJsonSchema({"type": ["number", "array"], "items": {"type": "number"}}),
+]
 
 
 class Image(FileRecord):
@@ -231,17 +234,16 @@ class Image(FileRecord):
     x_mm: Extent = (-100.0, 100.0)
     y_mm: Extent = (-100.0, 100.0)
     z_mm: Extent = (250.0, 350.0)
-    step_mm: Annotated[tuple[float, ...], Value(_steps, _STEP)] = (STEP_MM,) * 3
-    method: Annotated[str, choice(*METHODS)] = "fast"
-    window: Annotated[str, choice(*WINDOWS)] = "rect"
-    tolerance_db: Annotated[float, number(-80.0, -30.0)] | None = None
-    dynamic_range_db: Annotated[float, number(0.0, 300.0, above=True)] = DYNAMIC_RANGE_DB
+    step_mm: Steps = (2.0, 2.0, 2.0)
+    method: Literal["exact", "range", "fast"] = "fast"
+    window: Literal["rect", "hann", "taylor"] = "rect"
+    tolerance_db: Annotated[float, Within(-80.0, -30.0)] | None = None
+    dynamic_range_db: Annotated[float, Within(0.0, 300.0, above=True)] = DYNAMIC_RANGE_DB
 
     @model_validator(mode="after")
     def _check(self) -> Image:
         if self.tolerance_db is not None and self.method != "fast":
-            got = f"{self.tolerance_db:g}"
-            raise mistake('none unless method = "fast"', got, key="tolerance_db")
+            raise mistake('none unless method = "fast"', self.tolerance_db, key="tolerance_db")
         tried(lambda: self.grid)
         return self
 

@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from clradar.dataset.plan.hands import (
-    Hands,
-    MovementPlan,
-    Placement,
-    Poses,
-    pose_record,
-    shape_record,
-)
+from clradar.dataset.plan.draws import Draw, fixed, stream
+from clradar.dataset.plan.hands import Hands, MovementPlan, Poses
 from clradar.dataset.plan.plan import Plan, plan_record
-from clradar.dataset.plan.radar import plan_array
-from clradar.dataset.plan.values import Draw, fixed, stream
 from clradar.errors import ModelError
 from clradar.files.failures import clean
 from clradar.files.records import mistakes_of, raise_mistakes
@@ -53,11 +44,6 @@ def recipe(plan: Plan, index: int) -> Recipe:
     sample and the quantity's path (`clradar.dataset.plan.draws.stream`). So a recipe depends
     neither on other samples nor on other draws.
 
-    Raises
-    ------
-    ModelError
-        The plan has no such sample.
-
     Examples
     --------
     >>> from clradar.dataset import read_plan, recipe
@@ -89,7 +75,7 @@ def read_recipe(recipe: Mapping[str, Any] | str | bytes) -> SamplePlan:
             "plan: clradar.dataset.recipe(plan, sample)"
         )
     try:
-        plan = Plan.model_validate(content, context={"folder": Path()})
+        plan = Plan.model_validate(content)
     except ValidationError as error:
         raise_mistakes(mistakes_of(error, Plan, "recipe"), ModelError, error)
     return SamplePlan(plan, checks.whole("recipe: sample", sample, 0))
@@ -108,7 +94,7 @@ class SamplePlan:
         drawn: Plan = self._numbers(plan, "")
         first = self._first_pose(drawn.poses)
         more: dict[str, Any] = {
-            "poses": Poses.model_validate({"resolved": [pose_record(first)]}),
+            "poses": Poses(resolved=(first,)),
             "hands": self._hands(drawn.hands),
             "simulation": self._seeded(drawn.simulation, "simulation.seed"),
         }
@@ -156,14 +142,14 @@ class SamplePlan:
         count = len(poses.poses)
         cycle = poses.order == "cycle"
         first = self.number % count if cycle else int(random.integers(count))
-        if poses.kind == "list":
-            return poses.poses[first]
-        if poses.kind == "around":
-            return pose_around(poses.poses[first], self._stream("poses.spread"), poses.spread_deg)
+        pose = poses.poses[first]
+        if poses.spread_deg is not None:
+            return pose_around(pose, self._stream("poses.spread"), poses.spread_deg)
+        if poses.share is None:
+            return pose
         # Two different ones: the second is any but the first.
         second = (first + 1 + int(random.integers(count - 1))) % count
-        share = poses.share.values[0]
-        return interpolate_poses(poses.poses[first], poses.poses[second], share)
+        return interpolate_poses(pose, poses.poses[second], float(poses.share))
 
     def _last_pose(self, movement: MovementPlan, poses: Poses, first: HandPose) -> HandPose:
         if movement.last is not None:
@@ -187,8 +173,7 @@ class SamplePlan:
             shape = random_shape(self._stream("hands.shape"))
         elif hands.shape == "list":
             shape = self._one_of("hands.shape", hands.shapes).shape
-        given = {"handedness": side, "shapes": [shape_record(shape)], "edge_mm": hands.edge_mm}
-        return Hands.model_validate(given)
+        return hands.of_shape(side, shape)
 
     @property
     def record(self) -> Recipe:
@@ -215,20 +200,9 @@ class SamplePlan:
         movement, radar = self.plan.movement, self.plan.radar
         if movement is None or movement.last is None:
             return self.first
-        slots = plan_array(radar.array, radar.every).n_tx * radar.steps
+        slots = radar.antennas.n_tx * radar.steps
         middle_s = self.start_s + 0.5e-6 * (slots - 1) * movement.step_us
         share = minimum_jerk(min(1.0, middle_s * movement.rate_hz / (movement.frames - 1)))
         if movement.last == self.first or share in (0.0, 1.0):
             return movement.last if share == 1.0 else self.first
         return interpolate_poses(self.first, movement.last, share)
-
-
-def metres(place: Placement | MovementPlan) -> list[float]:
-    """Return a place or a shift."""
-    return [draw.values[0] / 1e3 for draw in (place.x_mm, place.y_mm, place.z_mm)]
-
-
-def radians(place: Placement | MovementPlan) -> list[float]:
-    """Return turns about x, y and z."""
-    turns = (place.rotation_x_deg, place.rotation_y_deg, place.rotation_z_deg)
-    return [float(np.deg2rad(draw.values[0])) for draw in turns]
