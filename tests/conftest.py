@@ -1,7 +1,5 @@
 """Fixtures that all tests share."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -23,6 +21,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     # Not by its hooks here: fixtures of the session would not be seen.
     config.pluginmanager.register(costs)
+    if hasattr(config.option, "loadscopereorder"):  # in the order here, not by number of tests
+        config.option.loadscopereorder = False
 
 
 NEED_A_DEVICE = (
@@ -37,12 +37,28 @@ NEED_A_DEVICE = (
 """Folders and files of tests that are marked `device` as a whole."""
 
 
+FIRST = (
+    *("view/test_view_browser.py", "test_results_stay.py", "cli/test_image_parts.py"),
+    *("dataset/test_dataset_engine.py", "cli/test_process_command.py", "cli/test_surroundings.py"),
+    *("imaging/test_placement.py", "opencl/test_ways.py", "motion/test_moving_sweep.py"),
+    *("calibration/channels/test_channels.py", "calibration/hand_fit/test_meshed_anew.py"),
+    *("jobs/test_devices.py", "test_plot.py", "test_site.py", "test_platforms.py"),
+    *("compare/test_odd_arrays.py", "calibration/registration/test_register.py"),
+)
+"""Files that take long by the clock: one that begins last keeps one process busy alone."""
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     named = config.option.markexpr  # what takes minutes, and the memory checker, only by name
     aside = [name for name in ("slow", "memcheck") if name not in named]
     left_out = [item for item in items if any(item.get_closest_marker(name) for name in aside)]
     config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if item not in set(left_out)]
+    rank = {HERE / name: i for i, name in enumerate(FIRST)}
+    aside_too = set(left_out)
+    items[:] = sorted(
+        (item for item in items if item not in aside_too),
+        key=lambda item: rank.get(item.path, len(FIRST)),
+    )
     for item in items:
         place = item.path.relative_to(HERE)
         whole = any(str(path) in NEED_A_DEVICE for path in (place, *place.parents))

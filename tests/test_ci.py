@@ -1,7 +1,5 @@
 """What `.ci/run` says at its end: a skipped test must not pass unseen."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -50,7 +48,7 @@ def lines_of(
     return done.returncode, done.stdout.splitlines()
 
 
-def test_skipped_tests_are_the_last_that_is_said(tmp_path: Path) -> None:
+def test_skipped_tests_are_the_last_that_is_said(tmp_path):
     status, lines = lines_of(tmp_path, (*SKIPS, "3861 passed, 15 skipped"))
     assert status == 0
     at = lines.index("Passed, but NOT TRIED on this machine:")
@@ -59,6 +57,6 @@ def test_skipped_tests_are_the_last_that_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("target", ["lint", "memcheck", "test"])
-def test_a_failure_stays_one(tmp_path: Path, target: str) -> None:
+def test_a_failure_stays_one(tmp_path, target):
     status, lines = lines_of(tmp_path, ("1 failed",), 2, target)
     assert (status, lines[-1]) == (2, "1 failed")

@@ -1,7 +1,5 @@
 """What would be installed on the systems of docs/install.md, resolved here without them."""
 
-from __future__ import annotations
-
 import functools
 import os
 import subprocess
@@ -35,7 +33,7 @@ REQUIRE_INDEX = "CLRADAR_REQUIRE_INDEX"
 
 
 @pytest.mark.parametrize("platform", PLATFORMS)
-def test_an_opencl_device_comes_with_the_install_where_there_is_one(platform: str) -> None:
+def test_an_opencl_device_comes_with_the_install_where_there_is_one(platform):
     system, machine, expected = PLATFORMS[platform]
     environment = {"sys_platform": system, "platform_machine": machine, "python_version": "3.12"}
     wanted = {
@@ -76,9 +74,7 @@ def what_the_index_lacks(folder: Path) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("version", VERSIONS)
 @pytest.mark.parametrize("platform", PLATFORMS)
-def test_there_are_wheels_for_all_that_is_needed(
-    platform: str, version: str, tmp_path_factory
-) -> None:
+def test_there_are_wheels_for_all_that_is_needed(platform, version, tmp_path_factory):
     lacking = what_the_index_lacks(tmp_path_factory.getbasetemp())
     if lacking:
         assert not os.environ.get(REQUIRE_INDEX), lacking

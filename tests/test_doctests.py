@@ -1,7 +1,5 @@
 """Every public function has a runnable example, which does what it shows; many classes have."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import inspect
@@ -93,7 +91,7 @@ def namespace() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", DOCUMENTED)
-def test_example(name: str, tmp_path, monkeypatch, namespace: dict[str, Any]) -> None:
+def test_example(name, tmp_path, monkeypatch, namespace):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "plan.toml").write_text(PLAN)
     item = DOCUMENTED[name]

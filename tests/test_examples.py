@@ -1,7 +1,5 @@
 """Every example runs beside what the others wrote, and prints the expected results."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import sys
@@ -61,16 +59,14 @@ def numbers(line: str) -> list[float]:
     return [float(n) for n in re.findall(r"-?\d+(?:\.\d+)?", line)]
 
 
-def test_all_are_tried() -> None:
+def test_all_are_tried():
     assert {p.stem for p in EXAMPLES.glob("*.py")} == {"train_letters"}
     tutorials = [p.stem.split("_")[0] for p in (EXAMPLES / "tutorials").glob("*.py")]
     assert sorted(tutorials) == sorted(["7a", *map(str, range(1, 11))])
 
 
 @pytest.mark.slow
-def test_train_letters_and_poses(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output_of: OutputOf
-) -> None:
+def test_train_letters_and_poses(folder, tmp_path, monkeypatch, output_of):
     """A fist and a flat hand are distinguished from a few samples, and their angles found."""
     plan = plan_from(
         tiny(
@@ -99,7 +95,7 @@ def test_train_letters_and_poses(
     assert (folder / "confusion.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_tutorial_first_image(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_first_image(folder, output_of):
     pixels, depth_mm = numbers(output_of("tutorials/1_first_image.py")[-1])
     # 2 mm pixels of 4 mm^2: the hand's outline has about 10 000 mm^2, of which a part is visible.
     assert 500 < pixels < 2500
@@ -107,7 +103,7 @@ def test_tutorial_first_image(folder: Path, output_of: OutputOf) -> None:
     assert is_picture(folder / "first_image.png")
 
 
-def test_tutorial_recording_to_image(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_recording_to_image(folder, output_of):
     lines = output_of("tutorials/2_recording_to_image.py")
     assert "  s_real  (64, 24, 20) float64" in lines
     assert "[frequency]" in lines
@@ -118,7 +114,7 @@ def test_tutorial_recording_to_image(folder: Path, output_of: OutputOf) -> None:
     assert is_picture(folder / "recording.png")
 
 
-def test_tutorial_maroon(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_maroon(folder, output_of):
     """The recording is written by the tutorial, which is given none."""
     lines = output_of("tutorials/3_maroon_recording.py")
     assert lines[-3:-1] == ["frame 0 at 125000 us", "frame 1 at 250000 us"]
@@ -127,13 +123,13 @@ def test_tutorial_maroon(folder: Path, output_of: OutputOf) -> None:
 
 
 @pytest.mark.slow
-def test_tutorial_simulation_beside_recording(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_simulation_beside_recording(folder, output_of):
     *_, given, registered = output_of("tutorials/4_simulation_beside_recording.py")
     assert numbers(registered)[0] > max(0.95, numbers(given)[0] + 0.1)
     assert is_picture(folder / "beside_recording.png")
 
 
-def test_tutorial_channel_calibration(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_channel_calibration(folder, output_of):
     recorded, corrected = output_of("tutorials/5_channel_calibration.py")
     assert numbers(recorded)[0] < 0.5
     assert numbers(corrected)[0] > 0.9
@@ -141,7 +137,7 @@ def test_tutorial_channel_calibration(folder: Path, output_of: OutputOf) -> None
 
 
 @pytest.mark.slow
-def test_tutorial_dataset_to_classifier(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_dataset_to_classifier(folder, output_of):
     lines = output_of("tutorials/6_dataset_to_classifier.py")
     right, new = numbers(lines[-1])
     # Guessing has 7 of 8 right once in 28 times, and the seed is fixed.
@@ -150,7 +146,7 @@ def test_tutorial_dataset_to_classifier(folder: Path, output_of: OutputOf) -> No
     assert is_picture(folder / "hands.png")
 
 
-def test_tutorial_own_array(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_own_array(folder, output_of):
     lines = output_of("tutorials/7_own_array.py")
     # Half a voxel is 2.5 mm, and c / 2B is 75 mm: a tenth of that for what the array's size does to
     # the glint.
@@ -161,7 +157,8 @@ def test_tutorial_own_array(folder: Path, output_of: OutputOf) -> None:
     assert is_picture(folder / "own_array.png")
 
 
-def test_tutorial_other_radar(folder: Path, output_of: OutputOf) -> None:
+@pytest.mark.slow
+def test_tutorial_other_radar(folder, output_of):
     _, _, lobe, in_grid, alias, place = output_of("tutorials/7a_other_radar.py")
     # asin(4.835 mm / 5 mm) = 75.2 degrees.
     assert numbers(lobe)[0] == 75
@@ -172,7 +169,8 @@ def test_tutorial_other_radar(folder: Path, output_of: OutputOf) -> None:
     assert is_picture(folder / "cross60.png")
 
 
-def test_tutorial_physical_surfaces(folder: Path, output_of: OutputOf) -> None:
+@pytest.mark.slow
+def test_tutorial_physical_surfaces(folder, output_of):
     ball, skin, smooth, rough, rougher = output_of("tutorials/8_physical_surfaces.py")
     theory_dbsm, read_dbsm = numbers(ball)
     assert -1.5 < read_dbsm - theory_dbsm < 0.5
@@ -186,7 +184,7 @@ def test_tutorial_physical_surfaces(folder: Path, output_of: OutputOf) -> None:
 
 
 @pytest.mark.slow
-def test_tutorial_hand_from_capture(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_hand_from_capture(folder, output_of):
     """The index finger, whose tip starts 30 mm off, is found within a quarter of that."""
     lines = output_of("tutorials/9_hand_from_capture.py")
     tips = dict(line.split(": ", 1) for line in lines[-5:])
@@ -196,7 +194,7 @@ def test_tutorial_hand_from_capture(folder: Path, output_of: OutputOf) -> None:
 
 
 @pytest.mark.slow
-def test_tutorial_moving_hand(folder: Path, output_of: OutputOf) -> None:
+def test_tutorial_moving_hand(folder, output_of):
     rests, moves, way, alike = output_of("tutorials/10_moving_hand.py")[-4:]
     assert numbers(rests)[1] < numbers(moves)[1]
     assert numbers(way)[0] > 5.0

@@ -1,7 +1,5 @@
 """Layers of modules: imports go downwards only, as docs/architecture.md describes."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -101,19 +99,19 @@ def modules(*packages: str) -> list[str]:
     return [name for name in sorted(FILES) if any(within(name, p) for p in packages)]
 
 
-def test_the_sources_are_found() -> None:
+def test_the_sources_are_found():
     assert {"clradar", "clradar.model.scene", "measurement_io", "calibration"} <= set(FILES)
     assert "clradar.model.checks" in imports()["clradar.model.scene"]
     assert "clradar.errors" in imports()["clradar.opencl.device"]
 
 
-def test_there_are_few_packages_and_each_has_its_layer() -> None:
+def test_there_are_few_packages_and_each_has_its_layer():
     packages = {package_of(name) for name in modules("clradar")} - {"clradar"}
     assert packages == set(RANK) - {"clradar"}
     assert len(packages) <= 30
 
 
-def test_clradar_imports_downwards() -> None:
+def test_clradar_imports_downwards():
     for name in modules("clradar"):
         here = package_of(name)
         for imported in imports()[name]:
@@ -122,7 +120,7 @@ def test_clradar_imports_downwards() -> None:
                 assert RANK[there] < RANK[here], f"{name} imports {imported}, which is not below it"
 
 
-def test_data_sets_import_downwards() -> None:
+def test_data_sets_import_downwards():
     for name in modules("clradar.dataset"):
         for imported in imports()[name] if name != "clradar.dataset" else ():
             if within(imported, "clradar.dataset"):
@@ -130,7 +128,7 @@ def test_data_sets_import_downwards() -> None:
                 assert there <= here, f"{name} imports {imported}"
 
 
-def test_packages_of_calibration_import_nothing_from_each_other() -> None:
+def test_packages_of_calibration_import_nothing_from_each_other():
     packages = {"registration", "roughness", "channels", "conventions", "clutter", "hand_fit"}
     found = {name.split(".")[1] for name in modules("calibration") if "." in name}
     assert found == packages | {"cleaning", "scripts"}
@@ -145,13 +143,13 @@ def test_packages_of_calibration_import_nothing_from_each_other() -> None:
             assert not others, f"{name} imports {others}"
 
 
-def test_only_the_opencl_package_imports_pyopencl() -> None:
+def test_only_the_opencl_package_imports_pyopencl():
     others = [name for name in FILES if not within(name, "clradar.opencl")]
     assert not breaches(others, ["pyopencl"])
     assert breaches(modules("clradar.opencl"), ["pyopencl"])  # the check finds them where they are
 
 
-def test_the_model_and_the_readers_need_no_device_and_no_computation() -> None:
+def test_the_model_and_the_readers_need_no_device_and_no_computation():
     allowed = ["clradar.model", "clradar.errors", "clradar.constants", "clradar.files"]
     for package, more in (("clradar.model", []), ("measurement_io", ["clradar.arrays"])):
         for name in modules(package):
@@ -160,7 +158,7 @@ def test_the_model_and_the_readers_need_no_device_and_no_computation() -> None:
                     assert any(within(imported, one) for one in allowed + more), (name, imported)
 
 
-def test_only_what_works_with_files_imports_the_readers_and_the_calibration() -> None:
+def test_only_what_works_with_files_imports_the_readers_and_the_calibration():
     readers = ("cli", "dataset", "view")
     assert not breaches(modules("calibration", "measurement_io"), ["clradar.cli"])
     library = [n for n in modules("clradar") if package_of(n) not in readers]
@@ -169,13 +167,13 @@ def test_only_what_works_with_files_imports_the_readers_and_the_calibration() ->
     assert not breaches(readers_alone, ["calibration", "clradar.cli"])
 
 
-def test_the_reference_shares_no_code_with_what_it_checks() -> None:
+def test_the_reference_shares_no_code_with_what_it_checks():
     for module in modules("clradar.reference"):
         ours = {name for name in imports()[module] if within(name, "clradar")}
         assert ours - {"clradar.reference"} == {"clradar.model"}
 
 
-def test_there_are_no_circles() -> None:
+def test_there_are_no_circles():
     # What a package imports itself from is its own modules; that is how it shows them.
     graph = {
         name: {n for n in imported if n in FILES and n != name}
@@ -187,7 +185,7 @@ def test_there_are_no_circles() -> None:
         pytest.fail(" imports ".join(reversed(error.args[1])))
 
 
-def test_nothing_unpickles_arrays() -> None:
+def test_nothing_unpickles_arrays():
     sources = dict(trees())
     for folder in ("benchmarks", "examples"):
         for path in sorted((ROOT / folder).glob("**/*.py")):
@@ -200,7 +198,7 @@ def test_nothing_unpickles_arrays() -> None:
                     assert ast.unparse(keyword.value) == "False", where
 
 
-def test_only_frames_and_hand_models_are_pickles() -> None:
+def test_only_frames_and_hand_models_are_pickles():
     # Writing one runs no code; clradar.files.pickles reads them, for what runs confined.
     reader = "clradar.files.pickles"
     others = [name for name in FILES if name not in ("measurement_io.maroon.writer", reader)]

@@ -1,7 +1,5 @@
 """Other systems, simulated on Linux by taking away what they have not (`other_systems`)."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -70,9 +68,8 @@ with work_folder.held(Path("work"), "sweep"):
     write_file(Path("work") / "text", b"a\\n")
 print(sorted(os.listdir("work")), Path("work/text").read_bytes())
 
-from clradar.jobs.cluster import KeepToCores
+from clradar.jobs.workers import KeepToCores, own_cores
 from clradar.files.interrupts import interrupts_blocked
-from clradar.jobs.resources import own_cores
 KeepToCores(own_cores()).setup(None)
 with interrupts_blocked():
     print("cores:", own_cores() == list(range(os.cpu_count())))
@@ -97,11 +94,11 @@ def output_of(code: str, system: str, folder: Path) -> str:
 @pytest.mark.skipif(sys.platform != "linux", reason="what other systems lack is taken from Linux")
 @pytest.mark.parametrize("system", ["win32", pytest.param("darwin", marks=pytest.mark.slow)])
 class TestSimulated:
-    def test_every_module_can_be_imported(self, system: str, tmp_path: Path) -> None:
+    def test_every_module_can_be_imported(self, system, tmp_path):
         assert output_of(IMPORT_ALL, system, tmp_path) == "True\n"
 
     @pytest.mark.device
-    def test_files_locks_and_workers(self, system: str, tmp_path: Path) -> None:
+    def test_files_locks_and_workers(self, system, tmp_path):
         lines = output_of(USE, system, tmp_path).splitlines()
         assert lines[0].startswith("damaged: damaged.h5: expected a readable native HDF5 file"), (
             lines

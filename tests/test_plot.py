@@ -1,19 +1,17 @@
 """The figures: orientation, labels, colour limits, no text over another, and files."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import pickle
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from nightly import nightly
 
 from clradar.compare import Metrics, compare
 from clradar.errors import CompareError, ModelError, OutputError
@@ -85,7 +83,7 @@ def assert_legible(figure: Figure) -> None:
     boxes = [
         (t.get_text(), t.get_window_extent())
         for t in figure.findobj(Text)
-        if t.get_text() and t.get_visible() and id(t) not in hidden  # type: ignore[attr-defined]
+        if t.get_text() and t.get_visible() and id(t) not in hidden
     ]
     page, touch = figure.bbox, figure.dpi / 72  # boxes include the font's line spacing
     for text, box in boxes:
@@ -98,7 +96,7 @@ def assert_legible(figure: Figure) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 4])
-def test_columns_of_a_comparison(count: int) -> None:
+def test_columns_of_a_comparison(count):
     labels = [f"{ALPHA} = {i / 10}" for i in range(count)]
     figure = comparison_figure(
         blob(z_mm=290.0), [(label, blob(z_mm=320.0)) for label in labels], metrics=()
@@ -117,7 +115,7 @@ def test_columns_of_a_comparison(count: int) -> None:
         np.testing.assert_allclose(axes.collections[0].get_clim(), (290, 320), atol=1.0)
 
 
-def test_levels_are_below_the_own_maximum() -> None:
+def test_levels_are_below_the_own_maximum():
     figure = comparison_figure(blob(), [("weaker", Volume(0.01 * blob().data, blob().grid))])
     for axes in figure.axes[:2]:
         assert axes.collections[0].get_clim() == (-15.0, 0.0)
@@ -127,7 +125,7 @@ def test_levels_are_below_the_own_maximum() -> None:
     assert image_figure(blob(), dynamic_range_db=30.0).axes[0].collections[0].get_clim()[0] == -30.0
 
 
-def test_caption() -> None:
+def test_caption():
     images = [blob(), blob(0.0), blob(-60.0)]
     given = Metrics(0.654, 0.876, 0.5, 0.25, float("nan"), 0.0123, 0.9)
     figure = comparison_figure(
@@ -153,16 +151,16 @@ def random_map(n_x: int, n_y: int, step_m: float = 4e-3, first_m: float = -0.1) 
 @pytest.mark.parametrize(
     ("image", "count"),
     [
-        (random_map(51, 51), 1), (random_map(51, 51), 12), (random_map(51, 20), 4),
-        (random_map(20, 51), 4), (random_map(51, 1), 1), (random_map(12, 12, 1.8e-4, 12.345), 6),
-        (random_map(12, 12, 0.28, 0.0), 6), (FAR.depth_map(), 1),
+        (random_map(51, 51), 12), (random_map(51, 1), 1), (FAR.depth_map(), 1),
+        (random_map(12, 12, 1.8e-4, 12.345), 2),
+        *nightly([(random_map(51, 51), 1), (random_map(51, 20), 4), (random_map(20, 51), 4),
+                  (random_map(12, 12, 1.8e-4, 12.345), 6), (random_map(12, 12, 0.28, 0.0), 6)]),
     ],
 )  # fmt: skip
-def test_no_text_over_another_or_off_the_page(image: DepthMap, count: int) -> None:
+def test_no_text_over_another_or_off_the_page(image, count):
     metrics = [Metrics(0.5, -0.123, 0.987, 0.5, float("nan"), 0.1234, 0.2)] * count
     columns = [(label, image) for label in (LONG, *(f"{ALPHA} = {i}" for i in range(count - 1)))]
-    for differences in (False, True):
-        assert_legible(comparison_figure(image, columns, metrics=metrics, differences=differences))
+    assert_legible(comparison_figure(image, columns, metrics=metrics, differences=True))
     assert_legible(image_figure(image, LONG))
     assert_legible(disagreement_figure(image, image, title=LONG))
 
@@ -201,7 +199,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_drawn_is_refused(name: str) -> None:
+def test_what_cannot_be_drawn_is_refused(name):
     draw, message = REFUSED[name]
     with pytest.raises((CompareError, ModelError), match=message):
         draw()
@@ -212,7 +210,7 @@ def random_zero() -> DepthMap:
     return DepthMap(image.depth_m, 0 * image.amplitude, image.x_m, image.y_m)
 
 
-def test_panels_are_in_rows_with_their_own_axes() -> None:
+def test_panels_are_in_rows_with_their_own_axes():
     near, far = blob().depth_map(), blob(x_mm=-40.0).depth_map()
     rows = [[("one $\nsecond line", near), ("none", None)], [("three", far), ("0", random_zero())]]
     figure = panels_figure(rows, "All")
@@ -246,8 +244,8 @@ def test_panels_are_in_rows_with_their_own_axes() -> None:
     ],
 )
 def test_pictures_are_projected_along_the_thin_axis_or_that_of_the_view(
-    extents: Any, view: str | None, labels: str, at: tuple[float, float], title: str
-) -> None:
+    extents, view, labels, at, title
+):
     figure = image_figure(slab(*extents, step_mm=2.0), LONG, view=view)
     axes = figure.axes[0]
     names = [axes.get_xlabel().lstrip("\N{LEFTWARDS ARROW} "), axes.get_ylabel()]
@@ -268,7 +266,7 @@ def test_pictures_are_projected_along_the_thin_axis_or_that_of_the_view(
 
 
 @pytest.mark.parametrize("image", [blob(), slab((20, 20), (30, 30), DEEP, 2.0)])
-def test_levels_as_radar_cross_sections(image: Volume) -> None:
+def test_levels_as_radar_cross_sections(image):
     """Of a volume, and of a line of voxels, which is a curve."""
     array = AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
     scaled = dataclasses.replace(image, scale=ImageScale(array, Waveform([77e9]), [1.0]))
@@ -288,9 +286,7 @@ def test_levels_as_radar_cross_sections(image: Volume) -> None:
 @pytest.mark.parametrize(
     ("axis", "place_m", "index"), [("x", 0.0201, 30), ("y", None, 32), ("z", 0.2999, 10)]
 )
-def test_planes_are_the_nearest_voxels_or_those_of_the_maximum(
-    axis: str, place_m: float | None, index: int
-) -> None:
+def test_planes_are_the_nearest_voxels_or_those_of_the_maximum(axis, place_m, index):
     volume = blob()
     plane = plane_of(volume, axis, place_m)
     assert np.array_equal(plane.data, volume.data.take([index], "zyx".index(axis)))
@@ -299,7 +295,7 @@ def test_planes_are_the_nearest_voxels_or_those_of_the_maximum(
 
 
 @pytest.mark.filterwarnings("ignore:compare. an overlap of:clradar.ClradarWarning")
-def test_disagreement_is_drawn_with_rings_around_unmatched_objects() -> None:
+def test_disagreement_is_drawn_with_rings_around_unmatched_objects():
     two = Volume(blob().data + 0.8 * blob(-60.0, -60.0).data, blob().grid)
     figure = comparison_figure(two, [("one", blob()), ("two", two)], differences=True)
     one, both = figure.axes[6:8]
@@ -321,7 +317,7 @@ def test_disagreement_is_drawn_with_rings_around_unmatched_objects() -> None:
     assert other.get_linestyles() != ring.get_linestyles()
 
 
-def test_disagreement_after_a_motion() -> None:
+def test_disagreement_after_a_motion():
     back = np.eye(4)
     back[0, 3] = 20e-3
     figure = disagreement_figure(blob(), blob(0.0, 30.0), back)
@@ -337,9 +333,7 @@ def small_figure() -> Figure:
 
 
 @pytest.mark.parametrize("suffix", [".PNG", ".pdf", ".svg"])
-def test_files_are_the_same_every_time(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_are_the_same_every_time(tmp_path, suffix, monkeypatch):
     before = "matplotlib.pyplot" in sys.modules  # it keeps every figure alive
     first = save_figure(small_figure(), tmp_path / f"first{suffix}")
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")  # another date, were there one in the file
@@ -350,7 +344,7 @@ def test_files_are_the_same_every_time(
 
 
 @pytest.mark.parametrize("name", ["a.jpg", "a", "missing/a.png", "folder.png", "there.png"])
-def test_targets_that_cannot_be_written(tmp_path: Path, name: str) -> None:
+def test_targets_that_cannot_be_written(tmp_path, name):
     (tmp_path / "folder.png").mkdir()
     (tmp_path / "there.png").write_bytes(b"precious")
     with pytest.raises(OutputError, match=r"expected|exists already"):

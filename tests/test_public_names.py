@@ -1,7 +1,5 @@
 """Public names stay what they are, whichever modules were imported before."""
 
-from __future__ import annotations
-
 import importlib
 import json
 import subprocess
@@ -51,7 +49,7 @@ def described_names(*arguments: str) -> dict[str, str]:
     return names
 
 
-def test_no_module_shadows_a_public_name() -> None:
+def test_no_module_shadows_a_public_name():
     names = described_names()
     assert described_names("all") == names
     modules = {name for name, what in names.items() if what.startswith("module")}
@@ -60,12 +58,12 @@ def test_no_module_shadows_a_public_name() -> None:
 
 
 @pytest.mark.parametrize("name", [*PACKAGES, "clradar.plot", "clradar.model"])
-def test_dir_shows_the_public_names_alone(name: str) -> None:
+def test_dir_shows_the_public_names_alone(name):
     package = importlib.import_module(name)
     assert dir(package) == sorted(package.__all__)
 
 
-def test_the_package_is_imported_when_it_is_used() -> None:
+def test_the_package_is_imported_when_it_is_used():
     program = """
 import sys, clradar
 assert not {"numpy", "clradar.model"} & set(sys.modules), sorted(sys.modules)

@@ -1,7 +1,5 @@
 """What a release states about itself, and that the pages for contributors name what there is."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shutil
@@ -56,21 +54,21 @@ def changed(root: Path, name: str, old: str, new: str) -> None:
     (root / name).write_text(text.replace(old, new, 1), "utf-8")
 
 
-def test_every_file_states_the_same_version_and_date() -> None:
+def test_every_file_states_the_same_version_and_date():
     stated = Stated.read(ROOT)
     assert stated.contradictions() == []
     assert set(stated.versions.values()) == {__version__}
 
 
 @pytest.mark.parametrize("name", STATING[:4])
-def test_another_version_is_found(copy: Path, name: str) -> None:
+def test_another_version_is_found(copy, name):
     changed(copy, name, __version__, "9.8.7")
     (line,) = Stated.read(copy).contradictions()
     assert line.startswith("expected one version, found ")
     assert f"{name} 9.8.7" in line
 
 
-def test_another_date_and_another_address_are_found(copy: Path) -> None:
+def test_another_date_and_another_address_are_found(copy):
     dated = Stated.read(copy).dates["CITATION.cff"]
     changed(copy, "CITATION.cff", dated, "2001-02-03")
     changed(copy, "pyproject.toml", 'repository = ""', 'repository = "https://a.example/b"')
@@ -85,7 +83,7 @@ def all_is_released(copy: Path) -> None:
     (copy / "CHANGELOG.md").write_text(log[log.index("\n## 0") :], "utf-8")
 
 
-def test_what_stands_in_the_way_of_an_upload(copy: Path) -> None:
+def test_what_stands_in_the_way_of_an_upload(copy):
     all_is_released(copy)
     stated = Stated.read(copy)
     day = date.fromisoformat(stated.dates["CHANGELOG.md"])
@@ -98,7 +96,7 @@ def test_what_stands_in_the_way_of_an_upload(copy: Path) -> None:
     assert f"dated {day}, and today is 2001-02-03" in lines[1]
 
 
-def test_a_tag_is_of_the_version_that_is_ready(copy: Path) -> None:
+def test_a_tag_is_of_the_version_that_is_ready(copy):
     changed(copy, "pyproject.toml", 'repository = ""', 'repository = "https://a.example/b"')
     changed(copy, "CITATION.cff", "type:", 'repository-code: "https://a.example/b"\ntype:')
     all_is_released(copy)
@@ -109,7 +107,7 @@ def test_a_tag_is_of_the_version_that_is_ready(copy: Path) -> None:
     assert line == f"expected the tag v{__version__}, got 'v9.8.7'"
 
 
-def test_links_of_the_readme_lead_to_the_repository() -> None:
+def test_links_of_the_readme_lead_to_the_repository():
     text = "![a b](docs/c.png) [d](docs/e.md#f), [g](https://h.example) [i](#j)"
     made = hatch_build.with_addresses(text, "https://x.example/y", "1.2.3")
     assert made == (
@@ -120,7 +118,7 @@ def test_links_of_the_readme_lead_to_the_repository() -> None:
     assert without == " d, [g](https://h.example) [i](#j)"
 
 
-def test_the_recipe_needs_what_the_package_needs() -> None:
+def test_the_recipe_needs_what_the_package_needs():
     """By the same names and bounds, on Linux; and a device."""
     if sys.version_info < (3, 11):
         import tomli as tomllib
@@ -148,7 +146,7 @@ def test_the_recipe_needs_what_the_package_needs() -> None:
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "SECURITY.md"])
-def test_contributors_are_sent_to_files_that_exist(page: str) -> None:
+def test_contributors_are_sent_to_files_that_exist(page):
     text = (ROOT / page).read_text("utf-8")
     links = re.findall(r"\]\(([^)#]+)\)", text)
     assert links
@@ -159,7 +157,7 @@ def test_contributors_are_sent_to_files_that_exist(page: str) -> None:
         assert any(one.exists() for one in beside), path
 
 
-def test_contributors_are_sent_to_names_that_exist() -> None:
+def test_contributors_are_sent_to_names_that_exist():
     """`NAME` of `file.py`, as the recipes have them."""
     text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     for names, path in (

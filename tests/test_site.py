@@ -1,7 +1,5 @@
 """The documentation site: nothing is left out of it, and it asks for nothing from elsewhere."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys
@@ -26,7 +24,7 @@ def entries(page: Path) -> list[str]:
     return [str((page.parent / name).relative_to(DOCS)) for name in names]
 
 
-def test_every_page_is_in_a_toctree_once() -> None:
+def test_every_page_is_in_a_toctree_once():
     listed, waiting = ["index"], ["index"]
     while waiting:
         page = DOCS / f"{waiting.pop()}.md"
@@ -42,7 +40,7 @@ def test_every_page_is_in_a_toctree_once() -> None:
     assert sorted(listed) == sorted({*pages, "tutorials/index"})
 
 
-def test_every_public_name_has_a_page() -> None:
+def test_every_public_name_has_a_page():
     """Of the packages whose examples are run, and of two that others' pages refer to."""
     packages = entries(DOCS / "api" / "index.md")
     assert {Path(p).name for p in packages} == {*PACKAGES, "clradar.plot", "clradar.model"}
@@ -51,7 +49,7 @@ def test_every_public_name_has_a_page() -> None:
         assert page.endswith(f"\n.. public-names:: {Path(package).name}\n")
 
 
-def test_words_are_the_field_s_own() -> None:
+def test_words_are_the_field_s_own():
     """Pages, and what the packages print, have none of the words that CONTRIBUTING.md lists."""
     rule = (ROOT / "CONTRIBUTING.md").read_text("utf-8").split("in messages and pages, too: not")[1]
     words = re.findall(r'"([a-z ]+)"', rule.split("\n")[0])
@@ -84,7 +82,7 @@ def texts_of_code(*, docstrings: bool = True) -> str:
     return "\n".join(" ".join(text.split()) for text in found)
 
 
-def test_messages_are_those_of_the_code() -> None:
+def test_messages_are_those_of_the_code():
     """What the page quotes, but for values and the joints of what a message is made of."""
     page = (DOCS / "messages.md").read_text("utf-8")
     lists = page[page.index("## Install") : page.index("## Classes")]
@@ -99,7 +97,7 @@ def test_messages_are_those_of_the_code() -> None:
 
 
 @pytest.mark.slow
-def test_site_is_built_without_warnings_and_needs_no_network(tmp_path: Path) -> None:
+def test_site_is_built_without_warnings_and_needs_no_network(tmp_path):
     """All but the tutorials, which `test_examples` runs."""
     pytest.importorskip("sphinx", reason="needs pip install '.[docs]'")
     folders = ["-d", str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "site")]

@@ -1,7 +1,5 @@
 """The budget of lines that `make lint` holds."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path
@@ -33,7 +31,7 @@ def tree(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_file_counts_for_the_nearest_part(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_counts_for_the_nearest_part(tree, capsys):
     assert size.lines_of(tree, ["a", "a/b a/c.py", "tests"]) == {
         "a": 9, "a/b a/c.py": 3, "tests": 5,
     }  # fmt: skip
@@ -41,15 +39,13 @@ def test_a_file_counts_for_the_nearest_part(tree: Path, capsys: pytest.CaptureFi
     assert capsys.readouterr().out == ""
 
 
-def test_a_part_above_its_number_fails_and_is_named(
-    tree: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_part_above_its_number_fails_and_is_named(tree, capsys):
     (tree / "a/b/new.py").write_text("#\n" * 300)
     assert size.main(tree, ["--check"]) == 1
     assert "a/b a/c.py by 300 lines" in capsys.readouterr().out.splitlines()[-1]
 
 
-def test_numbers_go_down_only(tree: Path) -> None:
+def test_numbers_go_down_only(tree):
     (tree / "a/c.py").unlink()
     (tree / "tests/z.py").write_text("#\n" * 9)
     size.main(tree, ["--lower"])

@@ -1,7 +1,5 @@
 """The short form of docs/validation.md, and the programs that it is held against."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +21,7 @@ def check(rows: list[Row]) -> None:
     assert not failed, "\n".join(failed)
 
 
-def test_mie_gives_published_values() -> None:
+def test_mie_gives_published_values():
     # BHMIE, the program of Bohren and Huffman, appendix A: its own example.
     size = 2 * np.pi * 0.525 / 0.6328
     extinction, scattering = mie.efficiencies(size, 1.0, 1.55**2)
@@ -41,7 +39,7 @@ def test_mie_gives_published_values() -> None:
     np.testing.assert_allclose(found, truth, rtol=1e-8)
 
 
-def test_mie_of_a_near_dipole_tends_to_that_of_a_plane_wave_and_to_an_image_source() -> None:
+def test_mie_of_a_near_dipole_tends_to_that_of_a_plane_wave_and_to_an_image_source():
     far_m = 3000.0  # (a/R) of 5e-6, and 1/(kR) of 2e-7
     for eps in (None, spheres.SKIN):
         near = optics.cross_section_m2(np.array(mie.echo_per_m(far_m, 0.015, K, eps)), far_m)
@@ -51,7 +49,7 @@ def test_mie_of_a_near_dipole_tends_to_that_of_a_plane_wave_and_to_an_image_sour
     assert abs(u) == pytest.approx(0.4 / (2 * 0.7 * 0.3), rel=1 / (K * 0.4))
 
 
-def test_closed_forms_of_optics_agree_with_each_other() -> None:
+def test_closed_forms_of_optics_agree_with_each_other():
     k = np.array([K])
     plane = optics.image_source(0.3, k)
     assert abs(optics.plane(0.3, k) / plane - 1)[0] < 1.1 / (K * 0.3)
@@ -67,7 +65,7 @@ def test_closed_forms_of_optics_agree_with_each_other() -> None:
     assert almost_metal[0] == pytest.approx(optics.sphere(0.3, 0.015, k)[0], rel=1e-4)
 
 
-def test_a_rough_rectangle_tends_to_the_series_of_a_plate_without_end() -> None:
+def test_a_rough_rectangle_tends_to_the_series_of_a_plate_without_end():
     q = 2 * K * np.array([np.sin(0.35), 0, np.cos(0.35)])
     for rms in (0.1e-3, 0.4e-3):
         endless = gaussian.sigma0(q[2], q[0], K, rms, 3e-3)
@@ -75,47 +73,47 @@ def test_a_rough_rectangle_tends_to_the_series_of_a_plate_without_end() -> None:
         assert large == pytest.approx(endless, rel=1e-4)
 
 
-def test_so_few_waves_have_the_mean_field_of_gaussian_heights() -> None:
+def test_so_few_waves_have_the_mean_field_of_gaussian_heights():
     g = 10.0
     ratio = gaussian.coherent_of_waves(np.array(g), rough.N_WAVES) / gaussian.coherent(np.array(g))
     assert ratio == pytest.approx(1 - g**2 / (16 * rough.N_WAVES), abs=3e-4)
 
 
 @pytest.mark.parametrize(("radius_m", "skin"), [(4e-3, False), (8e-3, True)])
-def test_spheres_are_those_of_optics_and_mie(radius_m: float, skin: bool) -> None:
+def test_spheres_are_those_of_optics_and_mie(radius_m, skin):
     closed, exact = spheres.rows([spheres.sweep(measured.physical, radius_m, skin, 5)])
     check(closed + exact)
 
 
-def test_the_float64_reference_gives_a_sphere_and_a_plate() -> None:
+def test_the_float64_reference_gives_a_sphere_and_a_plate():
     closed, exact = spheres.rows([spheres.sweep(measured.reference, 2e-3, False, 3, edge_m=0.3e-3)])
     check(closed + exact)
     tilt = plates.over_tilt(measured.reference, (0.0, 5.0), 1.0)
     np.testing.assert_allclose(tilt[:, 1], tilt[:, 2], atol=plates.PLATE_BOUND_DB)
 
 
-def test_plates_near_and_far() -> None:
+def test_plates_near_and_far():
     distance = plates.over_distance(measured.physical, np.array([0.15, 10.0]))
     tilt = plates.over_tilt(measured.physical, (0.0, 10.0), plates.FAR_M)
     check(plates.rows(distance, tilt, plates.plane(measured.physical, 3)))
 
 
-def test_corners_by_the_bouncing_tracer() -> None:
+def test_corners_by_the_bouncing_tracer():
     check(plates.corners())
 
 
-def test_the_mean_field_and_contrast_of_rough_plates() -> None:
+def test_the_mean_field_and_contrast_of_rough_plates():
     means = [rough.mean_field(measured.physical, g, 16) for g in (0.3, 3.0)]
     check(rough.mean_rows(means) + rough.contrast_rows(means))
 
 
-def test_the_incoherent_power_of_a_rough_plate() -> None:
+def test_the_incoherent_power_of_a_rough_plate():
     found = rough.incoherent(measured.physical, 0.3e-3, (15.0, 25.0), 16, 24, across=True)
     check(rough.incoherent_rows(found))
     check(rough.speckle_rows(found))
 
 
-def test_energy_reciprocity_and_density() -> None:
+def test_energy_reciprocity_and_density():
     metal, rough = invariants.energy_rows(
         measured.physical, 800, ("ball, metal", "plate, rough skin")
     )
@@ -128,19 +126,19 @@ def test_energy_reciprocity_and_density() -> None:
     assert error < invariants.DENSITY_BOUND_DB
 
 
-def test_the_image_of_a_point_is_the_array_factor() -> None:
+def test_the_image_of_a_point_is_the_array_factor():
     x, found = spread.cut(measured.band_hz(1))
     check(spread.rows(x, found, np.abs(spread.factor(x, 77e9))))
 
 
-def test_the_page_has_the_text_of_its_template() -> None:
+def test_the_page_has_the_text_of_its_template():
     text = PAGE.read_text(encoding="utf-8")
     missing = [line for line in page.prose() if line not in text]
     assert not missing, f"run `make validation`: {missing[0]}"
 
 
 @pytest.mark.parametrize("inverted", [False, True])
-def test_a_rough_plate_is_that_of_the_float64_sum_whichever_way_it_is_wound(inverted: bool) -> None:
+def test_a_rough_plate_is_that_of_the_float64_sum_whichever_way_it_is_wound(inverted):
     rough = clradar.Material("rough", permittivity=spheres.SKIN, **ROUGH)
     scene = measured.plate((0.03, 0.02), 0.3, 0.2, rough)
     if inverted:

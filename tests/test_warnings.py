@@ -11,7 +11,7 @@ from clradar.errors import ClradarError, warn
 OWN_CODE = "def inner(warn): warn('grid clips')\ndef outer(warn): inner(warn)"
 
 
-def test_a_warning_points_to_the_line_outside_of_the_packages() -> None:
+def test_a_warning_points_to_the_line_outside_of_the_packages():
     functions: dict = {"__name__": "calibration.registration.somewhere"}
     exec(compile(OWN_CODE, "somewhere.py", "exec"), functions)
     with pytest.warns(ClradarWarning, match="^grid clips$") as caught:
@@ -19,14 +19,12 @@ def test_a_warning_points_to_the_line_outside_of_the_packages() -> None:
     assert caught[0].filename == __file__
 
 
-def test_it_is_no_error_of_ours() -> None:
+def test_it_is_no_error_of_ours():
     assert issubclass(ClradarWarning, UserWarning)
     assert not issubclass(ClradarWarning, ClradarError)
 
 
-def test_the_command_line_prints_each_warning_once_on_one_line(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_command_line_prints_each_warning_once_on_one_line(capsys):
     with printed_warnings():
         for text in ("the grid\nclips", "the grid\nclips", "no echo"):
             warn(text)
@@ -34,6 +32,6 @@ def test_the_command_line_prints_each_warning_once_on_one_line(
     assert lines == ["clradar: warning: the grid clips", "clradar: warning: no echo"]
 
 
-def test_warnings_of_libraries_are_left_to_python() -> None:
+def test_warnings_of_libraries_are_left_to_python():
     with pytest.warns(RuntimeWarning, match="overflow"), printed_warnings():
         warnings.warn("overflow", RuntimeWarning, stacklevel=1)

@@ -1,7 +1,5 @@
 """The workflows of the public CI: nothing but that service runs them."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path
@@ -21,7 +19,7 @@ def jobs(name: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", ["release.yml", "tests.yml"])
-def test_commands_and_jobs_exist(name: str) -> None:
+def test_commands_and_jobs_exist(name):
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
     found = jobs(name)
     for job in found.values():
@@ -37,7 +35,7 @@ def test_commands_and_jobs_exist(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["release.yml", "tests.yml"])
-def test_actions_have_a_version_and_few_rights(name: str) -> None:
+def test_actions_have_a_version_and_few_rights(name):
     """One job alone may do more than read: it proves to the index who it is, without a password."""
     text = (WORKFLOWS / name).read_text("utf-8")
     for action in re.findall(r"uses: (?!\./)(\S+)", text):

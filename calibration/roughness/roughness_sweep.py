@@ -31,7 +31,7 @@ from calibration.roughness.surface_points import surface_points
 from calibration.roughness.texture import SubApertures, TextureMeter
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import ClradarWarning, CompareError, warn
-from clradar.jobs.where import Devices, open_devices
+from clradar.jobs.where import Where, open_devices
 from clradar.model import AntennaArray, Capture, Scene, Waveform, checks
 from clradar.model.kirchhoff import check_kirchhoff
 from clradar.model.material import METAL, Material
@@ -119,7 +119,7 @@ def sweep_roughness(
     seeds: int = SEEDS,
     regions: Regions | None = None,
     calibrated: bool = False,
-    device: Devices | Device | str | Sequence[str] | None = None,
+    device: Where | Device | str | Sequence[str] | None = None,
     store: Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,

@@ -34,7 +34,7 @@ from clradar.backproject import backproject
 from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
-from clradar.jobs.where import Devices, open_devices
+from clradar.jobs.where import Where, open_devices
 from clradar.model import (
     AntennaArray,
     Capture,
@@ -152,7 +152,7 @@ def sweep(
     waveform: Waveform | None = None,
     method: str = "fast",
     window: str = "rect",
-    device: Devices | Device | str | Sequence[str] | None = None,
+    device: Where | Device | str | Sequence[str] | None = None,
     store: Store | None = None,
     progress: Progress | None = None,
     settings: SimulationSettings | None = None,
@@ -180,7 +180,7 @@ def sweep(
         Of the measurement. Default: the 94 x 94 imager and 72 to 82 GHz in 128 steps.
     method, window
         As in `clradar.backproject`.
-    device : Devices, Device, str, sequence of str or None
+    device : Where, Device, str, sequence of str or None
         Several of one kind ("all") share the images, to the same bits.
     store : mutable mapping, optional
         Images in it are not simulated again, new ones are stored one by one: an interrupted sweep
@@ -469,7 +469,7 @@ class _SweepImages:
 
     of: _Simulations
     fingerprint: str
-    devices: Devices
+    devices: Where
     store: Store
 
     def simulate_missing(self, progress: Progress | None) -> None:

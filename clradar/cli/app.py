@@ -15,7 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from clradar import __version__
 from clradar.cli.console import print_error, print_interrupted, printed_log, printed_warnings
-from clradar.cli.options.groups import expanded
+from clradar.cli.groups import expanded
 from clradar.errors import ClradarError
 from clradar.files import interrupts
 from clradar.versions import require_own

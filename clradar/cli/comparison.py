@@ -11,15 +11,23 @@ from typing import TYPE_CHECKING, Any
 
 import clradar as cl
 from clradar.cli.console import print_line, print_table, progress_bar
+from clradar.cli.groups import wrong_usage
 from clradar.cli.inputs import nothing_to_draw, title_of
-from clradar.cli.options.groups import wrong_usage
+from clradar.cli.outputs import save, save_mesh
 from clradar.compare import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import warn
 from clradar.files.atomic import write_file
+from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+PLACED, CAPTURE, VOLUME = "placed.ply", "capture.h5", "volume.h5"
+FIGURE, METRICS = "comparison.png", "metrics.json"
+
+SIMULATION_FILES = (PLACED, CAPTURE, VOLUME, FIGURE, METRICS)
+"""What is written of a mesh or a hand that was fitted and simulated."""
 
 
 def simulated_surface(meta: Mapping[str, Any]) -> str | None:
@@ -106,16 +114,35 @@ class Comparison:
         ]
 
 
+def write_simulation(
+    folder: Path,
+    measured: Path,
+    simulated: tuple[cl.Scene, cl.Capture, cl.Volume],
+    compared: Comparison,
+    metrics: Mapping[str, Any],
+    origin: Mapping[str, Any],
+) -> None:
+    """Write a placed mesh, its simulation, and both compared with the measurement."""
+    scene, capture, volume = simulated
+    save_mesh(folder / PLACED, scene, force=False)
+    save(folder / CAPTURE, capture, origin, force=False)
+    save(folder / VOLUME, volume, origin, force=False)
+    compared.save_figure(folder / FIGURE, force=False, differences=True)
+    record = {"measured": str(measured), **metrics, **origin}
+    write_json(folder / METRICS, record, force=False)
+    compared.print()
+
+
 def figure_of(
     path: Path, *, view: str | None = None, plane: tuple[str, float | None] | None = None
 ) -> Figure | None:
     """A volume's image; echoes and channels of a capture, or over the frames of a recording.
 
-    `view` and `plane`, an axis and a place in metres, are of a volume. None, and a warning, where
-    it has nothing to see.
+    `view` and `plane`, an axis and a place in millimetres, are of a volume. None, and a warning,
+    where it has nothing to see.
     """
     import measurement_io
-    from clradar.plot import capture_figure, image_figure, plane_of, recording_figure
+    from clradar.plot import capture_figure, recording_figure
 
     found = measurement_io.open(path)
     if isinstance(found, cl.Volume):
@@ -123,8 +150,7 @@ def figure_of(
         if reason is not None:
             warn(f"{path}: not drawn, since the image is {reason}")
             return None
-        drawn = found if plane is None else plane_of(found, *plane)
-        return image_figure(drawn, title_of(path, found.meta), view=view)
+        return volume_figure(found, title_of(path, found.meta), plane, view=view)
     for name, value in {"--view": view, "--slice": plane}.items():
         if value is not None:
             raise wrong_usage(name, f"expected with a volume, which {path} is not")
@@ -137,6 +163,21 @@ def figure_of(
 
         return channels_figure(found, title_of(path, found.meta))
     return capture_figure(found, title_of(path, found.meta))
+
+
+def volume_figure(
+    image: cl.Volume | cl.DepthMap,
+    title: str,
+    plane: tuple[str, float | None] | None,
+    **shown: Any,
+) -> Figure:
+    """The figure of an image, or of one plane of a volume."""
+    from clradar.plot import image_figure, plane_of
+
+    if plane is not None and isinstance(image, cl.Volume):
+        axis, place_mm = plane
+        image = plane_of(image, axis, None if place_mm is None else place_mm / 1e3)
+    return image_figure(image, title, **shown)
 
 
 def write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

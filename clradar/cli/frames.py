@@ -13,23 +13,14 @@ from typing import Any
 import numpy as np
 
 import clradar as cl
-from clradar.cli.inputs import ImageInput
-from clradar.cli.options.common import SearchOptions, UnitOptions
-from clradar.cli.options.groups import option
-from clradar.cli.options.hand import AnyHandOptions
-from clradar.cli.options.measured import (
-    CleaningOptions,
-    DepthMapOptions,
-    ImagingOptions,
-    Variant,
-)
+from clradar.cli import options as opt
+from clradar.cli import parse
+from clradar.cli.inputs import Content, ImageInput
 from clradar.cli.outputs import save
-from clradar.cli.parse import ALL, FRAMES_METAVAR
 from clradar.errors import CompareError, warn
 from clradar.files.failures import fail
-from clradar.files.json_file import read_json_object, write_json
-from clradar.jobs.job import FolderStore
-from clradar.model import checks
+from clradar.files.json_file import write_json
+from clradar.jobs import FolderStore
 from clradar.model.progress import Progress
 
 _FRAME = re.compile(r"([0-9]+)(?:_(emptyfiltered))?\Z")
@@ -45,7 +36,7 @@ class Frames:
     def __init__(self, path: Path, variant: str | None = None) -> None:
         self.path = path
         self.numbers: tuple[int, ...] | None = None
-        self.read: Callable[[int], cl.Capture | cl.Volume]
+        self.read: Callable[[int], Content]
         self.files: Callable[[int], list[Path]]
         if not path.is_dir():
             content = ImageInput.open(path).content
@@ -56,13 +47,13 @@ class Frames:
             self.read = lambda number: ImageInput.open(named[number]).content
             self.files = lambda number: [named[number]]
         else:
-            self._open_recording(variant)
+            self._open_recording(variant or "raw")
 
-    def _open_recording(self, variant: str | None) -> None:
+    def _open_recording(self, variant: str) -> None:
         from measurement_io import open_recording
         from measurement_io.maroon.folders import ANTENNAS_FILE, frames
 
-        recording = open_recording(self.path, variant=variant or "raw")
+        recording = open_recording(self.path, variant=variant)
         numbers, paths = recording.frame_numbers, frames(recording.path)[recording.variant]
         antennas = recording.path / ANTENNAS_FILE
         beside = [antennas] if antennas.is_file() else []
@@ -126,33 +117,31 @@ CAPTURES, VOLUMES = "captures", "volumes"
 
 
 @dataclass(frozen=True, kw_only=True)
-class FramesOptions:
-    """Which frames, and what is written of each beside its depth map."""
+class ProcessOptions(
+    opt.CleaningOptions, opt.ImagingOptions, opt.DepthMapOptions, opt.UnitOptions, opt.HandOptions
+):
+    """Which frames, what is done with each, and what is written of it beside its depth map."""
 
-    frames: str = option("The frames to process.", ALL, metavar=FRAMES_METAVAR)
-    variant: Variant | None = option("Variant of the frames. [default: raw]")
-    keep_captures: bool = option(
-        "Write the cleaned capture of every frame (HDF5).", False, panel="Output"
-    )
-    keep_volumes: bool = option("Write the image of every frame (HDF5).", False, panel="Output")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrameFitOptions(AnyHandOptions, UnitOptions, SearchOptions):
-    """A mesh that is aligned with every frame, or a hand that is fitted to each."""
-
-    mesh: Path | None = option(
+    frames: str = opt.option("The frames to process.", parse.ALL, metavar=parse.FRAMES_METAVAR)
+    variant: opt.Variant | None = opt.option("Variant of the frames. [default: raw]")
+    mesh: Path | None = opt.option(
         "Align this mesh with every frame: its motion goes into the table.", metavar="MESH"
     )
-    bias: bool = option(
+    bias: bool = opt.option(
         "Correct the bias of each pose by simulations: about a minute a frame.",
         False,
         needs="--mesh",
     )
-    fit_hand: str | None = option(
+    fit_hand: str | None = opt.option(
         "Fit a hand to every frame, each from the one before; the first from here: as --pose of "
         "`clradar fit-hand`.",
         metavar="POSE,...",
+    )
+    keep_captures: bool = opt.option(
+        "Write the cleaned capture of every frame (HDF5).", False, panel="Output", kept=True
+    )
+    keep_volumes: bool = opt.option(
+        "Write the image of every frame (HDF5).", False, panel="Output", kept=True
     )
 
 
@@ -163,11 +152,7 @@ class FrameSteps:
     source: Path
     simulated: tuple[Path, ...]
     folder: Path
-    chosen: FramesOptions
-    cleaning: CleaningOptions
-    imaging: ImagingOptions
-    depth: DepthMapOptions
-    fits: FrameFitOptions
+    how: ProcessOptions
     origin: Mapping[str, Any]
     run_name: str  # what is kept open of its inputs counts for no other run
     grid: cl.VoxelGrid
@@ -175,58 +160,54 @@ class FrameSteps:
 
     def run(self, number: int, progress: Progress | None = None) -> None:
         """Do a frame, and write its results; its record last."""
+        how, range_db = self.how, self.how.dynamic_range_db
         capture, record = self.cleaned(number)
         volume = cl.backproject(
-            capture, self.grid, device=self.device, progress=progress, **self.imaging.arguments
+            capture, self.grid, device=self.device, progress=progress, **how.arguments
         )
-        range_db = self.depth.dynamic_range_db
         record |= {"frame": number, **_figures(volume, range_db)}
         image = volume.depth_map(range_db)
         others = (self._simulated(i, number) for i in range(len(self.simulated)))
         record["metrics"] = [_metrics(image, other, range_db) for other in others]
-        if self.fits.mesh is not None:
-            record["alignment"] = self._alignment(volume, capture)
+        if how.mesh is not None:
+            record["alignment"] = self._alignment(volume, capture, how.mesh)
         name = f"{number:06d}"
-        if self.chosen.keep_captures:
+        if how.keep_captures:
             save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin, force=True)
-        if self.chosen.keep_volumes:
+        if how.keep_volumes:
             save(self.folder / VOLUMES / f"{name}.h5", volume, self.origin, force=True)
         self.keep_map(name, image)
-        if self.fits.fit_hand is not None:
+        if how.fit_hand is not None:
             from calibration.registration.mesh_pose import DEEPEST_DB  # of fits
 
             self.keep_map(f"{name}-hand", volume.depth_map(DEEPEST_DB))
         write_json(record_file(self.folder, number), record, force=True)
 
-    def opened(self, path: Path, variant: str | None = None) -> Frames:
-        """The frames of a path, opened once."""
-        return _opened(path, variant, self.run_name)
-
     def cleaned(self, number: int) -> tuple[cl.Capture, dict[str, Any]]:
         """Subtract the empty room, gate, correct: the capture, and its time and power."""
         from measurement_io.maroon.frame import first_time_stamp
 
-        capture = self.opened(self.source, self.chosen.variant).capture(number)
+        capture = _opened(self.source, self.how.variant, self.run_name).capture(number)
         record = {"time_us": first_time_stamp(capture), "recorded_db": _rms_db(capture)}
-        room = self.cleaning.empty
-        empty = None if room is None else self.opened(room).capture(0)
-        capture = self.cleaning.cleaned(capture, empty)
+        room = self.how.empty
+        empty = None if room is None else _opened(room, None, self.run_name).capture(0)
+        capture = self.how.cleaned(capture, empty)
         return capture, {**record, "cleaned_db": _rms_db(capture)}
 
     def _simulated(self, i: int, number: int) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
-        frames, name = self.opened(self.simulated[i]), f"simulated-{i}"
+        frames, name = _opened(self.simulated[i], None, self.run_name), f"simulated-{i}"
         if frames.numbers is not None:
             return self._imaged(frames.read(number))
         if name not in FolderStore(self.folder / MAPS):
             self.keep_map(name, self._imaged(frames.read(number)))
         return self.map_of(name)
 
-    def _imaged(self, content: cl.Capture | cl.Volume) -> cl.DepthMap:
+    def _imaged(self, content: Content) -> cl.DepthMap:
         if not isinstance(content, cl.Volume):
-            how = self.imaging.arguments
+            how = self.how.arguments
             content = cl.backproject(content, self.grid, device=self.device, **how)
-        return content.depth_map(self.depth.dynamic_range_db)
+        return content.depth_map(self.how.dynamic_range_db)
 
     def keep_map(self, name: str, image: cl.DepthMap) -> None:
         """Keep a depth map."""
@@ -241,16 +222,14 @@ class FrameSteps:
         range_db = float(kept["range_db"])
         return cl.DepthMap(kept["depth_m"], kept["amplitude"], kept["x_m"], kept["y_m"], range_db)
 
-    def _alignment(self, volume: cl.Volume, capture: cl.Capture) -> dict[str, Any]:
+    def _alignment(self, volume: cl.Volume, capture: cl.Capture, mesh: Path) -> dict[str, Any]:
         from calibration import align_mesh
 
-        own = self.fits
-        assert own.mesh is not None
         try:
             found = align_mesh(
-                volume, _mesh(own.mesh, own.unit, self.run_name), array=capture.array,
-                waveform=capture.waveform, device=self.device, correct_bias=own.bias,
-                search_deg=checks.positive("--search-deg", own.search_deg),
+                volume, _mesh(mesh, self.how.unit, self.run_name), array=capture.array,
+                waveform=capture.waveform, device=self.device, correct_bias=self.how.bias,
+                search_deg=self.how.search_deg,
             )  # fmt: skip
         except CompareError as error:
             return {"failed": str(error)}
@@ -271,11 +250,6 @@ def _mesh(path: Path, unit: str, run_name: str) -> cl.Scene:
 def record_file(folder: Path, number: int) -> Path:
     """The file with the figures of a frame; it is written last, so the frame is done."""
     return folder / RECORDS / f"{number:06d}.json"
-
-
-def read_record(folder: Path, number: int) -> dict[str, Any]:
-    """The figures of a frame that is done."""
-    return read_json_object(record_file(folder, number))
 
 
 def _metrics(image: cl.DepthMap, other: cl.DepthMap, range_db: float) -> dict[str, Any] | None:

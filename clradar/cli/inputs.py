@@ -1,18 +1,19 @@
-"""Captures and volumes that commands read, their titles, means, and images."""
+"""Captures and volumes that commands read, their titles, and images."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import clradar as cl
-from clradar.cli.console import counted, print_line, print_warning, progress_bar
-from clradar.cli.options.groups import given, option, recorded, wrong_usage
+from clradar.cli.console import print_line, progress_bar
+from clradar.cli.groups import given, values_of, wrong_usage
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
@@ -21,30 +22,29 @@ from clradar.cli.options.measured import (
     recording_files,
 )
 
+Content = cl.Volume | cl.Capture
+
 
 def form_image(
     capture: cl.Capture,
     grid: cl.VoxelGrid,
     imaging: ImagingOptions,
     device: cl.Device | str | None,
-    label: str,
-    tolerance_db: float | None = None,
+    label: str = "imaging",
 ) -> cl.Volume:
     """The image of a capture, with a progress bar on a terminal."""
-    form = cl.reconstruct if imaging.fitted else cl.backproject
+    fitted = imaging.method in ("least-squares", "sparse")
+    form = cl.reconstruct if fitted else cl.backproject
     with progress_bar(label) as progress:
-        return form(
-            capture, grid, tolerance_db=tolerance_db, device=device, progress=progress,
-            **imaging.arguments,
-        )  # fmt: skip
+        return form(capture, grid, device=device, progress=progress, **imaging.arguments)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ImageInput:
     """A volume, or a capture that is still to be imaged, and where it comes from."""
 
     path: Path
-    content: cl.Volume | cl.Capture
+    content: Content
 
     @classmethod
     def open(cls, path: Path, frames: FrameOptions | None = None) -> ImageInput:
@@ -57,36 +57,29 @@ class ImageInput:
         native = frames == FrameOptions() and kind_of(path) == "native"
         if native and read_header(path).format == "volume":
             return cls(path, open_volume(path))
-        return cls(path, open_capture(path, **recorded(frames)))
+        return cls(path, open_capture(path, **values_of(frames)))
 
     @property
     def grid(self) -> cl.VoxelGrid | None:
         """The voxel grid of a volume; None for a capture."""
         return self.content.grid if isinstance(self.content, cl.Volume) else None
 
-    @property
-    def radar(self) -> dict[str, Any]:
-        """`array` and `waveform` of a capture, as keyword arguments; none for a volume."""
-        if isinstance(self.content, cl.Volume):
-            return {}
-        return {"array": self.content.array, "waveform": self.content.waveform}
-
     def radar_or(self, options: RadarOptions) -> dict[str, Any]:
         """`array` and `waveform` of a capture; of a volume, which has none, of the options."""
-        if not self.radar:
+        if isinstance(self.content, cl.Volume):
             return {"array": options.antennas(), "waveform": options.waveform()}
         if given(options):
             text = f"{self.path} is a capture and has its antennas and frequencies"
             raise wrong_usage(", ".join(given(options)), text)
-        return self.radar
+        return {"array": self.content.array, "waveform": self.content.waveform}
 
-    @property
+    @cached_property
     def files(self) -> list[Path]:
         """The files whose content this is."""
         return recording_files(self.path, self.content.meta)
 
     def volume(
-        self, grid: cl.VoxelGrid, imaging: ImagingOptions, device: cl.Device | str | None
+        self, grid: cl.VoxelGrid, imaging: ImagingOptions, device: cl.Device | None
     ) -> cl.Volume:
         """The volume, or the image of the capture on `grid`."""
         if isinstance(self.content, cl.Volume):
@@ -130,7 +123,7 @@ def grid_for(
 
 
 def common_grid(
-    options: GridOptions, *images: ImageInput, device: cl.Device | str | None = None
+    options: GridOptions, *images: ImageInput, device: cl.Device | None = None
 ) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
     grids = [image.grid for image in images if image.grid is not None]
@@ -145,7 +138,7 @@ class Measurement:
     """A measured image, what it was formed of, and the radar that simulations of it have."""
 
     path: Path
-    content: cl.Volume | cl.Capture
+    content: Content
     volume: cl.Volume
     radar: dict[str, Any]
     files: list[Path]
@@ -159,15 +152,13 @@ def measurement(
     imaging: ImagingOptions,
     device: cl.Device,
 ) -> Measurement:
-    """Open a volume, or form the image of a capture."""
-    voxels.grid()  # wrong usage is reported before a file is read
+    """Open a measurement, and form its image on the grid of the options if it is a capture."""
     image = ImageInput.open(path, frames)
     known = image.radar_or(radar)
     if image.grid is not None and voxels.given:
         raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
     volume = image.volume(common_grid(voxels, image, device=device), imaging, device)
-    files = [*image.files, *radar.files]
-    return Measurement(path, image.content, volume, known, files)
+    return Measurement(path, image.content, volume, known, [*image.files, *radar.files])
 
 
 def title_of(path: Path, meta: Mapping[str, Any]) -> str:
@@ -205,47 +196,3 @@ def recording_title(meta: Mapping[str, Any]) -> str:
     if isinstance(frame := capture.get("frame"), int):
         parts.append(f"frame {frame}")
     return ", ".join(parts)
-
-
-@dataclass(frozen=True, kw_only=True)
-class AverageOptions:
-    """The mean over the frames of recordings."""
-
-    average: bool = option(
-        "Take the coherent mean of all frames of each radar folder.", False, without="--frame"
-    )
-    align_phase: bool = option("First rotate frames to a common phase.", False, needs="--average")
-
-    def check(self, sources: list[Path], names: str) -> None:
-        """Raise unless there is a folder to take the mean of."""
-        if self.average and not any(path.is_dir() for path in sources):
-            raise wrong_usage("--average", f"expected a radar folder among {names}")
-
-    def read(self, path: Path, frames: FrameOptions) -> tuple[cl.Capture, list[Path], str]:
-        """One frame or the mean of all, the files it comes from, and of how many it is the mean."""
-        if not (self.average and path.is_dir()):
-            return *frames.open(path), ""
-        mean, files = self._mean(path, frames.variant or "raw")
-        expected, count = mean.meta.get("number_of_measurements"), len(files)
-        if isinstance(expected, int) and expected != count:
-            print_warning(f"{path}: {count} of {expected} frames are there; averaged those")
-        return mean, files, f"mean of {counted(mean.meta['average']['frames'], 'frame')}"
-
-    def _mean(self, path: Path, variant: str) -> tuple[cl.Capture, list[Path]]:
-        from calibration import average_frames
-        from clradar.files.failures import fail
-        from measurement_io import open_recording
-
-        recording, files = open_recording(path, variant=variant), list[Path]()
-        if not len(recording):
-            fail(path, f"frames of variant {variant}", "none")
-        with progress_bar("averaging") as progress:
-
-            def frames() -> Iterator[cl.Capture]:
-                for capture in recording:
-                    files.extend(recording_files(path, capture.meta))
-                    yield capture
-                    if progress is not None:
-                        progress(len(files), len(recording))
-
-            return average_frames(frames(), align_phase=self.align_phase), files

@@ -7,6 +7,7 @@ a recording.
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -19,7 +20,7 @@ import numpy as np
 
 import clradar as cl
 from clradar import __version__
-from clradar.cli.options.groups import recorded
+from clradar.cli.call import call, plain
 from clradar.errors import OutputError
 from clradar.files.atomic import new_folder, refuse_special, remove_left, swap_folder, write_file
 from clradar.files.hashing import sha256_of
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 
 OWNED_DEPTH = 3
 """Folders above a file that may own it: a recording is three above its frames."""
-
-PAGES = (".html", ".htm")
 
 
 @contextmanager
@@ -87,8 +86,8 @@ def check_folder(
 ) -> None:
     """Raise unless a folder is missing or empty, or may be written into with `force`.
 
-    `replaced` names the only files that `force` may replace; None: any. None of them is one of
-    the `inputs`.
+    `replaced` names the only files that `force` may replace, none of which is one of the `inputs`;
+    None: any.
     """
     check_place_of_folder(folder, replaced or (), inputs)
     with _writing(folder):
@@ -191,48 +190,39 @@ def whole_folder(folder: Path, *, force: bool, replaced: Collection[str]) -> Ite
         swap_folder(made, folder, temporary / "replaced")
 
 
-def check_suffix(path: Path | None, suffixes: Sequence[str]) -> None:
-    """Raise unless the name ends as its kind of file does; None: it was not requested."""
-    if path is not None and path.suffix.lower() not in suffixes:
-        raise OutputError(
-            f"{path}: expected a name that ends in {', '.join(suffixes)}, got '{path.suffix}'"
-        )
-
-
-def check_figure(path: Path | None) -> None:
-    """Raise unless a figure can be written under this name."""
-    from clradar.plot import SUFFIXES
-
-    check_suffix(path, SUFFIXES)
-
-
 def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) -> Result:
     """Write a capture, a volume or channels with their provenance; return it as written."""
-    import measurement_io
+    import measurement_io as io
 
-    written = replace(result, meta={**result.meta, **origin})
-    if isinstance(written, cl.Capture):
-        measurement_io.save_capture(path, written, force=force)
-    elif isinstance(written, cl.Volume):
-        measurement_io.save_volume(path, written, force=force)
-    else:
-        measurement_io.save_channels(path, written, force=force)
-    return written
+    result = replace(result, meta={**result.meta, **origin})
+    kinds: Any = (
+        (cl.Capture, io.save_capture),
+        (cl.Volume, io.save_volume),
+        (cl.ChannelCalibration, io.save_channels),
+    )
+    next(write for kind, write in kinds if isinstance(result, kind))(path, result, force=force)
+    return result
 
 
-def provenance(
-    command: str, inputs: Sequence[Path], *groups: Any, **options: Any
-) -> dict[str, Any]:
-    """The record that goes into the `meta` of a written file: of groups of options, and others."""
+def provenance(inputs: Iterable[Path], **more: Any) -> dict[str, Any]:
+    """The record that goes into the `meta` of a written file: versions, options, digests of inputs.
+
+    The options are those of the command that runs, and `more`.
+    """
     return {
         "clradar": __version__,
         "packages": package_versions(),
         "python": platform.python_version(),
         "machine": platform.platform(),
-        "command": command,
-        "options": recorded(*groups, **options),
+        "command": call.command,
+        "options": plain({**call.options, **more}),
         "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in inputs],
     }
+
+
+def settings_of(origin: Mapping[str, Any], **more: Any) -> dict[str, Any]:
+    """What results depend on beside the content of files: the key of work that is resumed."""
+    return {**plain({**call.options, **more}, paths=False), "clradar": origin["clradar"]}
 
 
 MESHES = (".ply", ".stl", ".obj", ".off", ".glb")
@@ -245,6 +235,14 @@ def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandM
     matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
     centre_m = np.asarray(center_m, dtype=np.float64)
     return mesh.moved(np.eye(3), -centre_m).moved(matrix, centre_m)
+
+
+def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
+    """The JSON object of joints that a sweep reads; None, which it refuses, for an unknown one."""
+    from clradar.hand import JOINT_NAMES
+
+    known = (at.tolist() if np.isfinite(at).all() else None for at in joints)
+    return dict(zip(JOINT_NAMES, known, strict=True))
 
 
 def save_mesh(path: Path, mesh: HandMesh | cl.Scene, *, force: bool) -> None:
@@ -268,3 +266,16 @@ def save_mesh(path: Path, mesh: HandMesh | cl.Scene, *, force: bool) -> None:
         whole = trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False)
         content = whole.export(file_type=kind)
     write_file(path, content.encode() if isinstance(content, str) else content, force=force)
+
+
+def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:
+    """A capture whose provenance is a JSON text, which the file format can hold.
+
+    A frame holds numbers and strings alone, so all of `meta` goes into one string: that of the
+    capture, and `origin`, how it was converted or made.
+    """
+    record = {**capture.meta, **origin}
+    with suppress(KeyError, TypeError, ValueError):
+        # An earlier conversion's is text; as text in text its escapes would double every time.
+        record["provenance"] = json.loads(record["provenance"])
+    return replace(capture, meta={**capture.meta, "provenance": json.dumps(record)})

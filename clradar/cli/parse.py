@@ -1,14 +1,16 @@
-"""Numbers, ranges and choices in the text of an option."""
+"""What the texts of options mean: each function takes the option's name and its text."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from clradar.cli.options.groups import wrong_usage
-from clradar.errors import ModelError
+from clradar.cli.groups import wrong_usage
+from clradar.constants import FINEST_SPACING_M, PLAUSIBLE_HZ, PLAUSIBLE_RANGE_M
+from clradar.errors import ModelError, OutputError
 from clradar.model.plausible import implausible
 
 WHOLE_STEPS = 1e-6
@@ -24,9 +26,14 @@ FIT = "fit"
 """In place of a value that is to be found."""
 
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
+GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
 
 ALL, RANGE = "all", "FIRST:LAST[:STEP]"
 FRAMES_METAVAR = f"all|{RANGE}|N,..."
+
+
+Band = tuple[float, float, int]
+Axis = tuple[float, float, float]
 
 
 def check_unit(
@@ -38,6 +45,36 @@ def check_unit(
         raise wrong_usage(option, "expected {}, got {}".format(*fault))
 
 
+def ends_in(*suffixes: str) -> Callable[[str, Path], Path]:
+    """A check that the name of a file ends as its kind does."""
+
+    def check(option: str, path: Path) -> Path:
+        if path.suffix.lower() not in suffixes:
+            raise OutputError(
+                f"{path}: expected a name that ends in {', '.join(suffixes)}, got '{path.suffix}'"
+            )
+        return path
+
+    return check
+
+
+page = ends_in(".html", ".htm")
+
+
+def figure(option: str, path: Path) -> Path:
+    """A check of the name of a figure."""
+    from clradar.plot import SUFFIXES
+
+    return ends_in(*SUFFIXES)(option, path)
+
+
+def positive(option: str, value: float) -> float:
+    """A number above zero."""
+    if not 0 < value < math.inf:
+        raise wrong_usage(option, f"expected a positive number, got {value:g}")
+    return value
+
+
 def numbers(text: str, separator: str = ",") -> list[float]:
     """The finite numbers between separators; none if one of them is something else."""
     try:
@@ -47,23 +84,90 @@ def numbers(text: str, separator: str = ",") -> list[float]:
     return values if all(map(math.isfinite, values)) else []
 
 
-def numbers_of(option: str, text: str, count: int) -> list[float]:
-    """So many numbers with commas between them."""
-    found = numbers(text)
-    if len(found) != count:
-        raise wrong_usage(option, f"expected {count} numbers with commas between, got '{text}'")
-    return found
+def so_many(count: int, what: str) -> Callable[[str, str], tuple[float, ...]]:
+    """Reads so many numbers with commas between them."""
+
+    def read(option: str, text: str) -> tuple[float, ...]:
+        found = numbers(text)
+        if len(found) != count:
+            raise wrong_usage(option, f"expected {what}, got '{text}'")
+        return tuple(found)
+
+    return read
 
 
-def position_m(option: str, text: str) -> list[float]:
-    """The metres of a position ``X,Y,Z`` in millimetres."""
-    found = numbers(text)
-    if len(found) != 3:
-        raise wrong_usage(option, f"expected X,Y,Z in millimetres, got '{text}'")
-    return [value / 1e3 for value in found]
+pair = so_many(2, "2 numbers with commas between")
 
 
-def alpha_of(option: str, text: str, other: str) -> float:
+position_mm = so_many(3, "X,Y,Z in millimetres")
+
+
+def metres(values_mm: Sequence[float]) -> list[float]:
+    """Lengths in metres."""
+    return [value / 1e3 for value in values_mm]
+
+
+def band(option: str, text: str) -> Band:
+    """First and last frequency in gigahertz, and their number."""
+    values = numbers(text, ":")
+    if len(values) != 3 or values[2] % 1 or values[2] < 1:
+        raise wrong_usage(option, f"expected FIRST:LAST:STEPS, got '{text}'")
+    first, last, steps = values[0], values[1], int(values[2])
+    for value in (first, last):
+        check_unit(option, "a frequency", value, PLAUSIBLE_HZ, "GHz")
+    if first >= last if steps > 1 else first != last:
+        expected = "FIRST below LAST, or both equal for one step"
+        raise wrong_usage(option, f"expected {expected}, got '{text}'")
+    return first, last, steps
+
+
+def ends_ghz(option: str, text: str) -> tuple[float, float]:
+    """The ends of a band in gigahertz."""
+    ends = numbers(text, ":")
+    if len(ends) != 2 or ends[1] < ends[0]:
+        raise wrong_usage(option, f"expected FIRST:LAST with FIRST <= LAST, got '{text}'")
+    for end in ends:
+        check_unit(option, "a frequency", end, PLAUSIBLE_HZ, "GHz")
+    return ends[0], ends[1]
+
+
+def axis_mm(option: str, text: str) -> Axis:
+    """First, last and step of ``FIRST:LAST:STEP`` in millimetres; one number is one voxel."""
+    values = numbers(text, ":")
+    if len(values) not in (1, 3):
+        raise wrong_usage(option, f"expected {GRID_RULE}, in millimetres; got '{text}'")
+    farthest = max(map(abs, values[:2]))
+    check_unit(option, "coordinates", farthest, (0.0, PLAUSIBLE_RANGE_M[1]), "mm")
+    if len(values) == 1:
+        return values[0], values[0], 1.0
+    first, last, step = values
+    if step <= 0 or last < first:
+        raise wrong_usage(option, f"expected FIRST <= LAST and STEP > 0, got '{text}'")
+    if last > first:
+        check_unit(option, "a step", step, (FINEST_SPACING_M, PLAUSIBLE_RANGE_M[1]), "mm")
+    whole_steps(option, text, first, last, step)
+    return first, last, step
+
+
+def plane(option: str, text: str) -> tuple[str, float | None]:
+    """Axis and place, mm, of ``AXIS[=MM]``; None: through the strongest voxel."""
+    axis, equals, place = text.partition("=")
+    values = numbers(place, ":") if equals else []
+    if axis not in ("x", "y", "z") or len(values) != bool(equals):
+        raise wrong_usage(option, f"expected x, y or z, or one with =MM; got '{text}'")
+    return axis, values[0] if equals else None
+
+
+def window_mm(option: str, text: str) -> tuple[float, float]:
+    """The ends of a window ``NEAR:FAR``."""
+    ends = numbers(text, ":")
+    if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
+        rule = "NEAR:FAR, half path lengths in millimetres, 0 <= NEAR < FAR"
+        raise wrong_usage(option, f"expected {rule}; got '{text}'")
+    return ends[0], ends[1]
+
+
+def alpha_of(option: str, text: str, other: str = "PART=number") -> float:
     """The alpha in the text of an option, which could also be something else."""
     values = numbers(text)
     if len(values) != 1 or not 0.0 <= values[0] <= 1.0:
@@ -71,9 +175,21 @@ def alpha_of(option: str, text: str, other: str) -> float:
     return values[0]
 
 
-def alpha_or_fit(text: str) -> float | None:
-    """The alpha of an option, or None for `fit`."""
-    return None if text == FIT else alpha_of("--alpha", text, f"'{FIT}'")
+def alpha_or_fit(option: str, text: str) -> float | str:
+    """The alpha of an option, or `FIT`."""
+    return FIT if text == FIT else alpha_of(option, text, f"'{FIT}'")
+
+
+def by_part(option: str, texts: Sequence[str], read: Callable[[str, str], Any]) -> dict[Any, Any]:
+    """The values of texts ``PART=VALUE``, of None that without a part."""
+    values: dict[Any, Any] = {}
+    for text in texts:
+        name, equals, value = text.rpartition("=")
+        part = name if equals else None
+        if part in values:
+            raise wrong_usage(option, f"part '{part}' is given twice" if equals else "given twice")
+        values[part] = read(option, value)
+    return values
 
 
 def whole_steps(option: str, text: str, first: float, last: float, step: float) -> int:
@@ -88,41 +204,39 @@ def whole_steps(option: str, text: str, first: float, last: float, step: float) 
 
 
 def ascending(
-    option: str,
-    text: str,
-    noun: str,
-    limits: tuple[float, float],
-    *,
-    least: int = 1,
-    most: int = 1001,
-) -> np.ndarray:
-    """The numbers of ``FIRST:LAST:STEP`` or of a list with commas, shape (n,), float64.
+    noun: str, limits: tuple[float, float], *, least: int = 1, most: int = 1001
+) -> Callable[[str, str], tuple[float, ...]]:
+    """Reads the numbers of ``FIRST:LAST:STEP`` or of a list with commas.
 
     `noun` says what they are, in the plural; they have to be within `limits`.
     """
-    is_range = ":" in text
-    values = numbers(text, ":" if is_range else ",")
-    expected = ""
-    if not values or (is_range and len(values) != 3):
-        expected = f"{RANGE_RULE}, or a list with commas"
-    elif not all(limits[0] <= value <= limits[1] for value in values):
-        expected = f"numbers in [{limits[0]:g}, {limits[1]:g}]"
-    elif is_range:
-        first, last, step = values
-        if step <= 0 or last <= first:
-            expected = "FIRST below LAST and STEP above 0"
-        elif (last - first) / step > most - 1:
-            expected = f"at most {most} {noun}"
-        else:
-            steps = whole_steps(option, text, first, last, step)
-            values = [round(first + i * step, DECIMALS) for i in range(steps + 1)]
-    if not expected and len(values) < least:
-        expected = f"at least {'two' if least == 2 else least} {noun}"
-    if not expected and not (np.diff(values) > 0).all():
-        expected = f"{noun} in ascending order, each once"
-    if expected:
-        raise wrong_usage(option, f"expected {expected}, got '{text}'")
-    return np.array(values)
+
+    def read(option: str, text: str) -> tuple[float, ...]:
+        is_range = ":" in text
+        values = numbers(text, ":" if is_range else ",")
+        expected = ""
+        if not values or (is_range and len(values) != 3):
+            expected = f"{RANGE_RULE}, or a list with commas"
+        elif not all(limits[0] <= value <= limits[1] for value in values):
+            expected = f"numbers in [{limits[0]:g}, {limits[1]:g}]"
+        elif is_range:
+            first, last, step = values
+            if step <= 0 or last <= first:
+                expected = "FIRST below LAST and STEP above 0"
+            elif (last - first) / step > most - 1:
+                expected = f"at most {most} {noun}"
+            else:
+                steps = whole_steps(option, text, first, last, step)
+                values = [round(first + i * step, DECIMALS) for i in range(steps + 1)]
+        if not expected and len(values) < least:
+            expected = f"at least {'two' if least == 2 else least} {noun}"
+        if not expected and any(b <= a for a, b in pairwise(values)):
+            expected = f"{noun} in ascending order, each once"
+        if expected:
+            raise wrong_usage(option, f"expected {expected}, got '{text}'")
+        return tuple(values)
+
+    return read
 
 
 def chosen_frames(text: str, there: Sequence[int], option: str = "--frames") -> list[int]:

@@ -1,4 +1,4 @@
-"""Captures of `clradar simulate`: one, a folder of those of clusters, recordings of what moves."""
+"""Captures of `clradar simulate`: those of clusters, and recordings of what moves."""
 
 from __future__ import annotations
 
@@ -8,17 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import clradar as cl
+from clradar.cli import options as opt
 from clradar.cli.console import counted, print_line, progress_bar
-from clradar.cli.options.scene import PHYSICAL, MotionOptions, SceneOptions
-from clradar.cli.options.sweep import joints_record
-from clradar.cli.outputs import (
-    check_folder,
-    check_outputs,
-    check_place_of_folder,
-    save,
-    whole_folder,
-)
-from clradar.cli.recording_conversion import described
+from clradar.cli.outputs import described, joints_record, save, settings_of, whole_folder
 from clradar.errors import MeshError, warn
 from clradar.files.json_file import write_json
 from clradar.jobs import Job, Where
@@ -61,40 +53,11 @@ def recording_files(folder: Path) -> list[str]:
     return [TRUTH, *(path.name for path in found)]
 
 
-def check_output(
-    output: Path, moving: MotionOptions, several: bool, inputs: Sequence[Path], *, force: bool
-) -> None:
-    """Raise unless the capture, the recording or the folder of clusters may be written."""
-    if several and moving.motion is None:
-        check_place_of_folder(output, cluster_files(output), inputs)
-    elif several or moving.frames is not None:
-        check_folder(output, force=force, replaced=recording_files(output), inputs=inputs)
-    else:
-        check_outputs([output], force=force, inputs=inputs)
-
-
-def simulate_one(
-    output: Path,
-    scene: cl.Scene,
-    radar: tuple[cl.AntennaArray, cl.Waveform],
-    settings: cl.SimulationSettings,
-    device: cl.Device,
-    origin: Mapping[str, Any],
-    *,
-    force: bool,
-) -> str:
-    """Write a capture; return what it is."""
-    with progress_bar("tracing") as progress:
-        capture = cl.simulate(scene, *radar, settings=settings, device=device, progress=progress)
-    save(output, capture, origin, force=force)
-    return summary(capture)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClusterSteps:
     """What is done with a cluster, as plain values that a worker process gets."""
 
-    scene: SceneOptions
+    scene: opt.SceneOptions
     digest: str
     waveform: cl.Waveform
     settings: cl.SimulationSettings
@@ -106,11 +69,11 @@ class ClusterSteps:
         """Simulate a cluster, write its capture, and return what it is."""
         number, array = item
         if self.digest not in _scenes and keep_scene(self.scene.load()) != self.digest:
-            names = ", ".join(str(path) for path, _ in self.scene.named)
+            names = ", ".join(str(path) for path, _ in self.scene.meshes or [])
             raise MeshError(f"{names}: changed while clusters were simulated")
         capture = cl.simulate(
-            _scenes[self.digest], array, self.waveform,
-            settings=self.settings, device=self.device, progress=progress,
+            _scenes[self.digest], array, self.waveform, settings=self.settings, device=self.device,
+            progress=progress,
         )  # fmt: skip
         save(self.file_of(number), capture, self.origin, force=True)
         return summary(capture)
@@ -122,14 +85,11 @@ class ClusterSteps:
 
 def simulate_clusters(
     steps: ClusterSteps, clusters: Sequence[cl.AntennaArray], where: Where, *, force: bool
-) -> None:
-    """Make the captures of clusters that are not there yet."""
+) -> str:
+    """Make the captures of clusters that are not there yet; return how many there are."""
     folder, origin = steps.folder, steps.origin
     inputs = {f"{i} {one['file']}": one["sha256"] for i, one in enumerate(origin["inputs"])}
-    key = {
-        **origin["options"], "settings": asdict(steps.settings), "inputs": inputs,
-        "clradar": origin["clradar"],
-    }  # fmt: skip
+    key = settings_of(origin, settings=asdict(steps.settings), inputs=inputs)
     job = Job(
         folder=folder, work="simulation of clusters", key=key, own=cluster_files(folder),
         force=force, resumable=lambda folder: any(folder.glob(PATTERN)),
@@ -142,13 +102,14 @@ def simulate_clusters(
             noun="cluster",
         ):  # fmt: skip
             print_line(f"{steps.file_of(number)}: {text}")
+    return f"{len(clusters)} clusters"
 
 
 def summary(capture: cl.Capture) -> str:
     """What a simulated capture is."""
     rays, settings = capture.meta["rays"], capture.meta["settings"]
     shape = " x ".join(str(n) for n in capture.data.shape)
-    if settings["estimator"] == PHYSICAL:
+    if settings["estimator"] == opt.PHYSICAL:
         materials = ", ".join(own["name"] for own in capture.meta["scene"]["materials"])
         points = f"{rays['samples']} points of which {capture.meta['kirchhoff']['lit']} are seen"
         return f"{shape} S-parameters of {materials}, {points}"
@@ -168,8 +129,8 @@ def summary(capture: cl.Capture) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class MotionRecording:
-    """What a recording is simulated from; of several clusters each has its own."""
+class Movement:
+    """What moves, and what records it; of several clusters each has its own recording."""
 
     motion: Motion
     moving: cl.MovingScene
@@ -177,15 +138,10 @@ class MotionRecording:
     waveform: cl.Waveform
     settings: cl.SimulationSettings
     rate_hz: float
+    device: cl.Device
 
     def write(
-        self,
-        output: Path,
-        n_frames: int | None,
-        origin: Mapping[str, Any],
-        device: cl.Device,
-        *,
-        force: bool,
+        self, output: Path, n_frames: int | None, origin: Mapping[str, Any], *, force: bool
     ) -> str:
         """Write a capture, or `n_frames` as a recording, whole or not at all; return what it is.
 
@@ -201,16 +157,17 @@ class MotionRecording:
                 f"{1e3 / self.rate_hz:.3g} ms between frames; lower --rate-hz, or give shorter "
                 "times in the motion file"
             )
-        several, stamps_us = len(self.clusters) > 1, self._stamps_us(n_frames or 1)
+        several = len(self.clusters) > 1
+        stamps_us = [round(1e6 * (i / self.rate_hz)) for i in range(n_frames or 1)]
         with progress_bar("simulating") as progress:
             if n_frames is None and not several:
-                (capture,) = self._captures(0, stamps_us, timings[0], device, progress)
+                (capture,) = self._captures(0, stamps_us, timings[0], progress)
                 save(output, capture, origin, force=force)
                 instants = counted(capture.meta["movement"].get("instants", 1), "instant")
                 return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {instants}"
             with whole_folder(output, force=force, replaced=recording_files(output)) as made:
                 for number, timing in enumerate(timings):
-                    captures = self._captures(number, stamps_us, timing, device, progress)
+                    captures = self._captures(number, stamps_us, timing, progress)
                     name = CLUSTER_NAME.format(number + 1)
                     if n_frames is None:
                         save(made / f"{name}.h5", next(captures), origin, force=False)
@@ -226,24 +183,16 @@ class MotionRecording:
         text += f" of {1e3 * sweep_s:.3g} ms"
         return text + (f", {len(self.clusters)} clusters" if several else "")
 
-    def _stamps_us(self, n_frames: int) -> list[int]:
-        return [round(1e6 * (i / self.rate_hz)) for i in range(n_frames)]
-
     def _captures(
-        self,
-        number: int,
-        stamps_us: Sequence[int],
-        timing: cl.SweepTiming,
-        device: cl.Device,
-        progress: Progress | None,
+        self, number: int, stamps_us: list[int], timing: cl.SweepTiming, progress: Progress | None
     ) -> Iterator[cl.Capture]:
         """The frames of one cluster."""
-        n_frames, total = len(stamps_us), len(stamps_us) * len(self.clusters)
+        total = len(stamps_us) * len(self.clusters)
         for i, stamp_us in enumerate(stamps_us):
-            before = number * n_frames + i
+            before = number * len(stamps_us) + i
             capture = cl.simulate_moving(
                 self.moving, self.clusters[number], self.waveform, timing=timing,
-                start_s=i / self.rate_hz, settings=self.settings, device=device,
+                start_s=i / self.rate_hz, settings=self.settings, device=self.device,
                 progress=part_of(progress, before / total, (before + 1) / total),
             )  # fmt: skip
             yield replace(capture, meta={**capture.meta, "frame": i, "timestamp_us": stamp_us})

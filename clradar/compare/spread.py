@@ -14,7 +14,7 @@ from clradar.backproject import backproject
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarWarning
 from clradar.impairments.impair import impair
-from clradar.jobs.where import Device, Devices, open_devices
+from clradar.jobs.where import Device, Where, open_devices
 from clradar.model import AntennaArray, Scene, Spread, Volume, VoxelGrid, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.simulation import simulate
@@ -44,7 +44,7 @@ def spread(
     window: str | np.ndarray = "rect",
     tolerance_db: float | None = None,
     settings: SimulationSettings | None = None,
-    device: Devices | Device | str | Sequence[str] | None = None,
+    device: Where | Device | str | Sequence[str] | None = None,
     progress: Progress | None = None,
     **fields: Any,
 ) -> Spread:
@@ -71,7 +71,7 @@ def spread(
     method, window, tolerance_db
         As `clradar.backproject`.
     settings : SimulationSettings, optional
-    device : Devices, Device, str, sequence of str or None
+    device : Where, Device, str, sequence of str or None
         Seeds are divided among several, as `clradar.map_devices` has them ("all").
     progress : callable, optional
         Called with (done, total) units of work.

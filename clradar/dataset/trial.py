@@ -18,7 +18,7 @@ from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
 from clradar.dataset.shards import new_shard, read_sample
 from clradar.files.json_differences import differences
-from clradar.jobs.resources import made_with
+from clradar.jobs.outcome import made_with
 from clradar.opencl import open_device
 
 

@@ -83,7 +83,7 @@ class Job:
         if path.exists() or path.is_symlink():
             before = self._read_key(path)
             known = before.pop(MADE_FROM, {})
-            now = _plain(self.compared(self.key))
+            now = json.loads(json.dumps(self.compared(self.key), allow_nan=False))
             different = [
                 *changed_files(self.inputs, known), *differences(self.compared(before), now)
             ]  # fmt: skip
@@ -185,10 +185,6 @@ def remove(folder: Path, names: Iterable[str]) -> None:
                 path.unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"{shown(folder)}: cannot be cleared: {error}") from error
-
-
-def _plain(settings: Mapping[str, Any]) -> Any:
-    return json.loads(json.dumps(settings, allow_nan=False))
 
 
 class FolderStore(MutableMapping[str, dict[str, np.ndarray]]):

@@ -80,14 +80,12 @@ def held(folder: Path, work: str) -> Iterator[None]:
     `KeyboardInterrupt` gets the words that the work there is to be resumed. `work` is what is going
     on in it, for the message: "sweep".
     """
+    missing = not os.path.isdir(folder)
+    if missing and os.path.lexists(folder):
+        raise OutputError(f"{shown(folder)}: expected a folder's name, got a file")
     try:
-        if os.path.lexists(folder) and not folder.is_dir():
-            raise OutputError(f"{shown(folder)}: expected a folder's name, got a file")
-        missing = not folder.is_dir()
         folder.mkdir(parents=True, exist_ok=True)
         lock = locked(folder / LOCK)
-    except OutputError:
-        raise
     except (OSError, ValueError) as error:
         raise OutputError(f"{shown(folder)}: cannot be written: {error}") from error
     if lock is None:
@@ -137,15 +135,11 @@ def locked(path: Path, wait_s: float = WAIT_S) -> BaseFileLock | None:
 
 
 def unlock(lock: BaseFileLock) -> None:
-    """Remove the file of a lock, and let go of it."""
-    path = Path(lock.lock_file)
-    if sys.platform != "win32":  # where no open file can be removed: of another one, neither
+    """Remove the file of a lock, and let go of it; Windows removes no open file."""
+    steps = [lambda: Path(lock.lock_file).unlink(missing_ok=True), lock.release]
+    for step in steps if sys.platform != "win32" else reversed(steps):
         with suppress(OSError):
-            path.unlink()
-    lock.release()
-    if sys.platform == "win32":
-        with suppress(OSError):
-            path.unlink()
+            step()
 
 
 def _holder(path: Path) -> str:

@@ -1,14 +1,18 @@
-"""What becomes of an item: its result, or why there is none."""
+"""What becomes of an item, and what its bits depend on."""
 
 from __future__ import annotations
 
+import platform
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from clradar.errors import ClradarError, ClradarWarning
 from clradar.files.failures import clean
+from clradar.opencl import Device
+from clradar.versions import own_version, package_versions
 
 ATTEMPTS = 2
 """Attempts at an item before it is set aside."""
@@ -41,3 +45,18 @@ def outcome_of(function: Callable[..., Any], *arguments: Any) -> Outcome:
             result = error
     ours = (str(one.message) for one in caught if issubclass(one.category, ClradarWarning))
     return result, list(dict.fromkeys(ours))
+
+
+def made_with(device: Device) -> dict[str, Any]:
+    """The versions and the device on which the bits of a result depend."""
+    return {
+        "clradar": own_version(),
+        "packages": dict(_packages()),
+        "python": platform.python_version(),
+        "device": dict(device.describe()),
+    }
+
+
+@cache
+def _packages() -> dict[str, str]:
+    return package_versions()  # reads files, for every item

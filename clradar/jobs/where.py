@@ -1,4 +1,4 @@
-"""Where items are worked on: here, or by Dask on processes of this machine or of others.
+"""Where items are worked on: here, or by the workers of one Dask client.
 
 Processes and not threads: the host's part of a simulation holds Python's global lock, filters of
 warnings belong to a process, and where a driver crashes it is known whose it was.
@@ -7,32 +7,20 @@ warnings belong to a process, and where a driver crashes it is known whose it wa
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from clradar.errors import ClusterError, DeviceError, ModelError, warn
 from clradar.jobs.outcome import Outcome, outcome_of
-from clradar.jobs.resources import (
-    WorkerResources,
-    check_alike,
-    listed,
-    own_cores,
-    worker_resources,
-)
 from clradar.model.progress import Progress, part_of
-from clradar.opencl import Device, DeviceInfo, open_device
+from clradar.opencl import Device, DeviceInfo, devices_like, open_device
 from clradar.opencl.choice import select_devices, several
-from clradar.opencl.program import compiled
-from clradar.opencl.self_test import self_test
 
 if TYPE_CHECKING:
-    from clradar.jobs.distributed import Distributed
-
-AHEAD = 4
-"""Items per device that may be made before the turn of their results: these are kept."""
+    from clradar.jobs.workers import Workers
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -40,137 +28,153 @@ Result = TypeVar("Result")
 Work = Callable[[Any, Device, Progress], Iterable[Result]]
 """Makes the results of an item on a device; says by the last argument how far it is."""
 
+DeviceLike = Device | str | Sequence[str] | None
 
-@dataclass(frozen=True, slots=True)
-class Devices:
-    """The devices of a batch, the first of which is opened in this process.
 
-    A single one makes all items here; each of several has a worker process.
+@dataclass(frozen=True)
+class Where:
+    """The devices of a batch, and the processes that have them: by default this one, or one each.
+
+    "all" are all GPUs, those of one name by the first driver that offers them; without GPUs the CPU
+    device that is used anyway, and others of its name and driver. A sequence, or names with commas
+    between them: those, each once. Else as `clradar.open_device`.
     """
 
-    infos: tuple[DeviceInfo, ...]
-    first: Device
+    device: Any = None
+    workers: int | None = None  # processes of this machine, each with its own device and cores
+    scheduler: str | None = None  # of Dask, whose workers have to see the files
+    files: tuple[Path, ...] = ()  # files and folders that are read
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.scheduler is not None:
+            raise ModelError("workers, scheduler: expected one of the two: a scheduler has its own")
+
+    @cached_property
+    def infos(self) -> tuple[DeviceInfo, ...]:
+        """The devices, of which a single one works in this process."""
+        one = isinstance(self.device, Device)
+        return (self.device.info,) if one else tuple(select_devices(self.device))
+
+    @property
+    def first(self) -> Device:
+        """The first device, opened in this process."""
+        one = isinstance(self.device, Device)
+        return open_device(self.device if one else self.infos[0].selector)
 
     @property
     def text(self) -> str:
-        """Their names, for a person."""
-        return self.first.info.label if len(self.infos) == 1 else listed(self.infos)
+        """Names of the devices, for a person."""
+        return self.first.info.label if len(self.infos) == 1 else _listed(self.infos)
+
+    @property
+    def here(self) -> bool:
+        """Whether all is done by this process."""
+        return self.workers is None and self.scheduler is None and len(self.infos) == 1
 
     def check_alike(self, what: str) -> None:
         """Raise `DeviceError` unless all are of one name and driver, so that bits are the same."""
-        check_alike(self.infos, what)
+        if not all(info.is_like(self.infos[0]) for info in self.infos[1:]):
+            raise DeviceError(
+                f"device: expected devices of one name and driver for {what}, since those of "
+                f"others give other bits, got {_listed(self.infos)}; name those of one kind, as in "
+                "0:0,0:1"
+            )
 
     def made(
         self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
     ) -> Iterator[tuple[int, Result]]:
         """Make the results of all items; yields the number of an item with each, in their order.
 
-        With several devices `work` and the items are pickled. The first error ends the batch; a
-        warning of workers is given once.
+        Work and items are pickled for other processes. The first error ends the batch; a warning of
+        workers is given once.
         """
         items = list(items)
-        if len(self.infos) > 1 and len(items) > 1:
-            yield from self._on_workers(work, items, progress)
+        if self.here or len(items) < 2:
+            for i, item in enumerate(items):
+                part = part_of(progress, i / len(items), (i + 1) / len(items))
+                for result in work(item, self.first, part or _silent):
+                    yield i, result
+                if part is not None:
+                    part(1, 1)
             return
-        for i, item in enumerate(items):
-            part = part_of(progress, i / len(items), (i + 1) / len(items))
-            for result in work(item, self.first, part or _silent):
-                yield i, result
-            if part is not None:
-                part(1, 1)
-
-    def _on_workers(
-        self, work: Work[Result], items: list[Any], progress: Progress | None
-    ) -> Iterator[tuple[int, Result]]:
-        with _dask():
-            from distributed import as_completed
-
-            from clradar.jobs.cluster import DEVICE, local_cluster
-        infos = self.infos[: len(items)]
-        cores = own_cores()
-        threads = max(1, len(cores) // len(infos))
-        each = [WorkerResources(info.selector, tuple(cores), threads) for info in infos]
         said: set[str] = set()
-        with local_cluster(each) as (client, _):
-            finished = as_completed([], loop=client.loop)
-            numbers: dict[Any, int] = {}
-            ready: dict[int, list[Result]] = {}
-            for i in range(len(items)):
-                for number in range(len(numbers), min(len(items), i + AHEAD * len(infos))):
-                    task = partial(_results, work, items[number])
-                    future = client.submit(task, pure=False, resources={DEVICE: 1})
-                    numbers[future.key] = number
-                    finished.add(future)
-                while i not in ready:
-                    future = next(finished)
-                    number = numbers[future.key]
-                    ready[number], warned = self._result(future, number, infos)
-                    for text in (text for text in warned if text not in said):
-                        warn(text)
-                        said.add(text)
-                for result in ready.pop(i):
+        with self._started(len(items), None) as started:
+            for i, (results, warned) in enumerate(started.in_order(_Listed(work), items)):
+                for text in (text for text in warned if text not in said):
+                    warn(text)
+                    said.add(text)
+                for result in results:
                     yield i, result
                 if progress is not None:
                     progress(i + 1, len(items))
 
-    def _result(self, future: Any, i: int, infos: tuple[DeviceInfo, ...]) -> Outcome:
-        from distributed import KilledWorker
+    def outcomes(
+        self, steps: Any, items: Sequence[Item], folder: Path, progress: Progress | None = None
+    ) -> Iterator[tuple[Item, Outcome]]:
+        """Run the steps of every item; yield items with their outcomes, as they are done.
 
+        `steps` is a dataclass with a field `device` and a method `run`, which is called with an
+        item and a progress callback or None, and writes into `folder`. It can be pickled, and so
+        can the items.
+        """
+        if self.here:
+            for i, item in enumerate(items):
+                part = part_of(progress, i / len(items), (i + 1) / len(items))
+                yield item, outcome_of(replace(steps, device=self.first).run, item, part)
+                if part is not None:
+                    part(1, 1)
+        elif items:
+            elsewhere = _Steps(replace(steps, device=None))  # each opens the device it is given
+            with self._started(len(items), folder) as started:
+                found = started.outcomes(elsewhere, items)
+                for done, (number, outcome) in enumerate(found, start=1):
+                    yield items[number], outcome
+                    if progress is not None:
+                        progress(done, len(items))
+
+    @contextmanager
+    def _started(self, n_items: int, folder: Path | None) -> Iterator[Workers]:
+        """The workers, for so many items, which may write into a folder; ended with the block."""
         try:
-            results, warned, selector = future.result()
-        except KilledWorker as error:
-            name = listed([infos[int(str(error.last_worker.name))]])
-            raise DeviceError(
-                f"device {name}: its process died at item {i}; choose other devices, see "
-                "`clradar devices`"
+            from clradar.jobs import workers as dask
+        except ImportError as error:
+            raise ClusterError(
+                f"several processes need Dask: pip install 'dask[distributed]' ({error})"
             ) from error
-        if type(results) is DeviceError:  # with its selector: names may be the same
-            (info,) = (one for one in infos if one.selector == selector)
-            text = str(results).removeprefix(f"device {info.label}: ")
-            raise DeviceError(f"device {listed([info])}: {text}")
-        if isinstance(results, BaseException):
-            raise results
-        return results, warned
+        if self.scheduler is not None:
+            files = [str(path.absolute()) for path in self.files]
+            # Of several devices each worker has its own, in CLRADAR_DEVICE.
+            device = None if several(self.device) else self.device
+            with (
+                dask.client_of(self.scheduler) as client,
+                dask.Workers.of_scheduler(client, folder or Path(), files, device) as started,
+            ):
+                yield started
+            return
+        infos: Sequence[DeviceInfo] = self.infos
+        if self.workers is not None and len(infos) == 1:
+            infos = devices_like(self.device)
+        elif folder is not None:
+            self.check_alike("worker processes")
+        n_workers = min(self.workers or len(infos), n_items)
+        shares = dask.partition(n_workers, infos, dask.own_cores())
+        names = [_listed([infos[i % len(infos)]]) for i in range(n_workers)]
+        with dask.local_client(shares) as client:
+            yield dask.Workers(client, names=names)
 
 
-def _results(work: Work[Any], item: Any) -> tuple[Any, list[str], str]:
-    """All results of an item: what a worker of a device runs."""
-    device = _tested_device()
-    results, warned = outcome_of(lambda: list(work(item, device, _silent)))
-    return results, warned, device.info.selector
-
-
-@lru_cache(maxsize=1)
-def _tested_device() -> Device:
-    device = open_device()
-    self_test(device, compiled)
-    return device
-
-
-def _silent(done: int, total: int) -> None:
-    pass
-
-
-def open_devices(device: Devices | Device | str | Sequence[str] | None = "all") -> Devices:
-    """Choose the devices of a batch; `Devices` are returned as they are.
-
-    "all": all GPUs, those of one name by the first driver that offers them; without GPUs the CPU
-    device that is used anyway, and others of its name and driver. A sequence, or names with commas
-    between them: those, each once. Else as `clradar.open_device`.
-    """
-    if isinstance(device, Devices):
-        return device
-    if isinstance(device, Device):
-        return Devices((device.info,), device)
-    infos = select_devices(device)
-    return Devices(tuple(infos), open_device(infos[0].selector))
+def open_devices(device: Where | DeviceLike = "all") -> Where:
+    """Choose the devices of a batch, which have to be there; `Where` is returned as it is."""
+    where = device if isinstance(device, Where) else Where(device)
+    _ = where.infos  # raises now where there is none
+    return where
 
 
 def map_devices(
     function: Callable[[Any, Device], Result],
     items: Iterable[Any],
     *,
-    device: Device | str | Sequence[str] | None = "all",
+    device: DeviceLike = "all",
     progress: Progress | None = None,
 ) -> Iterator[Result]:
     """Call a function for every item, on several devices at the same time.
@@ -228,79 +232,29 @@ class _Plain:
 
 
 @dataclass(frozen=True, slots=True)
-class Where:
-    """Where the items of a job are worked on; workers of a scheduler have to see the files."""
+class _Listed:
+    """All results of work at once, as a worker returns them."""
 
-    device: str | None = None  # as of `open_devices`: each of several has a worker process
-    workers: int | None = None  # processes of this machine, each with its own device and cores
-    scheduler: str | None = None  # the address of a Dask scheduler
-    files: tuple[Path, ...] = ()  # files and folders that are read
+    work: Work[Any]
 
-    def __post_init__(self) -> None:
-        if self.workers is not None and self.scheduler is not None:
-            raise ModelError("workers, scheduler: expected one of the two: a scheduler has its own")
-
-    @property
-    def here(self) -> bool:
-        """Whether all is done by this process."""
-        if self.workers is not None or self.scheduler is not None:
-            return False
-        return len(select_devices(self.device)) == 1
-
-    def outcomes(
-        self, steps: Any, items: Sequence[Item], folder: Path, progress: Progress | None = None
-    ) -> Iterator[tuple[Item, Outcome]]:
-        """Run the steps of every item; yield items with their outcomes, as they are done.
-
-        `steps` is a dataclass with a field `device` and a method `run`, which is called with an
-        item and a progress callback or None, and writes into `folder`. It can be pickled, and so
-        can the items.
-        """
-        if not items:
-            return
-        if self.here:
-            opened = open_devices(self.device).first
-            for i, item in enumerate(items):
-                part = part_of(progress, i / len(items), (i + 1) / len(items))
-                yield item, outcome_of(replace(steps, device=opened).run, item, part)
-                if part is not None:
-                    part(1, 1)
-            return
-        elsewhere = replace(steps, device=None)  # each opens the device that it is given
-        files = [str(path.absolute()) for path in self.files]
-        with self._engine(len(items)) as engine:
-            made = engine.outcomes(elsewhere, items, folder, files)
-            for done, (number, outcome) in enumerate(made, start=1):
-                yield items[number], outcome
-                if progress is not None:
-                    progress(done, len(items))
-
-    @contextmanager
-    def _engine(self, n_items: int) -> Iterator[Distributed]:
-        """The workers, for so many items; they are stopped at the end."""
-        with _dask():
-            from clradar.jobs.cluster import local_cluster, running_cluster
-            from clradar.jobs.distributed import Distributed
-        with ExitStack() as stack:
-            if self.scheduler is not None:
-                client = stack.enter_context(running_cluster(self.scheduler))
-                # Of several devices each worker has its own, in CLRADAR_DEVICE.
-                engine = Distributed(client, None if several(self.device) else self.device)
-            else:
-                each = worker_resources(self.workers, self.device, n_items)
-                client, end = stack.enter_context(local_cluster(each))
-                engine = Distributed(client, end_workers=end)  # whose device is in CLRADAR_DEVICE
-            try:
-                yield engine
-            finally:
-                engine.stop()
+    def __call__(self, item: Any, device: Device, progress: Progress) -> list[Any]:
+        return list(self.work(item, device, progress))
 
 
-@contextmanager
-def _dask() -> Iterator[None]:
-    try:
-        yield
-    except ImportError as error:
-        raise ClusterError(
-            f"several processes need Dask: pip install 'dask[distributed]' ({error})"
-        ) from error
+@dataclass(frozen=True, slots=True)
+class _Steps:
+    """The method of steps, as a worker calls it."""
+
+    steps: Any
+
+    def __call__(self, item: Any, device: Device, progress: Progress) -> Any:
+        return replace(self.steps, device=device).run(item, progress)
+
+
+def _silent(done: int, total: int) -> None:
+    pass
+
+
+def _listed(infos: Sequence[DeviceInfo]) -> str:
+    """Selectors and names of devices."""
+    return ", ".join(f"{info.selector} {info.label}" for info in infos)

@@ -1,7 +1,5 @@
 """Files of antenna arrays: every rule, poses, patterns, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +20,7 @@ def read(tmp_path: Path, text: str) -> clradar.AntennaArray:
 
 
 @pytest.mark.filterwarnings("ignore:mixed. antennas at the same place")
-def test_every_rule_places_antennas(tmp_path: Path) -> None:
+def test_every_rule_places_antennas(tmp_path):
     array = read(
         tmp_path,
         f"""
@@ -51,12 +49,12 @@ def test_every_rule_places_antennas(tmp_path: Path) -> None:
     np.testing.assert_allclose(array.rx_m, [*cross, *plane, *ring, both], atol=1e-15)
 
 
-def test_a_cross_with_an_even_number_has_no_middle(tmp_path: Path) -> None:
+def test_a_cross_with_an_even_number_has_no_middle(tmp_path):
     array = read(tmp_path, "[[antennas]]\ncross = { length_m = 0.03, n = 4 }")
     assert array.n_tx == array.n_rx == 8
 
 
-def test_poses_place_copies_of_a_known_array(tmp_path: Path) -> None:
+def test_poses_place_copies_of_a_known_array(tmp_path):
     array = read(
         tmp_path,
         """
@@ -76,7 +74,7 @@ def test_poses_place_copies_of_a_known_array(tmp_path: Path) -> None:
     np.testing.assert_allclose(array.rx_m[188:], turned, atol=1e-15)
 
 
-def test_patterns_are_those_of_the_record(tmp_path: Path) -> None:
+def test_patterns_are_those_of_the_record(tmp_path):
     array = read(
         tmp_path,
         f"""
@@ -96,7 +94,7 @@ def test_patterns_are_those_of_the_record(tmp_path: Path) -> None:
     )
 
 
-def test_gains_and_boresights_of_single_antennas(tmp_path: Path) -> None:
+def test_gains_and_boresights_of_single_antennas(tmp_path):
     array = read(
         tmp_path,
         f"""
@@ -138,7 +136,7 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
         np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
 
 
-def test_clusters_are_arrays_of_their_own(tmp_path: Path) -> None:
+def test_clusters_are_arrays_of_their_own(tmp_path):
     text = """
         copy_of = "qar50"
         pairs = "cluster"
@@ -186,12 +184,12 @@ def test_clusters_are_arrays_of_their_own(tmp_path: Path) -> None:
         ("copy_of =", "expected an antenna array"),
     ],
 )
-def test_one_error_names_the_file_and_the_key(tmp_path: Path, text: str, words: str) -> None:
+def test_one_error_names_the_file_and_the_key(tmp_path, text, words):
     with pytest.raises(MeasurementError, match=rf"(?s)lab\.toml: .*{words}"):
         read(tmp_path, text)
 
 
-def test_antennas_of_one_side_at_one_place_are_said(tmp_path: Path) -> None:
+def test_antennas_of_one_side_at_one_place_are_said(tmp_path):
     path = tmp_path / "twice.toml"
     path.write_text("[[antennas]]\npoints_m = [[0, 0, 0], [0.1, 0, 0], [0, 0, 0]]")
     with pytest.warns(

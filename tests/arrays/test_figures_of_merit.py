@@ -1,7 +1,5 @@
 """Widths and lobes of arrays against closed forms and against back-projection itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ def wall(n: int, width_m: float) -> clradar.AntennaArray:
     return clradar.AntennaArray([[0.0, 0.0, 0.0]], rx_m, name="wall")
 
 
-def test_a_line_far_away_has_the_width_and_the_sidelobes_of_theory() -> None:
+def test_a_line_far_away_has_the_width_and_the_sidelobes_of_theory():
     """Balanis, Antenna Theory, chapter 6: sin(N x) / (N sin x), x = pi d / lambda * sine."""
     n, spacing_m, hz = 16, 2e-3, 75e9
     found = array_figures(
@@ -50,7 +48,7 @@ def test_a_line_far_away_has_the_width_and_the_sidelobes_of_theory() -> None:
     assert not any(own.grating for own in found.lobes)
 
 
-def test_the_virtual_aperture_is_drawn_in_the_unit_of_its_axes() -> None:
+def test_the_virtual_aperture_is_drawn_in_the_unit_of_its_axes():
     array, band = line(8, 6e-3), clradar.Waveform.sfcw(77e9, 77e9, 1)
     figure = array_figure(array, band, array_figures(array, band, (0, 0, 1)))
     shown = figure.axes[1]
@@ -58,7 +56,7 @@ def test_the_virtual_aperture_is_drawn_in_the_unit_of_its_axes() -> None:
     assert np.ptp(shown.lines[0].get_xdata()) == pytest.approx(21.0)
 
 
-def test_a_lobe_along_y_has_no_azimuth() -> None:
+def test_a_lobe_along_y_has_no_azimuth():
     hz, n = 24e9, 8
     tx_m = np.roll(line(n, C / hz).rx_m, 1, axis=1)
     array = clradar.AntennaArray(tx_m, line(n, 0.45 * C / hz).rx_m)
@@ -68,7 +66,7 @@ def test_a_lobe_along_y_has_no_azimuth() -> None:
 
 
 @pytest.mark.parametrize("sine", [0.0, 0.3])
-def test_grating_lobes_are_where_the_grating_equation_has_them(sine: float) -> None:
+def test_grating_lobes_are_where_the_grating_equation_has_them(sine):
     n, spacing_m, hz = 12, 6e-3, 75e9
     focus_m = FAR_M * np.array([sine, 0.0, np.sqrt(1 - sine**2)])
     band = clradar.Waveform.sfcw(hz, hz, 1)
@@ -79,7 +77,7 @@ def test_grating_lobes_are_where_the_grating_equation_has_them(sine: float) -> N
     assert [own.level_db for own in found.lobes] == pytest.approx(len(sines) * [0.0], abs=0.01)
 
 
-def test_a_lobe_next_to_the_horizon_is_not_at_it() -> None:
+def test_a_lobe_next_to_the_horizon_is_not_at_it():
     n, hz = 9, 24e9
     spacing_m = C / hz / 0.994
     band = clradar.Waveform.sfcw(hz, hz, 1)
@@ -91,9 +89,7 @@ def test_a_lobe_next_to_the_horizon_is_not_at_it() -> None:
 
 
 @pytest.mark.parametrize(("hz", "wavelengths"), [(24e9, 1.2), (60e9, 1.0), (77e9, 1.5), (140e9, 2)])
-def test_arrays_at_other_bands_have_the_lobes_and_the_range_of_theory(
-    hz: float, wavelengths: float
-) -> None:
+def test_arrays_at_other_bands_have_the_lobes_and_the_range_of_theory(hz, wavelengths):
     """A band of 2 %: sin = lambda / d at its middle, and the level of the sum over the band of the
     array factors there, which the lobe's own range makes as large as it can be."""
     spacing_m, n = wavelengths * C / hz, 8
@@ -109,7 +105,7 @@ def test_arrays_at_other_bands_have_the_lobes_and_the_range_of_theory(
     assert found.unambiguous_range_m == pytest.approx(C / (2 * 0.02 * hz / 15), rel=1e-9)
 
 
-def test_the_width_in_range_is_that_of_the_band() -> None:
+def test_the_width_in_range_is_that_of_the_band():
     """sinc: 0.886 c / (2 B), with B of the whole steps that the sum stands for."""
     one = clradar.AntennaArray([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]])
     band = clradar.Waveform.sfcw(72e9, 82e9, 32)
@@ -121,7 +117,7 @@ def test_the_width_in_range_is_that_of_the_band() -> None:
 
 
 @pytest.mark.device
-def test_back_projection_shows_a_grating_lobe_at_its_level() -> None:
+def test_back_projection_shows_a_grating_lobe_at_its_level():
     """A point's echoes imaged at the lobes that are predicted for it."""
     tx_m = np.linspace(-0.0275, 0.0275, 12)[:, None] * [1.0, 0.0, 0.0]
     rx_m = np.linspace(-0.0375, 0.0375, 16)[:, None] * [0.0, 1.0, 0.0]
@@ -143,7 +139,7 @@ def test_back_projection_shows_a_grating_lobe_at_its_level() -> None:
         assert 20 * np.log10(abs(voxel)) == pytest.approx(lobe.level_db, abs=2e-3)
 
 
-def test_patterns_lower_the_lobes() -> None:
+def test_patterns_lower_the_lobes():
     """cos^1 of each side: the lobe at 60 degrees loses cos 60 of the Rx only, 6.0 dB."""
     hz = 75e9
     rows = line(12, C / hz / np.sin(np.deg2rad(60)))
@@ -167,14 +163,14 @@ def test_patterns_lower_the_lobes() -> None:
         ({"array": None}, "array: expected"),
     ],
 )
-def test_bad_arguments_are_named(change: dict[str, object], words: str) -> None:
+def test_bad_arguments_are_named(change, words):
     given: dict[str, object] = {
         "array": clradar.arrays.qar50(),
         "waveform": clradar.Waveform.sfcw(72e9, 82e9, 8),
         "focus_m": (0, 0, 0.3),
     }
     with pytest.raises(ModelError, match=words):
-        array_figures(**{**given, **change})  # type: ignore[arg-type]
+        array_figures(**{**given, **change})
 
 
 def clusters(n: int, pitch_m: float) -> list[clradar.AntennaArray]:
@@ -184,7 +180,7 @@ def clusters(n: int, pitch_m: float) -> list[clradar.AntennaArray]:
     return [clradar.AntennaArray(6e-3 * own + at, 2e-3 * own + at, f"cluster {at}") for at in at_m]
 
 
-def test_clusters_count_by_their_pairs() -> None:
+def test_clusters_count_by_their_pairs():
     """Of 4 pairs and of 9: the sum over all of them, divided by 13."""
     both, band = [line(4, 3e-3), wall(3, 0.02)], np.array([70e9, 75e9])
     focus_m, at_m = np.array([0, 0, 0.3]), np.array([[0.01, 0.004, 0.29], [-0.02, 0, 0.3]])
@@ -203,7 +199,7 @@ def test_clusters_count_by_their_pairs() -> None:
     np.testing.assert_allclose(response(both, band, focus_m, at_m), wanted, atol=1e-5)
 
 
-def test_clusters_have_the_lobes_of_their_pitch_below_the_pattern_of_each() -> None:
+def test_clusters_have_the_lobes_of_their_pitch_below_the_pattern_of_each():
     """sin = m lambda / (2 pitch), since Tx and Rx are shifted; the level is one cluster's own."""
     n, pitch_m, hz = 4, 60e-3, 77e9
     band = clradar.Waveform.sfcw(hz, hz, 1)
@@ -224,7 +220,7 @@ def test_clusters_have_the_lobes_of_their_pitch_below_the_pattern_of_each() -> N
 
 
 @pytest.mark.device
-def test_the_image_of_several_captures_has_the_response_of_clusters() -> None:
+def test_the_image_of_several_captures_has_the_response_of_clusters():
     band = clradar.Waveform.sfcw(60e9, 64e9, 16)
     point_m, own = np.array([0.05, 0.01, 0.5]), clusters(3, 40e-3)
     captures = [clradar.room_capture(one, band, [], points_m=[point_m]) for one in own]
@@ -237,7 +233,7 @@ def test_the_image_of_several_captures_has_the_response_of_clusters() -> None:
     np.testing.assert_allclose(image.ravel() / image.max(), want, atol=1e-4)
 
 
-def test_a_focus_next_to_the_antennas_is_most_likely_in_another_unit() -> None:
+def test_a_focus_next_to_the_antennas_is_most_likely_in_another_unit():
     band, array = clradar.Waveform.sfcw(72e9, 82e9, 2), clradar.arrays.qar50()
     few = clradar.AntennaArray(array.tx_m[::12], array.rx_m[::12])
     with pytest.warns(clradar.ClradarWarning, match=r"focus is [\d.]+ mm .* if in inch, not mm"):

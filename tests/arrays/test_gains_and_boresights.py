@@ -1,8 +1,5 @@
 """Gains and boresights of single antennas in captures, images, figures and files."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +34,7 @@ def ball(z_m: float = 0.3) -> clradar.Scene:
         {"estimator": "physical", "samples_per_mm2": 4},
     ],
 )
-def test_gains_multiply_the_samples(settings: dict[str, Any]) -> None:
+def test_gains_multiply_the_samples(settings):
     scene = ball()
     if settings["estimator"] == "physical":
         scene = scene.with_material("metal")
@@ -48,7 +45,7 @@ def test_gains_multiply_the_samples(settings: dict[str, Any]) -> None:
     np.testing.assert_array_equal(uneven, plain * TIMES)
 
 
-def test_gains_are_taken_out_of_samples_unless_one_is_zero() -> None:
+def test_gains_are_taken_out_of_samples_unless_one_is_zero():
     data = RNG.normal(size=(5, 9, 8)).astype(np.complex64)
     found = clradar.Capture(data * TIMES, UNEVEN, WAVEFORM).without_gains()
     np.testing.assert_allclose(found.data, data, atol=1e-6)
@@ -60,7 +57,7 @@ def test_gains_are_taken_out_of_samples_unless_one_is_zero() -> None:
         clradar.Capture(data, dead, WAVEFORM).without_gains()
 
 
-def test_gains_in_every_other_way_to_a_capture() -> None:
+def test_gains_in_every_other_way_to_a_capture():
     scene = ball()
     fields: dict[str, Any] = {"samples_per_mm2": 5, "rays_per_sample": 2}
     want = clradar.simulate(scene, UNEVEN, WAVEFORM, estimator="stochastic", **fields).data
@@ -76,7 +73,7 @@ def test_gains_in_every_other_way_to_a_capture() -> None:
         np.testing.assert_array_equal(imager.volume().data, image.data)
 
 
-def test_a_taper_lowers_side_lobes_of_the_response() -> None:
+def test_a_taper_lowers_side_lobes_of_the_response():
     """Cosine weights on a uniform line: the array factor is known, sum of w exp(j k x sin)."""
     x_m = np.linspace(-0.03, 0.03, 31)
     taper = np.cos(np.pi * x_m / 0.064)
@@ -91,7 +88,7 @@ def test_a_taper_lowers_side_lobes_of_the_response() -> None:
     np.testing.assert_allclose(got, want, atol=1e-3)
 
 
-def test_a_tilted_antenna_has_the_gain_of_its_angle() -> None:
+def test_a_tilted_antenna_has_the_gain_of_its_angle():
     """cos^3 about each antenna's own axis, for a plate of 4 mm 1 m away: the ratio to isotropic
     antennas is the product of both fields at the plate, which spans 0.3 degrees."""
     turns = Rotation.from_rotvec(RNG.uniform(-0.5, 0.5, (14, 3))).as_matrix()[:, :, 2]
@@ -115,7 +112,7 @@ def test_a_tilted_antenna_has_the_gain_of_its_angle() -> None:
     np.testing.assert_allclose(got / plain, np.broadcast_to(want, got.shape), rtol=0.01)
 
 
-def test_turning_antennas_and_scene_together_changes_nothing() -> None:
+def test_turning_antennas_and_scene_together_changes_nothing():
     """With skeleton antennas, too: the points of the plate are seen by all."""
     turn = Rotation.from_rotvec([0.3, -0.2, 0.1]).as_matrix()
     pattern = clradar.AntennaPattern(exponent=4.0)
@@ -140,7 +137,7 @@ def test_turning_antennas_and_scene_together_changes_nothing() -> None:
     assert difference < 3e-3
 
 
-def test_files_keep_them(tmp_path: Path) -> None:
+def test_files_keep_them(tmp_path):
     pattern = clradar.AntennaPattern(exponent=1.0)
     array = clradar.AntennaArray(
         TX_M, RX_M, "lab", pattern, None, TX_GAIN, None, np.tile([0.6, 0, 0.8], (5, 1))

@@ -1,7 +1,5 @@
 """Any-hit and closest-hit traversal against a brute force in float64, the latter against Embree."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from core import nearest

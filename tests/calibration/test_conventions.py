@@ -1,7 +1,5 @@
 """Diagnosis of conventions: each of the eight is found, up to symmetries of array and scene."""
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace
@@ -12,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import exit_status as run
+from nightly import nightly
 from shapes import plate
 
 import clradar
@@ -111,7 +110,7 @@ ROUNDING = 2e-7
 
 
 @pytest.mark.parametrize("h", ALL, ids=lambda h: h.label)
-def test_undoing_gives_the_capture_of_the_definition(h: Hypothesis) -> None:
+def test_undoing_gives_the_capture_of_the_definition(h):
     array, point_m = scattered(5, 5), np.array([0.03, -0.05, 0.3])
     # The file has these positions, and data according to the hypothesis.
     file = np.zeros((5, 5, SHORT.n_freq), dtype=complex)
@@ -126,7 +125,7 @@ def test_undoing_gives_the_capture_of_the_definition(h: Hypothesis) -> None:
 
 
 @pytest.mark.parametrize("h", ALL, ids=lambda h: h.label)
-def test_doing_it_twice_undoes_it(h: Hypothesis) -> None:
+def test_doing_it_twice_undoes_it(h):
     capture = points(scattered(4, 4), 2)
     once = apply_convention(capture, h)
     twice = apply_convention(once, h)
@@ -139,25 +138,26 @@ def test_doing_it_twice_undoes_it(h: Hypothesis) -> None:
     assert once.meta.get("conventions_applied", []) == ([h.label] if h.changes else [])
 
 
-def test_axes_of_different_length_cannot_be_swapped() -> None:
+def test_axes_of_different_length_cannot_be_swapped():
     with pytest.raises(ModelError, match="5 Tx and 4 Rx"):
         apply_convention(points(scattered(5, 4), 1), Hypothesis(swapped=True))
     with pytest.raises(ModelError, match="True or False"):
-        Hypothesis(swapped=2)  # type: ignore[arg-type]
+        Hypothesis(swapped=2)
 
 
 # --- diagnoses
 
 
-# Of all sixteen six in which every two choices occur in all four combinations.
+# Of all sixteen four that take all choices both ways, and nightly six in which every two choices
+# occur in all four combinations.
 @pytest.mark.parametrize(
     ("h", "scene"),
-    [(h, SCENES[0]) for h in ALL[::3]] + [(h, scene) for scene in SCENES[1:] for h in ALL[::5]],
+    [(h, SCENES[0]) for h in ALL[::5]]
+    + [(h, scene) for scene in SCENES[1:] for h in ALL[5::5]]
+    + nightly((h, scene) for scene in SCENES for h in ALL[::3]),
     ids=lambda value: getattr(value, "label", value),
 )
-def test_an_array_without_symmetry_leaves_the_mirror_image_only(
-    h: Hypothesis, scene: str, device: clradar.Device
-) -> None:
+def test_an_array_without_symmetry_leaves_the_mirror_image_only(h, scene, device):
     result = diagnose(apply_convention(made(scene, scattered(16, 16)), h), device=device)
     assert result.candidates == (unmirrored(h),)
     assert result.best == unmirrored(h)
@@ -166,7 +166,7 @@ def test_an_array_without_symmetry_leaves_the_mirror_image_only(
     assert "only a known target tells" in result.recommendation
 
 
-def test_the_imagers_symmetry_leaves_swapped_axes(device: clradar.Device) -> None:
+def test_the_imagers_symmetry_leaves_swapped_axes(device):
     """A mirror at the diagonal maps nearly every Tx on an Rx: both images are as sharp."""
     h = Hypothesis(swapped=True, conjugated=True)
     capture = apply_convention(made("one point", THIN), h)
@@ -179,7 +179,7 @@ def test_the_imagers_symmetry_leaves_swapped_axes(device: clradar.Device) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
 @pytest.mark.parametrize("scene", ["point", "plate", "rough plate", "hand"])
-def test_the_whole_imager_under_all(h: Hypothesis, scene: str, device: clradar.Device) -> None:
+def test_the_whole_imager_under_all(h, scene, device):
     if scene == "point":
         capture = reference.point_targets(QAR50, SWEEP, [[0.03, -0.05, 0.3]], [1.0])
     else:
@@ -195,7 +195,7 @@ def test_the_whole_imager_under_all(h: Hypothesis, scene: str, device: clradar.D
     assert set(result.candidates) <= swapped_too(h)
 
 
-def test_unequal_numbers_of_antennas_rule_swapped_axes_out(device: clradar.Device) -> None:
+def test_unequal_numbers_of_antennas_rule_swapped_axes_out(device):
     h = Hypothesis(reversed=True)
     result = diagnose(apply_convention(made("one point", scattered(16, 14)), h), device=device)
     assert result.candidates == (h,)
@@ -203,7 +203,7 @@ def test_unequal_numbers_of_antennas_rule_swapped_axes_out(device: clradar.Devic
         assert np.isnan(score.relative_db) == score.hypothesis.swapped
 
 
-def test_a_single_frequency_has_no_order(device: clradar.Device) -> None:
+def test_a_single_frequency_has_no_order(device):
     tone = Waveform([77e9])
     h = Hypothesis(conjugated=True)
     capture = reference.point_targets(scattered(16, 16), tone, [[0.03, -0.05, 0.3]], [1.0])
@@ -215,7 +215,7 @@ def test_a_single_frequency_has_no_order(device: clradar.Device) -> None:
         diagnose(capture, device=device)
 
 
-def test_a_few_frequencies_need_a_grid(device: clradar.Device) -> None:
+def test_a_few_frequencies_need_a_grid(device):
     h = Hypothesis(reversed=True)
     few = Waveform.sfcw(76e9, 78e9, 3)
     capture = reference.point_targets(scattered(16, 16), few, [[0.03, -0.05, 0.3]], [1.0])
@@ -227,9 +227,7 @@ def test_a_few_frequencies_need_a_grid(device: clradar.Device) -> None:
         diagnose(capture, device=device)
 
 
-def test_antennas_are_left_out_where_a_grid_is_large(
-    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_antennas_are_left_out_where_a_grid_is_large(device, monkeypatch):
     part = antenna_subset(points(THIN, 1), 200)
     assert 150 <= part.array.n_tx * part.array.n_rx <= 200
     assert part.array.n_tx == part.array.n_rx
@@ -252,9 +250,7 @@ def test_antennas_are_left_out_where_a_grid_is_large(
     assert result.best == h
 
 
-def test_large_images_are_formed_by_the_fast_method(
-    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_large_images_are_formed_by_the_fast_method(device, monkeypatch):
     ours = sys.modules[diagnose.__module__]
     methods: list[str] = []
 
@@ -270,7 +266,7 @@ def test_large_images_are_formed_by_the_fast_method(
     assert methods == ["fast", "range"]
 
 
-def test_where_both_orders_are_alike_neither_is_chosen(device: clradar.Device) -> None:
+def test_where_both_orders_are_alike_neither_is_chosen(device):
     # At half the ambiguous path the delays of either sign are alike: 0.95 m for 64 steps.
     capture = reference.point_targets(THIN, SHORT, [[0.02, 0.03, 0.46]], [1.0])
     for h in (Hypothesis(), Hypothesis(conjugated=True)):
@@ -283,14 +279,14 @@ def test_where_both_orders_are_alike_neither_is_chosen(device: clradar.Device) -
 
 
 @pytest.mark.parametrize("array", [THIN, scattered(16, 16)], ids=["thin", "scattered"])
-def test_no_echo_is_undecidable(array: AntennaArray, device: clradar.Device) -> None:
+def test_no_echo_is_undecidable(array, device):
     shape = (array.n_tx, array.n_rx, SHORT.n_freq)
     zero = Capture(np.zeros(shape), array, SHORT)
     one = made("one point", array)
     captures = {
         "zero": zero,
         "coupling in noise": with_data(one, coupling(one) + noise(one)),
-        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(6)},
+        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(2)},
     }
     for name, capture in captures.items():
         result = diagnose(capture, device=device)
@@ -299,7 +295,7 @@ def test_no_echo_is_undecidable(array: AntennaArray, device: clradar.Device) -> 
         assert result.recommendation.startswith("Undecidable"), name
 
 
-def test_channels_without_calibration_are_undecidable(device: clradar.Device) -> None:
+def test_channels_without_calibration_are_undecidable(device):
     capture = made("one point", THIN)
     rng = np.random.default_rng(1)
     tx, rx = (np.exp(2j * np.pi * rng.random(n)) for n in (THIN.n_tx, THIN.n_rx))
@@ -309,7 +305,7 @@ def test_channels_without_calibration_are_undecidable(device: clradar.Device) ->
     assert "calibrated" in result.recommendation
 
 
-def test_a_pair_of_antennas_is_undecidable(device: clradar.Device) -> None:
+def test_a_pair_of_antennas_is_undecidable(device):
     pair = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
     result = diagnose(made("one point", pair), device=device)
     assert result.best is None
@@ -319,7 +315,7 @@ def test_a_pair_of_antennas_is_undecidable(device: clradar.Device) -> None:
 
 
 @pytest.mark.parametrize("mirror", [False, True])
-def test_a_known_target_decides_the_mirror(mirror: bool, device: clradar.Device) -> None:
+def test_a_known_target_decides_the_mirror(mirror, device):
     h = Hypothesis(conjugated=True, mirrored=mirror)
     capture = apply_convention(made("one point", scattered(16, 16)), h)
     near = diagnose(capture, expected_m=(0.035, -0.06, 0.31), device=device)
@@ -334,7 +330,7 @@ def test_a_known_target_decides_the_mirror(mirror: bool, device: clradar.Device)
         assert "does not tell" in other.recommendation
 
 
-def test_invalid_positions(device: clradar.Device) -> None:
+def test_invalid_positions(device):
     capture = made("one point", scattered(16, 16))
     with pytest.raises(ModelError, match="z > 0"):
         diagnose(capture, expected_m=(0, 0, -0.3), device=device)
@@ -342,7 +338,7 @@ def test_invalid_positions(device: clradar.Device) -> None:
         diagnose(capture, expected_m=(0, 0.3), device=device)
 
 
-def test_peaks_and_images_are_those_of_each_hypothesis(device: clradar.Device) -> None:
+def test_peaks_and_images_are_those_of_each_hypothesis(device):
     h = Hypothesis(reversed=True)
     result = diagnose(apply_convention(made("one point", scattered(16, 16)), h), device=device)
     (score,) = (score for score in result.scores if score.hypothesis == h)
@@ -355,7 +351,7 @@ def test_peaks_and_images_are_those_of_each_hypothesis(device: clradar.Device) -
     assert abs(score.image.y_m[row] + 0.05) < grid_m
 
 
-def test_the_search_grid_holds_the_scene() -> None:
+def test_the_search_grid_holds_the_scene():
     """For either sign of the phase, whose echoes are at both ends of the profile."""
     long = Waveform.sfcw(72e9, 82e9, 128)
     for h in (Hypothesis(), Hypothesis(conjugated=True)):
@@ -379,7 +375,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: clradar.Devic
     return tmp_path
 
 
-def test_command(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command(files, capsys):
     wrong, fixed = files / "wrong.h5", files / "fixed.h5"
     status = run(
         "diagnose", wrong, "-o", files / "all.png", "--json", files / "all.json",
@@ -403,16 +399,14 @@ def test_command(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("diagnose", wrong, "--fix-to", fixed) == 1  # exists
 
 
-def test_command_warns_of_indistinguishable_hypotheses(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_warns_of_indistinguishable_hypotheses(files, capsys):
     assert run("diagnose", files / "wrong.h5", "--fix-to", files / "fixed.h5") == 0
     captured = capsys.readouterr()
     assert "the mirror image cannot be ruled out" in captured.err
     assert "x may be mirrored" in captured.out
 
 
-def test_command_on_undecidable_captures(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_on_undecidable_captures(files, capsys):
     assert run("diagnose", files / "zero.h5", "-o", files / "none.png") == 0
     captured = capsys.readouterr()
     assert "Undecidable: the capture is zero everywhere" in captured.out

@@ -52,9 +52,6 @@ def one_error_line(outcome: tuple[int, str, str], *parts: str) -> None:
         assert part in err
 
 
-# ---- every frame to a file of its own
-
-
 def test_all_frames(run, recording, tmp_path):
     before = tree(recording)
     (tmp_path / "a").mkdir()
@@ -125,9 +122,6 @@ def test_all_frames_skips_damaged_frames(run, recording, tmp_path):
     assert len(err.splitlines()) == 5
     assert "0 of 4 frames converted" in err
     assert not (tmp_path / "b").exists()
-
-
-# ---- to a recording
 
 
 def test_one_capture_to_a_recording_and_back(run, tmp_path):

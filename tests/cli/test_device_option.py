@@ -9,7 +9,7 @@ import pytest
 from command_line import GRID, Run
 
 from clradar.cli.app import COMMANDS, module_of
-from clradar.cli.options.groups import expanded
+from clradar.cli.groups import expanded
 
 LINES = {  # and what the command fails for once it has opened the device; "": it does not fail
     "hand": ("hand A -o new.ply --edge-mm 4", ""),

@@ -18,7 +18,8 @@ import clradar
 from calibration import HandFit
 from calibration.hand_fit.starts import read_start
 from clradar.cli.commands import fit_hand as command
-from clradar.cli.fits import CAPTURE, HAND_FILES, VOLUME, digit_rows
+from clradar.cli.commands.fit_hand import FILES, digit_rows
+from clradar.cli.comparison import CAPTURE, VOLUME
 from clradar.files.json_file import write_json
 from clradar.hand import HandShape, read_pose
 from clradar.model import Volume
@@ -66,7 +67,7 @@ def test_a_folder_with_all_that_was_found(
     folder = tmp_path / "fit"
     outcome = run("fit-hand", "sim.h5", "--pose", "L", "-o", folder, *GRID)
     assert outcome.status == 0, outcome.err
-    assert sorted(path.name for path in folder.iterdir()) == sorted(HAND_FILES)
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
     assert read_pose(folder / "pose.toml").name == "F, fitted to sim.h5"
     record = json.loads((folder / "fit.json").read_text())
     assert record["transform"] == closed.transform.tolist()

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 import clradar
 import clradar.plot
 from clradar.cli.inputs import recording_title, title_of
-from clradar.cli.options.measured import GridOptions, axis_mm
+from clradar.cli.options import GridOptions
+from clradar.cli.parse import axis_mm
 from measurement_io import (
     check_file,
     describe,

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 import typer
-from command_line import Run
+from command_line import Run, group_of
 
 import clradar
-from clradar.cli.options.scene import MaterialOptions
+from clradar.cli.groups import files_of
+from clradar.cli.options import MaterialOptions
 from clradar.errors import ClradarError, ClradarWarning
 from clradar.model.material_file import material_of
 from measurement_io import open_capture
@@ -33,19 +35,23 @@ def own(tmp_path: Path) -> Path:
     return path
 
 
+def of(**given: Any) -> MaterialOptions:
+    return group_of(MaterialOptions, **given)
+
+
 def names(scene: clradar.Scene) -> list[str]:
     return [scene.materials[i].name for i in np.asarray(scene.material)[:3]]
 
 
 def test_materials_of_all_and_of_parts(scene: clradar.Scene, own: Path) -> None:
     assert MaterialOptions().on(scene) is scene
-    assert names(MaterialOptions(material="palm").on(scene)) == ["palm"] * 3
-    some = MaterialOptions(material="palm", material_of=["thumb=skin", f"nail={own}:resin"])
+    assert names(of(material="palm").on(scene)) == ["palm"] * 3
+    some = of(material="palm", material_of=["thumb=skin", f"nail={own}:resin"])
     assert names(some.on(scene)) == ["palm", "skin", "resin"]
-    assert some.material_files == [own]
-    alone = MaterialOptions(material_of=["thumb=skin"]).on(scene)
+    assert files_of(some) == [own]
+    alone = of(material_of=["thumb=skin"]).on(scene)
     assert names(alone) == ["perfect conductor", "skin", "perfect conductor"]
-    file = MaterialOptions(material=f"{own}:resin").on(scene)
+    file = of(material=f"{own}:resin").on(scene)
     assert file.materials == (clradar.read_materials(own)["resin"],)
 
 
@@ -67,16 +73,16 @@ def test_wrong_names_list_what_is_known(
     if "material" in options:
         options = {"material": str(options["material"]).format(own=own)}
     with pytest.raises((typer.BadParameter, ClradarError), match=message):
-        MaterialOptions(**options).on(scene)
+        of(**options).on(scene)
 
 
 def test_a_material_chooses_the_estimator_that_knows_it() -> None:
     assert MaterialOptions().estimator(None) is None
     assert MaterialOptions().estimator("stochastic") == "stochastic"
-    assert MaterialOptions(material_of=["thumb=skin"]).estimator(None) == "physical"
-    assert MaterialOptions(material="palm").estimator("physical") == "physical"
+    assert of(material_of=["thumb=skin"]).estimator(None) == "physical"
+    assert of(material="palm").estimator("physical") == "physical"
     with pytest.warns(ClradarWarning, match="--material: not used by --estimator expected"):
-        assert MaterialOptions(material="palm").estimator("expected") == "expected"
+        assert of(material="palm").estimator("expected") == "expected"
 
 
 def test_simulate_takes_the_materials_of_parts(run: Run, made: Path, tmp_path: Path) -> None:

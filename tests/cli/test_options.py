@@ -10,8 +10,15 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from clradar.cli.options.common import DEVICE
-from clradar.cli.options.groups import REQUIRED, argument, expanded, given, option, recorded
+from clradar.cli.call import call, plain
+from clradar.cli.groups import REQUIRED, argument, expanded, given, option, wrong_usage
+from clradar.cli.options import DEVICE
+
+
+def between(name: str, text: str) -> tuple[int, ...]:
+    if ":" not in text:
+        raise wrong_usage(name, f"expected FIRST:LAST, got '{text}'")
+    return tuple(map(int, text.split(":")))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,10 +31,12 @@ class Group(Base):
     source: Path = argument("What is read.", REQUIRED, metavar="SOURCE")
     edge_mm: float | None = option("Length of an edge.")
     size: tuple[float, float] | None = option("Width and height.")
-    parts: list[str] | None = option("Parts.", names=("-p", "--part"))
+    parts: list[str] | None = option("Parts.", None, "-p", "--part")
+    span: tuple[int, ...] | None = option("From and to.", parse=between)
     left: bool = option("A left hand.", False, needs="--edge-mm")
     right: bool = option("A right hand.", False, without="--left -p")
     other: bool = option("Of another command.", False, needs="--nowhere")
+    angle_deg: float | None = option("Of hann.", needs="--window=hann", due="--window=hann")
 
 
 def outcome_of(*arguments: str) -> tuple[int, str, list[object]]:
@@ -49,19 +58,23 @@ def outcome_of(*arguments: str) -> tuple[int, str, list[object]]:
 def test_a_command_receives_records_and_single_options() -> None:
     status, output, received = outcome_of(
         "a.h5", "--edge-mm", "2", "--size", "3", "4", "--window", "hann", "-p", "palm",
-        "--part", "thumb", "--left", "--count", "7", "--device", "pocl",
+        "--part", "thumb", "--left", "--count", "7", "--device", "pocl", "--span", "1:3",
+        "--angle-deg", "9",
     )  # fmt: skip
     assert status == 0, output
     group = Group(
         source=Path("a.h5"), edge_mm=2.0, size=(3.0, 4.0), window="hann", parts=["palm", "thumb"],
-        left=True,
+        left=True, span=(1, 3), angle_deg=9.0,
     )  # fmt: skip
     assert received == [group, 7, "pocl"]
-    # What JSON reads back equal.
-    assert recorded(group, n=1) == {
+    # What JSON reads back equal: all options of the command that results depend on.
+    kept = {
         "source": "a.h5", "edge_mm": 2.0, "size": [3.0, 4.0], "window": "hann",
-        "parts": ["palm", "thumb"], "left": True, "right": False, "other": False, "n": 1,
+        "parts": ["palm", "thumb"], "left": True, "right": False, "other": False, "span": [1, 3],
+        "angle_deg": 9.0, "count": 7,
     }  # fmt: skip
+    assert plain(call.options) == kept
+    assert plain(call.options, paths=False) == {**kept, "source": None}
 
 
 def test_defaults_and_what_was_given() -> None:
@@ -83,6 +96,9 @@ def test_defaults_and_what_was_given() -> None:
         (["a.h5", "--count", "7", "--left"], "--left: expected --edge-mm with it"),
         (["a.h5", "--count", "7", "--right", "-p", "x"], "--right: expected without -p"),
         (["a.h5", "--count", "7", "--edge-mm", "long"], "--edge-mm"),
+        (["a.h5", "--count", "7", "--span", "3"], "--span: expected FIRST:LAST, got '3'"),
+        (["a.h5", "--count", "7", "--window", "hann"], "--angle-deg: --window hann needs it"),
+        (["a.h5", "--count", "7", "--angle-deg", "1"], "expected --window hann with it"),
     ],
 )
 def test_wrong_usage(arguments: list[str], part: str) -> None:

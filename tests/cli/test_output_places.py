@@ -16,7 +16,7 @@ from command_line import Run, one_error_line
 from systems import posix_only
 
 from clradar.cli.app import COMMANDS, module_of
-from clradar.cli.options.groups import expanded
+from clradar.cli.groups import expanded
 
 FILE_OUTPUTS = (
     "hand in.json -o {}.ply --force",

@@ -12,7 +12,7 @@ from command_line import Run
 
 import clradar
 from clradar.cli.app import COMMANDS, module_of
-from clradar.cli.options.groups import expanded
+from clradar.cli.groups import expanded
 from measurement_io import open_volume, save_capture
 
 OWN = "captures and recordings have their antennas and frequencies"
@@ -81,7 +81,7 @@ def test_a_volume_is_taken_for_one_of_the_radar_that_is_named(
     from clradar.cli.options.measured import RadarOptions
 
     volume = ImageInput(tmp_path / "volume.h5", open_volume(tmp_path / "volume.h5"))
-    found = volume.radar_or(RadarOptions(array=str(cross), band="60:62:5"))
+    found = volume.radar_or(RadarOptions(array=str(cross), band=(60.0, 62.0, 5)))
     assert found["array"].same_positions(array, 0.0)
     assert found["waveform"].same_frequencies(waveform)
     for command in ("register", "align", "sweep"):
@@ -90,4 +90,4 @@ def test_a_volume_is_taken_for_one_of_the_radar_that_is_named(
         outcome = run(*words, "-o", tmp_path / "made", "--array", cross)
         assert outcome.status != 0
     with pytest.raises(typer.BadParameter, match="capture and has its antennas"):
-        ImageInput(tmp_path / "capture.h5", capture).radar_or(RadarOptions(band="60:62:5"))
+        ImageInput(tmp_path / "capture.h5", capture).radar_or(RadarOptions(band=(60.0, 62.0, 5)))

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import DENSITY, Run, one_error_line
+from command_line import DENSITY, Run, group_of, one_error_line
 
 import clradar
-from clradar.cli.options.scene import PlacementOptions, SceneOptions, split_alpha
+from clradar.cli.options import PlacementOptions, SceneOptions, mesh_and_alpha
 from clradar.errors import ClradarError, ModelError
 from clradar.files.hashing import sha256_of
 from measurement_io import open_capture
@@ -37,7 +37,7 @@ def test_simulate_writes_what_the_library_gives(made: Path) -> None:
     assert meta["clradar"] == clradar.__version__
     assert meta["packages"]["numpy"] == np.__version__
     assert meta["command"] == "simulate"
-    assert meta["options"]["waveform_ghz"] == [72.0, 82.0, 16]
+    assert meta["options"]["band"] == [72.0, 82.0, 16]
     digest = sha256_of(made / "hand.ply")
     assert meta["inputs"] == [{"file": "hand.ply", "sha256": digest}]
 
@@ -87,7 +87,7 @@ def test_every_option_of_simulate_reaches_the_library(
 
 def test_alpha_by_mesh_and_by_part(made: Path) -> None:
     meshes = [str(made / name) for name in ("hand.ply:0.2", "parts.glb")]
-    scene = SceneOptions(meshes=meshes, alpha=["palm-2=0.6", "0.9", "thumb=0"]).load()
+    scene = group_of(SceneOptions, meshes=meshes, alpha=["palm-2=0.6", "0.9", "thumb=0"]).load()
     alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)
     # Both meshes have the parts of a hand.
     expected = {"palm": 0.2, "palm-2": 0.6, "thumb": 0.0, "thumb-2": 0.9, "index-2": 0.9}
@@ -95,13 +95,13 @@ def test_alpha_by_mesh_and_by_part(made: Path) -> None:
         assert set(alpha[part == scene.part_names.index(name)]) == {value}
 
 
-def test_split_alpha(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mesh_and_alpha(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert split_alpha("a.ply") == (Path("a.ply"), None)
-    assert split_alpha("a.ply:0.25") == (Path("a.ply"), 0.25)
-    assert split_alpha("c:a.ply") == (Path("c:a.ply"), None)
+    assert mesh_and_alpha("a.ply") == (Path("a.ply"), None)
+    assert mesh_and_alpha("a.ply:0.25") == (Path("a.ply"), 0.25)
+    assert mesh_and_alpha("c:a.ply") == (Path("c:a.ply"), None)
     Path("a.ply:1").touch()  # a file of that very name
-    assert split_alpha("a.ply:1") == (Path("a.ply:1"), None)
+    assert mesh_and_alpha("a.ply:1") == (Path("a.ply:1"), None)
 
 
 def test_transform_moves_the_mesh(made: Path, tmp_path: Path, run: Run) -> None:
@@ -112,7 +112,7 @@ def test_transform_moves_the_mesh(made: Path, tmp_path: Path, run: Run) -> None:
         path.write_text(json.dumps(form))
         read = PlacementOptions(transform=path).matrix()
         assert np.array_equal(read, matrix)
-    moved = SceneOptions(meshes=[str(made / "hand.ply")], transform=path).load()
+    moved = SceneOptions(meshes=[(made / "hand.ply", None)], transform=path).load()
     assert moved.digest() == clradar.Scene.from_mesh(made / "hand.ply", transform=matrix).digest()
     for text in ("", "{", "[1, 2]", '{"matrix": []}', '["a"]', json.dumps([0] * 16),
                  "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]",

@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 import trimesh
-
-posix_only = pytest.mark.skipif(os.name != "posix", reason="a shell of POSIX")
+from systems import posix_only
 
 NAME = "Häñde und 手"
 """Blanks, umlauts, and what no code page of Europe has."""

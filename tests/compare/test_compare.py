@@ -1,7 +1,5 @@
 """The metrics, against closed forms and against formulas written out by hand."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import FrozenInstanceError, fields, replace
@@ -72,7 +70,7 @@ SPECKLE = pytest.mark.filterwarnings("ignore:compare. an overlap of:clradar.Clra
 PLATE = plate(slice(5, 20), slice(10, 30))
 
 
-def test_identical_images() -> None:
+def test_identical_images():
     volume = layer(texture(0), np.random.default_rng(1).integers(0, N_Z, (N_Y, N_X)))
     metrics = compare(volume, volume)
     assert metrics.overlap == pytest.approx(1.0, abs=ROUNDING)
@@ -86,7 +84,7 @@ def test_identical_images() -> None:
 
 
 @pytest.mark.parametrize("steps", [-7, -1, 3, 10])
-def test_plane_shifted_in_depth(steps: int) -> None:
+def test_plane_shifted_in_depth(steps):
     metrics = compare(layer(PLATE), layer(PLATE, 10 + steps))
     shift_m = abs(steps) * MM
     assert (metrics.db_correlation, metrics.mask_iou) == (1.0, 1.0)
@@ -99,14 +97,14 @@ def test_plane_shifted_in_depth(steps: int) -> None:
     assert metrics.chamfer_measured_to_simulated_m == pytest.approx(shift_m, abs=ROUNDING)
 
 
-def test_mask_iou_of_two_plates() -> None:
+def test_mask_iou_of_two_plates():
     # 20 x 10 and 20 x 10 pixels that share 20 x 4: 80 / (200 + 200 - 80).
     first = layer(plate(slice(0, 20), slice(0, 10)))
     second = layer(plate(slice(0, 20), slice(6, 16)))
     assert compare(first, second).mask_iou == 80 / 320
 
 
-def test_disjoint_masks_have_no_depth_error() -> None:
+def test_disjoint_masks_have_no_depth_error():
     first = layer(plate(slice(0, 20), slice(0, 10)))
     second = layer(plate(slice(0, 20), slice(15, 25)))
     metrics = compare(first, second)
@@ -118,7 +116,7 @@ def test_disjoint_masks_have_no_depth_error() -> None:
 
 
 @pytest.mark.parametrize("blur_mm", [0.7, 2.0, 5.0])
-def test_overlap_against_all_pairs(blur_mm: float) -> None:
+def test_overlap_against_all_pairs(blur_mm):
     """On uneven pixels, with depths between the voxels and pixels that have none."""
     rng = np.random.default_rng(6)
     x_m, y_m = (np.cumsum(rng.uniform(0.5, 1.5, n)) * MM for n in (N_X, N_Y))
@@ -142,7 +140,7 @@ def test_overlap_against_all_pairs(blur_mm: float) -> None:
 
 
 @SPECKLE
-def test_the_metrics_have_the_stated_sense() -> None:
+def test_the_metrics_have_the_stated_sense():
     """Perfect agreement against a worse image: each metric changes in its stated direction."""
     base = layer(texture(60), np.random.default_rng(61).integers(0, N_Z, (N_Y, N_X)))
     other = layer(texture(62), np.random.default_rng(63).integers(0, N_Z, (N_Y, N_X)))
@@ -154,7 +152,7 @@ def test_the_metrics_have_the_stated_sense() -> None:
 
 
 @SPECKLE
-def test_chamfer_against_all_pairs() -> None:
+def test_chamfer_against_all_pairs():
     rng = np.random.default_rng(5)
     a = layer(texture(2), rng.integers(0, N_Z, (N_Y, N_X)))
     b = layer(texture(3), rng.integers(0, N_Z, (N_Y, N_X)))
@@ -168,7 +166,7 @@ def test_chamfer_against_all_pairs() -> None:
 
 
 @SPECKLE
-def test_correlation_against_numpy() -> None:
+def test_correlation_against_numpy():
     """By hand: dB relative to each maximum, clipped, every pixel of the image."""
     a, b = texture(7), texture(8) + 0.5 * texture(7)
     clipped = [np.maximum(20 * np.log10(v / v.max()), -15.0).ravel() for v in (a, b)]
@@ -177,7 +175,7 @@ def test_correlation_against_numpy() -> None:
 
 
 @SPECKLE
-def test_ssim_by_hand() -> None:
+def test_ssim_by_hand():
     """Wang et al. 2004, written out for one image of exactly one window."""
     rng = np.random.default_rng(11)
     a, b = (10.0 ** (rng.uniform(-15.0, 0.0, (11, 11)) / 20.0) for _ in range(2))
@@ -196,7 +194,7 @@ def test_ssim_by_hand() -> None:
     assert compare(depth_map(a), depth_map(b)).ssim == pytest.approx(expected, abs=10 * FLOAT32)
 
 
-def test_depth_maps_and_volumes_agree() -> None:
+def test_depth_maps_and_volumes_agree():
     a, b = layer(texture(40), 3), layer(texture(41), 5)
     expected = compare(a, b)
     assert compare(a.depth_map(), b) == expected
@@ -204,7 +202,7 @@ def test_depth_maps_and_volumes_agree() -> None:
     assert compare(a.depth_map(30.0), b.depth_map(20.0)) == expected
 
 
-def test_correlation_of_a_constant_image_is_nan() -> None:
+def test_correlation_of_a_constant_image_is_nan():
     constant, other = layer(np.ones((N_Y, N_X))), layer(PLATE)
     for pair in ((constant, other), (other, constant), (constant, constant)):
         metrics = compare(*pair)
@@ -213,7 +211,7 @@ def test_correlation_of_a_constant_image_is_nan() -> None:
         assert metrics.depth_rmse_m == 0.0
 
 
-def test_metrics_as_json() -> None:
+def test_metrics_as_json():
     first = layer(plate(slice(0, 20), slice(0, 10)))
     second = layer(plate(slice(0, 20), slice(15, 25)))
     metrics = compare(first, second)
@@ -223,7 +221,7 @@ def test_metrics_as_json() -> None:
     assert record["mask_iou"] == 0.0
     assert record["chamfer_simulated_to_measured_m"] == metrics.chamfer_simulated_to_measured_m
     with pytest.raises(FrozenInstanceError):
-        metrics.ssim = 1.0  # type: ignore[misc]
+        metrics.ssim = 1.0
 
 
 NOWHERE = replace(layer(PLATE).depth_map(), depth_m=np.full((N_Y, N_X), np.nan))
@@ -241,7 +239,7 @@ NOWHERE = replace(layer(PLATE).depth_map(), depth_m=np.full((N_Y, N_X), np.nan))
         (layer(PLATE[:, :31], n_x=31), "x = -20 to 10 mm in 31"),
     ],
 )
-def test_images_that_cannot_be_compared(bad: Any, message: str) -> None:
+def test_images_that_cannot_be_compared(bad, message):
     for pair, which in (((bad, layer(PLATE)), "measured"), ((layer(PLATE), bad), "simulated")):
         with pytest.raises(CompareError, match=message) as caught:
             compare(*pair)
@@ -250,7 +248,7 @@ def test_images_that_cannot_be_compared(bad: Any, message: str) -> None:
 
 
 @pytest.mark.parametrize("bad", [0.0, -15.0, math.nan, "wide"])
-def test_dynamic_range_must_be_positive(bad: Any) -> None:
+def test_dynamic_range_must_be_positive(bad):
     with pytest.raises(ModelError, match="dynamic_range_db"):
         compare(layer(PLATE), layer(PLATE), dynamic_range_db=bad)
     small = depth_map(texture(0)[:10, :12])

@@ -1,7 +1,5 @@
 """Objects that one image shows and the other lacks, and metrics that contradict each other."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 
@@ -50,7 +48,7 @@ def places_mm(objects: Sequence[UnmatchedObject]) -> list[tuple[int, ...]]:
     return [tuple(round(1e3 * value) for value in one.position_m) for one in objects]
 
 
-def test_the_brightest_object_is_missing_though_the_overlap_is_good() -> None:
+def test_the_brightest_object_is_missing_though_the_overlap_is_good():
     with pytest.warns(ClradarWarning, match="an overlap of 0.8. is misleading here: missing"):
         metrics = compare(MEASURED, scene(OTHERS))
     assert metrics.overlap > 0.8
@@ -69,7 +67,7 @@ def test_the_brightest_object_is_missing_though_the_overlap_is_good() -> None:
     )
 
 
-def test_the_metrics_are_said_to_disagree() -> None:
+def test_the_metrics_are_said_to_disagree():
     metrics = Metrics(0.86, 0.56, 0.7, 0.46, 1e-3, 1e-3, 9e-3)
     assert metrics.misleading
     (remark,) = metrics.remarks
@@ -96,9 +94,7 @@ def test_the_metrics_are_said_to_disagree() -> None:
         ((*OTHERS, "extra"), ["bright"], ["extra"]),
     ],
 )
-def test_objects_of_one_image_alone(
-    simulated: tuple[str, ...], missing: list[str], surplus: list[str]
-) -> None:
+def test_objects_of_one_image_alone(simulated, missing, surplus):
     """Also where the surplus is the brightest by far, so that it lowers all others."""
     extra = ((-10.0, 0.0, 290.0), 6.0, 3.0)
     metrics = compare(MEASURED, scene(simulated, extra=extra))
@@ -107,7 +103,7 @@ def test_objects_of_one_image_alone(
     assert places_mm(metrics.surplus) == [spots[name][0] for name in surplus]
 
 
-def test_an_object_at_another_depth_is_another_object() -> None:
+def test_an_object_at_another_depth_is_another_object():
     behind = scene(tuple(SPOTS), bright=((-36, 30, 315), 4.0, 1.0))
     found = disagreement(MEASURED, behind)
     assert places_mm(found.missing) == [(-36, 30, 290)]
@@ -117,9 +113,7 @@ def test_an_object_at_another_depth_is_another_object() -> None:
 
 
 @pytest.mark.parametrize("moved_mm", [(5, 0, 0), (0, 5, 0), (0, 0, 5), (3, 3, 3)])
-def test_an_object_that_is_slightly_elsewhere_is_not_missing(
-    moved_mm: tuple[float, float, float],
-) -> None:
+def test_an_object_that_is_slightly_elsewhere_is_not_missing(moved_mm):
     moved = {
         name: ((x + moved_mm[0], y + moved_mm[1], z + moved_mm[2]), radius, level)
         for name, ((x, y, z), radius, level) in SPOTS.items()
@@ -128,7 +122,7 @@ def test_an_object_that_is_slightly_elsewhere_is_not_missing(
     assert (metrics.missing, metrics.surplus) == ((), ())
 
 
-def test_another_brightness_is_not_missing_until_it_is_weaker_by_the_limit() -> None:
+def test_another_brightness_is_not_missing_until_it_is_weaker_by_the_limit():
     """The gain follows what both show, so one level is off and not all others."""
     for change_db, expected in ((-WEAKER_DB + 2, 0), (-WEAKER_DB - 4, 1)):
         weaker = ((30.0, 24.0, 300.0), 11.0, 0.42 * 10 ** (change_db / 20))
@@ -138,7 +132,7 @@ def test_another_brightness_is_not_missing_until_it_is_weaker_by_the_limit() -> 
         assert found.surplus == ()
 
 
-def test_against_all_pairs_of_pixels() -> None:
+def test_against_all_pairs_of_pixels():
     """The difference of every pixel, written out, on uneven pixels with unknown depths."""
     rng = np.random.default_rng(3)
     x_m, y_m = (np.cumsum(rng.uniform(1.0, 3.0, n)) * MM for n in (23, 19))
@@ -169,7 +163,7 @@ def test_against_all_pairs_of_pixels() -> None:
     np.testing.assert_allclose(found.level_db, expected, atol=1e-9)
 
 
-def test_a_motion_is_applied_to_the_simulated_points() -> None:
+def test_a_motion_is_applied_to_the_simulated_points():
     """As after `align`: on other pixels, and where several points meet the strongest stays."""
     moved = {
         name: ((x - 20, y + 6, z + 9), radius, level)
@@ -191,7 +185,7 @@ def test_a_motion_is_applied_to_the_simulated_points() -> None:
     assert places_mm(disagreement(MEASURED, half, back).missing) == [(-36, 30, 290)]
 
 
-def test_errors_of_a_motion() -> None:
+def test_errors_of_a_motion():
     away = np.eye(4)
     away[0, 3] = 1.0
     with pytest.raises(CompareError, match="on the measured pixels after the motion, got none"):
@@ -200,7 +194,7 @@ def test_errors_of_a_motion() -> None:
         disagreement(MEASURED, MEASURED, np.ones((3, 3)))
 
 
-def test_it_is_part_of_the_record() -> None:
+def test_it_is_part_of_the_record():
     metrics = compare(scene(tuple(SPOTS)), scene(("small",)))
     assert len(metrics.missing) == 3
     record = json.loads(json.dumps(metrics.to_dict(), allow_nan=False))

@@ -27,10 +27,11 @@ from clradar.dataset.runs import STOP_AFTER, ShardMaker
 from clradar.errors import DeviceError, ModelError, OutputError
 from clradar.jobs import Where
 from clradar.jobs.outcome import ATTEMPTS
-from clradar.jobs.resources import WorkerResources, partition
-from clradar.opencl import DeviceInfo
+from clradar.jobs.workers import Share, own_cores, partition
+from clradar.opencl import DeviceInfo, devices_like
 
 SAMPLES = 8
+CORES = own_cores()
 PLAN = f"""
 seed = 3
 samples = {SAMPLES}
@@ -94,17 +95,13 @@ def cluster() -> Iterator[Any]:
     """A Dask client of two workers whose samples can be made to fail."""
     import dask
 
-    from clradar.jobs.cluster import local_cluster
-    from clradar.jobs.resources import worker_resources
+    from clradar.jobs.workers import local_client
 
     faulty_samples.plan_faults({})
     preload = [str(Path(faulty_samples.__file__))]
     with (
         dask.config.set({"distributed.worker.preload": preload}),
-        local_cluster(worker_resources(min(2, len(os.sched_getaffinity(0))), "pocl")) as (
-            client,
-            _,
-        ),
+        local_client(partition(min(2, len(CORES)), devices_like("pocl"), CORES)) as client,
     ):
         yield client
 
@@ -113,8 +110,7 @@ def cluster() -> Iterator[Any]:
 def test_a_worker_that_is_killed_while_it_starts_is_started_again(tmp_path: Path) -> None:
     import dask
 
-    from clradar.jobs.cluster import local_cluster
-    from clradar.jobs.resources import worker_resources
+    from clradar.jobs.workers import local_client
 
     killed, preload = tmp_path / "killed", tmp_path / "kill_first.py"
     preload.write_text(
@@ -126,7 +122,7 @@ def test_a_worker_that_is_killed_while_it_starts_is_started_again(tmp_path: Path
     )
     with (
         dask.config.set({"distributed.worker.preload": [str(preload)]}),
-        local_cluster(worker_resources(1, "pocl")) as (client, _),
+        local_client(partition(1, devices_like("pocl"), CORES)) as client,
     ):
         assert client.submit(sum, [1, 2]).result() == 3
     assert killed.exists()
@@ -160,7 +156,6 @@ def test_gpus_are_assigned_in_turn() -> None:
 def test_workers_with_a_device_each_make_the_same(tmp_path: Path) -> None:
     found = findings_of("cluster", tmp_path)
     assert found["devices"] == ["0:0", "0:1"]
-    assert found["assigned"] == ["0:0", "0:1"][: len(found["assigned"])]
     assert found["same"]
 
 
@@ -168,7 +163,7 @@ def test_pocl_keeps_to_its_threads() -> None:
     code = "from clradar.opencl import open_device; print(open_device().info.compute_units)"
     found = subprocess.run(
         [sys.executable, "-c", code],
-        env={**os.environ, **WorkerResources("pocl", (0,), 1).environment()},
+        env={**os.environ, **Share("pocl", (0,), 1).environment()},
         capture_output=True,
         text=True,
         check=True,
@@ -298,7 +293,7 @@ def test_a_run_ends_after_samples_that_are_made_twice(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Dask reschedules what a dead worker held, and does not wait for it."""
-    from clradar.jobs.distributed import Distributed
+    from clradar.jobs.workers import Workers
 
     begun, released, ended = (tmp_path / name for name in ("begun", "released", "ended"))
 
@@ -313,27 +308,24 @@ def test_a_run_ends_after_samples_that_are_made_twice(
     future = cluster.submit(slowly, *arguments, key=key, resources={"DEVICE": 1})
     wait_for(begun.exists)
     future.cancel()
-    Distributed(cluster)._await_late("another run")
+    Workers(cluster)._await_late("another run")
     assert not ended.exists()
     # It ends only once it is waited for.
-    monkeypatch.setattr("clradar.jobs.distributed.sleep", lambda _: released.touch())
-    Distributed(cluster)._await_late("run")
+    monkeypatch.setattr("clradar.jobs.workers.sleep", lambda _: released.touch())
+    Workers(cluster)._await_late("run")
     assert ended.exists()
 
 
 def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path: Path) -> None:
-    from clradar.jobs.distributed import _contract, run_item, worker_facts
+    from clradar.jobs.workers import Terms, run_item, worker_facts
 
     facts = worker_facts("pocl")
-    with _contract(tmp_path, facts, "pocl", ()) as contract:
-        assert contract.breach() is None
-        assert "cannot see the folder" in str(replace(contract, token="other").breach())
-        assert "cannot see /none" in str(replace(contract, files=("/none",)).breach())
-        older = replace(contract, made_with=json.dumps({**facts, "clradar": "0.0.1"}))
-        error, _ = run_item(ShardMaker(tmp_path, plan), None, str(tmp_path), older)
-        assert "device of the other workers: clradar 0.0.1, now" in str(error)
-    assert "cannot see the folder" in str(contract.breach())
-    assert list(tmp_path.iterdir()) == []
+    terms = Terms(json.dumps(facts), "pocl", (str(tmp_path),), str(tmp_path))
+    assert terms.breach() is None
+    assert "cannot see /none" in str(replace(terms, files=("/none",)).breach())
+    older = replace(terms, made_with=json.dumps({**facts, "clradar": "0.0.1"}))
+    error, _ = run_item(ShardMaker(tmp_path, plan).run, None, older)
+    assert "device of the other workers: clradar 0.0.1, now" in str(error)
 
 
 @pytest.mark.slow
@@ -352,7 +344,7 @@ def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(
 def test_an_address_without_a_scheduler_is_one_error(
     plan_file: Path, cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("clradar.jobs.cluster.CONNECT_S", 0.5)
+    monkeypatch.setattr("clradar.jobs.workers.CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense"):
         status, output = cli("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)
         assert status == 1

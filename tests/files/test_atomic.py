@@ -1,12 +1,9 @@
 """Files and folders that are there whole or not at all."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from systems import posix_only
@@ -16,7 +13,7 @@ from clradar.files import atomic
 from clradar.files.atomic import new_folder, replacing, swap_folder, write_file
 
 
-def test_a_target_is_replaced_only_with_force(tmp_path: Path) -> None:
+def test_a_target_is_replaced_only_with_force(tmp_path):
     target = tmp_path / "a"
     write_file(target, b"1")
     with pytest.raises(OutputError, match="a: exists already"):
@@ -30,7 +27,7 @@ def test_a_target_is_replaced_only_with_force(tmp_path: Path) -> None:
     assert sorted(os.listdir(tmp_path)) == ["a", "dangling"]
 
 
-def test_a_target_that_appears_while_it_is_written(tmp_path: Path) -> None:
+def test_a_target_that_appears_while_it_is_written(tmp_path):
     target = tmp_path / "a"
     with pytest.raises(OutputError, match="exists"), replacing(target) as temporary:  # noqa: PT012
         temporary.write_bytes(b"ours")
@@ -40,7 +37,7 @@ def test_a_target_that_appears_while_it_is_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["missing/a", "folder", "nul\0byte", "a" * 300])
-def test_names_that_cannot_be_written(tmp_path: Path, name: str) -> None:
+def test_names_that_cannot_be_written(tmp_path, name):
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError) as info:
         write_file(tmp_path / name, b"", force=True)
@@ -49,9 +46,7 @@ def test_names_that_cannot_be_written(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left"), KeyboardInterrupt()])
-def test_a_failed_write_leaves_what_was_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
-) -> None:
+def test_a_failed_write_leaves_what_was_there(tmp_path, monkeypatch, error):
     target = tmp_path / "a"
     target.write_bytes(b"precious")
 
@@ -67,9 +62,7 @@ def test_a_failed_write_leaves_what_was_there(
     assert os.listdir(tmp_path) == ["a"]
 
 
-def test_folders_are_swapped_and_come_back_after_a_failure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folders_are_swapped_and_come_back_after_a_failure(tmp_path, monkeypatch):
     target = tmp_path / "deep" / "out"
     for content in ("1", "2"):
         with new_folder(target) as temporary:
@@ -90,7 +83,7 @@ def test_folders_are_swapped_and_come_back_after_a_failure(
 
 
 @posix_only
-def test_what_killed_processes_left_of_a_name_is_removed_and_nothing_else(tmp_path: Path) -> None:
+def test_what_killed_processes_left_of_a_name_is_removed_and_nothing_else(tmp_path):
     gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"],
                           capture_output=True, text=True, check=True).stdout.strip()  # fmt: skip
     mine = atomic._temporary(tmp_path / "a.h5")

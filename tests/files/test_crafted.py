@@ -1,7 +1,5 @@
 """Files made to do harm: each ends in one line, in seconds, with little memory."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle
@@ -244,7 +242,7 @@ def processor_s() -> float:
 
 @linux_only
 @pytest.mark.parametrize("name", CRAFTED)
-def test_crafted_files(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_crafted_files(name, tmp_path, monkeypatch):
     file, content = CRAFTED[name]
     monkeypatch.chdir(tmp_path)
     path = tmp_path / file

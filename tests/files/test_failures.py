@@ -1,19 +1,16 @@
 """Messages about files, and files of a limited size."""
 
-from __future__ import annotations
-
 import os
-from pathlib import Path
 
 import pytest
 from systems import posix_only
 
-from clradar.errors import ClradarError, MeasurementError, ModelError, RigError
+from clradar.errors import MeasurementError, ModelError, RigError
 from clradar.files.failures import clean, fail, read_bytes, reading
 from clradar.files.limits import MAX_MESSAGE_CHARACTERS
 
 
-def test_messages_are_one_printable_line_of_bounded_length() -> None:
+def test_messages_are_one_printable_line_of_bounded_length():
     assert clean("a\n b\t\x1b[31m\udcff") == "a b \\x1b[31m\\udcff"
     assert len(clean("x" * 10**6)) == MAX_MESSAGE_CHARACTERS + 3
     with pytest.raises(MeasurementError, match=r"^a b: expected this, got that$"):
@@ -29,9 +26,7 @@ def test_messages_are_one_printable_line_of_bounded_length() -> None:
         (ModelError("x: expected y, got z"), "f: x: expected y, got z"),
     ],
 )
-def test_what_a_parser_raises_becomes_one_class(
-    kind: type[ClradarError], error: Exception, words: str
-) -> None:
+def test_what_a_parser_raises_becomes_one_class(kind, error, words):
     with pytest.raises(kind) as info, reading("f", "a thing", error=kind):
         raise error
     assert type(info.value) is kind
@@ -40,7 +35,7 @@ def test_what_a_parser_raises_becomes_one_class(
 
 
 @posix_only
-def test_only_regular_files_of_the_allowed_size_are_read(tmp_path: Path) -> None:
+def test_only_regular_files_of_the_allowed_size_are_read(tmp_path):
     path = tmp_path / "f"
     path.write_bytes(b"12345")
     assert read_bytes(path, "a thing", 5) == b"12345"

@@ -4,8 +4,6 @@ Each folder of `frozen/` is named by when `support/frozen_files.py` wrote it. No
 ever changed; whoever changes what is written adds a folder.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -21,7 +19,7 @@ import clradar
 import clradar.dataset
 from calibration.hand_fit.frame_fit import FrameFit
 from calibration.hand_fit.starts import read_start
-from clradar.cli.options.sweep import read_joints
+from clradar.cli.commands.sweep import read_joints
 from clradar.dataset.check import check_dataset
 from clradar.hand import HandShape, read_pose
 from measurement_io import (
@@ -72,7 +70,7 @@ def check_radar(array: clradar.AntennaArray, waveform: clradar.Waveform, pattern
         assert (rx.angle_deg.tolist(), rx.field.tolist()) == ([0, 30, 180], [1, 0.5, 0])
 
 
-def test_what_is_frozen() -> None:
+def test_what_is_frozen():
     """Every kind of file, and nothing that no test reads."""
     assert {path.name for path in FROZEN[0].iterdir()} == {*NATIVE, *OTHERS}
     for folder in FROZEN[1:]:
@@ -81,7 +79,7 @@ def test_what_is_frozen() -> None:
 
 @folders_with("capture-1.h5")
 @pytest.mark.parametrize("version", [1, 2])
-def test_captures(frozen: Path, version: int) -> None:
+def test_captures(frozen, version):
     path = frozen / f"capture-{version}.h5"
     with h5py.File(path) as file:
         assert file.attrs["clradar_version"] == version
@@ -95,7 +93,7 @@ def test_captures(frozen: Path, version: int) -> None:
 
 @folders_with("volume-1.h5")
 @pytest.mark.parametrize("version", [1, 2])
-def test_volumes(frozen: Path, version: int) -> None:
+def test_volumes(frozen, version):
     path = frozen / f"volume-{version}.h5"
     with h5py.File(path) as file:
         assert file.attrs["clradar_version"] == version
@@ -114,7 +112,7 @@ def test_volumes(frozen: Path, version: int) -> None:
 
 @folders_with("volume-1.h5")
 @pytest.mark.parametrize("name", NATIVE)
-def test_viewers_show_native_files(frozen: Path, name: str) -> None:
+def test_viewers_show_native_files(frozen, name):
     """By silx: what is drawn at once is valid, and has its units."""
     with silx.io.open(str(frozen / name)) as file:
         default = nxdata.get_default(file)
@@ -145,7 +143,7 @@ def test_viewers_show_native_files(frozen: Path, name: str) -> None:
 
 @folders_with("channels-1.h5")
 @pytest.mark.parametrize("version", [1, 2])
-def test_channels(frozen: Path, version: int) -> None:
+def test_channels(frozen, version):
     channels = open_channels(frozen / f"channels-{version}.h5")
     check_radar(channels.array, channels.waveform, patterns=version == 2)
     check_meta(channels.meta)
@@ -162,7 +160,7 @@ def test_channels(frozen: Path, version: int) -> None:
 
 
 @folders_with("recording")
-def test_recordings(frozen: Path) -> None:
+def test_recordings(frozen):
     folder = frozen / "recording" / "30"
     recording = open_recording(folder)
     assert (len(recording), recording.timestamps_us) == (1, (1000,))
@@ -185,7 +183,7 @@ def test_recordings(frozen: Path) -> None:
 
 
 @folders_with("data-set")
-def test_data_sets(frozen: Path) -> None:
+def test_data_sets(frozen):
     folder = frozen / "data-set"
     with clradar.dataset.open_dataset(folder) as view:
         assert (view.attrs["complete"], view.sizes["sample"]) == (1, 2)
@@ -213,7 +211,7 @@ def test_data_sets(frozen: Path) -> None:
 @pytest.mark.device
 @pytest.mark.filterwarnings("ignore::clradar.ClradarWarning")
 @folders_with("data-set-stopped")
-def test_a_data_set_that_was_stopped_is_completed(frozen: Path, tmp_path: Path) -> None:
+def test_a_data_set_that_was_stopped_is_completed(frozen, tmp_path):
     folder = tmp_path / "set"
     shutil.copytree(frozen / "data-set-stopped", folder)
     part = folder / "parts" / "00000002.h5"  # of version 1
@@ -237,7 +235,7 @@ def test_a_data_set_that_was_stopped_is_completed(frozen: Path, tmp_path: Path) 
 
 @folders_with("pose.toml")
 @pytest.mark.parametrize("suffix", ["toml", "json"])
-def test_poses_and_materials(frozen: Path, suffix: str) -> None:
+def test_poses_and_materials(frozen, suffix):
     pose = read_pose(frozen / f"pose.{suffix}")
     assert pose.name == "W"
     flexed = pose.angles("thumb-phalanx-distal").degrees()[0]
@@ -251,7 +249,7 @@ def test_poses_and_materials(frozen: Path, suffix: str) -> None:
 
 
 @folders_with("fit.json")
-def test_fits_of_hands(frozen: Path) -> None:
+def test_fits_of_hands(frozen):
     start = read_start(frozen / "fit.json")
     assert (start.pose.name, start.handedness, start.shape) == ("F", "right", HandShape())
     assert 0.2 < start.transform[2, 3] < 0.4
@@ -269,7 +267,7 @@ def test_fits_of_hands(frozen: Path) -> None:
 
 
 @folders_with("movement")
-def test_truths_of_recorded_hands(frozen: Path) -> None:
+def test_truths_of_recorded_hands(frozen):
     folder = frozen / "movement" / "truth"
     truth = json.loads((folder / "truth.json").read_text())
     assert [frame["timestamp_us"] for frame in truth["frames"]] == [0, 125_000]
@@ -281,6 +279,6 @@ def test_truths_of_recorded_hands(frozen: Path) -> None:
 
 
 @folders_with("transform.json")
-def test_transforms(frozen: Path) -> None:
+def test_transforms(frozen):
     wanted = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01], [0, 0, 0, 1]]
     assert read_transform(frozen / "transform.json").tolist() == wanted

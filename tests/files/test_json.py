@@ -1,9 +1,6 @@
 """JSON: what is refused, and that what is written reads back equal."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import pytest
 
@@ -22,7 +19,7 @@ def nested(depth: int) -> object:
     return value
 
 
-def test_files_read_back(tmp_path: Path) -> None:
+def test_files_read_back(tmp_path):
     value = {"a": [1, 2.5, None, True, "\u00e4\n"], "b": {"c": {}}}
     write_json(tmp_path / "v.json", value, force=False)
     assert read_json_object(tmp_path / "v.json") == value
@@ -44,14 +41,14 @@ def test_files_read_back(tmp_path: Path) -> None:
         (json.dumps({"a": nested(MAX_JSON_DEPTH + 1)}).encode(), "levels of nesting"),
     ],
 )
-def test_files_that_are_refused(tmp_path: Path, content: bytes, words: str) -> None:
+def test_files_that_are_refused(tmp_path, content, words):
     path = tmp_path / "v.json"
     path.write_bytes(content)
     with pytest.raises(MeasurementError, match=rf"v\.json: expected a JSON object.*{words}"):
         read_json_object(path)
 
 
-def test_meta_reads_back_equal_or_is_refused() -> None:
+def test_meta_reads_back_equal_or_is_refused():
     meta = {"a": [1, 0.1, "\u00e4", None, False], "b": {"c": nested(MAX_JSON_DEPTH - 2)}}
     text = to_json("meta", meta)
     assert text.isascii()
@@ -63,7 +60,7 @@ def test_meta_reads_back_equal_or_is_refused() -> None:
         parse_object('{"a": NaN}', strict=True)
 
 
-def test_differences_in_words() -> None:
+def test_differences_in_words():
     before = {"a": 1, "b": {"c": list(range(40))}, "d": "x" * 100 + "1"}
     now = {"a": 1, "b": {"c": [0, -1, *range(2, 41)]}, "d": "x" * 100 + "2", "e": 3}
     assert differences(before, before) == []

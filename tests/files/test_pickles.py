@@ -1,11 +1,8 @@
 """Pickles as plain data: what is read, what is refused, and that nothing of them is run."""
 
-from __future__ import annotations
-
 import contextlib
 import pickle
 import tracemalloc
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,7 +16,7 @@ def read(content: bytes) -> Any:
 
 
 @pytest.mark.parametrize("protocol", range(6))
-def test_plain_data_of_every_protocol(protocol: int) -> None:
+def test_plain_data_of_every_protocol(protocol):
     value = {
         "text": "\u00e4\n'\"", "numbers": [0, -1, 255, 65536, 2**31, -(2**70), 1.5, 1j],
         "rest": (None, True, False, (), (1,), (1, 2), (1, 2, 3), (1, 2, 3, 4)),
@@ -39,9 +36,7 @@ def test_plain_data_of_every_protocol(protocol: int) -> None:
     [np.ascontiguousarray, np.asfortranarray, lambda a: a.transpose(1, 0, 2), lambda a: a[0, 0, 0]],
     ids=["c", "fortran", "permuted", "scalar"],
 )
-def test_arrays_keep_their_bits(
-    protocol: int, code: str, layout: Callable[[np.ndarray], Any]
-) -> None:
+def test_arrays_keep_their_bits(protocol, code, layout):
     array = layout(np.arange(24).reshape(2, 3, 4).astype(code))
     found = read(pickle.dumps(array, protocol))
     value = found.value
@@ -75,7 +70,7 @@ WHOLE = pickle.dumps(np.arange(6.0), 2)
         (WHOLE.replace(b"K\x06\x85", b"K\xff\x88"), "no tuple of sizes|unknown kind"),
     ],
 )
-def test_what_is_refused(content: bytes, message: str) -> None:
+def test_what_is_refused(content, message):
     with pytest.raises(UnsafePickle, match=rf"a pickle with .*({message})") as info:
         read(content)
     assert str(info.value).isprintable()
@@ -105,7 +100,7 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("name", BOMBS)
-def test_bombs_take_no_memory(name: str) -> None:
+def test_bombs_take_no_memory(name):
     tracemalloc.start()
     try:
         with pytest.raises(Exception):  # noqa: B017, PT011 - the reader makes one of all
@@ -115,7 +110,7 @@ def test_bombs_take_no_memory(name: str) -> None:
         tracemalloc.stop()
 
 
-def test_states_cannot_change_the_classes() -> None:
+def test_states_cannot_change_the_classes():
     """BUILD with attributes for a name: not one of them is set."""
     for (module, name), made in ARRAYS.items():
         before = dict(vars(made))

@@ -1,11 +1,7 @@
 """A folder that is written while it is watched: complete files alone, and no long looks."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
-
-import pytest
 
 from clradar.files import watched_folder
 from clradar.files.watched_folder import RECHECKED, WatchedFolder
@@ -15,7 +11,7 @@ def names(folder: WatchedFolder) -> list[str]:
     return [path.name for path in folder.changes()]
 
 
-def test_files_count_once_they_no_longer_grow(tmp_path: Path) -> None:
+def test_files_count_once_they_no_longer_grow(tmp_path):
     folder = WatchedFolder(tmp_path, lambda name: name.endswith(".h5"))
     (tmp_path / "10.h5").write_bytes(b"ab")
     (tmp_path / "9.h5").write_bytes(b"ab")
@@ -33,7 +29,7 @@ def test_files_count_once_they_no_longer_grow(tmp_path: Path) -> None:
     assert names(folder) == ["begun.h5"]
 
 
-def test_rewritten_files_come_again_and_removed_ones_go(tmp_path: Path) -> None:
+def test_rewritten_files_come_again_and_removed_ones_go(tmp_path):
     folder = WatchedFolder(tmp_path)
     for name in ("a", "b"):
         (tmp_path / name).write_bytes(b"ab")
@@ -49,9 +45,7 @@ def test_rewritten_files_come_again_and_removed_ones_go(tmp_path: Path) -> None:
     assert (names(folder), names(folder)) == ([], ["b"])
 
 
-def test_a_look_at_many_files_looks_at_few_of_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_look_at_many_files_looks_at_few_of_them(tmp_path, monkeypatch):
     count = 3 * RECHECKED + 1
     for i in range(count):
         (tmp_path / f"{i}.npy").write_bytes(b"a")

@@ -1,7 +1,5 @@
 """Run the readers on mutated files: `python -m fuzz --help`; docs/fuzzing.md has the path."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

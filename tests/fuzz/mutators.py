@@ -1,7 +1,5 @@
 """Changes to files: to any bytes, and to what the formats that are read consist of."""
 
-from __future__ import annotations
-
 import json
 import pickletools
 import random
@@ -249,10 +247,9 @@ def _pickle_start(data: bytes) -> int:
     return min(len(data), 8 + width + int.from_bytes(data[8 : 8 + width], "little"))
 
 
-# ---- HDF5, which keeps checksums of its own structures: a hostile file has right ones
+# ---- HDF5
 
-_SIGNATURES = (b"OHDR", b"OCHK", b"TREE", b"SNOD", b"HEAP", b"GCOL", b"FRHP", b"BTHD", b"BTLF",
-               b"FAHD", b"FADB", b"EAHD", b"EAIB")  # fmt: skip
+_SIGNATURES = (b"TREE", b"SNOD", b"HEAP", b"GCOL", b"OHDR", b"FRHP", b"BTHD", b"FAHD", b"EAHD")
 _STRUCTURE = re.compile(b"|".join(_SIGNATURES))
 _MOST_STRUCTURES = 200  # a piece that is doubled many times holds any number
 HDF5 = (
@@ -273,69 +270,3 @@ def change_hdf5(data: bytes, rng: random.Random) -> bytes:
         found = data.find(struct.pack("<Q", rng.choice(places)))
         at, size, value = (found, 8, rng.choice(places)) if found >= 0 else (at, size, value)
     return data[:at] + struct.pack("<Q", value)[:size] + data[at + size :]
-
-
-def hdf5_checksums(data: bytes) -> bytes:
-    """Return an HDF5 file with the checksums of its structures set to what they have to be."""
-    out = bytearray(data)
-    spans = [(0, 44)] if data.startswith(b"\x89HDF\r\n\x1a\n") and data[8:9] >= b"\x02" else []
-    for match in islice(_STRUCTURE.finditer(data), _MOST_STRUCTURES):
-        at, kind = match.start(), match.group()
-        if kind == b"OHDR" and at + 16 <= len(data):
-            spans += _header_spans(data, at)
-        elif kind == b"FAHD" and at + 24 <= len(data):  # with its one block of elements
-            block = int.from_bytes(data[at + 16 : at + 24], "little")
-            size = int.from_bytes(data[at + 8 : at + 16], "little") * data[at + 6]
-            spans += [(at, at + 24)]
-            spans += [(block, block + 14 + size)] if data[block : block + 4] == b"FADB" else []
-        elif length := {b"BTHD": 34, b"FRHP": 142, b"EAHD": 68}.get(kind):
-            spans.append((at, at + length))
-    for start, end in spans:
-        if start < end and end + 4 <= len(out):
-            out[end : end + 4] = struct.pack("<I", lookup3(bytes(out[start:end])))
-    return bytes(out)
-
-
-def _header_spans(data: bytes, at: int) -> list[tuple[int, int]]:
-    """Spans of a version 2 object header and of the chunks that continue it."""
-    flags = data[at + 5]
-    start = at + 6 + (16 if flags & 32 else 0) + (4 if flags & 16 else 0)
-    first = start + (1 << (flags & 3))
-    spans = [(at, first + int.from_bytes(data[start:first], "little"))]
-    todo = [(first, spans[0][1])]
-    message_header = 6 if flags & 4 else 4
-    while todo and len(spans) < 32:
-        place, stop = todo.pop()
-        while place + message_header <= min(stop, len(data)):
-            if data[place] == 0x10:
-                body = place + message_header
-                chunk, length = struct.unpack("<QQ", data[body : body + 16].ljust(16, b"\0"))
-                if data[chunk : chunk + 4] == b"OCHK" and 8 <= length <= len(data) - chunk:
-                    spans.append((chunk, chunk + length - 4))
-                    todo.append((chunk + 4, chunk + length - 4))
-            place += message_header + int.from_bytes(data[place + 1 : place + 3], "little")
-    return spans
-
-
-def lookup3(data: bytes) -> int:
-    """Return Bob Jenkins' lookup3 hash (2006, public domain), HDF5's checksum of its structures."""
-    mask = 0xFFFFFFFF
-
-    def rotated(value: int, bits: int) -> int:
-        return (value << bits | value >> (32 - bits)) & mask
-
-    state = [(0xDEADBEEF + len(data)) & mask] * 3
-    if not data:
-        return state[2]
-    words = struct.unpack(f"<{-(-len(data) // 12) * 3}I", data + bytes(-len(data) % 12))
-    for i in range(0, len(words), 3):
-        state = [(s + w) & mask for s, w in zip(state, words[i : i + 3], strict=True)]
-        if i + 3 < len(words):  # a -= c, a ^= rot(c), c += b, and so on around
-            for turn, bits in enumerate((4, 6, 8, 16, 19, 4)):
-                x, y, z = turn % 3, (turn + 1) % 3, (turn + 2) % 3
-                state[x] = ((state[x] - state[z]) & mask) ^ rotated(state[z], bits)
-                state[z] = (state[z] + state[y]) & mask
-    for turn, bits in enumerate((14, 11, 25, 16, 4, 14, 24)):
-        x, y = (turn + 2) % 3, (turn + 1) % 3
-        state[x] = ((state[x] ^ state[y]) - rotated(state[y], bits)) & mask
-    return state[2]

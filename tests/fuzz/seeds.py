@@ -1,7 +1,5 @@
 """Small valid files of every kind that is read, always the same."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -64,7 +62,8 @@ def native_volumes() -> list[bytes]:
     array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2], "lab", tx_pattern=pattern)
     scale = ImageScale(array, clradar.Waveform([76e9, 77e9]), [0.5, 1.0])
     volume = clradar.Volume(data, grid, {"method": "exact"})
-    return [_saved(save_volume, one) for one in (volume, replace(volume, scale=scale))]
+    scaled = _saved(save_volume, replace(volume, scale=scale))
+    return [_saved(save_volume, volume), *_in_both_forms(scaled)]
 
 
 _GENERATIONS: tuple[dict[str, Any], ...] = (
@@ -79,6 +78,16 @@ def _saved(save: Any, record: Any) -> bytes:
         path = Path(folder) / "file.h5"
         save(path, record)
         return path.read_bytes()
+
+
+def _in_both_forms(content: bytes) -> list[bytes]:
+    """An HDF5 file, and the same in the earliest form, whose structures have no checksums."""
+    stream = io.BytesIO()
+    with h5py.File(io.BytesIO(content)) as old, h5py.File(stream, "w", libver="earliest") as new:
+        for name in old:
+            old.copy(name, new)
+        new.attrs.update(old.attrs)
+    return [content, stream.getvalue()]
 
 
 def _by_hand(capture: clradar.Capture, options: dict[str, Any], crowd: int = 0) -> bytes:
@@ -138,7 +147,7 @@ def native_channels() -> list[bytes]:
         rx_phase_std_rad=np.zeros(2), tx_delay_std_s=np.zeros(3), rx_delay_std_s=np.zeros(2),
         residual_db=-20.0, noise_residual_db=-21.0, meta={"seed": 1},
     )  # fmt: skip
-    return [_saved(save_channels, channels)]
+    return _in_both_forms(_saved(save_channels, channels))
 
 
 def alignments() -> list[bytes]:

@@ -1,7 +1,5 @@
 """Mutated inputs for every reader: some hundred with all the tests, 100 000 in `make fuzz`."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +9,6 @@ import pytest
 
 from clradar.errors import MeasurementError
 from fuzz import harness
-from fuzz.mutators import hdf5_checksums, lookup3
 from fuzz.targets import TARGETS, Target
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -106,17 +103,3 @@ def test_faults_of_readers_are_detected(tmp_path):
         assert list(FAULTS)[index // 2] in what
         assert str(saved) in str(outcome)
     assert (outcome.results, outcome.errors) == (0, count - len(FAULTS))
-
-
-def test_checksums_of_hdf5():
-    # From the comments of the hash's source, lookup3.c.
-    assert lookup3(b"") == 0xDEADBEEF
-    assert lookup3(b"Four score and seven years ago") == 0x17770551
-    # Right ones stay, wrong ones become right: the hash is HDF5's.
-    for content in TARGETS["native_capture"].seeds() + TARGETS["native_volume"].seeds():
-        assert hdf5_checksums(content) == content
-    for place in (10, 40, content.index(b"OHDR") + 20):  # the superblock and the first header
-        damaged = content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
-        repaired = hdf5_checksums(damaged)
-        assert repaired != damaged
-        assert hdf5_checksums(repaired) == repaired

@@ -1,7 +1,5 @@
 """The tree over the triangles: complete, tight enough, and of bounded depth."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate

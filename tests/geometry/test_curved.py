@@ -1,7 +1,5 @@
 """Curved points of faces: the kernels against the reference and against arcs and balls."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyopencl as cl
 import pytest
@@ -54,7 +52,7 @@ def drawn(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.
 
 
 @pytest.mark.device
-def test_offsets_and_tangents_are_those_of_the_reference(device: clradar.Device) -> None:
+def test_offsets_and_tangents_are_those_of_the_reference(device):
     triangles_m, normals, weight = drawn(np.random.default_rng(1), 500)
     got = by_kernel(device, triangles_m, normals, weight)
     # Some twenty roundings of 2^-24 of numbers below the longest edge (heights and their sums); the
@@ -68,14 +66,14 @@ def test_offsets_and_tangents_are_those_of_the_reference(device: clradar.Device)
         assert (np.abs(got[:, k + 1] - tangent) <= 2 * tolerance_m).all()
 
 
-def test_signs_of_normals_do_not_matter() -> None:
+def test_signs_of_normals_do_not_matter():
     triangles_m, normals, weight = drawn(np.random.default_rng(2), 100)
     signs = np.random.default_rng(3).choice([-1.0, 1.0], (100, 3, 1))
     points = [reference.curved_points(triangles_m, n, weight) for n in (normals, signs * normals)]
     np.testing.assert_array_equal(*points)
 
 
-def test_offsets_stay_within_the_face() -> None:
+def test_offsets_stay_within_the_face():
     """At most a third of the longest edge times the sine of the largest tilt, whatever normals."""
     triangles_m, normals, weight = drawn(np.random.default_rng(4), 20_000)
     edges = np.roll(triangles_m, -1, axis=1) - triangles_m
@@ -90,7 +88,7 @@ def test_offsets_stay_within_the_face() -> None:
 
 
 @pytest.mark.parametrize("turn_deg", [2.0, 10.0, 20.0])
-def test_arcs_are_met_to_fourth_order(turn_deg: float) -> None:
+def test_arcs_are_met_to_fourth_order(turn_deg):
     """The middle of a strip of a cylinder: R (1 - cos t) off the chord, t half of the turn.
 
     The offset there is R sin^2 t cos t / 2, which is less by 3 R t^4 / 8 in the limit.
@@ -104,7 +102,7 @@ def test_arcs_are_met_to_fourth_order(turn_deg: float) -> None:
     assert missing_m == pytest.approx(3 * radius_m * t**4 / 8, rel=1.5 * t**2)
 
 
-def test_points_of_a_ball_are_closer_by_the_square_of_the_angle() -> None:
+def test_points_of_a_ball_are_closer_by_the_square_of_the_angle():
     """Normals of the ball itself; all that is left over is of fourth order."""
     centre, radius_m = np.array([0.0, 0.0, 0.3]), 0.05
     rng = np.random.default_rng(5)
@@ -123,7 +121,7 @@ def test_points_of_a_ball_are_closer_by_the_square_of_the_angle() -> None:
 
 
 @pytest.mark.device
-def test_flat_sides_have_no_offset_at_all(device: clradar.Device) -> None:
+def test_flat_sides_have_no_offset_at_all(device):
     """Neither turned boxes nor those whose corners were rounded to float32."""
     vertices, faces = box((0, 0, 0), (0.1, 0.05, 0.07))
     turn, _ = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))
@@ -139,7 +137,7 @@ def test_flat_sides_have_no_offset_at_all(device: clradar.Device) -> None:
         np.testing.assert_array_equal(got[:, 2], edges[:, 2] - edges[:, 0])
 
 
-def test_faces_without_area_have_no_offset() -> None:
+def test_faces_without_area_have_no_offset():
     corners = np.array([[[0.1, 0.0, 0.3]] * 3, [[0, 0, 0.3], [0.1, 0, 0.3], [0.2, 0, 0.3]]])
     scene = clradar.Scene(corners.reshape(-1, 3), np.arange(6).reshape(2, 3))
     normals, _ = corner_normals(scene)

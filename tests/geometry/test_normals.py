@@ -1,7 +1,5 @@
 """Normals at the corners of faces against a plain implementation and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapes import bowl, box, dihedral, plate, random_soup, sphere, with_degenerate

@@ -1,7 +1,5 @@
 """Watertight surfaces: they are recognised, and the parity test changes no visibility."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

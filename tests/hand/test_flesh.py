@@ -1,7 +1,5 @@
 """The hand's flesh on a device, against its float64 reference, and that reference itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from flesh_fields import digits, distances_m, gradients, rows

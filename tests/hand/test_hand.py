@@ -1,7 +1,5 @@
 """The parametric hand: joints, proportions, and the closed surface."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

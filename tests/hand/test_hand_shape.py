@@ -1,7 +1,5 @@
 """Hands of other sizes and proportions."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses: records, limits, files, the letters and digits, interpolation, and random ones."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from itertools import pairwise
@@ -81,11 +79,11 @@ def test_a_pose_is_hashable_comparable_and_picklable():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: HandPose(1), "HandPose.name: expected a string"),  # type: ignore[arg-type]
-        (lambda: HandPose("x", 7), "HandPose.joints: expected a mapping"),  # type: ignore[arg-type]
+        (lambda: HandPose(1), "HandPose.name: expected a string"),
+        (lambda: HandPose("x", 7), "HandPose.joints: expected a mapping"),
         (lambda: HandPose("x", {"elbow": JointAngles()}), "joint: expected .* 'elbow'"),
-        (lambda: HandPose("x", {"wrist": 1.0}), "joint wrist: expected a JointAngles"),  # type: ignore[dict-item]
-        (lambda: JointAngles("a"), "JointAngles.flexion_rad: expected a number"),  # type: ignore[arg-type]
+        (lambda: HandPose("x", {"wrist": 1.0}), "joint wrist: expected a JointAngles"),
+        (lambda: JointAngles("a"), "JointAngles.flexion_rad: expected a number"),
         (lambda: JointAngles(twist_rad=float("nan")), "JointAngles.twist_rad: .* finite"),
         (
             lambda: HandPose("x", {"thumb-phalanx-distal": JointAngles(2.0)}),
@@ -169,7 +167,7 @@ def test_hollowing_the_palm_carries_the_finger_along():
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_a_written_pose_is_read_again(tmp_path: Path, suffix: str):
+def test_a_written_pose_is_read_again(tmp_path, suffix):
     for i, pose in enumerate((POSES["K"], POSES["G"], HandPose("bare"),
                               HandPose('odd "name" \\ \x7f\té', {}, "line\nbreak"))):  # fmt: skip
         path = tmp_path / f"{i}{suffix}"
@@ -214,7 +212,7 @@ def test_a_written_pose_is_read_again(tmp_path: Path, suffix: str):
         ("a." * 10_000 + "b = 1", "a line of"),
     ],
 )  # fmt: skip
-def test_files_that_are_no_pose_are_refused_with_their_name(tmp_path: Path, text, message):
+def test_files_that_are_no_pose_are_refused_with_their_name(tmp_path, text, message):
     path = tmp_path / "bad.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(MeasurementError, match=rf"bad\.toml: .*{message}") as info:
@@ -228,14 +226,14 @@ def test_files_that_are_no_pose_are_refused_with_their_name(tmp_path: Path, text
      '{"name": "x", "joints": {"wrist": {"flexion_deg": NaN}}}',
      '{"name": "x", "joints": {"wrist": {"flexion_deg": 1e999}}}'],
 )  # fmt: skip
-def test_json_that_is_no_pose_is_refused(tmp_path: Path, text):
+def test_json_that_is_no_pose_is_refused(tmp_path, text):
     path = tmp_path / "bad.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(MeasurementError, match=r"bad\.json"):
         read_pose(path)
 
 
-def test_what_is_no_file_of_a_pose_is_refused(tmp_path: Path):
+def test_what_is_no_file_of_a_pose_is_refused(tmp_path):
     (tmp_path / "big.json").write_text(json.dumps({"name": "x" * 300_000, "joints": {}}))
     (tmp_path / "latin.toml").write_bytes(b'name = "\xff"')
     for name in ("big.json", "latin.toml", "none.toml", "none.txt"):
@@ -326,9 +324,9 @@ def test_interpolation_ends_at_its_poses_and_is_linear():
         np.testing.assert_allclose(half.angles(name).degrees(), middle, atol=1e-12)
     for share in (-0.1, 1.1, float("nan"), "half"):
         with pytest.raises(ModelError, match="share"):
-            interpolate_poses(a, b, share)  # type: ignore[arg-type]
+            interpolate_poses(a, b, share)
     with pytest.raises(ModelError, match="expected a HandPose"):
-        interpolate_poses("A", b, 0.5)  # type: ignore[arg-type]
+        interpolate_poses("A", b, 0.5)
 
 
 def test_random_poses_follow_from_the_generator_alone():
@@ -391,7 +389,7 @@ def test_a_pose_around_another_follows_from_the_generator_and_the_spread():
     assert pose_around(fist, np.random.default_rng(7), 0.0) == fist
     for wrong in (-1, 46, float("nan"), "12"):
         with pytest.raises(ModelError, match="spread_deg"):
-            pose_around(fist, np.random.default_rng(7), wrong)  # type: ignore[arg-type]
+            pose_around(fist, np.random.default_rng(7), wrong)
 
 
 @pytest.mark.device

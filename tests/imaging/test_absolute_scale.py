@@ -1,7 +1,5 @@
 """S-parameters of the physical estimator, from the scene to dBsm: plates and spheres."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +31,7 @@ def square(side_m: float, range_m: float) -> Scene:
 
 
 @pytest.mark.parametrize("pattern", [None, PATTERN], ids=["isotropic", "patterns"])
-def test_a_plate_far_away_has_the_cross_section_of_its_area(device: Any, pattern: Any) -> None:
+def test_a_plate_far_away_has_the_cross_section_of_its_area(device, pattern):
     # 4 pi A^2 / lambda^2; 8 m away the corners of 5 cm are 0.08 mm farther, both ways 0.26 rad, and
     # the spread of that over the plate costs less than its square, 0.06 as 0.06 dB.
     array = AntennaArray([[0, 0, 0]], [[0, 0, 0]], "one", pattern, pattern)
@@ -44,7 +42,7 @@ def test_a_plate_far_away_has_the_cross_section_of_its_area(device: Any, pattern
 
 
 @pytest.mark.parametrize("pattern", [None, PATTERN], ids=["isotropic", "patterns"])
-def test_a_sphere_has_pi_a_squared_and_its_image_reads_that(device: Any, pattern: Any) -> None:
+def test_a_sphere_has_pi_a_squared_and_its_image_reads_that(device, pattern):
     q = clradar.arrays.qar50()
     array = replace(q.part(*2 * (slice(None, None, 6),)), tx_pattern=pattern, rx_pattern=pattern)
     radius_m, range_m = 0.01, 0.6

@@ -1,7 +1,5 @@
 """Messages about grating lobes and range aliases: of simulations and of images."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -41,7 +39,7 @@ def around(at_m: list[float], half_m: float = 0.15) -> clradar.VoxelGrid:
 
 
 @pytest.mark.parametrize("range_m", [0.5, 1.0, 2.0])
-def test_lobes_are_where_the_grating_equation_has_them(range_m: float) -> None:
+def test_lobes_are_where_the_grating_equation_has_them(range_m):
     """sin = lambda / d at the middle of the band, along x and along y, off boresight, too."""
     sine = clradar.constants.SPEED_OF_LIGHT_M_PER_S / BAND.center_hz / 5e-3
     for direction in (0.0, 0.3):
@@ -53,7 +51,7 @@ def test_lobes_are_where_the_grating_equation_has_them(range_m: float) -> None:
         assert np.abs(shifts.max(axis=1) - sine).max() < 0.03
 
 
-def test_an_alias_is_as_bright_as_the_echo_far_away_and_not_near() -> None:
+def test_an_alias_is_as_bright_as_the_echo_far_away_and_not_near():
     for at_m, low, high in (([0, 0, 20.0], 0.99, 1.0), ([0, 0, 0.3], 0.2, 0.9)):
         ((place_m, level),) = range_aliases(CROSS, BAND, np.array(at_m), [1])
         assert low < level <= high
@@ -61,7 +59,7 @@ def test_an_alias_is_as_bright_as_the_echo_far_away_and_not_near() -> None:
     assert range_aliases(CROSS, BAND, np.array([0, 0, 1.0]), [-1]) == []  # behind
 
 
-def test_a_lobe_in_the_grid_and_the_lobe_of_an_echo_beside_it() -> None:
+def test_a_lobe_in_the_grid_and_the_lobe_of_an_echo_beside_it():
     wide = clradar.VoxelGrid.from_extent((-1.1, 1.1), (-0.1, 0.1), (0.2, 1.1), 0.02)
     (text,) = messages(echo([0, 0, 1.0]), wide)
     assert text.startswith("the array has a grating lobe in the grid: the echo at x 0.00")
@@ -72,7 +70,7 @@ def test_a_lobe_in_the_grid_and_the_lobe_of_an_echo_beside_it() -> None:
     assert "is the grating lobe of an echo at x" in text
 
 
-def test_a_far_target_in_a_near_grid() -> None:
+def test_a_far_target_in_a_near_grid():
     """At 5 m, two unambiguous ranges beyond 0.28 m."""
     (text,) = messages(echo([0, 0, 5.0]), around([0, 0, 0.3], 0.1))
     assert "is the alias of an echo at" in text
@@ -85,7 +83,7 @@ def plate(width_m: float, z_m: float) -> clradar.Scene:
     return clradar.Scene.from_mesh(mesh, alpha=0.5)
 
 
-def test_simulations_say_what_their_scene_meets() -> None:
+def test_simulations_say_what_their_scene_meets():
     settings = {"estimator": "expected", "samples_per_mm2": 2e-3}
     with pytest.warns(ClradarWarning, match=r"range of 5\.01 m, .*2\.36 m.* 0\.2\d+ m"):
         clradar.simulate(plate(0.05, 5.0), CROSS, BAND, **settings)
@@ -94,9 +92,7 @@ def test_simulations_say_what_their_scene_meets() -> None:
 
 
 @pytest.mark.parametrize(("width_m", "warned"), [(0.048, False), (0.052, True)])
-def test_scenes_narrower_than_a_twentieth_of_their_range_have_no_doubles(
-    width_m: float, warned: bool
-) -> None:
+def test_scenes_narrower_than_a_twentieth_of_their_range_have_no_doubles(width_m, warned):
     """Receivers 16 cm apart at 61 GHz: lobes 0.03 of a sine apart."""
     array = clradar.AntennaArray([[0, 0, 0]], np.arange(-2, 3)[:, None] * [0.16, 0, 0])
     scene = clradar.Scene(
@@ -108,7 +104,7 @@ def test_scenes_narrower_than_a_twentieth_of_their_range_have_no_doubles(
     assert len(found) == warned
 
 
-def test_the_imager_and_its_hand_raise_no_message() -> None:
+def test_the_imager_and_its_hand_raise_no_message():
     radar, band = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 128)
     scene = plate(0.15, 0.3)
     points_m = np.random.default_rng(1).uniform(-0.03, 0.03, (5, 3)) + np.array([0, 0, 0.3])
@@ -120,7 +116,7 @@ def test_the_imager_and_its_hand_raise_no_message() -> None:
         clradar.backproject(capture, grid)
 
 
-def test_images_of_several_captures_are_checked_as_one() -> None:
+def test_images_of_several_captures_are_checked_as_one():
     """Four clusters 60 mm apart: lobes at sin = lambda / 120 mm, which no cluster has alone."""
     own = np.arange(-1, 2)[:, None] * [1.0, 0, 0]
     at_m = np.arange(-1.5, 2)[:, None] * [0.06, 0, 0]

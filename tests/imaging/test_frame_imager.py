@@ -1,7 +1,5 @@
 """Images of frame after frame: the bits of `backproject`, and what crosses the bus for them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -40,9 +38,7 @@ def frames() -> list[Capture]:
 @pytest.mark.parametrize(
     ("method", "window"), [("fast", "rect"), ("fast", "hann"), ("range", "rect"), ("exact", "rect")]
 )
-def test_frames_have_the_bits_of_single_images(
-    frames: list[Capture], method: str, window: str, device: clradar.Device
-) -> None:
+def test_frames_have_the_bits_of_single_images(frames, method, window, device):
     """Whatever was imaged before."""
     grid = GRID if method == "fast" else VoxelGrid(GRID.origin_m, GRID.spacing_m, (9, 8, 7))
     options: dict[str, Any] = {"method": method, "window": window, "device": device}
@@ -90,9 +86,7 @@ class Counted:
         self.launches, self.copied, self.buffers = 0, [], 0
 
 
-def test_a_frame_costs_few_launches_and_no_copies_but_its_own(
-    frames: list[Capture], device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_frame_costs_few_launches_and_no_copies_but_its_own(frames, device, monkeypatch):
     n_pixels = GRID.counts[0] * GRID.counts[1]
     with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
         imager.form(frames[0])
@@ -131,7 +125,7 @@ def launches_of(chunks: list[Any], striped: list[bool], level: int) -> int:
     )
 
 
-def test_what_does_not_fit_is_refused(frames: list[Capture]) -> None:
+def test_what_does_not_fit_is_refused(frames):
     with FrameImager(THIRD, SWEEP, GRID) as imager:
         with pytest.raises(ModelError, match="a frame formed before"):
             imager.depth_map()
@@ -153,9 +147,7 @@ def test_what_does_not_fit_is_refused(frames: list[Capture]) -> None:
         assert imager.depth_map().mask.any()
 
 
-def test_grids_of_several_pieces_are_kept_on_the_host(
-    frames: list[Capture], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_grids_of_several_pieces_are_kept_on_the_host(frames, monkeypatch):
     monkeypatch.setattr(fast, "TILE_VOXELS", 20_000)
     with FrameImager(THIRD, SWEEP, GRID) as imager:
         for frame in frames[:2]:
@@ -165,9 +157,7 @@ def test_grids_of_several_pieces_are_kept_on_the_host(
             np.testing.assert_array_equal(imager.depth_map().depth_m, alone.depth_map().depth_m)
 
 
-def test_a_simulation_is_imaged_where_it_is(
-    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_simulation_is_imaged_where_it_is(device, monkeypatch):
     """The samples do not come to the host, and the image has the same bits."""
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.015)
     scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0.01, 0.29]), alpha=0.5)
@@ -189,9 +179,7 @@ def _not_read(self: PhasorSum) -> None:
     pytest.fail("the samples were read")
 
 
-def test_the_absolute_scale_is_that_of_the_captures_gains(
-    frames: list[Capture], device: clradar.Device
-) -> None:
+def test_the_absolute_scale_is_that_of_the_captures_gains(frames, device):
     louder = clradar.AntennaArray(
         THIRD.tx_m, THIRD.rx_m, tx_pattern=clradar.AntennaPattern(gain_dbi=6.0)
     )

@@ -1,10 +1,9 @@
 """The imaging operator and its adjoint against the float64 sum, each other and the image."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from images import QAR50, rms_db
+from nightly import nightly
 
 import clradar
 from clradar import AntennaArray, ImagingOperator, VoxelGrid, Waveform
@@ -57,20 +56,15 @@ def voxels_m(grid: VoxelGrid) -> np.ndarray:
     return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
 
 
-@pytest.fixture(params=[8, 1])
-def either_width(request: pytest.FixtureRequest) -> clradar.Device:
-    return clradar.open_device("pocl", width=request.param)
-
-
 # Term by term -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("n", [1, 7, 300])
 @pytest.mark.parametrize("array", [SMALL, AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])])
-def test_both_ways_are_the_sum(either_width: clradar.Device, array: AntennaArray, n: int) -> None:
+def test_both_ways_are_the_sum(device, array, n):
     points_m = np.random.default_rng(n).uniform((-0.1, -0.1, -0.1), (0.1, 0.1, 0.4), (n, 3))
     points_m[0] = array.tx_m[0]
-    operator = ImagingOperator(array, UNEVEN, points_m, device=either_width)
+    operator = ImagingOperator(array, UNEVEN, points_m, device=device)
     rho, samples = complex_noise((n,)), complex_noise(operator.range_shape)
     want = forward_sum(points_m, rho, array, UNEVEN)
     assert rms_db(operator.forward(rho) - want, want) <= FLOAT32_DB
@@ -78,13 +72,13 @@ def test_both_ways_are_the_sum(either_width: clradar.Device, array: AntennaArray
     assert rms_db(operator.adjoint(samples) - want, want) <= FLOAT32_DB
 
 
-def test_a_pair_has_no_echo_of_points_that_it_does_not_see(either_width: clradar.Device) -> None:
+def test_a_pair_has_no_echo_of_points_that_it_does_not_see(device):
     rng, n = np.random.default_rng(3), 40
     points_m = rng.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.4), (n, 3))
     tx_visible, rx_visible = rng.random((n, SMALL.n_tx)) < 0.7, rng.random((n, SMALL.n_rx)) < 0.7
     tx_visible[:10], rx_visible[5:15] = True, True  # five points are seen by all
     seen = {"tx_visible": tx_visible, "rx_visible": rx_visible}
-    operator = ImagingOperator(SMALL, UNEVEN, points_m, **seen, device=either_width)
+    operator = ImagingOperator(SMALL, UNEVEN, points_m, **seen, device=device)
     tx, rx = phasors(points_m, SMALL, UNEVEN)
     tx, rx = tx * tx_visible, rx * rx_visible
     rho, samples = complex_noise((n,)), complex_noise(operator.range_shape)
@@ -129,11 +123,9 @@ POINTS_M = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("tolerance_db", [-40.0, -70.0])
+@pytest.mark.parametrize("tolerance_db", [-70.0, *nightly([-40.0])])
 @pytest.mark.parametrize("name", POINTS_M)
-def test_points_anywhere_keep_the_tolerance(
-    device: clradar.Device, always_a_tree: None, name: str, tolerance_db: float
-) -> None:
+def test_points_anywhere_keep_the_tolerance(device, always_a_tree, name, tolerance_db):
     """All points together, and the outermost one alone."""
     points_m = POINTS_M[name]
     operator = ImagingOperator(HALF, SWEEP_17, points_m, tolerance_db=tolerance_db, device=device)
@@ -156,10 +148,10 @@ DOT_TOLERANCE = 1e-6
 
 
 @pytest.mark.parametrize("where", ["a sphere", "at the antennas", "grid"])
-def test_dot(always_a_tree: None, either_width: clradar.Device, where: str) -> None:
+def test_dot(always_a_tree, device, where):
     """The pair is adjoint far below the tolerance of -30 dB."""
     at = GRID if where == "grid" else POINTS_M[where]
-    operator = ImagingOperator(HALF, SWEEP_17, at, tolerance_db=-30, device=either_width)
+    operator = ImagingOperator(HALF, SWEEP_17, at, tolerance_db=-30, device=device)
     rho, samples = complex_noise(operator.domain_shape), complex_noise(operator.range_shape)
     captured, image = operator.forward(rho), operator.adjoint(samples)
     one = np.vdot(samples, captured.astype(complex))
@@ -167,20 +159,16 @@ def test_dot(always_a_tree: None, either_width: clradar.Device, where: str) -> N
     assert abs(one - other) <= DOT_TOLERANCE * np.linalg.norm(samples) * np.linalg.norm(captured)
 
 
-def test_a_grid_forward_keeps_the_tolerance(
-    always_a_tree: None, either_width: clradar.Device
-) -> None:
+def test_a_grid_forward_keeps_the_tolerance(always_a_tree, device):
     grid = VoxelGrid.from_extent((-0.05, 0.05), (-0.04, 0.04), (0.2, 0.23), 2e-3)
-    operator = ImagingOperator(HALF, SWEEP_17, grid, tolerance_db=-60, device=either_width)
+    operator = ImagingOperator(HALF, SWEEP_17, grid, tolerance_db=-60, device=device)
     rho = complex_noise(grid.shape)
     pairs = AntennaArray(HALF.tx_m[::5], HALF.rx_m[::7])
     want = forward_sum(voxels_m(grid), rho.ravel(), pairs, SWEEP_17)
     assert rms_db(operator.forward(rho)[::5, ::7] - want, want) <= -60.0
 
 
-def test_the_adjoint_of_a_grid_is_the_fast_image(
-    device: clradar.Device, always_a_tree: None
-) -> None:
+def test_the_adjoint_of_a_grid_is_the_fast_image(device, always_a_tree):
     grid = VoxelGrid.from_extent((-0.05, 0.05), (-0.04, 0.04), (0.2, 0.21), 2e-3)
     capture = clradar.Capture(complex_noise((HALF.n_tx, HALF.n_rx, 17)), HALF, SWEEP_17)
     image = clradar.backproject(capture, grid, check_grid=False, device=device).data
@@ -188,9 +176,7 @@ def test_the_adjoint_of_a_grid_is_the_fast_image(
     np.testing.assert_array_equal((adjoint.view(np.float32) / capture.data.size), image.view("f4"))
 
 
-def test_pieces_and_parts_make_up_the_whole(
-    device: clradar.Device, always_a_tree: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pieces_and_parts_make_up_the_whole(device, always_a_tree, monkeypatch):
     """Three pieces of the points, three of the grid, and four parts of the array."""
     monkeypatch.setattr(fast, "TILE_VOXELS", 200)
     monkeypatch.setattr(fast, "MAX_ANTENNAS", 6)
@@ -206,9 +192,7 @@ def test_pieces_and_parts_make_up_the_whole(
         assert rms_db(operator.adjoint(samples).ravel()[::7] - want, want) <= -50.0
 
 
-def test_points_that_some_antennas_do_not_see_are_summed_directly(
-    device: clradar.Device, always_a_tree: None
-) -> None:
+def test_points_that_some_antennas_do_not_see_are_summed_directly(device, always_a_tree):
     points_m, n = POINTS_M["a sphere"], 3000
     seen = np.ones((n, SMALL.n_tx), bool)
     seen[::3, 0] = False
@@ -229,7 +213,7 @@ def test_points_that_some_antennas_do_not_see_are_summed_directly(
 # Records and vectors ------------------------------------------------------------------------------
 
 
-def test_forward_gives_a_capture(device: clradar.Device) -> None:
+def test_forward_gives_a_capture(device):
     points_m = RNG.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.4), (20, 3))
     steps: list[tuple[int, int]] = []
     capture = clradar.forward(
@@ -242,7 +226,7 @@ def test_forward_gives_a_capture(device: clradar.Device) -> None:
     assert steps[-1][0] == steps[-1][1]
 
 
-def test_scipy_takes_the_pair(device: clradar.Device) -> None:
+def test_scipy_takes_the_pair(device):
     """Least squares finds the reflectivity again: 7 points that are told apart."""
     from scipy.sparse.linalg import lsmr, lsqr
 
@@ -277,12 +261,12 @@ def test_scipy_takes_the_pair(device: clradar.Device) -> None:
         (GRID, {"tx_visible": np.ones((1, 9))}, "visibility: expected points"),
     ],
 )
-def test_wrong_points_are_refused(where: object, options: dict[str, object], message: str) -> None:
+def test_wrong_points_are_refused(where, options, message):
     with pytest.raises(ModelError, match=message):
-        ImagingOperator(SMALL, UNEVEN, where, **options)  # type: ignore[arg-type]
+        ImagingOperator(SMALL, UNEVEN, where, **options)
 
 
-def test_wrong_values_are_refused(device: clradar.Device) -> None:
+def test_wrong_values_are_refused(device):
     operator = ImagingOperator(SMALL, UNEVEN, GRID, device=device)
     other = VoxelGrid.from_extent((0, 0.02), (0, 0.02), (0.2, 0.21), 5e-3)
     volume = clradar.Volume(np.ones(other.shape), other)
@@ -297,6 +281,6 @@ def test_wrong_values_are_refused(device: clradar.Device) -> None:
         (operator.adjoint, capture, "expected a capture by the operator's array and waveform"),
     ):
         with pytest.raises(ModelError, match=message):
-            call(given)  # type: ignore[operator]
+            call(given)
     own = clradar.Volume(complex_noise(GRID.shape), GRID)
     np.testing.assert_array_equal(operator.forward(own), operator.forward(own.data))

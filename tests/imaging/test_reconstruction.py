@@ -1,7 +1,5 @@
 """Images by iteration: what they explain, when they stop, what they refuse."""
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 
@@ -43,7 +41,7 @@ def reconstruct(capture: Capture, grid: VoxelGrid, device: Any, **options: Any) 
     return clradar.reconstruct(capture, grid, check_grid=False, device=device, **options)
 
 
-def test_damped_least_squares_are_those_of_the_normal_equations(device: Any) -> None:
+def test_damped_least_squares_are_those_of_the_normal_equations(device):
     capture = capture_of([[0, 0, 0.3], [6e-3, 2e-3, 0.3]], [1, 0.5j], 0.5, device)
     a, s = matrix(GRID), capture.data.astype(np.complex128).ravel()
     for damping_db in (0.0, 10.0):
@@ -60,7 +58,7 @@ def test_damped_least_squares_are_those_of_the_normal_equations(device: Any) -> 
         )
 
 
-def test_least_squares_stop_where_noise_is_left(device: Any) -> None:
+def test_least_squares_stop_where_noise_is_left(device):
     level = 0.3
     capture = capture_of([[0, 0, 0.3], [6e-3, 2e-3, 0.3]], [1, 1j], level, device)
     image = reconstruct(capture, GRID, device)
@@ -78,7 +76,7 @@ def test_least_squares_stop_where_noise_is_left(device: Any) -> None:
     assert gradient < 1.01 * np.linalg.norm(rest) * np.sqrt(a.shape[1])
 
 
-def test_sparse_images_meet_the_conditions_of_the_minimum(device: Any) -> None:
+def test_sparse_images_meet_the_conditions_of_the_minimum(device):
     capture = capture_of([[0, 0, 0.3], [6e-3, 2e-3, 0.3]], [1, 1j], 0.1, device)
     a, s = matrix(GRID), capture.data.ravel()
     threshold = 10 ** (-20 / 20) * np.abs(a.conj().T @ s).max()
@@ -96,7 +94,7 @@ def test_sparse_images_meet_the_conditions_of_the_minimum(device: Any) -> None:
     assert np.array_equal(again.data, image.data)
 
 
-def test_sparse_images_part_what_back_projection_does_not(device: Any) -> None:
+def test_sparse_images_part_what_back_projection_does_not(device):
     points_m = [[-1.33e-3, 0, 0.3], [1.33e-3, 0, 0.3]]  # 0.7 widths at -3 dB
     capture = capture_of(points_m, [1, 1j], 0.1, device)
     blurred = clradar.backproject(capture, APART, check_grid=False, device=device)
@@ -108,7 +106,7 @@ def test_sparse_images_part_what_back_projection_does_not(device: Any) -> None:
     assert np.abs(rows[1][21:].argmax() + 21 - 23) <= 1
 
 
-def test_steps_that_are_too_long_are_halved(device: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_that_are_too_long_are_halved(device, monkeypatch):
     capture = capture_of([[0, 0, 0.3], [6e-3, 2e-3, 0.3]], [1, 1j], 0.1, device)
     options = {"method": "sparse", "sparsity_db": -20, "iterations": 1000}
     wanted = reconstruct(capture, GRID, device, **options)
@@ -118,7 +116,7 @@ def test_steps_that_are_too_long_are_halved(device: Any, monkeypatch: pytest.Mon
     assert found.meta["residual_db"] == pytest.approx(wanted.meta["residual_db"], abs=0.3)
 
 
-def test_progress_and_the_limit_of_iterations(device: Any) -> None:
+def test_progress_and_the_limit_of_iterations(device):
     capture = capture_of([[0, 0, 0.3]], [1], 0.1, device)
     seen: list[tuple[int, int]] = []
     image = reconstruct(
@@ -131,7 +129,7 @@ def test_progress_and_the_limit_of_iterations(device: Any) -> None:
 
 
 @pytest.mark.parametrize("method", ["least-squares", "sparse"])
-def test_silence_has_an_empty_image(device: Any, method: str) -> None:
+def test_silence_has_an_empty_image(device, method):
     silence = Capture(np.zeros((12, 12, 6)), ARRAY, WAVEFORM)
     image = reconstruct(silence, GRID, device, method=method)
     assert not image.data.any()
@@ -149,13 +147,13 @@ def test_silence_has_an_empty_image(device: Any, method: str) -> None:
         ({"iterations": 0}, "iterations: expected a whole number"),
     ],
 )
-def test_refused(options: dict[str, Any], message: str) -> None:
+def test_refused(options, message):
     capture = Capture(np.ones((12, 12, 6)), ARRAY, WAVEFORM)
     with pytest.raises(ModelError, match=message):
         clradar.reconstruct(capture, GRID, **options)
 
 
-def test_without_pylops(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_pylops(monkeypatch):
     monkeypatch.setitem(sys.modules, "pylops", None)
     capture = Capture(np.ones((12, 12, 6)), ARRAY, WAVEFORM)
     with pytest.raises(MissingPackage, match=r"expected the package pylops.*pip install pylops"):

@@ -1,7 +1,5 @@
 """Impairments: each against its equation, its statistics or its closed form."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 
@@ -62,13 +60,13 @@ def close(found: np.ndarray, expected: np.ndarray) -> None:
 # Nothing, and the record
 
 
-def test_without_settings_nothing_changes(target: Capture) -> None:
+def test_without_settings_nothing_changes(target):
     result = impair(target)
     np.testing.assert_array_equal(result.data, target.data)
     assert result.array is target.array
 
 
-def test_all_settings_are_recorded_as_json_and_calls_add_up(target: Capture) -> None:
+def test_all_settings_are_recorded_as_json_and_calls_add_up(target):
     room = room_capture(ARRAY, SWEEP, [Wall([0, 0, 1], [0, 0, 2])])
     channels = draw_channels(ARRAY, SWEEP, seed=5, dead_tx=[3])
     first = impair(target, seed=7, frame=2, room=room, coupling_db=3, channels=channels, snr_db=20,
@@ -90,7 +88,7 @@ def test_all_settings_are_recorded_as_json_and_calls_add_up(target: Capture) -> 
 # Noise
 
 
-def test_noise_has_the_stated_power_and_is_circular(target: Capture) -> None:
+def test_noise_has_the_stated_power_and_is_circular(target):
     noise = impair(target, snr_db=13, seed=3).data - target.data
     expected = 10**-1.3
     assert power(noise) == pytest.approx(expected, rel=POWER)
@@ -102,7 +100,7 @@ def test_noise_has_the_stated_power_and_is_circular(target: Capture) -> None:
         assert abs((noise.conj() * shifted).mean(dtype=complex)) < expected * POWER
 
 
-def test_noise_is_relative_to_the_given_reference(target: Capture) -> None:
+def test_noise_is_relative_to_the_given_reference(target):
     silent = impair(zeros(), snr_db=20, reference_power=4.0)
     assert power(silent.data) == pytest.approx(0.04, rel=POWER)
     with pytest.raises(ModelError, match="reference_power"):
@@ -111,7 +109,7 @@ def test_noise_is_relative_to_the_given_reference(target: Capture) -> None:
     assert power(impair(strong, snr_db=20).data - strong.data) == pytest.approx(0.09, rel=POWER)
 
 
-def test_noisy_channels_have_the_stated_noise(target: Capture) -> None:
+def test_noisy_channels_have_the_stated_noise(target):
     noise = impair(target, snr_db=20, noisy_tx_db={2: 20}, noisy_rx_db={5: 10}).data - target.data
     few = 5 / np.sqrt(20 * 64)
     assert power(noise[3][:5]) == pytest.approx(0.01, rel=5 / np.sqrt(5 * 64))
@@ -123,7 +121,7 @@ def test_noisy_channels_have_the_stated_noise(target: Capture) -> None:
 # Streams
 
 
-def test_seeds_and_frames_reproduce_and_differ(target: Capture) -> None:
+def test_seeds_and_frames_reproduce_and_differ(target):
     settings: dict[str, Any] = {"snr_db": 20, "drift_phase_rad": 0.1, "frame": 3}
     one = impair(target, seed=2**63 + 1, **settings).data
     np.testing.assert_array_equal(one, impair(target, seed=2**63 + 1, **settings).data)
@@ -131,7 +129,7 @@ def test_seeds_and_frames_reproduce_and_differ(target: Capture) -> None:
         assert not (impair(target, **{**settings, **other}).data == one).any()
 
 
-def test_noise_does_not_depend_on_other_faults(target: Capture) -> None:
+def test_noise_does_not_depend_on_other_faults(target):
     noise = impair(zeros(), snr_db=20, reference_power=1.0, frame=2).data
     others: dict[str, Any] = {
         "channels": draw_channels(ARRAY, SWEEP),
@@ -146,7 +144,7 @@ def test_noise_does_not_depend_on_other_faults(target: Capture) -> None:
     np.testing.assert_allclose(with_noise - without, noise, atol=4 * ROUNDING * abs(without).max())
 
 
-def test_streams_of_parts_seeds_and_frames_are_independent() -> None:
+def test_streams_of_parts_seeds_and_frames_are_independent():
     draws = [
         random_stream(seed, part, frame).integers(2**63, size=1000)
         for seed in (0, 1)
@@ -156,7 +154,7 @@ def test_streams_of_parts_seeds_and_frames_are_independent() -> None:
     assert len(np.unique(draws)) == np.size(draws)
 
 
-def test_phases_do_not_depend_on_the_spread_of_gains() -> None:
+def test_phases_do_not_depend_on_the_spread_of_gains():
     one = draw_channels(ARRAY, SWEEP, seed=4)
     two = draw_channels(ARRAY, SWEEP, seed=4, gain_db=0, delay_s=0, dead_rx=[1])
     np.testing.assert_allclose(np.angle(two.tx_gain), np.angle(one.tx_gain), atol=1e-12)
@@ -168,7 +166,7 @@ def test_phases_do_not_depend_on_the_spread_of_gains() -> None:
 # Channels
 
 
-def test_channel_factors_are_those_of_the_record(target: Capture) -> None:
+def test_channel_factors_are_those_of_the_record(target):
     channels = draw_channels(ARRAY, SWEEP, seed=9, dead_rx=[7])
     found = impair(target, channels=channels).data
     f = SWEEP.frequencies_hz - 77e9
@@ -183,7 +181,7 @@ def test_channel_factors_are_those_of_the_record(target: Capture) -> None:
     assert not found[:, 7].any()
 
 
-def test_drawn_channels_fill_their_ranges() -> None:
+def test_drawn_channels_fill_their_ranges():
     many = small_array(4000, 3000)
     drawn = draw_channels(many, SWEEP, seed=1, gain_db=3, phase_rad=0.5, delay_s=20e-12)
     assert drawn.reference_hz == 77e9
@@ -209,9 +207,7 @@ def test_drawn_channels_fill_their_ranges() -> None:
 @pytest.mark.parametrize(
     ("gain_db", "phase_rad"), [(1.0, 0.0), (0.0, 0.1), (np.linspace(-1, 1, 20), -0.2)]
 )
-def test_iq_imbalance_distorts_the_quadrature(
-    target: Capture, gain_db: Any, phase_rad: float
-) -> None:
+def test_iq_imbalance_distorts_the_quadrature(target, gain_db, phase_rad):
     found = impair(target, iq_gain_db=gain_db, iq_phase_rad=phase_rad).data
     theta, size = np.angle(target.data.astype(complex)), abs(target.data.astype(complex))
     gain = 10 ** (np.broadcast_to(gain_db, ARRAY.n_rx)[:, None] / 20)  # of each receiver
@@ -222,7 +218,7 @@ def test_iq_imbalance_distorts_the_quadrature(
 # Coupling and room
 
 
-def test_coupling_follows_the_distance_of_the_antennas(target: Capture) -> None:
+def test_coupling_follows_the_distance_of_the_antennas(target):
     added = impair(target, coupling_db=6, coupling_delay_s=50e-12).data.astype(complex)
     added -= target.data
     assert power(added) == pytest.approx(10**0.6, rel=1e-6)
@@ -234,7 +230,7 @@ def test_coupling_follows_the_distance_of_the_antennas(target: Capture) -> None:
     assert abs(np.angle(ratio.mean())) < 1e-6
 
 
-def test_a_wall_is_an_image_source() -> None:
+def test_a_wall_is_an_image_source():
     # Oblique, so that the closed form needs more than a sign: reflect by hand at 0.6 z + 0.8 x = 1.
     wall = Wall([1.25, 5.0, 0.0], [0.8, 0.0, 0.6], -2.0)
     data = room_capture(ARRAY, SWEEP, [wall]).data.astype(complex)
@@ -254,12 +250,12 @@ def test_a_wall_is_an_image_source() -> None:
     np.testing.assert_allclose(phase, 0, atol=1e-6)
 
 
-def test_room_points_are_point_targets() -> None:
+def test_room_points_are_point_targets():
     data = room_capture(ARRAY, SWEEP, [], points_m=[[0.01, 0.02, 0.3]], point_amplitudes=[2j]).data
     close(data, 2j * point([0.01, 0.02, 0.3]).data.astype(complex))
 
 
-def test_room_adds_up_and_passes_the_channels(target: Capture) -> None:
+def test_room_adds_up_and_passes_the_channels(target):
     room = room_capture(ARRAY, SWEEP, [Wall([0, 0, 1], [0, 0, 1])])
     close(impair(target, room=room).data, target.data.astype(complex) + room.data)
     channels = draw_channels(ARRAY, SWEEP)
@@ -270,9 +266,7 @@ def test_room_adds_up_and_passes_the_channels(target: Capture) -> None:
 # Drift
 
 
-def test_frames_of_a_drift_may_be_asked_for_in_any_order_and_drawn_in_any_blocks(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_frames_of_a_drift_may_be_asked_for_in_any_order_and_drawn_in_any_blocks(monkeypatch):
     def drift(frame: int) -> np.ndarray:
         walks = {"phase_rad": 0.1, "gain_db": 0.1, "common_phase_rad": 0.1}
         array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2])
@@ -288,7 +282,7 @@ def test_frames_of_a_drift_may_be_asked_for_in_any_order_and_drawn_in_any_blocks
     np.testing.assert_array_equal(drift(frames[-1]), alone[-1])
 
 
-def test_frame_zero_has_not_drifted(target: Capture) -> None:
+def test_frame_zero_has_not_drifted(target):
     drift: dict[str, Any] = {
         "drift_phase_rad": 1.0,
         "drift_gain_db": 1.0,
@@ -298,7 +292,7 @@ def test_frame_zero_has_not_drifted(target: Capture) -> None:
     assert not (impair(target, frame=1, **drift).data == target.data).any()
 
 
-def test_drift_is_a_walk_of_factors_per_channel(target: Capture) -> None:
+def test_drift_is_a_walk_of_factors_per_channel(target):
     many = small_array(2000, 2000)
     steps: dict[str, float] = {"phase_rad": 0.01, "gain_db": 0.02, "common_phase_rad": 0.0}
     factors = [drift_factors(many, seed=1, frame=m, **steps) for m in (4, 5, 20)]
@@ -323,7 +317,7 @@ def test_drift_is_a_walk_of_factors_per_channel(target: Capture) -> None:
 # Converter
 
 
-def test_quantisation_rounds_to_steps_and_clips(target: Capture) -> None:
+def test_quantisation_rounds_to_steps_and_clips(target):
     found = impair(target, adc_bits=4, adc_full_scale=0.8).data
     step = 0.1
     for got, want in ((found.real, target.data.real), (found.imag, target.data.imag)):
@@ -364,14 +358,12 @@ def test_quantisation_rounds_to_steps_and_clips(target: Capture) -> None:
         ({"coupling_db": 290.0, "reference_power": 1e300}, "finite numbers"),
     ],
 )
-def test_invalid_settings_are_refused(
-    target: Capture, settings: dict[str, Any], message: str
-) -> None:
+def test_invalid_settings_are_refused(target, settings, message):
     with pytest.raises(ModelError, match=message):
         impair(target, **settings)
 
 
-def test_a_room_of_another_radar_is_refused(target: Capture) -> None:
+def test_a_room_of_another_radar_is_refused(target):
     for array, sweep in ((small_array(24, 19), SWEEP), (ARRAY, Waveform.sfcw(72e9, 81e9, 64))):
         room = room_capture(array, sweep, [Wall([0, 0, 1], [0, 0, 1])])
         with pytest.raises(ModelError, match="impair: room"):
@@ -396,9 +388,9 @@ def test_a_room_of_another_radar_is_refused(target: Capture) -> None:
         (lambda: draw_channels(ARRAY, SWEEP, gain_db=-1), "gain_db"),
         (lambda: draw_channels(ARRAY, SWEEP, phase_rad=4), "phase_rad"),
         (lambda: draw_channels(ARRAY, SWEEP, dead_tx=[24]), "dead_tx"),
-        (lambda: clradar.draw_channels("array", SWEEP), "AntennaArray"),  # type: ignore[arg-type]
+        (lambda: clradar.draw_channels("array", SWEEP), "AntennaArray"),
     ],
 )
-def test_invalid_rooms_and_channels_are_refused(call: Any, message: str) -> None:
+def test_invalid_rooms_and_channels_are_refused(call, message):
     with pytest.raises(ModelError, match=message):
         call()

@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 from two_devices import N, findings_of
 
-import clradar
 from clradar.errors import DeviceError
-from clradar.jobs import open_devices
+from clradar.jobs import Where
 from clradar.opencl import DeviceInfo, choice, device
 
 
@@ -68,7 +67,7 @@ def test_without_gpus_all_are_those_like_the_default(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.device
 def test_devices_of_two_kinds_are_not_alike() -> None:
-    first = clradar.open_device("pocl")
-    devices = type(open_devices(first))((first.info, listed("1:0", "B", "gpu")), first)
+    devices = Where("pocl")
+    devices.__dict__["infos"] = (devices.first.info, listed("1:0", "B", "gpu"))
     with pytest.raises(DeviceError, match=r"one name and driver for a sweep.*1:0 B"):
         devices.check_alike("a sweep")

@@ -151,24 +151,16 @@ def test_one_place_at_a_time() -> None:
         Where(workers=2, scheduler="tcp://127.0.0.1:1")
 
 
-@dataclass(frozen=True)
-class Placed:
-    device: Any = None
-
-    def run(self, item: int, progress: Any) -> str:
-        return os.getcwd()
-
-
 @pytest.mark.device
 def test_an_item_of_a_scheduler_is_made_in_the_folder_of_the_client(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    distributed = pytest.importorskip("clradar.jobs.distributed")
-    monkeypatch.setattr(distributed, "_breach", lambda contract: None)
-    contract = distributed.Contract("{}", "pocl", tmp_path, "", ())
+    workers = pytest.importorskip("clradar.jobs.workers")
+    monkeypatch.setattr(workers, "_breach", lambda terms: None)
     before = os.getcwd()
     for here, there in ((str(tmp_path), str(tmp_path)), ("/seen/by/the/client/alone", before)):
-        made = distributed.run_item(Placed(), 0, here, contract)
+        terms = workers.Terms("{}", "pocl", (), here)
+        made = workers.run_item(lambda *_: os.getcwd(), 0, terms)
         assert (made, os.getcwd()) == ((there, []), before)
 
 

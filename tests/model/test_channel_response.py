@@ -1,13 +1,11 @@
 """The record of channel gains and delays."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from clradar import ChannelResponse
 
 
-def test_response_is_the_gain_times_the_phase_of_the_delay() -> None:
+def test_response_is_the_gain_times_the_phase_of_the_delay():
     gain = np.array([2.0 + 1.0j, 0.0])
     response = ChannelResponse(gain, [1.0], [20e-12, 0.0], [0.0], 77e9)
     found = response.tx_response(np.array([77e9, 77e9 + 12.5e9]))

@@ -1,7 +1,5 @@
 """Maximum projection and depth map, against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -39,7 +37,7 @@ def depth_in_voxels(image: Volume, dynamic_range_db: float = 15.0) -> np.ndarray
     return (image.depth_map(dynamic_range_db).depth_m - FIRST_M) / SPACING_M
 
 
-def test_max_projection_is_the_largest_amplitude_along_z() -> None:
+def test_max_projection_is_the_largest_amplitude_along_z():
     amplitude = np.random.default_rng(1).uniform(0, 1, (5, 4, 3))
     image = volume(amplitude).max_projection()
     assert image.shape == (4, 3)
@@ -49,7 +47,7 @@ def test_max_projection_is_the_largest_amplitude_along_z() -> None:
 
 
 @pytest.mark.parametrize("vertex", [3.0, 3.2, 2.75, 3.49, 2.51])
-def test_a_parabola_is_found_where_it_is(vertex: float) -> None:
+def test_a_parabola_is_found_where_it_is(vertex):
     samples = 1.0 - 0.1 * (np.arange(7) - vertex) ** 2
     assert depth_in_voxels(column(*samples))[0, 0] == pytest.approx(vertex, abs=VERTEX_ERROR)
 
@@ -72,12 +70,12 @@ def test_a_parabola_is_found_where_it_is(vertex: float) -> None:
         ((0.2, 1.0, 0.1, 0.9, 1.0, 0.9), 0.5 * (0.2 - 0.1) / (0.2 - 2 + 0.1) + 1),
     ],
 )
-def test_the_vertex_by_hand(samples: tuple[float, ...], depth: float) -> None:
+def test_the_vertex_by_hand(samples, depth):
     assert depth_in_voxels(column(*samples))[0, 0] == pytest.approx(depth, abs=VERTEX_ERROR)
 
 
 @pytest.mark.parametrize("dynamic_range_db", [3.0, 15.0, 40.0])
-def test_the_cut_lies_at_the_dynamic_range(dynamic_range_db: float) -> None:
+def test_the_cut_lies_at_the_dynamic_range(dynamic_range_db):
     # 0.01 dB to either side of the cut; float32 amplitudes err by 1e-6 dB.
     levels_db = -dynamic_range_db + np.array([0.01, -0.01])
     amplitude = np.zeros((3, 1, 4))
@@ -89,7 +87,7 @@ def test_the_cut_lies_at_the_dynamic_range(dynamic_range_db: float) -> None:
     np.testing.assert_allclose(depth_map.amplitude, amplitude[1], rtol=3e-7)
 
 
-def test_nothing_anywhere_is_nan_everywhere() -> None:
+def test_nothing_anywhere_is_nan_everywhere():
     depth_map = volume(np.zeros((4, 3, 2))).depth_map()
     assert np.isnan(depth_map.depth_m).all()
     assert not depth_map.amplitude.any()
@@ -97,7 +95,7 @@ def test_nothing_anywhere_is_nan_everywhere() -> None:
     assert not volume(np.zeros((4, 3, 2))).max_projection().any()
 
 
-def test_axes_and_points() -> None:
+def test_axes_and_points():
     amplitude = np.zeros((3, 2, 3))
     amplitude[1, 0, 2] = 1.0
     amplitude[2, 1, 0] = 0.9

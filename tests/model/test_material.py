@@ -1,7 +1,5 @@
 """Materials: reflection against boundary conditions and closed forms, and what is refused."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable
@@ -81,7 +79,7 @@ STACKS = {
 
 
 @pytest.mark.parametrize("name", STACKS)
-def test_reflection_is_that_of_the_boundary_conditions(name: str) -> None:
+def test_reflection_is_that_of_the_boundary_conditions(name):
     own = STACKS[name]
     r_s, r_p = own.fresnel(BAND, COSINES)
     for i, frequency in enumerate(BAND):
@@ -101,7 +99,7 @@ def test_reflection_is_that_of_the_boundary_conditions(name: str) -> None:
     assert np.array_equal(gamma, (r_s - r_p) / 2)
 
 
-def test_closed_forms_of_a_half_space() -> None:
+def test_closed_forms_of_a_half_space():
     eps = 2.94 - 0.06j
     own = Material("x", eps)
     n = np.sqrt(eps)
@@ -123,14 +121,14 @@ def test_closed_forms_of_a_half_space() -> None:
     assert 20 * np.log10(abs(own.reflection(77e9, 1.0)[0, 0])) == pytest.approx(-11.6, abs=0.05)
 
 
-def test_a_conductor_turns_the_field_at_every_angle() -> None:
+def test_a_conductor_turns_the_field_at_every_angle():
     assert np.array_equal(METAL.reflection(BAND, COSINES), np.full((3, 6), -1))
     # A good conductor comes near it: |1 + r| of copper is 1.4 (f eps_0 pi 4 / sigma)^0.5.
     copper = Material("copper", ColeCole(1.0, sigma_s_per_m=5.8e7))
     assert np.abs(copper.reflection(BAND, 1.0) + 1).max() < 1e-3
 
 
-def test_no_passive_material_reflects_more_than_it_gets() -> None:
+def test_no_passive_material_reflects_more_than_it_gets():
     rng = np.random.default_rng(0)
     cosines = np.concatenate([[0.0, 1e-6, 1e-3, 1.0], rng.random(28)])
     for _ in range(300):
@@ -147,7 +145,7 @@ def test_no_passive_material_reflects_more_than_it_gets() -> None:
         assert np.abs(r_s - r_p).max() / 2 < 1 + 1e-9
 
 
-def test_dispersion_is_that_of_the_tables_of_gabriel() -> None:
+def test_dispersion_is_that_of_the_tables_of_gabriel():
     # IFAC-CNR's program after Gabriel (niremf.ifac.cnr.it): permittivity and conductivity in S/m.
     published = {
         "skin": {84.918e9: (6.1512, 38.711), 100e9: (5.5987, 39.433)},
@@ -170,7 +168,7 @@ def test_dispersion_is_that_of_the_tables_of_gabriel() -> None:
     assert -eps.imag * 2 * np.pi * 60e9 * EPS_0 == pytest.approx(0.0085 * 60**0.9395, rel=1e-12)
 
 
-def test_a_table_is_linear_between_its_rows_and_ends_there() -> None:
+def test_a_table_is_linear_between_its_rows_and_ends_there():
     table = PermittivityTable([70e9, 80e9, 90e9], [3 - 0.1j, 2.8 - 0.3j, 2.8 - 0.2j])
     assert table.at([70e9, 75e9, 82.5e9, 90e9]) == pytest.approx(
         [3 - 0.1j, 2.9 - 0.2j, 2.8 - 0.275j, 2.8 - 0.2j], abs=1e-12
@@ -242,7 +240,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_refused(name: str) -> None:
+def test_what_is_refused(name):
     make, part = REFUSED[name]
     with pytest.raises(ModelError) as caught:
         make()
@@ -251,7 +249,7 @@ def test_what_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("own", KNOWN.values(), ids=KNOWN)
-def test_known_materials(own: Material) -> None:
+def test_known_materials(own):
     assert clradar.material(own.name) is own
     assert own.source
     check_kirchhoff(own, Waveform.sfcw(72e9, 82e9, 2))  # a warning is an error here
@@ -263,7 +261,7 @@ def test_known_materials(own: Material) -> None:
     assert eval(repr(own), vars(clradar)) == own
 
 
-def test_radius_of_curvature_is_that_of_drawn_profiles() -> None:
+def test_radius_of_curvature_is_that_of_drawn_profiles():
     # Mean of 1/|curvature'| as the formula has it: (1 + s^2)^1.5 / E|z''| with E|z''| replaced by
     # the RMS 2 sqrt(3) h / l^2 of a Gaussian correlation: here from its fourth derivative, 12 h^2.
     h, length = 0.15e-3, 3e-3
@@ -291,13 +289,13 @@ def test_radius_of_curvature_is_that_of_drawn_profiles() -> None:
         (0.3, 2.0, "mean radius of 4.1 mm, below 2 wave"),
     ],
 )
-def test_what_kirchhoff_cannot_do_is_warned_of(h_mm: float, l_mm: float, words: str) -> None:
+def test_what_kirchhoff_cannot_do_is_warned_of(h_mm, l_mm, words):
     own = Material("x", 3.0, roughness_rms_m=h_mm / 1e3, correlation_length_m=l_mm / 1e3)
     with pytest.warns(ClradarWarning, match="material 'x': roughness of") as caught:
         check_kirchhoff(own, Waveform.sfcw(72e9, 82e9, 2))
     assert words in " ".join(str(w.message) for w in caught)
 
 
-def test_relaxation_times_in_picoseconds_are_refused() -> None:
+def test_relaxation_times_in_picoseconds_are_refused():
     with pytest.raises(ModelError, match=r"in seconds, at most 1, got 7.234; did you mean 7.234e"):
         ColeCole(4.0, [(32.0, 7.234)])

@@ -1,7 +1,5 @@
 """Files of materials: what they say, that they read back equal, and what is refused."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +50,7 @@ EXPECTED = [
 ]  # fmt: skip
 
 
-def test_all_that_a_file_can_say(tmp_path: Path) -> None:
+def test_all_that_a_file_can_say(tmp_path):
     path = tmp_path / "lab.toml"
     path.write_text(ALL_KINDS, encoding="utf-8")
     found = read_materials(path)
@@ -62,7 +60,7 @@ def test_all_that_a_file_can_say(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".toml", ".json"])
-def test_files_read_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
+def test_files_read_back_to_the_last_bit(tmp_path, suffix):
     rng = np.random.default_rng(1)
     odd = [
         Material(
@@ -92,7 +90,7 @@ def test_files_read_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
         write_materials(tmp_path / "x.txt", odd)
 
 
-def test_the_page_of_materials_is_right(tmp_path: Path) -> None:
+def test_the_page_of_materials_is_right(tmp_path):
     page = (Path(__file__).resolve().parents[2] / "docs" / "materials.md").read_text("utf-8")
     path = tmp_path / "page.toml"
     path.write_text(page.split("```toml\n")[1].split("```")[0], encoding="utf-8")
@@ -114,7 +112,7 @@ def test_the_page_of_materials_is_right(tmp_path: Path) -> None:
         assert [float(text or 0) / 1e3 for text in lengths_mm] == [m or 0 for m in lengths_m]
 
 
-def test_records_for_other_files() -> None:
+def test_records_for_other_files():
     record = material_record(KNOWN["ptfe"])
     assert record == {
         "name": "ptfe",
@@ -180,7 +178,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("text", REFUSED, ids=range(len(REFUSED)))
-def test_mistakes_name_the_file_and_the_key(tmp_path: Path, text: str) -> None:
+def test_mistakes_name_the_file_and_the_key(tmp_path, text):
     path = tmp_path / "lab.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(MeasurementError) as caught:
@@ -192,7 +190,7 @@ def test_mistakes_name_the_file_and_the_key(tmp_path: Path, text: str) -> None:
     assert len(message) < 1000
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_files_that_are_none(tmp_path):
     for name, content, words in (
         ("x.txt", b"", r"ends in \.toml or \.json"),
         ("x.json", b"[]", "list where a JSON object"),
@@ -209,7 +207,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
             read_materials(path)
 
 
-def test_mistakes_of_several_materials_are_reported_at_once(tmp_path: Path) -> None:
+def test_mistakes_of_several_materials_are_reported_at_once(tmp_path):
     path = tmp_path / "lab.toml"
     path.write_text("[a]\npermitivity = 3\n[b]\npermittivity = 3\n[c]\npermittivity = 'x'\n")
     with pytest.raises(MeasurementError, match=r"^2 mistakes, one per line:") as caught:

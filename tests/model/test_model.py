@@ -1,7 +1,5 @@
 """The records: refused values, messages and immutability."""
 
-from __future__ import annotations
-
 import pickle
 import re
 from collections.abc import Callable
@@ -128,9 +126,7 @@ def refuse(make: Callable[[], Any], field: str, expected: str, got: str) -> None
 
 @pytest.mark.parametrize(("make", "name", "field"), REAL_ARRAYS)
 @pytest.mark.parametrize(("value", "expected", "got"), NO_REAL_NUMBERS)
-def test_fields_of_real_numbers_refuse_other_things(
-    make: Callable[..., Any], name: str, field: str, value: Any, expected: str, got: str
-) -> None:
+def test_fields_of_real_numbers_refuse_other_things(make, name, field, value, expected, got):
     refuse(lambda: make(**{name: value}), field, expected, got)
 
 
@@ -223,9 +219,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("field", "expected", "got", "make", "arguments"), WRONG)
-def test_invalid_fields_are_refused(
-    field: str, expected: str, got: str, make: Callable[..., Any], arguments: dict[str, Any]
-) -> None:
+def test_invalid_fields_are_refused(field, expected, got, make, arguments):
     refuse(lambda: make(**arguments), field, expected, got)
 
 
@@ -235,7 +229,7 @@ def arrays_of(record: Any) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("make", MAKERS)
-def test_records_are_frozen_and_their_arrays_read_only(make: Callable[..., Any]) -> None:
+def test_records_are_frozen_and_their_arrays_read_only(make):
     record = make()
     arrays = arrays_of(record)
     assert arrays
@@ -252,7 +246,7 @@ def test_records_are_frozen_and_their_arrays_read_only(make: Callable[..., Any])
 
 
 @pytest.mark.parametrize("make", MAKERS)
-def test_the_callers_later_changes_do_not_reach_the_record(make: Callable[..., Any]) -> None:
+def test_the_callers_later_changes_do_not_reach_the_record(make):
     for name, value in arrays_of(make()).items():
         mine = np.array(value)
         frozen_view = mine.view()
@@ -267,7 +261,7 @@ def test_the_callers_later_changes_do_not_reach_the_record(make: Callable[..., A
             mine[...] = kept
 
 
-def test_an_immutable_array_is_not_copied() -> None:
+def test_an_immutable_array_is_not_copied():
     data = np.ones((2, 3, 4), np.complex64)
     data.flags.writeable = False
     assert make_capture(data=data).data is data
@@ -276,7 +270,7 @@ def test_an_immutable_array_is_not_copied() -> None:
 
 
 @pytest.mark.parametrize("make", [make_capture, make_volume])
-def test_meta_is_a_copy_and_cannot_be_written(make: Callable[..., Any]) -> None:
+def test_meta_is_a_copy_and_cannot_be_written(make):
     meta = {"seed": 1, "nested": {"deep": [1, {"deeper": 2}]}}
     record = make(meta=meta)
     meta["seed"] = 2
@@ -289,7 +283,7 @@ def test_meta_is_a_copy_and_cannot_be_written(make: Callable[..., Any]) -> None:
     refuse(lambda: make(meta=meta), f"{type(record).__name__}.meta", "limited depth", "itself")
 
 
-def test_records_take_what_numpy_takes() -> None:
+def test_records_take_what_numpy_takes():
     assert make_array(tx_m=[(0, 0, 0)]).tx_m.dtype == np.float64
     assert make_capture(data=np.ones((2, 3, 4), int)).data.dtype == np.complex64
     assert make_paths(tx=np.array([0.0, 1.0])).tx.dtype == np.int32
@@ -302,20 +296,20 @@ def test_records_take_what_numpy_takes() -> None:
     assert make_scene(alpha=1).alpha.tolist() == [1.0]
 
 
-def test_pair_counts_rx_fastest_beyond_32_bits() -> None:
+def test_pair_counts_rx_fastest_beyond_32_bits():
     assert Paths([], [], [], [], [], 2, 3).pair.shape == (0,)
     paths = make_paths(tx=[0, 2**20], rx=[2, 7], n_tx=2**21, n_rx=2**13)
     assert paths.pair.tolist() == [2, 2**33 + 7]
 
 
-def test_statistics_add_up() -> None:
+def test_statistics_add_up():
     total = TraceStatistics(1, 2, 3, 1) + TraceStatistics(10, 20, 5, 3)
     assert total == TraceStatistics(11, 22, 8, 4)
     assert total.absorbed_share == 0.5
     assert TraceStatistics(0, 0, 0, 0).absorbed_share == 0.0
 
 
-def test_qar50_has_the_published_positions() -> None:
+def test_qar50_has_the_published_positions():
     array = clradar.arrays.qar50()
     assert (array.name, array.n_tx, array.n_rx) == ("qar50", 94, 94)
     steps = [-0.069 + 0.003 * i for i in range(47)]
@@ -328,7 +322,7 @@ def test_qar50_has_the_published_positions() -> None:
     np.testing.assert_allclose(array.tx_m, tx, rtol=0, atol=ROUNDING_M)
 
 
-def test_same_antennas() -> None:
+def test_same_antennas():
     array = clradar.arrays.qar50()
     ones = np.ones(94)
     assert array.same_antennas(replace(array, tx_gain=ones, rx_boresight=[[0, 0, 2.0]] * 94))
@@ -342,7 +336,7 @@ def test_same_antennas() -> None:
         assert not replace(array, **change).same_antennas(array)
 
 
-def test_sfcw_includes_both_ends() -> None:
+def test_sfcw_includes_both_ends():
     waveform = Waveform.sfcw(72e9, 82e9, 128)
     f = waveform.frequencies_hz
     assert (f[0], f[-1], waveform.n_freq) == (72e9, 82e9, 128)
@@ -353,14 +347,14 @@ def test_sfcw_includes_both_ends() -> None:
     assert Waveform.sfcw(72e9, 82e9, 2).frequencies_hz.tolist() == [72e9, 82e9]
 
 
-def test_ranges_repeat_after_half_a_cycle_of_the_step() -> None:
+def test_ranges_repeat_after_half_a_cycle_of_the_step():
     waveform = Waveform([70e9, 71e9, 72e9, 74e9])
     metre_hz = clradar.constants.SPEED_OF_LIGHT_M_PER_S / 2
     assert waveform.unambiguous_range_m == pytest.approx(metre_hz / 1e9)  # of the median step
     assert waveform.range_resolution_m == pytest.approx(metre_hz / 4e9)
 
 
-def test_lateral_resolution_is_the_wavelength_over_the_sines_that_both_apertures_span() -> None:
+def test_lateral_resolution_is_the_wavelength_over_the_sines_that_both_apertures_span():
     """Of clusters those that all of them span together."""
     middle_m = np.array([[-0.05, 0, 0], [0.07, 0, 0]])
     sine = 0.07 / np.hypot(0.07, 0.1) + 0.05 / np.hypot(0.05, 0.1)
@@ -374,14 +368,14 @@ def test_lateral_resolution_is_the_wavelength_over_the_sines_that_both_apertures
     assert lateral_resolution_m(halves, 0, 0.1) == pytest.approx(wavelength_m / (2 * sine))
 
 
-def test_coupling_reaches_two_cells_beyond_the_farthest_pair() -> None:
+def test_coupling_reaches_two_cells_beyond_the_farthest_pair():
     array = AntennaArray([[0, 0, 0], [0.03, 0, 0]], [[0, 0.04, 0]])
     capture = Capture(np.ones((2, 1, 3)), array, Waveform([70e9, 71e9, 74e9]))
     cell_m = clradar.constants.SPEED_OF_LIGHT_M_PER_S / 4e9
     assert coupling_path_m(capture) == pytest.approx(0.05 + 2 * cell_m)
 
 
-def test_grid_from_extent_has_both_ends() -> None:
+def test_grid_from_extent_has_both_ends():
     grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
     assert grid.counts == (201, 201, 81)
     assert not grid.same_voxels(make_grid())
@@ -408,7 +402,7 @@ EXTENTS = {"x_m": (0.0, 0.1), "y_m": (0.0, 0.1), "z_m": (0.2, 0.3), "spacing_m":
         ("spacing_m", (0.01, 0.01), "one number or three", "(0.01, 0.01)"),
     ],
 )
-def test_grid_from_extent_refuses(name: str, value: Any, expected: str, got: str) -> None:
+def test_grid_from_extent_refuses(name, value, expected, got):
     refuse(
         lambda: VoxelGrid.from_extent(**{**EXTENTS, name: value}),
         f"VoxelGrid.from_extent: {name}",
@@ -418,7 +412,7 @@ def test_grid_from_extent_refuses(name: str, value: Any, expected: str, got: str
 
 
 @pytest.mark.parametrize("value", [10**400, "5", b"5", True, np.True_, [5.0], None, 5j, object()])
-def test_other_types_are_not_numbers(value: Any) -> None:
+def test_other_types_are_not_numbers(value):
     with pytest.raises(ModelError, match=r"^field: expected a (real )?number, got "):
         checks.real("field", value)
     with pytest.raises(ModelError, match=r"^field: expected a whole number in \[1, 9\], got "):
@@ -426,7 +420,7 @@ def test_other_types_are_not_numbers(value: Any) -> None:
 
 
 @pytest.mark.parametrize("value", [5, 5.0, np.int8(5), np.float32(5), np.array(5)])
-def test_numbers_of_every_kind_are_numbers(value: Any) -> None:
+def test_numbers_of_every_kind_are_numbers(value):
     assert checks.real("field", value) == 5.0
     assert checks.whole("field", value, 1) == 5
     assert type(checks.whole("field", value, 1)) is int
@@ -445,16 +439,14 @@ def test_numbers_of_every_kind_are_numbers(value: Any) -> None:
         (np.full((4, 4), NAN), "finite", "NaN"),
     ],
 )  # fmt: skip
-def test_a_transform_is_an_invertible_affine_matrix(
-    matrix: np.ndarray, expected: str, got: str
-) -> None:
+def test_a_transform_is_an_invertible_affine_matrix(matrix, expected, got):
     refuse(lambda: checks.transform("transform", matrix), "transform", expected, got)
 
 
 # Other processes ----------------------------------------------------------------------------------
 
 
-def test_records_survive_pickling() -> None:
+def test_records_survive_pickling():
     array = clradar.arrays.qar50()
     capture = Capture(np.ones((94, 94, 2)), array, Waveform([72e9, 82e9]), {"a": [1], "b": {}})
     again = pickle.loads(pickle.dumps(capture))
@@ -472,7 +464,7 @@ def test_records_survive_pickling() -> None:
 # Printed forms ------------------------------------------------------------------------------------
 
 
-def test_records_print_on_one_short_line() -> None:
+def test_records_print_on_one_short_line():
     array = clradar.arrays.qar50()
     capture = Capture(
         np.zeros((94, 94, 2)), array, Waveform([72e9, 82e9]), {"a": list(range(1000))}

@@ -1,10 +1,7 @@
 """Antenna patterns: gain over angle, refused values, and where an array carries them."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,13 +20,13 @@ def cosines(*angles_deg: float) -> np.ndarray:
     return np.cos(np.deg2rad(angles_deg))
 
 
-def test_power_of_the_cosine_is_zero_behind() -> None:
+def test_power_of_the_cosine_is_zero_behind():
     pattern = AntennaPattern(gain_dbi=20.0, exponent=2.0)
     found = pattern.amplitude(np.array([[1.0, 0.5], [0.0, -0.5]]))
     assert np.allclose(found, [[10, 2.5], [0, 0]], atol=ROUNDING)
 
 
-def test_table_is_linear_over_angle() -> None:
+def test_table_is_linear_over_angle():
     found = AntennaPattern(gain_dbi=6.0, **TABLE).amplitude(cosines(0, 45, 90, 135, 180))
     assert np.allclose(found, 10**0.3 * np.array([1, 0.75, 0.5, 0.25, 0]), atol=10 * ROUNDING)
 
@@ -51,12 +48,12 @@ def test_table_is_linear_over_angle() -> None:
         ({**TABLE, "field": [1, 1j, 0]}, "real numbers"),
     ],
 )
-def test_refused(fields: dict[str, Any], message: str) -> None:
+def test_refused(fields, message):
     with pytest.raises(ModelError, match=message):
         AntennaPattern(**fields)
 
 
-def test_equal_by_value() -> None:
+def test_equal_by_value():
     patterns = [
         AntennaPattern(),
         AntennaPattern(gain_dbi=3),
@@ -81,7 +78,7 @@ def patterned() -> AntennaArray:
     )
 
 
-def test_array_keeps_its_patterns() -> None:
+def test_array_keeps_its_patterns():
     array = patterned()
     plain = replace(array, tx_pattern=None, rx_pattern=None)
     assert array.same_positions(plain)
@@ -104,7 +101,7 @@ def test_array_keeps_its_patterns() -> None:
     assert array.part([0], [1], "pair").name == "pair"
 
 
-def test_estimators_without_patterns_refuse_them() -> None:
+def test_estimators_without_patterns_refuse_them():
     scene = clradar.Scene([[0, 0, 0.3], [0.1, 0, 0.3], [0, 0.1, 0.3]], [[0, 1, 2]], alpha=0.0)
     array, waveform = patterned(), clradar.Waveform.sfcw(72e9, 82e9, 3)
     paths = clradar.Paths([0], [0], [0.6], [1.0], [1], n_tx=8, n_rx=8)

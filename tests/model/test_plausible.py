@@ -1,7 +1,5 @@
 """Values in another unit than the interface's are refused, and the message names the unit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -49,7 +47,7 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_another_unit_is_refused_and_named(name: str) -> None:
+def test_another_unit_is_refused_and_named(name):
     make, part = WRONG[name]
     with pytest.raises(ModelError) as caught:
         make()
@@ -75,11 +73,11 @@ RIGHT: dict[str, Callable[[], Any]] = {
 
 
 @pytest.mark.parametrize("name", RIGHT)
-def test_what_radars_have_is_accepted(name: str) -> None:
+def test_what_radars_have_is_accepted(name):
     RIGHT[name]()
 
 
-def test_other_units_are_named_for_any_interface() -> None:
+def test_other_units_are_named_for_any_interface():
     assert implausible("a step", 1.0, PLAUSIBLE_RANGE_M, "mm") is None
     expected, got = implausible("a step", 0.1, PLAUSIBLE_RANGE_M, "mm") or ("", "")
     assert expected == "a step from 1 to 100000 mm"

@@ -1,7 +1,5 @@
 """Records in numpy, xarray and notebooks."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -76,7 +74,7 @@ SHOWN = {
 
 
 @pytest.mark.parametrize("record", SHOWN, ids=lambda record: type(record).__name__)
-def test_notebooks_show_a_figure_and_escaped_facts(record: Any) -> None:
+def test_notebooks_show_a_figure_and_escaped_facts(record):
     page = Page(record._repr_html_())
     assert set(page.tags) <= {"div", "strong", "table", "tr", "th", "td", "img"}
     *facts, pictures = SHOWN[record]
@@ -85,13 +83,13 @@ def test_notebooks_show_a_figure_and_escaped_facts(record: Any) -> None:
     assert page.text.startswith(type(record).__name__)
 
 
-def test_a_figure_of_a_notebook_is_that_of_the_commands() -> None:
+def test_a_figure_of_a_notebook_is_that_of_the_commands():
     (picture,) = Page(volume()._repr_html_()).pictures
     with Image.open(io.BytesIO(png_bytes(image_figure(volume()), dpi=PICTURE_DPI))) as image:
         np.testing.assert_array_equal(picture, np.array(image))
 
 
-def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts() -> None:
+def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts():
     image = clradar.DepthMap(np.full((11, 11), 0.3), np.eye(11), np.arange(11.0), np.arange(11.0))
     text = Page(clradar.compare(image, image)._repr_html_()).text
     assert "overlap1.000" in text
@@ -109,7 +107,7 @@ def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts() -> None:
     assert METAL._repr_html_() is None  # a notebook then shows its text
 
 
-def test_numpy_takes_records_for_their_arrays() -> None:
+def test_numpy_takes_records_for_their_arrays():
     image = volume()
     assert np.asarray(image) is image.data or np.shares_memory(np.asarray(image), image.data)
     assert np.abs(capture()).shape == (2, 3, 4)
@@ -120,7 +118,7 @@ def test_numpy_takes_records_for_their_arrays() -> None:
     assert np.asarray(image, np.complex128).dtype == np.complex128
 
 
-def test_xarray_has_axes_units_and_provenance() -> None:
+def test_xarray_has_axes_units_and_provenance():
     image = volume()
     voxels = image.to_xarray()
     assert voxels.dims == ("z_m", "y_m", "x_m")
@@ -137,7 +135,7 @@ def test_xarray_has_axes_units_and_provenance() -> None:
     assert np.isnan(seen.depth_m).sum() == 13
 
 
-def test_xarray_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_xarray_is_an_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     for record in (volume(), volume().depth_map(), capture()):
         with pytest.raises(MissingPackage, match=r"to_xarray: .*pip install xarray"):

@@ -1,7 +1,5 @@
 """Images on an absolute scale: what targets of known radar cross section read, in dBsm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -64,7 +62,7 @@ def grid_around(at_m: np.ndarray, counts: tuple[int, int, int] = (3, 3, 3)) -> V
 @pytest.mark.parametrize("array", [ARRAY, PATTERNED], ids=["isotropic", "patterns"])
 @pytest.mark.parametrize("window", ["rect", "hann"])
 @pytest.mark.parametrize("at_m", [(0.0, 0.0, 0.3), (0.09, -0.07, 0.26), (0.0, 0.02, 1.2)])
-def test_a_point_target_reads_its_cross_section(array, window, at_m) -> None:
+def test_a_point_target_reads_its_cross_section(array, window, at_m):
     at = np.array(at_m)
     capture = point_target(array, at, 10**-2.35)
     image = clradar.backproject(capture, grid_around(at), window=window, check_grid=False)
@@ -75,7 +73,7 @@ def test_a_point_target_reads_its_cross_section(array, window, at_m) -> None:
 
 
 @pytest.mark.parametrize("array", [ARRAY, PATTERNED], ids=["isotropic", "patterns"])
-def test_scale_is_that_of_the_equation_everywhere(array) -> None:
+def test_scale_is_that_of_the_equation_everywhere(array):
     grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.16, 0.34), 5e-3)
     weights = np.linspace(0.5, 1.0, WAVEFORM.n_freq)
     found = ImageScale(array, WAVEFORM, weights).of_square_metre(grid)
@@ -105,14 +103,14 @@ def sphere(radius_m: float, range_m: float) -> Capture:
 
 
 @pytest.mark.parametrize("radius_m", [0.002, 0.02, 0.05])
-def test_samples_of_a_sphere_tell_pi_a_squared(radius_m: float) -> None:
+def test_samples_of_a_sphere_tell_pi_a_squared(radius_m):
     # At any size: 2 m away d / (d + a) is 0.22 dB for 50 mm.
     found = sphere(radius_m, 2.0).rcs_dbsm([0, 0, 2.0 - radius_m])
     wanted_db = 10 * np.log10(np.pi * radius_m**2) + 20 * np.log10((2 - radius_m) / 2)
     assert np.abs(found - wanted_db).max() < 0.02
 
 
-def test_samples_without_a_scale_or_a_place() -> None:
+def test_samples_without_a_scale_or_a_place():
     at_m = np.array([0.0, 0.0, 0.3])
     capture = point_target(PATTERNED, at_m, 1.0)
     with pytest.raises(ModelError, match="'absolute': True"):
@@ -123,7 +121,7 @@ def test_samples_without_a_scale_or_a_place() -> None:
 
 
 @pytest.mark.device
-def test_relative_images_have_no_cross_section() -> None:
+def test_relative_images_have_no_cross_section():
     capture = replace(point_target(ARRAY, np.array([0, 0, 0.3]), 1.0), meta={})
     assert not capture.absolute
     image = clradar.backproject(capture, grid_around(np.array([0, 0, 0.3])), check_grid=False)

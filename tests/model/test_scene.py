@@ -1,11 +1,8 @@
 """Scenes: mesh files of several formats, units, parts, alpha and transforms."""
 
-from __future__ import annotations
-
 import pickle
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +31,7 @@ def box(offset_m: float = 0.0) -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "ply", "obj", "glb", "off"])
-def test_mesh_files_of_every_format_give_the_same_triangles(tmp_path: Path, kind: str) -> None:
+def test_mesh_files_of_every_format_give_the_same_triangles(tmp_path, kind):
     path = tmp_path / f"box with blanks.{kind.removesuffix('_ascii')}"
     box().export(path, file_type=kind)
     for mesh in (path, str(path)):
@@ -47,7 +44,7 @@ def test_mesh_files_of_every_format_give_the_same_triangles(tmp_path: Path, kind
         )
 
 
-def test_meshes_in_memory() -> None:
+def test_meshes_in_memory():
     class Posed:
         def to_trimesh(self) -> trimesh.Trimesh:
             return box()
@@ -75,9 +72,7 @@ def obj_text(words: list[str]) -> str:
         (["o hand\ng palm", "g thumb", "o sleeve"], ("hand_palm", "hand_thumb", "sleeve_thumb")),
     ],
 )
-def test_objects_and_groups_of_an_obj_file_become_parts(
-    tmp_path: Path, words: list[str], names: tuple[str, ...]
-) -> None:
+def test_objects_and_groups_of_an_obj_file_become_parts(tmp_path, words, names):
     path = tmp_path / "parts.obj"
     path.write_text(obj_text(words))
     scene = Scene.from_mesh(path, alpha={name: 0.1 * i for i, name in enumerate(names)})
@@ -87,7 +82,7 @@ def test_objects_and_groups_of_an_obj_file_become_parts(
     np.testing.assert_allclose(scene.alpha, [0.0, 0.1, 0.2], atol=ROUNDING_M)
 
 
-def test_parts_of_a_ply_file_keep_names_and_the_order_of_faces(tmp_path: Path) -> None:
+def test_parts_of_a_ply_file_keep_names_and_the_order_of_faces(tmp_path):
     """As `clradar register` writes them; another program may have left out the names."""
     mesh = trimesh.creation.icosphere(1, 0.05)
     part = np.arange(len(mesh.faces)) % 3
@@ -113,7 +108,7 @@ def test_parts_of_a_ply_file_keep_names_and_the_order_of_faces(tmp_path: Path) -
         assert np.array_equal(scene.part, part)
 
 
-def test_texture_of_a_ply_file_is_read_where_all_of_it_is_there(tmp_path: Path) -> None:
+def test_texture_of_a_ply_file_is_read_where_all_of_it_is_there(tmp_path):
     mesh = trimesh.creation.icosphere(1, 50)
     texture = np.array(mesh.vertices)[:, ::-1].copy()
     content = ply_of_parts(mesh.vertices, mesh.faces, np.zeros(len(mesh.faces)), ["ball"], texture)
@@ -131,7 +126,7 @@ def test_texture_of_a_ply_file_is_read_where_all_of_it_is_there(tmp_path: Path) 
         assert Scene.from_mesh(tmp_path / "other.ply", unit="mm").texture_m is None
 
 
-def test_parts_of_a_glb_file_keep_their_names(tmp_path: Path) -> None:
+def test_parts_of_a_glb_file_keep_their_names(tmp_path):
     graph = trimesh.Scene()
     graph.add_geometry(box(), geom_name="left")
     graph.add_geometry(box(0.2), geom_name="right")
@@ -152,9 +147,7 @@ def test_parts_of_a_glb_file_keep_their_names(tmp_path: Path) -> None:
         (0.0, "m", "0 m", []),
     ],
 )
-def test_an_implausible_size_suggests_the_other_units(
-    tmp_path: Path, scale: float, unit: str, size: str, others: list[str]
-) -> None:
+def test_an_implausible_size_suggests_the_other_units(tmp_path, scale, unit, size, others):
     path = tmp_path / "box.off"
     mesh = box()
     mesh.vertices = mesh.vertices * scale
@@ -170,7 +163,7 @@ def test_an_implausible_size_suggests_the_other_units(
     ] == (others or [""])
 
 
-def test_files_that_are_no_mesh_are_named(tmp_path: Path) -> None:
+def test_files_that_are_no_mesh_are_named(tmp_path):
     absent = tmp_path / "absent.ply"
     with pytest.raises(
         MeshError, match=rf"^{re.escape(str(absent))}: expected a mesh file .*, got"
@@ -262,13 +255,13 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_refused(name: str) -> None:
+def test_refused(name):
     make, message = REFUSED[name]
     with pytest.raises(ClradarError, match=message):
         make()
 
 
-def test_several_meshes_with_their_own_alpha() -> None:
+def test_several_meshes_with_their_own_alpha():
     one = Scene.from_mesh(box(), alpha=0.1)
     two = Scene.from_mesh(box(0.2), alpha=np.linspace(0, 1, 12))
     three = Scene.from_mesh(box(0.4), alpha=1)
@@ -299,7 +292,7 @@ def rotated(angle: float) -> np.ndarray:
     [np.eye(4), rotated(0.7), rotated(0.7) @ np.diag([-1.0, 1.0, 1.0, 1.0])],
     ids=["identity", "rotated", "mirrored"],
 )
-def test_transform_moves_every_corner(matrix: np.ndarray) -> None:
+def test_transform_moves_every_corner(matrix):
     want = box().triangles @ matrix[:3, :3].T + matrix[:3, 3]
     moved = Scene.from_mesh(box(), transform=matrix.tolist(), alpha=0.3)
     np.testing.assert_allclose(moved.triangles_m, want, rtol=0, atol=ROUNDING_M)
@@ -326,7 +319,7 @@ def ellipsoid() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-def test_normals_are_transformed_with_the_surface() -> None:
+def test_normals_are_transformed_with_the_surface():
     vertices, faces, matrix, normals = ellipsoid()
     ball = Scene(vertices, faces, normals=vertices)
     np.testing.assert_allclose(ball.transformed(matrix).normals, normals, atol=1e-12)
@@ -342,7 +335,7 @@ def test_normals_are_transformed_with_the_surface() -> None:
     assert Scene.from_mesh(Smooth().to_trimesh()).normals is None
 
 
-def test_normals_that_are_not_known_stay_so() -> None:
+def test_normals_that_are_not_known_stay_so():
     vertices, faces, matrix, normals = ellipsoid()
     known = normals.copy()
     known[::3] = 0.0
@@ -355,7 +348,7 @@ def test_normals_that_are_not_known_stay_so() -> None:
     assert Scene.combine([plain, plain]).normals is None
 
 
-def test_normals_count_in_the_digest_and_survive_pickling() -> None:
+def test_normals_count_in_the_digest_and_survive_pickling():
     vertices, faces, _, normals = ellipsoid()
     scene = Scene(vertices, faces, normals=normals)
     assert scene.digest() != Scene(vertices, faces).digest()
@@ -377,7 +370,7 @@ def materials_of(scene: Scene) -> list[str]:
     return [scene.materials[i].name for i in np.asarray(scene.material)]
 
 
-def test_materials_are_given_for_all_faces_for_parts_and_for_faces() -> None:
+def test_materials_are_given_for_all_faces_for_parts_and_for_faces():
     scene = two_parts()
     assert scene.materials == (PERFECT_CONDUCTOR,)
     assert not np.any(scene.material)
@@ -401,7 +394,7 @@ def test_materials_are_given_for_all_faces_for_parts_and_for_faces() -> None:
     assert materials_of(from_mesh) == ["palm"] * 12
 
 
-def test_what_replaces_a_scene_keeps_materials_and_texture() -> None:
+def test_what_replaces_a_scene_keeps_materials_and_texture():
     scene = two_parts().with_material({"two": "skin"}).transformed(rotated(0.4))
     for again in (
         pickle.loads(pickle.dumps(scene)),
@@ -421,7 +414,7 @@ def test_what_replaces_a_scene_keeps_materials_and_texture() -> None:
     assert Scene.combine([plain, plain]).texture_m is None
 
 
-def test_a_motion_keeps_the_texture_and_a_stretch_stretches_it() -> None:
+def test_a_motion_keeps_the_texture_and_a_stretch_stretches_it():
     vertices, faces, matrix, _ = ellipsoid()
     ball = Scene(vertices, faces)
     motion = rotated(0.7) @ trimesh.transformations.translation_matrix([0.1, 0.2, 0.3])
@@ -443,7 +436,7 @@ def test_a_motion_keeps_the_texture_and_a_stretch_stretches_it() -> None:
     assert Scene.from_mesh(mesh, unit="mm").texture_m is None
 
 
-def test_materials_and_texture_count_in_the_digest_unless_all_is_metal() -> None:
+def test_materials_and_texture_count_in_the_digest_unless_all_is_metal():
     plain, palm = two_parts(), two_parts().with_material("palm")
     assert Scene.from_mesh(box()).digest() != Scene.from_mesh(box(1e-9)).digest()
     assert plain.digest() != plain.with_alpha(0.4).digest()

@@ -1,7 +1,5 @@
 """Motion files, and the motions that they describe."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +16,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_places_and_turns_are_interpolated() -> None:
+def test_places_and_turns_are_interpolated():
     motion = RigidMotion(
         [1.0, 2.0, 4.0],
         [(0, 0, 0), (0, 0, 0.1), (0, 0.2, 0.1)],
@@ -38,7 +36,7 @@ def test_places_and_turns_are_interpolated() -> None:
     assert first @ way @ way == pytest.approx(last, abs=1e-12)
 
 
-def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path: Path) -> None:
+def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path):
     (tmp_path / "bent.toml").write_text(
         'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80'
     )
@@ -90,6 +88,6 @@ def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path: Path) -> N
         ("sweep.step_us = -1\n[[hand]]\npose = [{ time_s = 0, pose = 'A' }]", "sweep.step_us"),
     ],
 )  # fmt: skip
-def test_mistakes_name_the_file_and_the_key(tmp_path: Path, text: str, said: str) -> None:
+def test_mistakes_name_the_file_and_the_key(tmp_path, text, said):
     with pytest.raises(MeasurementError, match=said):
         clradar.read_motion(written(tmp_path, text))

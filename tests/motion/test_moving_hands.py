@@ -1,9 +1,5 @@
 """Hands whose pose changes over time: poses, joints and places."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,7 +11,7 @@ from clradar.hand.pose import minimum_jerk
 TURN = RigidMotion([0.0, 1.0], [(0, 0, 0), (0.01, 0, 0.03)], [(0, 0, 0), (0, 0.4, 0.1)])
 
 
-def test_a_hand_passes_through_its_poses_about_its_centre(tmp_path: Path) -> None:
+def test_a_hand_passes_through_its_poses_about_its_centre(tmp_path):
     write_pose(tmp_path / "mine.toml", pose_by_name("W"))
     poses = ["A", tmp_path / "mine.toml", pose_by_name("flat")]
     hand = MovingHand([0.0, 1.0, 2.0], poses, center_m=(0.0, 0.01, 0.4))
@@ -28,7 +24,7 @@ def test_a_hand_passes_through_its_poses_about_its_centre(tmp_path: Path) -> Non
     np.testing.assert_allclose(hand.joints_m(0.3)[0], hand.joints_m(1.7)[0], rtol=0, atol=1e-15)
 
 
-def test_minimum_jerk_starts_and_ends_at_rest() -> None:
+def test_minimum_jerk_starts_and_ends_at_rest():
     """Velocity and acceleration vanish at both ends: 30 t^2 (1 - t)^2 and its derivative."""
     share = np.array([minimum_jerk(time) for time in np.linspace(0.0, 1.0, 101)])
     assert (np.diff(share) > 0).all()
@@ -39,7 +35,7 @@ def test_minimum_jerk_starts_and_ends_at_rest() -> None:
 
 @pytest.mark.device
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_joints_are_those_of_the_mesh(side: str) -> None:
+def test_joints_are_those_of_the_mesh(side):
     shape = HandShape(length_m=0.17, girth=0.95)
     hand = MovingHand(
         [0.0, 1.0], ["F", "flat"], motion=TURN, shape=shape, handedness=side, edge_length_m=4e-3
@@ -65,6 +61,6 @@ def test_joints_are_those_of_the_mesh(side: str) -> None:
         (["A", "B"], {"motion": 1}, ModelError, "MovingHand.motion"),
     ],
 )
-def test_what_is_no_moving_hand_is_refused(poses, more, error, said) -> None:
+def test_what_is_no_moving_hand_is_refused(poses, more, error, said):
     with pytest.raises(error, match=said):
         MovingHand([0.0, 1.0], poses, **more)

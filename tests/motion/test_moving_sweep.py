@@ -1,10 +1,9 @@
 """Sweeps over scenes that move, against closed forms and against still scenes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
+from nightly import nightly
 
 import clradar
 from clradar import AntennaArray, MovingBody, MovingHand, MovingScene, RigidMotion, Scene
@@ -42,11 +41,10 @@ def echo(
     return np.exp(1j * phase)
 
 
-@pytest.mark.parametrize("order", ["tx", "frequency"])
-@pytest.mark.parametrize("velocity", [(0.0, 0.0, -2.0), (2.0, 0.0, 0.0), (0.3, -1.0, 0.5)])
-def test_a_moving_point_has_the_phase_of_its_way_at_every_tx_and_frequency(
-    velocity: tuple[float, float, float], order: str
-) -> None:
+@pytest.mark.parametrize(
+    ("velocity", "order"), [((0.3, -1.0, 0.5), "tx"), ((2.0, 0.0, 0.0), "frequency")]
+)
+def test_a_moving_point_has_the_phase_of_its_way_at_every_tx_and_frequency(velocity, order):
     timing = clradar.SweepTiming.in_order(24, 16, step_s=STEP_S, order=order)
     settings = clradar.SimulationSettings(estimator="physical", samples_per_mm2=30)
     capture = clradar.simulate_moving(
@@ -87,7 +85,7 @@ UNSEEN = {
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 12])
-def test_polynomials_through_as_many_instants_are_exact(count: int) -> None:
+def test_polynomials_through_as_many_instants_are_exact(count):
     piece, times_s = Piece.between(2.0, 5.0, count), np.linspace(2.0, 5.0, 31)
     found = sum(
         s * at ** (count - 1) for s, at in zip(piece.shares(times_s), piece.times_s, strict=True)
@@ -95,8 +93,8 @@ def test_polynomials_through_as_many_instants_are_exact(count: int) -> None:
     np.testing.assert_allclose(found, times_s ** (count - 1), atol=1e-12 * 5.0 ** (count - 1))
 
 
-@pytest.mark.parametrize("name", UNSEEN)
-def test_what_comes_back_between_two_probes_is_seen(name: str) -> None:
+@pytest.mark.parametrize("name", [*list(UNSEEN)[2:5:2], *nightly([*UNSEEN][:2] + [*UNSEEN][3::2])])
+def test_what_comes_back_between_two_probes_is_seen(name):
     # One Rx beside the Tx, which are close: lengths alias alike for all pairs.
     radar = RADAR.part(slice(10, 13), [0])
     timing = clradar.SweepTiming.in_order(3, 40, step_s=1 / 119)
@@ -116,7 +114,7 @@ def test_what_comes_back_between_two_probes_is_seen(name: str) -> None:
     assert capture.meta["movement"]["phase_error_db"] <= -50
 
 
-def test_fingers_that_twitch_are_seen() -> None:
+def test_fingers_that_twitch_are_seen():
     radar = RADAR.part([0, 12, 23], slice(None))
     timing = clradar.SweepTiming.in_order(3, 16, step_s=1 / 47)
     flat, fist = (pose_by_name(name) for name in ("flat", "S"))
@@ -127,7 +125,7 @@ def test_fingers_that_twitch_are_seen() -> None:
     capture = clradar.simulate_moving(moving, radar, WAVEFORM, timing=timing, settings=settings)
     sweep = moving.during(0.0, timing.end_s)
     with sampled_as(sweep.scene(0.5 * timing.end_s)):
-        for time_s in timing.times_s[1, 0, 7:14]:
+        for time_s in timing.times_s[1, 0, 8:13:2]:
             then = clradar.simulate(sweep.scene(time_s), radar, WAVEFORM, settings=settings)
             now = timing.times_s[:, 0] == time_s
             assert np.array_equal(
@@ -135,7 +133,7 @@ def test_fingers_that_twitch_are_seen() -> None:
             )
 
 
-def test_skin_that_tears_is_warned_of() -> None:
+def test_skin_that_tears_is_warned_of():
     radar = RADAR.part([0, 12], [0])
     timing = clradar.SweepTiming.in_order(2, 2, step_s=1 / 3)
     moving = MovingScene([MovingHand([0.0, 0.5, 1.0], ["flat", "A", "flat"], edge_length_m=4e-3)])
@@ -146,7 +144,7 @@ def test_skin_that_tears_is_warned_of() -> None:
 
 
 @pytest.mark.filterwarnings("error:simulate. the scene is as wide")
-def test_parts_of_an_array_warn_of_no_lobes_that_it_has_not() -> None:
+def test_parts_of_an_array_warn_of_no_lobes_that_it_has_not():
     corners = [trimesh.creation.icosphere(1, 8e-3) for _ in range(4)]
     for i, ball in enumerate(corners):
         ball.apply_translation([(-0.06, 0.06)[i % 2], (-0.08, 0.08)[i // 2], 0.3])
@@ -166,7 +164,7 @@ def test_parts_of_an_array_warn_of_no_lobes_that_it_has_not() -> None:
         )  # fmt: skip
 
 
-def test_skin_that_is_carried_is_that_of_the_pose() -> None:
+def test_skin_that_is_carried_is_that_of_the_pose():
     # Two meshes of this hand, with edges of 1.6 and 1.7 mm, differ by -36 dB. Of the same samples.
     radar = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     hand = MovingHand([0.0, 0.5], ["S", "flat"])
@@ -181,7 +179,7 @@ def test_skin_that_is_carried_is_that_of_the_pose() -> None:
 
 
 @pytest.mark.parametrize("order", ["tx", "frequency"])
-def test_a_point_that_goes_away_is_shifted_in_the_image_as_theory_says(order: str) -> None:
+def test_a_point_that_goes_away_is_shifted_in_the_image_as_theory_says(order):
     # Of the range, because lengths grow over the frequencies; across, because they grow over the
     # Tx, as they do for a point at another angle.
     speed = 0.2 if order == "tx" else 0.04
@@ -205,8 +203,8 @@ def test_a_point_that_goes_away_is_shifted_in_the_image_as_theory_says(order: st
     assert max(abs(across_m), abs(away_m)) > 1.9e-3
 
 
-@pytest.mark.parametrize("estimator", ["expected", "stochastic", "physical"])
-def test_a_scene_that_stays_has_the_bits_of_a_still_one(estimator: str) -> None:
+@pytest.mark.parametrize("estimator", ["expected", *nightly(["stochastic", "physical"])])
+def test_a_scene_that_stays_has_the_bits_of_a_still_one(estimator):
     ball = Scene.from_mesh(trimesh.creation.icosphere(radius=0.01).apply_translation(POINT_M))
     moving = MovingScene([MovingBody(ball, RigidMotion([0.0, 1.0], np.zeros((2, 3))))])
     settings = clradar.SimulationSettings(estimator=estimator, samples_per_mm2=4)
@@ -215,8 +213,8 @@ def test_a_scene_that_stays_has_the_bits_of_a_still_one(estimator: str) -> None:
     assert np.array_equal(capture.data, still.data)
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_frames_without_duration_are_the_frames_of_a_still_hand(side: str) -> None:
+@pytest.mark.parametrize("side", ["left", *nightly(["right"])])
+def test_frames_without_duration_are_the_frames_of_a_still_hand(side):
     motion = RigidMotion.steady(turn_rad_per_s=(0, 1, 0), about_m=(0, 0, 0.3))
     hand = MovingHand([0.0, 1.0], ["A", "flat"], motion=motion, edge_length_m=4e-3, handedness=side)
     timing = clradar.SweepTiming.in_order(24, 16, step_s=0.0)
@@ -236,7 +234,7 @@ def test_frames_without_duration_are_the_frames_of_a_still_hand(side: str) -> No
 
 
 @pytest.mark.parametrize("kind", ["turning", pytest.param("closing", marks=pytest.mark.slow)])
-def test_a_moving_hand_is_in_every_sample_where_it_is_then(kind: str) -> None:
+def test_a_moving_hand_is_in_every_sample_where_it_is_then(kind):
     if kind == "turning":
         turn = RigidMotion.steady(turn_rad_per_s=(0, 2.0, 0), about_m=(0, 0, 0.3))
         body = MovingBody(Scene.from_mesh(hand_mesh("F", edge_length_m=4e-3)), turn)
@@ -261,13 +259,13 @@ def test_a_moving_hand_is_in_every_sample_where_it_is_then(kind: str) -> None:
     assert 10 * np.log10(unmoved / power) > -20
 
 
-def test_a_timing_of_another_radar_is_refused() -> None:
+def test_a_timing_of_another_radar_is_refused():
     timing = clradar.SweepTiming.in_order(23, 16)
     with pytest.raises(ModelError, match=r"timing: expected times of 24 Tx, 1 or 2 Rx and 16 freq"):
         clradar.simulate_moving(moving_point((0, 0, 1)), RADAR, WAVEFORM, timing=timing)
 
 
-def test_what_is_too_fast_to_follow_is_refused() -> None:
+def test_what_is_too_fast_to_follow_is_refused():
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
     timing = clradar.SweepTiming.in_order(24, 128, step_s=1.0)
     moving = MovingScene([MovingBody(point(), RigidMotion.steady(turn_rad_per_s=(0, 0, 300.0)))])

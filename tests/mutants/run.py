@@ -7,8 +7,6 @@ python tests/mutants/run.py --write          and write what came out to the tabl
 Faults are put into copies of the working tree, which itself stays as it is.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

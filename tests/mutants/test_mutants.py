@@ -1,9 +1,6 @@
 """The table of mutants, and what its runner makes of one."""
 
-from __future__ import annotations
-
 import subprocess
-from pathlib import Path
 
 import pytest
 from test_release import ROOT, program
@@ -22,7 +19,7 @@ survived = '{reason}'
 """
 
 
-def test_every_mutant_still_fits_and_has_an_outcome() -> None:
+def test_every_mutant_still_fits_and_has_an_outcome():
     table = run.table_of(ROOT)
     assert len({mutant["id"] for mutant in table}) == len(table)
     for mutant in table:
@@ -37,9 +34,7 @@ def test_every_mutant_still_fits_and_has_an_outcome() -> None:
 
 
 @pytest.mark.slow
-def test_a_mutant_that_nothing_notices_needs_a_reason(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mutant_that_nothing_notices_needs_a_reason(tmp_path, capsys, monkeypatch):
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
     (tmp_path / "half.py").write_text("def half(x):\n    return x / 2  # of x\n")
     (tmp_path / "test_half.py").write_text(

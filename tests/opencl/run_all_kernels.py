@@ -4,8 +4,6 @@ Started by ``test_memcheck.py`` under Oclgrind, whose reports go to the file OCL
 the names of the kernels that ran. `--faulty` runs a kernel with a known fault instead.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The kernels against the table of what they take of a GPU, and that against the goals."""
 
-from __future__ import annotations
-
 import re
 
 import gpu_check
@@ -29,7 +27,7 @@ READ_BYTES = {"legs": 1, "receiver_discs": 1, "sides_seen": 1, "draw_rays": 1, "
 ON_CPUS_ALONE = {"split_nodes"}
 
 
-def test_the_table_has_every_kernel() -> None:
+def test_the_table_has_every_kernel():
     defined = set()
     for file in kernel_folder().glob("*.cl"):
         defined |= set(re.findall(r"__kernel\s+void\s+(\w+)", file.read_text(encoding="utf-8")))
@@ -37,7 +35,7 @@ def test_the_table_has_every_kernel() -> None:
 
 
 @pytest.mark.skipif(gpu_check.missing() is not None, reason=str(gpu_check.missing()))
-def test_kernels_take_what_the_table_says() -> None:
+def test_kernels_take_what_the_table_says():
     assert gpu_check.check_all() == TABLE
 
 
@@ -58,5 +56,5 @@ def misses(kernel: str) -> list[str]:
     return found
 
 
-def test_goals() -> None:
+def test_goals():
     assert {kernel: found for kernel in TABLE if (found := misses(kernel))} == {}

@@ -1,7 +1,5 @@
 """Every size that a kernel takes from the host is an option that it demands."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -52,12 +50,12 @@ KERNELS = {
 }
 
 
-def test_the_table_has_every_kernel_file() -> None:
+def test_the_table_has_every_kernel_file():
     assert set(KERNELS) == {path.name for path in (ROOT / "kernels").glob("*.cl")}
 
 
 @pytest.mark.parametrize("name", KERNELS)
-def test_options_are_those_that_the_kernel_demands(name: str) -> None:
+def test_options_are_those_that_the_kernel_demands(name):
     text = re.sub(r"/\*.*?\*/", "", source(name), flags=re.DOTALL)
     named = set(re.findall(r"CLR_\w+", text)) - {"CLR_CHECKED"}
     demanded = set(re.findall(r"(?:#ifndef |!defined\()(CLR_\w+)", text)) - {"CLR_CHECKED"}

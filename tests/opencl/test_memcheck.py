@@ -3,8 +3,6 @@
 Run with `make memcheck`, which installs Oclgrind in an environment of its own.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -49,7 +47,7 @@ def run_checked(tmp_path: Path, *arguments: str) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("width", [1, 8])
-def test_no_report_from_any_kernel(tmp_path: Path, width: int) -> None:
+def test_no_report_from_any_kernel(tmp_path, width):
     printed, report = run_checked(tmp_path, str(width))
     assert report == ""
     defined = set()
@@ -63,6 +61,6 @@ def test_no_report_from_any_kernel(tmp_path: Path, width: int) -> None:
     ("fault", "word"),
     [("out-of-bounds", "Invalid write"), ("race", "race"), ("uninitialised", "uninitialized")],
 )
-def test_the_checker_reports_a_known_fault(tmp_path: Path, fault: str, word: str) -> None:
+def test_the_checker_reports_a_known_fault(tmp_path, fault, word):
     _, report = run_checked(tmp_path, "--faulty", fault)
     assert word.lower() in report.lower()

@@ -1,7 +1,5 @@
 """The device layer: which device, builds, memory, and the arithmetic that every kernel shares."""
 
-from __future__ import annotations
-
 import gc
 import math
 import os
@@ -101,9 +99,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         ((OCLGRIND, OTHER), OTHER),
     ],
 )
-def test_none_means_gpu_then_intel_then_pocl_never_the_checker(
-    machine: Callable[..., None], infos: tuple[DeviceInfo, ...], chosen: DeviceInfo
-) -> None:
+def test_none_means_gpu_then_intel_then_pocl_never_the_checker(machine, infos, chosen):
     machine(*infos)
     assert default_device() == chosen
     machine(*infos[::-1])
@@ -133,13 +129,7 @@ EVERYTHING = (OCLGRIND, POCL, INTEL, CARD, CARD_2)
     ],
 )
 @pytest.mark.parametrize("variable", ["CLRADAR_DEVICE", "PYOPENCL_CTX"])
-def test_a_device_is_chosen_by_name_kind_or_index(
-    machine: Callable[..., None],
-    monkeypatch: pytest.MonkeyPatch,
-    variable: str,
-    wanted: str,
-    chosen: DeviceInfo,
-) -> None:
+def test_a_device_is_chosen_by_name_kind_or_index(machine, monkeypatch, variable, wanted, chosen):
     machine(*EVERYTHING)
     monkeypatch.setenv(variable, wanted)
     assert default_device() == chosen
@@ -162,12 +152,8 @@ WHY = r"self_test.cl does not build \(error: unknown target CPU 'generic'\)"
     ],
 )
 def test_of_several_devices_the_first_that_works_is_used_and_the_others_are_named_once(
-    machine: Callable[..., None],
-    monkeypatch: pytest.MonkeyPatch,
-    wanted: str | None,
-    failing: tuple[DeviceInfo, ...],
-    chosen: DeviceInfo,
-) -> None:
+    machine, monkeypatch, wanted, failing, chosen
+):
     machine(*EVERYTHING, failing=failing)
     if wanted is not None:
         monkeypatch.setenv("CLRADAR_DEVICE", wanted)
@@ -182,9 +168,7 @@ def test_of_several_devices_the_first_that_works_is_used_and_the_others_are_name
     assert default_device() == chosen  # without a word
 
 
-def test_where_no_device_works_the_error_has_the_reasons_and_the_ways_out(
-    machine: Callable[..., None],
-) -> None:
+def test_where_no_device_works_the_error_has_the_reasons_and_the_ways_out(machine):
     machine(*EVERYTHING, failing=EVERYTHING)
     with pytest.raises(DeviceError, match=rf"no OpenCL device works: 3:0 .* {WHY}; 3:1 ") as caught:
         open_device()
@@ -192,12 +176,12 @@ def test_where_no_device_works_the_error_has_the_reasons_and_the_ways_out(
         assert way in str(caught.value)
 
 
-def test_a_device_that_is_named_is_not_exchanged(machine: Callable[..., None]) -> None:
+def test_a_device_that_is_named_is_not_exchanged(machine):
     machine(POCL, INTEL, failing=(POCL,))
     assert choice._first_working(choice._meant("pocl", "device")) == POCL
 
 
-def test_all_devices_are_those_that_would_be_used(machine: Callable[..., None]) -> None:
+def test_all_devices_are_those_that_would_be_used(machine):
     machine(*EVERYTHING)
     assert choice.select_devices("all") == [CARD, CARD_2]
     machine(*EVERYTHING, failing=(CARD, CARD_2))
@@ -206,9 +190,7 @@ def test_all_devices_are_those_that_would_be_used(machine: Callable[..., None]) 
 
 
 @pytest.mark.parametrize("wanted", ["vivante", "7:0", "1:3", "", ":", "gpu", "intel", "1:0:0"])
-def test_an_absent_device_is_an_error_that_lists_what_there_is(
-    machine: Callable[..., None], wanted: str
-) -> None:
+def test_an_absent_device_is_an_error_that_lists_what_there_is(machine, wanted):
     machine(OCLGRIND, POCL)
     with pytest.raises(DeviceError) as caught:
         open_device(wanted)
@@ -220,15 +202,13 @@ def test_an_absent_device_is_an_error_that_lists_what_there_is(
     assert "pip install 'pyopencl[pocl]'" in message
 
 
-def test_a_machine_with_nothing_but_the_checker_has_no_default(
-    machine: Callable[..., None],
-) -> None:
+def test_a_machine_with_nothing_but_the_checker_has_no_default(machine):
     machine(OCLGRIND)
     with pytest.raises(DeviceError, match=r"no OpenCL device but a memory checker.*pip install"):
         open_device()
 
 
-def test_without_opencl_the_error_names_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_opencl_the_error_names_a_remedy(monkeypatch):
     monkeypatch.setattr(cl, "get_platforms", list)
     with pytest.raises(DeviceError, match=r"no OpenCL device was found; install .*pip install"):
         list_devices()
@@ -241,7 +221,7 @@ def test_without_opencl_the_error_names_a_remedy(monkeypatch: pytest.MonkeyPatch
         list_devices()
 
 
-def test_the_devices_of_this_machine_open_by_their_index(device: clradar.Device) -> None:
+def test_the_devices_of_this_machine_open_by_their_index(device):
     infos = list_devices()
     assert device.info in infos
     assert len({i.selector for i in infos}) == len(infos)
@@ -252,9 +232,7 @@ def test_the_devices_of_this_machine_open_by_their_index(device: clradar.Device)
     assert not default_device().is_interpreter
 
 
-def test_environment_chooses_for_every_function(
-    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_environment_chooses_for_every_function(device, monkeypatch):
     monkeypatch.setenv("CLRADAR_DEVICE", device.info.selector)
     assert open_device().info == device.info
     monkeypatch.setenv("CLRADAR_DEVICE", "no such device")
@@ -278,12 +256,12 @@ def test_environment_chooses_for_every_function(
         ({"width": 4}, ModelError, "1 or 8 lanes per work-item, got 4"),
     ],
 )
-def test_open_device_refuses(arguments: dict[str, Any], error: type, message: str) -> None:
+def test_open_device_refuses(arguments, error, message):
     with pytest.raises(error, match=message):
         open_device(**arguments)
 
 
-def test_a_memory_limit_only_lowers_the_budget(device: clradar.Device) -> None:
+def test_a_memory_limit_only_lowers_the_budget(device):
     assert device.budget_bytes == int(device.info.memory_bytes * device_module.MEMORY_SHARE)
     small = open_device(device.info.selector, memory_limit_bytes=10**6)
     assert small.budget_bytes == small.max_buffer_bytes == 10**6
@@ -296,7 +274,7 @@ def test_a_memory_limit_only_lowers_the_budget(device: clradar.Device) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the folder of the cache is elsewhere")
-def test_a_home_that_cannot_be_written_hides_no_device(tmp_path: Path) -> None:
+def test_a_home_that_cannot_be_written_hides_no_device(tmp_path):
     home = tmp_path / "a file"
     home.touch()
     code = (
@@ -322,7 +300,7 @@ def small(device: clradar.Device) -> clradar.Device:
     return open_device(device.info.selector, memory_limit_bytes=4096)
 
 
-def test_buffers_count_what_they_hold(small: clradar.Device) -> None:
+def test_buffers_count_what_they_hold(small):
     with Buffers(small) as buffers:
         assert (buffers.used_bytes, buffers.free_bytes) == (0, 4096)
         values = np.arange(100.0)
@@ -343,7 +321,7 @@ def test_buffers_count_what_they_hold(small: clradar.Device) -> None:
     assert buffers.used_bytes == 0
 
 
-def test_borrowed_is_the_arrays_own_memory_on_a_cpu(small: clradar.Device) -> None:
+def test_borrowed_is_the_arrays_own_memory_on_a_cpu(small):
     values = np.arange(100.0)
     with Buffers(small) as buffers:
         borrowed = buffers.borrow(values)
@@ -360,7 +338,7 @@ def test_borrowed_is_the_arrays_own_memory_on_a_cpu(small: clradar.Device) -> No
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_buffers_are_freed_when_the_block_ends(small: clradar.Device, fails: bool) -> None:
+def test_buffers_are_freed_when_the_block_ends(small, fails):
     released = []
 
     class Recorded(cl.Buffer):
@@ -396,9 +374,7 @@ def test_buffers_are_freed_when_the_block_ends(small: clradar.Device, fails: boo
 
 
 @pytest.mark.parametrize("request_bytes", [4097, 2**50])
-def test_an_allocation_beyond_the_budget_names_device_and_remedy(
-    small: clradar.Device, request_bytes: int
-) -> None:
+def test_an_allocation_beyond_the_budget_names_device_and_remedy(small, request_bytes):
     with Buffers(small) as buffers:
         buffers.empty(1024)
         with pytest.raises(DeviceError) as caught:
@@ -412,9 +388,7 @@ def test_an_allocation_beyond_the_budget_names_device_and_remedy(
         buffers.empty(3072)  # exactly full
 
 
-def test_an_allocation_that_the_driver_refuses_names_device_and_remedy(
-    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_allocation_that_the_driver_refuses_names_device_and_remedy(device, monkeypatch):
     def refuse(*_: Any) -> None:
         raise cl.MemoryError("MEM_OBJECT_ALLOCATION_FAILURE")
 
@@ -428,9 +402,7 @@ def test_an_allocation_that_the_driver_refuses_names_device_and_remedy(
     assert "CLRADAR_DEVICE=" in message
 
 
-def test_a_large_buffer_on_a_cpu_is_numpys_memory(
-    device: clradar.Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_buffer_on_a_cpu_is_numpys_memory(device, monkeypatch):
     values = np.random.default_rng(1).normal(size=2**20)
     with Buffers(device) as buffers:
         large = buffers.upload(values)
@@ -447,14 +419,14 @@ def test_a_large_buffer_on_a_cpu_is_numpys_memory(
             buffers.empty(values.nbytes)
 
 
-def test_a_write_beyond_the_buffer_is_an_error(device: clradar.Device) -> None:
+def test_a_write_beyond_the_buffer_is_an_error(device):
     with Buffers(device) as buffers:
         buffer = buffers.empty(64)
         with pytest.raises(DeviceError, match=re.escape(device.info.label)):
             buffers.write(buffer, np.zeros(1000))
 
 
-def test_all_buffers_of_a_device_share_its_budget(small: clradar.Device) -> None:
+def test_all_buffers_of_a_device_share_its_budget(small):
     with Buffers(small) as first, Buffers(small) as second:
         first.empty(3000)
         assert (second.used_bytes, second.free_bytes) == (0, 1096)
@@ -471,9 +443,7 @@ def test_all_buffers_of_a_device_share_its_budget(small: clradar.Device) -> None
 
 
 @pytest.mark.parametrize("on_device", [False, True])
-def test_after_an_exception_memory_is_freed_when_nothing_uses_it(
-    small: clradar.Device, on_device: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_an_exception_memory_is_freed_when_nothing_uses_it(small, on_device, monkeypatch):
     class Prepared(OnDevice):
         def _prepare(self) -> None:
             self._buffers.empty(16)
@@ -503,7 +473,7 @@ def test_after_an_exception_memory_is_freed_when_nothing_uses_it(
 # Threads and processes ---------------------------------------------------------------------------
 
 
-def test_threads_that_use_a_device_at_once_get_their_own_results(device: clradar.Device) -> None:
+def test_threads_that_use_a_device_at_once_get_their_own_results(device):
     """Programs, with the arguments of their kernels, belong to the device."""
     array = clradar.AntennaArray(np.eye(3)[:2] * 0.02, np.eye(3) * 0.03)
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 4)
@@ -559,7 +529,7 @@ clradar.backproject(capture, grid, device=device)  # which goes on here
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.parametrize("before", ["opened", "used"])
-def test_a_fork_of_a_process_with_devices_gets_an_error_that_says_what_to_do(before: str) -> None:
+def test_a_fork_of_a_process_with_devices_gets_an_error_that_says_what_to_do(before):
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", FORK, before], capture_output=True, text=True
     )
@@ -590,9 +560,7 @@ __kernel void scale(__global float *x) {
 """
 
 
-def test_a_cpu_beside_a_gpu_is_one_that_works(
-    device: clradar.Device, machine: Callable[..., None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cpu_beside_a_gpu_is_one_that_works(device, machine, monkeypatch):
     gpu = replace(device, info=CARD)
     monkeypatch.setattr(choice, "opened", lambda selector, *rest: selector)
     machine(CARD, POCL, INTEL)
@@ -620,7 +588,7 @@ def kernel_text(monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Iter
     device.programs.update(known)
 
 
-def test_options_reach_the_kernel(device: clradar.Device, kernel_text: Callable) -> None:
+def test_options_reach_the_kernel(device, kernel_text):
     kernel_text(KERNEL)
     x = np.linspace(-3, 3, 7, dtype=np.float32)
     third = 1 / 3  # a float32 needs nine digits to come back the same
@@ -635,7 +603,7 @@ def test_options_reach_the_kernel(device: clradar.Device, kernel_text: Callable)
             np.testing.assert_allclose(buffers.read(buffer, 7, np.float32), want, rtol=2e-7)
 
 
-def test_programs_are_built_once_per_options(device: clradar.Device, kernel_text: Callable) -> None:
+def test_programs_are_built_once_per_options(device, kernel_text):
     kernel_text(KERNEL)
     one = build(device, "scale.cl", Options())
     kernel_text("no OpenCL at all")
@@ -644,9 +612,7 @@ def test_programs_are_built_once_per_options(device: clradar.Device, kernel_text
         build(device, "scale.cl", Options(offset=2))
 
 
-def test_a_damaged_cache_of_pyopencl_is_no_error(
-    device: clradar.Device, kernel_text: Callable, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_damaged_cache_of_pyopencl_is_no_error(device, kernel_text, monkeypatch):
     """What another processor has left there does not load: "INVALID_BINARY"."""
 
     def broken(*args: object, **options: object) -> None:
@@ -657,9 +623,7 @@ def test_a_damaged_cache_of_pyopencl_is_no_error(
     assert list(build(device, "scale.cl", Options(offset=5)).kernels) == ["scale"]
 
 
-def test_a_build_error_has_device_options_and_log(
-    device: clradar.Device, kernel_text: Callable
-) -> None:
+def test_a_build_error_has_device_options_and_log(device, kernel_text):
     kernel_text("__kernel void broken(__global float *x) { x[0] = no_such_name; }")
     with pytest.raises(DeviceError) as caught:
         build(device, "broken.cl", Options(negate=True))
@@ -671,7 +635,7 @@ def test_a_build_error_has_device_options_and_log(
     assert "no_such_name" in message  # the compiler's log
 
 
-def test_a_kernel_without_its_option_does_not_build(device: clradar.Device) -> None:
+def test_a_kernel_without_its_option_does_not_build(device):
     with pytest.raises(DeviceError, match=r"CLR_WIDTH .* is missing"):
         build(device, "synthesize.cl", Options())
 
@@ -684,12 +648,8 @@ def test_a_kernel_without_its_option_does_not_build(device: clradar.Device) -> N
     ],
 )
 def test_a_launch_that_fails_names_device_kernel_and_remedy(
-    device: clradar.Device,
-    kernel_text: Callable,
-    monkeypatch: pytest.MonkeyPatch,
-    error: Exception,
-    words: str,
-) -> None:
+    device, kernel_text, monkeypatch, error, words
+):
     def fail(*_: Any) -> None:
         raise error
 
@@ -770,7 +730,7 @@ def compute(
     return run
 
 
-def test_sine_and_cosine_of_cycles(compute: Callable) -> None:
+def test_sine_and_cosine_of_cycles(compute):
     eighths = np.arange(-8, 9) / 8
     x = np.concatenate(
         [
@@ -801,9 +761,7 @@ def cycle_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("longest_m", "highest_hz"), [(1.5, 82e9), (20.0, 300e9), (2.0**22 / 1001, 3e11)]
 )
-def test_cycles_keeps_the_carrier_where_float32_loses_it(
-    compute: Callable, longest_m: float, highest_hz: float
-) -> None:
+def test_cycles_keeps_the_carrier_where_float32_loses_it(compute, longest_m, highest_hz):
     rng = np.random.default_rng(7)
     length = rng.uniform(0.01, 1, 4001) * longest_m
     k = rng.uniform(0.5, 1, 4001) * highest_hz / 299_792_458.0
@@ -823,7 +781,7 @@ def test_cycles_keeps_the_carrier_where_float32_loses_it(
     assert cycle_distance(naive, want).max() > 10 * CYCLE_ERROR
 
 
-def test_lengths_keep_what_float32_loses(compute: Callable) -> None:
+def test_lengths_keep_what_float32_loses(compute):
     rng = np.random.default_rng(11)
     a = rng.uniform(-0.1, 0.1, (3, 5003))
     b = rng.uniform(-0.1, 0.1, (3, 5003)) + np.array([[0.0], [0.0], [0.3]])
@@ -852,8 +810,8 @@ def test_lengths_keep_what_float32_loses(compute: Callable) -> None:
     ],
 )
 def test_a_device_that_changes_exact_arithmetic_is_refused(
-    monkeypatch: pytest.MonkeyPatch, exact: str, changed: str, flags: list[str], wrong: str
-) -> None:
+    monkeypatch, exact, changed, flags, wrong
+):
     device = replace(open_device("pocl"), programs={})
     options = DepthSizes(device.width)
     with monkeypatch.context() as patched:

@@ -1,7 +1,5 @@
 """Spheres of known materials against the Mie series of a coated sphere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -34,7 +32,7 @@ def layered(own: Material, radius_m: float) -> np.ndarray:
     return np.array(sections) / (np.pi * radius_m**2)
 
 
-def test_the_series_is_that_of_another_program() -> None:
+def test_the_series_is_that_of_another_program():
     # Back-scattering efficiencies of scattnlay 2.4 for the palm at 72, 77 and 82 GHz.
     published = {
         0.008: (0.25460078460802127, 0.26102592672187813, 0.2492450384264063),
@@ -66,7 +64,7 @@ THICK = replace(PALM, coating=replace(PALM.coating, thickness_m=250e-6))
     [(PALM, 0.008), (PALM, 0.015), (THICK, 0.015)],
     ids=["8 mm", "15 mm", "15 mm, thick"],
 )
-def test_spheres_of_coated_materials(own: Material, radius_m: float) -> None:
+def test_spheres_of_coated_materials(own, radius_m):
     ball = trimesh.creation.icosphere(subdivisions=3, radius=radius_m)
     normals = ball.vertices / radius_m
     scene = clradar.Scene(ball.vertices + np.array([0, 0, FAR_M]), ball.faces, normals=normals)

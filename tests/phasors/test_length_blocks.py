@@ -1,7 +1,5 @@
 """The phasor sum's blocks of path length: moments, blocks that make room, any split into calls."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -35,11 +33,6 @@ WAVEFORMS = {
     "baseband": Waveform([1e8, 1e8 + 1, 1e9]),
     "neighbours": Waveform([77e9, 77e9 + 0.25]),
 }
-
-
-@pytest.fixture(params=[1, 8], ids=["one lane", "eight lanes"])
-def lanes(device: clradar.Device, request: pytest.FixtureRequest) -> clradar.Device:
-    return clradar.open_device(device.info.selector, width=request.param)
 
 
 def make_array(n_tx: int, n_rx: int) -> AntennaArray:
@@ -82,7 +75,7 @@ def assert_sums(paths: Paths, array: AntennaArray, waveform: Waveform, device: A
 
 
 @pytest.mark.parametrize("name", WAVEFORMS)
-def test_moments_make_the_phasor_everywhere_in_a_block(name: str) -> None:
+def test_moments_make_the_phasor_everywhere_in_a_block(name):
     waveform = WAVEFORMS[name]
     blocks = length_blocks(waveform)
     x = np.linspace(-1, 1, 301)[:, None]
@@ -94,7 +87,7 @@ def test_moments_make_the_phasor_everywhere_in_a_block(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", WAVEFORMS)
-def test_blocks_are_as_long_as_the_band_allows(name: str) -> None:
+def test_blocks_are_as_long_as_the_band_allows(name):
     waveform = WAVEFORMS[name]
     blocks = length_blocks(waveform)
     edge_rad = np.pi * waveform.span_hz / C_M_PER_S * blocks.block_m / 2
@@ -130,24 +123,24 @@ def cases(draw: st.DrawFn) -> tuple[Paths, AntennaArray, Waveform]:
     return make_paths(pair, length_m, amplitude, array), array, waveform
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(case=cases(), width=st.sampled_from([1, 8]))
-def test_any_paths_and_frequencies(case: tuple[Paths, AntennaArray, Waveform], width: int) -> None:
+def test_any_paths_and_frequencies(case, width):
     assert_sums(*case, clradar.open_device("pocl", width=width))
 
 
 @pytest.mark.parametrize("name", WAVEFORMS)
 @pytest.mark.parametrize("longest_m", [0.8, 30.0])
-def test_evicted_blocks(lanes: clradar.Device, name: str, longest_m: float) -> None:
+def test_evicted_blocks(device, name, longest_m):
     array, waveform = make_array(2, 3), WAVEFORMS[name]
     paths = random_paths(4000, array, longest_m, seed=1)
-    assert_sums(paths, array, waveform, lanes)
+    assert_sums(paths, array, waveform, device)
     blocks = length_blocks(waveform)
     if name in ("equal", "octaves") and longest_m == 30.0:
         assert longest_m / blocks.block_m > 50 * blocks.n_slots
 
 
-def test_lengths_at_the_ends_of_blocks_and_numbers(lanes: clradar.Device) -> None:
+def test_lengths_at_the_ends_of_blocks_and_numbers(device):
     waveform = WAVEFORMS["equal"]
     block_m = length_blocks(waveform).block_m
     edges = (np.arange(200) + 0.5) * block_m
@@ -159,11 +152,11 @@ def test_lengths_at_the_ends_of_blocks_and_numbers(lanes: clradar.Device) -> Non
     )
     array = make_array(len(length_m), 1)
     paths = make_paths(np.arange(len(length_m)), length_m, np.ones(len(length_m)), array)
-    assert_sums(paths, array, waveform, lanes)
+    assert_sums(paths, array, waveform, device)
 
 
 @pytest.mark.parametrize("apart", [1, 0])
-def test_blocks_in_turn_in_one_slot_do_not_drift(device: clradar.Device, apart: int) -> None:
+def test_blocks_in_turn_in_one_slot_do_not_drift(device, apart):
     # Every path of the first case makes room; in the second, none does.
     n, array, waveform = 200_000, make_array(1, 1), Waveform.sfcw(72e9, 82e9, 4)
     blocks = length_blocks(waveform)
@@ -174,7 +167,7 @@ def test_blocks_in_turn_in_one_slot_do_not_drift(device: clradar.Device, apart: 
     assert np.abs(data - n / 2 * two).max() <= PHASOR_ERROR * 0.7 * n
 
 
-def test_a_path_of_too_many_wavelengths_is_an_error(device: clradar.Device) -> None:
+def test_a_path_of_too_many_wavelengths_is_an_error(device):
     array = make_array(1, 1)
     limit_m = length_blocks(WAVEFORMS["equal"]).longest_m
     within = make_paths([0], [limit_m * 0.999], [1.0], array)

@@ -1,7 +1,5 @@
 """The phasor sum against float64, at every size that could go wrong."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 
@@ -86,7 +84,7 @@ WAVEFORMS = {
 
 
 @pytest.mark.parametrize("name", WAVEFORMS)
-def test_random_paths_against_float64(lanes: clradar.Device, name: str) -> None:
+def test_random_paths_against_float64(lanes, name):
     array, waveform = make_array(5, 7), WAVEFORMS[name]
     paths = random_paths(3000, array, seed=1)
     capture = synthesize(paths, array, waveform, device=lanes)
@@ -97,7 +95,7 @@ def test_random_paths_against_float64(lanes: clradar.Device, name: str) -> None:
 
 
 @pytest.mark.parametrize("longest_m", [1e-3, 1.0, 100.0])
-def test_one_path_per_pair_keeps_its_phase(lanes: clradar.Device, longest_m: float) -> None:
+def test_one_path_per_pair_keeps_its_phase(lanes, longest_m):
     array, waveform = make_array(40, 50), Waveform([72e9, 77.7e9, 82e9])
     length = np.random.default_rng(2).uniform(0.001, 1, 2000) * longest_m
     tx, rx = (index.ravel() for index in np.indices((40, 50)))
@@ -114,7 +112,7 @@ def test_one_path_per_pair_keeps_its_phase(lanes: clradar.Device, longest_m: flo
         assert np.abs(short - want).max() > 10 * PHASOR_ERROR
 
 
-def test_a_million_equal_paths_in_one_pair_do_not_drift(device: clradar.Device) -> None:
+def test_a_million_equal_paths_in_one_pair_do_not_drift(device):
     n, array, waveform = 10**6, make_array(1, 2), Waveform.sfcw(72e9, 82e9, 24)
     rng = np.random.default_rng(1)
     length, amplitude = rng.uniform(0.5, 0.7), np.float32(rng.uniform(0.5, 1.0))
@@ -131,7 +129,7 @@ def test_a_million_equal_paths_in_one_pair_do_not_drift(device: clradar.Device) 
     assert abs(running - n * one.real.max()) > 10 ** (PROMISED_DB / 20) * n * amplitude
 
 
-def test_strong_paths_that_cancel_leave_the_weak_one(device: clradar.Device) -> None:
+def test_strong_paths_that_cancel_leave_the_weak_one(device):
     array, waveform = make_array(1, 1), Waveform.sfcw(72e9, 82e9, 5)
     length = np.array([0.6, 0.7, 0.6])
     amplitude = np.array([2.0**20, 1.0, -(2.0**20)])
@@ -143,7 +141,7 @@ def test_strong_paths_that_cancel_leave_the_weak_one(device: clradar.Device) -> 
     assert np.abs(data - weak).max() <= REORDERED
 
 
-def test_no_paths_and_empty_pairs(lanes: clradar.Device) -> None:
+def test_no_paths_and_empty_pairs(lanes):
     array, waveform = make_array(3, 5), Waveform.sfcw(72e9, 82e9, 9)
     nothing = Paths([], [], [], [], [], 3, 5)
     assert not synthesize(nothing, array, waveform, device=lanes).data.any()
@@ -155,13 +153,13 @@ def test_no_paths_and_empty_pairs(lanes: clradar.Device) -> None:
     assert not data.any()
 
 
-def test_paths_of_another_array_are_refused(device: clradar.Device) -> None:
+def test_paths_of_another_array_are_refused(device):
     paths = random_paths(10, make_array(3, 4), seed=1)
     with pytest.raises(ModelError, match="paths of a 4 x 3 array, got 3 x 4"):
         synthesize(paths, make_array(4, 3), Waveform([1e9]), device=device)
 
 
-def test_meta_names_the_device_and_keeps_the_callers(device: clradar.Device) -> None:
+def test_meta_names_the_device_and_keeps_the_callers(device):
     array = make_array(1, 1)
     paths = Paths([0], [0], [0.6], [1], [1], 1, 1)
     capture = synthesize(paths, array, Waveform([77e9]), device=device, meta={"note": "mine"})
@@ -183,9 +181,7 @@ SETTINGS = [
 
 @pytest.mark.parametrize("settings", SETTINGS)
 @pytest.mark.parametrize("limit_bytes", [None, 800_000])
-def test_simulate_is_trace_and_synthesize_to_the_bit(
-    device: clradar.Device, settings: dict[str, Any], limit_bytes: int | None
-) -> None:
+def test_simulate_is_trace_and_synthesize_to_the_bit(device, settings, limit_bytes):
     full = clradar.arrays.qar50()
     array = AntennaArray(full.tx_m[::9], full.rx_m[::10])
     waveform = Waveform.sfcw(72e9, 82e9, 9)
@@ -206,7 +202,7 @@ def test_simulate_is_trace_and_synthesize_to_the_bit(
 
 
 @pytest.mark.filterwarnings("ignore:.* received no ray", "ignore:no ray reached")
-def test_simulate_reports_progress(device: clradar.Device) -> None:
+def test_simulate_reports_progress(device):
     seen: list[tuple[int, int]] = []
     clradar.simulate(
         box_scene(1.0), make_array(2, 2), Waveform([77e9]), rays_per_face=10, device=device,

@@ -1,7 +1,5 @@
 """The HTML report: its content, and the escaping of untrusted text."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json
@@ -101,7 +99,7 @@ def hostile_page() -> str:
     )
 
 
-def test_nothing_is_loaded_and_one_script_runs() -> None:
+def test_nothing_is_loaded_and_one_script_runs():
     page = page_of(ball(), ball(2e-3))
     read = Read(page)
     for tag, attributes in read.tags:
@@ -119,7 +117,7 @@ def test_nothing_is_loaded_and_one_script_runs() -> None:
         assert f"{part}-src 'sha256-{digest}';" in policy
 
 
-def test_text_of_files_is_escaped() -> None:
+def test_text_of_files_is_escaped():
     hostile = hostile_page()
     tame, read = Read(page_of(ball(), ball(2e-3))), Read(hostile)
     counts = [[t for t, _ in r.tags] for r in (tame, read)]
@@ -142,7 +140,7 @@ def test_text_of_files_is_escaped() -> None:
     hostile.encode("utf-8")
 
 
-def test_the_points_are_those_of_the_depth_maps() -> None:
+def test_the_points_are_those_of_the_depth_maps():
     images = [ball(), ball(4e-3, -6e-3, 0.31)]
     data = Read(page_of(*images)).data()
     assert data["pixel_mm"] == pytest.approx(2.0)
@@ -156,7 +154,7 @@ def test_the_points_are_those_of_the_depth_maps() -> None:
         assert level.max() == 255
 
 
-def test_too_many_points_are_subsampled_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_points_are_subsampled_and_counted(monkeypatch):
     rng = np.random.default_rng(0)
     axis_m = 1e-3 * (np.arange(201) - 100)
     full = [
@@ -179,7 +177,7 @@ def test_too_many_points_are_subsampled_and_counted(monkeypatch: pytest.MonkeyPa
     assert [len(c.points_mm) for c in clouds([full[0]] * 3, most=10)] == [3, 3, 3]
 
 
-def test_metrics_are_listed_with_their_meaning() -> None:
+def test_metrics_are_listed_with_their_meaning():
     images = [ball(), ball(2e-3), ball(8e-3)]
     read = Read(page_of(*images))
     metrics = [compare(images[0], m) for m in images[1:]]
@@ -199,14 +197,14 @@ def test_metrics_are_listed_with_their_meaning() -> None:
     assert len(read.inside["dd"]) == len(METRIC_TABLE)
 
 
-def test_an_undefined_metric_has_its_reason() -> None:
+def test_an_undefined_metric_has_its_reason():
     read = Read(page_of(ball(-0.03), ball(0.03)))
     assert "n/a" in read.inside["td"]
     assert sum("no pixel in common" in text for text in read.inside["dd"]) == 1
     assert "no pixel in common" not in page_of(ball(), ball())
 
 
-def test_settings_are_rows_of_names_and_values() -> None:
+def test_settings_are_rows_of_names_and_values():
     meta = {"a": {"b": [1, 2.5]}, "c": True, "d": None, "e": [], "f": [{"g": 1}, 3]}
     read = Read(settings_table(meta))
     names, values = read.inside["th"], read.inside["td"]
@@ -220,7 +218,7 @@ def test_settings_are_rows_of_names_and_values() -> None:
     }
 
 
-def test_enormous_settings_are_cut_visibly() -> None:
+def test_enormous_settings_are_cut_visibly():
     deep: dict[str, Any] = {}
     for _ in range(200):
         deep = {"k": deep}
@@ -232,7 +230,7 @@ def test_enormous_settings_are_cut_visibly() -> None:
     assert "800 more rows are omitted" in many
 
 
-def test_errors() -> None:
+def test_errors():
     with pytest.raises(CompareError, match="at least one simulated"):
         page_of(ball())
     with pytest.raises(CompareError, match="metrics for 1 simulated images, got 0"):
@@ -247,7 +245,7 @@ def test_errors() -> None:
         page_of(ball(), ball(), dynamic_range_db=0)
 
 
-def test_compare_writes_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compare_writes_the_page(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     name = "<img src=x onerror=alert(1)>.h5"
     save_volume("measured.h5", volume({"antenna": "</script>"}))

@@ -1,7 +1,5 @@
 """The HTML report in a browser: drawing, interaction, narrow screens."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -87,7 +85,7 @@ def press(page: chromium.Page, selector: str) -> None:
     page.settle()
 
 
-def test_no_complaints_and_no_network(two: chromium.Page, files: Path) -> None:
+def test_no_complaints_and_no_network(two, files):
     assert two.complaints() == []
     addresses = two.requests()
     assert addresses[0] == (files / "two.html").as_uri()
@@ -95,7 +93,7 @@ def test_no_complaints_and_no_network(two: chromium.Page, files: Path) -> None:
     assert two.js("document.querySelector('.figure img').naturalWidth") > 500
 
 
-def test_front_is_the_view_of_the_radar(two: chromium.Page) -> None:
+def test_front_is_the_view_of_the_radar(two):
     press(two, "[data-view=front]")
     measured, simulated = middles(two)
     # 40 mm apart along x, which increases to the left, and 30 mm along y, upwards.
@@ -105,7 +103,7 @@ def test_front_is_the_view_of_the_radar(two: chromium.Page) -> None:
     assert apart[0] / apart[1] == pytest.approx(40 / 30, rel=2 * BLUR_PX / apart[1])
 
 
-def test_a_drag_rotates(two: chromium.Page) -> None:
+def test_a_drag_rotates(two):
     press(two, "[data-view=front]")
     before, (measured, simulated) = pixels(two), middles(two)
     two.drag(middle_of_view(two), (60, 0))
@@ -120,7 +118,7 @@ def test_a_drag_rotates(two: chromium.Page) -> None:
     assert np.array_equal(pixels(two), before)
 
 
-def test_wheel_keys_and_buttons_zoom(two: chromium.Page) -> None:
+def test_wheel_keys_and_buttons_zoom(two):
     press(two, "[data-view=front]")
     before = np.subtract(*middles(two))
     two.js("document.getElementById('view').focus()")
@@ -139,7 +137,7 @@ def test_wheel_keys_and_buttons_zoom(two: chromium.Page) -> None:
     assert np.array_equal(pixels(two), start)
 
 
-def test_colours_by_depth_come_with_a_scale(two: chromium.Page) -> None:
+def test_colours_by_depth_come_with_a_scale(two):
     assert two.js("document.getElementById('scale').offsetHeight") == 0
     before = pixels(two)
     two.js(
@@ -155,7 +153,7 @@ def test_colours_by_depth_come_with_a_scale(two: chromium.Page) -> None:
 
 
 @pytest.mark.parametrize("name", ["two.html", "hostile.html"])
-def test_it_fits_a_phone(tab: chromium.Page, files: Path, name: str) -> None:
+def test_it_fits_a_phone(tab, files, name):
     tab.prefer("light")
     tab.resize(360, 740, phone=True, ratio=2.0)
     tab.open(files / name)
@@ -172,7 +170,7 @@ def test_it_fits_a_phone(tab: chromium.Page, files: Path, name: str) -> None:
     assert tab.complaints() == []
 
 
-def test_fingers_rotate_and_zoom(tab: chromium.Page, files: Path) -> None:
+def test_fingers_rotate_and_zoom(tab, files):
     tab.prefer("light")
     tab.resize(360, 740, phone=True)
     tab.open(files / "two.html")
@@ -197,7 +195,7 @@ def test_fingers_rotate_and_zoom(tab: chromium.Page, files: Path) -> None:
     assert tab.js("scrollY") == at  # the finger turned the view and did not move the page
 
 
-def test_nothing_hostile_runs(tab: chromium.Page, files: Path) -> None:
+def test_nothing_hostile_runs(tab, files):
     tab.resize(1000, 800)
     tab.open(files / "hostile.html")
     assert tab.js("typeof window.hacked") == "undefined"

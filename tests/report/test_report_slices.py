@@ -1,7 +1,5 @@
 """Linked slices of the HTML report: the volumes in the page, and clicks in a browser."""
 
-from __future__ import annotations
-
 import base64
 import json
 import zlib
@@ -42,7 +40,7 @@ def decoded(part: dict[str, Any]) -> np.ndarray:
     return np.where(codes == 0, np.nan, level_db).reshape(part["counts"][::-1])
 
 
-def test_the_volumes_are_in_the_page_as_far_as_they_are_seen() -> None:
+def test_the_volumes_are_in_the_page_as_far_as_they_are_seen():
     data = slice_data([("a", MEASURED), ("b", SIMULATED)], RANGE_DB)
     assert data is not None
     assert data["factor"] == 1
@@ -64,7 +62,7 @@ def test_the_volumes_are_in_the_page_as_far_as_they_are_seen() -> None:
         assert np.nanmax(np.abs(shown_db - expected)) <= RANGE_DB / 254 / 2 + 1e-4
 
 
-def test_large_volumes_get_coarser_and_keep_their_maximum(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_volumes_get_coarser_and_keep_their_maximum(monkeypatch):
     rng = np.random.default_rng(0)
     levels = 1 + rng.random(MEASURED.grid.shape)
     levels[11, 30, 40] = 3.0
@@ -87,7 +85,7 @@ def test_large_volumes_get_coarser_and_keep_their_maximum(monkeypatch: pytest.Mo
     assert f"maximum of {data['factor']} along each axis" in page
 
 
-def test_depth_maps_have_no_slices() -> None:
+def test_depth_maps_have_no_slices():
     image = ReportImage("map", MEASURED.depth_map(RANGE_DB))
     read = Read(image_report(image, dynamic_range_db=RANGE_DB))
     assert read.data()["slices"] is None
@@ -157,7 +155,7 @@ def bright(page: chromium.Page) -> np.ndarray:
 
 
 @needs_browser
-def test_it_opens_at_the_maximum_and_asks_nobody(page: chromium.Page) -> None:
+def test_it_opens_at_the_maximum_and_asks_nobody(page):
     assert place(page) == pytest.approx(1e3 * np.array(NEAR_M), abs=1)
     measured, simulated = bright(page)
     assert measured > 4 * max(simulated, 1)  # the simulated ball is 8 dB below its maximum here
@@ -166,7 +164,7 @@ def test_it_opens_at_the_maximum_and_asks_nobody(page: chromium.Page) -> None:
 
 
 @needs_browser
-def test_a_click_in_the_figure_moves_all_slices(page: chromium.Page) -> None:
+def test_a_click_in_the_figure_moves_all_slices(page):
     panel = page.js("report.data.panels[1]")  # the simulated amplitude
     (left, low, right, high), x, y = panel["box"], panel["x"], panel["y"]
     across = left + (right - left) * (1e3 * FAR_M[0] - x[0]) / (x[1] - x[0])
@@ -178,7 +176,7 @@ def test_a_click_in_the_figure_moves_all_slices(page: chromium.Page) -> None:
 
 
 @needs_browser
-def test_a_click_on_a_point_moves_all_slices(page: chromium.Page) -> None:
+def test_a_click_on_a_point_moves_all_slices(page):
     page.js("document.querySelector('[data-view=front]').click()")
     page.js("document.querySelector('[data-cloud=\"0\"]').click()")  # the simulated alone
     page.settle()
@@ -205,7 +203,7 @@ def test_a_click_on_a_point_moves_all_slices(page: chromium.Page) -> None:
 
 
 @needs_browser
-def test_clicks_in_slices_and_keys_on_sliders_move_the_place(page: chromium.Page) -> None:
+def test_clicks_in_slices_and_keys_on_sliders_move_the_place(page):
     x, y, z = place(page)
     page.js("document.getElementById('place-z').focus()")
     page.key("ArrowRight")
@@ -219,7 +217,7 @@ def test_clicks_in_slices_and_keys_on_sliders_move_the_place(page: chromium.Page
 
 
 @needs_browser
-def test_an_old_browser_is_told(tab: chromium.Page, page: chromium.Page) -> None:
+def test_an_old_browser_is_told(tab, page):
     added = tab.call(
         "Page.addScriptToEvaluateOnNewDocument", source="delete window.DecompressionStream"
     )

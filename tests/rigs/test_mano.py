@@ -1,7 +1,5 @@
 """MANO models: files read without running them, and the model's equations."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path
@@ -73,7 +71,7 @@ def reference(model: dict[str, Any], betas: np.ndarray, theta: np.ndarray) -> tu
 
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_theta_and_beta_give_the_models_own_surface(tmp_path: Path, side: str, seed: int) -> None:
+def test_theta_and_beta_give_the_models_own_surface(tmp_path, side, seed):
     made = mano_model(side)
     file = tmp_path / "model.pkl"
     file.write_bytes(mano_pickle(made))
@@ -97,7 +95,7 @@ def test_theta_and_beta_give_the_models_own_surface(tmp_path: Path, side: str, s
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_pose_files_pose_it(tmp_path: Path, side: str) -> None:
+def test_pose_files_pose_it(tmp_path, side):
     file = tmp_path / "hand.pkl"
     file.write_bytes(mano_pickle(mano_model(side)))
     rig = read_rig(file, handedness=side)
@@ -116,7 +114,7 @@ def test_pose_files_pose_it(tmp_path: Path, side: str) -> None:
         np.testing.assert_allclose(again.vertices_m, posed.vertices_m, atol=TOLERANCE_M)
 
 
-def test_components_are_added_to_the_mean(path: Path, model: dict[str, Any]) -> None:
+def test_components_are_added_to_the_mean(path, model):
     rig = read_rig(path)
     amounts, first = np.array([0.5, -1.0, 2.0]), [0.1, 0.2, 0.3]
     theta = theta_of_components(rig, amounts, first)
@@ -126,7 +124,7 @@ def test_components_are_added_to_the_mean(path: Path, model: dict[str, Any]) -> 
         theta_of_components(rig, np.zeros(46))
 
 
-def test_the_shape_changes_joints_and_surface(path: Path, model: dict[str, Any]) -> None:
+def test_the_shape_changes_joints_and_surface(path, model):
     plain, other = read_rig(path), read_rig(path, betas=[2.0])
     shaped = model["v_template"] + 2.0 * model["shapedirs"][:, :, 0]
     joints = model["J_regressor"].toarray() @ shaped
@@ -141,7 +139,7 @@ def test_the_shape_changes_joints_and_surface(path: Path, model: dict[str, Any])
         rotations_of_theta(plain, np.zeros(45))
 
 
-def test_fingertips_are_vertices_of_the_released_mesh() -> None:
+def test_fingertips_are_vertices_of_the_released_mesh():
     """A mesh of 778 vertices has its tips at the vertices that are in use everywhere."""
     from clradar.rigs.mano import TIP_VERTICES, checked_fields, mano_rig
 
@@ -171,9 +169,7 @@ def test_fingertips_are_vertices_of_the_released_mesh() -> None:
 @pytest.mark.parametrize(
     ("protocol", "python_2"), [(0, True), (1, True), (2, True), (0, False), (2, False), (5, False)]
 )
-def test_pickles_of_every_protocol_are_read(
-    tmp_path: Path, path: Path, model: dict[str, Any], protocol: int, python_2: bool
-) -> None:
+def test_pickles_of_every_protocol_are_read(tmp_path, path, model, protocol, python_2):
     file = tmp_path / "model.pkl"
     file.write_bytes(mano_pickle(model, protocol, python_2))
     found, expected = read_rig(file, betas=[1.0, -1.0]), read_rig(path, betas=[1.0, -1.0])
@@ -187,7 +183,7 @@ def as_npz(model: dict[str, Any]) -> bytes:
     return stream.getvalue()
 
 
-def test_npz_files_are_read(tmp_path: Path, path: Path, model: dict[str, Any]) -> None:
+def test_npz_files_are_read(tmp_path, path, model):
     file = tmp_path / "model.npz"
     file.write_bytes(as_npz(model))
     np.testing.assert_array_equal(
@@ -208,7 +204,7 @@ def test_npz_files_are_read(tmp_path: Path, path: Path, model: dict[str, Any]) -
         (b"\x80\x02cchumpy.ch\nCh\n)R]b.", "an object whose state is no dictionary"),
     ],
 )
-def test_invalid_pickles_are_refused(tmp_path: Path, content: bytes, message: str) -> None:
+def test_invalid_pickles_are_refused(tmp_path, content, message):
     file = tmp_path / "model.pkl"
     file.write_bytes(content)
     with pytest.raises(RigError, match=message) as caught:
@@ -230,9 +226,7 @@ def test_invalid_pickles_are_refused(tmp_path: Path, content: bytes, message: st
     ],
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
 )
-def test_wrong_models_are_named(
-    tmp_path: Path, model: dict[str, Any], change: dict[str, Any], message: str
-) -> None:
+def test_wrong_models_are_named(tmp_path, model, change, message):
     ((name, function),) = change.items()
     changed = dict(model)
     if function is None:
@@ -250,9 +244,7 @@ def test_wrong_models_are_named(
 # --- command line
 
 
-def test_the_command_poses_a_model(
-    tmp_path: Path, path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_poses_a_model(tmp_path, path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, err = run(capsys, "hand", "L", "--rig", path, "--betas", "1,-0.5", "-o", "a.ply")
     assert code == 0, err

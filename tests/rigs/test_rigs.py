@@ -1,7 +1,5 @@
 """Skinned glTF hands: joints, unit, side and pose; and the errors of invalid files."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle
@@ -119,7 +117,7 @@ def read_kind(folder: Path, kind: str) -> Rig:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_joints_are_those_of_the_posed_skeleton(tmp_path: Path, kind: str) -> None:
+def test_joints_are_those_of_the_posed_skeleton(tmp_path, kind):
     rig = read_kind(tmp_path, kind)
     side = "left" if "left" in kind else "right"
     assert rig.handedness == side
@@ -132,7 +130,7 @@ def test_joints_are_those_of_the_posed_skeleton(tmp_path: Path, kind: str) -> No
 
 
 @pytest.mark.parametrize("kind", ["centimetres", "millimetres, left", "bound flat, standing as F"])
-def test_the_surface_is_close_to_that_of_the_pose(tmp_path: Path, kind: str) -> None:
+def test_the_surface_is_close_to_that_of_the_pose(tmp_path, kind):
     rig = read_kind(tmp_path, kind)
     for pose in ("F", "W"):
         ours = hand_mesh(pose, edge_length_m=4e-3, handedness=rig.handedness)
@@ -147,7 +145,7 @@ def test_the_surface_is_close_to_that_of_the_pose(tmp_path: Path, kind: str) -> 
         )  # fmt: skip
 
 
-def test_at_rest_the_surface_is_the_files_own(tmp_path: Path) -> None:
+def test_at_rest_the_surface_is_the_files_own(tmp_path):
     for settings in ({}, {"bones": True, "scale": 0.01, "turn": TURN}, {"primitives": 3}):
         rig = read_rig(make(tmp_path, **settings))
         ours = hand_mesh("flat", edge_length_m=4e-3)
@@ -163,7 +161,7 @@ def test_at_rest_the_surface_is_the_files_own(tmp_path: Path) -> None:
         )
 
 
-def test_the_result_does_not_depend_on_how_the_file_holds_the_hand(tmp_path: Path) -> None:
+def test_the_result_does_not_depend_on_how_the_file_holds_the_hand(tmp_path):
     plain = read_rig(make(tmp_path)).posed("L")
     for name, settings in (
         ("a.glb", {"units": 100.0, "turn": TURN, "shift": (0.3, 0.1, -0.2)}),
@@ -179,7 +177,7 @@ def test_the_result_does_not_depend_on_how_the_file_holds_the_hand(tmp_path: Pat
         assert away_m.max() < VERTEX_TOLERANCE_M, name
 
 
-def test_a_bent_finger_has_its_closed_form(tmp_path: Path) -> None:
+def test_a_bent_finger_has_its_closed_form(tmp_path):
     """Index finger bent by 60 degrees at the knuckle, in a plane rolled by 8 degrees."""
     straight = HandPose("straight")
     bent = HandPose(
@@ -215,7 +213,7 @@ def test_a_bent_finger_has_its_closed_form(tmp_path: Path) -> None:
     )
 
 
-def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path: Path) -> None:
+def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path):
     rig = read_rig(make(tmp_path, pose="flat"))
     flat, bent = rig.posed("flat"), rig.posed("A", center_m=(0.0, 0.1, 0.4))
     np.testing.assert_array_equal(flat.texture_m, bent.texture_m)
@@ -228,7 +226,7 @@ def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path: Path) -> None:
     np.testing.assert_allclose(left.texture_m, flat.texture_m, atol=VERTEX_TOLERANCE_M)
 
 
-def test_a_rig_keeps_its_own_proportions(tmp_path: Path) -> None:
+def test_a_rig_keeps_its_own_proportions(tmp_path):
     """A hand stretched by 1.3 along the fingers: other lengths, the same directions."""
 
     rig = read_rig(make(tmp_path, turn=np.diag([1.0, 1.3, 1.0]), local_turns=False))
@@ -241,7 +239,7 @@ def test_a_rig_keeps_its_own_proportions(tmp_path: Path) -> None:
     assert np.linalg.norm(found[7] - found[6]) == pytest.approx(1.3 * 39.8e-3, rel=0.01)
 
 
-def test_tips_and_metacarpals_may_be_missing(tmp_path: Path) -> None:
+def test_tips_and_metacarpals_may_be_missing(tmp_path):
     whole = read_rig(make(tmp_path)).posed("F")
     for name, skip in (("a.glb", TIP_NAMES), ("b.glb", (*TIP_NAMES, *METACARPALS))):
         rig = read_rig(make(tmp_path, name, skip=skip, turn=TURN))
@@ -259,7 +257,7 @@ def test_tips_and_metacarpals_may_be_missing(tmp_path: Path) -> None:
         assert distances_m(posed, whole).max() < VERTEX_TOLERANCE_M
 
 
-def test_a_last_bone_without_tip_and_axes_points_to_its_flesh(tmp_path: Path) -> None:
+def test_a_last_bone_without_tip_and_axes_points_to_its_flesh(tmp_path):
     """Upright nodes do not define the direction of a bent finger's last bone."""
     rig = read_rig(make(tmp_path, pose="L", skip=TIP_NAMES, local_turns=False))
     exact = read_rig(make(tmp_path, "b.glb", pose="L"))
@@ -269,7 +267,7 @@ def test_a_last_bone_without_tip_and_axes_points_to_its_flesh(tmp_path: Path) ->
         assert np.rad2deg(np.arccos(cosine)) < 10.0, name  # it bends by more than 40 here
 
 
-def test_parts_are_those_of_the_digits(tmp_path: Path) -> None:
+def test_parts_are_those_of_the_digits(tmp_path):
     posed = read_rig(make(tmp_path)).posed("flat")
     ours = hand_mesh("flat", edge_length_m=4e-3)
     assert posed.part_names == ours.part_names
@@ -283,7 +281,7 @@ def test_parts_are_those_of_the_digits(tmp_path: Path) -> None:
 # --- how files hold it
 
 
-def test_buffers_may_be_beside_the_file_or_inside(tmp_path: Path) -> None:
+def test_buffers_may_be_beside_the_file_or_inside(tmp_path):
     plain = read_rig(make(tmp_path)).posed("F").vertices_m
     for name, buffers in (("data.gltf", "data"), ("beside.gltf", "file")):
         path = RigMaker().save(tmp_path / name, buffers)
@@ -300,7 +298,7 @@ def test_buffers_may_be_beside_the_file_or_inside(tmp_path: Path) -> None:
         read_rig(tmp_path / "beside.gltf")
 
 
-def test_interleaved_and_sparse_arrays_are_read(tmp_path: Path) -> None:
+def test_interleaved_and_sparse_arrays_are_read(tmp_path):
     plain = read_rig(make(tmp_path)).posed("F").vertices_m
     maker = RigMaker()
     document = maker.build()
@@ -345,7 +343,7 @@ def rewritten(document: GLTF2, maker: RigMaker, path: Path) -> Path:
     return path
 
 
-def test_strips_fans_and_lists_without_indices_are_triangles(tmp_path: Path) -> None:
+def test_strips_fans_and_lists_without_indices_are_triangles(tmp_path):
     from clradar.rigs.gltf import faces_of
 
     corners = np.array([10, 11, 12, 13, 14])
@@ -366,7 +364,7 @@ def test_strips_fans_and_lists_without_indices_are_triangles(tmp_path: Path) -> 
     assert rig.posed("F").to_trimesh().is_watertight
 
 
-def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path: Path) -> None:
+def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path):
     maker = RigMaker(called="{}.R".format)
     document = maker.build()
     count = len(document.nodes)
@@ -391,7 +389,7 @@ def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path: Path) -> None:
     assert gap.max() < VERTEX_TOLERANCE_M
 
 
-def test_one_of_two_hands_in_a_file_is_chosen(tmp_path: Path) -> None:
+def test_one_of_two_hands_in_a_file_is_chosen(tmp_path):
     right, left = RigMaker(called="{}.R".format), RigMaker(called="{}.L".format, turn=MIRROR)
     one, other = right.build(), left.build()
     nodes, views, accessors = len(one.nodes), len(one.bufferViews), len(one.accessors)
@@ -439,7 +437,7 @@ def mapping_text(skip: tuple[str, ...] = ()) -> str:
     return "\n".join(["[joints]", *lines])
 
 
-def test_a_mapping_file_names_the_joints(tmp_path: Path) -> None:
+def test_a_mapping_file_names_the_joints(tmp_path):
     path = make(tmp_path, called=bones_of_a_game, turn=TURN)
     with pytest.raises(RigError, match=r"hand.glb: .*WebXR names, or by a mapping file .*'wrist'"):
         read_rig(path)
@@ -476,7 +474,7 @@ def swapped(one: str, other: str) -> str:
         (swapped("index", "middle"), "in the order index, middle, ring, pinky, got middle, index"),
     ],
 )  # fmt: skip
-def test_wrong_mappings_are_named(tmp_path: Path, text: str, message: str) -> None:
+def test_wrong_mappings_are_named(tmp_path, text, message):
     path = RigMaker(called=bones_of_a_game).save(tmp_path / "hand.glb")
     mapping = tmp_path / "m.toml"
     mapping.write_text(text)
@@ -487,7 +485,7 @@ def test_wrong_mappings_are_named(tmp_path: Path, text: str, message: str) -> No
 # --- sides and units
 
 
-def test_the_side_of_a_flat_hand_must_be_given(tmp_path: Path) -> None:
+def test_the_side_of_a_flat_hand_must_be_given(tmp_path):
     """Squeezed into a plane, thumb and all, it is its own mirror image."""
     settings = {"turn": np.diag([1.0, 1.0, 1e-3]), "local_turns": False}
     path = RigMaker(**settings).save(tmp_path / "hand.glb")
@@ -499,7 +497,7 @@ def test_the_side_of_a_flat_hand_must_be_given(tmp_path: Path) -> None:
         assert read_rig(named).handedness == "left"
 
 
-def test_units_are_given_and_checked(tmp_path: Path) -> None:
+def test_units_are_given_and_checked(tmp_path):
     odd = make(tmp_path, units=5.0)
     with pytest.raises(RigError, match=r"50 to 400 mm .*, got 830?.* mm with a unit of 1 m"):
         read_rig(odd)
@@ -554,6 +552,18 @@ def one_place(document: GLTF2) -> None:
     node.matrix = np.eye(4).reshape(-1).tolist()
 
 
+def uncounted(attribute: str, count: int) -> Callable[[GLTF2], None]:
+    """An accessor that takes nothing of the file but says that there is much."""
+
+    def change(document: GLTF2) -> None:
+        primitive = document.meshes[0].primitives[0]
+        at = primitive.indices if attribute == "indices" else vars(primitive.attributes)[attribute]
+        document.accessors[at].bufferView = None
+        document.accessors[at].count = count
+
+    return change
+
+
 PRIMITIVE = "meshes[0].primitives[0]"
 DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
     (both(*(put(f"{PRIMITIVE}.attributes.{n}_0", None) for n in ("JOINTS", "WEIGHTS"))),
@@ -579,13 +589,17 @@ DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
     (put("skins[0].inverseBindMatrices", None),
      "vertices of fingers that mostly lie within 0.5 .* inverse bind matrices missing"),
     (put(f"{PRIMITIVE}.mode", 1), "a mesh with triangles that the hand's joints move, got none"),
+    # Counts that no byte backs.
+    (uncounted("POSITION", 3_999_999), "at most 2000000 vertices, got 3999999"),
+    (uncounted("POSITION", 2**35), "at most 67108864 numbers, with all uses of them"),
+    (uncounted("WEIGHTS_0", 2**35), "at most 67108864 numbers, with all uses of them"),
+    (uncounted("JOINTS_0", 2**30), "at most 67108864 numbers, with all uses of them"),
+    (uncounted("indices", 30_000_000), "at most 8388608 triangles"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("change", "message"), DOCUMENTS, ids=range(len(DOCUMENTS)))
-def test_wrong_documents_are_named(
-    tmp_path: Path, change: Callable[[GLTF2], None], message: str
-) -> None:
+def test_wrong_documents_are_named(tmp_path, change, message):
     document = RigMaker().build()
     change(document)
     path = tmp_path / "hand.gltf"
@@ -623,16 +637,14 @@ def edited(name: str, value: Any, rows: Any = 5) -> Callable[[RigMaker], None]:
         (edited("faces", 10**6), r"indices below \d+, got 1000000"),
     ],
 )  # fmt: skip
-def test_wrong_arrays_are_named(
-    tmp_path: Path, edit: Callable[[RigMaker], None], message: str
-) -> None:
+def test_wrong_arrays_are_named(tmp_path, edit, message):
     path = make(tmp_path, edit=edit)
     with pytest.raises(RigError, match=message) as caught:
         read_rig(path)
     assert "mesh 'skin', primitive 0" in str(caught.value)
 
 
-def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path: Path) -> None:
+def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path):
     def scale(maker: RigMaker) -> None:
         maker.weights_out = maker.weights_out * 0.95
 
@@ -642,7 +654,7 @@ def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path: Path) -> None:
     np.testing.assert_allclose(rig.posed("F").vertices_m, plain.vertices_m, atol=VERTEX_TOLERANCE_M)
 
 
-def test_missing_joints_are_named(tmp_path: Path) -> None:
+def test_missing_joints_are_named(tmp_path):
     for skip in (("ring-finger-phalanx-distal",), ("wrist", "thumb-metacarpal")):
         path = RigMaker(called=lambda n: "spare" if n in skip else n).save(tmp_path / "hand.glb")  # noqa: B023
         more = " and 1 more" if len(skip) == 2 else "$"
@@ -655,41 +667,8 @@ def test_missing_joints_are_named(tmp_path: Path) -> None:
         read_rig(path)
 
 
-def uncounted(attribute: str, count: int) -> Callable[[GLTF2], None]:
-    """An accessor that takes nothing of the file but says that there is much."""
-
-    def change(document: GLTF2) -> None:
-        primitive = document.meshes[0].primitives[0]
-        at = primitive.indices if attribute == "indices" else vars(primitive.attributes)[attribute]
-        document.accessors[at].bufferView = None
-        document.accessors[at].count = count
-
-    return change
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (uncounted("POSITION", 3_999_999), "at most 2000000 vertices, got 3999999"),
-        (uncounted("POSITION", 2**35), "at most 67108864 numbers, with all uses of them"),
-        (uncounted("WEIGHTS_0", 2**35), "at most 67108864 numbers, with all uses of them"),
-        (uncounted("JOINTS_0", 2**30), "at most 67108864 numbers, with all uses of them"),
-        (uncounted("indices", 30_000_000), "at most 8388608 triangles"),
-    ],
-)
-def test_counts_that_no_byte_backs_are_refused(
-    tmp_path: Path, change: Callable[[GLTF2], None], message: str
-) -> None:
-    maker = RigMaker()
-    document = maker.build()
-    change(document)
-    path = rewritten(document, maker, tmp_path / "hand.glb")
-    with pytest.raises(RigError, match=message) as caught:
-        read_rig(path)
-    assert str(caught.value).startswith(f"{path}: expected ")
-
-
-def test_a_mesh_that_many_nodes_use_counts_each_time(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_mesh_that_many_nodes_use_counts_each_time(tmp_path):
     maker = RigMaker()
     document = maker.build()
     skinned = document.nodes[-1]
@@ -701,7 +680,7 @@ def test_a_mesh_that_many_nodes_use_counts_each_time(tmp_path: Path) -> None:
 
 
 @posix_only
-def test_a_pipe_for_a_buffer_does_not_block(tmp_path: Path) -> None:
+def test_a_pipe_for_a_buffer_does_not_block(tmp_path):
     document = RigMaker().build()
     document.buffers[0].uri = "hand.bin"
     os.mkfifo(tmp_path / "hand.bin")
@@ -711,7 +690,7 @@ def test_a_pipe_for_a_buffer_does_not_block(tmp_path: Path) -> None:
         read_rig(path)
 
 
-def test_cut_and_foreign_files_are_named(tmp_path: Path) -> None:
+def test_cut_and_foreign_files_are_named(tmp_path):
     content = make(tmp_path).read_bytes()
     path = tmp_path / "cut.glb"
     for size in (0, 3, 11, 19, 500, len(content) // 2, len(content) - 1):
@@ -730,7 +709,7 @@ def test_cut_and_foreign_files_are_named(tmp_path: Path) -> None:
         read_rig(tmp_path)
 
 
-def test_a_whole_body_is_refused(tmp_path: Path) -> None:
+def test_a_whole_body_is_refused(tmp_path):
     path = make(tmp_path, edit=edited("positions", [0.0, -1.6, 0.0]))
     with pytest.raises(RigError, match="remove everything but hand and forearm"):
         read_rig(path)
@@ -739,9 +718,7 @@ def test_a_whole_body_is_refused(tmp_path: Path) -> None:
 # --- command line
 
 
-def test_the_command_poses_a_rig(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_poses_a_rig(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     RigMaker(units=100.0, turn=TURN @ MIRROR, called=bones_of_a_game, skip=TIP_NAMES).save(
         Path("hand.glb")
@@ -767,41 +744,29 @@ def test_the_command_poses_a_rig(
     assert set(Scene.from_mesh("parts.glb").part_names) == set(PART_NAMES)
 
 
-def test_the_command_refuses_in_one_line_and_writes_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_refuses_in_one_line_and_writes_nothing(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     make(tmp_path)
     Path("text.glb").write_text("no mesh")
     before = sorted(Path().iterdir())
-    for arguments, message in (
-        (("--rig", "text.glb"), "text.glb: expected a rigged hand"),
-        (("--rig", "none.glb"), "none.glb: no such file; expected a rigged hand"),
-        (("--rig", "hand.glb", "--rig-unit", "mm"), "did you mean m?"),
-        (("--rig", "hand.glb", "--rig-hand", "left"), "expected a left hand, got a right one"),
-        (
-            ("--rig", "hand.glb", "--mapping", "none.toml"),
-            "none.toml: no such file; expected a TOML file",
-        ),
-        (("--rig", "hand.glb", "--betas", "1"), "betas: expected a MANO model"),
-    ):
-        code, out, err = run(capsys, "hand", "F", *arguments, "-o", "x.ply")
-        assert (code, out) == (1, ""), err
-        assert err.startswith("clradar: error: ")
-        assert message in err
-        assert err.count("\n") == 1
-    for arguments, message in (
-        (("--rig-unit", "mm"), "--rig-unit"),
-        (("--rig", "hand.glb", "--rig-unit", "ell"), "--rig-unit"),
-        (("--rig", "hand.glb", "--theta", "t.json"), "--theta"),
+    for arguments, status, message in (
+        (("--rig", "text.glb"), 1, "clradar: error: text.glb: expected a rigged hand"),
+        (("--rig", "none.glb"), 1, "none.glb: no such file; expected a rigged hand"),
+        (("--rig", "hand.glb", "--rig-hand", "left"), 1, "expected a left hand, got a right one"),
+        (("--rig", "hand.glb", "--mapping", "none.toml"), 1, "none.toml: no such file; expected"),
+        (("--rig", "hand.glb", "--betas", "1"), 1, "betas: expected a MANO model"),
+        (("--rig-unit", "mm"), 2, "--rig-unit"),
+        (("--rig", "hand.glb", "--rig-unit", "ell"), 2, "--rig-unit"),
+        (("--rig", "hand.glb", "--theta", "t.json"), 2, "--theta"),
     ):
         code, _, err = run(capsys, "hand", "F", *arguments, "-o", "x.ply")
-        assert code == 2, err
+        assert code == status, err
         assert message in err
+        assert status == 2 or err.count("\n") == 1
     assert sorted(Path().iterdir()) == before
 
 
-def test_rigs_go_to_other_processes(tmp_path: Path) -> None:
+def test_rigs_go_to_other_processes(tmp_path):
     rig = read_rig(make(tmp_path, turn=TURN @ MIRROR), handedness="left")
     again = pickle.loads(pickle.dumps(rig))
     np.testing.assert_array_equal(again.posed("A").vertices_m, rig.posed("A").vertices_m)

@@ -1,7 +1,5 @@
 """A headless Chromium for tests, driven through a pipe: no network, no driver, no package."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

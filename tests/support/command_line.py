@@ -1,8 +1,8 @@
 """Runs of the command line in the tests' own process."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
+from dataclasses import fields
+from typing import Any, TypeVar
 
 import pytest
 
@@ -14,6 +14,17 @@ GRID = ("--x-mm", "-60:60:6", "--y-mm", "-90:90:6", "--z-mm", "280:320:5")
 """21 x 31 x 9 voxels: no finer than the SSIM's window of 11 pixels needs."""
 
 Run = Callable[..., "Outcome"]
+
+Group = TypeVar("Group")
+
+
+def group_of(group: type[Group], **given: Any) -> Group:
+    """A group of options from what is typed, as a command gets it."""
+    for one in fields(group):  # type: ignore[arg-type]
+        if one.metadata["parse"] is not None and one.name in given:
+            name = "--" + one.name.replace("_", "-")
+            given[one.name] = one.metadata["parse"](name, given[one.name])
+    return group(**given)
 
 
 class Outcome:

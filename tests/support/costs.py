@@ -3,8 +3,6 @@
 A plugin: `pytest --costs FILE.json` writes them and prints the dearest; `.ci/run` does.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections import Counter

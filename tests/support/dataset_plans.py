@@ -1,7 +1,5 @@
 """Tiny plans for the tests of data sets: a hand of few triangles, 12 x 12 antennas, few voxels."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Any

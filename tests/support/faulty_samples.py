@@ -5,8 +5,6 @@ A preload of Dask workers (`dask.config`: distributed.worker.preload), and of th
 happen one time only in all processes together.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """The float64 reference of a posed hand's flesh, from the cones that the hand is made of."""
 
-from __future__ import annotations
-
 import numpy as np
 from flesh_reference import flesh_distance_m
 

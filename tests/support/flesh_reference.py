@@ -1,7 +1,5 @@
 """Signed distance from a hand's flesh in float64 numpy, sharing no code with its kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -4,8 +4,6 @@
 of it. Arrays are made of whole numbers, so that tests can say what a file has to hold.
 """
 
-from __future__ import annotations
-
 import sys
 from contextlib import suppress
 from dataclasses import replace

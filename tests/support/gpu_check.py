@@ -5,8 +5,6 @@
 every kernel in its one-lane form to PTX, which ptxas assembles, and to AMD's machine code.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math

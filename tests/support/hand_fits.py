@@ -1,7 +1,5 @@
 """Results of fits of a hand, made up around a hand of known pose."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Pictures of hands as the fit renders them, to be fitted."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from calibration.hand_fit.hand_model import HandModel

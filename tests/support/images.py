@@ -1,7 +1,5 @@
 """Captures to image, and the error of an image."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import clradar

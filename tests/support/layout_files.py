@@ -1,7 +1,5 @@
 """Files such as labs write them, by other programs than the readers under test."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path

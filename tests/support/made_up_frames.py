@@ -4,8 +4,6 @@ A preload of Dask workers (`dask.config`: distributed.worker.preload), and of th
 `made_up_fit_hands` in place of `calibration.fit_hands`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path

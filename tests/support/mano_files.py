@@ -3,8 +3,6 @@
 The surface is the hand of this package, the blend shapes are drawn at random.
 """
 
-from __future__ import annotations
-
 import io
 import pickle
 import sys

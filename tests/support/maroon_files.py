@@ -4,8 +4,6 @@ The pickles come from the standard library and are then rewritten opcode by opco
 spellings of numpy's modules (before and since numpy 2) exist whichever numpy runs the tests.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import pickle

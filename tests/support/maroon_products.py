@@ -4,8 +4,6 @@ A scene is given in radar space (x to the right as the radar sees it, y up, z aw
 array [x, y, z] of amplitudes; each file follows the description of the format.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import struct

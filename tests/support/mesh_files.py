@@ -1,7 +1,5 @@
 """Mesh files for tests: glTF from a few numbers, and the OBJ texts that programs write."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

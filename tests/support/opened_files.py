@@ -1,7 +1,5 @@
 """The files of a folder that any process opens, by Linux' inotify."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import struct

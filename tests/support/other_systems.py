@@ -3,8 +3,6 @@
 Runs before clradar is imported, after the libraries that it uses, which know the real system.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """Visibility of antennas from points, straight from the kernel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from clradar.geometry.bvh import upload_tree

@@ -1,7 +1,5 @@
 """Functions that tests have called in the process that reads HDF5 files."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Captures of calibration targets by an instrument with errors that are known."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from pygltflib import (
 
 from clradar.hand import (
     JOINT_NAMES,
+    HandMesh,
     HandPose,
     HandShape,
     Skeleton,
@@ -67,6 +69,17 @@ def posed(pose: str | HandPose, shape: HandShape = AVERAGE) -> Skeleton:
     return posed_skeleton(pose if isinstance(pose, HandPose) else pose_by_name(pose), shape)
 
 
+@cache
+def grown(
+    pose: str | HandPose, edge_length_m: float, shape: HandShape
+) -> tuple[HandMesh, Skeleton, np.ndarray]:
+    """A hand, its skeleton, and the weights of its vertices: the same for many files."""
+    mesh = hand_mesh(pose, edge_length_m=edge_length_m, shape=shape)
+    skeleton = posed(pose, shape)
+    at_m = mesh.vertices_m + skeleton.joints_m[0] - mesh.joints_m[0]
+    return mesh, skeleton, bone_weights(at_m, skeleton.joints_m)
+
+
 @dataclass
 class RigMaker:
     """A hand of this package as a skinned glTF file; the fields choose its peculiarities.
@@ -100,10 +113,8 @@ class RigMaker:
     edit: Callable[[RigMaker], None] | None = None
 
     def build(self) -> GLTF2:
-        mesh = hand_mesh(self.pose, edge_length_m=self.edge_length_m, shape=self.shape)
-        skeleton = posed(self.pose, self.shape)
-        shift = skeleton.joints_m[0] - mesh.joints_m[0]
-        weights = bone_weights(mesh.vertices_m + shift, skeleton.joints_m)
+        mesh, skeleton, weights = grown(self.pose, self.edge_length_m, self.shape)
+        shift, weights = skeleton.joints_m[0] - mesh.joints_m[0], weights.copy()
         parents = list(PARENTS)
         for name in self.skip:
             gone = JOINT_NAMES.index(name)

@@ -1,7 +1,5 @@
 """Small meshes for the tests: vertices, shape (n, 3), metres, and faces, shape (m, 3)."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 

@@ -1,7 +1,5 @@
 """Marks for tests of what only some systems have; on Linux all of them run."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

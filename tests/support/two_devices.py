@@ -3,8 +3,6 @@
 Run as a program, since POCL_DEVICES is read once per process; prints its findings as JSON.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -92,25 +90,19 @@ def cluster(folder: str) -> None:
 
     from clradar.dataset import read_plan, run
     from clradar.jobs import Where
-    from clradar.jobs.cluster import local_cluster
-    from clradar.jobs.resources import (
-        WorkerResources,
-        own_cores,
-        worker_resources,
-    )
+    from clradar.jobs.workers import Share, local_client, own_cores
 
     cores = own_cores()
     plan_file = Path(folder) / "plan.toml"
     plan_file.write_text(PLAN, encoding="utf-8")
     plan = read_plan(plan_file)
-    each = [WorkerResources(f"0:{i}", (cores[i % len(cores)],), 1) for i in range(2)]
-    with local_cluster(each) as (client, _):
+    each = [Share(f"0:{i}", (cores[i % len(cores)],), 1) for i in range(2)]
+    with local_client(each) as client:
         devices = client.run(lambda: clradar.open_device().info.selector)
         run(plan, Path(folder) / "cluster", where=Where(scheduler=client.scheduler.address))
     run(plan, Path(folder) / "here", device="0:0")
     findings = {
         "devices": sorted(devices.values()),
-        "assigned": [one.device for one in worker_resources(min(2, len(cores)), "all")],
         "same": digests(Path(folder) / "cluster") == digests(Path(folder) / "here"),
     }
     print(json.dumps(findings))

@@ -1,7 +1,5 @@
 """A browser that looks at `clradar view`."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import io

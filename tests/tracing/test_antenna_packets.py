@@ -1,7 +1,5 @@
 """Antennas in bundles: complete, close together, and no answer depends on them."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,12 +1,11 @@
 """The expected estimator: its density, its probabilities, and the mean of the stochastic one."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from nightly import nightly
 from scipy.stats import chi2
 from shapes import bowl, box, plate, sphere
 
@@ -63,18 +62,11 @@ half of 256 nodes, with either sign; measured below 5e-4."""
 @pytest.mark.parametrize(
     ("alpha", "degrees"),
     [
-        (0.1, 35.0),
-        (0.2, 0.0),
-        (0.2, 70.0),
-        (0.35, 35.0),
-        (0.49, 70.0),
-        (0.5, 35.0),
-        (0.51, 0.0),
-        (0.7, 70.0),
-        (1.0, 35.0),
+        *[(0.1, 35.0), (0.2, 70.0), (0.5, 35.0), (0.7, 70.0)],
+        *nightly([(0.2, 0.0), (0.35, 35.0), (0.49, 70.0), (0.51, 0.0), (1.0, 35.0)]),
     ],
 )
-def test_the_density_is_that_of_the_directions(alpha: float, degrees: float) -> None:
+def test_the_density_is_that_of_the_directions(alpha, degrees):
     """Counted in disjoint discs and in all: it integrates to one, less what is absorbed."""
     t_m, face = mirrored(degrees), np.array([0.2, -0.1, 1.0])
     face /= np.linalg.norm(face)
@@ -152,24 +144,22 @@ def shares(scene: Scene, device, tolerance: float = SHARE_TOLERANCE, **arguments
     return found
 
 
-ALPHAS = [0.0, 1e-4, 0.05, 0.2, 0.4999, 0.5, 0.5001, 1.0]
+ALPHAS = [0.0, 0.05, 0.4999, 1.0, *nightly([1e-4, 0.2, 0.5, 0.5001])]
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
-def test_probabilities_are_those_of_the_reference(alpha: float, device) -> None:
+def test_probabilities_are_those_of_the_reference(alpha, device):
     scene = Scene(*plate(0.16, 0.3, 5, wavy_m=0.01), alpha)
     found = shares(scene, device, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.02)
     assert (found > 0).sum() >= (20 if alpha >= 0.05 else 5)
 
 
 @pytest.mark.parametrize("alpha", [0.3, 1.0])
-@pytest.mark.parametrize("width", [1, 8])
-def test_large_discs_that_the_horizon_of_the_face_cuts(width: int, alpha: float, device) -> None:
+def test_large_discs_that_the_horizon_of_the_face_cuts(alpha, device):
     """Near a mesh whose normals are not those of its faces. The density has a step in them, which
     four slices hold to 1.5e-2 of a probability, and to 5e-5 in the mean."""
     scene = Scene(*plate(0.16, 0.15, 5, wavy_m=0.02), alpha)
-    lanes = clradar.open_device(device.info.selector, width=width)
-    shares(scene, lanes, 0.02, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.1)
+    shares(scene, device, 0.02, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.1)
 
 
 @pytest.mark.parametrize(
@@ -181,7 +171,7 @@ def test_large_discs_that_the_horizon_of_the_face_cuts(width: int, alpha: float,
         {"seed": 2**40 + 3},
     ],
 )
-def test_settings_reach_the_kernel(arguments, device) -> None:
+def test_settings_reach_the_kernel(arguments, device):
     shares(Scene(*plate(0.16, 0.3, 4, wavy_m=0.02), 0.3), device, rays_per_face=1, **arguments)
 
 
@@ -224,13 +214,13 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
     assert abs(found.sum() - mean.sum()) <= 4 * np.sqrt(variance.sum())
 
 
-@pytest.mark.parametrize("alpha", [0.02, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0])
-def test_the_mean_is_that_of_the_stochastic_estimator(alpha: float, device) -> None:
+@pytest.mark.parametrize("alpha", [0.1, 0.35, 1.0, *nightly([0.02, 0.2, 0.5, 0.7])])
+def test_the_mean_is_that_of_the_stochastic_estimator(alpha, device):
     check_mean(Scene(*MESHES["waves"], alpha), device)
 
 
 @pytest.mark.parametrize("name", ["waves", "bowl"])
-def test_without_randomness_both_are_the_same(name: str, device) -> None:
+def test_without_randomness_both_are_the_same(name, device):
     """alpha = 0: all rays of a sample and Tx are one, so the captures agree but for the rounding of
     sums, 2^-24 of each of their values."""
     arguments = {"samples_per_mm2": 0.2, "rays_per_sample": 3, "device": device}
@@ -244,12 +234,14 @@ def test_without_randomness_both_are_the_same(name: str, device) -> None:
     np.testing.assert_allclose(two, one, rtol=0, atol=2**-22 * np.abs(one).max())
 
 
-@pytest.mark.parametrize(("name", "alpha"), [("plate", 0.6), ("sphere", 0.15), ("bowl", 0.6)])
-def test_the_means_agree_on_other_surfaces(name: str, alpha: float, device) -> None:
+@pytest.mark.parametrize(
+    ("name", "alpha"), [("sphere", 0.15), *nightly([("plate", 0.6), ("bowl", 0.6)])]
+)
+def test_the_means_agree_on_other_surfaces(name, alpha, device):
     check_mean(Scene(*MESHES[name], alpha), device)
 
 
-def test_the_means_agree_where_rays_are_absorbed(device) -> None:
+def test_the_means_agree_where_rays_are_absorbed(device):
     scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.03), 0.8)
     check_mean(scene, device, crease_deg=180.0)
     lost = clradar.trace(scene, ARRAY, samples_per_mm2=0.05, crease_deg=180.0, device=device)
@@ -257,7 +249,7 @@ def test_the_means_agree_where_rays_are_absorbed(device) -> None:
 
 
 @pytest.mark.parametrize("exponent", [0.0, 1.5])
-def test_amplitudes_with_spreading_and_patterns(exponent: float, device) -> None:
+def test_amplitudes_with_spreading_and_patterns(exponent, device):
     """A small patch, for which the amplitude of each pair is one number."""
     centre, size_m = np.array([0.02, -0.01, 0.25]), 1e-3
     corners = centre + size_m * np.array([[0, 0, 0], [1, 0.1, 0.2], [0, 1, -0.1]])
@@ -291,7 +283,7 @@ def from_the_plate(scene: Scene, array: AntennaArray, device, **common) -> tuple
     return mean, np.bincount(paths.rx[paths.length_m > 0.55], minlength=array.n_rx)
 
 
-def test_both_estimators_occlude_the_same(device) -> None:
+def test_both_estimators_occlude_the_same(device):
     """A screen before two of four receivers: none of their rays arrives, and those of the others do
     as if it were not there."""
     rx = np.array([[-0.06, 0, 0], [-0.04, 0, 0], [0.04, 0, 0], [0.06, 0, 0]])
@@ -308,7 +300,7 @@ def test_both_estimators_occlude_the_same(device) -> None:
 
 
 @pytest.mark.parametrize(("edge_m", "counts"), [(0.0015, True), (-0.0015, False)])
-def test_a_receiver_hidden_in_part_counts_by_its_centre(edge_m, counts, device) -> None:
+def test_a_receiver_hidden_in_part_counts_by_its_centre(edge_m, counts, device):
     """The approximation: an edge across the sphere's disc hides a third or two thirds of it, and
     with the centre nothing or all."""
     array = AntennaArray([[0.0, 0.1, 0.0]], [[0.0, 0.0, 0.0]])
@@ -341,7 +333,7 @@ decide where a horizon cuts a disc and are magnified by up to a disc's 1/0.03 th
 
 
 @pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (3, 8), (2, 23)])
-def test_one_lane_gives_the_same(n_tx: int, n_rx: int, device) -> None:
+def test_one_lane_gives_the_same(n_tx, n_rx, device):
     rng = np.random.default_rng(n_rx)
     low, high = [-0.07, -0.07, 0.0], [0.07, 0.07, 0.01]
     array = AntennaArray(rng.uniform(low, high, (n_tx, 3)), rng.uniform(low, high, (n_rx, 3)))
@@ -350,7 +342,7 @@ def test_one_lane_gives_the_same(n_tx: int, n_rx: int, device) -> None:
     assert np.abs(one - eight).max() <= LANES_TOLERANCE * np.abs(eight).max()
 
 
-def test_a_sample_inside_a_sphere_is_received_from_every_direction(device) -> None:
+def test_a_sample_inside_a_sphere_is_received_from_every_direction(device):
     """As in the stochastic model: a ray that starts inside enters at once."""
     scene = Scene(*plate(0.001, 0.3, 1), 0.4)
     array = AntennaArray([[0.0, 0.0, 0.0]], [[0.001, 0.0, 0.298], [0.001, 0.0, 0.302]])

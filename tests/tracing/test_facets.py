@@ -1,7 +1,5 @@
 """Faces that are too coarse for the curved surface that they stand for."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
@@ -20,7 +18,7 @@ WAVELENGTH_M = 299_792_458 / HIGHEST_HZ
 
 def remarks(mesh: trimesh.Trimesh | Scene, hz: float = HIGHEST_HZ, **fields: object) -> list[str]:
     scene = mesh if isinstance(mesh, Scene) else Scene.from_mesh(mesh)
-    settings = SimulationSettings(**fields).resolved()  # type: ignore[arg-type]
+    settings = SimulationSettings(**fields).resolved()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         warn_of_coarse_facets("simulate", scene, settings, hz)
@@ -32,7 +30,7 @@ def cylinder(radius_m: float, sections: int) -> trimesh.Trimesh:
     return trimesh.creation.cylinder(radius_m, 0.1, sections=sections)
 
 
-def test_sagitta_of_a_sphere_is_that_of_its_chords() -> None:
+def test_sagitta_of_a_sphere_is_that_of_its_chords():
     radius_m = 0.04
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius_m)
     exact = mesh.triangles / radius_m
@@ -54,7 +52,7 @@ def arc(turn_deg: float, radius_m: float = 0.05) -> tuple[np.ndarray, np.ndarray
 
 
 @pytest.mark.parametrize("turn_deg", [4.0, 10.0, 20.0, 30.0])
-def test_what_is_left_of_arcs(turn_deg: float) -> None:
+def test_what_is_left_of_arcs(turn_deg):
     """The middle of an edge, where curved points of an arc are the farthest off."""
     triangle_m, normals = arc(turn_deg)
     middle = reference.curved_points(triangle_m, normals, np.array([[0.5, 0.5, 0.0]]))[0]
@@ -64,7 +62,7 @@ def test_what_is_left_of_arcs(turn_deg: float) -> None:
     assert curved_error_m(triangle_m, normals)[0] == pytest.approx(expected, rel=2 * squared)
 
 
-def test_what_is_left_of_edges_that_are_bent_to_both_sides() -> None:
+def test_what_is_left_of_edges_that_are_bent_to_both_sides():
     """y = x (x - 1) (2 x - 1) over [0, 1], flattened: its slope at both ends is 1."""
     flat = 1e-3
     x = np.array([0.0, 1.0, 1.0])
@@ -80,7 +78,7 @@ def test_what_is_left_of_edges_that_are_bent_to_both_sides() -> None:
     assert curved_error_m(triangle_m, normals)[0] == pytest.approx(expected, rel=1e-3)
 
 
-def test_balls_are_warned_of_where_curved_points_are_off_by_an_eighth_of_the_wavelength() -> None:
+def test_balls_are_warned_of_where_curved_points_are_off_by_an_eighth_of_the_wavelength():
     """Icospheres of 80 faces whose edges are 0.58 radii: 0.6 % of the radius is left."""
     for radius_m, expected in ((0.12, 0), (0.24, 1)):
         ball = trimesh.creation.icosphere(subdivisions=1, radius=radius_m)
@@ -95,7 +93,7 @@ def test_balls_are_warned_of_where_curved_points_are_off_by_an_eighth_of_the_wav
         assert 0.7 * left_m < off_m.max() < left_m
 
 
-def test_flat_sides_are_not_coarse_however_large() -> None:
+def test_flat_sides_are_not_coarse_however_large():
     assert remarks(trimesh.creation.box([0.2, 0.3, 0.02])) == []
     corners = [[-0.1, -0.1, 0.3], [0.1, -0.1, 0.3], [0.1, 0.1, 0.3], [-0.1, 0.1, 0.3]]
     assert remarks(Scene(corners, [[0, 1, 2], [0, 2, 3]], 0.5)) == []
@@ -107,7 +105,7 @@ def test_flat_sides_are_not_coarse_however_large() -> None:
 
 
 @pytest.mark.parametrize("pose", ["F", "flat"])
-def test_the_embedded_hand_is_fine_enough(pose: str) -> None:
+def test_the_embedded_hand_is_fine_enough(pose):
     for facets in ("curved", "flat"):
         assert remarks(Scene.from_mesh(hand_mesh(pose, edge_length_m=4e-3)), facets=facets) == []
 
@@ -123,7 +121,7 @@ def merged_hand(pose: str, cell_m: float) -> Scene:
     return Scene(vertices / np.bincount(cell)[:, None], faces, 0.5)
 
 
-def test_a_hand_of_a_thousand_vertices_is_not() -> None:
+def test_a_hand_of_a_thousand_vertices_is_not():
     hand = merged_hand("F", 7e-3)
     assert 900 < hand.vertices_m.shape[0] < 1300
     assert len(remarks(hand, facets="flat", crease_deg=180.0)) == 1
@@ -137,7 +135,7 @@ def test_a_hand_of_a_thousand_vertices_is_not() -> None:
     assert remarks(hand, normals="face") == []
 
 
-def test_simulations_warn_at_their_highest_frequency() -> None:
+def test_simulations_warn_at_their_highest_frequency():
     mesh = trimesh.creation.icosphere(subdivisions=1, radius=0.03)
     scene = Scene.from_mesh(mesh.apply_translation([0, 0, 0.3]), alpha=0.5)
     imager = clradar.arrays.qar50()

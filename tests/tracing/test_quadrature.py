@@ -1,7 +1,5 @@
 """Quadrature points of the physical estimator: where they are, what they see, their roughness."""
 
-from __future__ import annotations
-
 import importlib
 import warnings
 from dataclasses import replace
@@ -40,12 +38,10 @@ def plate(a: float, z_m: float = 0.0) -> clradar.Scene:
     return clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]])
 
 
-def points_of(
-    scene: clradar.Scene, array: clradar.AntennaArray, width: int = 8, **fields: object
-) -> LitPoints:
+def points_of(scene: clradar.Scene, array: clradar.AntennaArray, **fields: object) -> LitPoints:
     """Lit points in the antenna frame, float64."""
     settings = resolve_settings(estimator="physical", **fields)
-    with LitQuadrature(scene, array, settings, open_device("pocl", width=width)) as quadrature:
+    with LitQuadrature(scene, array, settings, open_device("pocl")) as quadrature:
         lit = quadrature.lit_points()
         position_m = lit.position_m.astype(float) + quadrature.middle_m
         return replace(lit, position_m=position_m, area_m2=lit.area_m2.astype(float))
@@ -61,7 +57,7 @@ def points_of(
         [[0, 0, 0], [1, 0, 0], [0.5, 0.866, 0]],  # 1.3 points of the density along its root
     ],
 )
-def test_pieces_are_dense_in_both_directions(corners_mm: list[list[float]]) -> None:
+def test_pieces_are_dense_in_both_directions(corners_mm):
     triangle_m = 1e-3 * np.array([corners_mm])
     pieces = pieces_of(triangle_m, 4.0)
     edges = np.roll(pieces.corners.astype(float), -1, axis=1) - pieces.corners
@@ -77,18 +73,17 @@ def test_pieces_are_dense_in_both_directions(corners_mm: list[list[float]]) -> N
     assert pieces.n_points == (pieces.edge_points.astype(int) ** 2).sum()
 
 
-def test_scenes_without_area_or_with_too_many_points_are_refused() -> None:
+def test_scenes_without_area_or_with_too_many_points_are_refused():
     with pytest.raises(MeshError, match="only degenerate faces"):
         pieces_of(np.zeros((1, 3, 3)), 4.0)
     with pytest.raises(MeshError, match="fewer than 2\\^31 samples"):
         pieces_of(np.array([[[0.0, 0, 0], [40, 0, 0], [0, 40, 0]]]), 4.0)
 
 
-@pytest.mark.parametrize("width", [8, 1])
-def test_points_of_a_rough_ball_are_those_of_the_reference(width: int) -> None:
+def test_points_of_a_rough_ball_are_those_of_the_reference():
     """To the float32 of positions of 20 mm and of the waves: 4e-5 rad of K q."""
     scene = ball(2, 0.006).with_material(ROUGH)
-    lit = points_of(scene, AROUND, width, seed=5)
+    lit = points_of(scene, AROUND, seed=5)
     pieces = pieces_of(scene.triangles_m, 4.0)
     smooth = reference.quadrature(scene, pieces.edge_points)
     want = reference.roughened(smooth, 0.15e-3, 2e-3, 5, ROUGH.name)
@@ -103,7 +98,7 @@ def test_points_of_a_rough_ball_are_those_of_the_reference(width: int) -> None:
     )
 
 
-def test_curved_points_make_the_area_of_a_sphere() -> None:
+def test_curved_points_make_the_area_of_a_sphere():
     """Of 320 faces, which turn by 2 b = 0.32 rad from corner to corner: 1.9 % too small if flat."""
     whole = clradar.AntennaArray(AROUND.tx_m, AROUND.tx_m)
     radius_m = 0.02
@@ -117,7 +112,7 @@ def test_curved_points_make_the_area_of_a_sphere() -> None:
         assert away.min() == pytest.approx(deepest, rel=0.1)
 
 
-def test_heights_have_the_statistics_of_the_material() -> None:
+def test_heights_have_the_statistics_of_the_material():
     """Of a plate of 50 x 50 correlation areas, five seeds: some 4000 independent heights (the
     correlation area is pi l^2 / 2), so 1.1 % of h and 0.04 of the kurtosis (one sigma)."""
     heights, slopes, lagged, wanted = [], [], [], []
@@ -142,7 +137,7 @@ def test_heights_have_the_statistics_of_the_material() -> None:
     assert np.mean(lagged) == pytest.approx(np.mean(wanted), abs=0.04)
 
 
-def test_texture_moves_with_the_body() -> None:
+def test_texture_moves_with_the_body():
     scene = ball(2).with_material(ROUGH)
     move = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
     move[:3, 3] = [0.01, -0.02, 0.005]
@@ -155,7 +150,7 @@ def test_texture_moves_with_the_body() -> None:
 
 
 @pytest.mark.parametrize(("longer", "torn"), [(1.95, False), (2.05, True), (50.0, True)])
-def test_texture_of_torn_faces_is_not_stretched(longer: float, torn: bool) -> None:
+def test_texture_of_torn_faces_is_not_stretched(longer, torn):
     triangles_m = 1e-3 * np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]] * 2)
     texture_m = triangles_m + 0.01
     texture_m[1] += [[0, 0, 0], [0, 0, 0], [0, 1e-3 * (longer - 1), 0]]
@@ -168,7 +163,7 @@ def test_texture_of_torn_faces_is_not_stretched(longer: float, torn: bool) -> No
     assert edges[0] == pytest.approx(edges[1], rel=1e-9)
 
 
-def test_a_curved_face_that_folds_back_is_seen_from_the_side_of_its_flat_one() -> None:
+def test_a_curved_face_that_folds_back_is_seen_from_the_side_of_its_flat_one():
     """By normals 50 degrees off it: in a sixth of its points the derivatives turn round."""
     corners_m = 1e-3 * np.array([[16.0, 10, 0], [20, 18, 0], [2, 2, 0]])
     normals = np.array([[-0.05, 0.8, 0.6], [0.79, -0.03, 0.61], [-0.25, 0.71, 0.65]])
@@ -180,7 +175,7 @@ def test_a_curved_face_that_folds_back_is_seen_from_the_side_of_its_flat_one() -
     assert len(lit.sample) >= 10.0 * 40.0 / 1.25  # all of 40 mm^2
 
 
-def test_antennas_on_both_sides_of_a_sheet() -> None:
+def test_antennas_on_both_sides_of_a_sheet():
     """What Tx and Rx see from different sides does not reflect; each side reflects alike."""
     scene = plate(0.01)
     near, far = [0.0, 0, -0.3], [0.0, 0, 0.3]
@@ -203,12 +198,12 @@ def test_antennas_on_both_sides_of_a_sheet() -> None:
 @pytest.mark.parametrize(
     "at_m", [[0.003, 0.002, 0.2], [0.01, 0.01, 0.2], [0.01, 0.01, 0.2 - 1e-5], [0.01, -0.01, 0.2]]
 )
-def test_an_antenna_on_the_surface_is_refused(at_m: list[float]) -> None:
+def test_an_antenna_on_the_surface_is_refused(at_m):
     with pytest.raises(ModelError, match=r"antennas at least 0[.]75 mm"):
         points_of(plate(0.01, 0.2), clradar.AntennaArray([[0, 0, 0]], [at_m]))
 
 
-def test_a_material_keeps_its_roughness_whatever_else_is_in_the_scene() -> None:
+def test_a_material_keeps_its_roughness_whatever_else_is_in_the_scene():
     own = ball(1, 0.006).with_material(ROUGH)
     aside = trimesh.transformations.translation_matrix([0.03, 0.03, 0.03])
     other = ball(1, 0.002).transformed(aside).with_material("palm")

@@ -1,7 +1,5 @@
 """Where the tracer puts its samples: how many per face, uniform on each, inside all of them."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The settings record of a simulation: what it refuses, and how functions take it."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import fields, replace
 

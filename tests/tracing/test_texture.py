@@ -1,7 +1,5 @@
 """Roughness that moves with the body."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +24,7 @@ def off_db(got: np.ndarray, want: np.ndarray) -> float:
     return float(20 * np.log10(np.linalg.norm(got - want) / np.linalg.norm(want)))
 
 
-def test_bumps_move_with_the_body() -> None:
+def test_bumps_move_with_the_body():
     """A body and antennas that move together record the same; with other bumps another thing."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.012)
     ball.apply_translation([0.01, -0.005, 0.25])

@@ -1,12 +1,11 @@
 """The tracer against the float64 reference path by path, and invariants of any scene."""
 
-from __future__ import annotations
-
 import importlib
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from nightly import nightly
 from shapes import bowl, box, dihedral, plate, random_soup, sphere
 
 import clradar
@@ -114,7 +113,7 @@ def check_against_reference(
 
 
 @pytest.mark.filterwarnings("ignore:the scene lies behind the aperture")
-def test_receivers_that_fill_up_a_group_receive_nothing(device) -> None:
+def test_receivers_that_fill_up_a_group_receive_nothing(device):
     """A mirror sends rays past all receivers to the place that the padding had, 1.7 km away."""
     array = AntennaArray(np.eye(3)[:2] * 1e-3, np.eye(3) * 1e-3)
     across = np.array([[1.0, -1, 0], [-1, -1, 2], [-1, 2, -1]])
@@ -144,7 +143,7 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("max_bounces", [1, 2, 3])
+@pytest.mark.parametrize("max_bounces", [1, 3, *nightly([2])])
 @pytest.mark.parametrize("name", SCENES)
 def test_paths_are_those_of_the_reference(name, max_bounces, device):
     got = check_against_reference(
@@ -171,7 +170,7 @@ def test_normal_modes_and_alpha(name, alpha, arguments, device):
     check_against_reference(scene, device, samples_per_mm2=0.03, max_bounces=2, **arguments)
 
 
-@pytest.mark.parametrize("exponent", [0.0, 1.0, 2.5])
+@pytest.mark.parametrize("exponent", [2.5, *nightly([0.0, 1.0])])
 def test_spreading_and_antenna_patterns(exponent, device):
     check_against_reference(
         SCENES["bowl"],
@@ -209,7 +208,9 @@ def test_seeds_of_64_bits(seed, device):
     check_against_reference(SCENES["bowl"], device, samples_per_mm2=0.02, max_bounces=2, seed=seed)
 
 
-@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (1, 23), (7, 8), (8, 7), (8, 8), (17, 9)])
+@pytest.mark.parametrize(
+    ("n_tx", "n_rx"), [(1, 1), (8, 7), (17, 9), *nightly([(1, 23), (7, 8), (8, 8)])]
+)
 def test_array_sizes_around_the_group(n_tx, n_rx, device):
     density = 0.02 if n_tx * n_rx > 20 else 0.2
     check_against_reference(
@@ -225,9 +226,6 @@ def test_degenerate_faces_change_nothing(device):
     more = Scene(vertices, np.concatenate([faces, point, faces[:5][:, [0, 1, 1]]]), 0.4)
     arguments = {"samples_per_mm2": 0.1, "max_bounces": 3, "device": device}
     assert same_bits(tracing(plain, ARRAY, **arguments), tracing(more, ARRAY, **arguments))
-
-
-# --- two-sided surfaces
 
 
 # --- order, repetition, tiles, memory
@@ -264,7 +262,7 @@ def test_a_full_reception_buffer_grows_and_changes_no_bit(capacity, device, monk
     assert grown[-1] > capacity
 
 
-def test_what_is_counted_in_32_bits_stays_below_them(device) -> None:
+def test_what_is_counted_in_32_bits_stays_below_them(device):
     """Pairs of an array; rays times pairs of a tile; receptions of a tile."""
     settings = resolve_settings(samples_per_mm2=1.0, rays_per_sample=2**16, max_bounces=2)
     many = clradar.arrays.qar50()

@@ -1,7 +1,5 @@
 """Simulations that are probably not as intended say so, with what to change, and no others."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from typing import Any
@@ -59,7 +57,7 @@ def starved(device: clradar.Device) -> tuple[np.ndarray, str]:
     return data, str(caught[0].message)
 
 
-def test_a_starved_simulation_says_how_much_of_it_is_zero(starved: tuple[np.ndarray, str]) -> None:
+def test_a_starved_simulation_says_how_much_of_it_is_zero(starved):
     data, text = starved
     zeros = float(np.mean(data == 0))
     assert 0.7 < zeros < 0.97
@@ -75,27 +73,21 @@ def advised(text: str) -> list[dict[str, float]]:
     return [{field: float(value) for field, value in one.items()} for one in found if one]
 
 
-def test_a_larger_radius_or_the_expected_estimator_ends_it(
-    starved: tuple[np.ndarray, str], device: clradar.Device
-) -> None:
+def test_a_larger_radius_or_the_expected_estimator_ends_it(starved, device):
     denser, larger = advised(starved[1])
     assert larger["samples_per_mm2"] < 0.1 * denser["samples_per_mm2"]
     for changed in (larger, {"estimator": "expected"}):
         assert np.mean(simulated(FAR, device, **{**SPARSE, **changed}) == 0) < 0.1
 
 
-def test_few_samples_of_a_mirror_are_few_however_many_rays_they_have(
-    device: clradar.Device,
-) -> None:
+def test_few_samples_of_a_mirror_are_few_however_many_rays_they_have(device):
     with pytest.warns(ClradarWarning, match="received no ray") as caught:
         simulated(ball(0.02, 0.3, 0.0), device, samples_per_mm2=0.5, rays_per_sample=64)
     assert "expected" not in str(caught[0].message)  # there is nothing random in its directions
 
 
 @pytest.mark.parametrize("estimator", ["stochastic", "expected"])
-def test_receivers_that_a_small_mirror_does_not_reach_are_no_shortage(
-    estimator: str, device: clradar.Device
-) -> None:
+def test_receivers_that_a_small_mirror_does_not_reach_are_no_shortage(estimator, device):
     mesh = trimesh.creation.box(extents=(0.02, 0.02, 0.001)).apply_translation([0, 0, 0.3])
     data = simulated(Scene.from_mesh(mesh, alpha=0.0), device, estimator=estimator)
     assert np.mean(data == 0) > 0.5
@@ -104,9 +96,7 @@ def test_receivers_that_a_small_mirror_does_not_reach_are_no_shortage(
 @pytest.mark.parametrize(
     ("empty", "each", "warned"), [(9, 2, False), (11, 2, True), (11, 19, True), (11, 21, False)]
 )
-def test_a_tenth_of_the_pairs_may_be_empty_or_the_others_have_twenty_paths(
-    empty: int, each: int, warned: bool
-) -> None:
+def test_a_tenth_of_the_pairs_may_be_empty_or_the_others_have_twenty_paths(empty, each, warned):
     paths = np.full(100, each)
     paths[:empty] = 0
     settings = resolve_settings(estimator="stochastic", rays_per_sample=1)
@@ -116,7 +106,7 @@ def test_a_tenth_of_the_pairs_may_be_empty_or_the_others_have_twenty_paths(
     assert len(found) == warned
 
 
-def test_more_rays_per_face_are_advised_unless_more_samples_do_not_help() -> None:
+def test_more_rays_per_face_are_advised_unless_more_samples_do_not_help():
     settings = resolve_settings(estimator="stochastic", rays_per_face=1)
     found: list[str] = []
     with handled_warnings(found.append):
@@ -126,32 +116,30 @@ def test_more_rays_per_face_are_advised_unless_more_samples_do_not_help() -> Non
     assert [list(one) for one in advised(text)] == [["rays_per_face"]]
 
 
-def test_vertices_without_a_face_are_nowhere(device: clradar.Device) -> None:
+def test_vertices_without_a_face_are_nowhere(device):
     scene = ball(0.02, 0.3, 1.0)
     with_stray = np.concatenate([scene.vertices_m, [[1e308, 0, -1e308]]])
     clradar.trace(Scene(with_stray, scene.faces, 1.0), ARRAY, samples_per_mm2=1, device=device)
 
 
-def test_a_capture_without_any_path_says_so(device: clradar.Device) -> None:
+def test_a_capture_without_any_path_says_so(device):
     with pytest.warns(ClradarWarning, match="no ray reached a receiver"):
         data = simulated(ball(0.02, 0.3, 0.5), device, samples_per_mm2=1e-308)
     assert not data.any()
 
 
 @pytest.mark.parametrize(("away_m", "word"), [(-0.3, "lies"), (0.0, "reaches")])
-def test_a_scene_behind_the_antennas_is_warned_of(
-    away_m: float, word: str, device: clradar.Device
-) -> None:
+def test_a_scene_behind_the_antennas_is_warned_of(away_m, word, device):
     scene = ball(0.02, away_m, 1.0)
     for function in (clradar.trace, clradar.simulate):
         arguments = (scene, ARRAY) if function is clradar.trace else (scene, ARRAY, WAVEFORM)
         with pytest.warns(ClradarWarning, match=f"the scene {word} behind the aperture"):
-            function(*arguments, samples_per_mm2=5, device=device)  # type: ignore[operator]
+            function(*arguments, samples_per_mm2=5, device=device)
     with pytest.warns(ClradarWarning, match=f"the scene {word} behind the aperture"):
         simulate_alphas(scene, ARRAY, WAVEFORM, [1.0], device=device)
 
 
-def test_antennas_around_a_scene_have_no_side_behind_them(device: clradar.Device) -> None:
+def test_antennas_around_a_scene_have_no_side_behind_them(device):
     around = AntennaArray([[0, 0, -0.3], [0, 0, 0.3]], [[0, 0.01, -0.3], [0, 0.01, 0.3]])
     clradar.trace(ball(0.02, 0.0, 1.0), around, samples_per_mm2=1, device=device)
 
@@ -164,9 +152,7 @@ def test_antennas_around_a_scene_have_no_side_behind_them(device: clradar.Device
         (1e300, 0.3, "a size of at most 20 m"),
     ],
 )
-def test_a_scene_in_millimetres_is_refused(
-    scale: float, away_m: float, text: str, device: clradar.Device
-) -> None:
+def test_a_scene_in_millimetres_is_refused(scale, away_m, text, device):
     mesh = trimesh.creation.icosphere(subdivisions=1, radius=0.02)
     scene = Scene(mesh.vertices * scale + [0, 0, away_m], mesh.faces)
     with pytest.raises(ModelError, match=text):
@@ -190,9 +176,7 @@ def test_a_scene_in_millimetres_is_refused(
         (4.5, 7.0, None),
     ],
 )
-def test_a_scene_in_another_unit_is_warned_of_with_what_it_would_be(
-    size_m: float, away_m: float, text: str | None
-) -> None:
+def test_a_scene_in_another_unit_is_warned_of_with_what_it_would_be(size_m, away_m, text):
     doubt = doubtful(
         ball(size_m / 2, away_m, 1.0)
         if size_m > 1e-3
@@ -206,9 +190,7 @@ def test_a_scene_in_another_unit_is_warned_of_with_what_it_would_be(
 @pytest.mark.parametrize(
     ("open_deg", "warned"), [(90.0, True), (180.0, False), (120.0, False)], ids=str
 )
-def test_corners_are_warned_of_by_the_estimator_of_one_reflection(
-    open_deg: float, warned: bool, device: clradar.Device
-) -> None:
+def test_corners_are_warned_of_by_the_estimator_of_one_reflection(open_deg, warned, device):
     """Two squares of 30 mm at an angle: two reflections lead back from a right one alone."""
     half = np.radians(open_deg / 2)
     x, z = 0.03 * np.sin(half), 0.03 * np.cos(half)

@@ -1,7 +1,5 @@
 """Write docs/validation.md, validation.csv and their figures: `make validation`."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable

@@ -9,8 +9,6 @@ References
    Wiley 1983, section 8.1.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import hankel1e, hankel2e
 

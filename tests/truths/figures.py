@@ -1,7 +1,5 @@
 """Figures of docs/validation.md."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

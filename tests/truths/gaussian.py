@@ -10,8 +10,6 @@ References
 .. [3] J. W. Goodman, Speckle Phenomena in Optics, Roberts 2007, chapters 2 and 3.
 """
 
-from __future__ import annotations
-
 from math import lgamma
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reciprocity, energy, independence of the density."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import clradar

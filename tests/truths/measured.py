@@ -1,7 +1,5 @@
 """What clradar gives for the scenes of `checks`: S-parameters as echoes u, 1/m."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

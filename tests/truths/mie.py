@@ -10,8 +10,6 @@ References
    chapter 10.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import spherical_jn, spherical_yn
 

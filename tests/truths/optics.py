@@ -9,8 +9,6 @@ References
 .. [3] C. A. Balanis, Antenna Theory, 4th ed., Wiley 2016, chapter 6.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import fresnel
 

@@ -1,7 +1,5 @@
 """The page docs/validation.md: the text of ``page.md`` with the measured numbers."""
 
-from __future__ import annotations
-
 import csv
 import io
 from pathlib import Path

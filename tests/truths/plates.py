@@ -1,7 +1,5 @@
 """Plates against closed forms near and far, and corners by the bouncing tracer."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import clradar

@@ -1,7 +1,5 @@
 """One comparison of a truth with what clradar gives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 MINUS = "\N{MINUS SIGN}"

@@ -1,7 +1,5 @@
 """Rough plates: mean field, incoherent power, speckle contrast."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Spheres against the closed form of physical optics and against Mie's series."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The image of a point against the array factor."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import clradar

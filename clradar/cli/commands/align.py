@@ -2,69 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import clradar as cl
+from clradar.cli import options as opt
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.options.common import DEVICE, FORCE, MEASURED, SearchOptions, UnitOptions
-from clradar.cli.options.groups import REQUIRED, argument, given, option, output_option, wrong_usage
-from clradar.cli.options.measured import (
-    FrameOptions,
-    GridOptions,
-    ImagingOptions,
-    RadarOptions,
-    grid_text,
-)
-from clradar.cli.outputs import check_outputs, provenance
+from clradar.cli.outputs import provenance
 from clradar.files.json_file import write_json
 from clradar.jobs import open_devices
 from clradar.model import checks
 
 
-@dataclass(frozen=True, kw_only=True)
-class AlignedOptions(UnitOptions, SearchOptions):
-    """The image or the mesh to align with the measurement, and the search for its pose."""
-
-    simulated: Path | None = argument("Volume or capture; not with --mesh.", metavar="[SIMULATED]")
-    mesh: Path | None = option("Align this mesh instead of an image.", metavar="MESH")
-    quick: bool = option(
+def command(
+    *,
+    measured: Path = opt.MEASURED,
+    output: Path = opt.output_option("JSON file for transform and report.", opt.REQUIRED),
+    simulated: Path | None = opt.argument(
+        "Volume or capture; not with --mesh.", metavar="[SIMULATED]", without="--mesh"
+    ),
+    mesh: Path | None = opt.option("Align this mesh instead of an image.", metavar="MESH"),
+    unit: opt.UnitOptions,
+    search: opt.SearchOptions,
+    quick: bool = opt.option(
         "Without the simulations that correct the bias of a mesh: up to some millimetres "
         "off where it is specular.",
         False,
         needs="--mesh",
-    )
-    dynamic_range_db: float | None = option(
-        "Depth points are this far below the maximum at most. [default: 15; mesh: 20]"
-    )
-
-    def path(self) -> Path:
-        """The file of the image or of the mesh."""
-        path = self.mesh if self.simulated is None else self.simulated
-        if path is None or (self.simulated is not None and self.mesh is not None):
-            raise wrong_usage("SIMULATED, --mesh", "expected one of the two")
-        return path
-
-    def settings(self) -> dict[str, Any]:
-        """Settings of both `calibration.align` and `calibration.align_mesh`."""
-        cut = {} if self.dynamic_range_db is None else {"dynamic_range_db": self.dynamic_range_db}
-        known = {"search_deg": self.search_deg, **cut}
-        return {n: checks.positive("--" + n.replace("_", "-"), v) for n, v in known.items()}
-
-
-def command(
-    *,
-    measured: Path = MEASURED,
-    output: Path = output_option("JSON file for transform and report.", REQUIRED),
-    aligned: AlignedOptions,
-    voxels: GridOptions,
-    imaging: ImagingOptions,
-    frames: FrameOptions,
-    radar: RadarOptions,
-    device: str | None = DEVICE,
-    force: bool = FORCE,
+    ),
+    dynamic_range_db: float | None = opt.option(
+        "Depth points are this far below the maximum at most. [default: 15; mesh: 20]",
+        check=checks.positive,
+    ),
+    voxels: opt.GridOptions,
+    imaging: opt.ImagingOptions,
+    frames: opt.FrameOptions,
+    radar: opt.RadarOptions,
+    device: str | None = opt.DEVICE,
+    force: bool = opt.FORCE,
 ) -> None:
     """The 4 x 4 matrix in the JSON file, "transform", moves the simulated object, or the mesh, onto
     the measured one, as `clradar simulate --transform` does. Captures are imaged first. --frame and
@@ -72,12 +48,16 @@ def command(
     """
     from calibration import align, align_mesh
 
-    path, settings = aligned.path(), aligned.settings()
-    if given(radar) and aligned.mesh is None:
-        raise wrong_usage(", ".join(given(radar)), "expected --mesh with it, which is simulated")
-    check_outputs([output], force=force, inputs=[measured, path, *radar.files])
-    voxels.grid()  # wrong usage is reported before a file is read
-    scene = None if aligned.mesh is None else cl.Scene.from_mesh(path, unit=aligned.unit)
+    path = mesh or simulated
+    if path is None:
+        raise opt.wrong_usage("SIMULATED, --mesh", "expected one of the two")
+    if opt.given(radar) and mesh is None:
+        names = ", ".join(opt.given(radar))
+        raise opt.wrong_usage(names, "expected --mesh with it, which is simulated")
+    settings: dict[str, Any] = {"search_deg": search.search_deg}
+    if dynamic_range_db is not None:
+        settings["dynamic_range_db"] = dynamic_range_db
+    scene = None if mesh is None else cl.Scene.from_mesh(mesh, unit=unit.unit)
     opened = open_devices(device).first
     images = [ImageInput.open(measured, frames)]
     instrument = {} if scene is None else images[0].radar_or(radar)
@@ -89,12 +69,12 @@ def command(
         if scene is None:
             result = align(*volumes, progress=progress, **settings)
         else:
-            more = {"correct_bias": not aligned.quick, "device": opened, **settings, **instrument}
-            result = align_mesh(volumes[0], scene, progress=progress, **more)
-    origin = provenance(
-        "align", [*images[0].files, path, *radar.files], aligned, imaging, frames, radar,
-        measured=measured, grid=grid_text(volumes[0].grid),
-    )  # fmt: skip
+            result = align_mesh(
+                volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
+                **settings, **instrument,
+            )  # fmt: skip
+    files = [*images[0].files, path, *radar.files]
+    origin = provenance(files, grid=opt.grid_text(volumes[0].grid))
     write_json(output, {**result.to_dict(), **origin}, force=force)
     print_text(result.report())
     print_line(f"{output}: the transform, its covariance and this report")

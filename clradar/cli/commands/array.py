@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import clradar as cl
+from clradar.cli import options as opt
+from clradar.cli import parse
 from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
-from clradar.cli.options.common import FORCE, JSON
-from clradar.cli.options.groups import argument, option, output_option
-from clradar.cli.options.measured import ARRAY_HELP, BandOptions, RadarOptions
-from clradar.cli.outputs import check_figure, check_outputs
-from clradar.cli.parse import check_unit, position_m
 
 if TYPE_CHECKING:
     from clradar.arrays import ArrayFigures
@@ -23,15 +20,31 @@ if TYPE_CHECKING:
 COLUMNS = ("azimuth deg", "elevation deg", "dB", "")
 
 
+@dataclass(frozen=True, kw_only=True)
+class ArrayOptions(opt.RadarOptions):
+    """The antennas, and the frequencies."""
+
+    array: str = opt.argument(opt.ARRAY_HELP, "qar50", metavar="ARRAY")
+
+
+def _focus_mm(option: str, text: str) -> tuple[float, ...]:
+    place_mm = parse.position_mm(option, text)
+    parse.check_unit(option, "a coordinate", max(map(abs, place_mm)), (0.0, 100.0), "mm")
+    return place_mm
+
+
 def command(
-    array: str = argument(ARRAY_HELP, "qar50", metavar="ARRAY"),
+    radar: ArrayOptions,
     *,
-    output: Path | None = output_option("Figure: .png, .pdf or .svg.", None, "--figure"),
-    at_mm: str = option("Point that the array is focused on.", "0,0,300", metavar="X,Y,Z"),
-    band: BandOptions,
-    within_deg: float | None = option("Lobes up to this angle. [default: 90, or less]"),
-    as_json: bool = JSON,
-    force: bool = FORCE,
+    output: Path | None = opt.output_option(
+        "Figure: .png, .pdf or .svg.", None, "--figure", check=parse.figure
+    ),
+    at_mm: tuple[float, ...] = opt.option(
+        "Point that the array is focused on.", "0,0,300", metavar="X,Y,Z", parse=_focus_mm
+    ),
+    within_deg: float | None = opt.option("Lobes up to this angle. [default: 90, or less]"),
+    as_json: bool = opt.JSON,
+    force: bool = opt.FORCE,
 ) -> None:
     """Widths are those of the response at -3 dB, without a window. A lobe is another direction
     whose echoes appear at the focus, too. Clusters are taken together. See docs/arrays.md.
@@ -39,15 +52,10 @@ def command(
     from clradar.arrays import array_figures
     from clradar.files.json_text import indented
 
-    check_figure(output)
-    radar = RadarOptions(array=array, band=band.band)
-    check_outputs([output], force=force, inputs=radar.files)
-    focus_m, clusters, waveform = position_m("--at-mm", at_mm), radar.clusters(), radar.waveform()
-    farthest_mm = 1e3 * max(map(abs, focus_m))
-    check_unit("--at-mm", "a coordinate", farthest_mm, (0.0, 100.0), "mm")
+    clusters, waveform = radar.clusters(), radar.waveform()
     name = clusters[0].name.partition(", cluster ")[0]
     with progress_bar("searching lobes"):
-        found = array_figures(clusters, waveform, focus_m, within_deg=within_deg)
+        found = array_figures(clusters, waveform, parse.metres(at_mm), within_deg=within_deg)
     if as_json:
         print_text(indented({"array": name, "clusters": len(clusters), **record_of(found)}))
     else:
@@ -55,8 +63,9 @@ def command(
     if output is not None:
         from clradar.plot import array_figure, save_figure
 
-        first_ghz, last_ghz = waveform.frequencies_hz[[0, -1]] / 1e9
-        title = f"{name}, {first_ghz:g} to {last_ghz:g} GHz, focused on {at_mm} mm"
+        first_ghz, last_ghz, _ = radar.band
+        at = ",".join(f"{v:g}" for v in at_mm)
+        title = f"{name}, {first_ghz:g} to {last_ghz:g} GHz, focused on {at} mm"
         with progress_bar("drawing"):
             save_figure(array_figure(clusters, waveform, found, title), output, force=force)
         if not as_json:

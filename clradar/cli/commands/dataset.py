@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from clradar.cli import options as opt
 from clradar.cli.console import counted, print_line, print_text, print_warning, progress_bar
-from clradar.cli.options.common import DEVICE, WorkerOptions
-from clradar.cli.options.groups import argument, option, output_option, wrong_usage
 from clradar.cli.outputs import check_outputs, check_place_of_folder
 from clradar.errors import ClradarError
 from clradar.jobs import open_devices
@@ -15,26 +14,30 @@ from clradar.jobs import open_devices
 
 def command(
     *,
-    plan: Path | None = argument(
+    plan: Path | None = opt.argument(
         "The plan of the data set, see docs/datasets.md.", metavar="PLAN.toml"
     ),
-    output: Path | None = output_option("Folder of the data set; with --replay a file to write."),
-    schema: bool = option("Print the JSON schema of plans, for editors, and end.", False),
-    dry_run: bool = option("Make one sample, estimate time and space of all, write none.", False),
-    replay: tuple[Path, int] | None = option(
+    output: Path | None = opt.output_option(
+        "Folder of the data set; with --replay a file to write.", folder=True
+    ),
+    schema: bool = opt.option("Print the JSON schema of plans, for editors, and end.", False),
+    dry_run: bool = opt.option(
+        "Make one sample, estimate time and space of all, write none.", False
+    ),
+    replay: tuple[Path, int] | None = opt.option(
         "Make sample N of a data set again and compare it with the stored one, bit by bit.",
         metavar="DIR N",
         without="PLAN.toml --dry-run",
     ),
-    rigs: Path | None = option(
+    rigs: Path | None = opt.option(
         "Folder of the plan's rig files. [default: the current folder, then the data set's]",
         metavar="FOLDER",
         needs="--replay",
     ),
-    processes: WorkerOptions,
-    retry: bool = option("Try the samples again that were set aside.", False),
-    device: str | None = DEVICE,
-    force: bool = option(
+    processes: opt.WorkerOptions,
+    retry: bool = opt.option("Try the samples again that were set aside.", False),
+    device: str | None = opt.DEVICE,
+    force: bool = opt.option(
         "Remove the data set that is in the folder, of this plan or another, and begin anew; with "
         "--replay replace the file.",
         False,
@@ -57,7 +60,7 @@ def command(
         replay_sample(*replay, open_devices(device).infos[0].selector, output, force, rigs)
         return
     if plan is None:
-        raise wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
+        raise opt.wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
     wanted = read_plan(plan)
     if dry_run:
         with progress_bar("making two samples"):
@@ -65,7 +68,7 @@ def command(
         print_text("\n".join(lines))
         return
     if output is None:
-        raise wrong_usage("-o", "expected the folder of the data set, or --dry-run")
+        raise opt.wrong_usage("-o", "expected the folder of the data set, or --dry-run")
     check_place_of_folder(output)
     where = processes.where(device)
     with progress_bar("samples") as progress:

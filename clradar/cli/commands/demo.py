@@ -9,11 +9,9 @@ from time import perf_counter
 from typing import Any
 
 import clradar as cl
+from clradar.cli import options as opt
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.options.common import DEVICE
-from clradar.cli.options.groups import option, output_option
-from clradar.cli.options.measured import RadarOptions, grid_text
 from clradar.cli.outputs import check_folder, made_folder, provenance, save, save_mesh, turned
 from clradar.files.json_file import write_json
 from clradar.jobs import open_devices
@@ -27,11 +25,13 @@ PHYSICAL, SNR_DB = "physical", 20.0
 
 def command(
     *,
-    output: Path = output_option("Folder to make, or an empty one.", Path("demo"), metavar="DIR"),
-    full: bool = option("The paper's volume: 201 x 201 x 81 voxels of 1 mm.", False),
-    radar: RadarOptions,
-    device: str | None = DEVICE,
-    force: bool = option("Write into a folder that holds files already.", False),
+    output: Path = opt.output_option(
+        "Folder to make, or an empty one.", Path("demo"), metavar="DIR", folder=True
+    ),
+    full: bool = opt.option("The paper's volume: 201 x 201 x 81 voxels of 1 mm.", False),
+    radar: opt.RadarOptions,
+    device: str | None = opt.DEVICE,
+    force: bool = opt.option("Write into a folder that holds files already.", False),
 ) -> None:
     """Simulates the letter F at alpha 0, 0.5 and 1, and by the physical estimator with the
     materials palm and skin, forms the images, and compares them with a synthetic measurement: the
@@ -46,13 +46,13 @@ def command(
     voxel_m = 1e-3 if full else 2e-3
     grid = cl.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), voxel_m)
     print_line(f"device: {opened.info.label}")
-    print_line(f"grid: {grid_text(grid)}; --full has 1 mm")
+    print_line(f"grid: {opt.grid_text(grid)}; --full has 1 mm")
     with made_folder(output):
         run_demo(output, radar, grid, opened)
 
 
 def run_demo(
-    folder: Path, radar: RadarOptions, grid: cl.VoxelGrid, device: cl.Device, **rays: Any
+    folder: Path, radar: opt.RadarOptions, grid: cl.VoxelGrid, device: cl.Device, **rays: Any
 ) -> None:
     """Write the files of the demonstration over those of an earlier one; `rays` over alpha."""
     from clradar.hand import hand_mesh
@@ -64,7 +64,7 @@ def run_demo(
     save_mesh(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
-    origin = provenance("demo", [mesh], radar, rays=rays, grid=grid_text(grid))
+    origin = provenance([mesh], rays=rays, grid=opt.grid_text(grid))
     simulated: dict[str, Any] = {
         f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)
     }

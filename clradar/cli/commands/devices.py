@@ -9,6 +9,8 @@ from clradar.cli.console import print_line, print_table
 if TYPE_CHECKING:
     from clradar.opencl import DeviceInfo
 
+COLUMNS = ("", "selector", "name", "platform", "kind", "memory", "units", "works", "good for")
+
 
 def command() -> None:
     """The one that a command would use is marked with an asterisk. Choose another with --device
@@ -28,28 +30,22 @@ def command() -> None:
     faults = {info.selector: fault(info.selector) for info in devices}
     rows = [
         (
-            "*" if info == chosen else "",
-            info.selector,
-            info.name,
-            info.platform,
-            info.kind,
-            f"{info.memory_bytes / 2**30:.1f} GiB",
-            str(info.compute_units),
-            "no" if faults[info.selector] else "yes",
-            good_for(info),
+            "*" if info == chosen else "", info.selector, info.name, info.platform, info.kind,
+            f"{info.memory_bytes / 2**30:.1f} GiB", str(info.compute_units),
+            "no" if faults[info.selector] else "yes", good_for(info),
         )
         for info in devices
-    ]
-    columns = ("", "selector", "name", "platform", "kind", "memory", "units", "works", "good for")
-    print_table(columns, rows, right=("memory", "units"))
+    ]  # fmt: skip
+    print_table(COLUMNS, rows, right=("memory", "units"))
     for info in devices:
-        if faults[info.selector]:
-            print_line(f"{info.selector} {info.label}: {faults[info.selector]}")
-        elif info.target:
-            print_line(
-                f"{info.selector} {info.label}: this PoCL does not know the processor; it compiles "
-                f"for {info.target} (docs/install.md)"
+        text = faults[info.selector]
+        if text is None and info.target:
+            text = (
+                f"this PoCL does not know the processor; it compiles for {info.target} "
+                "(docs/install.md)"
             )
+        if text is not None:
+            print_line(f"{info.selector} {info.label}: {text}")
     if failure is not None:
         raise failure
     assert chosen is not None
@@ -63,12 +59,11 @@ def command() -> None:
 
 def good_for(info: DeviceInfo) -> str:
     """The use of a device, in a few words."""
+    platform = info.platform.lower()
     if info.is_interpreter:
         return "checking kernels"
     if info.kind == "gpu":
         return "everything; first choice"
-    if "intel" in info.platform.lower():
+    if "intel" in platform:
         return "any x86 CPU"
-    if "portable computing language" in info.platform.lower():
-        return "any CPU"
-    return "untried"
+    return "any CPU" if "portable computing language" in platform else "untried"

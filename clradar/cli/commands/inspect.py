@@ -4,44 +4,43 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import typer
 
+from clradar.cli import options as opt
+from clradar.cli import parse
 from clradar.cli.console import counted, print_error, print_line, print_text, progress_bar
-from clradar.cli.options.common import FORCE, JSON
-from clradar.cli.options.groups import REQUIRED, argument, option
-from clradar.cli.options.measured import PictureOptions
-from clradar.cli.outputs import check_figure, check_outputs
 from clradar.errors import MeasurementError
 
 
 def command(
-    file: Path = argument(
+    file: Path = opt.argument(
         "Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
         "folder that holds one, or the folder of a data set.",
-        REQUIRED,
+        opt.REQUIRED,
         metavar="FILE",
     ),
     *,
-    check: bool = option("Read and verify everything; exit status 1 if damaged.", False),
-    as_json: bool = JSON,
-    png: Path | None = option(
+    check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),
+    as_json: bool = opt.JSON,
+    png: Path | None = opt.written(
         "Also draw it: .png, .pdf or .svg. A volume's image; echoes over range and the level of "
         "every pair of a capture, or over the frames of a recording.",
-        names=("--png", "-o", "--figure"),
+        "--png",
+        "-o",
+        "--figure",
         without="--check --json",
+        check=parse.figure,
     ),
-    picture: PictureOptions,
-    force: bool = FORCE,
+    picture: opt.PictureOptions,
+    force: bool = opt.FORCE,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
+    from clradar.cli.comparison import figure_of
     from clradar.dataset.check import check_dataset, describe_dataset
     from clradar.dataset.folder import is_dataset
     from measurement_io import check_file, describe
 
-    check_figure(png)
-    check_outputs([png], force=force, inputs=[file])
     dataset = is_dataset(file)
     if dataset and png is not None:
         raise MeasurementError(
@@ -53,12 +52,10 @@ def command(
             report = (
                 check_dataset(file, progress) if dataset else check_file(file, progress=progress)
             )
-        record: dict[str, Any] = {
-            "path": report.path,
-            "ok": report.ok,
-            "checked": list(report.checked),
+        record = {
+            "path": report.path, "ok": report.ok, "checked": list(report.checked),
             "problems": list(report.problems),
-        }
+        }  # fmt: skip
         print_text(json.dumps(record, indent=2) if as_json else str(report))
         if not report.ok:
             print_error(f"{file}: {counted(len(report.problems), 'problem')} found")
@@ -72,13 +69,11 @@ def command(
         raise MeasurementError(
             f"{error}; nor is it a data set, which has manifest.json and shards"
         ) from error
-    text = json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found)
-    print_text(text)
+    print_text(json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found))
     if png is not None:
-        from clradar.cli.comparison import figure_of
         from clradar.plot import save_figure
 
-        figure = figure_of(file, view=picture.view, plane=picture.plane)
+        figure = figure_of(file, view=picture.view, plane=picture.slice)
         if figure is not None:
             save_figure(figure, png, force=force)
             print_line(f"{png}: the picture")

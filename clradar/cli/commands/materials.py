@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 import clradar as cl
+from clradar.cli import options as opt
+from clradar.cli import parse
 from clradar.cli.console import print_line, print_table, print_text
-from clradar.cli.options.common import JSON
-from clradar.cli.options.groups import argument, option, wrong_usage
-from clradar.cli.parse import check_unit, numbers
-from clradar.constants import PLAUSIBLE_HZ
 
+COLUMNS = ("name", "permittivity", "coat mm", "power dB", "phase", "h mm", "l mm", "h_micro mm")
 ROUGHNESS = ("roughness_rms", "correlation_length", "micro_roughness_rms")
 
 FREQUENCIES = 101
@@ -22,11 +21,13 @@ FREQUENCIES = 101
 
 
 def command(
-    files: list[Path] = argument(
+    files: list[Path] = opt.argument(
         "Materials of your own, in place of those that come along.", (), metavar="FILE.toml"
     ),
-    band_ghz: str = option("Band of the reflectance.", "72:82", metavar="FIRST:LAST"),
-    as_json: bool = JSON,
+    band_ghz: tuple[float, float] = opt.option(
+        "Band of the reflectance.", "72:82", metavar="FIRST:LAST", parse=parse.ends_ghz
+    ),
+    as_json: bool = opt.JSON,
 ) -> None:
     """Permittivity and phase are at the middle of the band; the reflected power, least and most
     over the band, is relative to metal, and so is the phase. h is the RMS height and l the
@@ -37,31 +38,20 @@ def command(
     from clradar.model.known_materials import KNOWN
     from clradar.model.material_file import read_materials
 
-    first_hz, last_hz = _band(band_ghz)
-    frequencies_hz = np.linspace(first_hz, last_hz, FREQUENCIES)
+    first_ghz, last_ghz = band_ghz
+    frequencies_hz = np.linspace(1e9 * first_ghz, 1e9 * last_ghz, FREQUENCIES)
     found = [own for file in files for own in read_materials(file).values()]
     records = [_figures(own, frequencies_hz) for own in found or KNOWN.values()]
     if as_json:
         print_text(indented(records))
         return
-    columns = ("name", "permittivity", "coat mm", "power dB", "phase", "h mm", "l mm",
-               "h_micro mm")  # fmt: skip
     rows = [_row(record) for record in records]
-    shown = len(columns) if any(row[-1] for row in rows) else len(columns) - 1
-    print_table(columns[:shown], [row[:shown] for row in rows], right=columns[2:])
-    print_line(f"at normal incidence, {band_ghz} GHz, phase in degrees; sources:")
+    shown = len(COLUMNS) if any(row[-1] for row in rows) else len(COLUMNS) - 1
+    print_table(COLUMNS[:shown], [row[:shown] for row in rows], right=COLUMNS[2:])
+    band = f"{first_ghz:g}:{last_ghz:g} GHz"
+    print_line(f"at normal incidence, {band}, phase in degrees; sources:")
     for own in (record["material"] for record in records):
         print_line(f"{own['name']}: {own.get('source', 'not stated')}")
-
-
-def _band(text: str) -> tuple[float, float]:
-    """The ends of the band in hertz."""
-    ends = numbers(text, ":")
-    if len(ends) != 2 or ends[1] < ends[0]:
-        raise wrong_usage("--band-ghz", f"expected FIRST:LAST with FIRST <= LAST, got '{text}'")
-    for end in ends:
-        check_unit("--band-ghz", "a frequency", end, PLAUSIBLE_HZ, "GHz")
-    return 1e9 * ends[0], 1e9 * ends[1]
 
 
 def _figures(material: cl.Material, frequencies_hz: np.ndarray) -> dict[str, Any]:
@@ -88,10 +78,7 @@ def _row(record: dict[str, Any]) -> tuple[str, ...]:
     lengths_m = (coating_m, *(own.get(f"{name}_m") for name in ROUGHNESS))
     coating, *roughness = ("" if m is None else f"{1e3 * m:g}" for m in lengths_m)
     return (
-        own["name"],
-        "conductor" if eps is None else f"{eps[0]:.2f} - {abs(eps[1]):.3g}j",
-        coating,
-        low if low == high else f"{low} .. {high}",
-        f"{round(record['phase_deg'], 1) + 0.0:.1f}",
+        own["name"], "conductor" if eps is None else f"{eps[0]:.2f} - {abs(eps[1]):.3g}j", coating,
+        low if low == high else f"{low} .. {high}", f"{round(record['phase_deg'], 1) + 0.0:.1f}",
         *roughness,
-    )
+    )  # fmt: skip

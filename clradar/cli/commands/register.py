@@ -2,58 +2,110 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import clradar as cl
-from clradar.cli.console import print_line, print_text
-from clradar.cli.fits import FILES, RegistrationOptions, registered, write_registration
-from clradar.cli.inputs import measurement
-from clradar.cli.options.common import DEVICE, FORCE, MEASURED
-from clradar.cli.options.groups import REQUIRED, argument, output_option
-from clradar.cli.options.measured import (
-    FrameOptions,
-    GridOptions,
-    ImagingOptions,
-    RadarOptions,
-    grid_text,
-)
-from clradar.cli.options.scene import MaterialOptions
+from clradar.cli import comparison, parse
+from clradar.cli import options as opt
+from clradar.cli.console import print_line, print_text, progress_bar
+from clradar.cli.inputs import Measurement, measurement
 from clradar.cli.outputs import check_folder, provenance, whole_folder
+from clradar.files.json_file import write_json
 from clradar.jobs import open_devices
+
+if TYPE_CHECKING:
+    from calibration import Registration, Round
+
+TRANSFORM = "transform.json"
+FILES = (TRANSFORM, *comparison.SIMULATION_FILES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegistrationOptions(opt.UnitOptions, opt.SamplingOptions, opt.SearchOptions):
+    """Search and simulations of a registration."""
+
+    estimator: opt.Estimator | None = opt.option(
+        f"{opt.ESTIMATORS} [default: stochastic, or physical with --material]"
+    )
+    alpha: float | str = opt.alpha_or_fit()
+    seed: int = opt.option("Of the first round; counts up from there.", 0, metavar="N")
+    max_rounds: int = opt.option(
+        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10, metavar="N"
+    )
 
 
 def command(
     *,
-    measured: Path = MEASURED,
-    mesh: Path = argument("Mesh file, placed anywhere.", REQUIRED, metavar="MESH"),
-    output: Path = output_option("New folder.", REQUIRED, metavar="DIR"),
+    measured: Path = opt.MEASURED,
+    mesh: Path = opt.argument("Mesh file, placed anywhere.", opt.REQUIRED, metavar="MESH"),
+    output: Path = opt.output_option("New folder.", opt.REQUIRED, metavar="DIR", folder=True),
     registration: RegistrationOptions,
-    made_of: MaterialOptions,
-    voxels: GridOptions,
-    frames: FrameOptions,
-    radar: RadarOptions,
-    device: str | None = DEVICE,
-    force: bool = FORCE,
+    made_of: opt.MaterialOptions,
+    voxels: opt.GridOptions,
+    frames: opt.FrameOptions,
+    radar: opt.RadarOptions,
+    device: str | None = opt.DEVICE,
+    force: bool = opt.FORCE,
 ) -> None:
     """Writes into DIR the placed mesh, the transform (for `clradar simulate --transform`), the
     simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
     first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
     """
-    registration = replace(registration, estimator=made_of.estimator(registration.estimator))
-    alpha = registration.alpha_value()
-    read = [mesh, *made_of.material_files]
+    read = [mesh, *opt.files_of(made_of)]
     check_folder(output, force=force, replaced=FILES, inputs=[measured, *read, *radar.files])
-    scene = cl.Scene.from_mesh(mesh, alpha=0.5 if alpha is None else alpha, unit=registration.unit)
-    scene = made_of.on(scene)
+    how = opt.values_of(registration)
+    alpha, unit = how.pop("alpha"), how.pop("unit")
+    how["estimator"] = made_of.estimator(registration.estimator)
+    physical, fitted = how["estimator"] == opt.PHYSICAL, alpha == parse.FIT
+    if physical and not fitted:
+        raise opt.wrong_usage("--alpha", f"--estimator {opt.PHYSICAL} knows --material, no alpha")
+    how["fit_alpha"] = fitted and not physical
+    scene = made_of.on(cl.Scene.from_mesh(mesh, alpha=0.5 if fitted else alpha, unit=unit))
     opened = open_devices(device).first
-    found = measurement(measured, frames, radar, voxels, ImagingOptions(), opened)
-    result = registered(found, scene, registration, opened)
-    origin = provenance(
-        "register", [*found.files, *read], registration, made_of, frames, radar,
-        measured=measured, mesh=mesh, grid=grid_text(found.volume.grid),
-    )  # fmt: skip
+    found = measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
+    result = registered(found, scene, device=opened, **how)
+    origin = provenance([*found.files, *read], grid=opt.grid_text(found.volume.grid))
     with whole_folder(output, force=force, replaced=FILES) as made:
         write_registration(made, found, result, origin)
     print_text(result.alignment.report())
     print_line(f"{output}: {', '.join(FILES)}")
+
+
+def registered(measured: Measurement, scene: cl.Scene, **settings: Any) -> Registration:
+    """Register the mesh, and show each round as it is done."""
+    from calibration import register
+
+    done: list[Round] = []
+
+    def show(step: Round) -> None:
+        done.append(step)
+        alpha = "" if step.alpha is None else f"alpha {step.alpha:.2f}, "
+        print_line(f"round {len(done)}: {alpha}moved by {1e3 * step.moved_m:.2f} mm")
+
+    with progress_bar("registering") as progress:
+        callback = show if progress is None else None
+        more = {"progress": progress, "callback": callback, **measured.radar}
+        return register(measured.volume, scene, **settings, **more)
+
+
+def write_registration(
+    folder: Path, measured: Measurement, result: Registration, origin: dict[str, Any]
+) -> None:
+    """Write all files of a registration into `folder`."""
+    rounds = [
+        {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
+        for r in result.rounds
+    ]
+    record = {**result.alignment.to_dict(), "rounds": rounds, **origin}
+    write_json(folder / TRANSFORM, record, force=False)
+    alpha, label = result.rounds[-1].alpha, "Simulated"
+    if alpha is not None:
+        label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
+    elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
+        label += f", {comparison.simulated_surface(result.capture.meta)}"
+    compared = comparison.Comparison.of([measured.volume, result.volume], [label])
+    metrics = {"alpha": alpha, "simulated": compared.records([Path(comparison.VOLUME)])}
+    simulated = (result.scene, result.capture, result.volume)
+    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, origin)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal
 
 import numpy as np
 
 import clradar as cl
-from clradar.cli.options.common import UnitOptions
-from clradar.cli.options.groups import argument, option, recorded, wrong_usage
-from clradar.cli.parse import alpha_of, check_unit, numbers
+from clradar.cli import parse
+from clradar.cli.groups import argument, option, values_of, wrong_usage
+from clradar.cli.options.measured import UnitOptions
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
@@ -23,9 +24,6 @@ from clradar.tracing.settings import (
     SimulationSettings,
 )
 from clradar.tracing.suited import RECEPTION_RADIUS_M
-
-if TYPE_CHECKING:
-    from clradar.motion.motion_record import Motion
 
 Estimator = Literal["stochastic", "expected", "physical"]
 
@@ -56,6 +54,11 @@ class SamplingOptions:
     )
 
 
+def _radius_mm(name: str, value: float) -> float:
+    parse.check_unit(name, "a radius", value, PLAUSIBLE_RADIUS_M, "mm")
+    return value
+
+
 @dataclass(frozen=True, kw_only=True)
 class SimulationOptions(SamplingOptions):
     """How rays are launched, reflected and received."""
@@ -65,7 +68,8 @@ class SimulationOptions(SamplingOptions):
     rays_per_face: int | None = option("Samples on every face, not a density.", metavar="N")
     reception_radius_mm: float | None = option(
         f"A ray this near to an Rx is received. [default: {1e3 * RECEPTION_RADIUS_M:g}; of random "
-        "rays what suits range and frequency]"
+        "rays what suits range and frequency]",
+        check=_radius_mm,
     )
     max_bounces: int = option("Reflections per path at most.", 1, metavar="N")
     normals: Literal["smooth", "face"] = option("Of the vertices, or the faces.", "smooth")
@@ -76,11 +80,9 @@ class SimulationOptions(SamplingOptions):
 
     def settings(self, **more: Any) -> SimulationSettings:
         """The settings of the simulation; `more` are seed and estimator."""
-        fields = recorded(self)
+        fields = values_of(self)
         radius_mm = fields.pop("reception_radius_mm")
         radius_m = None if radius_mm is None else radius_mm / 1e3
-        if radius_mm is not None:
-            check_unit("--reception-radius-mm", "a radius", radius_mm, PLAUSIBLE_RADIUS_M, "mm")
         return SimulationSettings(**fields, reception_radius_m=radius_m, **more)
 
 
@@ -94,11 +96,6 @@ class PlacementOptions(UnitOptions):
         metavar="T.json",
     )
 
-    @property
-    def files(self) -> list[Path]:
-        """The file of the transform, if there is one."""
-        return [] if self.transform is None else [self.transform]
-
     def matrix(self) -> np.ndarray | None:
         """The transform, shape (4, 4); None if there is none."""
         from measurement_io import read_transform
@@ -106,36 +103,62 @@ class PlacementOptions(UnitOptions):
         return None if self.transform is None else read_transform(self.transform)
 
 
-Read = TypeVar("Read")
+def _split(option: str, text: str) -> tuple[Path | None, str]:
+    """File and name of ``FILE.toml:NAME``; no file in front of a plain name."""
+    from clradar.model.material_file import SUFFIXES
+
+    file, colon, name = text.rpartition(":")
+    return (Path(file), name) if colon and file.lower().endswith(SUFFIXES) else (None, text)
+
+
+def _of_parts(option: str, texts: list[str]) -> dict[Any, tuple[Path | None, str]]:
+    for text in (text for text in texts if "=" not in text):
+        raise wrong_usage(option, f"expected PART=NAME, got '{text}'")
+    return parse.by_part(option, texts, _split)
+
+
+def _material(option: str, file: Path | None, name: str) -> cl.Material:
+    from clradar.model.known_materials import KNOWN
+
+    known = KNOWN if file is None else cl.read_materials(file)
+    if name not in known:
+        where = " or FILE.toml:NAME" if file is None else f" of {file}"
+        raise wrong_usage(option, f"expected one of {', '.join(known)}{where}, got '{name}'")
+    return known[name]
+
+
+def check_parts(option: str, parts: Mapping[Any, Any] | None, scene: cl.Scene) -> None:
+    """Raise unless a scene has all these parts."""
+    if unknown := {*(parts or ())} - {None, *scene.part_names}:
+        raise ModelError(
+            f"{option}: expected parts of the meshes ({', '.join(scene.part_names)}), got "
+            f"{', '.join(sorted(map(str, unknown)))}"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class MaterialOptions:
     """What the meshes are made of."""
 
-    material: str | None = option(
+    material: tuple[Path | None, str] | None = option(
         "What the meshes are made of, for the physical estimator: a name of `clradar materials`, "
         "or one of a file. [default: a perfect conductor]",
         metavar="NAME|FILE.toml:NAME",
         needs="--roughness-mm",
+        parse=_split,
     )
-    material_of: list[str] | None = option(
+    material_of: dict[str, tuple[Path | None, str]] | None = option(
         "The same of a part; may be repeated: --material palm --material-of thumb=skin.",
         metavar="PART=NAME",
         needs="--roughness-mm",
+        parse=_of_parts,
+        text=list[str],
     )
 
     @property
     def given(self) -> bool:
         """Whether a mesh gets a material."""
         return self.material is not None or bool(self.material_of)
-
-    @property
-    def material_files(self) -> list[Path]:
-        """The files that are read, each once."""
-        texts = [self.material, *(text.rpartition("=")[2] for text in self.material_of or [])]
-        files = [_split(text)[0] for text in texts if text is not None]
-        return list(dict.fromkeys(file for file in files if file is not None))
 
     def estimator(self, chosen: Estimator | None) -> Estimator | None:
         """The estimator: `chosen`, or with a material the one that knows materials.
@@ -152,91 +175,52 @@ class MaterialOptions:
     def on(self, scene: cl.Scene) -> cl.Scene:
         """The scene of these materials."""
         if self.material is not None:
-            scene = scene.with_material(_material("--material", self.material))
-        parts = by_part("--material-of", self.material_of, _material, scene)
-        if None in parts:
-            text = next(text for text in self.material_of or () if "=" not in text)
-            raise wrong_usage("--material-of", f"expected PART=NAME, got '{text}'")
+            scene = scene.with_material(_material("--material", *self.material))
+        name = "--material-of"
+        parts = {n: _material(name, *one) for n, one in (self.material_of or {}).items()}
+        check_parts(name, parts, scene)
         return scene.with_material(parts) if parts else scene
 
 
-def by_part(
-    option: str,
-    texts: Sequence[str] | None,
-    read: Callable[[str, str], Read],
-    scene: cl.Scene | None = None,
-) -> dict[Any, Read]:
-    """The values of texts ``PART=VALUE``, of None that without a part; a scene has all parts."""
-    values: dict[Any, Read] = {}
-    for text in texts or ():
-        name, equals, value = text.rpartition("=")
-        part = name if equals else None
-        if part in values:
-            raise wrong_usage(option, f"part '{part}' is given twice" if equals else "given twice")
-        values[part] = read(option, value)
-    if scene is not None and (unknown := {*values} - {None, *scene.part_names}):
-        raise ModelError(
-            f"{option}: expected parts of the meshes ({', '.join(scene.part_names)}), got "
-            f"{', '.join(sorted(map(str, unknown)))}"
-        )
-    return values
+def mesh_and_alpha(text: str) -> tuple[Path, float | None]:
+    """File and alpha of ``MESH[:ALPHA]``; what follows the last colon has to be a number."""
+    name, colon, number = text.rpartition(":")
+    if not colon or not name or len(parse.numbers(number)) != 1 or Path(text).exists():
+        return Path(text), None
+    return Path(name), parse.alpha_of("MESH:ALPHA", number)
 
 
-def _split(text: str) -> tuple[Path | None, str]:
-    """File and name of ``FILE.toml:NAME``; no file in front of a plain name."""
-    from clradar.model.material_file import SUFFIXES
-
-    file, colon, name = text.rpartition(":")
-    return (Path(file), name) if colon and file.lower().endswith(SUFFIXES) else (None, text)
-
-
-def _material(option: str, text: str) -> cl.Material:
-    from clradar.model.known_materials import KNOWN
-
-    file, name = _split(text)
-    known = KNOWN if file is None else cl.read_materials(file)
-    if name not in known:
-        where = " or FILE.toml:NAME" if file is None else f" of {file}"
-        raise wrong_usage(option, f"expected one of {', '.join(known)}{where}, got '{name}'")
-    return known[name]
+Meshes = list[tuple[Path, float | None]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneOptions(PlacementOptions, MaterialOptions):
     """Meshes, their position, alpha and materials: what a worker process reads, too."""
 
-    meshes: list[str] | None = argument(
+    meshes: Meshes | None = argument(
         "Mesh files, each with an alpha of its own if it differs: hand.ply table.stl:0.1. None "
         "where --motion has a hand.",
         metavar="MESH[:ALPHA]",
+        parse=lambda _, texts: list(map(mesh_and_alpha, texts)),
+        text=list[str],
     )
-    alpha: list[str] | None = option(
+    alpha: dict[str | None, float] | None = option(
         "0 specular to 1 diffuse; may be repeated for named parts: --alpha palm=0.6. "
         f"[default: {DEFAULT_ALPHA:g}]",
         metavar="ALPHA|PART=ALPHA",
+        parse=partial(parse.by_part, read=parse.alpha_of),
+        text=list[str],
     )
-
-    @property
-    def files(self) -> list[Path]:
-        """The files of the meshes, of the transform and of the materials."""
-        return [*(path for path, _ in self.named), *super().files, *self.material_files]
 
     @property
     def default_alpha(self) -> float:
         """The alpha of what has no other."""
-        return by_part("--alpha", self.alpha, read_alpha).get(None, DEFAULT_ALPHA)
-
-    @property
-    def named(self) -> list[tuple[Path, float]]:
-        """The files of the meshes, and the alpha of each."""
-        found = [split_alpha(text) for text in self.meshes or []]
-        return [(path, self.default_alpha if a is None else a) for path, a in found]
+        return (self.alpha or {}).get(None, DEFAULT_ALPHA)
 
     @property
     def has_alpha(self) -> bool:
         """Whether an alpha was given."""
-        own = (split_alpha(text)[1] for text in self.meshes or [])
-        return bool(self.alpha) or any(alpha is not None for alpha in own)
+        return bool(self.alpha) or any(alpha is not None for _, alpha in self.meshes or [])
 
     def load(self) -> cl.Scene:
         """All meshes as one scene."""
@@ -246,72 +230,30 @@ class SceneOptions(PlacementOptions, MaterialOptions):
         """The meshes one by one, without the alphas and materials of parts."""
         place = self.matrix()
         return [
-            cl.Scene.from_mesh(path, alpha=alpha, unit=self.unit, transform=place)
-            for path, alpha in self.named
-        ]
+            cl.Scene.from_mesh(
+                path, alpha=self.default_alpha if alpha is None else alpha, unit=self.unit,
+                transform=place,
+            )
+            for path, alpha in self.meshes or []
+        ]  # fmt: skip
 
     def bodies_by_name(self) -> dict[str, cl.Scene]:
         """The same by the names of their files."""
-        names = [path.name for path, _ in self.named]
+        names = [path.name for path, _ in self.meshes or []]
         if len(set(names)) < len(names):
             raise wrong_usage("MESH", "expected different names of files with --motion")
         return dict(zip(names, self.bodies(), strict=True))
 
-    def record(self) -> dict[str, Any]:
-        """The options; files by their content, or by names without folders."""
-        place = self.matrix()
-        return {
-            **recorded(self), "transform": None if place is None else place.tolist(),
-            "meshes": [{"file": path.name, "alpha": alpha} for path, alpha in self.named],
-        }  # fmt: skip
-
     def finished(self, scene: cl.Scene) -> cl.Scene:
         """The scene with the alphas of named parts, and of these materials."""
-        parts = by_part("--alpha", self.alpha, read_alpha, scene)
-        if {*parts} - {None}:
+        check_parts("--alpha", self.alpha, scene)
+        parts = {name: value for name, value in (self.alpha or {}).items() if name is not None}
+        if parts:
             values = np.array(scene.alpha)
             for name, value in parts.items():
-                if name is not None:
-                    values[np.asarray(scene.part) == scene.part_names.index(name)] = value
+                values[np.asarray(scene.part) == scene.part_names.index(name)] = value
             scene = scene.with_alpha(values)
         return self.on(scene)
-
-
-def read_alpha(option: str, text: str) -> float:
-    """The alpha in the text of an option."""
-    return alpha_of(option, text, "PART=number")
-
-
-def split_alpha(text: str) -> tuple[Path, float | None]:
-    """File and alpha of ``MESH[:ALPHA]``; what follows the last colon has to be a number."""
-    name, colon, number = text.rpartition(":")
-    if not colon or not name or len(numbers(number)) != 1 or Path(text).exists():
-        return Path(text), None
-    return Path(name), read_alpha("MESH:ALPHA", number)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotionOptions:
-    """Movement, and frames of it."""
-
-    motion: Path | None = option(
-        "How meshes and hands move, and when each sample is recorded (docs/movement.md).",
-        metavar="MOTION.toml",
-    )
-    frames: int | None = option(
-        "Make a recording of so many frames.", metavar="N", needs="--motion", min=1, max=10_000
-    )
-    rate_hz: float = option("Frames per second, from time 0 on.", 8.0, needs="--motion")
-
-    def __post_init__(self) -> None:
-        if not 0 < self.rate_hz < float("inf"):
-            raise wrong_usage("--rate-hz", f"expected a positive number, got {self.rate_hz:g}")
-
-    def read(self) -> Motion | None:
-        """The movement of the file, if there is one."""
-        from clradar.motion.motion_file import read_motion
-
-        return None if self.motion is None else read_motion(self.motion)
 
 
 @dataclass(frozen=True, kw_only=True)

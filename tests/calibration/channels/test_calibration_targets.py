@@ -1,7 +1,5 @@
 """The paths of calibration targets against minimisation and against traced meshes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -42,7 +40,7 @@ def shortest(surface: Any, start: np.ndarray, tx: np.ndarray, rx: np.ndarray) ->
 
 @pytest.mark.parametrize("array", [FEW, WIDE], ids=["imager", "wide"])
 @pytest.mark.parametrize("radius_m", [0.005, 0.05, 0.2])
-def test_sphere_is_the_shortest_path(array: AntennaArray, radius_m: float) -> None:
+def test_sphere_is_the_shortest_path(array, radius_m):
     centre = np.array([0.02, -0.03, 0.45])
     echo = Sphere(centre, radius_m).echo(array)
     assert echo.seen.all()
@@ -57,20 +55,20 @@ def test_sphere_is_the_shortest_path(array: AntennaArray, radius_m: float) -> No
             assert abs(echo.length_m[i, k] - path_m(point, tx, rx)) < LENGTH_TOLERANCE_M
 
 
-def test_sphere_between_two_antennas_has_no_reflection() -> None:
+def test_sphere_between_two_antennas_has_no_reflection():
     array = AntennaArray([[-1.0, 0, 0.3]], [[1.0, 0, 0.3], [-1.0, 0.1, 0.3]])
     echo = Sphere([0, 0, 0.3], 0.05).echo(array)
     assert echo.seen.tolist() == [[False, True]]
     assert not response(Sphere([0, 0, 0.3], 0.05), array, Waveform([1e9]))[0, 0].any()
 
 
-def test_sphere_seen_from_its_axis() -> None:
+def test_sphere_seen_from_its_axis():
     array = AntennaArray([[0.0, 0, 0]], [[0.0, 0, 0]])
     assert Sphere([0, 0, 0.3], 0.05).echo(array).length_m[0, 0] == pytest.approx(0.5, abs=1e-15)
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (3.0, -7.0)])
-def test_plate_is_the_shortest_path(tilt: tuple[float, float]) -> None:
+def test_plate_is_the_shortest_path(tilt):
     slope = np.tan(np.radians(tilt))
     size = 0.10
     endless = FlatPlate(0.3, *tilt).echo(FEW)
@@ -89,7 +87,7 @@ def test_plate_is_the_shortest_path(tilt: tuple[float, float]) -> None:
     np.testing.assert_array_equal(small.seen, on_plate)
 
 
-def test_corner_is_a_point_target() -> None:
+def test_corner_is_a_point_target():
     waveform = Waveform.sfcw(72e9, 82e9, 5)
     position = np.array([0.01, 0.02, 0.31])
     want = reference.point_targets(QAR50, waveform, position[None], np.ones(1)).data
@@ -104,7 +102,7 @@ def test_corner_is_a_point_target() -> None:
 
 @pytest.mark.device
 @pytest.mark.parametrize("target", [FlatPlate(0.3), Sphere([0.01, 0.0, 0.34], 0.05)])
-def test_traced_mesh_has_the_same_paths(device: clradar.Device, target: Any) -> None:
+def test_traced_mesh_has_the_same_paths(device, target):
     # An offset e <= 5 mm at the receiver costs e^2 / (4 R) = 21 um of path at a plane mirror at
     # 0.3 m, and less at a sphere; the icosphere's faces of 1.6 mm lie up to 6 um inside it, twice.
     radius_m, most_m, least_m = 5e-3, 25e-6, -15e-6
@@ -144,6 +142,6 @@ def test_traced_mesh_has_the_same_paths(device: clradar.Device, target: Any) -> 
         (lambda: FlatPlate("near"), "a number"),
     ],
 )
-def test_invalid_targets(make: Any, message: str) -> None:
+def test_invalid_targets(make, message):
     with pytest.raises(ModelError, match=message):
         make()

@@ -1,13 +1,10 @@
 """Averaging, background subtraction and range gates, on recordings with known truth."""
 
-from __future__ import annotations
-
 import json
 import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import command_line
@@ -71,7 +68,7 @@ def echo(range_m: float, sweep: Waveform = SWEEP) -> Capture:
 # Averages
 
 
-def test_the_mean_of_n_frames_has_an_nth_of_the_noise() -> None:
+def test_the_mean_of_n_frames_has_an_nth_of_the_noise():
     made = recorder(adc_bits=None)
     silent = replace(made, snr_db=None).frame()
     for n in (1, 4, 16):
@@ -82,7 +79,7 @@ def test_the_mean_of_n_frames_has_an_nth_of_the_noise() -> None:
         assert mean.meta["average"] == {"frames": n, "align_phase": False}
 
 
-def test_one_frame_is_its_own_mean_and_common_metadata_is_kept() -> None:
+def test_one_frame_is_its_own_mean_and_common_metadata_is_kept():
     one = echo(0.3)
     assert (average_frames([one]).data == one.data).all()
     frames = [replace(one, meta={"frame": i, "lab": "a", "later": i} | {str(i): 1}) for i in (0, 1)]
@@ -90,7 +87,7 @@ def test_one_frame_is_its_own_mean_and_common_metadata_is_kept() -> None:
     assert mean.meta == {"lab": "a", "average": {"frames": 2, "align_phase": False}}
 
 
-def test_frames_are_taken_one_at_a_time() -> None:
+def test_frames_are_taken_one_at_a_time():
     alive: list[weakref.ref[np.ndarray]] = []
 
     def frames() -> Iterator[Capture]:
@@ -105,7 +102,7 @@ def test_frames_are_taken_one_at_a_time() -> None:
     assert len(alive) == 20
 
 
-def test_a_common_drift_of_the_phase_is_corrected() -> None:
+def test_a_common_drift_of_the_phase_is_corrected():
     made = recorder(drift_common_phase_rad=0.8, **{**CLEAN, "snr_db": 20})
     silent = replace(made, snr_db=None).frame(0)
     n = 12
@@ -123,7 +120,7 @@ def test_a_common_drift_of_the_phase_is_corrected() -> None:
     np.testing.assert_allclose(turned, factors, atol=1e-3)
 
 
-def test_the_loss_of_two_frames_is_that_of_their_mean() -> None:
+def test_the_loss_of_two_frames_is_that_of_their_mean():
     rng = np.random.default_rng(5)
     shape = (24, 24, 128)  # so many pairs that six deviations of the noise's power are 0.25 of it
     for phase_rad, snr_db in ((0.4, None), (1.2, None), (1.2, 0.0)):
@@ -147,7 +144,7 @@ def test_the_loss_of_two_frames_is_that_of_their_mean() -> None:
     assert averaging_loss_db(*noise)[0] < 0.05
 
 
-def test_a_frame_that_does_not_agree_is_left_out_with_a_warning() -> None:
+def test_a_frame_that_does_not_agree_is_left_out_with_a_warning():
     made = recorder(adc_bits=None, snr_db=10.0)
     frames = [made.frame(i) for i in range(4)]
     moved = Capture(-1j * frames[2].data, frames[2].array, frames[2].waveform)
@@ -173,7 +170,7 @@ def test_a_frame_that_does_not_agree_is_left_out_with_a_warning() -> None:
         ([echo(0.3), recorder().scene], "frame 1.*antennas"),
     ],
 )
-def test_frames_of_another_radar_are_refused(frames: list[Any], message: str) -> None:
+def test_frames_of_another_radar_are_refused(frames, message):
     with pytest.raises(ModelError, match=message):
         average_frames(frames)
 
@@ -182,7 +179,7 @@ def test_frames_of_another_radar_are_refused(frames: list[Any], message: str) ->
 
 
 @pytest.mark.parametrize("scaling", ["none", "common", "channel"])
-def test_without_drift_the_object_is_left(scaling: str) -> None:
+def test_without_drift_the_object_is_left(scaling):
     made = recorder(**CLEAN)
     found = subtract_background(made.frame(), made.empty(), scaling=scaling)
     assert remainder_db(made.frame(), made.ideal()) > 20
@@ -191,7 +188,7 @@ def test_without_drift_the_object_is_left(scaling: str) -> None:
     assert remainder_db(found, made.ideal()) < ROUNDING_DB + (0 if scaling == "none" else 10)
 
 
-def test_a_common_factor_is_found() -> None:
+def test_a_common_factor_is_found():
     made = recorder(drift_common_phase_rad=0.5, drift_frames=3, **CLEAN)
     frame, empty, ideal = made.frame(), made.empty(), made.ideal()
     assert remainder_db(subtract_background(frame, empty), ideal) > 0
@@ -202,7 +199,7 @@ def test_a_common_factor_is_found() -> None:
     assert factor == pytest.approx(complex(drift), rel=1e-5)
 
 
-def test_factors_of_the_channels_are_found_under_the_object() -> None:
+def test_factors_of_the_channels_are_found_under_the_object():
     made = recorder(**DRIFT, **CLEAN)
     frame, empty, ideal = made.frame(), made.empty(), made.ideal()
     assert remainder_db(subtract_background(frame, empty), ideal) > 0
@@ -217,7 +214,7 @@ def test_factors_of_the_channels_are_found_under_the_object() -> None:
     np.testing.assert_allclose(np.outer(tx, rx), drift, rtol=1e-4)
 
 
-def test_with_noise_only_the_noise_is_left() -> None:
+def test_with_noise_only_the_noise_is_left():
     made = recorder(**DRIFT, **{**CLEAN, "snr_db": 20})
     ideal = made.ideal()
     found = subtract_background(made.frame(), made.empty(), scaling="channel")
@@ -227,7 +224,7 @@ def test_with_noise_only_the_noise_is_left() -> None:
     assert remainder_db(found, ideal) == pytest.approx(expected, abs=0.15)
 
 
-def test_a_wall_at_the_objects_range_alone_determines_the_factors() -> None:
+def test_a_wall_at_the_objects_range_alone_determines_the_factors():
     # No coupling and one wall within the delays of the object: there is no bin without it, and
     # most bins have noise only. The factors must come from the bins with the wall all the same.
     made = recorder(
@@ -241,7 +238,7 @@ def test_a_wall_at_the_objects_range_alone_determines_the_factors() -> None:
     assert remainder_db(found, made.ideal()) < noise + 1.0
 
 
-def test_dead_channels_have_no_weight() -> None:
+def test_dead_channels_have_no_weight():
     made = recorder(**DRIFT, **CLEAN)
     channels = clradar.draw_channels(SPARSE, SWEEP, seed=1, dead_tx=[0, 4], dead_rx=[7])
     made = replace(made, channels=channels)
@@ -251,7 +248,7 @@ def test_dead_channels_have_no_weight() -> None:
 
 
 @pytest.mark.device
-def test_the_image_of_a_target_is_that_without_the_room(device: clradar.Device) -> None:
+def test_the_image_of_a_target_is_that_without_the_room(device):
     # Everything on: noise, channels, IQ imbalance, coupling, walls, drift, 14 bits, 4 + 4 frames.
     where = [0.02, -0.01, 0.3]
     made = Recorder(points_m=[where], waveform=Waveform.sfcw(72e9, 82e9, 64), **DRIFT)
@@ -293,12 +290,12 @@ def test_the_image_of_a_target_is_that_without_the_room(device: clradar.Device) 
         (0.0, "none", "Capture"),
     ],
 )
-def test_backgrounds_of_another_radar_are_refused(empty: Any, scaling: str, message: str) -> None:
+def test_backgrounds_of_another_radar_are_refused(empty, scaling, message):
     with pytest.raises(ModelError, match=message):
         subtract_background(recorder().scene, empty, scaling=scaling)
 
 
-def test_an_empty_capture_of_zeros_cannot_be_scaled() -> None:
+def test_an_empty_capture_of_zeros_cannot_be_scaled():
     scene = recorder().scene
     nothing = replace(scene, data=np.zeros_like(scene.data))
     assert (subtract_background(scene, nothing).data == scene.data).all()
@@ -317,7 +314,7 @@ PROBED_DB = 0.3
 
 @pytest.mark.parametrize("sweep", [SWEEP, UNEQUAL], ids=["equal steps", "unequal steps"])
 @pytest.mark.parametrize("clutter_db", [20.0, 40.0, 60.0])
-def test_passband_and_rejection_of_a_gate(sweep: Waveform, clutter_db: float) -> None:
+def test_passband_and_rejection_of_a_gate(sweep, clutter_db):
     rng = np.random.default_rng(5)
     found = gate(sweep, **WINDOW, clutter_db=clutter_db)
     period_m = C / 2 / np.diff(sweep.frequencies_hz).max()
@@ -337,7 +334,7 @@ def test_passband_and_rejection_of_a_gate(sweep: Waveform, clutter_db: float) ->
     assert found.rejection_db > rejection_db
 
 
-def test_the_gate_is_the_least_squares_map_of_its_equation() -> None:
+def test_the_gate_is_the_least_squares_map_of_its_equation():
     sweep = Waveform.sfcw(72e9, 82e9, 24)
     period_m = C / 2 / (10e9 / 23)
     near, far, edge = 0.1, 0.16, 0.02
@@ -357,7 +354,7 @@ def test_the_gate_is_the_least_squares_map_of_its_equation() -> None:
     np.testing.assert_allclose(found.matrix, expected, atol=1e-3)
 
 
-def test_coupling_walls_and_mirror_images_are_rejected() -> None:
+def test_coupling_walls_and_mirror_images_are_rejected():
     channels = clradar.draw_channels(SPARSE, SWEEP, seed=3)
     made = recorder(channels=channels, **{**CLEAN, "iq_gain_db": 1.0})
     gated = range_gate(made.frame(), **WINDOW)
@@ -371,7 +368,7 @@ def test_coupling_walls_and_mirror_images_are_rejected() -> None:
     assert kept_db(ideal, made.ideal()) > -0.75
 
 
-def test_walls_beyond_the_unambiguous_range_fold_back() -> None:
+def test_walls_beyond_the_unambiguous_range_fold_back():
     # 1.905 m: half of c over the 78.7 MHz between steps. A wall at 0.3 m plus that looks like one
     # at 0.3 m, and no gate can tell.
     period_m = C / 2 / (10e9 / 127)
@@ -392,12 +389,12 @@ def test_walls_beyond_the_unambiguous_range_fold_back() -> None:
         ({"near_m": "a", "far_m": 0.4}, "near_m"),
     ],
 )
-def test_invalid_windows_are_refused(settings: dict[str, Any], message: str) -> None:
+def test_invalid_windows_are_refused(settings, message):
     with pytest.raises(ModelError, match=message):
         range_gate(echo(0.3), **settings)
 
 
-def test_one_frequency_has_no_range() -> None:
+def test_one_frequency_has_no_range():
     with pytest.raises(ModelError, match="two frequencies"):
         range_gate(echo(0.3, Waveform(np.array([77e9]))), **WINDOW)
 
@@ -418,9 +415,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return made.write(tmp_path_factory.mktemp("recording"), n_frames=3, n_empty=2)
 
 
-def test_the_command_averages_subtracts_and_gates(
-    run: Run, recording: Recording, tmp_path: Path
-) -> None:
+def test_the_command_averages_subtracts_and_gates(run, recording, tmp_path):
     output = tmp_path / "out.h5"
     status, out, err = run(recording.folder, "--empty", recording.empty, "-o", output,
                            "--scaling", "channel", "--average", "--gate-mm", "150:300")  # fmt: skip
@@ -440,9 +435,7 @@ def test_the_command_averages_subtracts_and_gates(
     assert "frame" not in found.meta
 
 
-def test_the_command_takes_files_and_single_frames(
-    run: Run, recording: Recording, tmp_path: Path
-) -> None:
+def test_the_command_takes_files_and_single_frames(run, recording, tmp_path):
     empty, output = tmp_path / "empty.h5", tmp_path / "out.h5"
     save_capture(empty, recording.recorder.empty(0))
     status, _, err = run(recording.folder, "--frame", 1, "--empty", empty, "-o", output)
@@ -460,7 +453,7 @@ def test_the_command_takes_files_and_single_frames(
     assert "subtracted already" in err
 
 
-def test_frames_that_are_missing_or_cut_short(run: Run, tmp_path: Path) -> None:
+def test_frames_that_are_missing_or_cut_short(run, tmp_path):
     made = Recorder(waveform=Waveform.sfcw(72e9, 82e9, 3), walls=())
     gap = made.write(tmp_path, n_frames=3, missing=1, emptyfiltered=False)
     status, out, err = run(gap.folder, "--average", "-o", tmp_path / "gap.h5")
@@ -489,18 +482,14 @@ def test_frames_that_are_missing_or_cut_short(run: Run, tmp_path: Path) -> None:
         (("--average", "--frame", "1"), "--frame"),
     ],
 )
-def test_wrong_usage(
-    run: Run, recording: Recording, tmp_path: Path, arguments: tuple[str, ...], message: str
-) -> None:
+def test_wrong_usage(run, recording, tmp_path, arguments, message):
     status, _, err = run(recording.folder, "-o", tmp_path / "out.h5", *arguments)
     assert status == 2
     assert message in " ".join(err.split())
     assert not list(tmp_path.iterdir())
 
 
-def test_nothing_is_overwritten_and_a_file_has_no_frames(
-    run: Run, recording: Recording, tmp_path: Path
-) -> None:
+def test_nothing_is_overwritten_and_a_file_has_no_frames(run, recording, tmp_path):
     there = tmp_path / "there.h5"
     save_capture(there, recording.frames[0])
     content = there.read_bytes()

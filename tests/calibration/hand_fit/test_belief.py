@@ -1,7 +1,5 @@
 """What frames of a moving hand tell of the next one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +30,7 @@ def measured_exactly(belief: Belief, state: HandState, std: float = 1e-4) -> Bel
 
 
 @pytest.mark.parametrize("fit_shape", [False, True])
-def test_a_belief_begins_at_the_prior_of_a_fit(fit_shape: bool) -> None:
+def test_a_belief_begins_at_the_prior_of_a_fit(fit_shape):
     belief = Belief.of_start(STATE, 12.0, fit_shape)
     prior = belief.prior(STATE)
     np.testing.assert_array_equal(prior.mean_rad, STATE.angles_rad)
@@ -43,7 +41,7 @@ def test_a_belief_begins_at_the_prior_of_a_fit(fit_shape: bool) -> None:
     assert (belief.shape_std.size > 0) == fit_shape
 
 
-def test_measured_angles_tell_the_velocity() -> None:
+def test_measured_angles_tell_the_velocity():
     """A joint that turns evenly is soon predicted: the forgetting of velocities leaves a part."""
     rate_rad_s = np.zeros(N_ANGLES)
     rate_rad_s[7] = 0.8
@@ -56,7 +54,7 @@ def test_measured_angles_tell_the_velocity() -> None:
     np.testing.assert_allclose(ahead, -lasts * STEP_S * rate_rad_s, rtol=0, atol=1e-3)
 
 
-def test_a_measured_belief_is_that_of_the_normal_distribution() -> None:
+def test_a_measured_belief_is_that_of_the_normal_distribution():
     """Against the joint distribution conditioned on a measurement with the same information."""
     before = Belief.of_start(STATE, 12.0, True).after(STEP_S)
     n, known = len(before.mean), before.known
@@ -78,7 +76,7 @@ def test_a_measured_belief_is_that_of_the_normal_distribution() -> None:
                                rtol=0, atol=1e-12)  # fmt: skip
 
 
-def test_the_information_on_the_shape_adds_up_to_that_of_two_frames() -> None:
+def test_the_information_on_the_shape_adds_up_to_that_of_two_frames():
     """Each frame has all of its own, half of the one before, a quarter ...: twice one's in all."""
     belief = Belief.of_start(STATE, 12.0, True)
     each = 1.0 / 0.03**2
@@ -102,7 +100,7 @@ def test_the_information_on_the_shape_adds_up_to_that_of_two_frames() -> None:
     np.testing.assert_allclose(belief.mean[N_ANGLES : known.stop], mean, rtol=0, atol=1e-9)
 
 
-def test_what_is_not_measured_stays_within_the_limits() -> None:
+def test_what_is_not_measured_stays_within_the_limits():
     belief = Belief.of_start(STATE, 12.0, False)
     for _ in range(100):
         belief = belief.after(STEP_S)
@@ -116,7 +114,7 @@ def test_what_is_not_measured_stays_within_the_limits() -> None:
     assert np.linalg.eigvalsh(belief.covariance).min() > 0
 
 
-def test_a_search_keeps_what_is_known_of_the_shape() -> None:
+def test_a_search_keeps_what_is_known_of_the_shape():
     belief = measured_exactly(Belief.of_start(STATE, 12.0, True), STATE, 0.01)
     other = HandState(pose_by_name("L"), AVERAGE, np.eye(4))
     again = belief.restarted(other, 12.0)

@@ -1,7 +1,5 @@
 """What a measurement tells of a hand: covariance, angles left to the prior, spread over basins."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -57,7 +55,7 @@ def prior_about(angles_rad: np.ndarray) -> Prior:
     )
 
 
-def test_errors_in_speckle_are_as_large_as_the_covariance_says(fitter: HandFitter) -> None:
+def test_errors_in_speckle_are_as_large_as_the_covariance_says(fitter):
     """Pictures with exponential speckle, ranges with noise, and a prior that is drawn, too.
 
     Errors of one step of the scoring from the truth. Their variance is below that stated: of the
@@ -91,7 +89,7 @@ def test_errors_in_speckle_are_as_large_as_the_covariance_says(fitter: HandFitte
     assert 0.2 < ratio.mean() < 0.8
 
 
-def test_what_is_not_told_has_the_mean_of_the_prior_given_the_rest(fitter: HandFitter) -> None:
+def test_what_is_not_told_has_the_mean_of_the_prior_given_the_rest(fitter):
     state = truth()
     knuckle, spread, middle, last = range(23)[ANGLES_OF_DIGIT["index"]]
     moved = state.angles_rad.copy()
@@ -118,7 +116,7 @@ def test_what_is_not_told_has_the_mean_of_the_prior_given_the_rest(fitter: HandF
     assert leaving_untold(fitter, contradicted, prior, known, seed=0) is contradicted
 
 
-def test_the_pattern_of_the_samples_is_no_information(fitter: HandFitter) -> None:
+def test_the_pattern_of_the_samples_is_no_information(fitter):
     """Products of two surfaces have less than the squares of one, but for the noise of samples, and
     tell all of an open hand."""
     state = truth()
@@ -135,7 +133,7 @@ def test_the_pattern_of_the_samples_is_no_information(fitter: HandFitter) -> Non
     assert (shared / single).min() > 0.5
 
 
-def test_averaged_residuals_have_the_variance_of_independent_ones() -> None:
+def test_averaged_residuals_have_the_variance_of_independent_ones():
     width, ones = np.array([3.0, 4.0]), np.ones((160, 200))
     # Constant ones keep theirs, z^2, and independent ones 1 / (4 pi 3 * 4) of it, but for the edge.
     ratio = smoothed_ratio(0.5 * ones, ones, width, 2.0)
@@ -153,7 +151,7 @@ def test_averaged_residuals_have_the_variance_of_independent_ones() -> None:
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.12)
 
 
-def test_a_hand_whose_ranges_disagree_is_uncertain(fitter: HandFitter) -> None:
+def test_a_hand_whose_ranges_disagree_is_uncertain(fitter):
     """The true state is as certain as information says, one with bent fingers is not."""
     state, picture = truth(), fitter.picture(FINE)
     prior = prior_about(state.angles_rad)
@@ -179,7 +177,7 @@ def test_a_hand_whose_ranges_disagree_is_uncertain(fitter: HandFitter) -> None:
     assert wide.untold == narrow.untold
 
 
-def test_another_solution_that_is_as_likely_widens(fitter: HandFitter) -> None:
+def test_another_solution_that_is_as_likely_widens(fitter):
     joints_m = joints_at(fitter, truth())
     own = np.tile(1e-6 * np.eye(3), (25, 1, 1))
     other_m = joints_m.copy()
@@ -193,7 +191,7 @@ def test_another_solution_that_is_as_likely_widens(fitter: HandFitter) -> None:
     assert with_spread(own, joints_m, []) == pytest.approx(own)
 
 
-def test_ranges_scatter_more_where_the_measured_ones_do() -> None:
+def test_ranges_scatter_more_where_the_measured_ones_do():
     axis_m = np.arange(20) * 2e-3
     x, y = np.meshgrid(axis_m, axis_m)
     plane_m = 0.3 + 0.5 * x - 0.2 * y

@@ -1,7 +1,5 @@
 """The closed loop of the fit of a hand: bias and alpha from simulations of it."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -60,7 +58,7 @@ def settings(fitter: HandFitter, alpha: float | None) -> LoopSettings:
     return LoopSettings(radar, alpha, 3, open_device("pocl"))
 
 
-def test_the_difference_of_two_states_takes_one_to_the_other(state) -> None:
+def test_the_difference_of_two_states_takes_one_to_the_other(state):
     rng = np.random.default_rng(0)
     step = rng.normal(size=N_GEOMETRY) * 1e-3
     there = stepped(state, step, CENTRE_M)
@@ -81,7 +79,7 @@ def loop(monkeypatch, fitter, state):
     def made_up(fitter, measured, state, alpha, found, prior, missed, settings, centre_m) -> Round:
         calls.append(SimpleNamespace(state=state, alpha=alpha, seed=settings.seed))
         features = np.full(11, 10.0 * (alpha - 0.4))
-        return Round(state, alpha, None, None, 0.9 - abs(alpha - 0.4), features, bias)  # type: ignore[arg-type]
+        return Round(state, alpha, None, None, 0.9 - abs(alpha - 0.4), features, bias)
 
     monkeypatch.setattr(closed_loop, "_round", made_up)
     monkeypatch.setattr(closed_loop, "_features", lambda *_: np.zeros(11))
@@ -95,7 +93,7 @@ def loop(monkeypatch, fitter, state):
     return run, bias
 
 
-def test_the_loop_corrects_a_share_of_a_bias_that_stays_and_finds_alpha(loop, state) -> None:
+def test_the_loop_corrects_a_share_of_a_bias_that_stays_and_finds_alpha(loop, state):
     run, bias = loop
     seen: list[tuple[int, int]] = []
     found, calls = run(None, lambda done, total: seen.append((done, total)))
@@ -110,7 +108,7 @@ def test_the_loop_corrects_a_share_of_a_bias_that_stays_and_finds_alpha(loop, st
     assert sorted(seen) == seen
 
 
-def test_a_round_simulates_the_hand_and_finds_it_where_it_is(fitter, state) -> None:
+def test_a_round_simulates_the_hand_and_finds_it_where_it_is(fitter, state):
     """With its few antennas the image is poor: the fit to it stays within some millimetres."""
     found = Fitted(state, initial_log_brightness(), 0.0, 0.0)
     prior = Prior.about(state, angle_covariance())

@@ -1,7 +1,5 @@
 """Skinned samples, renderings of hands and the descent on a hand's own rendering."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -48,7 +46,7 @@ def hands(tmp_path_factory) -> dict[str, HandModel]:
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
-def test_the_frame_of_the_hand_has_the_wrist_at_its_origin(hands, kind) -> None:
+def test_the_frame_of_the_hand_has_the_wrist_at_its_origin(hands, kind):
     model = hands[kind]
     pose = pose_by_name("K")
     mesh = model.mesh(pose, AVERAGE, 4e-3)
@@ -60,7 +58,7 @@ def test_the_frame_of_the_hand_has_the_wrist_at_its_origin(hands, kind) -> None:
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
-def test_samples_return_to_where_they_were_drawn(hands, kind) -> None:
+def test_samples_return_to_where_they_were_drawn(hands, kind):
     model, pose = hands[kind], pose_by_name("F")
     mesh = model.mesh(pose, AVERAGE, 4e-3)
     normals = mesh.to_trimesh().vertex_normals
@@ -73,7 +71,7 @@ def test_samples_return_to_where_they_were_drawn(hands, kind) -> None:
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
-def test_samples_follow_the_bones_as_the_mesh_does(hands, kind) -> None:
+def test_samples_follow_the_bones_as_the_mesh_does(hands, kind):
     """A bent finger takes its skin along: 0.5 mm is what blending differs from a mesh made anew,
     where 20 degrees at the knuckle move the tip by 30 mm."""
     model, pose = hands[kind], pose_by_name("flat")
@@ -92,7 +90,7 @@ def test_samples_follow_the_bones_as_the_mesh_does(hands, kind) -> None:
     assert np.linalg.norm(points_m - mesh.vertices_m, axis=1).max() > 20e-3
 
 
-def test_the_gradient_of_the_deviance_is_the_score() -> None:
+def test_the_gradient_of_the_deviance_is_the_score():
     """Of a pixel: c^2 / (1 + c^2) (...) has the derivative -s / (1 + s^2 / c^2) by ln(I + f)."""
     picture = SimpleNamespace()
     picture.power = np.array([[1e-3, 0.02, 0.3, 1.0]])
@@ -112,7 +110,7 @@ def test_the_gradient_of_the_deviance_is_the_score() -> None:
     assert slope == pytest.approx(-here.speckle * here.speckle_weights, rel=1e-6)
 
 
-def test_a_pixel_that_the_hand_does_not_cover_costs_as_much_as_an_outlier() -> None:
+def test_a_pixel_that_the_hand_does_not_cover_costs_as_much_as_an_outlier():
     power = np.ones((1, 3))
     canvas = SimpleNamespace(power=power)
     found = SimpleNamespace(
@@ -124,7 +122,7 @@ def test_a_pixel_that_the_hand_does_not_cover_costs_as_much_as_an_outlier() -> N
     assert uncovered == outlier == pytest.approx(TUKEY_CUTOFF**2 / 12)
 
 
-def test_a_hand_is_found_in_its_own_rendering(hands, aperture) -> None:
+def test_a_hand_is_found_in_its_own_rendering(hands, aperture):
     """Without speckle: told tips to a fraction of a pixel from 8 degrees off in every angle."""
     model = hands["right"]
     truth = state_of(pose_by_name("flat"), model)

@@ -1,7 +1,5 @@
 """The search for the pose of one digit: its pictures, its chain, its limits, and what it finds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rig_files import RigMaker
@@ -95,7 +93,7 @@ def hands(tmp_path_factory) -> dict[str, HandModel]:
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
 @pytest.mark.parametrize("digit", DIGITS)
-def test_a_chain_takes_bones_where_the_skeleton_does(hands, kind, digit) -> None:
+def test_a_chain_takes_bones_where_the_skeleton_does(hands, kind, digit):
     model = hands[kind]
     rng = np.random.default_rng(3)
     own = ANGLES_OF_DIGIT[digit]
@@ -112,7 +110,7 @@ def test_a_chain_takes_bones_where_the_skeleton_does(hands, kind, digit) -> None
 
 
 @pytest.mark.parametrize("digit", ["thumb", "ring"])
-def test_layers_picture_a_hand_as_its_rendering_does(fitter, skin, bent, digit) -> None:
+def test_layers_picture_a_hand_as_its_rendering_does(fitter, skin, bent, digit):
     """The rest drawn with the finger straight, the digit by blended skin of another pose."""
     picture, brightness = fitter.picture(COARSE), initial_log_brightness()
     picture.draw_surface(bent)
@@ -131,7 +129,7 @@ def test_layers_picture_a_hand_as_its_rendering_does(fitter, skin, bent, digit) 
     assert np.median(np.abs(found_m[0] - range_m)[lit]) < 0.5e-3
 
 
-def test_what_a_digit_hides_is_not_seen(fitter, skin) -> None:
+def test_what_a_digit_hides_is_not_seen(fitter, skin):
     """A middle finger bent over the palm: the palm's light behind it is gone."""
     picture, brightness = fitter.picture(COARSE), initial_log_brightness()
     whole = skin.drawn(NOMINAL.pose, AVERAGE)
@@ -147,7 +145,7 @@ def test_what_a_digit_hides_is_not_seen(fitter, skin) -> None:
     assert (without_m - range_m).max() > 10e-3
 
 
-def test_a_finger_far_from_its_start_is_found(fitter, skin, bent) -> None:
+def test_a_finger_far_from_its_start_is_found(fitter, skin, bent):
     """By the coarse pictures alone, within the reach of the descent: 8 mm."""
     prior = Prior.about(NOMINAL, angle_covariance())
     search = DigitSearch(fitter, skin, prior, COARSE)
@@ -169,7 +167,7 @@ def test_a_finger_far_from_its_start_is_found(fitter, skin, bent) -> None:
         assert np.array_equal(angles[others], NOMINAL.angles_rad[others])
 
 
-def test_beside_a_fit_one_digit_is_elsewhere(fitter, skin, bent) -> None:
+def test_beside_a_fit_one_digit_is_elsewhere(fitter, skin, bent):
     """First the ring finger, on its way to where it is."""
     prior = Prior.about(NOMINAL, angle_covariance())
     start = Fitted(NOMINAL, brightness_on(fitter, NOMINAL), 0.0, 0.0)

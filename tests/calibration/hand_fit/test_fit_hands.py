@@ -1,7 +1,5 @@
 """Frames of a moving hand, each from the one before: losing it, finding it, and going on later."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from itertools import pairwise
@@ -28,7 +26,7 @@ def run(fitting: MadeUp, frames: Any = range(8), after: Track | None = None) -> 
     return list(followed(fitting, frames, numbers, after, None))
 
 
-def test_frames_are_followed_from_the_first_on() -> None:
+def test_frames_are_followed_from_the_first_on():
     fitting = MadeUp()
     outcome = run(fitting)
     assert [fit.how for fit, _ in outcome] == [SEARCHED] + 7 * [FOLLOWED]
@@ -38,7 +36,7 @@ def test_frames_are_followed_from_the_first_on() -> None:
     assert all((later < earlier).all() for earlier, later in pairwise(std))
 
 
-def test_a_lost_hand_is_noticed_and_found_again() -> None:
+def test_a_lost_hand_is_noticed_and_found_again():
     """The usual misfit per cell is 0.9; from frame 4 on it is 1.3 unless the hand is found."""
     fitting = MadeUp(misfits={4: 390.0})
     outcome = run(fitting)
@@ -57,7 +55,7 @@ def test_a_lost_hand_is_noticed_and_found_again() -> None:
 @pytest.mark.parametrize(
     ("searched", "said"), [(386.0, "no better pose"), (np.nan, "found nothing: could not fit")]
 )
-def test_a_search_that_finds_nothing_better_changes_nothing(searched: float, said: str) -> None:
+def test_a_search_that_finds_nothing_better_changes_nothing(searched, said):
     fitting = MadeUp(misfits=dict.fromkeys(range(4, 8), 390.0), searched={4: searched})
     outcome = run(fitting)
     fit = outcome[4][0]
@@ -67,7 +65,7 @@ def test_a_search_that_finds_nothing_better_changes_nothing(searched: float, sai
     assert [call for call in fitting.calls if call[0] == "search"] == [("search", 0), ("search", 4)]
 
 
-def test_a_tip_that_moves_faster_than_any_is_searched_for() -> None:
+def test_a_tip_that_moves_faster_than_any_is_searched_for():
     class Jumping(MadeUp):
         def follow(self, image: int, track: Track, passed_s: float) -> Settled:
             found = super().follow(image, track, passed_s)
@@ -80,7 +78,7 @@ def test_a_tip_that_moves_faster_than_any_is_searched_for() -> None:
     assert "the tip of the middle moved by" in outcome[3][0].notes[0]
 
 
-def test_frames_without_a_hand_are_passed_over() -> None:
+def test_frames_without_a_hand_are_passed_over():
     class Damaged(list[Any]):
         def __getitem__(self, index: Any) -> Any:
             if index == 4:
@@ -98,7 +96,7 @@ def test_frames_without_a_hand_are_passed_over() -> None:
 
 
 @pytest.mark.parametrize("searched", [590.0, 450.0, np.nan])
-def test_a_hand_that_is_gone_is_not_fitted_to_something_else(searched: float) -> None:
+def test_a_hand_that_is_gone_is_not_fitted_to_something_else(searched):
     """A box has twice the misfit of a hand; a search finds one again that has left and come."""
     fitting = MadeUp(misfits={4: 600.0}, searched={4: searched})
     outcome = run(fitting)
@@ -110,13 +108,13 @@ def test_a_hand_that_is_gone_is_not_fitted_to_something_else(searched: float) ->
     assert outcome[5][0].start == "frame 3"
 
 
-def test_no_hand_at_all_is_an_error() -> None:
+def test_no_hand_at_all_is_an_error():
     with pytest.raises(CompareError, match="nothing is there; and no hand in any other frame"):
         run(MadeUp(), [None, None])
 
 
 @pytest.mark.parametrize("at", [1, 4, 5])
-def test_going_on_after_a_track_gives_the_same(at: int) -> None:
+def test_going_on_after_a_track_gives_the_same(at):
     """Through the arrays that a folder keeps, bit by bit."""
     fitting = MadeUp(misfits={4: 390.0})
     whole = run(fitting)
@@ -136,7 +134,7 @@ def approximately(value: Any) -> Any:
     return pytest.approx(value, rel=1e-12) if isinstance(value, float) else value
 
 
-def test_the_record_of_a_frame_is_json_that_is_read_again() -> None:
+def test_the_record_of_a_frame_is_json_that_is_read_again():
     outcome = run(MadeUp(), [0, None])
     for fit, _ in outcome:
         text = json.dumps(fit.to_dict(), allow_nan=False)
@@ -149,7 +147,7 @@ def test_the_record_of_a_frame_is_json_that_is_read_again() -> None:
     assert np.array_equal(again.joint_std_m, fit.joint_std_m)
 
 
-def test_wrong_arguments() -> None:
+def test_wrong_arguments():
     grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
     dark = Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
     for options, part in (
@@ -160,12 +158,12 @@ def test_wrong_arguments() -> None:
         ({"handedness": "both"}, "handedness"),
     ):
         with pytest.raises(ModelError, match=part):
-            fit_hands([dark, dark], **{"pose": "F", "device": "pocl", **options})  # type: ignore[arg-type]
+            fit_hands([dark, dark], **{"pose": "F", "device": "pocl", **options})
     with pytest.raises(CompareError, match="no hand in any other frame"):
         list(fit_hands([dark, dark], "F", device="pocl"))
 
 
-def test_a_damaged_record_names_its_file() -> None:
+def test_a_damaged_record_names_its_file():
     record = run(MadeUp(), [0])[0][0].to_dict()
     for broken in ({k: v for k, v in record.items() if k != "joints_m"}, {**record, "angles": 3}):
         with pytest.raises(MeasurementError, match=r"000000\.json: expected the record of"):
@@ -173,7 +171,7 @@ def test_a_damaged_record_names_its_file() -> None:
 
 
 @pytest.mark.parametrize("gap", [1, 3])
-def test_a_hand_that_was_lost_is_looked_for_where_it_would_be(gap: int) -> None:
+def test_a_hand_that_was_lost_is_looked_for_where_it_would_be(gap):
     track = run(MadeUp(), [0])[0][1]
     assert track is not None
     turn = np.eye(4)

@@ -1,7 +1,5 @@
 """A frame of a moving hand from the one before, on the hand's own rendering."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hand_renderings import rendered_depth, state_of
@@ -46,7 +44,7 @@ def followed(fit_shape: bool, n_frames: int) -> list[Settled]:
     return found
 
 
-def test_a_frame_is_followed_from_the_one_before() -> None:
+def test_a_frame_is_followed_from_the_one_before():
     first, second = followed(False, 2)
     moved_m = np.linalg.norm(second.joints_m - first.joints_m, axis=1)[list(TIPS)]
     assert moved_m.max() > 8e-3  # the tip of the index, which bends
@@ -58,7 +56,7 @@ def test_a_frame_is_followed_from_the_one_before() -> None:
 
 
 @pytest.mark.slow
-def test_a_frame_tells_of_the_shape() -> None:
+def test_a_frame_tells_of_the_shape():
     (found,) = followed(True, 1)
     assert found.belief.known.stop == 31
     assert (found.belief.shape_std[:2] < 0.5 * SHAPE_STD[:2]).all()  # length and breadth

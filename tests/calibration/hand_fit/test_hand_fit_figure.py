@@ -1,7 +1,5 @@
 """The figure of a fitted hand shows where it is, how certain, and what else was found."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -29,7 +27,7 @@ def points(lines: list[Any]) -> np.ndarray:
     return np.concatenate([line.get_xydata() for line in lines])
 
 
-def test_joints_tips_and_outline_are_where_the_hand_is(measured: DepthMap) -> None:
+def test_joints_tips_and_outline_are_where_the_hand_is(measured):
     covariance_m2 = np.tile(np.diag([1e-6, 4e-6, 9e-6]), (25, 1, 1))
     fit = made_up_fit(joint_covariance_m2=covariance_m2)
     amplitude, depth, *_ = hand_fit_figure(measured, fit).axes
@@ -52,7 +50,7 @@ def test_joints_tips_and_outline_are_where_the_hand_is(measured: DepthMap) -> No
         assert np.allclose(outline_mm.max(axis=0), box_mm.max(axis=0), atol=0.5)
 
 
-def test_what_is_not_told_is_hollow_and_dashed(measured: DepthMap) -> None:
+def test_what_is_not_told_is_hollow_and_dashed(measured):
     fit = made_up_fit()
     depth = hand_fit_figure(measured, fit).axes[1]
     (hollow,) = (line for line in depth.lines if "does not tell" in str(line.get_label()))

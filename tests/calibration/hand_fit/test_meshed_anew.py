@@ -1,7 +1,5 @@
 """The last steps of the fit of a hand, with slopes of surfaces that are meshed anew."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -59,9 +57,7 @@ def only(fitter: HandFitter, k: int) -> HandFitter:
     return HandFitter(fitter.model, fitter.depth, fitter.aperture, device, fitted, (FINE,))
 
 
-def test_slopes_by_the_girth_are_those_of_surfaces_that_are_meshed_anew(
-    fitter, started, missed
-) -> None:
+def test_slopes_by_the_girth_are_those_of_surfaces_that_are_meshed_anew(fitter, started, missed):
     """Where fingers of a fist touch, moving samples alone have others."""
     picture, state, brightness = fitter.picture(FINE), started.state, started.log_brightness
     step = np.where(np.arange(N_GEOMETRY) == GIRTH, 0.04, 0.0)
@@ -79,16 +75,17 @@ def test_slopes_by_the_girth_are_those_of_surfaces_that_are_meshed_anew(
     assert _alike(whole[GIRTH, by_power], anew) > _alike(alone[GIRTH, by_power], anew) + 0.1
 
 
-def test_nothing_is_missed_of_the_motion_and_of_what_is_not_fitted(fitter, started) -> None:
+def test_nothing_is_missed_of_the_motion_and_of_what_is_not_fitted(fitter, started):
     missed = missed_slopes(only(fitter, RING_BENT), started, 1)
     for slopes in (missed.by_power, missed.by_range):
         assert np.flatnonzero(slopes.any(axis=1)).tolist() == [RING_BENT]
     assert not missed_slopes(only(fitter, 2), started, 1).by_power.any()
 
 
+@pytest.mark.slow
 def test_a_fit_settles_nearer_to_the_truth_and_never_in_a_higher_deviance(
     fitter, truth, started, missed
-) -> None:
+):
     step = np.zeros(N_GEOMETRY)
     step[GIRTH], step[RING_BENT] = -0.05, 0.1
     away = replace(started, state=stepped(truth, step, np.zeros(3)))

@@ -1,7 +1,5 @@
 """Whole fits of what is no hand, and of half a hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +27,7 @@ def fitted(depth: DepthMap, start: str) -> HandFit:
     return fit_hand(depth, start, closed_loop=False, device="pocl")
 
 
-def test_noise_is_no_hand() -> None:
+def test_noise_is_no_hand():
     axis_m = 2e-3 * np.arange(-50, 51)
     rng = np.random.default_rng(0)
     amplitude = rng.rayleigh(size=(101, 101))
@@ -38,7 +36,7 @@ def test_noise_is_no_hand() -> None:
         fitted(depth, "F")
 
 
-def test_of_half_a_hand_the_rest_is_as_in_the_start() -> None:
+def test_of_half_a_hand_the_rest_is_as_in_the_start():
     whole = seen("B")
     kept = whole.x_m < 0.0  # thumb, index and middle finger
     half = replace(

@@ -1,7 +1,5 @@
 """Derivatives of bones and of renderings, against differences."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -48,7 +46,7 @@ def bent() -> HandState:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_rates_of_bones_are_differences(hands, kind) -> None:
+def test_rates_of_bones_are_differences(hands, kind):
     model, state, step = hands[kind], bent(), 1e-5
 
     def bones_at(changed: HandState):
@@ -67,7 +65,7 @@ def test_rates_of_bones_are_differences(hands, kind) -> None:
         assert origin_m.any() == (model.has_shape or k < SHAPE.start), k
 
 
-def test_rates_at_the_limits_of_a_shape_are_those_of_one_side(hands) -> None:
+def test_rates_at_the_limits_of_a_shape_are_those_of_one_side(hands):
     model, state = hands["right"], bent()
     longest = replace(state, shape=replace(AVERAGE, length_m=0.26))
     almost = replace(state, shape=replace(AVERAGE, length_m=0.26 - 1e-6))
@@ -80,7 +78,7 @@ def test_rates_at_the_limits_of_a_shape_are_those_of_one_side(hands) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_derivatives_are_differences_of_renderings(hands, kind) -> None:
+def test_derivatives_are_differences_of_renderings(hands, kind):
     model, aperture = hands[kind], Aperture(arrays.qar50(), 77e9)
     state = bent()
     depth = rendered_depth(model, state, aperture)

@@ -1,7 +1,5 @@
 """Refusals and remarks of the fit of a hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -29,12 +27,12 @@ def image_to(end_m: float) -> Volume:
     return Volume(np.zeros(grid.shape, np.complex64), grid)
 
 
-def test_a_dark_volume_is_refused_by_one_line_about_the_hand() -> None:
+def test_a_dark_volume_is_refused_by_one_line_about_the_hand():
     with pytest.raises(CompareError, match=r"^could not fit the hand, because .*0 everywhere"):
         fit_hand(image_to(0.14), "F", device="pocl")
 
 
-def test_a_capture_without_signal_is_refused_by_one_line_about_the_hand() -> None:
+def test_a_capture_without_signal_is_refused_by_one_line_about_the_hand():
     q = arrays.qar50()
     array = AntennaArray(q.tx_m[::24], q.rx_m[::24])
     waveform = Waveform.sfcw(72e9, 82e9, 8)
@@ -44,19 +42,19 @@ def test_a_capture_without_signal_is_refused_by_one_line_about_the_hand() -> Non
 
 
 @pytest.mark.parametrize("likeness", [0.1, -0.2, float("nan")])
-def test_noise_is_refused(likeness) -> None:
+def test_noise_is_refused(likeness):
     with pytest.raises(CompareError, match=r"correlate by .* 0.60 is the least"):
         check_likeness(likeness)
     check_likeness(0.7)
 
 
-def test_a_simulation_that_overlaps_like_another_object_is_refused_with_advice() -> None:
+def test_a_simulation_that_overlaps_like_another_object_is_refused_with_advice():
     with pytest.raises(CompareError, match=r"from 'F', it overlaps .* by 0.52, .*pose='all'"):
         check_overlap(0.52, "F")
     check_overlap(MIN_OVERLAP, "F")
 
 
-def test_a_fit_that_overlaps_little_is_doubted_and_a_good_one_is_not() -> None:
+def test_a_fit_that_overlaps_little_is_doubted_and_a_good_one_is_not():
     sure = {"joint_covariance_m2": np.tile(1e-6 * np.eye(3), (25, 1, 1))}
     right = (made_up_fit(**sure), made_up_fit(overlap=None, likeness=0.93, **sure))
     for fit in right:
@@ -76,7 +74,7 @@ def test_a_fit_that_overlaps_little_is_doubted_and_a_good_one_is_not() -> None:
         assert any("as of a hand of other proportions" in each for each in fit.remarks())
 
 
-def test_the_digits_that_are_cut_are_named() -> None:
+def test_the_digits_that_are_cut_are_named():
     fit = made_up_fit("B")
     order = np.argsort(-fit.tips_m[:, 0])  # the little finger is farthest along x
     assert order[0] == 4
@@ -92,13 +90,13 @@ def test_the_digits_that_are_cut_are_named() -> None:
     assert "thumb, index, middle, ring, pinky (" in remark
 
 
-def test_a_rig_without_a_tip_is_not_cut() -> None:
+def test_a_rig_without_a_tip_is_not_cut():
     joints_m = np.array(made_up_fit().joints_m)
     joints_m[4] = np.nan
     assert doubts(made_up_fit(joints_m=joints_m), image_to(0.14)) == ()
 
 
-def test_an_unusual_shape_is_remarked_where_it_was_fitted() -> None:
+def test_an_unusual_shape_is_remarked_where_it_was_fitted():
     fit = made_up_fit(shape=HandShape(girth=1.2))  # log 1.2 / 0.045 = 4.05
     assert doubts(fit, image_to(0.14)) == ()
     fitted = replace(fit, parameter_names=(*fit.parameter_names, "shape girth"))

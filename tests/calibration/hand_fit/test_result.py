@@ -1,11 +1,8 @@
 """The result of the fit of a hand in words and in JSON, and as the start of the next fit."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +21,7 @@ def fit() -> HandFit:
     return made_up_fit(shape=HandShape(length_m=0.18, girth=0.95))
 
 
-def test_the_record_is_strict_json_with_joints_and_angles_by_name(fit: HandFit) -> None:
+def test_the_record_is_strict_json_with_joints_and_angles_by_name(fit):
     record = json.loads(json.dumps(fit.to_dict(), allow_nan=False))
     assert list(record["joints_m"]) == list(JOINT_NAMES)
     assert record["joints_m"]["thumb-tip"] == fit.tips_m[0].tolist()
@@ -40,7 +37,7 @@ def test_the_record_is_strict_json_with_joints_and_angles_by_name(fit: HandFit) 
     assert [basin["deviance"] for basin in record["basins"]] == [100.0, 130.0]
 
 
-def test_joints_that_a_rig_lacks_are_null(fit: HandFit) -> None:
+def test_joints_that_a_rig_lacks_are_null(fit):
     joints_m = np.array(fit.joints_m)
     joints_m[TIPS[0]] = np.nan
     lacking = replace(fit, joints_m=joints_m)
@@ -50,7 +47,7 @@ def test_joints_that_a_rig_lacks_are_null(fit: HandFit) -> None:
     assert not lacking.remarks()
 
 
-def test_the_report_has_tips_and_what_is_not_told(fit: HandFit) -> None:
+def test_the_report_has_tips_and_what_is_not_told(fit):
     lines = fit.report().splitlines()
     assert "fitted from 'L': converged." in lines[0]
     assert "Alpha is 0.30" in lines[0]
@@ -74,7 +71,7 @@ def test_the_report_has_tips_and_what_is_not_told(fit: HandFit) -> None:
         ({"notes": ("the thumb is hidden",)}, "the thumb is hidden"),
     ],
 )
-def test_doubts_are_remarks(fit: HandFit, changes: dict[str, Any], said: str) -> None:
+def test_doubts_are_remarks(fit, changes, said):
     assert not fit.remarks()
     doubtful = replace(fit, **changes)
     (remark,) = doubtful.remarks()
@@ -87,7 +84,7 @@ def test_doubts_are_remarks(fit: HandFit, changes: dict[str, Any], said: str) ->
     assert ("tells 21 of 23 angles" in doubtful.report()) == any(told)
 
 
-def test_only_a_different_pose_that_fits_as_well_is_a_rival(fit: HandFit) -> None:
+def test_only_a_different_pose_that_fits_as_well_is_a_rival(fit):
     best, other = fit.basins
     near = replace(other, deviance=fit.deviance + 3.0)
     (remark,) = replace(fit, basins=(best, near)).remarks()
@@ -98,7 +95,7 @@ def test_only_a_different_pose_that_fits_as_well_is_a_rival(fit: HandFit) -> Non
     assert not replace(fit, basins=(best, same)).remarks()
 
 
-def test_the_shape_of_a_rig_is_not_stated(fit: HandFit, tmp_path: Path) -> None:
+def test_the_shape_of_a_rig_is_not_stated(fit, tmp_path):
     of_rig = replace(fit, shape=None)
     assert of_rig.to_dict()["shape"] is None
     write_json(tmp_path / "fit.json", of_rig.to_dict(), force=False)
@@ -110,7 +107,7 @@ def test_the_shape_of_a_rig_is_not_stated(fit: HandFit, tmp_path: Path) -> None:
         starts_of(tmp_path / "fit.json")
 
 
-def test_a_fit_is_read_as_the_next_start(fit: HandFit, tmp_path: Path) -> None:
+def test_a_fit_is_read_as_the_next_start(fit, tmp_path):
     folder = tmp_path / "fit"
     folder.mkdir()
     write_json(folder / "fit.json", {**fit.to_dict(), "command": "fit-hand"}, force=False)
@@ -124,9 +121,7 @@ def test_a_fit_is_read_as_the_next_start(fit: HandFit, tmp_path: Path) -> None:
         assert np.array_equal(start.transform, fit.transform)
 
 
-def test_starts_by_name_file_pose_and_several(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_starts_by_name_file_pose_and_several(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "F").mkdir()  # a name is a name, whatever lies there
     write_pose("mine.toml", replace(POSES["L"], name="mine"))
@@ -147,7 +142,7 @@ def test_starts_by_name_file_pose_and_several(
         (["F", 3], "pose: expected a name, a pose file, a HandPose or a HandFit, got int"),
     ],
 )
-def test_wrong_starts_are_named(pose: Any, said: str) -> None:
+def test_wrong_starts_are_named(pose, said):
     with pytest.raises(ModelError) as caught:
         starts_of(pose)
     assert str(caught.value).startswith(said)
@@ -164,9 +159,7 @@ def test_wrong_starts_are_named(pose: Any, said: str) -> None:
         ({"transform": np.diag([2.0, 1, 1, 1]).tolist()}, "transform: expected a rotation"),
     ],
 )
-def test_a_broken_fit_is_named(
-    fit: HandFit, tmp_path: Path, change: dict[str, Any], said: str
-) -> None:
+def test_a_broken_fit_is_named(fit, tmp_path, change, said):
     write_json(tmp_path / "fit.json", {**fit.to_dict(), **change}, force=False)
     with pytest.raises(MeasurementError) as caught:
         starts_of(tmp_path)
@@ -174,6 +167,6 @@ def test_a_broken_fit_is_named(
     assert said in str(caught.value)
 
 
-def test_a_folder_without_a_fit_is_named(tmp_path: Path) -> None:
+def test_a_folder_without_a_fit_is_named(tmp_path):
     with pytest.raises(MeasurementError, match=r"expected the folder of a fit, which holds fit"):
         starts_of(tmp_path)

@@ -1,7 +1,5 @@
 """Rigs that have no tips, as MANO models: what is said of the last joints instead."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +14,7 @@ from calibration import HandFit, fit_hand
 from calibration.hand_fit.hand_model import RiggedHand
 from calibration.hand_fit.result import TIPS
 from calibration.registration.radar import Radar
-from clradar.cli.fits import digit_rows
+from clradar.cli.commands.fit_hand import digit_rows
 from clradar.hand import POSES
 from clradar.rigs import Rig, read_rig
 
@@ -46,7 +44,7 @@ def without_tips(fit: HandFit, more: float = 30.0) -> HandFit:
     )  # fmt: skip
 
 
-def test_other_poses_are_told_apart_by_the_last_joints() -> None:
+def test_other_poses_are_told_apart_by_the_last_joints():
     fit = without_tips(made_up_fit("F", "L"), more=1.0)
     apart_m = np.linalg.norm((fit.basins[1].joints_m - fit.joints_m)[LAST], axis=1)
     np.testing.assert_array_equal(fit.tips_apart_m(fit.basins[1]), apart_m)
@@ -55,7 +53,7 @@ def test_other_poses_are_told_apart_by_the_last_joints() -> None:
     assert f" {1e3 * apart_m.max():.0f} mm away" in remark
 
 
-def test_the_result_says_that_there_are_no_tips() -> None:
+def test_the_result_says_that_there_are_no_tips():
     fit = without_tips(made_up_fit())
     assert "Tips" not in fit.report()
     assert "The rig has no tips" in fit.report()
@@ -68,7 +66,7 @@ def test_the_result_says_that_there_are_no_tips() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_a_mano_model_is_fitted(tmp_path: Path, side: str) -> None:
+def test_a_mano_model_is_fitted(tmp_path, side):
     """To the rendering's own picture of a pose 8 degrees off the letter in one joint."""
     rig = mano(tmp_path, side)
     hand, radar = RiggedHand(rig), Radar.of("test", None, None)

@@ -1,7 +1,5 @@
 """Alignment of images: known motions are found, unobservable ones named, failures explained."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -119,7 +117,7 @@ def aligned(original):
     return align(depth_map(potato, MOTIONS[3]), original)
 
 
-@pytest.mark.parametrize("truth", [MOTIONS[1], MOTIONS[2], MOTIONS[4]])
+@pytest.mark.parametrize("truth", [MOTIONS[2], MOTIONS[4]])
 def test_finds_a_known_motion(original, truth):
     result = align(depth_map(potato, truth), original)
     assert_near(result, truth, EXACT_M, EXACT_DEG)
@@ -373,7 +371,7 @@ def test_simulated_hands():
     grid = clradar.VoxelGrid.from_extent(
         (-0.08, 0.08), (-0.1, 0.1), (0.27, 0.34), (2.5e-3, 2.5e-3, 3.5e-3)
     )
-    mesh = hand_mesh("flat")
+    mesh = hand_mesh("flat", 3e-3)
 
     def volume(transform, seed):
         scene = clradar.Scene.from_mesh(mesh, alpha=0.3, transform=transform)

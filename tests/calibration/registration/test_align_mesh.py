@@ -1,7 +1,5 @@
 """Registration of meshes: visibility, renderings, the motion found, and failures."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

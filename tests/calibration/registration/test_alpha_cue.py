@@ -1,7 +1,5 @@
 """Alpha between simulations of several alphas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Residuals of a measurement beyond those of simulations: their ratio to the noise, and where."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

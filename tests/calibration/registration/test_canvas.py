@@ -1,7 +1,5 @@
 """Pictures of samples through the point spread function."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -26,7 +24,7 @@ def measured() -> MeasuredImage:
 
 
 @pytest.mark.parametrize("lit", [np.s_[:, :], np.s_[12:15, 20:22], np.s_[:2, -1:], np.s_[:0, :0]])
-def test_a_picture_is_convolved_wherever_it_is_lit(aperture, measured, lit) -> None:
+def test_a_picture_is_convolved_wherever_it_is_lit(aperture, measured, lit):
     drawn = np.zeros((2, 3, 31, 41))
     inside = (1, slice(None), *lit)
     drawn[inside] = np.random.default_rng(3).normal(size=drawn.shape)[inside]
@@ -37,7 +35,7 @@ def test_a_picture_is_convolved_wherever_it_is_lit(aperture, measured, lit) -> N
         assert np.abs(one - convolve2d(of, pattern, "same")).max() < 1e-14 * max(1, np.ptp(of))
 
 
-def test_a_blurred_picture_is_that_of_a_blurred_image(aperture, measured) -> None:
+def test_a_blurred_picture_is_that_of_a_blurred_image(aperture, measured):
     drawn = np.zeros((31, 41))
     drawn[15, 20] = 1.0
     sharp, soft = (Canvas(measured, aperture, blur_m) for blur_m in (0.0, 2 * STEP_M))

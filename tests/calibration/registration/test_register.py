@@ -1,7 +1,5 @@
 """Closed-loop registration: the pose found, the files written, failures that leave nothing."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -16,7 +14,7 @@ from calibration import Round, register
 from calibration.registration import closed_loop
 from calibration.registration.alignment import USUAL_RATIO
 from calibration.registration.register import TOLERANCE_M
-from clradar.cli.fits import FILES
+from clradar.cli.commands.register import FILES
 from clradar.errors import CompareError, ModelError
 from clradar.files.meshes.ply_parts import ply_of_parts
 from clradar.hand import hand_mesh, pose_by_name

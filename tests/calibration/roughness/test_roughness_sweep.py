@@ -1,7 +1,5 @@
 """Roughness in millimetres: statistics, their likelihood, and estimates of known roughness."""
 
-from __future__ import annotations
-
 import json
 import math
 

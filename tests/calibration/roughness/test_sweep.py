@@ -1,7 +1,5 @@
 """Sweeps over alpha: estimates, shared random numbers, and the same bits after an interruption."""
 
-from __future__ import annotations
-
 import inspect
 import json
 import signal
@@ -12,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import exit_status as run
+from command_line import group_of
+from nightly import nightly
 from recorded_targets import edge_array
 from shapes import plate, sphere
 from systems import posix_only
@@ -21,10 +21,9 @@ from calibration import Regions, Sweep, sweep
 from calibration.roughness.alpha import AlphaEmulator, BrightnessMeter, estimate_alpha
 from calibration.roughness.figures import MOST_IMAGES, shown_alphas, sweep_figure
 from calibration.roughness.surface_points import surface_points
-from clradar.cli import sweeps as folder
 from clradar.cli.commands import sweep as command
-from clradar.cli.options.groups import expanded
-from clradar.cli.options.sweep import AlphaOptions, RegionOptions
+from clradar.cli.commands.sweep import AlphaOptions, RegionOptions
+from clradar.cli.groups import expanded
 from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand import hand_mesh
@@ -252,7 +251,7 @@ def test_simulations_that_are_to_differ_are_no_reason_to_warn(monkeypatch):
 # --- rays and random numbers are shared
 
 
-@pytest.mark.parametrize("max_bounces", [1, 2])
+@pytest.mark.parametrize("max_bounces", [2, *nightly([1])])
 def test_shared_visibility_gives_the_bits_of_simulate(max_bounces, device):
     rays = {**FEW, "max_bounces": max_bounces, "seed": 5}
     made = [c for (c,) in simulate_alphas(SCENE, ARRAY, WAVEFORM, ALPHAS, device=device, **rays)]
@@ -320,7 +319,7 @@ class StopsAfter(dict):
             raise Interrupted
 
 
-@pytest.mark.parametrize("regions", [None, Regions.of_parts(SCENE)])
+@pytest.mark.parametrize("regions", [Regions.of_parts(SCENE), *nightly([None])])
 def test_an_interrupted_sweep_ends_with_the_same_bits(regions):
     measured = image_of(SCENE.with_alpha(0.3), 9, **FEW)
     arguments = {"seeds": 2, "regions": regions, **RADAR, **FEW}
@@ -394,7 +393,7 @@ main(sys.argv[1:])
 def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     killed = subprocess.run([sys.executable, "-c", KILLED, *COMMAND, "-o", "killed"], check=False)
     assert killed.returncode == -signal.SIGKILL
-    work = sorted(path.name for path in (files / "killed" / folder.WORK).iterdir())
+    work = sorted(path.name for path in (files / "killed" / command.WORK).iterdir())
     assert len(work) == 3
     assert work[0].endswith(".tmp")
     assert run(*COMMAND, "-o", "killed") == 0
@@ -402,30 +401,27 @@ def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     assert run(*COMMAND, "-o", "whole") == 0
     assert contents(files / "killed") == contents(files / "whole")
     assert set(contents(files / "whole")) == {
-        folder.KEY, folder.FIGURE, folder.TABLE, folder.RESULT,
+        command.KEY, command.FIGURE, command.TABLE, command.RESULT,
     }  # fmt: skip
-    assert not (files / "killed" / folder.WORK).exists()
+    assert not (files / "killed" / command.WORK).exists()
     capsys.readouterr()
     assert run(*COMMAND, "-o", "whole") == 0
     assert "finished before" in capsys.readouterr().out
 
-    record = json.loads((files / "whole" / folder.RESULT).read_text())
+    record = json.loads((files / "whole" / command.RESULT).read_text())
     assert record["command"] == "sweep"
     assert record["alphas"] == [0.0, 0.2, 0.4]
     assert len(record["metrics"]) == 2
-    lines = (files / "whole" / folder.TABLE).read_text().splitlines()
+    lines = (files / "whole" / command.TABLE).read_text().splitlines()
     assert lines[0].startswith("alpha,seed,overlap,")
     assert len(lines) == 1 + 3 * 2
 
     # Other settings are refused by name, and --force begins anew.
     assert run(*COMMAND, "--rays-per-sample", "3", "--seed", "4", "-o", "whole") == 1
     error = capsys.readouterr().err
-    assert ": simulation.rays_per_sample 2, now 3" in error
-    assert "simulation.seed 0, now 4" in error
+    assert "rays_per_sample 2, now 3" in error
+    assert "seed 0, now 4" in error
     assert contents(files / "killed") == contents(files / "whole")
-
-
-# --- the folder
 
 
 # --- wrong input
@@ -519,8 +515,8 @@ def test_the_command_has_the_defaults_of_the_function():
 
 
 def test_alphas_are_rounded_as_typed():
-    assert AlphaOptions().alphas().tolist() == [round(i / 10, 1) for i in range(11)]
-    assert AlphaOptions(alpha="0.1,0.25,1").alphas().tolist() == [0.1, 0.25, 1.0]
+    assert AlphaOptions().alpha == tuple(round(i / 10, 1) for i in range(11))
+    assert group_of(AlphaOptions, alpha="0.1,0.25,1").alpha == (0.1, 0.25, 1.0)
 
 
 # --- regions

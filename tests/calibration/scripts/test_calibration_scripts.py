@@ -1,7 +1,5 @@
 """The scripts of calibration: their results are the library's, their errors one line."""
 
-from __future__ import annotations
-
 import json
 import runpy
 import subprocess

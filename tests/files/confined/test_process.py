@@ -1,7 +1,5 @@
 """The process that reads files: it may die, and can do no harm."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import pickle

@@ -1,7 +1,5 @@
 """OBJ and glTF as trimesh reads them by itself, and where the formats say more than that."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mesh_files
@@ -50,7 +48,7 @@ OBJ = {
 
 
 @pytest.mark.parametrize("faces", OBJ.values(), ids=OBJ)
-def test_obj_files_are_read_as_by_trimesh(tmp_path: Path, faces: str) -> None:
+def test_obj_files_are_read_as_by_trimesh(tmp_path, faces):
     path = tmp_path / "mesh.obj"
     path.write_bytes((OBJ_START + faces).encode())
     want, names = triangles_by_trimesh(path)
@@ -65,7 +63,7 @@ def obj(tmp_path: Path, text: str) -> Scene:
     return Scene.from_mesh(path)
 
 
-def test_what_obj_files_may_hold_besides(tmp_path: Path) -> None:
+def test_what_obj_files_may_hold_besides(tmp_path):
     corners = mesh_files.CORNERS.astype(float).round(7)
     texts = [
         "# écrit\n\tv 0 0 0 1.0\nv\t0.1 0 0\nv 0 0.2 0 0.5 0.5 0.5\nv 0 0 0.3\nl 1 2\np 1\n"
@@ -79,7 +77,7 @@ def test_what_obj_files_may_hold_besides(tmp_path: Path) -> None:
         assert scene.part_names == ("mesh.obj",)
 
 
-def test_gltf_scenes_are_read_as_by_trimesh(tmp_path: Path) -> None:
+def test_gltf_scenes_are_read_as_by_trimesh(tmp_path):
     rng = np.random.default_rng(4)
     half = np.sqrt(0.5)
     primitive = {"attributes": {"POSITION": 1}, "indices": 0}
@@ -112,7 +110,7 @@ def test_gltf_scenes_are_read_as_by_trimesh(tmp_path: Path) -> None:
     assert [name.split("-")[0] for name in have.part_names] == names
 
 
-def test_a_node_of_gltf_may_have_a_camera_and_a_mesh(tmp_path: Path) -> None:
+def test_a_node_of_gltf_may_have_a_camera_and_a_mesh(tmp_path):
     nodes = [{"mesh": 0, "camera": 0, "children": [1]}, {"mesh": 0}]
     camera = {"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}}
     path = tmp_path / "mesh.glb"

@@ -1,7 +1,5 @@
 """Mesh files that lie or overwhelm: one error in the time and memory that their limits state."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +22,7 @@ def refused(path: Path, *texts: str) -> None:
         assert text in message
 
 
-def test_a_chain_of_nodes_is_refused_before_trimesh_walks_it(tmp_path: Path) -> None:
+def test_a_chain_of_nodes_is_refused_before_trimesh_walks_it(tmp_path):
     path = tmp_path / "mesh.glb"
     for count in (1000, 50_000):
         nodes = [{"children": [i + 1]} for i in range(count - 1)]
@@ -42,9 +40,7 @@ def test_a_chain_of_nodes_is_refused_before_trimesh_walks_it(tmp_path: Path) -> 
         ("MAX_MESH_PARTS", 9, ("at most 9 parts", "got 10")),
     ],
 )
-def test_instances_are_counted_before_they_are_made(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, most: int, texts: tuple[str, ...]
-) -> None:
+def test_instances_are_counted_before_they_are_made(tmp_path, monkeypatch, name, most, texts):
     path = tmp_path / "mesh.glb"
     nodes: list[dict[str, Any]] = [{"children": list(range(1, 11))}]
     path.write_bytes(glb(tetrahedron(nodes=nodes + [{"mesh": 0}] * 10)))
@@ -60,7 +56,7 @@ def test_instances_are_counted_before_they_are_made(
 
 
 @pytest.mark.parametrize("name", ["mesh.zip", "mesh.tar.gz", "mesh.bz2", "mesh.dxf", "mesh"])
-def test_archives_and_other_formats_are_refused_unread(tmp_path: Path, name: str) -> None:
+def test_archives_and_other_formats_are_refused_unread(tmp_path, name):
     path = tmp_path / name
     path.write_bytes(b"PK\x03\x04")
     refused(path, ".obj", path.suffix)
@@ -74,9 +70,7 @@ def test_archives_and_other_formats_are_refused_unread(tmp_path: Path, name: str
         ({}, {"mode": 6}, "a fan"),
     ],
 )
-def test_triangles_that_trimesh_would_change_are_refused(
-    tmp_path: Path, position: dict[str, Any], primitive: dict[str, Any], got: str
-) -> None:
+def test_triangles_that_trimesh_would_change_are_refused(tmp_path, position, primitive, got):
     path = tmp_path / "mesh.glb"
     document = tetrahedron()
     document["accessors"][1] |= position

@@ -1,7 +1,5 @@
 """Reading HDF5 opens the file and nothing else, whatever the file points to."""
 
-from __future__ import annotations
-
 import re
 import struct
 import subprocess
@@ -13,8 +11,6 @@ import h5py
 import numpy as np
 import pytest
 import reader_probes
-from fuzz import seeds
-from fuzz.mutators import hdf5_checksums
 from opened_files import OpenedFiles
 from systems import linux_only
 
@@ -56,7 +52,7 @@ def watch(path) -> Iterator[OpenedFiles]:
 
 
 def change(path: Path, action: Callable[[h5py.File], None]) -> None:
-    with h5py.File(path, "r+", libver="latest") as file:
+    with h5py.File(path, "r+") as file:
         action(file)
 
 
@@ -126,19 +122,17 @@ def test_the_kernel_would_stop_what_the_checks_let_through(path, watch):
 
 
 def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
-    def action(file: h5py.File) -> None:
+    # In the earliest form of HDF5, whose structures have no checksums.
+    with h5py.File("plain.h5", "w") as file, h5py.File(path) as saved:
+        saved.copy("entry", file)
+        file.attrs.update(saved.attrs)
         group = hide_data(file)
         made = group.create_dataset("data", (3, 2, 5), "c8", chunks=(3, 2, 5), shuffle=True)
         made.id.write_direct_chunk((0, 0, 0), capture.data.tobytes())
-
-    change(path, action)
-    content = bytearray(path.read_bytes())
-    # Filter pipeline message, version 2: version, how many filters, then of each its number, (the
-    # length of its name, for numbers from 256 on,) flags, how many parameters, and these.
-    places = [match.start() + 2 for match in re.finditer(rb"\x02\x01\x02\x00", content)]
-    assert len(places) == 1
-    content[places[0] : places[0] + 10] = struct.pack("<5H", _FOREIGN_FILTER, 0, 0, 0, 0)
-    path.write_bytes(hdf5_checksums(bytes(content)))
+    content = Path("plain.h5").read_bytes()
+    # Of a filter its number, the length of its name, flags, how many parameters, and its name.
+    (known,) = re.findall(rb"\x02\x00\x08\x00.\x00\x01\x00shuffle\x00", content)
+    path.write_bytes(content.replace(known, struct.pack("<H", _FOREIGN_FILTER) + known[2:]))
     Path("out/libfilter.so").write_bytes(b"no library")
     process._stop_server()  # the next one has the variable from the start
     monkeypatch.setenv("HDF5_PLUGIN_PATH", str(path.parent / "out"))
@@ -150,28 +144,3 @@ def test_filter_plugins_are_not_loaded(path, watch, capture, monkeypatch):
     assert all(f"filter {_FOREIGN_FILTER}" in text for text in outcomes(path))
     assert watch.names() == set()
     process._stop_server()
-
-
-# ---- lengths that lie
-
-
-# ---- damage that the library does not survive
-
-
-def test_a_file_on_which_the_library_divides_by_zero(tmp_path):
-    # Found by fuzzing: records of 0 bytes in the index of a group with many attributes.
-    content = bytearray(seeds.native_captures()[-1])
-    at = content.index(b"BTHD") + 10
-    assert struct.unpack_from("<H", content, at)[0] > 0
-    struct.pack_into("<H", content, at, 0)
-    target = tmp_path / "c.h5"
-    target.write_bytes(hdf5_checksums(bytes(content)))
-    trusting = f"import h5py; h5py.File({str(target)!r}).attrs['clradar_format']"
-    done = subprocess.run([sys.executable, "-c", trusting], capture_output=True)
-    if done.returncode == 0:
-        pytest.skip("this version of the library survives it")
-    texts = outcomes(target)
-    assert all("expected a readable" in text for text in texts)
-    # This process continues, and so does the reading of other files.
-    target.write_bytes(seeds.native_captures()[-1])
-    assert open_capture(target).array.n_tx == 3

@@ -1,9 +1,6 @@
 """Exported files, opened by the programs that they are for."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,7 +44,7 @@ RECORDS = {"capture": capture(), "volume": volume(), "depth": volume().depth_map
 
 
 @pytest.mark.parametrize("counts", [(4, 3, 5), (1, 7, 2), (1, 1, 1)])
-def test_image_data_for_paraview(tmp_path: Path, counts: tuple[int, int, int]) -> None:
+def test_image_data_for_paraview(tmp_path, counts):
     # VTK 9.7.2 itself, of 140 MB, read the same by hand.
     vtkio = pytest.importorskip("vtkio.reader", reason="needs pip install '.[vtk]'")
     image = volume(counts)
@@ -66,7 +63,7 @@ def test_image_data_for_paraview(tmp_path: Path, counts: tuple[int, int, int]) -
     np.testing.assert_array_equal(read.point_data["amplitude"], np.abs(image.data).ravel())
 
 
-def test_surfaces_for_mesh_viewers(tmp_path: Path) -> None:
+def test_surfaces_for_mesh_viewers(tmp_path):
     nan = np.nan
     # Of eight triangles three are left: the others have the missing pixel or the step of 20 mm.
     image = depth([[0.30, 0.301, 0.302], [0.30, 0.301, nan], [0.32, 0.301, 0.303]])
@@ -84,7 +81,7 @@ def test_surfaces_for_mesh_viewers(tmp_path: Path) -> None:
     assert (grey[0], grey[1], grey[3]) == (255, round(255 * (1 - 20 * np.log10(2) / 12)), 0)
 
 
-def test_a_surface_of_a_row_is_points(tmp_path: Path) -> None:
+def test_a_surface_of_a_row_is_points(tmp_path):
     image = depth([[0.3, 0.301]])
     export_file(tmp_path / "d.ply", image)
     cloud = trimesh.load(tmp_path / "d.ply")
@@ -107,7 +104,7 @@ def contents(record: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("kind", RECORDS)
-def test_numpy_archives(tmp_path: Path, kind: str) -> None:
+def test_numpy_archives(tmp_path, kind):
     record = RECORDS[kind]
     export_file(tmp_path / "r.npz", record)
     with np.load(tmp_path / "r.npz", allow_pickle=False) as file:
@@ -123,7 +120,7 @@ def test_numpy_archives(tmp_path: Path, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", RECORDS)
-def test_matlab_files(tmp_path: Path, kind: str) -> None:
+def test_matlab_files(tmp_path, kind):
     record = RECORDS[kind]
     export_file(tmp_path / "r.mat", record)
     found = scipy.io.loadmat(tmp_path / "r.mat")
@@ -135,14 +132,14 @@ def test_matlab_files(tmp_path: Path, kind: str) -> None:
         assert json.loads(found["provenance"][0]) == META
 
 
-def test_a_matlab_file_has_a_largest_array(tmp_path: Path, monkeypatch: Any) -> None:
+def test_a_matlab_file_has_a_largest_array(tmp_path, monkeypatch):
     monkeypatch.setattr(export, "MAT_BYTES", 479)
     with pytest.raises(OutputError, match=r"v\.mat: expected at most 479 bytes.*got 480"):
         export_file(tmp_path / "v.mat", volume())
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_a_name_cannot_hold_is_one_clear_error(tmp_path: Path) -> None:
+def test_what_a_name_cannot_hold_is_one_clear_error(tmp_path):
     for name, kind, words in (
         ("c.vti", "capture", "a .vti file holds a volume, got a capture"),
         ("d.vti", "depth", "a .vti file holds a volume, got a depth map"),

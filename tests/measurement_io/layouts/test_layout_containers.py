@@ -1,7 +1,5 @@
 """Damaged and hostile containers: one error, whatever they claim; bombs cost no memory."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Callable
@@ -23,7 +21,7 @@ def toml(tmp_path: Path) -> Path:
     return layout(tmp_path, PLAIN)
 
 
-def test_unusual_archives(tmp_path: Path, toml: Path) -> None:
+def test_unusual_archives(tmp_path, toml):
     good = io.BytesIO()
     np.save(good, np.zeros(3))
     with zipfile.ZipFile(tmp_path / "c.npz", "w") as archive:
@@ -77,17 +75,12 @@ HOSTILE_HDF5 = [
 
 
 @pytest.mark.parametrize(("change", "expected"), HOSTILE_HDF5, ids=range(len(HOSTILE_HDF5)))
-def test_hostile_hdf5(
-    tmp_path: Path,
-    toml: Path,
-    change: Callable[[h5py.File, np.ndarray], None],
-    expected: str,
-) -> None:
+def test_hostile_hdf5(tmp_path, toml, change, expected):
     remade(change)(tmp_path / "c.h5")
     assert expected in refused(tmp_path / "c.h5", toml)
 
 
-def test_groups_that_hold_each_other(tmp_path: Path, toml: Path) -> None:
+def test_groups_that_hold_each_other(tmp_path, toml):
     capture = random_capture()
     path = write("hdf5", tmp_path / "c", tree_of(capture))
     with h5py.File(path, "r+") as file:
@@ -100,7 +93,7 @@ def test_groups_that_hold_each_other(tmp_path: Path, toml: Path) -> None:
     assert "nested" in refused(path, toml)
 
 
-def test_matlab_classes_of_v73(tmp_path: Path, toml: Path) -> None:
+def test_matlab_classes_of_v73(tmp_path, toml):
     capture = random_capture()
     path = write("mat v7.3", tmp_path / "c", {**tree_of(capture), "word": "hällo"})
     with h5py.File(path, "r+") as file:

@@ -1,8 +1,5 @@
 """Layouts: a capture written in strange ways comes back with the same bits, or one clear error."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -54,7 +51,7 @@ refused = partial(refusal, open_with_layout)
 
 
 @pytest.mark.parametrize("container", CONTAINERS)
-def test_every_container(tmp_path: Path, container: str) -> None:
+def test_every_container(tmp_path, container):
     capture = random_capture()
     path = write(container, tmp_path / "c.bin", tree_of(capture))
     read = open_capture(path, layout=layout(tmp_path, PLAIN))
@@ -69,7 +66,7 @@ def test_every_container(tmp_path: Path, container: str) -> None:
 
 
 @pytest.mark.parametrize("container", [c for c in CONTAINERS if "npz" not in c])
-def test_nested_keys_text_and_single_numbers(tmp_path: Path, container: str) -> None:
+def test_nested_keys_text_and_single_numbers(tmp_path, container):
     capture = random_capture()
     inner = {**tree_of(capture), "note": "hällo", "t_c": 21.5, "run": np.int16([7])}
     path = write(container, tmp_path / "c", {"lab": {"rec": inner}, "x": 1.0})
@@ -91,7 +88,7 @@ def test_nested_keys_text_and_single_numbers(tmp_path: Path, container: str) -> 
 
 @pytest.mark.parametrize("container", CONTAINERS)
 @pytest.mark.parametrize("at", [0, 1, 3])
-def test_frames_and_picked_axes(tmp_path: Path, container: str, at: int) -> None:
+def test_frames_and_picked_axes(tmp_path, container, at):
     frames = [random_capture(seed=i) for i in range(3)]
     first = frames[0]
     stack = np.stack([np.stack([c.data, 2 * c.data]) for c in frames])  # frame, channel, ...
@@ -114,7 +111,7 @@ def test_frames_and_picked_axes(tmp_path: Path, container: str, at: int) -> None
 
 @pytest.mark.parametrize("order", ["tx_major", "rx_major"])
 @pytest.mark.parametrize("container", ["hdf5", "mat v5", "mat v7.3"])
-def test_pairs(tmp_path: Path, container: str, order: str) -> None:
+def test_pairs(tmp_path, container, order):
     capture = random_capture()
     data = capture.data if order == "tx_major" else capture.data.transpose(1, 0, 2)
     pairs = np.array(data).reshape(-1, 6).T
@@ -129,7 +126,7 @@ def test_pairs(tmp_path: Path, container: str, order: str) -> None:
 
 
 @pytest.mark.parametrize("container", CONTAINERS)
-def test_parts_in_two_keys(tmp_path: Path, container: str) -> None:
+def test_parts_in_two_keys(tmp_path, container):
     capture = random_capture()
     tree = tree_of(capture, data=0.0, re=capture.data.real, im=capture.data.imag)
     path = write(container, tmp_path / "c", tree)
@@ -148,7 +145,7 @@ def test_parts_in_two_keys(tmp_path: Path, container: str) -> None:
 )
 @pytest.mark.parametrize("container", ["npz", "hdf5", "hdf5 gzip"])
 @pytest.mark.parametrize("kind", ["<f4", ">f8"])
-def test_compound_types(tmp_path: Path, container: str, fields: tuple[str, str], kind: str) -> None:
+def test_compound_types(tmp_path, container, fields, kind):
     capture = random_capture()
     data = np.empty(capture.data.shape, [(name, kind) for name in fields])
     real, imag = fields[::-1] if fields[0] == "imag" else fields
@@ -172,7 +169,7 @@ def test_compound_types(tmp_path: Path, container: str, fields: tuple[str, str],
     ],
 )
 @pytest.mark.parametrize("pairs", [True, False])
-def test_selected_channels(tmp_path: Path, select: str, indices: list[int], pairs: bool) -> None:
+def test_selected_channels(tmp_path, select, indices, pairs):
     capture = random_capture(n_tx=6, n_rx=6)
     tx, rx = capture.array.tx_m, capture.array.rx_m
     chosen = clradar.Capture(
@@ -202,7 +199,7 @@ def test_selected_channels(tmp_path: Path, select: str, indices: list[int], pair
         ('select = "0:0"', "keep a channel"),
     ],
 )
-def test_channels_that_do_not_fit(tmp_path: Path, tx: str, expected: str | None) -> None:
+def test_channels_that_do_not_fit(tmp_path, tx, expected):
     capture = random_capture()
     path = write("npz", tmp_path / "c", tree_of(capture))
     toml = layout(tmp_path, PLAIN.replace("[tx]", f"[tx]\n{tx}"))
@@ -215,7 +212,7 @@ def test_channels_that_do_not_fit(tmp_path: Path, tx: str, expected: str | None)
 # ---- positions
 
 
-def test_forms_of_positions(tmp_path: Path) -> None:
+def test_forms_of_positions(tmp_path):
     capture = random_capture()
     tx, rx = capture.array.tx_m, np.array(capture.array.rx_m)
     rx[:, 2] = 0.0125
@@ -243,7 +240,7 @@ def test_forms_of_positions(tmp_path: Path) -> None:
     assert 'orientation = "columns" would fit' in refused(path, layout(tmp_path, wrong))
 
 
-def test_origin_and_mirror(tmp_path: Path) -> None:
+def test_origin_and_mirror(tmp_path):
     capture = random_capture()
     shift = np.array([0.1, -0.2, 0.05])
     mirrored = [1, -1, -1] * capture.array.tx_m, [1, -1, -1] * capture.array.rx_m
@@ -276,7 +273,7 @@ def test_origin_and_mirror(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("container", ["hdf5", "mat v5", "mat v7.3"])
-def test_forms_of_frequencies(tmp_path: Path, container: str, text: str) -> None:
+def test_forms_of_frequencies(tmp_path, container, text):
     capture = random_capture()
     f_ghz = np.arange(72, 83, 2)
     tree = tree_of(capture, f_ghz=f_ghz, first=72e9, step=np.array([2e9]), n=np.int16(6))
@@ -288,7 +285,7 @@ def test_forms_of_frequencies(tmp_path: Path, container: str, text: str) -> None
 
 
 @pytest.mark.parametrize("container", ["hdf5 gzip", "mat v5"])
-def test_descending_frequencies_reverse_the_data(tmp_path: Path, container: str) -> None:
+def test_descending_frequencies_reverse_the_data(tmp_path, container):
     capture = random_capture()
     f = capture.waveform.frequencies_hz[::-1]
     path = write(container, tmp_path / "c", tree_of(capture, data=capture.data[..., ::-1], f=f))
@@ -312,7 +309,7 @@ def test_descending_frequencies_reverse_the_data(tmp_path: Path, container: str)
         (np.array([72e9 + 1j] * 6), "real numbers"),
     ],
 )
-def test_frequencies_that_do_not_fit(tmp_path: Path, f: Any, expected: str) -> None:
+def test_frequencies_that_do_not_fit(tmp_path, f, expected):
     path = write("npz", tmp_path / "c", tree_of(random_capture(), f=np.array(f)))
     assert expected in refused(path, layout(tmp_path, PLAIN))
 
@@ -340,9 +337,7 @@ def test_frequencies_that_do_not_fit(tmp_path: Path, f: Any, expected: str) -> N
         (lambda c: {"tx": np.zeros((0, 3))}, "at least one element"),
     ],
 )
-def test_contents_that_do_not_fit(
-    tmp_path: Path, change: Callable[[clradar.Capture], dict[str, Any]], expected: str
-) -> None:
+def test_contents_that_do_not_fit(tmp_path, change, expected):
     capture = random_capture()
     path = write("npz", tmp_path / "c", tree_of(capture, **change(capture)))
     message = refused(path, layout(tmp_path, PLAIN))
@@ -391,7 +386,7 @@ BAD_LAYOUTS = [
 
 
 @pytest.mark.parametrize(("text", "expected"), BAD_LAYOUTS, ids=range(len(BAD_LAYOUTS)))
-def test_bad_layouts(tmp_path: Path, text: str, expected: str) -> None:
+def test_bad_layouts(tmp_path, text, expected):
     toml = layout(tmp_path, text)
     with pytest.raises(MeasurementError) as caught:
         read_layout(toml)
@@ -405,7 +400,7 @@ def test_bad_layouts(tmp_path: Path, text: str, expected: str) -> None:
 
 
 @pytest.mark.parametrize("container", ["mat v5", "mat v5 deflated", "mat v7.3"])
-def test_example_matlab_struct(tmp_path: Path, container: str) -> None:
+def test_example_matlab_struct(tmp_path, container):
     rng = np.random.default_rng(0)
     full = rng.standard_normal((96, 96, 128, 2), dtype=np.float32).view(np.complex64)[..., 0]
     path = write(container, tmp_path / "c", {"rec": {"S": full, "comment": "plate at 30 cm"}})
@@ -417,7 +412,7 @@ def test_example_matlab_struct(tmp_path: Path, container: str) -> None:
     assert read.meta["file"] == {"rec.comment": "plate at 30 cm"}
 
 
-def test_example_pairs_and_frames(tmp_path: Path) -> None:
+def test_example_pairs_and_frames(tmp_path):
     rng = np.random.default_rng(0)
     raw = rng.integers(-32768, 32767, (3, 4 * 5, 6, 2)).astype(np.int16)
     iq = np.empty(raw.shape[:-1], [("I", "<i2"), ("Q", "<i2")])
@@ -449,7 +444,7 @@ def run(*arguments: object) -> int:
     return code if isinstance(code, int) else 0
 
 
-def test_convert_with_a_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_with_a_layout(tmp_path, capsys):
     capture = random_capture()
     rows = "\n".join(",".join(map(repr, row)) for row in capture.array.tx_m.tolist())
     (tmp_path / "Tx.dat").write_text("x,y,z\n" + rows)
@@ -468,9 +463,7 @@ def test_convert_with_a_layout(tmp_path: Path, capsys: pytest.CaptureFixture[str
         assert "--layout" in capsys.readouterr().err
 
 
-def test_inspect_prints_a_template_to_fill_in(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_prints_a_template_to_fill_in(tmp_path, capsys):
     capture = random_capture()
     path = write("npz", tmp_path / "c", tree_of(capture) | {"a\nb": np.zeros(3)})
     assert run("inspect", path) == 0

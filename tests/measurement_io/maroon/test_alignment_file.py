@@ -1,7 +1,5 @@
 """alignment.json and metadata.json: what is read, what is refused, what contradicts itself."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recorded frames: what is read, and that nothing hostile or damaged gets through."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from functools import partial

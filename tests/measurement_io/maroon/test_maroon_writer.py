@@ -1,7 +1,5 @@
 """Recordings that are written: what the dataset's own reader would find, and what is never left."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import pickletools
@@ -273,7 +271,7 @@ def test_a_folder_that_exists(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
 
 
-def test_every_numpy_finds_the_names_in_a_frame(tmp_path: Path) -> None:
+def test_every_numpy_finds_the_names_in_a_frame(tmp_path):
     frame = save_maroon_frame(tmp_path / "30", capture_of(0))
     names = [
         argument

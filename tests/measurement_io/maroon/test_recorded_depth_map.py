@@ -1,7 +1,5 @@
 """Cached products: where each pixel lands, in both directions, and what damaged files end in."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

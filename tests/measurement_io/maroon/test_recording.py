@@ -1,7 +1,5 @@
 """Whole recordings: a lazy sequence of frames, and what lies beside them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from functools import partial
@@ -54,7 +52,7 @@ def test_a_sequence_of_captures(tmp_path):
         with pytest.raises(IndexError, match="of 5"):
             recording[index]
     with pytest.raises(TypeError):
-        recording["0"]  # type: ignore[call-overload]
+        recording["0"]
 
 
 def test_slices_are_recordings(tmp_path):

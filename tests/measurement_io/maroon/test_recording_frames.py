@@ -1,7 +1,5 @@
 """Recordings in the antenna frame: targets and meshes land in their places, in x too."""
 
-from __future__ import annotations
-
 import maroon_files as files
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """`describe` and `check_file` of a recording: content, missing parts, contradictions."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

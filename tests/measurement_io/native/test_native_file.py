@@ -1,7 +1,5 @@
 """The native HDF5 file: bit for bit there and back, and one clear error for anything else."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Callable
@@ -237,9 +235,7 @@ def with_bad_value(name: str, value: Any) -> Callable[[h5py.File], None]:
     return action
 
 
-def test_the_space_of_channels_is_asked_for_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_space_of_channels_is_asked_for_first(tmp_path, monkeypatch):
     """So many that they take more than all else in a file."""
     n = 2000
     at_m = np.linspace([0.0, 0, 0], [0.1, 0, 0], n)

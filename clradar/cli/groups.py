@@ -1,0 +1,224 @@
+"""Groups of options: a command takes one record for options that belong together.
+
+A group is a dataclass whose fields are made by `option`, `argument` and `output_option`; they are
+the defaults of single parameters of a command, too. What a field says of its option is checked for
+all commands alike: its text, its limits, what it goes with, and that its output can be written.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import Field, field, fields, is_dataclass
+from inspect import Parameter
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from clradar.cli.call import call
+
+REQUIRED = Parameter.empty
+"""The default of an option without which a command is wrong usage."""
+
+UNITS = ("mm", "deg", "db", "hz", "us", "s")
+"""Of names of options: the help shows them in place of the value."""
+
+Read = Callable[[str, Any], Any]
+"""Reads or checks what was given: called with the option's name and the value."""
+
+
+def wrong_usage(option: str, text: str) -> typer.BadParameter:
+    """The error that names the option and ends in exit status 2."""
+    return typer.BadParameter(text, param_hint=option)
+
+
+def option(
+    help: str,
+    default: Any = None,
+    *names: str,
+    kind: Callable[..., Any] = typer.Option,
+    needs: str = "",
+    without: str = "",
+    due: str = "",
+    parse: Read | None = None,
+    check: Read | None = None,
+    text: Any = str,
+    panel: str = "",
+    kept: bool | None = None,
+    writes: bool = False,
+    **details: Any,
+) -> Any:
+    """A field that is an option; without `names` ``edge_mm`` is ``--edge-mm``.
+
+    `parse` makes a value of its `text`, `check` is of the value that typer makes. It goes with one
+    of the options `needs`, where the command has them, and never with those of `without`; one of
+    `due` demands it. These are names with blanks between them, or as ``--method=sparse|exact``. The
+    help shows it under the heading `panel`. It `writes` a file that must not be there, and is
+    `kept` among the settings of results, as all are but those of outputs. `details` are those of
+    `typer.Option`.
+    """
+    known = {
+        "default": default, "names": names, "needs": needs, "without": without, "due": due,
+        "kind": kind, "parse": parse, "check": check, "text": text, "panel": panel,
+        "kept": panel != "Output" if kept is None else kept, "writes": writes,
+    }  # fmt: skip
+    metadata = {**known, "details": {"help": help, **details}}
+    if default is REQUIRED:
+        return field(metadata=metadata)
+    value = parse("", default) if parse is not None and isinstance(default, str) else default
+    return field(metadata=metadata, default=value)
+
+
+def argument(help: str, default: Any = None, **details: Any) -> Any:
+    """A field that is a positional argument; `details` as of `option`."""
+    return option(help, default, kind=typer.Argument, **details)
+
+
+def written(help: str, *names: str, **details: Any) -> Any:
+    """A field that is the option of a file to write."""
+    return option(help, None, *names, panel="Output", writes=True, **details)
+
+
+def output_option(
+    help: str, default: Any = None, *names: str, folder: bool = False, **details: Any
+) -> Any:
+    """A field that is the option ``-o``, ``--output``, and has other names, too.
+
+    That a `folder` may be written is for the command to check.
+    """
+    names = ("-o", "--output", *names)
+    return option(help, default, *names, panel="Output", writes=not folder, **details)
+
+
+def option_name(name: str, one: Field[Any]) -> str:
+    """The name of the option of a field, or that which help gives an argument."""
+    if one.metadata["kind"] is typer.Argument:
+        return str(one.metadata["details"].get("metavar") or name.upper())
+    return str((one.metadata["names"] or ("--" + name.replace("_", "-"),))[0])
+
+
+def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command one keyword for each field of its groups: the parameters that typer reads."""
+    shown = inspect.signature(command, eval_str=True)
+    groups: dict[str, Any] = {
+        n: p.annotation for n, p in shown.parameters.items() if is_dataclass(p.annotation)
+    }
+    declared: dict[str, Field[Any]] = {}
+    parameters: list[Parameter] = []
+    for name, parameter in shown.parameters.items():
+        own, hints, panel = {name: parameter.default}, {name: parameter.annotation}, ""
+        if name in groups:
+            own, hints = {f.name: f for f in fields(groups[name])}, get_type_hints(groups[name])
+            panel = getattr(groups[name], "PANEL", "")
+        declared |= own
+        parameters += [_parameter(n, hints[n], one, panel) for n, one in own.items()]
+    label = command.__module__.rpartition(".")[2].replace("_", "-")
+
+    def run(**values: Any) -> Any:
+        _check_together(declared, values)
+        for name, one in declared.items():
+            for read in (one.metadata["parse"], one.metadata["check"]):
+                if read is not None and values[name] is not None:
+                    values[name] = read(option_name(name, one), values[name])
+        call.command = label
+        call.options = {name: values[name] for name, f in declared.items() if f.metadata["kept"]}
+        records = {
+            name: group(**{one.name: values[one.name] for one in fields(group)})
+            for name, group in groups.items()
+        }
+        _check_files(declared, values, records.values())
+        single = {name: values[name] for name in shown.parameters if name not in groups}
+        return command(**records, **single)
+
+    run.__signature__ = shown.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:
+    known, details = one.metadata, dict(one.metadata["details"])
+    names, unit, default = known["names"], name.rpartition("_")[2], known["default"]
+    if known["parse"] is not None:
+        hint = known["text"] if default is not None else known["text"] | None
+    if known["kind"] is typer.Option:
+        names = names or (option_name(name, one),)
+        if unit in UNITS:
+            details.setdefault("metavar", unit.upper())
+        details["rich_help_panel"] = known["panel"] or panel or None
+    annotation: Any = Annotated[hint, known["kind"](*names, **details)]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _check_together(declared: dict[str, Field[Any]], values: dict[str, Any]) -> None:
+    fields_of = {option_name(name, one): name for name, one in declared.items()}
+    there = {
+        name
+        for name, key in fields_of.items()
+        if values[key] not in (declared[key].metadata["default"], [], None)
+    }
+
+    def known(rules: str) -> Iterator[tuple[bool, str]]:
+        """Whether each holds, in a command that has its option, and its text."""
+        for rule in rules.split():
+            name, equals, choices = rule.partition("=")
+            if name in fields_of:
+                holds = values[fields_of[name]] in choices.split("|") if equals else name in there
+                yield holds, rule.replace("=", " ").replace("|", " or ")
+
+    for name, key in fields_of.items():
+        rules = declared[key].metadata
+        if name not in there:
+            for holds, rule in known(rules["due"]):
+                if holds:
+                    raise wrong_usage(name, f"{rule} needs it")
+            continue
+        needed = list(known(rules["needs"]))
+        if needed and not any(holds for holds, _ in needed):
+            raise wrong_usage(name, f"expected {' or '.join(r for _, r in needed)} with it")
+        for holds, rule in known(rules["without"]):
+            if holds:
+                raise wrong_usage(name, f"expected without {rule}")
+
+
+def _check_files(
+    declared: dict[str, Field[Any]], values: dict[str, Any], records: Iterable[Any]
+) -> None:
+    """Raise unless all files that options name as outputs may be written: not over an input."""
+    outputs = [values[name] for name, one in declared.items() if one.metadata["writes"]]
+    if any(outputs):
+        from clradar.cli.outputs import check_outputs
+
+        inputs = [
+            path
+            for name, one in declared.items()
+            if one.metadata["names"][:1] != ("-o",) and not one.metadata["writes"]
+            for path in _paths_in(values[name])
+        ]
+        inputs += [path for record in records for path in getattr(record, "files", ())]
+        check_outputs(outputs, force=bool(values.get("force")), inputs=inputs)
+
+
+def files_of(*groups: Any) -> list[Path]:
+    """The files that options of groups name, each once; those in their texts by `files`."""
+    paths = [path for group in groups for path in _paths_in(list(values_of(group).values()))]
+    return list(dict.fromkeys([*paths, *(p for one in groups for p in getattr(one, "files", ()))]))
+
+
+def _paths_in(value: Any) -> list[Path]:
+    """The paths that a value is, or has in it."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [path for one in value for path in _paths_in(one)]
+    return [value] if isinstance(value, Path) else []
+
+
+def given(group: Any) -> dict[str, Any]:
+    """The options of a group that are not at their default: name -> value."""
+    values = {one: getattr(group, one.name) for one in fields(group)}
+    return {option_name(f.name, f): value for f, value in values.items() if value != f.default}
+
+
+def values_of(group: Any) -> dict[str, Any]:
+    """The values of a group by the names of its fields."""
+    return {one.name: getattr(group, one.name) for one in fields(group)}

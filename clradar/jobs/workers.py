@@ -1,0 +1,444 @@
+"""The workers of one Dask client: processes of this machine, or those of a scheduler.
+
+Dask schedules items, retries failed ones and restarts dead workers. This module limits the number
+of submitted items, checks that workers are alike, and interprets outcomes. Importing it needs Dask.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from socket import gethostname
+from time import monotonic, sleep
+from typing import Any
+
+import dask
+from distributed import (
+    CancelledError,
+    Client,
+    Future,
+    KilledWorker,
+    Nanny,
+    Scheduler,
+    SpecCluster,
+    as_completed,
+)
+from distributed.comm import CommClosedError
+from distributed.diagnostics.plugin import WorkerPlugin
+
+from clradar.errors import ClradarError, ClusterError, DeviceError, ModelError, OutputError
+from clradar.files.atomic import write_file
+from clradar.files.failures import clean, shown
+from clradar.files.interrupts import interrupts_blocked
+from clradar.files.json_differences import differences
+from clradar.jobs.lock import scratch_folder
+from clradar.jobs.outcome import ATTEMPTS, Outcome, made_with, outcome_of, reason_of
+from clradar.model.progress import Progress
+from clradar.opencl import Device, DeviceInfo, open_device
+from clradar.opencl.program import compiled
+from clradar.opencl.self_test import self_test
+from clradar.versions import own_version
+
+DEVICE = "DEVICE"
+"""The Dask resource of workers: one for each item that a worker makes at a time."""
+
+WAITING, AHEAD = 2, 4
+"""Submitted items per worker: the one being made, and the next; and where results keep their order,
+so that others are made while one is waited for."""
+
+CONNECT_S = 10.0
+
+FIRST_S, RETURN_S = 10.0, 600.0
+"""Longest wait for a worker: for a first one, and for one that died, which its nanny starts again
+however busy the machine is."""
+
+LATE_S, LATE_STEP_S = 120.0, 0.05
+"""Longest wait for items that are made twice, and the interval of polling."""
+
+STARTS = 2
+"""How often the workers are started: one that is killed meanwhile is no reason to end."""
+
+BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+
+HERE = "127.0.0.1"
+
+Function = Callable[[Any, Device, Progress], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """The device and the cores of one worker process."""
+
+    device: str
+    cores: tuple[int, ...]
+    threads: int
+
+    def environment(self) -> dict[str, str]:
+        """The environment variables that limit OpenCL; set before the process starts.
+
+        PoCL reads POCL_CPU_MAX_CU_COUNT from version 4 on and POCL_MAX_PTHREAD_COUNT before; with
+        either it reports so many compute units. Other runtimes use the cores that the process has.
+        """
+        threads = str(self.threads)
+        return {
+            "CLRADAR_DEVICE": self.device,
+            "POCL_MAX_PTHREAD_COUNT": threads, "POCL_CPU_MAX_CU_COUNT": threads,
+        }  # fmt: skip
+
+
+def own_cores() -> list[int]:
+    """The processors that this process may use; all where the system does not tell."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def partition(workers: int, devices: Sequence[DeviceInfo], cores: Sequence[int]) -> list[Share]:
+    """Assign devices and cores to so many processes.
+
+    Devices are assigned in turn, so there may be more workers than GPUs. The cores of CPU devices
+    are divided as equally as possible.
+    """
+    is_gpu, n_cores = devices[0].kind == "gpu", len(cores)
+    if not is_gpu and workers > n_cores:
+        raise ModelError(
+            f"workers: expected at most {n_cores}, one per core of the CPU device, got {workers}"
+        )
+    shares, first = [], 0
+    for i in range(workers):
+        n = max(1, n_cores // workers) if is_gpu else n_cores // workers + (i < n_cores % workers)
+        own = tuple(cores if is_gpu else cores[first : first + n])
+        shares.append(Share(devices[i % len(devices)].selector, own, n))
+        first += n
+    return shares
+
+
+class KeepToCores(WorkerPlugin):
+    """Plugin of a worker that sets the affinity of its process before it starts other threads."""
+
+    def __init__(self, cores: Sequence[int]) -> None:
+        self.cores = tuple(cores)
+
+    def setup(self, worker: Any) -> None:
+        if hasattr(os, "sched_setaffinity"):  # elsewhere the number of threads has to do
+            os.sched_setaffinity(0, self.cores)
+
+
+@contextmanager
+def local_client(shares: Sequence[Share]) -> Iterator[Client]:
+    """Start one worker process for each share of this machine; yields the client."""
+    _silence()
+    threads = str(min(share.threads for share in shares))
+    settings = {
+        # numpy reads them when it is loaded, so they are set before a process starts. They replace
+        # Dask's MALLOC_TRIM_THRESHOLD_, which makes every large array fault its pages in again and
+        # a sample a third slower.
+        "distributed.nanny.pre-spawn-environ": dict.fromkeys(BLAS_VARIABLES, threads),
+        "distributed.worker.multiprocessing-method": "spawn",
+        # Dask gives up a worker that is not back after 15 s, as on a busy machine, or that has died
+        # again by then; its nanny starts it as often as it dies.
+        "distributed.deploy.lost-worker-timeout": "1000 days",
+        # What kills two workers is not given to a third.
+        "distributed.scheduler.allowed-failures": 1,
+    }
+    scheduler = {
+        "cls": Scheduler,
+        "options": {"host": HERE, "port": 0, "dashboard": True, "dashboard_address": f"{HERE}:0"},
+    }
+    common = {
+        "host": HERE, "nthreads": 1, "resources": {DEVICE: 1}, "silence_logs": logging.CRITICAL,
+        # Results are small; a worker is not killed for an item that needs much memory.
+        "memory_limit": None,
+    }  # fmt: skip
+    workers = {}
+    for i, share in enumerate(shares):
+        own = {"env": share.environment(), "plugins": (KeepToCores(share.cores),)}
+        workers[i] = {"cls": Nanny, "options": common | own}
+    # Dask leaves its folder of scratch behind.
+    with (
+        scratch_folder() as scratch,
+        dask.config.set({**settings, "temporary-directory": str(scratch)}),
+    ):
+        for left in reversed(range(STARTS)):
+            try:
+                with interrupts_blocked():
+                    cluster = SpecCluster(
+                        workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
+                    )
+                break
+            except Exception as error:
+                if not left:
+                    raise ClusterError(f"the workers did not start: {clean(error)}") from error
+        try:
+            with Client(cluster, set_as_default=False) as client:
+                yield client
+        finally:
+            # Ctrl-C would cancel the closing, and closing again would wait for that forever.
+            with interrupts_blocked():
+                cluster.close()
+
+
+@contextmanager
+def client_of(address: str) -> Iterator[Client]:
+    """Connect to a Dask scheduler that runs already; yields the client."""
+    _silence()
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise ClusterError(
+            f"{clean(address)}: expected the address of a Dask scheduler, such as "
+            f"tcp://HOST:8786; {clean(error)}"
+        ) from error
+    with client:
+        yield client
+
+
+def _silence() -> None:
+    """Silence Dask's own messages: the fate of items and workers is reported here."""
+    # Dask gives some of its loggers levels of their own, so that the parent's does not count.
+    known = list(logging.root.manager.loggerDict)
+    for name in {"distributed", "tornado.application", "asyncio", *known}:
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+def worker_facts(device: str | None) -> dict[str, Any]:
+    """The versions and the device of the worker that runs this."""
+    return made_with(open_device(device))
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """Conditions on a scheduler's worker, which each process verifies before its first item."""
+
+    made_with: str
+    device: str | None
+    files: tuple[str, ...]
+    here: str  # the client's folder: names of files may be relative to it
+
+    def breach(self) -> str | None:
+        """The condition that this process violates, or None."""
+        different = differences(json.loads(self.made_with), worker_facts(self.device))
+        if different:
+            return f"expected versions and device of the other workers: {'; '.join(different)}"
+        unseen = [file for file in self.files if not os.path.exists(file)]
+        return f"cannot see {shown(unseen[0])}; share it under this name" if unseen else None
+
+
+@lru_cache(maxsize=4)
+def _breach(terms: Terms) -> str | None:
+    return terms.breach()
+
+
+def run_item(function: Function, item: Any, terms: Terms | None) -> Outcome:
+    """Work on an item: the task that Dask runs."""
+    if terms is None:  # a process of this machine, whose device is in CLRADAR_DEVICE
+        device = _tested_device()
+        result, warned = outcome_of(function, item, device, silent)
+        if type(result) is DeviceError:  # with its selector: names may be the same
+            text = str(result).removeprefix(f"device {device.info.label}: ")
+            result = DeviceError(f"device {device.info.selector} {device.info.label}: {text}")
+        return result, warned
+    if (breach := _breach(terms)) is not None:
+        return OutputError(f"worker on {gethostname()}: {breach}"), []
+    before = os.getcwd()
+    moves = before != terms.here and os.path.isdir(terms.here)
+    try:
+        if moves:
+            os.chdir(terms.here)
+        return outcome_of(function, item, open_device(terms.device), silent)
+    finally:
+        if moves:
+            os.chdir(before)
+
+
+@lru_cache(maxsize=1)
+def _tested_device() -> Device:
+    device = open_device()
+    self_test(device, compiled)
+    return device
+
+
+def silent(done: int, total: int) -> None:
+    """Progress that nobody sees."""
+
+
+class Workers:
+    """The workers of a client: of this machine, with the names of their devices, or on terms."""
+
+    def __init__(
+        self, client: Client, terms: Terms | None = None, names: Sequence[str] = ()
+    ) -> None:
+        self.client, self.terms, self.names = client, terms, names
+
+    @classmethod
+    @contextmanager
+    def of_scheduler(
+        cls, client: Client, folder: Path, files: Sequence[str], device: str | None
+    ) -> Iterator[Workers]:
+        """Those that a scheduler has; whether they see the folder is known by a file in it."""
+        # A later run removes it as a temporary file, if this one is killed.
+        visible = folder.absolute() / f".visible.{secrets.token_hex(16)}.tmp"
+        write_file(visible, b"")
+        try:
+            facts = json.dumps(cls(client)._facts(device))
+            yield cls(client, Terms(facts, device, (str(visible), *files), os.getcwd()))
+        finally:
+            visible.unlink(missing_ok=True)
+
+    def _facts(self, device: str | None) -> dict[str, Any]:
+        """Versions and device of one worker, which has to be of this version."""
+        self._await_workers(FIRST_S)
+        expected = f"expected workers with clradar {own_version()}, as on the client"
+        try:
+            asked = self.client.submit(worker_facts, device, pure=False, resources={DEVICE: 1})
+            facts: dict[str, Any] = asked.result()
+            got = None if facts["clradar"] == own_version() else facts["clradar"]
+        except Exception as error:
+            got = reason_of(error)
+        if got is not None:
+            raise ClusterError(f"{self._address}: {expected}, got {got}")
+        return facts
+
+    def in_order(self, function: Function, items: Sequence[Any]) -> Iterator[Outcome]:
+        """Yield the outcomes of all items in their order; the first error ends all."""
+
+        def read(i: int, future: Future) -> Outcome:
+            try:
+                outcome: Outcome = future.result()
+            except KilledWorker as error:
+                name = self.names[int(str(error.last_worker.name))]
+                raise DeviceError(
+                    f"device {name}: its process died at item {i}; choose other devices, see "
+                    "`clradar devices`"
+                ) from error
+            if isinstance(outcome[0], BaseException):
+                raise outcome[0]
+            return outcome
+
+        for _, outcome in self._read(function, [*enumerate(items)], read, AHEAD, ordered=True):
+            yield outcome
+
+    def outcomes(self, function: Function, items: Sequence[Any]) -> Iterator[tuple[int, Outcome]]:
+        """Yield the number of each item with its outcome, as soon as it is known.
+
+        When a worker dies, Dask blames all items that it had. So those that it gives up are
+        retried at the end, each alone in the whole cluster. Workers that died are back at the end.
+        """
+        blamed = []
+        for number, outcome in self._outcomes(function, [*enumerate(items)]):
+            if outcome is None:
+                blamed.append(number)
+            else:
+                yield number, outcome
+        for number in sorted(blamed):
+            outcome = None
+            if len(items) > 1:
+                ((_, outcome),) = self._outcomes(function, [(number, items[number])])
+            yield number, outcome or (ClradarError("its worker process died each time"), [])
+        if blamed:
+            self._await_workers(RETURN_S)
+
+    def _outcomes(
+        self, function: Function, items: Sequence[tuple[int, Any]]
+    ) -> Iterator[tuple[int, Outcome | None]]:
+        """The same without another try; None where a worker died."""
+
+        def read(number: int, future: Future) -> Outcome | None:
+            try:
+                outcome: Outcome = future.result()
+            except KilledWorker:
+                return None
+            except (CancelledError, CommClosedError) as error:
+                raise ClusterError(
+                    "the scheduler is gone, or cancelled the samples; the same command resumes"
+                ) from error
+            except Exception as error:
+                return ClradarError(reason_of(error)), []
+            return outcome
+
+        return self._read(function, items, read, WAITING)
+
+    def _read(
+        self,
+        function: Function,
+        items: Sequence[tuple[int, Any]],
+        read: Callable[[int, Future], Any],
+        ahead: int,
+        *,
+        ordered: bool = False,
+    ) -> Iterator[tuple[int, Any]]:
+        """Yield the numbers of items with what is read of their futures as soon as they are done.
+
+        At most `ahead` items for each worker are submitted and not yielded.
+        """
+        run, finished = secrets.token_hex(4), as_completed([], loop=self.client.loop)
+        pending: dict[Future, int] = {}
+        ready: dict[int, Any] = {}
+        submitted = 0
+        try:
+            for turn, (expected, _) in enumerate(items):
+                for number, item in items[submitted : turn + max(1, ahead * len(self._known()))]:
+                    future = self.client.submit(
+                        run_item, function, item, self.terms, key=("item", run, number),
+                        resources={DEVICE: 1}, retries=0 if ordered else ATTEMPTS - 1,
+                    )  # fmt: skip
+                    pending[future] = number
+                    finished.add(future)
+                    submitted += 1
+                while not ready or (ordered and expected not in ready):
+                    future = next(finished)
+                    number = pending.pop(future)
+                    ready[number] = read(number, future)
+                number = expected if ordered else next(iter(ready))
+                yield number, ready.pop(number)
+            self._await_late(run)
+        finally:
+            # Workers of a scheduler finish the items that they have begun, and leave what they made
+            # to the next run.
+            with suppress(Exception):
+                self.client.cancel(list(pending))
+
+    @property
+    def _address(self) -> str:
+        return str(self.client.scheduler_info(n_workers=0)["address"])
+
+    def _known(self) -> dict[str, Any]:
+        """The workers with a device by their addresses."""
+        known = self.client.scheduler_info(n_workers=-1)["workers"]
+        return {at: worker for at, worker in known.items() if worker["resources"].get(DEVICE)}
+
+    def _await_workers(self, limit_s: float) -> None:
+        until_s = monotonic() + limit_s
+        while not self._known():
+            if monotonic() > until_s:
+                address = self._address
+                raise ClusterError(
+                    f"{address}: expected workers with a device, got none; start some by: "
+                    f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
+                )
+            sleep(LATE_STEP_S)
+
+    def _await_late(self, run: str) -> None:
+        """Wait for items that are made twice, so that no file is written after the run.
+
+        Dask reschedules the items of a dying worker, even finished ones.
+        """
+        until_s = monotonic() + LATE_S
+        while monotonic() < until_s:
+            if not any(self.client.run(_is_busy, run, on_error="ignore").values()):
+                return
+            sleep(LATE_STEP_S)
+
+
+def _is_busy(run: str, dask_worker: Any) -> bool:
+    """Whether a worker is making an item of a run."""
+    keys = list(dask_worker.active_threads.values())
+    return any(isinstance(key, tuple) and key[:2] == ("item", run) for key in keys)
