@@ -70,19 +70,11 @@ def command(
         second = Others(source, tuple(open_source(other) for other in simulated))
     elif scene is not None:
         second = Simulation(scene, opened)
-<<<<<<< HEAD
     truth = recording_truth(path, source.label)
     if isinstance(source, SampleFrames):
         truth = source.truth
     about: Any = {"beside": second, "mesh": scene, "truth": truth, "device": opened}
     view = View(source=source, wish=Wish(dynamic_range_db=depth.dynamic_range_db), **about)
-=======
-    of_data_set = isinstance(source, SampleFrames)
-    shown: dict[str, Any] = {
-        "wish": Wish(dynamic_range_db=depth.dynamic_range_db), "beside": second, "mesh": scene,
-        "truth": source if of_data_set else recording_truth(path, source.label), "device": opened,
-    }  # fmt: skip
->>>>>>> main
     if html is None:
         serve(view, port, print_line)
         return
