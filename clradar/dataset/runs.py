@@ -179,14 +179,13 @@ class ShardMaker:
         target = self.folder / shard_name(work.samples[0] // self.plan.output.shard_size)
         with new_shard(target, self.plan) as shard:
             for done, sample in enumerate(work.samples, start=1):
-                kept = None if sample in made.failed else self._stored(target, sample)
-                if kept is not None:
+                if kept := self._stored(target, sample):
                     shard.add(*kept)
                 elif sample not in made.failed:
                     found = self._attempt(sample, opened.info.selector, made)
+                    made.count += found is not None
                     if found is not None:
                         shard.add(found, made.made_with)
-                        made.count += 1
                 if sample in made.failed:
                     shard.fail(made.failed[sample])
                 if progress is not None:

@@ -18,7 +18,7 @@ from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.errors import ModelError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
-from clradar.hand import HandMesh, HandPose, hand_mesh
+from clradar.hand import HandMesh, hand_mesh
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
@@ -133,7 +133,11 @@ def placed_hand(
     """Return the posed hand in the antenna frame, metres."""
     hands, place = drawn.plan.hands, drawn.plan.placement
     if hands.rigs:
-        mesh = posed_rig(hands.rigs[0], drawn.pose, hands.handedness, rigs)
+        folders = (rigs,) if isinstance(rigs, str | os.PathLike) else rigs
+        rig = _rig(hands.rigs[0], tuple(os.path.abspath(folder) for folder in folders))
+        mesh = rig.posed(drawn.pose, center_m=(0.0, 0.0, 0.0))
+        if rig.handedness != hands.handedness:  # a hand of the other side is mirrored
+            mesh = mesh.moved(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
     else:
         mesh = hand_mesh(
             drawn.pose, edge_length_m=hands.edge_mm / 1e3, handedness=hands.handedness,
@@ -177,28 +181,12 @@ def _middle_s(drawn: SamplePlan) -> float:
     return 0.5 * ((timing.begin_s + start_s) + (timing.end_s + start_s))
 
 
-def posed_rig(record: RigFile, pose: HandPose, handedness: str, rigs: Folders = "") -> HandMesh:
-    """Return a rig's hand in a pose about the origin; a hand of the other side is mirrored."""
-    folders = (rigs,) if isinstance(rigs, str | os.PathLike) else rigs
-    rig = _rig(record, tuple(os.path.abspath(folder) for folder in folders))
-    mesh = rig.posed(pose, center_m=(0.0, 0.0, 0.0))
-    if rig.handedness == handedness:
-        return mesh
-    return mesh.moved(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
-
-
 @lru_cache(maxsize=4)
 def _rig(record: RigFile, folders: tuple[str, ...]) -> Any:
-    from clradar.rigs import read_rig
-
-    file, mapping = found_rig(record, folders)
-    return read_rig(
-        file, mapping=mapping, unit=record.unit, handedness=record.handedness,
-        betas=record.betas or None,
-    )  # fmt: skip
+    return record.read(*found_rig(record, folders))
 
 
-def found_rig(record: RigFile, folders: Sequence[str | Path]) -> tuple[str, str | None]:
+def found_rig(record: RigFile, folders: Sequence[str | Path]) -> tuple[Path, Path | None]:
     """Return the paths of a rig's files; a `ModelError` where they are not those of the plan."""
     file = _path_of(record.file, record.sha256, folders)
     if record.mapping is None:
@@ -206,13 +194,13 @@ def found_rig(record: RigFile, folders: Sequence[str | Path]) -> tuple[str, str 
     return file, _path_of(record.mapping, str(record.mapping_sha256), folders)
 
 
-def _path_of(name: str, sha256: str, folders: Sequence[str | Path]) -> str:
+def _path_of(name: str, sha256: str, folders: Sequence[str | Path]) -> Path:
     """Return the path of the file of this name and content."""
-    paths = list(dict.fromkeys(os.path.join(folder, name) for folder in folders))
+    paths = list(dict.fromkeys(Path(folder, name) for folder in folders))
     got = "nothing there"
     for path in paths:
         try:
-            if sha256_of(Path(path)) == sha256:
+            if sha256_of(path) == sha256:
                 return path
             got = "another"
         except FileNotFoundError:

@@ -145,18 +145,9 @@ _LABELS: Sequence[Any] = (
         "coating_thickness_m", ("part",), "float64", "m", "of the coating; NaN: none",
         partial(_of_parts, "thickness_m"), "material",
     ),
-    (
-        "sequence", (), "int64", None, "number of the sequence of frames", lambda s: s.number,
-        "movement",
-    ),
-    (
-        "frame", (), "int32", None, "number of the frame in its sequence", lambda s: s.frame,
-        "movement",
-    ),
-    (
-        "time_s", (), "float64", "s", "when the frame begins in its sequence",
-        lambda s: s.start_s, "movement",
-    ),
+    ("sequence", (), "int64", None, "number of the sequence", lambda s: s.number, "movement"),
+    ("frame", (), "int32", None, "number of the frame in it", lambda s: s.frame, "movement"),
+    ("time_s", (), "float64", "s", "when the frame begins in it", lambda s: s.start_s, "movement"),
     ("recipe", (), "text", None, "all that the sample is made of, JSON", lambda s: _json(s.record)),
     ("made_with", (), "text", None, "versions and device, JSON"),
 )  # fmt: skip

@@ -21,7 +21,9 @@ import calibration
 import clradar.plot
 from calibration.hand_fit.starts import read_start
 from calibration.registration.mesh_pose import depth_for_mesh
-from clradar.cli.moving_hands import FIGURE, FRAMES, SHEET
+from clradar.cli.frames import RECORDS
+from clradar.cli.recordings import MOVEMENT as FIGURE
+from clradar.cli.recordings import SHEET
 from clradar.hand import read_pose
 from clradar.plot import save_figure
 from measurement_io import open_capture, save_recording
@@ -83,7 +85,7 @@ def test_a_folder_with_frames_table_and_figures(
     assert outcome.status == 0, outcome.err
     # 16 frequencies may be few for this grid: said once at most, not of every frame.
     assert outcome.err.count("warning") == outcome.err.count("unambiguous") <= 1
-    assert {path.name for path in folder.iterdir()} == {FIGURE, SHEET, FRAMES}
+    assert {path.name for path in folder.iterdir()} == {FIGURE, SHEET, RECORDS}
     assert "4 frames, 1 followed, 2 searched, 1 without a hand" in outcome.out
     assert "the misfit per cell is 1.30" in outcome.out
     frame = json.loads((folder / "frames/000003.json").read_text())

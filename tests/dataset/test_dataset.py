@@ -26,15 +26,20 @@ from rig_files import RigMaker
 import clradar
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
 from clradar.dataset.check import check_dataset
-from clradar.dataset.folder import MANIFEST
+from clradar.dataset.contact_sheet import contact_sheet
+from clradar.dataset.folder import CONTACT_SHEET, MANIFEST
 from clradar.dataset.plan.recipe import read_recipe
 from clradar.dataset.sample import _rig, placed_hand, rotation
-from clradar.dataset.shards import new_shard, read_sample
+from clradar.dataset.shards import arrays_of, new_shard, read_sample
+from clradar.dataset.trial import estimate
 from clradar.errors import ModelError, OutputError
 from clradar.hand import POSES, HandShape, hand_mesh
 
 POINT_ERROR_M = 1e-9
 """Rotations and translations of decimetres in float64: rounding is some 1e-16 m."""
+
+SIZE_SHARE = 0.25
+"""How far the estimate of bytes may be off: samples compress differently."""
 
 HALF_FLOAT_M = 2e-8
 """float32 of lengths below 0.5 m: half of 2**-24 of 0.5 m is 1.5e-8 m."""
@@ -138,19 +143,12 @@ def test_when_arrays_are_closed_changes_no_byte_of_a_shard(
     assert (tmp_path / "open").read_bytes() == (tmp_path / "closed").read_bytes()
 
 
-def test_a_recipe_may_be_its_text(made: Path) -> None:
-    text = open_dataset(made).recipe.values[1]
-    wanted = make_sample(recipe(PLAN, 1), DEVICE)
-    for given in (text, text.encode()):
-        again = make_sample(given, DEVICE)
-        assert again.recipe == wanted.recipe
-        for name, array in wanted.arrays.items():
-            assert again.arrays[name].tobytes() == array.tobytes(), name
-
-
 def test_what_a_recipe_leaves_out_is_a_default_or_one_error() -> None:
     whole = {**recipe(PLAN, 1), "output": {"products": ["capture"]}}
     clean = make_sample({**whole, "impairments": {}}, DEVICE).arrays["capture"]
+    text = json.dumps({**whole, "impairments": {}})
+    for given in (text, text.encode()):
+        assert make_sample(given, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
     bare = {key: value for key, value in whole.items() if key not in ("impairments", "image")}
     assert make_sample(bare, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
     noisy = make_sample({**whole, "impairments": {"snr_db": 3.0}}, DEVICE).arrays["capture"]
@@ -332,3 +330,59 @@ def test_the_command_replays(
     status, out, err = called("--replay", copy, 4)
     assert (status, "joints: 1 of 75 numbers differ" in out) == (1, True)
     assert "1 difference" in err
+
+
+# What sums up a data set
+
+
+def test_there_is_a_contact_sheet(made: Path) -> None:
+    from PIL import Image
+
+    with Image.open(made / CONTACT_SHEET) as sheet:
+        width, height = sheet.size
+        colours = len(np.unique(np.asarray(sheet).reshape(-1, 4), axis=0))
+    assert width > 2.5 * height  # five in a row
+    assert colours > 100
+
+
+@pytest.mark.parametrize("products", [["volume"], ["depth_map"], ["capture"], ["mesh", "joints"]])
+def test_every_product_is_drawn_on_contact_sheets(products: list[str]) -> None:
+    sample = make_sample({**recipe(PLAN, 2), "output": {"products": products}}, DEVICE)
+    assert set(sample.arrays) == set(arrays_of(products))
+    axes = contact_sheet([sample]).axes
+    assert len(axes) == 1
+    drawn = len(axes[0].images) + len(axes[0].lines)
+    assert drawn == (5 if products == ["mesh", "joints"] else 1)  # a line for each digit
+
+
+def test_a_contact_sheet_that_was_lost_is_drawn_again(copy: Path) -> None:
+    before = digests(copy)
+    (copy / CONTACT_SHEET).unlink()
+    run(PLAN, copy, device=DEVICE)
+    assert digests(copy) == before
+
+
+def test_the_estimate_is_near_what_is_written(made: Path) -> None:
+    seconds, size, _ = estimate(PLAN, device=DEVICE)
+    made_bytes = sum(path.stat().st_size for path in (made / "shards").iterdir())
+    assert abs(size - made_bytes) < SIZE_SHARE * made_bytes
+    assert seconds > 0
+
+
+def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = "samples = 100000\n[poses]\nnames = ['A']\n[hands]\nedge_mm = 4\n"
+    (tmp_path / "plan.toml").write_text(plan + "[output]\nproducts = ['joints']\n")
+    assert exit_status("dataset", tmp_path / "plan.toml", "--dry-run", "-o", tmp_path / "out") == 0
+    out = capsys.readouterr().out
+    assert "all 100000 samples: " in out
+    assert [path.name for path in tmp_path.iterdir()] == ["plan.toml"]
+
+
+def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (
+        ["dataset"],
+        ["dataset", "plan.toml", "--replay", "x", "1"],
+        ["dataset", "plan.toml", "--rigs", "x", "-o", "y"],
+    ):
+        assert exit_status(*arguments) == 2
+    capsys.readouterr()

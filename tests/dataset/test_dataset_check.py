@@ -79,6 +79,7 @@ ASIDE = {"sample": 2, "reason": "why", "attempts": 2}
         (manifest(clradar_version=3), "expected version 2 or older, got 3; update clradar"),
         (manifest(plan={"samples": 0}), "manifest.json: samples: expected a whole number"),
         (manifest(set_aside=[{**ASIDE, "sample": "2"}]), "set_aside[0].sample: expected a whole"),
+        (manifest(set_aside=[ASIDE, {**ASIDE, "sample": [1]}]), "set_aside[1].sample: expected a"),
         (manifest(set_aside=[ASIDE]), "expected the samples 3, got 2, 3"),
         (changed("entry/labels/sample", lambda a: a + 1), "expected the samples 2, 3, got 3, 4"),
         (changed("entry/labels/alpha", None), "labels/alpha: expected one for each sample"),

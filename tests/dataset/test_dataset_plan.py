@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import subprocess
 import sys
@@ -12,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import exit_status
-from dataset_plans import TINY, tiny
+from dataset_plans import TINY, plan_of, tiny
 from rig_files import RigMaker
 
 from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.plan.draws import Draw, fixed, stream
-from clradar.dataset.plan.plan import Plan, plan_from, plan_record
+from clradar.dataset.plan.plan import plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.errors import ModelError
+from clradar.errors import MeasurementError, ModelError
 from clradar.files.toml_file import read_toml
 from clradar.hand import (
     JOINT_NAMES,
@@ -38,10 +39,6 @@ DRAWS = 4000
 SIGMAS = 5.0
 """A mean of n draws is off its expectation by sigma/sqrt(n) as standard deviation; a seed for which
 it is more than five of these away would be one in two million."""
-
-
-def plan_of(**tables: Any) -> Plan:
-    return plan_from(tiny(**tables), "plan", HERE)
 
 
 def mistakes(content: dict[str, Any]) -> tuple[str, ...]:
@@ -178,6 +175,50 @@ def test_all_mistakes_are_found_at_once() -> None:
     )
     keys = {line.split(": ")[1] for line in found}
     assert keys == {"seed", "hands.handednes", "alpha.others", "image.step_mm", "radr"}
+
+
+LONGEST_LINE = 600
+"""A path, a key of 80 characters, what was expected, and a quoted value of 200."""
+
+LONG = "x" * 5000
+LEAST: dict[str, Any] = {"samples": 4, "poses": {"names": ["A", "B"]}}
+
+
+def assert_short(text: str) -> None:
+    for line in text.split("\n"):
+        assert len(line) <= LONGEST_LINE
+        assert line.isprintable()
+
+
+@pytest.mark.parametrize(
+    "odd", [LONG, "a\nb\n" * 1000, "\x1b[31m\u2028", {f"k\n{LONG}": 1}, [LONG] * 9]
+)
+@pytest.mark.parametrize("key", ["samples", "poses", "alpha", "output", "impairments"])
+def test_what_is_odd_is_shown_shortly(odd: Any, key: str) -> None:
+    with pytest.raises(PlanError) as caught:
+        plan_from({**LEAST, key: odd}, "plan.toml", Path())
+    assert_short(str(caught.value))
+
+
+def test_several_mistakes_are_counted_and_not_all_listed(tmp_path: Path) -> None:
+    one = {"samples": 2, "poses": {"names": ["A"]}, "alpha": 2}
+    many = {**one, **{f"key{i}": 1 for i in range(40)}}
+    with pytest.raises(PlanError) as caught:
+        plan_from(many, "plan.toml", tmp_path)
+    lines = str(caught.value).splitlines()
+    assert lines[0] == "41 mistakes, one per line:"
+    assert lines[-1] == "and 21 more"
+    assert (len(lines), len(caught.value.mistakes)) == (22, 41)
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert again.mistakes == caught.value.mistakes
+
+
+def test_a_plan_file_with_long_keys(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(f'samples = 1\nposes.names = "letters"\n[{LONG}]\n{LONG} = 1\n')
+    with pytest.raises(MeasurementError) as caught:
+        read_plan(path)
+    assert_short(str(caught.value))
 
 
 def test_the_command_prints_every_mistake_and_makes_nothing(tmp_path: Path) -> None:

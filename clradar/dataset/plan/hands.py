@@ -65,11 +65,6 @@ def pose_record(pose: HandPose) -> dict[str, Any]:
     return {"name": pose.name, "joints_rad": joints}
 
 
-def pose_of(record: Mapping[str, Any]) -> HandPose:
-    joints = {joint: JointAngles(*angles) for joint, angles in record["joints_rad"].items()}
-    return HandPose(record["name"], joints)
-
-
 def check_once(values: Iterable[str], what: str, *, key: str = "") -> None:
     """Raise a mistake if a text is there twice."""
     known = list(values)
@@ -99,8 +94,11 @@ def _of_file(name: str, info: ValidationInfo) -> HandPose:
 
 
 def _of_record(value: Any) -> HandPose:
+    if isinstance(value, HandPose):
+        return value
     try:
-        return value if isinstance(value, HandPose) else pose_of(value)
+        joints = {name: JointAngles(*angles) for name, angles in value["joints_rad"].items()}
+        return HandPose(value["name"], joints)
     except (ClradarError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise mistake("a name and joints_rad", clean(repr(error))) from error
 
@@ -182,15 +180,19 @@ class RigFile(FileRecord):
             self.__dict__.update(tried(self._found, folder_of(info)))
         return self
 
-    def _found(self, folder: Path) -> dict[str, Any]:
+    def read(self, file: Path, mapping: Path | None) -> Any:
+        """Return the rig of these files."""
         from clradar.rigs import read_rig
 
+        return read_rig(
+            file, mapping=mapping, unit=self.unit, handedness=self.handedness,
+            betas=self.betas or None,
+        )  # fmt: skip
+
+    def _found(self, folder: Path) -> dict[str, Any]:
         names = None if self.mapping is None else folder / self.mapping
         try:
-            rig = read_rig(
-                folder / self.file, mapping=names, unit=self.unit, handedness=self.handedness,
-                betas=self.betas or None,
-            )  # fmt: skip
+            rig = self.read(folder / self.file, names)
         except ClradarError as error:  # it names the option of the command
             raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
         found = {"sha256": sha256_of(folder / self.file), "handedness": rig.handedness}

@@ -21,11 +21,9 @@ from calibration import Regions, Sweep, sweep
 from calibration.roughness.alpha import AlphaEmulator, BrightnessMeter, estimate_alpha
 from calibration.roughness.figures import MOST_IMAGES, shown_alphas, sweep_figure
 from calibration.roughness.surface_points import surface_points
-from clradar.cli import sweeps as folder
 from clradar.cli.commands import sweep as command
-from clradar.cli.commands.sweep import RegionOptions
+from clradar.cli.commands.sweep import AlphaOptions, RegionOptions
 from clradar.cli.groups import expanded
-from clradar.cli.sweeps import AlphaOptions
 from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand import hand_mesh
@@ -395,7 +393,7 @@ main(sys.argv[1:])
 def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     killed = subprocess.run([sys.executable, "-c", KILLED, *COMMAND, "-o", "killed"], check=False)
     assert killed.returncode == -signal.SIGKILL
-    work = sorted(path.name for path in (files / "killed" / folder.WORK).iterdir())
+    work = sorted(path.name for path in (files / "killed" / command.WORK).iterdir())
     assert len(work) == 3
     assert work[0].endswith(".tmp")
     assert run(*COMMAND, "-o", "killed") == 0
@@ -403,18 +401,18 @@ def test_a_killed_command_resumes_to_the_same_files(files, capsys):
     assert run(*COMMAND, "-o", "whole") == 0
     assert contents(files / "killed") == contents(files / "whole")
     assert set(contents(files / "whole")) == {
-        folder.KEY, folder.FIGURE, folder.TABLE, folder.RESULT,
+        command.KEY, command.FIGURE, command.TABLE, command.RESULT,
     }  # fmt: skip
-    assert not (files / "killed" / folder.WORK).exists()
+    assert not (files / "killed" / command.WORK).exists()
     capsys.readouterr()
     assert run(*COMMAND, "-o", "whole") == 0
     assert "finished before" in capsys.readouterr().out
 
-    record = json.loads((files / "whole" / folder.RESULT).read_text())
+    record = json.loads((files / "whole" / command.RESULT).read_text())
     assert record["command"] == "sweep"
     assert record["alphas"] == [0.0, 0.2, 0.4]
     assert len(record["metrics"]) == 2
-    lines = (files / "whole" / folder.TABLE).read_text().splitlines()
+    lines = (files / "whole" / command.TABLE).read_text().splitlines()
     assert lines[0].startswith("alpha,seed,overlap,")
     assert len(lines) == 1 + 3 * 2
 
