@@ -16,8 +16,8 @@ from command_line import Run, one_error_line
 
 import clradar
 from clradar.arrays import read_clusters
-from clradar.cli import simulations
-from clradar.cli.simulations import ClusterSteps, Item
+from clradar.cli.commands import simulate
+from clradar.cli.commands.simulate import ClusterSteps, Item
 from clradar.errors import ModelError
 from measurement_io import open_capture, open_volume
 
@@ -163,7 +163,7 @@ def test_a_mesh_that_changes_between_clusters_is_refused(
     def changing(self: ClusterSteps, item: Item, progress: Any = None) -> str:
         ball = trimesh.creation.icosphere(subdivisions=1, radius=0.015)
         ball.apply_translation([0.01, 0, 0.3]).export(tmp_path / "ball.ply")
-        simulations._scenes.clear()  # as in another process
+        simulate._scenes.clear()  # as in another process
         return one(self, item, progress)
 
     monkeypatch.setattr(ClusterSteps, "run", changing)
