@@ -10,15 +10,10 @@ import numpy as np
 
 from clradar.errors import ClradarError
 from clradar.files.atomic import refuse_existing, write_file
-from clradar.model import Scene
-from clradar.opencl import Device
-from clradar.view.beside import Beside
 from clradar.view.scene import LEGEND, SceneView
 from clradar.view.server import running
-from clradar.view.session import Session, Shown
-from clradar.view.sources import Source
-from clradar.view.truth import UNITS_PER_M, HasTruth, draw_truth
-from clradar.view.wish import Wish
+from clradar.view.session import Session, Shown, View
+from clradar.view.truth import UNITS_PER_M, draw_truth
 
 MOST_BYTES = 200 * 2**20
 """Of points and colours: what a browser still opens as one page."""
@@ -29,13 +24,11 @@ FRAMES_PER_S = 10.0
 class _SceneAlone:
     """Shows frames, their names and truth in the scene, and notes what cannot be shown."""
 
-    def __init__(
-        self, server: Any, source: Source, mesh: Scene | None, truth: HasTruth | None
-    ) -> None:
-        self._server, self._source, self._scene = server, source, SceneView(server)
-        self._truth = truth
-        if mesh is not None:
-            self._scene.draw_mesh(mesh)
+    def __init__(self, server: Any, view: View) -> None:
+        self._server, self._source, self._scene = server, view.source, SceneView(server)
+        self._truth = view.truth
+        if view.mesh is not None:
+            self._scene.draw_mesh(view.mesh)
         self.refused: str | None = None
         self.shown_bytes = 0
 
@@ -49,7 +42,7 @@ class _SceneAlone:
         self._server.scene.add_label(
             "/frame", title, position=UNITS_PER_M * corner_m, anchor="bottom-left"
         )
-        truth = None if self._truth is None else self._truth.truth(frame)
+        truth = None if self._truth is None else self._truth(frame)
         if truth is not None:
             draw_truth(self._server.scene, truth)
         for drawn in filter(None, (shown.first, shown.second)):
@@ -63,23 +56,15 @@ class _SceneAlone:
 
 
 def write_page(
-    source: Source,
-    path: Path,
-    *,
-    wish: Wish,
-    beside: Beside | None = None,
-    mesh: Scene | None = None,
-    truth: HasTruth | None = None,
-    device: Device | None = None,
-    force: bool = False,
-    warn: Callable[[str], None] = print,
+    view: View, path: Path, *, force: bool = False, warn: Callable[[str], None] = print
 ) -> int:
-    """Write the frames of a source into one HTML file, and return how many there are in it."""
+    """Write the frames of a view into one HTML file, and return how many there are in it."""
     refuse_existing(path, force=force)  # before the work
-    written, frames = 0, source.frames()
+    source, written = view.source, 0
+    frames = source.frames()
     with running(source.name, port=0) as (server, _):
-        front = _SceneAlone(server, source, mesh, truth)
-        session = Session(source, wish, front, device, beside=beside)
+        front = _SceneAlone(server, view)
+        session = Session(view, front)
         try:
             serializer = server.get_scene_serializer()
             for count, frame in enumerate(frames, 1):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
 from clradar.model import Capture, VoxelGrid
@@ -13,22 +14,14 @@ from clradar.model.length_unit import unit_for
 from clradar.plot.layout import typeset
 from clradar.view.beside import MATERIALS, Beside
 from clradar.view.pictures import overview_picture, pair_curves
+from clradar.view.playing import Player
 from clradar.view.samples import ALL, SampleFrames
 from clradar.view.session import Session, Shown
 from clradar.view.sources import Source
-from clradar.view.wish import LAYOUTS, SIDES, Wish, extents_mm, grid_mm
+from clradar.view.wish import LAYOUTS, SIDES, Wish, escaped, extents_mm, grid_mm
 
-
-class Plays(Protocol):
-    """What the control that plays and stops acts on."""
-
-    per_second: float
-
-    def play(self, on: bool) -> None:
-        """Begin or stop to play."""
-
-    def chosen(self) -> None:
-        """Say that a frame has been chosen by hand."""
+FOLLOWED_S = 1.0
+"""Between two drawings of the channels of frames that are followed."""
 
 
 class Panel:
@@ -96,7 +89,7 @@ class Panel:
         control.value = not control.value
         self._acts[id(control)]()
 
-    def connect(self, session: Session, player: Plays) -> None:
+    def connect(self, session: Session, player: Player) -> None:
         """Turn changes of the controls into wishes."""
         self._session = session
         keys = ["L changes the layout", "V shows voxels"]
@@ -294,6 +287,7 @@ class ChannelsTab:
         self._curves: dict[str, Any] = {}
         self._gui, self._folder = gui, gui.add_folder("Pair")
         self._shown: tuple[Any, int, int] = (None, 0, 0)
+        self._drawn_s = -math.inf
 
     def show(self, shown: Shown) -> None:
         """Show the data of a capture, unless they are shown already."""
@@ -302,6 +296,9 @@ class ChannelsTab:
             return
         if self._shown[0] is content and self._shown[1:] == (tx, rx):
             return
+        if shown.wish.quick and time.monotonic() - self._drawn_s < FOLLOWED_S:
+            return
+        self._drawn_s = time.monotonic()
         self._shown = (content, tx, rx)
         for control, n in ((self._tx, content.array.n_tx), (self._rx, content.array.n_rx)):
             assign(control, "max", max(1, n - 1))
@@ -376,8 +373,3 @@ def state_text(shown: Shown, label: str) -> str:
     if shown.second is not None:
         drawn += f", {len(shown.second.cloud.points_m)} simulated"
     return f"{escaped(label)}: {kind} of {counts}, {drawn}"
-
-
-def escaped(text: str) -> str:
-    """Return text of a file so that Markdown and HTML show it as it is."""
-    return "".join(f"&#{ord(c)};" if c in "\\`*_{}[]<>()#+!|&~$" else c for c in text)

@@ -10,12 +10,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from clradar.errors import ClradarError
-from clradar.view.panel import escaped
+from clradar.model import Capture
 from clradar.view.session import Session, Shown
 from clradar.view.sources import Growing, Source
+from clradar.view.wish import escaped
 
 WINDOW = 30
 """Frames over which rate and latency are taken."""
+
+QUIET_S = 1.0
+"""Without a new frame: the last one is imaged anew, as accurately as others."""
 
 RETRY_S = 1.0
 """After a folder could not be read."""
@@ -82,8 +86,8 @@ class Pace:
 class Player:
     """Steps through a session while it plays, or shows the newest frame of a source that grows.
 
-    Each in a thread of its own. Once a frame is shown, the newest one is read and imaged; those
-    between are dropped. `on_follow` is called with whether the newest frame is followed when that
+    Each in a thread of its own. While a frame is imaged the newest one is read; those between are
+    dropped. `on_follow` is called with whether the newest frame is followed when that
     or the frames have changed, `on_pace` and `refuse` with text.
     """
 
@@ -103,6 +107,9 @@ class Player:
         self._following, self._newest = True, max(source.frames(), default=-1)
         """The last one that was shown or dropped."""
         self._asked, self._trouble = -1, ""
+        self._asked_s = self._image_s = self._read_s = 0.0
+        """When the session was asked for a frame, and how long the last ones took it and a read."""
+        self._quick = False
         self._changed = threading.Condition()
         self._playing = False
         self._closed = threading.Event()
@@ -133,6 +140,7 @@ class Player:
             self._following = on
             if on and self._source.frames():
                 self._session.change(frame=self._source.frames()[-1])
+            self._finish()
             self._on_follow(on)
         with self._changed:
             self._playing = on and not self._source.grows
@@ -142,12 +150,21 @@ class Player:
         """Stay at a frame that was chosen by hand."""
         if self._growing is not None and self._following:
             self._following = False
+            self._finish()
             self._on_follow(False)
+
+    def _finish(self) -> None:
+        """Image a quick image's frame anew."""
+        if self._quick:
+            self._quick = False
+            self._session.change(quick=False)
 
     def shown(self, shown: Shown) -> None:
         """Count a frame that has just been shown."""
         if self._growing is not None and shown.wish.frame == self._asked:
             self._asked = -1
+            self._image_s = time.perf_counter() - self._asked_s
+            self._quick = shown.wish.quick and isinstance(shown.content, Capture)
             self.pace.count(self._growing.came_s(shown.wish.frame), prepared=shown.prepared)
 
     def look(self, growing: Growing) -> bool:
@@ -161,18 +178,24 @@ class Player:
                 self._refuse(self._trouble)
             return False
         self._trouble = ""
-        if changed:
-            self._take(growing)
-        if growing.grows and (changed or self.pace.quiet_s > 1.0):
+        self._take(growing, changed)
+        if self._asked < 0 and self.pace.quiet_s > QUIET_S:
+            self._finish()
+        if growing.grows and (changed or self.pace.quiet_s > QUIET_S):
             self._on_pace(self.pace.text(self._following, getattr(growing, "ended", False)))
         return True
 
-    def _take(self, growing: Growing) -> None:
+    def _take(self, growing: Growing, changed: bool) -> None:
+        """Read the newest frame so that it is there when the one before is shown, and show it."""
         new = [frame for frame in growing.frames() if frame > self._newest]
-        if not self._following or not new:
+        if changed and not (self._following and new):
             self.pace.dropped += len(new)
             self._newest = max([self._newest, *new])
             self._on_follow(self._following)
+            return
+        begun_s = time.perf_counter()
+        free_s = self._asked_s + self._image_s if self._session.busy else begun_s
+        if not new or begun_s < free_s - self._read_s:
             return
         self._newest = new[-1]
         self.pace.dropped += len(new) - 1
@@ -181,10 +204,11 @@ class Player:
         except ClradarError as error:
             self.pace.bad, self.pace.reason = self.pace.bad + 1, str(error)
             return
+        self._read_s = time.perf_counter() - begun_s
+        self._session.settle()
         if self._following and not self._closed.is_set():
-            self._asked = new[-1]
-            self._session.change(frame=new[-1])
-            self._session.settle()
+            self._asked, self._asked_s = new[-1], time.perf_counter()
+            self._session.change(frame=new[-1], quick=True)
 
     def _follow(self) -> None:
         assert self._growing is not None

@@ -74,6 +74,12 @@ class SceneView:
         server.scene.set_up_direction("+y")
         server.scene.world_axes.visible = False
         server.scene.configure_default_lights(cast_shadow=False)  # drawn anew with every picture
+        # A cloud out of sight: without one the browser would compile the shader of points anew for
+        # each frame, since viser makes a material for new colours.
+        server.scene.add_point_cloud(
+            "/shader", points=np.zeros((2, 3), np.float32), colors=np.zeros((2, 3), np.uint8),
+            position=(0.0, 0.0, -1e6),
+        )  # fmt: skip
         server.on_client_connect(self._aim)
 
     def show(self, shown: Shown, *, pictures: bool = True) -> None:

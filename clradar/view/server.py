@@ -16,15 +16,14 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarError
 from clradar.model import Capture, Scene, Volume, VoxelGrid
 from clradar.opencl import Device, open_device
-from clradar.view.beside import Beside
 from clradar.view.gate import HOST, Gate, hidden_host, listen
-from clradar.view.panel import Panel, assign, escaped
+from clradar.view.panel import Panel, assign
 from clradar.view.playing import Player
 from clradar.view.scene import SceneView
-from clradar.view.session import Session, Shown
+from clradar.view.session import Session, Shown, View
 from clradar.view.sources import FixedFrames, Source, StreamFrames
-from clradar.view.truth import HasTruth, Truth, draw_truth
-from clradar.view.wish import Wish
+from clradar.view.truth import Truth, draw_truth
+from clradar.view.wish import Wish, escaped
 
 INSTALL = "pip install viser"
 
@@ -81,29 +80,21 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
 
 
 class Page:
-    """Shows the results of a session; arguments as `serve`."""
+    """Shows the results of a session."""
 
     player: Player
 
-    def __init__(
-        self,
-        server: Any,
-        source: Source,
-        wish: Wish,
-        beside: Beside | None = None,
-        mesh: Scene | None = None,
-        truth: HasTruth | None = None,
-    ) -> None:
-        self._server, self._source, self._truth = server, source, truth
+    def __init__(self, server: Any, view: View) -> None:
+        self._server, self._source, self._truth = server, view.source, view.truth
         self._shown: Shown | None = None
         self._truth_nodes: list[Any] = []
         server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         server.gui.main_panel.dock_right()  # beside the scene, instead of upon it
         server.gui.main_panel.set_width(PANEL_PX)
         self._scene = SceneView(server)
-        drawn_mesh = None if mesh is None else self._scene.draw_mesh(mesh)
-        self.panel = Panel(server, source, wish, beside, drawn_mesh)
-        if truth is not None:
+        drawn_mesh = None if view.mesh is None else self._scene.draw_mesh(view.mesh)
+        self.panel = Panel(server, view.source, view.wish, view.beside, drawn_mesh)
+        if view.truth is not None:
             with server.gui.add_folder("Truth"):
                 self._truth_drawn = server.gui.add_checkbox("Shown", True)
                 self._truth_text = server.gui.add_markdown("")
@@ -125,7 +116,7 @@ class Page:
             if self._truth is not None and (
                 self._shown is None or self._shown.wish.frame != shown.wish.frame
             ):
-                self._show_truth(self._truth.truth(shown.wish.frame))
+                self._show_truth(self._truth(shown.wish.frame))
         self._shown = shown
         self.player.shown(shown)
 
@@ -159,27 +150,18 @@ class Page:
 
 
 @contextmanager
-def serving(
-    source: Source,
-    wish: Wish,
-    *,
-    beside: Beside | None = None,
-    mesh: Scene | None = None,
-    truth: HasTruth | None = None,
-    port: int = 8080,
-    device: Device | None = None,
-) -> Iterator[tuple[int, Session]]:
-    """Serve a view during the block; arguments as `serve`."""
-    with running(source.name, port) as (server, served):
-        page = Page(server, source, wish, beside, mesh, truth)
-        session = Session(source, wish, page, device, beside=beside)
+def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
+    """Serve a view during the block, and yield its port and session."""
+    with running(view.source.name, port) as (server, served):
+        page = Page(server, view)
+        session = Session(view, page)
         player = Player(
-            session, source, page.following,
+            session, view.source, page.following,
             lambda text: assign(page.panel.pace, "content", text), page.refuse,
         )  # fmt: skip
         try:
             page.connect(session, player)
-            if source.frames():
+            if view.source.frames():
                 session.change()
             else:
                 page.busy("waiting for a first frame")
@@ -190,29 +172,16 @@ def serving(
             player.close()
 
 
-def serve(
-    source: Source,
-    *,
-    wish: Wish,
-    beside: Beside | None = None,
-    mesh: Scene | None = None,
-    truth: HasTruth | None = None,
-    port: int = 8080,
-    device: Device | None = None,
-    say: Callable[[str], None] = print,
-) -> None:
+def serve(view: View, port: int = 8080, say: Callable[[str], None] = print) -> None:
     """Serve a view until SIGINT or SIGTERM, print where it is, and raise what its source raises.
 
     At first the newest frame is shown where they come, else the first.
     """
     stop = threading.Event()
-    frames = source.frames()
-    wish = replace(wish, frame=frames[-1 if source.grows else 0] if frames else -1)
-    options: Any = {"beside": beside, "mesh": mesh, "truth": truth, "port": port}
-    with (
-        signals(lambda *_: stop.set()),
-        serving(source, wish, device=device, **options) as (served, _),
-    ):
+    source, frames = view.source, view.source.frames()
+    first = frames[-1 if source.grows else 0] if frames else -1
+    view = replace(view, wish=replace(view.wish, frame=first))
+    with signals(lambda *_: stop.set()), serving(view, port) as (served, _):
         for line in address_lines(served):
             say(line)
         while not stop.wait(0.5):
@@ -266,7 +235,7 @@ def show(
         source = FixedFrames(title, labels, frames.__getitem__)
     else:
         source = StreamFrames(frames, title)
-    serve(source, wish=wish, mesh=mesh, port=port, device=open_device(device))
+    serve(View(source=source, wish=wish, mesh=mesh, device=open_device(device)), port)
 
 
 @contextmanager

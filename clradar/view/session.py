@@ -14,15 +14,28 @@ from clradar.compare import Metrics, metrics_of
 from clradar.errors import ClradarError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.imaging.placement import place_grid
-from clradar.model import Capture, Volume, VoxelGrid
+from clradar.model import Capture, Scene, Volume, VoxelGrid
 from clradar.opencl import Device
 from clradar.view.beside import Beside
 from clradar.view.drawn import Drawn, Flat
 from clradar.view.sources import Content, Source
-from clradar.view.wish import Wish, live_grid
+from clradar.view.truth import Truths
+from clradar.view.wish import QUICK_DB, Wish, live_grid
 
 KEPT_BYTES = 512 * 2**20
 """Of images: 150 frames of 101 x 101 x 41 voxels, so that a recording plays from memory."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """What is viewed, what it begins with, and what is shown beside and within it."""
+
+    source: Source
+    wish: Wish
+    beside: Beside | None = None
+    mesh: Scene | None = None
+    truth: Truths | None = None
+    device: Device | None = None
 
 
 class Outdated(Exception):
@@ -68,19 +81,10 @@ class Front(Protocol):
 class Session:
     """Reads and images frames in a thread of its own, the newest wish alone."""
 
-    def __init__(
-        self,
-        source: Source,
-        wish: Wish,
-        front: Front,
-        device: Device | None = None,
-        form: Callable[..., Volume] | None = None,
-        beside: Beside | None = None,
-    ) -> None:
-        self.source = source
-        self._beside = beside
-        self._wish, self._front, self._device = wish, front, device
-        self._imagers = Imagers(device)
+    def __init__(self, view: View, front: Front, form: Callable[..., Volume] | None = None) -> None:
+        self.source, self._beside, self._device = view.source, view.beside, view.device
+        self._wish, self._front = view.wish, front
+        self._imagers = Imagers(view.device)
         self._form = form or self._imagers.form
         self._content: tuple[int, Content] | None = None
         self._images: OrderedDict[Hashable, Volume | Flat] = OrderedDict()
@@ -95,6 +99,11 @@ class Session:
     def wish(self) -> Wish:
         """The newest wish."""
         return self._wish
+
+    @property
+    def busy(self) -> bool:
+        """Whether a wish waits or is being carried out."""
+        return self._waiting or self._busy
 
     def change(self, **changes: Any) -> None:
         """Wish for something else, in place of what waits; the fields are those of `Wish`.
@@ -156,6 +165,8 @@ class Session:
 
     def _carry_out(self, wish: Wish) -> None:
         content = self._read(wish.frame)
+        if self._beside is not None:  # which is compared with it
+            wish = replace(wish, quick=False)
         if isinstance(content, Capture) and wish.grid is None:
             wish = self._placed(wish, content)
         made = self._imagers.made
@@ -257,7 +268,12 @@ class Imagers:
         return imager.volume()
 
     def _of(self, capture: Capture, wish: Wish, grid: VoxelGrid) -> FrameImager:
-        settings = (wish.method, wish.window, wish.tolerance_db)
+        tolerance_db = wish.tolerance_db
+        if wish.method != "fast":
+            tolerance_db = None
+        elif tolerance_db is None and wish.quick:
+            tolerance_db = QUICK_DB
+        settings = (wish.method, wish.window, tolerance_db)
         for i, (its, imager) in enumerate(self._kept):
             if (
                 its == settings
@@ -271,7 +287,7 @@ class Imagers:
             self._kept.pop()[1].close()
         made = FrameImager(
             capture.array, capture.waveform, grid, method=wish.method, window=wish.window,
-            tolerance_db=wish.tolerance_db if wish.method == "fast" else None, device=self._device,
+            tolerance_db=tolerance_db, device=self._device,
         )  # fmt: skip
         self._kept.insert(0, (settings, made))
         self.made += 1
@@ -283,7 +299,7 @@ def _image_key(wish: Wish) -> tuple[Hashable, ...]:
     if grid is None:  # of a volume, which is not kept
         return ()
     ends = (*grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
-    return (wish.method, wish.window, *ends)
+    return (wish.method, wish.window, wish.tolerance_db, wish.quick, *ends)
 
 
 def _bytes(image: Volume | Flat) -> int:

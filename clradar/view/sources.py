@@ -122,7 +122,7 @@ class FolderFrames:
         self._paths: dict[int, Path] = {}
         self._came_s: dict[int, float] = {}
         self._frames: tuple[int, ...] = ()
-        self._last: tuple[int, Capture | Volume] | None = None
+        self._last: dict[int, Capture | Volume] = {}
         self._count, self._changed_s = 0, time.perf_counter()
         self._take_in()
         time.sleep(LOOK_S)  # a file is complete once it is the same in two looks
@@ -142,8 +142,8 @@ class FolderFrames:
 
     def read(self, frame: int) -> Capture | Volume:
         last = self._last  # the newest is read ahead, while the one before is imaged
-        if last is not None and last[0] == frame:
-            return last[1]
+        if frame in last:
+            return last[frame]
         path = self._paths.get(frame)
         if path is None:
             fail(self._path, "the file of a frame", "none: it is gone, or not there yet")
@@ -155,7 +155,7 @@ class FolderFrames:
                 self._paths.pop(frame, None)
                 self._frames = tuple(self._paths)
             raise
-        self._last = (frame, content)
+        self._last = {**dict(list(last.items())[-1:]), frame: content}
         return content
 
     def came_s(self, frame: int) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -43,47 +43,37 @@ class Truth:
     lines: tuple[str, ...]
 
 
-class HasTruth(Protocol):
-    """What knows of its frames what they were made of."""
-
-    def truth(self, frame: int) -> Truth | None:
-        """Return what a frame was made of; None: not known."""
+Truths: TypeAlias = Callable[[int], Truth | None]
+"""What is known of a frame, by its number."""
 
 
-@dataclass(frozen=True)
-class RecordingTruth:
-    """The truth of a simulated recording, by the labels of its frames."""
-
-    frames: Mapping[str, Mapping[str, Any]]
-    label: Callable[[int], str]
-
-    def truth(self, frame: int) -> Truth | None:
-        """Return joints and poses of a frame; None where the file has none of it."""
-        record = self.frames.get(self.label(frame))
-        if record is None:
-            return None
-        hands = [one for one in record.get("hands", [record]) if isinstance(one, Mapping)]
-        joints = [_joints_m(one.get("joints_m")) for one in hands]
-        known = [one for one in joints if one is not None]
-        lines = [f"pose {one['pose']}" for one in hands if isinstance(one.get("pose"), str)]
-        bodies = record.get("bodies")
-        for name, matrix in bodies.items() if isinstance(bodies, Mapping) else ():
-            lines.append(f"{name} at {_place_text(matrix)}")
-        return Truth(None, None, np.concatenate(known) if known else None, tuple(lines))
-
-
-def recording_truth(path: Path, label: Callable[[int], str]) -> RecordingTruth | None:
-    """Return the truth beside a recording; None where there is none, or it cannot be read."""
+def recording_truth(path: Path, label: Callable[[int], str]) -> Truths | None:
+    """Return the truth beside a recording, by the labels of its frames; None where there is none,
+    or it cannot be read.
+    """
     with suppress(ClradarError):
         radar = find_radar_folder(path)
-        for folder in (radar, radar.parent):
-            if (folder / FILE).is_file():
-                frames = read_json_object(folder / FILE).get("frames")
+        for file in (radar / FILE, radar.parent / FILE):
+            if file.is_file():
+                frames = read_json_object(file).get("frames")
                 records = frames if isinstance(frames, list) else []
-                return RecordingTruth(
-                    {f"frame {r.get('frame')}": r for r in records if isinstance(r, Mapping)}, label
-                )
+                known = {f"frame {r.get('frame')}": r for r in records if isinstance(r, Mapping)}
+                return lambda frame: _truth_of(known.get(label(frame)))
     return None
+
+
+def _truth_of(record: Mapping[str, Any] | None) -> Truth | None:
+    """Return joints and poses of a frame."""
+    if record is None:
+        return None
+    hands = [one for one in record.get("hands", [record]) if isinstance(one, Mapping)]
+    joints = [_joints_m(one.get("joints_m")) for one in hands]
+    known = [one for one in joints if one is not None]
+    lines = [f"pose {one['pose']}" for one in hands if isinstance(one.get("pose"), str)]
+    bodies = record.get("bodies")
+    for name, matrix in bodies.items() if isinstance(bodies, Mapping) else ():
+        lines.append(f"{name} at {_place_text(matrix)}")
+    return Truth(None, None, np.concatenate(known) if known else None, tuple(lines))
 
 
 def _joints_m(record: Any) -> np.ndarray | None:

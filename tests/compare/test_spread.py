@@ -35,7 +35,7 @@ def images(count: int, impairments: dict[str, Any] | None = None) -> list[clrada
     return found
 
 
-@pytest.mark.parametrize("impairments", [None, {"snr_db": 10.0}])
+@pytest.mark.parametrize("impairments", [{"snr_db": 10.0}, *nightly([None])])
 def test_moments_are_those_of_all_images_at_once(impairments):
     found = clradar.spread(
         BALL, ARRAY, WAVEFORM, GRID, seeds=5, seed=7, impairments=impairments, **FEW

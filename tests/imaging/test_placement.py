@@ -75,7 +75,7 @@ def warned(capture: Capture, grid: VoxelGrid, **options: Any) -> list[str]:
     return kinds
 
 
-@pytest.mark.parametrize("at_m", [[0.3, 0.2, 1.5], [0, 0, 0.15]])
+@pytest.mark.parametrize("at_m", [[0.3, 0.2, 1.5], [0.8, 0.0, 1.0], [0.15, 0, 0.3], [0, 0, 0.15]])
 def test_the_grid_is_placed_around_an_echo_anywhere(at_m):
     capture = with_noise(echoes_of(at_m), 1.0)
     grid = place_grid(capture)
@@ -95,6 +95,7 @@ def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit():
     for capture in (
         object_of([0, 0, 0.3], [0.16, 0.18, 0.03]),
         echoes_of(AT_HAND, walls=[wall]),  # the wall is 10 dB stronger
+        echoes_of(AT_HAND, AT_WALL, amplitudes=[0.3, 1.0]),
         with_noise(echoes_of(AT_HAND), 3.0),
         Capture(np.zeros((32, 32, 128)), ARRAY, SWEEP),
     ):

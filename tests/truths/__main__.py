@@ -1,4 +1,4 @@
-"""Write docs/validation.md and its figures: `make validation`."""
+"""Write docs/validation.md, validation.csv and their figures: `make validation`."""
 
 import argparse
 import time
@@ -37,7 +37,8 @@ def main() -> None:
             if options.only or not row.holds:
                 print(f"{key}: {' | '.join(row.cells())}")
     if options.only is None:
-        (options.docs / "validation.md").write_text(page.filled(tables), encoding="utf-8")
+        for suffix, text in (("md", page.filled(tables)), ("csv", page.numbers(tables))):
+            (options.docs / f"validation.{suffix}").write_text(text, encoding="utf-8")
 
 
 def of_spheres(images: Path) -> dict[str, list[Row]]:

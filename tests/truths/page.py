@@ -1,21 +1,48 @@
 """The page docs/validation.md: the text of ``page.md`` with the measured numbers."""
 
+import csv
+import io
 from pathlib import Path
 
 from truths.record import Row
 
 TEMPLATE = Path(__file__).with_name("page.md")
 TABLE = "@table "
-HEADER = ("case", "truth", "clradar", "difference", "bound", "holds")
+HEADER = ("comparison", "case", "truth", "clradar", "bound", "of", "unit", "holds")
 
 
-def table(rows: list[Row]) -> str:
-    """Markdown; columns that are empty throughout are left out."""
-    cells = [row.cells() for row in rows]
-    kept = [i for i in range(len(HEADER)) if any(line[i] for line in cells)]
-    lines = [[HEADER[i] for i in kept], ["---"] * len(kept)]
-    lines += [[line[i] for i in kept] for line in cells]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+def line(rows: list[Row]) -> str:
+    """How many comparisons of a table hold, which do not, and which is the nearest to its bound."""
+    failed = [row for row in rows if not row.holds]
+    text = f"**{len(rows) - len(failed)} of {len(rows)}** hold"
+    if failed:
+        text += ", not: " + "; ".join(map(_text, failed))
+    held = [row for row in rows if row.holds]
+    return text + "; the nearest to its bound: " + _text(max(held, key=_share)) + "."
+
+
+def _share(row: Row) -> float:
+    return row.error / row.bound if row.bound > 0 else row.error - row.bound
+
+
+def _text(row: Row) -> str:
+    case, truth, found, _, bound, _ = row.cells()
+    return f"{case}: {found}" + (f" for {truth}" if truth else "") + f" ({bound})"
+
+
+def numbers(tables: dict[str, list[Row]]) -> str:
+    """All comparisons as CSV."""
+    lines = []
+    for key, rows in tables.items():
+        for row in rows:
+            truth, found, bound = (
+                f"{value:.{row.digits}f}" for value in (row.expected, row.found, row.bound)
+            )
+            bounded = ("", found, bound, "value") if row.at_most else (truth, found, bound, "error")
+            lines.append((key, row.case, *bounded, row.unit, "yes" if row.holds else "no"))
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([HEADER, *lines])
+    return text.getvalue()
 
 
 def summary(tables: dict[str, list[Row]]) -> str:
@@ -29,14 +56,13 @@ def summary(tables: dict[str, list[Row]]) -> str:
 def filled(tables: dict[str, list[Row]]) -> str:
     """The page. Every table of the text has to be among `tables`, and the other way round."""
     out, used = [], set()
-    for line in TEMPLATE.read_text(encoding="utf-8").splitlines():
-        if line.startswith(TABLE):
-            key = line[len(TABLE) :]
+    for text in TEMPLATE.read_text(encoding="utf-8").splitlines():
+        if text.startswith(TABLE):
+            key = text[len(TABLE) :]
             used.add(key)
-            line = table(tables[key])
-        elif line == "@summary":
-            line = summary(tables)
-        out.append(line)
+            text = line(tables[key])
+        text = text.replace("@summary", summary(tables))
+        out.append(text)
     assert used == set(tables), used ^ set(tables)
     return "\n".join(out) + "\n"
 

@@ -11,7 +11,7 @@ import pytest
 import clradar
 from clradar.view import beside
 from clradar.view.beside import MATERIALS, Others, Simulation
-from clradar.view.session import Session, Shown
+from clradar.view.session import Session, Shown, View
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import BY_ALPHA, Wish
 
@@ -57,7 +57,7 @@ def test_a_recording_of_as_many_frames_goes_along() -> None:
     others = Others(measured, (frames("along", *map(volume, (4, 5, 6))), frames("one", volume(7))))
     assert others.labels == ("along", "one")
     front = Front()
-    session = Session(measured, Wish(), front, beside=others)
+    session = Session(View(source=measured, wish=Wish(), beside=others), front)
     try:
         for changes in ({"frame": 2}, {"frame": 1}, {"other": 1}):
             session.change(**changes)
@@ -86,7 +86,9 @@ def test_a_mesh_is_simulated_once_for_each_alpha_and_material(
     monkeypatch.setattr(beside, "simulate", simulate)
     front = Front()
     source = frames("measured", CAPTURE, CAPTURE)
-    session = Session(source, Wish(grid=GRID), front, form=image, beside=Simulation(MESH))
+    session = Session(
+        View(source=source, wish=Wish(grid=GRID), beside=Simulation(MESH)), front, form=image
+    )
     wishes: list[dict[str, Any]] = [
         {}, {"frame": 1}, {"alpha": 0.2}, {"alpha": 0.5}, {"material": "palm"}, {"alpha": 0.7},
         {"material": BY_ALPHA, "alpha": 0.9},
@@ -125,7 +127,9 @@ def test_arrays_of_other_gains_are_simulated_for_themselves() -> None:
 
 def test_a_volume_does_not_say_what_radar_recorded_it() -> None:
     front = Front()
-    session = Session(frames("volume", volume(1)), Wish(), front, beside=Simulation(MESH))
+    session = Session(
+        View(source=frames("volume", volume(1)), wish=Wish(), beside=Simulation(MESH)), front
+    )
     try:
         session.change()
         session.settle()

@@ -15,6 +15,7 @@ from view_tab import SIZE, Tab, in_browser, running_script, viewing
 import clradar
 from calibration import CornerReflector, response
 from clradar.view.server import serving
+from clradar.view.session import View
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
 from measurement_io import save_capture, save_recording
@@ -99,7 +100,7 @@ def test_a_server_that_stops_leaves_no_thread() -> None:
     before = set(threading.enumerate())
     grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
     source = FixedFrames("ones", ("ones",), lambda _: clradar.Volume(np.ones(grid.shape), grid))
-    with serving(source, Wish(), port=0) as (_, session):
+    with serving(View(source=source, wish=Wish()), 0) as (_, session):
         session.settle()
         assert set(threading.enumerate()) > before
     for thread in set(threading.enumerate()) - before:

@@ -15,6 +15,7 @@ import clradar
 from clradar.errors import MeasurementError
 from clradar.view import server
 from clradar.view.server import MissingViser, serving
+from clradar.view.session import View
 from clradar.view.sources import open_source
 from clradar.view.wish import Wish
 from measurement_io import save_capture, save_recording, save_volume
@@ -48,7 +49,10 @@ def test_without_viser_the_error_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
     source = open_source(volume_file(tmp_path))
-    with pytest.raises(MissingViser, match=r"pip install viser"), serving(source, Wish()):
+    with (
+        pytest.raises(MissingViser, match=r"pip install viser"),
+        serving(View(source=source, wish=Wish())),
+    ):
         pass
 
 

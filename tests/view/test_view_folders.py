@@ -12,7 +12,7 @@ import pytest
 import clradar
 from clradar.errors import MeasurementError
 from clradar.view.playing import Player
-from clradar.view.session import Session, Shown
+from clradar.view.session import Session, Shown, View
 from clradar.view.sources import FolderFrames, open_source
 from clradar.view.wish import Wish
 from measurement_io import save_recording, save_volume
@@ -34,7 +34,7 @@ class Watched:
         source = open_source(folder, watch=True)
         assert isinstance(source, FolderFrames)
         self.source = source
-        self.session = Session(source, Wish(frame=-1), self)
+        self.session = Session(View(source=source, wish=Wish(frame=-1)), self)
         self.player = Player(self.session, source, lambda _: None, lambda _: None, self.said.append)
 
     def show(self, shown: Shown) -> None:
@@ -55,6 +55,7 @@ class Watched:
         self.peaks.clear()
         for _ in range(2):
             self.player.look(self.source)
+        self.session.settle()
         return self.peaks
 
     def labels(self) -> list[str]:

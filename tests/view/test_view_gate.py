@@ -15,6 +15,7 @@ import pytest
 
 import clradar
 from clradar.view.server import running, serving
+from clradar.view.session import View
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
 
@@ -30,7 +31,7 @@ def source() -> FixedFrames:
 
 @pytest.fixture(scope="module")
 def port() -> Iterator[int]:
-    with serving(source(), Wish(), port=8500) as (port, _):
+    with serving(View(source=source(), wish=Wish()), 8500) as (port, _):
         yield port
 
 
@@ -134,7 +135,7 @@ def _has_many_addresses() -> bool:
 def test_a_port_in_use_is_passed_over() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         number = taken.getsockname()[1]
-        with serving(source(), Wish(), port=number) as (port, _):
+        with serving(View(source=source(), wish=Wish()), number) as (port, _):
             assert number < port < number + 100
 
 

@@ -14,6 +14,7 @@ from PIL import Image
 import clradar
 from clradar.errors import ClradarError, OutputError
 from clradar.view.page_file import write_page
+from clradar.view.session import View
 from clradar.view.sources import open_source
 from clradar.view.wish import Wish
 from measurement_io import save_volume
@@ -41,7 +42,7 @@ def volumes(folder: Path) -> Path:
 def test_the_page_plays_without_a_server(tmp_path: Path) -> None:
     source, page_file = open_source(volumes(tmp_path / "volumes")), tmp_path / "view.html"
     said: list[str] = []
-    assert write_page(source, page_file, wish=Wish(), warn=said.append) == 2
+    assert write_page(View(source=source, wish=Wish()), page_file, warn=said.append) == 2
     assert len(said) == 1
     assert "1.h5" in said[0]
     with chromium.chromium(tmp_path / "profile", webgl=True) as page:
@@ -65,9 +66,9 @@ def test_pages_that_are_not_written(tmp_path: Path) -> None:
     (folder / "2.h5").unlink()
     source = open_source(folder)
     with pytest.raises(ClradarError, match="expected a frame that can be shown"):
-        write_page(source, page_file, wish=Wish(), warn=lambda _: None)
+        write_page(View(source=source, wish=Wish()), page_file, warn=lambda _: None)
     assert not page_file.exists()
     page_file.write_text("as it was")
     with pytest.raises(OutputError, match="exists already"):
-        write_page(source, page_file, wish=Wish())
+        write_page(View(source=source, wish=Wish()), page_file)
     assert page_file.read_text() == "as it was"

@@ -12,10 +12,11 @@ import pytest
 
 import clradar
 from clradar.errors import MeasurementError
+from clradar.imaging.frame_imager import FrameImager
 from clradar.view.playing import Player
-from clradar.view.session import Session, Shown
+from clradar.view.session import Session, Shown, View
 from clradar.view.sources import FixedFrames
-from clradar.view.wish import Wish
+from clradar.view.wish import QUICK_DB, Wish
 
 GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (2, 2, 2))
 
@@ -64,7 +65,9 @@ class SlowImager:
 def session_of(read: Callable[[int], Any], form: Any) -> Iterator[tuple[Session, Record]]:
     front = Record()
     labels = tuple(f"frame {i}" for i in range(5))
-    session = Session(FixedFrames("rec", labels, read), Wish(grid=GRID), front, form=form)
+    session = Session(
+        View(source=FixedFrames("rec", labels, read), wish=Wish(grid=GRID)), front, form=form
+    )
     try:
         yield session, front
     finally:
@@ -171,7 +174,7 @@ def test_frames_that_come_and_go_are_stepped_through_by_their_numbers() -> None:
     form, front = SlowImager(), Record()
     form.let.release(9)
     source = Growing()
-    session = Session(source, Wish(frame=3, grid=GRID), front, form=form)
+    session = Session(View(source=source, wish=Wish(frame=3, grid=GRID)), front, form=form)
     for there, by in (((3, 7, 9), 1), ((3, 9, 11), 1), ((3, 11), -1), ((), 1)):
         source.there = there
         session.step(by)
@@ -185,10 +188,90 @@ def test_captures_without_a_grid_get_one_that_shows_them() -> None:
     form, front = SlowImager(), Record()
     form.let.release(9)
     empty = capture(0.0)  # with echoes there would be a warning of too few frequencies
-    session = Session(FixedFrames("c", ("c",), lambda _: empty), Wish(), front, form=form)
+    session = Session(
+        View(source=FixedFrames("c", ("c",), lambda _: empty), wish=Wish()), front, form=form
+    )
     session.change()
     session.settle()
     placed = session.wish.grid
     session.close()
     assert placed is not None
     assert front.shown[0].grid is placed
+
+
+class Counting(Record):
+    """A front whose player counts what it shows."""
+
+    player: Player
+
+    def show(self, shown: Shown) -> None:
+        super().show(shown)
+        self.player.shown(shown)
+
+
+class Following:
+    """A source of which each look finds another frame."""
+
+    name, grows = "rec", True
+
+    def __init__(self) -> None:
+        self.there = 0
+        self.comes = True
+
+    def frames(self) -> tuple[int, ...]:
+        return tuple(range(self.there))
+
+    def label(self, frame: int) -> str:
+        return f"frame {frame}"
+
+    def read(self, frame: int) -> clradar.Capture:
+        return capture()
+
+    def look(self) -> bool:
+        self.there += self.comes
+        return self.comes
+
+    def came_s(self, frame: int) -> float:
+        return 0.0
+
+
+@pytest.mark.parametrize("ended_by", ["quiet", "choice", "stop"])
+def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(
+    ended_by: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[float | None] = []
+
+    class Imager(FrameImager):
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
+            made.append(kwargs["tolerance_db"])
+            super().__init__(*args, **kwargs)
+
+    monkeypatch.setattr("clradar.view.session.FrameImager", Imager)
+    source = Following()
+    front = Counting()
+    session = Session(View(source=source, wish=Wish(frame=-1, grid=GRID)), front)
+    front.player = player = Player(
+        session, source, lambda _: None, lambda _: None, front.refused.append
+    )
+    try:
+        for _ in range(2):
+            player.look(source)
+            session.settle()
+        assert [wish.quick for wish in front.shown] == [True, True]
+        assert made == [QUICK_DB]
+        source.comes = False
+        if ended_by == "quiet":
+            monkeypatch.setattr("clradar.view.playing.QUIET_S", 0.0)
+            player.look(source)
+        elif ended_by == "choice":
+            player.chosen()
+        else:
+            player.play(False)
+        session.settle()
+        player.look(source)
+        session.settle()
+    finally:
+        session.close()
+    assert [(wish.frame, wish.quick) for wish in front.shown] == [(0, True), (1, True), (1, False)]
+    assert made == [QUICK_DB, None]
+    assert not front.refused

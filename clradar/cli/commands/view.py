@@ -53,6 +53,7 @@ def command(
     from clradar.view.beside import Others, Simulation
     from clradar.view.samples import SampleFrames
     from clradar.view.server import serve
+    from clradar.view.session import View
     from clradar.view.sources import open_source
     from clradar.view.truth import recording_truth
     from clradar.view.wish import Wish
@@ -69,15 +70,15 @@ def command(
         second = Others(source, tuple(open_source(other) for other in simulated))
     elif scene is not None:
         second = Simulation(scene, opened)
-    of_data_set = isinstance(source, SampleFrames)
-    shown: dict[str, Any] = {
-        "wish": Wish(dynamic_range_db=depth.dynamic_range_db), "beside": second, "mesh": scene,
-        "truth": source if of_data_set else recording_truth(path, source.label), "device": opened,
-    }  # fmt: skip
+    truth = recording_truth(path, source.label)
+    if isinstance(source, SampleFrames):
+        truth = source.truth
+    about: Any = {"beside": second, "mesh": scene, "truth": truth, "device": opened}
+    view = View(source=source, wish=Wish(dynamic_range_db=depth.dynamic_range_db), **about)
     if html is None:
-        serve(source, port=port, say=print_line, **shown)
+        serve(view, port, print_line)
         return
     from clradar.view.page_file import write_page
 
-    count = write_page(source, html, force=force, warn=print_warning, **shown)
+    count = write_page(view, html, force=force, warn=print_warning)
     print_line(f"{html}: {counted(count, 'frame')}, for any browser")
