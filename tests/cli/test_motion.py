@@ -36,8 +36,8 @@ def test_a_moving_scene_becomes_a_recording_with_its_truth(
     command = f"simulate ball.ply --motion motion.toml {options} -o"
     made = run(*command.split(), "moving", "--frames", 2, "--rate-hz", 1)
     assert made.status == 0, made.err
-    assert "2 frames, sweeps of 3.74 ms" in made.out
     recording = open_recording("moving")
+    assert "2 frames, sweeps of 3.74 ms, samples right to -" in made.out
     assert recording.timestamps_us == (0, 1_000_000)
     assert recording[0].data.shape == (94, 94, 2)
     truth = json.loads(Path("moving/truth/truth.json").read_text())["frames"]
@@ -46,8 +46,10 @@ def test_a_moving_scene_becomes_a_recording_with_its_truth(
     assert truth[1]["bodies"][""][2][3] == pytest.approx(0.05 * middle_s)
     assert truth[1]["hands"][0]["pose"] == "flat"
     assert len(truth[0]["hands"][0]["joints_m"]) == 25
-    assert run(*command.split(), "one.h5").status == 0
+    made = run(*command.split(), "one.h5")
+    assert made.status == 0
     one = open_capture("one.h5")
+    assert f"samples right to {one.meta['movement']['sample_error_db']:.0f} dB" in made.out
     assert np.array_equal(one.data, recording[0].data)
     assert one.meta["movement"]["instants"] >= 2
     assert clradar.read_motion("motion.toml").hands[0]["edge_length_m"] == 4e-3

@@ -240,6 +240,10 @@ def summary(capture: cl.Capture) -> str:
     )
 
 
+def _error(errors_db: list[float]) -> str:
+    return f", samples right to {max(errors_db):.0f} dB" if errors_db else ""
+
+
 @dataclass(frozen=True, slots=True)
 class Movement:
     """What moves, and what records it; of several clusters each has its own recording."""
@@ -270,16 +274,19 @@ class Movement:
                 "times in the motion file"
             )
         several = len(self.clusters) > 1
+        errors_db: list[float] = []
         stamps_us = [round(1e6 * (i / self.rate_hz)) for i in range(n_frames or 1)]
         with progress_bar("simulating") as progress:
             if n_frames is None and not several:
-                (capture,) = self._captures(0, stamps_us, timings[0], progress)
+                (capture,) = self._captures(0, stamps_us, timings[0], progress, errors_db)
                 save(output, capture, origin, force=force)
                 instants = counted(capture.meta["movement"].get("instants", 1), "instant")
-                return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {instants}"
+                return f"a sweep of {1e3 * sweep_s:.3g} ms, simulated at {instants}" + _error(
+                    errors_db
+                )
             with whole_folder(output, force=force, replaced=recording_files(output)) as made:
                 for number, timing in enumerate(timings):
-                    captures = self._captures(number, stamps_us, timing, progress)
+                    captures = self._captures(number, stamps_us, timing, progress, errors_db)
                     name = CLUSTER_NAME.format(number + 1)
                     if n_frames is None:
                         save(made / f"{name}.h5", next(captures), origin, force=False)
@@ -292,13 +299,18 @@ class Movement:
                     truth = {"frames": known, **origin}
                     write_json(folder / TRUTH / "truth.json", truth, force=False)
         text = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
-        text += f" of {1e3 * sweep_s:.3g} ms"
+        text += f" of {1e3 * sweep_s:.3g} ms" + _error(errors_db)
         return text + (f", {len(self.clusters)} clusters" if several else "")
 
     def _captures(
-        self, number: int, stamps_us: list[int], timing: cl.SweepTiming, progress: Progress | None
+        self,
+        number: int,
+        stamps_us: list[int],
+        timing: cl.SweepTiming,
+        progress: Progress | None,
+        errors_db: list[float],
     ) -> Iterator[cl.Capture]:
-        """The frames of one cluster."""
+        """The frames of one cluster; how exact they are is added to `errors_db`."""
         total = len(stamps_us) * len(self.clusters)
         for i, stamp_us in enumerate(stamps_us):
             before = number * len(stamps_us) + i
@@ -307,6 +319,7 @@ class Movement:
                 start_s=i / self.rate_hz, settings=self.settings, device=self.device,
                 progress=part_of(progress, before / total, (before + 1) / total),
             )  # fmt: skip
+            errors_db += filter(None, [capture.meta["movement"].get("sample_error_db")])
             yield replace(capture, meta={**capture.meta, "frame": i, "timestamp_us": stamp_us})
 
     def _truth(self, frame: int, stamp_us: int, timing: cl.SweepTiming) -> dict[str, Any]:
