@@ -498,7 +498,7 @@ def test_the_command_passes_its_options_and_writes_what_is_found(files, capsys, 
     record = json.loads((files / "out" / "sweep.json").read_text())
     for name, one in record["regions"].items():
         assert f"roughness of {name}: {one['text']}" in said
-    assert record["options"]["roughness_m"] == [round(i / 1e4, 7) for i in range(1, 6)]
+    assert record["options"]["roughness_mm"] == [0.1, 0.2, 0.3, 0.4, 0.5]
     lines = (files / "out" / "sweep.csv").read_text().splitlines()
     assert lines[0].startswith("region,roughness_m_median,")
     assert len(lines) == 3
