@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from measurement_io.export import export_file
 from measurement_io.maroon.recording import Recording, open_recording
-from measurement_io.maroon.writer import save_maroon_frame, save_recording
+from measurement_io.maroon.writer import save_recording
 from measurement_io.native.records import (
     open_channels,
     open_volume,
@@ -63,7 +63,6 @@ __all__ = [
     "read_transform",
     "save_capture",
     "save_channels",
-    "save_maroon_frame",
     "save_recording",
     "save_volume",
 ]

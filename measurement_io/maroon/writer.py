@@ -20,10 +20,9 @@ from clradar.errors import ModelError, OutputError
 from clradar.files.atomic import move_folder, new_folder, replacing, swap_folder, write_file
 from clradar.files.confined.process import Companion
 from clradar.files.failures import regular_file_size, shown
-from clradar.files.json_file import read_json_object
 from clradar.files.json_text import to_json
 from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform, checks
-from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
+from measurement_io.antenna_file import CHANNELS, IMAGING
 from measurement_io.maroon.folders import (
     ALIGNMENT_FILE,
     ANTENNAS_FILE,
@@ -31,12 +30,8 @@ from measurement_io.maroon.folders import (
     FRAMES_FOLDER,
     MESH_FOLDER,
     METADATA_FILE,
-    PRODUCTS,
     VARIANTS,
     RadarFolderName,
-    entries,
-    find_radar_folder,
-    product_files,
 )
 from measurement_io.maroon.frame import read_frame_file
 
@@ -52,84 +47,6 @@ _NAME = "save_recording"
 Progress = Callable[[int, int], object]
 
 
-def save_maroon_frame(
-    path: str | os.PathLike[str],
-    capture: Capture,
-    *,
-    frame: int = 0,
-    variant: str = "raw",
-    timestamp_us: int | Sequence[int] | None = None,
-    number_of_measurements: int | None = None,
-    channels: int = CHANNELS,
-    force: bool = False,
-) -> Path:
-    """Write a capture as one `.npy` frame into `path/radar_<low>_<high>_<points>`.
-
-    Parameters
-    ----------
-    path : path-like
-        The `<object>/<distance>` folder; folders are made where missing.
-    capture : Capture
-        Of antennas other than those of `clradar.arrays.qar50()` the radar folder gets an
-        `antennas.toml`, which the readers take.
-    frame : int
-        Number of the frame, in the file's name.
-    variant : {"raw", "emptyfiltered"}
-    timestamp_us : int or sequence of int, microseconds, optional
-        That of `capture.meta` if not given, else 0.
-    number_of_measurements : int, optional
-        Frames of the whole recording; `frame + 1` if not given.
-    channels : {96, 94}
-        96 as the instrument writes (channels 0 and 95 are zero), or the imaging antennas alone;
-        without a meaning for arrays of other sizes.
-    force : bool
-        Write into a radar folder that exists already, and replace the frame if it is there.
-
-    Returns
-    -------
-    Path
-        The frame's file. Reading it gives the same bits of data and frequencies, and the numbers
-        and strings of `capture.meta`.
-
-    Examples
-    --------
-    >>> from measurement_io import open_capture, save_maroon_frame
-    >>> path = save_maroon_frame("plate/30", frames[1], frame=7, timestamp_us=1_700_000)
-    >>> path.as_posix()
-    'plate/30/radar_72.0_82.0_3/calibrated_data/000007.npy'
-    >>> read = open_capture(path)
-    >>> np.array_equal(read.data, frames[1].data), read.meta["timestamp_us"]
-    (True, 1700000)
-    """
-    number = checks.whole("save_maroon_frame: frame", frame, 0, MAX_FRAMES - 1)
-    total = number + 1 if number_of_measurements is None else number_of_measurements
-    total = checks.whole("save_maroon_frame: number_of_measurements", total, 1)
-    variant = checks.one_of("save_maroon_frame: variant", variant, VARIANTS)
-    if channels not in (CHANNELS, CHANNELS - 2):
-        checks.fail("save_maroon_frame: channels", "96 or 94", repr(channels))
-    stamp = _time_stamp("save_maroon_frame: timestamp_us", capture, timestamp_us)
-    radar = _target_folder(Path(path)) / _radar_folder_name(capture.waveform)
-    if radar.exists() and not force:
-        raise OutputError(
-            f"{shown(radar)}: exists already; a frame is added or replaced only with force"
-        )
-    try:
-        (radar / FRAMES_FOLDER).mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{shown(radar)}: cannot be made: {error}") from error
-    _write_antennas(radar, capture.array)
-    calibration, waveform = radar / CALIBRATION_FILE, capture.waveform
-    if not calibration.exists():
-        _write_calibration(calibration, waveform, {number: _grid_entry(None)})
-    else:  # a recording's own file holds more than these entries, so it is never rewritten
-        there = read_json_object(calibration)
-        if any(there.get(k) != value for k, value in _frequency_entries(waveform).items()):
-            raise OutputError(f"{shown(calibration)}: belongs to another waveform than the capture")
-    target = radar / FRAMES_FOLDER / _frame_name(number, variant)
-    _write_frame(target, capture, total, stamp, channels=channels, force=force)
-    return target
-
-
 def save_recording(
     path: str | os.PathLike[str],
     captures: Iterable[Capture],
@@ -141,7 +58,6 @@ def save_recording(
     alignment: Mapping[str, Any] | None = None,
     meshes: Iterable[str | os.PathLike[str]] = (),
     grid: VoxelGrid | None = None,
-    copy_from: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
     force: bool = False,
 ) -> Path:
@@ -170,9 +86,6 @@ def save_recording(
         Files to be copied to `photogrammetry/`.
     grid : VoxelGrid, optional
         What `calibration.json` names as the grid of the frames; 20 x 20 x 40 cm if not given.
-    copy_from : path-like, optional
-        A recording whose other files are copied as far as they are not given otherwise. Which of
-        its frames a capture is, is in `meta["frame"]`.
     progress : callable, optional
         Called with (frames written, frames in all) after each frame; in all is 0 if not known.
     force : bool
@@ -195,7 +108,6 @@ def save_recording(
     variant = checks.one_of(f"{_NAME}: variant", variant, VARIANTS)
     if emptyfiltered is not None and variant != "raw":
         checks.fail(f"{_NAME}: emptyfiltered", "captures beside raw ones", f"variant '{variant}'")
-    source = None if copy_from is None else find_radar_folder(Path(copy_from))
     target = _target_folder(Path(path))
     _refuse_existing(target, force=force)
     iterator = iter(captures)
@@ -213,16 +125,8 @@ def save_recording(
         numbers = frames.write(chain([first], iterator), _length(captures), variant)
         if emptyfiltered is not None:
             frames.write_beside(emptyfiltered, _length(emptyfiltered), numbers)
-        sources = [i if number is None else number for i, number in enumerate(numbers)]
-        there: dict[str, Any] = {}
-        if source is not None:
-            if (source / CALIBRATION_FILE).exists():
-                there = read_json_object(source / CALIBRATION_FILE)
-            _copy_products(source, radar, sources)
-            _copy_beside(source.absolute().parent, temporary)
-        new = _grid_entry(grid)
-        placed = {i: there.get(f"{number:06d}", new) for i, number in enumerate(sources)}
-        _write_calibration(radar / CALIBRATION_FILE, first.waveform, placed)
+        entry = _grid_entry(grid)
+        _write_calibration(radar / CALIBRATION_FILE, first.waveform, len(numbers), entry)
         for beside, content in ((METADATA_FILE, metadata), (ALIGNMENT_FILE, alignment)):
             if content is not None:
                 text = json.dumps(json.loads(to_json(f"{_NAME}: {beside}", content)), indent=2)
@@ -360,17 +264,9 @@ def _target_folder(path: Path) -> Path:
 
 def _write_antennas(radar: Path, array: AntennaArray) -> None:
     """Write the antennas into a radar folder, unless they are the imager's, as in the form."""
-    if any((radar / FRAMES_FOLDER).glob("*.npy")):
-        there = antenna_array(None, None, radar / ANTENNAS_FILE)
-        if there.same_antennas(array):
-            return
-        raise OutputError(
-            f"{shown(radar)}: expected frames of its antennas, {_text(there)}, got {_text(array)}, "
-            "or with other gains or patterns"
-        )
     plain = not (array.has_patterns or array.has_gains)
     if not (plain and array.same_positions(arrays.qar50())):
-        write_file(radar / ANTENNAS_FILE, array_text(array).encode("utf-8"), force=True)
+        write_file(radar / ANTENNAS_FILE, array_text(array).encode("utf-8"), force=False)
 
 
 def _time_stamp(field: str, capture: Capture, given: Any) -> np.ndarray:
@@ -392,12 +288,11 @@ def _write_frame(
     total: int,
     stamp: np.ndarray,
     *,
-    channels: int = CHANNELS,
     force: bool = False,
 ) -> None:
     """Write one `.npy` file, whole or not at all; the arguments are taken as checked."""
     xr = capture.data.transpose(1, 0, 2)
-    if channels == CHANNELS and xr.shape[:2] == (CHANNELS - 2, CHANNELS - 2):
+    if xr.shape[:2] == (CHANNELS - 2, CHANNELS - 2):
         whole = np.zeros((CHANNELS, CHANNELS, capture.waveform.n_freq), np.complex64)
         whole[IMAGING, IMAGING, :] = xr
         xr = whole
@@ -452,31 +347,12 @@ def _grid_entry(grid: VoxelGrid | None) -> dict[str, Any]:
     return {"volume": {**box, "grid_size": list(grid.counts)}}
 
 
-def _write_calibration(path: Path, waveform: Waveform, frames: Mapping[int, Any]) -> None:
-    content = {**_frequency_entries(waveform), **{f"{n:06d}": frames[n] for n in sorted(frames)}}
+def _write_calibration(path: Path, waveform: Waveform, n_frames: int, entry: Any) -> None:
+    content = {**_frequency_entries(waveform), **{f"{n:06d}": entry for n in range(n_frames)}}
     write_file(path, (json.dumps(content, indent=2) + "\n").encode("ascii"), force=False)
 
 
-# ---- copies, and the folder as a whole
-
-
-def _copy_products(source: Path, radar: Path, numbers: Sequence[int]) -> None:
-    for product, kind in PRODUCTS.items():
-        there = product_files(source, product)
-        for i, number in enumerate(numbers):
-            if number in there:
-                _copy(there[number], radar / product / f"{i:06d}.{kind}")
-
-
-def _copy_beside(source: Path, target: Path) -> None:
-    """Copy `metadata.json`, `alignment.json` and the meshes of a recording."""
-    for name in (METADATA_FILE, ALIGNMENT_FILE):
-        if (source / name).is_file():
-            _copy(source / name, target / name)
-    if (source / MESH_FOLDER).is_dir():
-        for path in entries(source / MESH_FOLDER):
-            if path.name.startswith("mesh") and path.is_file():
-                _copy(path, target / MESH_FOLDER / path.name)
+# ---- the folder as a whole
 
 
 def _copy(source: Path, target: Path) -> None:

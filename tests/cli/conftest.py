@@ -8,7 +8,7 @@ import command_line
 import pytest
 from command_line import DENSITY, EDGE_MM, GRID, Outcome, Run, exit_status
 
-from measurement_io import open_capture, save_maroon_frame
+from measurement_io import open_capture, save_recording
 
 
 @pytest.fixture(autouse=True)
@@ -40,5 +40,5 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.chdir(folder)
         for command in commands:
             assert exit_status(*command) == 0, command
-        save_maroon_frame("recording", open_capture("sim.h5"))
+        save_recording("recording", [open_capture("sim.h5")])
     return folder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from command_line import GRID, Run, one_error_line
 
 import clradar
 from clradar.cli import comparison
-from measurement_io import open_capture, open_volume, save_maroon_frame, save_volume
+from measurement_io import open_capture, open_volume, save_recording, save_volume
 
 
 def test_compare_writes_figure_and_metrics(run: Run, made: Path, tmp_path: Path) -> None:
@@ -59,9 +60,8 @@ def test_compare_chooses_from_a_recording(run: Run, made: Path, tmp_path: Path) 
     capture = open_capture(made / "sim.h5")
     other = clradar.Capture(np.roll(capture.data, 9, axis=0), capture.array, capture.waveform)
     recording = tmp_path / "recording"
-    save_maroon_frame(recording, other)
-    save_maroon_frame(recording, other, frame=1, force=True)
-    save_maroon_frame(recording, capture, frame=1, variant="emptyfiltered", force=True)
+    raw = [replace(other, meta={"frame": i}) for i in range(2)]
+    save_recording(recording, raw, emptyfiltered=[replace(capture, meta={"frame": 1})])
     record = tmp_path / "c.json"
 
     def correlation(*options: str) -> float:

@@ -22,7 +22,7 @@ from measurement_io import (
     open_capture,
     open_volume,
     save_capture,
-    save_maroon_frame,
+    save_recording,
 )
 
 
@@ -66,9 +66,7 @@ def test_figures_of_recordings_are_titled_with_object_distance_variant_and_frame
 ) -> None:
     capture = open_capture(made / "sim.h5")
     recording = tmp_path / "hand" / "30"
-    recording.mkdir(parents=True)
-    for frame in (0, 1):
-        save_maroon_frame(recording, capture, frame=frame, variant="emptyfiltered", force=True)
+    save_recording(recording, [capture, capture], variant="emptyfiltered")
     titles = []
     monkeypatch.setattr(
         "clradar.plot.image_figure", lambda *given, **_: titles.append(given[1]) or Figure()

@@ -58,7 +58,7 @@ def run_demo(
     from clradar.hand import hand_mesh
     from clradar.hand.flesh import PART_NAMES
     from clradar.hand.mesh import DEFAULT_CENTER_M
-    from measurement_io import open_capture, save_maroon_frame
+    from measurement_io import open_capture, save_recording
 
     mesh = folder / "hand_f.ply"
     save_mesh(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
@@ -81,7 +81,8 @@ def run_demo(
                 progress=progress, **how,
             )  # fmt: skip
         if name == measured.name:
-            save_maroon_frame(measured, cl.impair(capture, seed=2, snr_db=SNR_DB), force=True)
+            noisy = cl.impair(capture, seed=2, snr_db=SNR_DB)
+            save_recording(measured, [noisy], force=True)
             capture = open_capture(measured)
         else:
             capture = save(folder / f"{name}.h5", capture, origin, force=True)

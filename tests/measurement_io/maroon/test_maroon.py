@@ -10,12 +10,11 @@ import pytest
 from comparisons import refusal, same_bits
 
 import clradar
-from clradar.errors import MeasurementError, ModelError, OutputError
+from clradar.errors import MeasurementError, ModelError
 from measurement_io import (
     check_file,
     open_capture,
     open_recording,
-    save_maroon_frame,
     save_recording,
 )
 
@@ -201,38 +200,19 @@ def capture():
     return clradar.Capture(data, clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 5))
 
 
-def test_existing_recording_needs_force(tmp_path, capture):
-    path = save_maroon_frame(tmp_path / "30", capture)
-    before = path.read_bytes()
-    with pytest.raises(OutputError, match="force"):
-        save_maroon_frame(tmp_path / "30", capture, frame=1)
-    assert sorted(p.name for p in path.parent.iterdir()) == ["000000.npy"]
-    second = save_maroon_frame(tmp_path / "30", capture, frame=1, force=True)
-    assert second.name == "000001.npy"
-    assert path.read_bytes() == before
-    # A recording's own calibration is never rewritten.
-    (path.parents[1] / "calibration.json").write_text('{"frequency_low_ghz": 60.0}')
-    with pytest.raises(OutputError, match="another waveform"):
-        save_maroon_frame(tmp_path / "30", capture, frame=2, force=True)
-
-
 def test_other_antennas_lie_beside_their_frames_which_are_of_one_array(tmp_path, capture):
     pattern = clradar.AntennaPattern(exponent=1.0)
     array = clradar.AntennaArray(capture.array.rx_m[:5], capture.array.tx_m[:4], "few", pattern)
     other = clradar.Capture(capture.data[:5, :4], array, capture.waveform)
-    path = save_maroon_frame(tmp_path / "30", other)
-    save_maroon_frame(tmp_path / "30", other, frame=1, force=True)
+    radar = save_recording(tmp_path / "30", [other, other])
+    path = radar / "calibrated_data" / "000000.npy"
     for read in (open_capture(path), open_recording(tmp_path / "30")[1]):
         np.testing.assert_array_equal(read.data, other.data)
         np.testing.assert_array_equal(read.array.tx_m, array.tx_m)
         assert (read.array.name, read.array.tx_pattern) == ("few", pattern)
-    with pytest.raises(OutputError, match="'few' with 5 Tx and 4 Rx, got 'qar50' with 94 Tx"):
-        save_maroon_frame(tmp_path / "30", capture, frame=2, force=True)
     gains = replace(other, array=replace(array, tx_gain=[1, 1, 1, 1, 0.5]))
-    with pytest.raises(OutputError, match="other gains or patterns"):
-        save_maroon_frame(tmp_path / "30", gains, frame=2, force=True)
     with pytest.raises(ModelError, match="other gains or patterns"):
         save_recording(tmp_path / "60", [other, gains])
-    (path.parent.parent / "antennas.toml").unlink()
+    (radar / "antennas.toml").unlink()
     with pytest.raises(MeasurementError, match=r"\(96, 96, Nf\) or \(94, 94, Nf\)"):
         open_capture(path)

@@ -4,12 +4,10 @@ import json
 import pickle
 import pickletools
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import maroon_files as files
-import maroon_products as made
 import numpy as np
 import pytest
 from comparisons import same_bits, tree
@@ -20,8 +18,6 @@ from measurement_io import (
     check_file,
     open_capture,
     open_recording,
-    read_depth_map,
-    save_maroon_frame,
     save_recording,
 )
 
@@ -171,56 +167,6 @@ def test_files_beside_the_radar_folder(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["30", "mesh_smoothed.obj"]
 
 
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    """A recording of frames 0, 2 and 3, with products of 0 and 3 and everything beside it."""
-    distance = tmp_path / "dataset" / "object" / "30"
-    radar = files.write_recording(distance, n_frames=4, n_freq=2)
-    for path in (radar / "calibrated_data").glob("000001*"):
-        path.unlink()
-    for number, x in ((0, 0.05), (3, -0.03)):
-        made.write_products(radar, number, made.scene([(x, 0.02, 0.3, 500.0)], (9, 7, 3)))
-    entry = json.loads((radar / "calibration.json").read_text())["000003"] | {"more": [1]}
-    made.put_entry(radar, 3, entry)
-    (distance / "metadata.json").write_bytes(b'{ "distance_meters":0.30 }')
-    alignment = b'{"photogrammetry2radar": [[1,0,0,0], [0,1,0,0],[0,0,1,0.30],[0,0,0,1]] }'
-    (distance / "alignment.json").write_bytes(alignment)
-    (distance / "photogrammetry").mkdir()
-    (distance / "photogrammetry" / "mesh.obj").write_bytes(MESH)
-    (distance / "photogrammetry" / "cams.xml").write_bytes(b"<x/>")
-    return distance
-
-
-def frames_of(distance: Path, numbers: tuple[int, ...]) -> Iterator[clradar.Capture]:
-    for number in numbers:
-        yield open_capture(distance, frame=number)
-
-
-def test_what_belongs_to_a_recording_is_copied(tmp_path, source):
-    before = tree(source)
-    radar = save_recording(tmp_path / "copy", frames_of(source, (0, 2, 3)), copy_from=source)
-    copied = tree(tmp_path / "copy")
-    for name in ("metadata.json", "alignment.json", "photogrammetry/mesh.obj"):
-        assert copied[name] == before[name]
-    assert "photogrammetry/cams.xml" not in copied
-    for product, kind in (("depth", "png"), ("maxproj", "png"), ("volume", "ply"), ("xyz", "ply")):
-        for new, old in ((0, 0), (2, 3)):
-            name = f"{radar.name}/{product}/{{:06d}}.{kind}"
-            assert copied[name.format(new)] == before[name.format(old)]
-        assert f"{radar.name}/{product}/000001.{kind}" not in copied
-    content = json.loads(copied[f"{radar.name}/calibration.json"])
-    theirs = json.loads(before[f"{radar.name}/calibration.json"])
-    assert (content["000000"], content["000002"]) == (theirs["000000"], theirs["000003"])
-    assert np.array_equal(
-        read_depth_map(radar, 2).depth_m,
-        read_depth_map(source / radar.name, 3).depth_m,
-        equal_nan=True,
-    )
-    assert [f["total"] for f in dataset_reader(radar)] == [3, 3, 3]
-    assert check_file(radar).ok, check_file(radar)
-    assert tree(source) == before
-
-
 # ---- what is refused, and what is left then
 
 
@@ -272,7 +218,8 @@ def test_a_folder_that_exists(tmp_path):
 
 
 def test_every_numpy_finds_the_names_in_a_frame(tmp_path):
-    frame = save_maroon_frame(tmp_path / "30", capture_of(0))
+    radar = save_recording(tmp_path / "30", [capture_of(0)])
+    frame = radar / "calibrated_data" / "000000.npy"
     names = [
         argument
         for operation, argument, _ in pickletools.genops(frame.read_bytes()[128:])
