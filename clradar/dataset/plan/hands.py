@@ -339,7 +339,7 @@ class ByPart(FileRecord, Generic[Value]):
 class Alpha(ByPart[Share]):
     """Roughness of a hand, by part."""
 
-    others: Share = Field(fixed(0.5), validation_alias=AliasChoices("others", UNNAMED))
+    others: Share = Field(default=fixed(0.5), validation_alias=AliasChoices("others", UNNAMED))
 
     @property
     def of_parts(self) -> Mapping[str, float]:
