@@ -105,7 +105,7 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
         n: p.annotation for n, p in shown.parameters.items() if is_dataclass(p.annotation)
     }
     declared: dict[str, Field[Any]] = {}
-    parameters: list[Parameter] = []
+    parameters = [Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context)]
     for name, parameter in shown.parameters.items():
         own, hints, panel = {name: parameter.default}, {name: parameter.annotation}, ""
         if name in groups:
@@ -115,8 +115,10 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
         parameters += [_parameter(n, hints[n], one, panel) for n, one in own.items()]
     label = command.__module__.rpartition(".")[2].replace("_", "-")
 
-    def run(**values: Any) -> Any:
-        _check_together(declared, values)
+    def run(context: typer.Context, **values: Any) -> Any:
+        sources = {name: context.get_parameter_source(name) for name in declared}
+        typed = {n for n, source in sources.items() if source and source.name != "DEFAULT"}
+        _check_together(declared, values, typed)
         for name, one in declared.items():
             for read in (one.metadata["parse"], one.metadata["check"]):
                 if read is not None and values[name] is not None:
@@ -149,13 +151,11 @@ def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _check_together(declared: dict[str, Field[Any]], values: dict[str, Any]) -> None:
+def _check_together(
+    declared: dict[str, Field[Any]], values: dict[str, Any], typed: set[str]
+) -> None:
     fields_of = {option_name(name, one): name for name, one in declared.items()}
-    there = {
-        name
-        for name, key in fields_of.items()
-        if values[key] not in (declared[key].metadata["default"], [], None)
-    }
+    there = {name for name, key in fields_of.items() if key in typed}
 
     def known(rules: str) -> Iterator[tuple[bool, str]]:
         """Whether each holds, in a command that has its option, and its text."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -80,7 +80,7 @@ class SceneView:
             "/shader", points=np.zeros((2, 3), np.float32), colors=np.zeros((2, 3), np.uint8),
             position=(0.0, 0.0, -1e6),
         )  # fmt: skip
-        server.on_client_connect(self._aim)
+        server.on_client_connect(self._connect)
 
     def show(self, shown: Shown, *, pictures: bool = True) -> None:
         """Draw the points or voxels of a result, and the pictures of its layout."""
@@ -182,9 +182,7 @@ class SceneView:
             last = self._pictures[name]
             if not np.array_equal(last.picture.pixels, picture.pixels):
                 last.handle.image = picture.pixels
-            self._pictures[name] = _PictureInScene(
-                last.handle, picture, last.centre, last.width, last.height
-            )
+            self._pictures[name] = replace(last, picture=picture)
 
     def _hung(self, pictures: Mapping[str, Picture], layout: str) -> dict[str, _PictureInScene]:
         """Put pictures into the scene: in columns, to the left of the box where that is shown."""
@@ -229,6 +227,19 @@ class SceneView:
         for client in self._server.get_clients().values():
             self._aim(client)
 
+    def _connect(self, client: Any) -> None:
+        """Aim a browser's camera, and anew when its scene's shape changes: a panel is docked."""
+        self._aim(client)
+        aimed_for = client.camera.aspect
+
+        def moved(camera: Any) -> None:
+            nonlocal aimed_for
+            if not np.isclose(camera.aspect, aimed_for, rtol=0.02):
+                aimed_for = camera.aspect
+                self._aim(client)
+
+        client.camera.on_update(moved)
+
     def _aim(self, client: Any) -> None:
         if self._ends_m is not None:
             with client.atomic():
@@ -238,10 +249,8 @@ class SceneView:
         """As the radar sees it: from the middle of the antennas' side, x to the left."""
         centre, width, height, depth = self._view
         away = max(height, width / max(aspect, 0.1)) / 2 / np.tan(FOV / 2) + depth / 2
-        if hasattr(camera, "up_direction"):
-            camera.up_direction = (0.0, 1.0, 0.0)
-        else:
-            camera.up = (0.0, 1.0, 0.0)
+        name = "up_direction" if hasattr(camera, "up_direction") else "up"
+        setattr(camera, name, (0.0, 1.0, 0.0))
         camera.position = tuple(centre - [0.0, 0.0, away])
         camera.look_at = tuple(centre)
         camera.fov = FOV

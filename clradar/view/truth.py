@@ -44,7 +44,6 @@ class Truth:
 
 
 Truths: TypeAlias = Callable[[int], Truth | None]
-"""What is known of a frame, by its number."""
 
 
 def recording_truth(path: Path, label: Callable[[int], str]) -> Truths | None:

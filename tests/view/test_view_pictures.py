@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from unittest.mock import MagicMock
+
 import numpy as np
 import pytest
 
@@ -17,6 +20,7 @@ from clradar.view.pictures import (
     pair_curves,
     slice_pictures,
 )
+from clradar.view.scene import SceneView
 from clradar.view.wish import grid_mm
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
@@ -165,3 +169,30 @@ def test_voxels_are_those_within_the_range_the_strongest_first() -> None:
 def test_grids_that_cannot_be_viewed(x_mm: tuple[float, float], step_mm: float, text: str) -> None:
     with pytest.raises(ModelError, match=text):
         grid_mm(x_mm, (-100, 100), (260, 340), step_mm)
+
+
+class Browser:
+    """A browser's camera, as viser has it."""
+
+    def __init__(self, aspect):
+        self.camera, self.aspect, self.atomic = self, aspect, nullcontext
+        self.moves = []
+
+    def on_update(self, act):
+        self.moves.append(act)
+
+
+def test_a_camera_is_aimed_anew_when_its_scene_gets_another_shape():
+    """As when the panel is docked beside it, after the browser has connected."""
+    view = SceneView(MagicMock())
+    view._ends_m = np.array([[-0.1, 0.1], [-0.1, 0.1], [0.26, 0.34]])
+    view._view = (np.zeros(3), 4.0, 2.0, 0.0)
+    browser = Browser(aspect=4 / 3)
+    view._connect(browser)
+    wide = browser.position[2]
+    for browser.aspect, times in ((4 / 3, 1.0), (0.94, 4 / 3 / 0.94)):
+        browser.moves[0](browser)
+        assert browser.position[2] == pytest.approx(times * wide)
+    browser.position = moved = (1.0, 2.0, 3.0)
+    browser.moves[0](browser)  # turned by its user
+    assert browser.position == moved

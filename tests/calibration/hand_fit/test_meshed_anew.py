@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hand_renderings import rendered_depth, state_of
 
-from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed, fitted_parameters
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_rendering import N_GEOMETRY, N_PARAMETERS, SHAPE, stepped
 from calibration.hand_fit.hand_shape_vector import vector_of
@@ -45,11 +45,6 @@ def started(fitter, truth) -> Fitted:
     return Fitted(truth, brightness, np.inf, np.inf)
 
 
-@pytest.fixture(scope="module")
-def missed(fitter, started) -> Missed:
-    return missed_slopes(fitter, started, 1)
-
-
 def only(fitter: HandFitter, k: int) -> HandFitter:
     """The same, with one parameter to fit."""
     fitted = np.arange(N_PARAMETERS) == k
@@ -57,8 +52,9 @@ def only(fitter: HandFitter, k: int) -> HandFitter:
     return HandFitter(fitter.model, fitter.depth, fitter.aperture, device, fitted, (FINE,))
 
 
-def test_slopes_by_the_girth_are_those_of_surfaces_that_are_meshed_anew(fitter, started, missed):
+def test_slopes_by_the_girth_are_those_of_surfaces_that_are_meshed_anew(fitter, started):
     """Where fingers of a fist touch, moving samples alone have others."""
+    missed = missed_slopes(only(fitter, GIRTH), started, 1)
     picture, state, brightness = fitter.picture(FINE), started.state, started.log_brightness
     step = np.where(np.arange(N_GEOMETRY) == GIRTH, 0.04, 0.0)
     ends = [stepped(state, way * step, np.zeros(3)) for way in (1.0, -1.0)]
@@ -83,13 +79,11 @@ def test_nothing_is_missed_of_the_motion_and_of_what_is_not_fitted(fitter, start
 
 
 @pytest.mark.slow
-def test_a_fit_settles_nearer_to_the_truth_and_never_in_a_higher_deviance(
-    fitter, truth, started, missed
-):
+def test_a_fit_settles_nearer_to_the_truth_and_never_in_a_higher_deviance(fitter, truth, started):
     step = np.zeros(N_GEOMETRY)
     step[GIRTH], step[RING_BENT] = -0.05, 0.1
     away = replace(started, state=stepped(truth, step, np.zeros(3)))
-    prior = Prior.about(truth, angle_covariance())
+    prior, missed = Prior.about(truth, angle_covariance()), missed_slopes(fitter, started, 1)
     before = fitter.judged(away, prior, seed=5)
     found = settled(fitter, away, prior, missed, 5)
     assert found.deviance < before.deviance - 1.0

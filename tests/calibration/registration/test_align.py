@@ -114,7 +114,7 @@ MOTIONS = [
 
 @pytest.fixture(scope="module")
 def aligned(original):
-    return align(depth_map(potato, MOTIONS[3]), original)
+    return align(depth_map(potato, MOTIONS[3]), original, search_deg=15)
 
 
 @pytest.mark.parametrize("truth", [MOTIONS[2], MOTIONS[4]])
@@ -153,7 +153,7 @@ def test_one_lacks_a_third(original, cut):
     rows = np.nonzero(broken.mask.any(axis=1))[0]
     keep = np.arange(len(broken.y_m))[:, None] < rows[0] + 2 * len(rows) // 3
     part = without(broken, keep)
-    result = align(part, original) if cut == "measured" else align(measured, part)
+    result = align(*((part, original) if cut == "measured" else (measured, part)), search_deg=15)
     assert_near(result, truth, EXACT_M, EXACT_DEG)
     share = part.mask.sum() / broken.mask.sum() if cut == "measured" else 1.0
     assert result.inlier_share == pytest.approx(share, abs=0.05)
@@ -164,7 +164,7 @@ def test_clutter_on_one_side_does_not_pull(original):
     measured = depth_map(potato, truth)
     depth_m = measured.depth_m.copy()
     depth_m[:6] = 0.36  # a wall behind, which only the measurement shows
-    result = align(of_depth(depth_m, measured.x_m), original)
+    result = align(of_depth(depth_m, measured.x_m), original, search_deg=15)
     assert_near(result, truth, EXACT_M, EXACT_DEG)
 
 
@@ -174,7 +174,7 @@ def test_noise_within_the_covariance(original):
     measured = depth_map(potato, truth)
     for seed in range(2):
         pair = noisy(measured, 5e-4, seed), noisy(original, 5e-4, 100 + seed)
-        result = align(*pair)
+        result = align(*pair, search_deg=15)
         assert result.converged
         off = result.transform @ np.linalg.inv(truth)
         turn = Rotation.from_matrix(off[:3, :3]).as_rotvec()
@@ -186,7 +186,7 @@ def test_noise_within_the_covariance(original):
         assert 0.7 * 5e-4 < result.rms_m < np.sqrt(2) * 5e-4
         np.testing.assert_allclose(result.covariance, result.covariance.T, atol=1e-15)
         assert np.linalg.eigvalsh(result.covariance).min() > 0
-    again = align(*pair)
+    again = align(*pair, search_deg=15)
     np.testing.assert_array_equal(again.transform, result.transform)
     np.testing.assert_array_equal(again.covariance, result.covariance)
 
@@ -199,7 +199,7 @@ def test_bright_parts_count_more(original):
 
     def mean_depth_m(bright):
         amplitude = np.where(bright, 1.0, 0.25) * original.mask
-        result = align(of_depth(bent.depth_m, bent.x_m, amplitude), original)
+        result = align(of_depth(bent.depth_m, bent.x_m, amplitude), original, search_deg=5)
         return (moved(result.transform, original.points_m()) - original.points_m())[:, 2].mean()
 
     sides_m, middle_m = mean_depth_m(~middle), mean_depth_m(middle)
@@ -212,7 +212,7 @@ def test_unobservable_directions_of_a_plate_do_not_move(sigma_m):
     truth = motion((8, -5, 0), (0.006, -0.004, 0.003))
     measured = noisy(depth_map(plate, truth), sigma_m, 0)
     simulated = noisy(depth_map(plate), sigma_m, 1)
-    result = align(measured, simulated)
+    result = align(measured, simulated, search_deg=5)
     names = result.degenerate_directions
     assert len(names) == 3
     assert [name.startswith("the shift along") for name in names] == [True, True, False]
@@ -235,7 +235,8 @@ def test_unobservable_directions_of_a_plate_do_not_move(sigma_m):
 
 def test_sphere_moves_without_turning():
     shift_m = np.array([0.006, -0.004, 0.003])
-    result = align(depth_map(sphere, motion((0, 0, 0), shift_m)), depth_map(sphere))
+    measured = depth_map(sphere, motion((0, 0, 0), shift_m))
+    result = align(measured, depth_map(sphere), search_deg=5)
     assert len(result.degenerate_directions) == 3
     assert all("rotation about" in name for name in result.degenerate_directions)
     assert result.rotation_deg < 1e-3
@@ -243,7 +244,7 @@ def test_sphere_moves_without_turning():
 
 
 def test_report_has_shift_rotation_and_quality(original):
-    result = align(depth_map(potato, MOTIONS[0]), original)
+    result = align(depth_map(potato, MOTIONS[0]), original, search_deg=5)
     assert_near(result, MOTIONS[0], EXACT_M, EXACT_DEG)
     for part in (
         "shifted by 8.78 mm",
@@ -257,7 +258,7 @@ def test_report_has_shift_rotation_and_quality(original):
 
 def test_an_unfinished_fit_is_reported(original):
     with pytest.warns(clradar.ClradarWarning, match="align: the pose still changed in the last"):
-        result = align(depth_map(potato, MOTIONS[4]), original, max_iterations=1)
+        result = align(depth_map(potato, MOTIONS[4]), original, max_iterations=1, search_deg=5)
     assert not result.converged
     assert "NOT converged" in result.report()
     assert result.iterations == 1
@@ -312,7 +313,7 @@ def test_no_overlap():
 def test_few_inliers_are_a_failure(original):
     corner = without(original, (original.x_m < -0.01) & (original.y_m[:, None] < 0.0))
     with pytest.raises(CompareError, match=r"only \d+% of the simulated amplitude .* 50% is the"):
-        align(corner, original, min_inlier_share=0.5)
+        align(corner, original, min_inlier_share=0.5, search_deg=5)
 
 
 @pytest.mark.parametrize(
@@ -366,7 +367,8 @@ two depth maps are not the same surface moved: see docs/registration-method.md."
 
 @pytest.mark.device
 def test_simulated_hands():
-    array = clradar.arrays.qar50()
+    imager = clradar.arrays.qar50()
+    array = clradar.AntennaArray(imager.tx_m[::2], imager.rx_m[::2])
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
     grid = clradar.VoxelGrid.from_extent(
         (-0.08, 0.08), (-0.1, 0.1), (0.27, 0.34), (2.5e-3, 2.5e-3, 3.5e-3)
@@ -382,12 +384,9 @@ def test_simulated_hands():
 
     truth = motion(shift_m=(0.006, -0.004, 0.005))
     original, shifted = volume(np.eye(4), 0), volume(truth, 1)
-    for result, expected in (
-        (align(shifted, original), truth),
-        (align(original, shifted), np.linalg.inv(truth)),
-    ):
-        assert_near(result, expected, VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG)
-        assert result.degenerate_directions == ()
+    result = align(shifted, original, search_deg=5)
+    assert_near(result, truth, VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG)
+    assert result.degenerate_directions == ()
 
 
 # Records of arrays that something else has written

@@ -60,7 +60,7 @@ def measured(hand) -> clradar.Volume:
 
 @pytest.fixture(scope="module")
 def found(measured, hand) -> Alignment:
-    return align_mesh(measured, hand, **RADAR, correct_bias=False)
+    return align_mesh(measured, hand, **RADAR, correct_bias=False, search_deg=15.0)
 
 
 def errors(transform, truth=TRUTH):

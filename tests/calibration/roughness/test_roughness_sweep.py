@@ -467,11 +467,16 @@ GRID = ("--x-mm", "-60:60:5", "--y-mm", "-30:30:5", "--z-mm", "290:310:5")
 COMMAND = ("sweep", "measured.h5", "mesh.ply", "--roughness-mm", "0.1:0.5:0.1", *GRID)
 
 
+@pytest.fixture(scope="module")
+def recorded() -> clradar.Capture:
+    return measured_of(SCENE.with_material(rough(0.3e-3)), 4)
+
+
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(recorded, tmp_path, monkeypatch):
     """A measurement and its mesh."""
     monkeypatch.chdir(tmp_path)
-    save_capture("measured.h5", measured_of(SCENE.with_material(rough(0.3e-3)), 4))
+    save_capture("measured.h5", recorded)
     trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False).export("mesh.ply")
     return tmp_path
 

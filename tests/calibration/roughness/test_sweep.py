@@ -344,15 +344,18 @@ def test_an_interrupted_sweep_ends_with_the_same_bits(regions):
     assert [a for a, _ in ends] == sorted(a for a, _ in ends)
 
 
+@pytest.fixture(scope="module")
+def recorded() -> clradar.Capture:
+    return clradar.simulate(SCENE.with_alpha(0.3), ARRAY, WAVEFORM, seed=9, device="pocl", **FEW)
+
+
 @pytest.fixture
-def files(tmp_path, monkeypatch):
+def files(recorded, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
-    monkeypatch.setattr(
-        "calibration.roughness.figures.DPI", 40
-    )  # the figures are most of the time otherwise
-    capture = clradar.simulate(SCENE.with_alpha(0.3), ARRAY, WAVEFORM, seed=9, device="pocl", **FEW)
-    save_capture("measured.h5", capture)
+    # The figures are most of the time otherwise.
+    monkeypatch.setattr("calibration.roughness.figures.DPI", 40)
+    save_capture("measured.h5", recorded)
     import trimesh
 
     mesh = trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False)
