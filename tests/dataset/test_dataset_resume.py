@@ -128,7 +128,9 @@ def shortened(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1000])
 
 
-@pytest.mark.parametrize("damage", [Path.unlink, shortened])
+@pytest.mark.parametrize(
+    "damage", [Path.unlink, shortened, *nightly([lambda path: path.write_bytes(b"")])]
+)
 def test_a_missing_shard_is_made_again(
     light: Path, light_copy: Path, damage: Callable[[Path], Any]
 ) -> None:
