@@ -13,6 +13,7 @@ import pytest
 import trimesh
 import two_devices
 from command_line import Run, one_error_line
+from nightly import nightly
 
 import clradar
 from clradar.arrays import read_clusters
@@ -136,23 +137,23 @@ def test_from_the_simulation_to_one_image_on_the_command_line(
     assert "3 clusters, which simulate and image take" in outcome.err
 
 
+@pytest.mark.parametrize("how", [["--workers", "2"], *nightly([["--device", "all"]])])
 def test_workers_and_devices_make_the_same_files(
-    run: Run, tmp_path: Path, command: list[str]
+    run: Run, tmp_path: Path, command: list[str], how: list[str]
 ) -> None:
     pytest.importorskip("distributed")
-    here = tmp_path / "here"
+    here, there = tmp_path / "here", tmp_path / "there"
     assert run(*command, "-o", here).status == 0
-    assert run(*command, "-o", tmp_path / "workers", "--workers", "2").status == 0
-    # In a process of its own, which sees the CPU as two devices.
-    done = subprocess.run(
-        [sys.executable, "-m", "clradar", *command, "-o", tmp_path / "devices", "--device", "all"],
-        env={**os.environ, **two_devices.ENVIRONMENT}, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    want = contents(here)
-    assert sorted(want) == NAMES
-    for name in ("workers", "devices"):
-        assert contents(tmp_path / name) == want, name
+    if "--workers" in how:
+        assert run(*command, "-o", there, *how).status == 0
+    else:  # in a process of its own, which sees the CPU as two devices
+        done = subprocess.run(
+            [sys.executable, "-m", "clradar", *command, "-o", there, *how],
+            env={**os.environ, **two_devices.ENVIRONMENT}, capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    assert sorted(contents(here)) == NAMES
+    assert contents(there) == contents(here)
 
 
 def test_a_mesh_that_changes_between_clusters_is_refused(

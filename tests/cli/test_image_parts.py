@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import Run, one_error_line
+from nightly import nightly
 
 import clradar
 from clradar.cli.images import PartSteps
@@ -101,7 +102,7 @@ if __name__""",
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
-@pytest.mark.parametrize(("last", "kept"), [(3, 2), (5, 3)])
+@pytest.mark.parametrize(("last", "kept"), [(3, 2), *nightly([(5, 3)])])
 def test_a_killed_image_resumes(
     run: Run,
     captures: list[Path],

@@ -239,7 +239,7 @@ def test_the_workers_of_a_scheduler_make_the_same_files(
     run: Run, recorded: Recording, tmp_path: Path
 ) -> None:
     distributed = pytest.importorskip("distributed")
-    command = ("process", recorded.folder, *GRID, "-o")
+    command = ("process", recorded.folder, "--frames", "1", *GRID, "-o")
     with distributed.LocalCluster(
         processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None,
         resources={"DEVICE": 1},
@@ -247,7 +247,7 @@ def test_the_workers_of_a_scheduler_make_the_same_files(
         outcome = run(*command, tmp_path / "there", "--scheduler", cluster.scheduler_address)
     assert outcome.status == 0, outcome.err
     assert run(*command, tmp_path / "here").status == 0
-    for name in RESULTS:
+    for name in (*RESULTS[:3], "pictures/000000.png"):
         one, other = ((tmp_path / where / name).read_bytes() for where in ("here", "there"))
         assert one == other, name
 

@@ -23,8 +23,9 @@ MOVEMENT = {"frames": 3, "rate_hz": 10, "z_mm": 30, "rotation_y_deg": {"uniform"
 OUTPUT = {"shard_size": 4, "products": ["max_projection", "joints", "mesh"]}
 
 
-def plan(**movement: object) -> clradar.dataset.Plan:
-    tables = tiny(samples=6, movement={**MOVEMENT, **movement}, output=OUTPUT)
+def plan(*, step_us: float = 2.5, **tables: object) -> clradar.dataset.Plan:
+    movement = {**MOVEMENT, "step_us": step_us}
+    tables = tiny(samples=6, movement=movement, output=OUTPUT, **tables)
     return plan_from(tables, "plan.toml", Path())
 
 
@@ -68,12 +69,13 @@ def test_mistakes_name_the_key(samples: int, movement: dict[str, object], said: 
         plan_from(tables, "plan.toml", Path())
 
 
+@pytest.mark.usefixtures("no_contact_sheet")
 @pytest.mark.filterwarnings("ignore:.*grating lobes")
 def test_readers_give_sequences_along_their_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "moving"
-    run(plan(step_us=20), folder, device=DEVICE)
+    run(plan(step_us=20, radar={"every": 24, "steps": 4}), folder, device=DEVICE)
     assert check_dataset(folder).problems == ()
     flat, view = open_dataset(folder), open_dataset(folder, sequences=True)
     assert flat.frame.values.tolist() == [0, 1, 2, 0, 1, 2]

@@ -4,6 +4,7 @@ import base64
 import json
 import zlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import chromium
@@ -105,15 +106,20 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Page]:
         yield page
 
 
-@pytest.fixture
-def page(tab: chromium.Page, tmp_path_factory: pytest.TempPathFactory) -> chromium.Page:
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "two.html"
     measured, simulated = ReportImage("measured", MEASURED), ReportImage("simulated", SIMULATED)
     text = html_report(measured, [simulated], dynamic_range_db=RANGE_DB)
     path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def page(tab: chromium.Page, report: Path) -> chromium.Page:
     tab.prefer("light")
     tab.resize(1000, 2800)  # all of it on the screen
-    tab.open(path)
+    tab.open(report)
     tab.js(
         "new Promise(done => { const c = document.getElementById('slices'); const look = () =>"
         " c.dataset.ready ? done() : requestAnimationFrame(look); look(); })"

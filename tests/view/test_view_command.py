@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nightly import nightly
 from systems import posix_only
 
 import clradar
@@ -68,7 +69,7 @@ def test_the_address_is_of_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -
 
 @posix_only
 @pytest.mark.device
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGTERM, *nightly([signal.SIGINT])])
 def test_it_ends_cleanly(tmp_path: Path, number: int) -> None:
     pytest.importorskip("viser")
     command = [

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 import numpy as np
 from pydantic import (
     AfterValidator,
+    AliasChoices,
     BeforeValidator,
     Field,
     PlainValidator,
@@ -48,6 +49,9 @@ POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 
 EDGE_MM = 2.0
 """About 29 000 faces; see docs/datasets.md for what other lengths cost and err."""
+
+UNNAMED = "[all]"
+"""Key of a value that a file gives without one; mistakes are not reported at it."""
 
 Value = TypeVar("Value")
 
@@ -329,13 +333,13 @@ class ByPart(FileRecord, Generic[Value]):
         keys = {*value} if isinstance(value, dict) else None
         if isinstance(value, ByPart) or keys == set() or (keys and keys & {*PART_NAMES, "others"}):
             return value
-        return {"others": value}
+        return {UNNAMED: value}
 
 
 class Alpha(ByPart[Share]):
     """Roughness of a hand, by part."""
 
-    others: Share = fixed(0.5)
+    others: Share = Field(default=fixed(0.5), validation_alias=AliasChoices("others", UNNAMED))
 
     @property
     def of_parts(self) -> Mapping[str, float]:
@@ -380,7 +384,7 @@ class PartMaterial(FileRecord):
     """What a part of a hand is made of: a material, of which some lengths may be drawn."""
 
     of: Annotated[Material, PlainValidator(_made_of), _SCHEMA] = Field(
-        default_factory=lambda: material("palm")
+        default_factory=lambda: material("palm"), validation_alias=AliasChoices("of", UNNAMED)
     )  # most of what a radar sees of a hand that is held towards it
     roughness_rms_mm: Annotated[Draw, _millimetres(0.0, PLAUSIBLE_ROUGHNESS_M[1])] | None = None
     correlation_length_mm: Annotated[Draw, _millimetres(*PLAUSIBLE_CORRELATION_M)] | None = None
@@ -411,7 +415,7 @@ class PartMaterial(FileRecord):
 
 def _of_material(value: Any) -> Any:
     """A material by itself is one whose lengths are its own."""
-    return value if isinstance(value, dict | PartMaterial) else {"of": value}
+    return value if isinstance(value, dict | PartMaterial) else {UNNAMED: value}
 
 
 Part = Annotated[PartMaterial, BeforeValidator(_of_material)]
@@ -420,7 +424,9 @@ Part = Annotated[PartMaterial, BeforeValidator(_of_material)]
 class PlanMaterials(ByPart[Part]):
     """What a hand is made of, by part."""
 
-    others: Part = Field(default_factory=PartMaterial)
+    others: Part = Field(
+        default_factory=PartMaterial, validation_alias=AliasChoices("others", UNNAMED)
+    )
 
     @property
     def of_parts(self) -> Mapping[str, Material]:

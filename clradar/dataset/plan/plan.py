@@ -62,7 +62,7 @@ class PlanError(MeasurementError):
     ... except PlanError as error:
     ...     print(*error.mistakes, sep="\\n")
     plan.toml: samples: expected a value, got nothing
-    plan.toml: alpha.others: expected values from 0 to 1, got 2
+    plan.toml: alpha: expected values from 0 to 1, got 2
     plan.toml: sampels: unknown key; expected one of ... (did you mean 'samples'?)
     """
 
