@@ -62,8 +62,9 @@ half of 256 nodes, with either sign; measured below 5e-4."""
 @pytest.mark.parametrize(
     ("alpha", "degrees"),
     [
-        *[(0.1, 35.0), (0.2, 70.0), (0.5, 35.0), (0.7, 70.0)],
-        *nightly([(0.2, 0.0), (0.35, 35.0), (0.49, 70.0), (0.51, 0.0), (1.0, 35.0)]),
+        *[(0.2, 70.0), (0.5, 35.0)],
+        *nightly([(0.1, 35.0), (0.2, 0.0), (0.35, 35.0), (0.49, 70.0)]),
+        *nightly([(0.51, 0.0), (0.7, 70.0), (1.0, 35.0)]),
     ],
 )
 def test_the_density_is_that_of_the_directions(alpha, degrees):
@@ -154,7 +155,7 @@ def test_probabilities_are_those_of_the_reference(alpha, device):
     assert (found > 0).sum() >= (20 if alpha >= 0.05 else 5)
 
 
-@pytest.mark.parametrize("alpha", [0.3, 1.0])
+@pytest.mark.parametrize("alpha", [0.3, *nightly([1.0])])
 def test_large_discs_that_the_horizon_of_the_face_cuts(alpha, device):
     """Near a mesh whose normals are not those of its faces. The density has a step in them, which
     four slices hold to 1.5e-2 of a probability, and to 5e-5 in the mean."""
@@ -214,7 +215,7 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
     assert abs(found.sum() - mean.sum()) <= 4 * np.sqrt(variance.sum())
 
 
-@pytest.mark.parametrize("alpha", [0.1, 0.35, 1.0, *nightly([0.02, 0.2, 0.5, 0.7])])
+@pytest.mark.parametrize("alpha", [0.35, 1.0, *nightly([0.02, 0.1, 0.2, 0.5, 0.7])])
 def test_the_mean_is_that_of_the_stochastic_estimator(alpha, device):
     check_mean(Scene(*MESHES["waves"], alpha), device)
 
