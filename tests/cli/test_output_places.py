@@ -71,7 +71,7 @@ def path_parameters(name: str) -> dict[str, Any]:
     """The parameters of a command that are paths: name -> typer's declaration."""
     command = expanded(import_module(module_of(name)).command)
     found = {}
-    for parameter in inspect.signature(command).parameters.values():
+    for parameter in list(inspect.signature(command).parameters.values())[1:]:  # after the context
         hint, declared = get_args(parameter.annotation)
         if is_path(hint):
             found[parameter.name] = declared

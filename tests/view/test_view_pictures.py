@@ -175,8 +175,7 @@ class Browser:
     """A browser's camera, as viser has it."""
 
     def __init__(self, aspect):
-        self.camera, self.aspect, self.atomic = self, aspect, nullcontext
-        self.moves = []
+        self.camera, self.aspect, self.moves, self.atomic = self, aspect, [], nullcontext
 
     def on_update(self, act):
         self.moves.append(act)

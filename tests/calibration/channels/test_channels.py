@@ -690,7 +690,7 @@ def test_commands(folder, capsys):
     ("arguments", "status", "words"),
     [
         (("channels", "plate.h5", "--target", "plate", "-o", "c.h5"), 2, "--distance-mm"),
-        ((*PLATE, "-o", "c.h5", "--radius-mm", "20"), 2, "a plate has none"),
+        ((*PLATE, "-o", "c.h5", "--radius-mm", "20"), 2, "expected --target sphere"),
         ((*PLATE, "-o", "c.h5", "--tilt-deg", "1"), 2, "2 numbers"),
         ((*PLATE[:-1], "500", "-o", "c.h5"), 1, "estimate_channels"),
         (("clean", "corner.h5", "--channels", "plate.h5", "-o", "c.h5"), 1, "open_capture"),

@@ -385,9 +385,10 @@ def test_simulated_hands():
 
     truth = motion(shift_m=(0.006, -0.004, 0.005))
     original, shifted = volume(np.eye(4), 0), volume(truth, 1)
-    result = align(shifted, original, search_deg=5)
-    assert_near(result, truth, VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG)
-    assert result.degenerate_directions == ()
+    for pair, expected in ((shifted, original), truth), ((original, shifted), np.linalg.inv(truth)):
+        result = align(*pair, search_deg=5)
+        assert_near(result, expected, VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG)
+        assert result.degenerate_directions == ()
 
 
 # Records of arrays that something else has written
