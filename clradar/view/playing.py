@@ -109,7 +109,6 @@ class Player:
         self._asked, self._trouble = -1, ""
         self._asked_s = self._image_s = self._read_s = 0.0
         """When the session was asked for a frame, and how long the last ones took it and a read."""
-        self._quick = False
         self._changed = threading.Condition()
         self._playing = False
         self._closed = threading.Event()
@@ -154,9 +153,8 @@ class Player:
             self._on_follow(False)
 
     def _finish(self) -> None:
-        """Image a quick image's frame anew."""
-        if self._quick:
-            self._quick = False
+        """Image the frame of a quick image anew, and no others quickly until one is followed."""
+        if self._session.wish.quick:
             self._session.change(quick=False)
 
     def shown(self, shown: Shown) -> None:
@@ -164,7 +162,6 @@ class Player:
         if self._growing is not None and shown.wish.frame == self._asked:
             self._asked = -1
             self._image_s = time.perf_counter() - self._asked_s
-            self._quick = shown.wish.quick and isinstance(shown.content, Capture)
             self.pace.count(self._growing.came_s(shown.wish.frame), prepared=shown.prepared)
 
     def look(self, growing: Growing) -> bool:
@@ -200,7 +197,7 @@ class Player:
         self._newest = new[-1]
         self.pace.dropped += len(new) - 1
         try:
-            growing.read(new[-1])  # which keeps it for the session
+            content = growing.read(new[-1])  # which keeps it for the session
         except ClradarError as error:
             self.pace.bad, self.pace.reason = self.pace.bad + 1, str(error)
             return
@@ -208,7 +205,7 @@ class Player:
         self._session.settle()
         if self._following and not self._closed.is_set():
             self._asked, self._asked_s = new[-1], time.perf_counter()
-            self._session.change(frame=new[-1], quick=True)
+            self._session.change(frame=new[-1], quick=isinstance(content, Capture))
 
     def _follow(self) -> None:
         assert self._growing is not None

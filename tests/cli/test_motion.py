@@ -92,10 +92,8 @@ def test_frames_of_another_radar_and_clusters_one_after_the_other(
         one_error_line(outcome, "none.ply: no such file; expected a mesh file")
     outcome = run("simulate", "ball.ply", *options.split(), "--array", "wall.toml", "-o", "one")
     assert outcome.status == 0, outcome.err
-    assert sorted(path.name for path in Path("one").iterdir()) == [
-        "cluster_001.h5",
-        "cluster_002.h5",
-    ]
+    names = sorted(path.name for path in Path("one").iterdir())
+    assert names == ["cluster_001.h5", "cluster_002.h5"]
 
 
 def test_a_hand_goes_from_pose_to_pose_as_a_motion(

@@ -275,3 +275,17 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(
     assert [(wish.frame, wish.quick) for wish in front.shown] == [(0, True), (1, True), (1, False)]
     assert made == [QUICK_DB, None]
     assert not front.refused
+
+
+def test_a_frame_that_is_chosen_while_a_quick_image_is_made_is_imaged_accurately():
+    source, front, form = Following(), Counting(), SlowImager()
+    session = Session(View(source=source, wish=Wish(frame=-1, grid=GRID)), front, form=form)
+    front.player = player = Player(session, source, lambda _: None, lambda _: None, print)
+    player.look(source)
+    form.started.acquire()  # none has been shown yet
+    player.chosen()
+    session.change(frame=0)
+    form.let.release(2)
+    session.settle()
+    session.close()
+    assert [(wish.frame, wish.quick) for wish in front.shown] == [(0, False)]
