@@ -100,21 +100,10 @@ def test_a_hand_goes_from_pose_to_pose_as_a_motion(
     tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    way = [
-        "hand",
-        "--from",
-        "A",
-        "--to",
-        "bent.toml",
-        "--edge-mm",
-        "4",
-        "--left",
-        "--length-mm",
-        "180",
-    ]
-    (tmp_path / "bent.toml").write_text(
-        'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80'
-    )
+    way = ["hand", "--from", "A", "--to", "bent.toml", "--edge-mm", "4", "--left"]
+    way += ["--length-mm", "180"]
+    bent = 'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80'
+    (tmp_path / "bent.toml").write_text(bent)
     (tmp_path / "in").mkdir()
     assert run(*way, "-o", "in/motion.toml", "--duration-s", 0.5, "--turn-deg", 20).status == 0
     motion = clradar.read_motion("in/motion.toml")

@@ -182,7 +182,6 @@ class Browser:
 
 
 def test_a_camera_is_aimed_anew_when_its_scene_gets_another_shape():
-    """As when the panel is docked beside it, after the browser has connected."""
     view = SceneView(MagicMock())
     view._ends_m = np.array([[-0.1, 0.1], [-0.1, 0.1], [0.26, 0.34]])
     view._view = (np.zeros(3), 4.0, 2.0, 0.0)
