@@ -122,7 +122,9 @@ def test_without_torch_only_samples_fail(made: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_poses_around_letters_have_their_names(tmp_path: Path) -> None:
-    plan = light_plan(poses={"kind": "around", "names": ["A", "B"]})
+    plan = light_plan(
+        samples=3, poses={"kind": "around", "names": ["A", "B"]}, output={"products": ["joints"]}
+    )
     run(plan, tmp_path / "around", device=DEVICE)
     data = TorchDataset(tmp_path / "around", ("pose", "sample"))
     assert [data._values(i)["pose"] for i in range(3)] == [0, 1, 0]
