@@ -20,9 +20,13 @@ BALL = clradar.Scene.from_mesh(
     trimesh.creation.icosphere(subdivisions=3, radius=0.01).apply_translation([0, 0, 0.3]),
     alpha=0.6,
 )
-FEW: dict[str, Any] = {"samples_per_mm2": 5, "estimator": "stochastic", "device": "pocl"}
+FEW: dict[str, Any] = {
+    "samples_per_mm2": 5, "rays_per_sample": 16, "estimator": "stochastic", "device": "pocl",
+}  # fmt: skip
 
-pytestmark = pytest.mark.filterwarnings("ignore:.* pairs of antennas received no ray")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.* pairs of antennas received no ray", "ignore:the grid reaches"
+)
 
 
 def images(count: int, impairments: dict[str, Any] | None = None) -> list[clradar.Volume]:

@@ -29,7 +29,7 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
     assert view.sizes["sample"] == 5
     assert view.sample.values.tolist() == list(range(5))
     assert view.pose.values.tolist() == ["A", "B", "F", "A", "B"]
-    for sample in range(5):
+    for sample in (0, 3):
         again = make_sample(recipe(PLAN, sample), DEVICE).arrays
         one = view.sel(sample=sample)
         for name in ("capture", "volume", "max_projection", "depth_map", "joints"):

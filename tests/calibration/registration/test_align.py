@@ -368,7 +368,7 @@ two depth maps are not the same surface moved: see docs/registration-method.md."
 @pytest.mark.device
 def test_simulated_hands():
     imager = clradar.arrays.qar50()
-    array = clradar.AntennaArray(imager.tx_m[::2], imager.rx_m[::2])
+    array = clradar.AntennaArray(imager.tx_m[::3], imager.rx_m[::3])
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
     grid = clradar.VoxelGrid.from_extent(
         (-0.08, 0.08), (-0.1, 0.1), (0.27, 0.34), (2.5e-3, 2.5e-3, 3.5e-3)

@@ -37,7 +37,8 @@ def test_a_script_runs_from_its_file_in_any_folder(tmp_path):
 def start(monkeypatch, capsys):
     """Run a script in this process; returns its status, output and errors."""
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
-    monkeypatch.setattr("clradar.plot.layout.DPI", 40)  # figures would take most of the time
+    for module in ("clradar.plot.layout", "calibration.roughness.figures"):
+        monkeypatch.setattr(f"{module}.DPI", 40)  # figures would take most of the time
 
     def run(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
         path = FOLDER / f"{name}.py"
