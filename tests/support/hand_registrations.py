@@ -43,3 +43,10 @@ def errors(transform: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
     off = transform - truth
     turn = Rotation.from_matrix(transform[:3, :3] @ truth[:3, :3].T).magnitude()
     return float(np.linalg.norm(off[:3, :3] @ CENTRE_M + off[:3, 3])), float(np.degrees(turn))
+
+
+def assert_found(transform: np.ndarray) -> None:
+    """It is `truth` within what is required."""
+    position_m, rotation_deg = errors(transform, truth())
+    assert position_m < POSITION_M
+    assert rotation_deg < ROTATION_DEG
