@@ -131,7 +131,10 @@ def new_panels(
 
 def settled(figure: Figure) -> Figure:
     """Lay a figure out, once: its axes then have their places, whatever its resolution."""
-    figure.draw_without_rendering()
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    for _ in range(2):  # the first time titles can be beyond the edge
+        engine.execute(figure)
     figure.set_layout_engine("none")
     # Labels of images that are narrower than their places can be beyond the edge.
     missing = max(0.0, MARGIN / 4 - figure.get_tightbbox().x0) / figure.get_figwidth()
