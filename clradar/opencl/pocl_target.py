@@ -46,7 +46,6 @@ _TARGETS = (
 _log = logging.getLogger("clradar")
 _lock = threading.Lock()
 _named: dict[int, str | None] = {}
-"""Of each device, by its address: what was written."""
 
 
 def named_target(device: Any) -> str | None:
@@ -66,21 +65,19 @@ def named_target(device: Any) -> str | None:
         return None
     with _lock:
         if device.int_ptr not in _named:
-            _named[device.int_ptr] = _written(device)
+            _named[device.int_ptr] = None
+            address = _name_address(device.int_ptr)
+            target = None if address is None else _target(_room(address))
+            if address is not None and target is not None:
+                ctypes.memmove(address, target, len(target))
+                _named[device.int_ptr] = target[:-1].decode()
+                _log.info(
+                    "%s does not know this processor (%s): it compiles for %s",
+                    device.platform.version.split("  ")[0],
+                    device.name.strip(),
+                    _named[device.int_ptr],
+                )
         return _named[device.int_ptr]
-
-
-def _written(device: Any) -> str | None:
-    address = _name_address(device.int_ptr)
-    target = None if address is None else _target(_room(address))
-    if address is None or target is None:
-        return None
-    ctypes.memmove(address, target, len(target))
-    name = target[:-1].decode()
-    version = device.platform.version.split("  ")[0]
-    own = device.name.strip()
-    _log.info("%s does not know this processor (%s): it compiles for %s", version, own, name)
-    return name
 
 
 def _is_old_pocl(device: Any) -> bool:

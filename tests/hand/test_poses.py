@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nightly import nightly
 
 from clradar.errors import MeasurementError, ModelError, OutputError
 from clradar.hand import (
@@ -391,9 +390,3 @@ def test_a_pose_around_another_follows_from_the_generator_and_the_spread():
     for wrong in (-1, 46, float("nan"), "12"):
         with pytest.raises(ModelError, match="spread_deg"):
             pose_around(fist, np.random.default_rng(7), wrong)
-
-
-@pytest.mark.device
-@pytest.mark.parametrize("seed", [0, *nightly([1, 2])])
-def test_surface_of_a_random_pose_is_sound(seed):
-    check_surface(hand_mesh(random_pose(np.random.default_rng(seed)), COARSE_M))
