@@ -22,7 +22,14 @@ import clradar as cl
 from clradar import __version__
 from clradar.cli.call import call, plain
 from clradar.errors import OutputError
-from clradar.files.atomic import new_folder, refuse_special, remove_left, swap_folder, write_file
+from clradar.files.atomic import (
+    move_folder,
+    new_folder,
+    refuse_special,
+    remove_left,
+    swap_folder,
+    write_file,
+)
 from clradar.files.hashing import sha256_of
 from clradar.versions import package_versions
 
@@ -187,7 +194,10 @@ def whole_folder(folder: Path, *, force: bool, replaced: Collection[str]) -> Ite
         yield made
         # Another process may have made it meanwhile.
         check_folder(folder, force=force, replaced=replaced)
-        swap_folder(made, folder, temporary / "replaced")
+        if force:
+            swap_folder(made, folder, temporary / "replaced")
+        else:
+            move_folder(made, folder)
 
 
 def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) -> Result:

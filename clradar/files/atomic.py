@@ -31,9 +31,7 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
     try:
         yield temporary
         _sync(temporary)
-        # Somebody else may have made the target while this one was being written.
-        refuse_existing(target, force=force)
-        os.replace(temporary, target)
+        _put(temporary, target, force=force)
         _sync(target.parent)
     except ClradarError:
         raise
@@ -42,6 +40,27 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def _put(temporary: Path, target: Path, *, force: bool) -> None:
+    """Give the file its name; without `force` in one step that fails where the name is taken.
+
+    Somebody else may have made the target meanwhile, even after it was looked for.
+    """
+    refuse_existing(target, force=force)
+    if not force:
+        try:
+            os.link(temporary, target)
+            return
+        except FileExistsError as error:
+            raise _exists_already(target) from error
+        except OSError:  # a file system without hard links
+            pass
+    os.replace(temporary, target)
+
+
+def _exists_already(target: Path) -> OutputError:
+    return OutputError(f"{shown(target)}: exists already; not overwritten without force")
 
 
 def require_space(temporary: Path, size_bytes: int) -> None:
@@ -137,7 +156,7 @@ def refuse_existing(target: Path, *, force: bool) -> None:
             raise OutputError(f"{shown(target)}: expected a file's name, got a folder")
         refuse_special(target)
         if os.path.lexists(target) and not force:
-            raise OutputError(f"{shown(target)}: exists already; not overwritten without force")
+            raise _exists_already(target)
     except OutputError:
         raise
     except (OSError, ValueError) as error:
@@ -192,6 +211,8 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 def move_folder(source: Path, target: Path) -> None:
     """Rename a folder to a name that is free or that of an empty folder, and sync its parent."""
+    with suppress(OSError):  # Windows renames to free names only
+        os.rmdir(target)
     os.rename(source, target)
     _sync(target.parent)
 

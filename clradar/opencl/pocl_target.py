@@ -45,7 +45,7 @@ _TARGETS = (
 
 _log = logging.getLogger("clradar")
 _lock = threading.Lock()
-_named: dict[int, str] = {}
+_named: dict[int, str | None] = {}
 
 
 def named_target(device: Any) -> str | None:
@@ -65,18 +65,18 @@ def named_target(device: Any) -> str | None:
         return None
     with _lock:
         if device.int_ptr not in _named:
+            _named[device.int_ptr] = None
             address = _name_address(device.int_ptr)
             target = None if address is None else _target(_room(address))
-            if address is None or target is None:
-                return None
-            ctypes.memmove(address, target, len(target))
-            _named[device.int_ptr] = target[:-1].decode()
-            _log.info(
-                "%s does not know this processor (%s): it compiles for %s",
-                device.platform.version.split("  ")[0],
-                device.name.strip(),
-                _named[device.int_ptr],
-            )
+            if address is not None and target is not None:
+                ctypes.memmove(address, target, len(target))
+                _named[device.int_ptr] = target[:-1].decode()
+                _log.info(
+                    "%s does not know this processor (%s): it compiles for %s",
+                    device.platform.version.split("  ")[0],
+                    device.name.strip(),
+                    _named[device.int_ptr],
+                )
         return _named[device.int_ptr]
 
 

@@ -36,6 +36,32 @@ def test_a_target_that_appears_while_it_is_written(tmp_path):
     assert os.listdir(tmp_path) == ["a"]
 
 
+@pytest.mark.parametrize("links", [True, False])
+def test_of_two_that_find_a_name_free_one_has_it(tmp_path, monkeypatch, links):
+    """Both have looked for the target before either gives its file the name."""
+    target, looked_for = tmp_path / "a", atomic.refuse_existing
+
+    def late(path, *, force):
+        looked_for(path, force=force)
+        if list(tmp_path.iterdir()):  # the temporary file: at the end
+            monkeypatch.setattr(atomic, "refuse_existing", looked_for)
+            write_file(target, b"the other's")
+
+    def link(*_):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(atomic, "refuse_existing", late)
+    if links:
+        with pytest.raises(OutputError, match="a: exists already"):
+            write_file(target, b"ours")
+        assert target.read_bytes() == b"the other's"
+    else:  # such as of FAT, where nothing better can be had
+        monkeypatch.setattr(os, "link", link)
+        write_file(target, b"ours")
+        assert target.read_bytes() == b"ours"
+    assert os.listdir(tmp_path) == ["a"]
+
+
 @pytest.mark.parametrize("name", ["missing/a", "folder", "nul\0byte", "a" * 300])
 def test_names_that_cannot_be_written(tmp_path, name):
     (tmp_path / "folder").mkdir()
