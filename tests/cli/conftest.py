@@ -7,6 +7,7 @@ from pathlib import Path
 import command_line
 import pytest
 from command_line import DENSITY, EDGE_MM, GRID, Outcome, Run, exit_status
+from quick_figures import draw_quickly
 
 from measurement_io import open_capture, save_recording
 
@@ -22,6 +23,12 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
         return Outcome(*command_line.run(capsys, *arguments))
 
     return call
+
+
+@pytest.fixture
+def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures without content."""
+    draw_quickly(monkeypatch)
 
 
 @pytest.fixture(scope="session")

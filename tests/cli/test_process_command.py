@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import os
 import shutil
@@ -14,20 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import Run, exit_status, one_error_line
-from made_up_frames import no_figure
 from PIL import Image
 from recorder import Recorder, Recording
 
 from calibration import average_frames, correct, range_gate, subtract_background
-from clradar import (
-    AntennaArray,
-    Capture,
-    ChannelCalibration,
-    DepthMap,
-    VoxelGrid,
-    Waveform,
-    backproject,
-)
+from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Waveform, backproject
 from clradar.arrays import qar50
 from clradar.cli import recordings
 from clradar.cli.frames import FrameSteps
@@ -47,25 +37,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recording:
         array=AntennaArray(qar50().tx_m[::6], qar50().rx_m[::6]),
     )  # fmt: skip
     return made.write(tmp_path_factory.mktemp("recorded"), n_frames=FRAMES, emptyfiltered=False)
-
-
-class Levels:
-    """Stands for `FramePictures`, which takes a second: the level of each pixel, and no figure."""
-
-    def __init__(self, images: Any, _: float) -> None:
-        self.shape = next(image.amplitude.shape for image in images)
-
-    def png(self, image: DepthMap | None, _: str) -> bytes:
-        level = np.zeros(self.shape) if image is None else image.amplitude / image.amplitude.max()
-        file = io.BytesIO()
-        Image.fromarray((255 * level).astype(np.uint8)).save(file, "PNG")
-        return file.getvalue()
-
-
-@pytest.fixture
-def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clradar.plot.frames.FramePictures", Levels)
-    monkeypatch.setattr("clradar.plot.save_figure", no_figure)
 
 
 def channels_of(made: Recorder) -> ChannelCalibration:

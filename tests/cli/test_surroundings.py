@@ -84,7 +84,7 @@ def test_blanks_and_umlauts_in_every_path(made: Path, tmp_path: Path, language: 
 
 
 @posix_only
-@pytest.mark.parametrize("command", ["materials", "inspect recording --json"])
+@pytest.mark.parametrize("command", ["materials", *nightly(["inspect recording --json"])])
 def test_a_pipe_that_ends_is_no_error(made: Path, command: str) -> None:
     """As of `| head -1`: the reader is gone before the first line is written."""
     reader, writer = os.pipe()
