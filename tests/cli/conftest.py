@@ -7,7 +7,7 @@ from pathlib import Path
 import command_line
 import pytest
 from command_line import DENSITY, EDGE_MM, GRID, Outcome, Run, exit_status
-from quick_figures import draw_quickly
+from quick_figures import draw_quickly, seek_no_lobes
 
 from measurement_io import open_capture, save_recording
 
@@ -27,8 +27,9 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 
 @pytest.fixture
 def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures without content."""
+    """Figures without content, images without a search for lobes."""
     draw_quickly(monkeypatch)
+    seek_no_lobes(monkeypatch)
 
 
 @pytest.fixture(scope="session")

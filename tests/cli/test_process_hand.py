@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from command_line import GRID, Run, one_error_line
 from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands
-from quick_figures import Levels, no_figure
+from quick_figures import Levels, no_figure, seek_no_lobes
 
 import calibration
 import clradar.plot
@@ -38,8 +38,9 @@ def recording(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of four frames, one of them without an echo."""
     folder = tmp_path_factory.mktemp("recordings")
     whole = open_capture(made / "sim.h5")
-    array = clradar.AntennaArray(whole.array.tx_m[::6], whole.array.rx_m[::6])
-    capture = replace(whole, data=whole.data[::6, ::6], array=array)
+    few = slice(None, None, 6)
+    array = clradar.AntennaArray(whole.array.tx_m[few], whole.array.rx_m[few])
+    capture = replace(whole, data=whole.data[few, few], array=array)
     frames = [capture] * N
     frames[1] = replace(capture, data=np.zeros_like(capture.data))
     stamps_us = [1 + 125_000 * i for i in range(N)]
@@ -70,6 +71,7 @@ def _made_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(calibration, "fit_hands", fits)
     monkeypatch.setattr(clradar.plot, "save_figure", no_figure)
     monkeypatch.setattr("clradar.plot.frames.FramePictures", Levels)
+    seek_no_lobes(monkeypatch)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -31,9 +31,15 @@ class Levels:
         return file.getvalue()
 
 
+def seek_no_lobes(patch: pytest.MonkeyPatch) -> None:
+    """Let images of arrays of few antennas be formed without a search for their grating lobes."""
+    patch.setattr("clradar.imaging.grid_check.warn_of_confusions", lambda *_, **__: None)
+
+
 def draw_quickly(patch: pytest.MonkeyPatch) -> None:
     """Let commands make figures without content."""
     patch.setattr("clradar.plot.frames.FramePictures", Levels)
     patch.setattr("clradar.plot.save_figure", no_figure)
+    patch.setattr("clradar.plot.frames.curves_figure", lambda *_: Figure())
     for kind in ("image", "comparison", "capture", "recording"):
         patch.setattr(f"clradar.plot.{kind}_figure", lambda *_, **__: Figure())
