@@ -7,7 +7,7 @@ from pathlib import Path
 import command_line
 import pytest
 from command_line import DENSITY, EDGE_MM, GRID, Outcome, Run, exit_status
-from quick_figures import draw_quickly, seek_no_lobes
+from quick_figures import draw_quickly, lay_out_once, seek_no_lobes
 
 from measurement_io import open_capture, save_recording
 
@@ -15,6 +15,11 @@ from measurement_io import open_capture, save_recording
 @pytest.fixture(autouse=True)
 def _device(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
+
+
+@pytest.fixture(autouse=True)
+def _layout(monkeypatch: pytest.MonkeyPatch) -> None:
+    lay_out_once(monkeypatch)
 
 
 @pytest.fixture

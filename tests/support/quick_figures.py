@@ -1,4 +1,4 @@
-"""Stand-ins for figures, which take a second each, where a test is not about what they show."""
+"""Stand-ins for figures, which take a second each, and other short cuts of tests of commands."""
 
 import io
 from pathlib import Path
@@ -29,6 +29,15 @@ class Levels:
         file = io.BytesIO()
         Image.fromarray((255 * level).astype(np.uint8)).save(file, "PNG")
         return file.getvalue()
+
+
+def lay_out_once(patch: pytest.MonkeyPatch) -> None:
+    """Leave axes of figures where they are: finding better places costs as much as drawing."""
+    for module in ("comparison", "figures"):
+        patch.setattr(
+            f"clradar.plot.{module}.settled",
+            lambda figure: figure.set_layout_engine("none") or figure,
+        )
 
 
 def seek_no_lobes(patch: pytest.MonkeyPatch) -> None:
