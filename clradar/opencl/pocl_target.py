@@ -68,8 +68,7 @@ def named_target(device: Any) -> str | None:
             address = _name_address(device.int_ptr)
             target = None if address is None else _target(_room(address))
             if address is None or target is None:
-                _named[device.int_ptr] = None  # which takes 20 ms to find out
-                return None
+                return _named.setdefault(device.int_ptr, None)  # it takes 20 ms to find out
             ctypes.memmove(address, target, len(target))
             _named[device.int_ptr] = target[:-1].decode()
             _log.info(
