@@ -65,18 +65,18 @@ def named_target(device: Any) -> str | None:
         return None
     with _lock:
         if device.int_ptr not in _named:
+            _named[device.int_ptr] = None
             address = _name_address(device.int_ptr)
             target = None if address is None else _target(_room(address))
-            if address is None or target is None:
-                return _named.setdefault(device.int_ptr, None)  # it takes 20 ms to find out
-            ctypes.memmove(address, target, len(target))
-            _named[device.int_ptr] = target[:-1].decode()
-            _log.info(
-                "%s does not know this processor (%s): it compiles for %s",
-                device.platform.version.split("  ")[0],
-                device.name.strip(),
-                _named[device.int_ptr],
-            )
+            if address is not None and target is not None:
+                ctypes.memmove(address, target, len(target))
+                _named[device.int_ptr] = target[:-1].decode()
+                _log.info(
+                    "%s does not know this processor (%s): it compiles for %s",
+                    device.platform.version.split("  ")[0],
+                    device.name.strip(),
+                    _named[device.int_ptr],
+                )
         return _named[device.int_ptr]
 
 

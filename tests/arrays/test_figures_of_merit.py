@@ -88,7 +88,7 @@ def test_a_lobe_next_to_the_horizon_is_not_at_it():
     assert [own.level_db for own in lobes] == pytest.approx([0.0, 0.0], abs=1e-3)
 
 
-@pytest.mark.parametrize(("hz", "wavelengths"), [(24e9, 1.2), (60e9, 1.0), (77e9, 1.5), (140e9, 2)])
+@pytest.mark.parametrize(("hz", "wavelengths"), [(24e9, 1.2), (140e9, 2)])
 def test_arrays_at_other_bands_have_the_lobes_and_the_range_of_theory(hz, wavelengths):
     """A band of 2 %: sin = lambda / d at its middle, and the level of the sum over the band of the
     array factors there, which the lobe's own range makes as large as it can be."""

@@ -199,8 +199,10 @@ def test_the_order_of_the_rays_changes_no_result(n_rays, device, monkeypatch):
         np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("n_tx", [1, 7, 8, 9, 19])
+@pytest.mark.parametrize(
+    ("name", "n_tx"),
+    [*((name, 19) for name in MESHES), *(("degenerate soup", n_tx) for n_tx in (1, 7, 8, 9))],
+)
 def test_any_hit(name, n_tx, device):
     rng = np.random.default_rng(9)
     vertices, faces = MESHES[name]

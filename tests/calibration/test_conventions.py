@@ -27,9 +27,9 @@ QAR50 = clradar.arrays.qar50()
 SWEEP = Waveform.sfcw(72e9, 82e9, 128)
 SHORT = Waveform.sfcw(72e9, 82e9, 64)
 
-LINE = np.r_[0:47:4, 46]
+LINE = np.r_[0:47:6, 46]
 THIN = AntennaArray(QAR50.tx_m[np.r_[LINE, 47 + LINE]], QAR50.rx_m[np.r_[LINE, 47 + LINE]], "thin")
-"""26 x 26 of the imager's antennas, with the four end elements."""
+"""18 x 18 of the imager's antennas, with the four end elements."""
 
 
 def scattered(n_tx: int, n_rx: int) -> AntennaArray:
@@ -148,12 +148,12 @@ def test_axes_of_different_length_cannot_be_swapped():
 # --- diagnoses
 
 
-# Of all sixteen four that take all choices both ways, and nightly six in which every two choices
-# occur in all four combinations.
+# Of all sixteen four that take all choices both ways, of two of them harder scenes, and nightly six
+# in which every two choices occur in all four combinations.
 @pytest.mark.parametrize(
     ("h", "scene"),
     [(h, SCENES[0]) for h in ALL[::5]]
-    + [(h, scene) for scene in SCENES[1:] for h in ALL[5::5]]
+    + [*zip(ALL[5::5], SCENES[1:], strict=False)]
     + nightly((h, scene) for scene in SCENES for h in ALL[::3]),
     ids=lambda value: getattr(value, "label", value),
 )
@@ -228,8 +228,8 @@ def test_a_few_frequencies_need_a_grid(device):
 
 
 def test_antennas_are_left_out_where_a_grid_is_large(device, monkeypatch):
-    part = antenna_subset(points(THIN, 1), 200)
-    assert 150 <= part.array.n_tx * part.array.n_rx <= 200
+    part = antenna_subset(points(THIN, 1), 150)
+    assert 100 <= part.array.n_tx * part.array.n_rx <= 150
     assert part.array.n_tx == part.array.n_rx
     kept = [np.flatnonzero((THIN.tx_m == a).all(axis=1))[0] for a in part.array.tx_m]
     assert np.array_equal(part.array.rx_m, THIN.rx_m[kept])
@@ -259,7 +259,7 @@ def test_large_images_are_formed_by_the_fast_method(device, monkeypatch):
 
     monkeypatch.setattr(ours, "backproject", noted)
     grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (2.5e-3, 2.5e-3, 16e-3))
-    for array in (QAR50, THIN):  # 3.5e8 and 2.7e7 pairs times voxels
+    for array in (QAR50, THIN):  # 3.5e8 and 1.3e7 pairs times voxels
         tone = Waveform([77e9])
         silent = Capture(np.zeros((array.n_tx, array.n_rx, 1)), array, tone)
         ours._image(silent, grid, device)
@@ -322,10 +322,13 @@ def test_a_known_target_decides_the_mirror(mirror, device):
     assert near.candidates == (h,)
     assert near.decided
     assert near.mirror_known
-    # x = 0 is its own mirror image, and an empty place decides nothing.
+
+
+def test_a_place_that_is_its_own_mirror_image_or_empty_decides_nothing(device):
+    capture = made("one point", scattered(16, 16))
     for place in ((0.0, -0.05, 0.3), (0.05, 0.2, 0.6)):
         other = diagnose(capture, expected_m=place, device=device)
-        assert other.candidates == (unmirrored(h),)
+        assert other.candidates == (Hypothesis(),)
         assert not other.mirror_known
         assert "does not tell" in other.recommendation
 
@@ -375,7 +378,8 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: clradar.Devic
     return tmp_path
 
 
-def test_command(files, capsys):
+def test_command(files, capsys, monkeypatch):
+    monkeypatch.setattr("clradar.plot.figures.DPI", 60)  # the figure would take most of the time
     wrong, fixed = files / "wrong.h5", files / "fixed.h5"
     status = run(
         "diagnose", wrong, "-o", files / "all.png", "--json", files / "all.json",
@@ -385,7 +389,7 @@ def test_command(files, capsys):
     assert status == 0
     assert "exp(+j 2 pi f d / c)" in out
     assert "the axes are [rx, tx, freq]" in out
-    assert (files / "all.png").stat().st_size > 10_000
+    assert (files / "all.png").read_bytes().startswith(b"\x89PNG")
     record = json.loads((files / "all.json").read_text())
     assert record["decided"]
     assert record["best"]["label"] == "swapped, conjugated, mirrored"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from nightly import nightly
 
 from clradar import DepthMap, Volume, VoxelGrid, compare
 from clradar.compare import METRICS, disagreement
@@ -73,8 +74,11 @@ USES: dict[str, Callable[[Any, Any], Any]] = {
     "deep": lambda image, plain: compare(image, plain, dynamic_range_db=1000.0),
     "moved": lambda image, _: disagreement(image, image, np.eye(4)),
     "maximum": lambda image, _: image.max_projection() if isinstance(image, Volume) else None,
-    "figure": lambda image, _: image_figure(image),
-    "page": lambda image, _: html_report(ReportImage("a", image), [ReportImage("b", image)]),
+}
+
+DRAWN: dict[str, Callable[[Any], Any]] = {
+    "figure": image_figure,
+    "page": lambda image: html_report(ReportImage("a", image), [ReportImage("b", image)]),
 }
 
 
@@ -87,18 +91,30 @@ def refusal(use: Callable[[Any, Any], Any], *images: Any) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("name", IMAGES)
-def test_a_result_or_one_clear_error(name, monkeypatch):
-    monkeypatch.setattr("clradar.report.page.FIGURE_DPI", 10)
-    plain = volume(NOISE)
-    message = refusal(lambda: IMAGES[name]())
+def assert_used(name: str, uses: dict[str, Callable[..., Any]], *others: Any) -> None:
+    message = refusal(IMAGES[name])
     if message is not None:
         assert "expected" in message
         return
-    image = IMAGES[name]()
-    for use in USES.values():
-        message = refusal(use, image, plain)
+    for use in uses.values():
+        message = refusal(use, IMAGES[name](), *others)
         assert message is None or "expected" in message
+
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_a_result_or_one_clear_error(name):
+    assert_used(name, USES, volume(NOISE))
+
+
+AT_ENDS = ["alternating ends", "all decades", "tiny steps", "a depth of 100 km"]
+
+
+@pytest.mark.parametrize(
+    "name", [*AT_ENDS, *nightly(name for name in IMAGES if name not in AT_ENDS)]
+)
+def test_drawings_or_one_clear_error(name, monkeypatch):
+    monkeypatch.setattr("clradar.report.page.FIGURE_DPI", 10)
+    assert_used(name, DRAWN)
 
 
 def test_what_is_refused_says_why():

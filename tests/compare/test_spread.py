@@ -20,9 +20,13 @@ BALL = clradar.Scene.from_mesh(
     trimesh.creation.icosphere(subdivisions=3, radius=0.01).apply_translation([0, 0, 0.3]),
     alpha=0.6,
 )
-FEW: dict[str, Any] = {"samples_per_mm2": 5, "estimator": "stochastic", "device": "pocl"}
+FEW: dict[str, Any] = {
+    "samples_per_mm2": 5, "rays_per_sample": 16, "estimator": "stochastic", "device": "pocl",
+}  # fmt: skip
 
-pytestmark = pytest.mark.filterwarnings("ignore:.* pairs of antennas received no ray")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.* pairs of antennas received no ray", "ignore:the grid reaches"
+)
 
 
 def images(count: int, impairments: dict[str, Any] | None = None) -> list[clradar.Volume]:
@@ -84,17 +88,17 @@ def test_shot_noise_of_captures_is_what_campbell_says():
 
 def test_what_has_no_roughness_does_not_vary():
     physical = {"estimator": "physical", "samples_per_mm2": 1.5, "device": "pocl"}
-    found = clradar.spread(BALL, ARRAY, WAVEFORM, GRID, seeds=3, **physical)
+    found = clradar.spread(BALL, ARRAY, WAVEFORM, GRID, seeds=2, **physical)
     assert (found.varying_share, found.varies) == (0.0, "nothing")
     assert not found.amplitude_sd.any()
     assert not found.depth_sd_m[found.depth_count > 0].any()
     assert np.isnan(found.depth_m[found.depth_count == 0]).all()
     rough = BALL.with_material("palm")
-    found = clradar.spread(rough, ARRAY, WAVEFORM, GRID, seeds=3, **physical)
+    found = clradar.spread(rough, ARRAY, WAVEFORM, GRID, seeds=2, **physical)
     assert found.varies == "roughness"
     assert 0 < found.varying_share < 0.9
     noisy = clradar.spread(
-        BALL, ARRAY, WAVEFORM, GRID, seeds=3, impairments={"snr_db": 20}, **physical
+        BALL, ARRAY, WAVEFORM, GRID, seeds=2, impairments={"snr_db": 20}, **physical
     )
     assert noisy.varies == "noise"
     assert 0 < noisy.varying_share < 0.1
@@ -126,10 +130,10 @@ def test_warnings_come_once():
 
 
 def test_the_figure_has_a_band():
-    found = clradar.spread(BALL, ARRAY, WAVEFORM, GRID, seeds=3, **FEW)
+    found = clradar.spread(BALL, ARRAY, WAVEFORM, GRID, seeds=2, **FEW)
     figure = spread_figure(found, "A ball")
     mean, deviation, amplitude, depth, _ = figure.axes
-    assert "3 seeds" in mean.get_title()
+    assert "2 seeds" in mean.get_title()
     assert deviation.get_title().startswith("Standard deviation")
     row = int(np.unravel_index(found.amplitude.argmax(), found.amplitude.shape)[0])
     drawn = amplitude.lines[0].get_ydata()
@@ -143,12 +147,12 @@ def test_the_figure_has_a_band():
         spread_figure(clradar.spread(BALL, ARRAY, WAVEFORM, line, seeds=2, **FEW))
 
 
-@pytest.mark.parametrize("estimator", ["expected", "stochastic"])
+@pytest.mark.parametrize("estimator", ["expected", *nightly(["stochastic"])])
 @pytest.mark.parametrize("draw", [0, *nightly([1, 2])])
 def test_deviations_over_seeds_are_the_errors_of_one_seed(estimator, draw):
     """Against a converged simulation, on drawn bodies whose faces are smaller than a sample."""
     rng = np.random.default_rng(draw)
-    body = trimesh.creation.icosphere(subdivisions=5, radius=1.0)  # 20 480 faces
+    body = trimesh.creation.icosphere(subdivisions=4, radius=1.0)  # 5 120 faces
     body.apply_scale(rng.uniform(0.008, 0.015, 3)).apply_transform(
         trimesh.transformations.random_rotation_matrix(rng.random(3))
     )

@@ -11,7 +11,7 @@ import faulty_samples
 import pytest
 from dataset_plans import DEVICE, LIGHT, PLAN
 
-from clradar.dataset import contact_sheet, run
+from clradar.dataset import contact_sheet, run, runs
 
 
 @pytest.fixture(scope="session")
@@ -30,16 +30,17 @@ def copy(made: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def no_contact_sheet() -> Iterator[None]:
-    """Have runs write a word for the contact sheet, which takes longer to draw than light hands."""
+def quick_runs() -> Iterator[None]:
+    """Have runs make each sample once, and write a word for the contact sheet."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(runs, "make_sample", faulty_samples.make_once)
         patch.setattr(contact_sheet, "contact_sheet", len)
         patch.setattr(contact_sheet, "png_bytes", lambda figure, dpi: b"contact sheet")
         yield
 
 
 @pytest.fixture(scope="module")
-def light(no_contact_sheet: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def light(quick_runs: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The data set of `LIGHT`, whole; not to be changed."""
     folder = tmp_path_factory.mktemp("dataset") / "light"
     run(LIGHT, folder, device=DEVICE)

@@ -31,6 +31,7 @@ LIMIT_S = 1800.0
 def plan_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("plan") / "plan.toml"
     text = PLAN.replace(f"samples = {SAMPLES}", f"samples = {MANY}")
+    text = text.replace('["joints"', '["capture", "max_projection", "joints"')
     path.write_text(text.replace("shard_size = 3", "shard_size = 2"), encoding="utf-8")
     return path
 

@@ -11,7 +11,7 @@ import pytest
 from dataset_plans import DEVICE, plan_of
 
 import clradar
-from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
+from clradar.dataset import PlanError, make_sample, open_dataset, recipe, run
 from clradar.dataset.check import check_dataset
 from clradar.dataset.plan.plan import plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
@@ -115,7 +115,7 @@ def test_mistakes_are_one_line_each(tables: dict[str, Any], words: str) -> None:
     assert len(raised.value.mistakes) == 1
 
 
-def test_a_data_set_of_materials_is_made_checked_and_replayed(tmp_path: Path) -> None:
+def test_a_data_set_of_materials_is_made_and_checked(tmp_path: Path) -> None:
     folder = tmp_path / "hands"
     run(PLAN, folder, device=DEVICE)
     assert not check_dataset(folder).problems
@@ -147,4 +147,3 @@ def test_a_data_set_of_materials_is_made_checked_and_replayed(tmp_path: Path) ->
     assert again.tobytes() == clean.data.tobytes()
     with_noise = make_sample(stored, DEVICE).arrays["capture"]
     assert with_noise.tobytes() == view.capture.values[1].tobytes()
-    assert replay(folder, 0, device=DEVICE).differences == ()

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import pickle
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,7 @@ from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.plan.draws import Draw, fixed, stream
 from clradar.dataset.plan.plan import plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.errors import MeasurementError, ModelError
+from clradar.errors import ModelError
 from clradar.files.toml_file import read_toml
 from clradar.hand import (
     JOINT_NAMES,
@@ -178,29 +176,6 @@ def test_all_mistakes_are_found_at_once() -> None:
     assert keys == {"seed", "hands.handednes", "alpha", "image.step_mm", "radr"}
 
 
-LONGEST_LINE = 600
-"""A path, a key of 80 characters, what was expected, and a quoted value of 200."""
-
-LONG = "x" * 5000
-LEAST: dict[str, Any] = {"samples": 4, "poses": {"names": ["A", "B"]}}
-
-
-def assert_short(text: str) -> None:
-    for line in text.split("\n"):
-        assert len(line) <= LONGEST_LINE
-        assert line.isprintable()
-
-
-@pytest.mark.parametrize(
-    "odd", [LONG, "a\nb\n" * 1000, "\x1b[31m\u2028", {f"k\n{LONG}": 1}, [LONG] * 9]
-)
-@pytest.mark.parametrize("key", ["samples", "poses", "alpha", "output", "impairments"])
-def test_what_is_odd_is_shown_shortly(odd: Any, key: str) -> None:
-    with pytest.raises(PlanError) as caught:
-        plan_from({**LEAST, key: odd}, "plan.toml", Path())
-    assert_short(str(caught.value))
-
-
 def test_several_mistakes_are_counted_and_not_all_listed(tmp_path: Path) -> None:
     one = {"samples": 2, "poses": {"names": ["A"]}, "alpha": 2}
     many = {**one, **{f"key{i}": 1 for i in range(40)}}
@@ -214,23 +189,13 @@ def test_several_mistakes_are_counted_and_not_all_listed(tmp_path: Path) -> None
     assert again.mistakes == caught.value.mistakes
 
 
-def test_a_plan_file_with_long_keys(tmp_path: Path) -> None:
-    path = tmp_path / "plan.toml"
-    path.write_text(f'samples = 1\nposes.names = "letters"\n[{LONG}]\n{LONG} = 1\n')
-    with pytest.raises(MeasurementError) as caught:
-        read_plan(path)
-    assert_short(str(caught.value))
-
-
-def test_the_command_prints_every_mistake_and_makes_nothing(tmp_path: Path) -> None:
+def test_the_command_prints_every_mistake_and_makes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "plan.toml"
     path.write_text("samples = 0\n[poses]\nnames = 'letters'\n[radar]\nevry = 2\n")
-    arguments = ["dataset", str(path), "-o", str(tmp_path / "out")]
-    done = subprocess.run(
-        [sys.executable, "-m", "clradar.cli", *arguments], capture_output=True, text=True
-    )
-    assert done.returncode == 1
-    count, first, second = done.stderr.splitlines()
+    assert exit_status("dataset", path, "-o", tmp_path / "out") == 1
+    count, first, second = capsys.readouterr().err.splitlines()
     assert count == "clradar: error: 2 mistakes, one per line:"
     assert first.startswith(f"clradar: error: {path}: samples: ")
     assert second.startswith(f"clradar: error: {path}: radar.evry: unknown key")
@@ -326,12 +291,12 @@ def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
     names = ["A", "B", "F"]
     cycle = plan_of(samples=7)
     assert [SamplePlan(cycle, i).pose.name for i in range(7)] == [names[i % 3] for i in range(7)]
-    random = plan_of(samples=300, poses={"order": "random"})
-    found = [SamplePlan(random, i).pose.name for i in range(300)]
+    random = plan_of(samples=90, poses={"order": "random"})
+    found = [SamplePlan(random, i).pose.name for i in range(90)]
     assert found[:6] != names * 2
     for name in names:
         # Binomial: variance n p (1 - p) with p = 1/3.
-        assert abs(found.count(name) - 100) < SIGMAS * np.sqrt(300 * 2 / 9)
+        assert abs(found.count(name) - 30) < SIGMAS * np.sqrt(90 * 2 / 9)
     between = plan_of(poses={"kind": "interpolation", "share": {"choice": [0.25]}})
     poses = dict(zip(names, between.poses.poses, strict=True))
     for i in range(5):

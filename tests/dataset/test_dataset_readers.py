@@ -29,7 +29,7 @@ def test_xarray_has_the_numbers_axes_units_and_labels(made: Path) -> None:
     assert view.sizes["sample"] == 5
     assert view.sample.values.tolist() == list(range(5))
     assert view.pose.values.tolist() == ["A", "B", "F", "A", "B"]
-    for sample in range(5):
+    for sample in (0, 3):
         again = make_sample(recipe(PLAN, sample), DEVICE).arrays
         one = view.sel(sample=sample)
         for name in ("capture", "volume", "max_projection", "depth_map", "joints"):
@@ -122,7 +122,9 @@ def test_without_torch_only_samples_fail(made: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_poses_around_letters_have_their_names(tmp_path: Path) -> None:
-    plan = light_plan(poses={"kind": "around", "names": ["A", "B"]})
+    plan = light_plan(
+        samples=3, poses={"kind": "around", "names": ["A", "B"]}, output={"products": ["joints"]}
+    )
     run(plan, tmp_path / "around", device=DEVICE)
     data = TorchDataset(tmp_path / "around", ("pose", "sample"))
     assert [data._values(i)["pose"] for i in range(3)] == [0, 1, 0]

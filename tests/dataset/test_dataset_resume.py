@@ -18,7 +18,7 @@ from clradar.errors import ClradarWarning, ModelError, OutputError
 from clradar.jobs.outcome import ATTEMPTS, Aside
 
 pytestmark = [
-    pytest.mark.usefixtures("no_contact_sheet"),
+    pytest.mark.usefixtures("quick_runs"),
     # Tested where it is given; elsewhere only what is made counts.
     pytest.mark.filterwarnings("ignore:.* made again", "ignore:sample . was set aside"),
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,17 +17,22 @@ from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
 from clradar.dataset.check import check_dataset
 from clradar.dataset.plan.plan import PlanError, plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.sample import moving_hand
+from clradar.dataset.sample import moving_hand, scene_of
 from clradar.hand import JOINT_NAMES
 
 MOVEMENT = {"frames": 3, "rate_hz": 10, "z_mm": 30, "rotation_y_deg": {"uniform": [10, 20]}}
-OUTPUT = {"shard_size": 4, "products": ["max_projection", "joints", "mesh"]}
 
 
-def plan(*, step_us: float = 2.5, **tables: object) -> clradar.dataset.Plan:
-    movement = {**MOVEMENT, "step_us": step_us}
-    tables = tiny(samples=6, movement=movement, output=OUTPUT, **tables)
-    return plan_from(tables, "plan.toml", Path())
+def plan(
+    *, step_us: float = 2.5, products: Sequence[str] = ("capture",), **tables: object
+) -> clradar.dataset.Plan:
+    noiseless = {} if "capture" in products else {"impairments": None}
+    given = {
+        "samples": 6,
+        "movement": {**MOVEMENT, "step_us": step_us},
+        "output": {"shard_size": 4, "products": list(products)},
+    }
+    return plan_from(tiny(**{**given, **noiseless, **tables}), "plan.toml", Path())
 
 
 def test_frames_share_the_draws_of_their_sequence() -> None:
@@ -69,22 +75,19 @@ def test_mistakes_name_the_key(samples: int, movement: dict[str, object], said: 
         plan_from(tables, "plan.toml", Path())
 
 
-@pytest.mark.usefixtures("no_contact_sheet")
-@pytest.mark.filterwarnings("ignore:.*grating lobes")
+@pytest.mark.usefixtures("quick_runs")
 def test_readers_give_sequences_along_their_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "moving"
-    run(plan(step_us=20, radar={"every": 24, "steps": 4}), folder, device=DEVICE)
+    run(plan(products=["joints", "mesh"]), folder, device=DEVICE)
     assert check_dataset(folder).problems == ()
     flat, view = open_dataset(folder), open_dataset(folder, sequences=True)
     assert flat.frame.values.tolist() == [0, 1, 2, 0, 1, 2]
-    assert view.max_projection.dims[:2] == ("sequence", "frame")
+    assert view.joints.dims == ("sequence", "frame", "joint", "coordinate")
     assert view.joints.shape == (2, 3, 25, 3)
-    assert np.array_equal(view.max_projection.values[1, 2], flat.max_projection.values[5])
+    assert np.array_equal(view.joints.values[1, 2], flat.joints.values[5])
     assert view.sample.values.tolist() == [[0, 1, 2], [3, 4, 5]]
-    again = make_sample(flat.recipe.values[4], DEVICE)
-    assert np.array_equal(again.arrays["max_projection"], flat.max_projection.values[4])
     wrist_m = view.joints.sel(joint="wrist", sequence=0).values
     assert wrist_m[2, 2] - wrist_m[0, 2] > 0.01
     monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(as_tensor=np.asarray))
@@ -92,3 +95,17 @@ def test_readers_give_sequences_along_their_frames(
     assert len(data) == 2
     assert data[1]["joints"].shape == (3, 25, 3)
     assert data[1]["frame"].tolist() == [0, 1, 2]
+
+
+def test_a_frame_is_the_moving_hand_at_its_time() -> None:
+    few = plan(radar={"every": 24, "steps": 4}, products=["capture"], impairments=None, step_us=20)
+    frame = SamplePlan(few, 1)
+    made = make_sample(frame.record, DEVICE).arrays["capture"]
+    scene = clradar.MovingScene([moving_hand(frame, DEVICE)], lambda own: scene_of(own, frame))
+    again = clradar.simulate_moving(
+        scene, few.radar.antennas, few.radar.waveform,
+        timing=clradar.SweepTiming.in_order(4, 4, step_s=20e-6), start_s=0.1, device=DEVICE,
+        seed=frame.plan.simulation.seed, estimator="expected", samples_per_mm2=0.05,
+        rays_per_sample=160,
+    )  # fmt: skip
+    assert np.array_equal(made, again.data)

@@ -225,12 +225,7 @@ def test_normals_and_areas_of_faces():
 
 
 @pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (np.nan, "NaN"),
-        (np.inf, "NaN or infinite"),
-        (1e39, "overflow"),
-    ],
+    ("value", "message"), [(np.nan, "NaN"), (np.inf, "NaN or infinite"), (1e39, "overflow")]
 )
 def test_numbers_that_are_none_are_refused(value, message, device):
     triangles = triangles_of(plate(0.1, 0.3))

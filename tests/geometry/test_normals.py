@@ -23,7 +23,7 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("crease_deg", [0.0, 5.0, 15.0, 30.0, 60.0, 89.0, 91.0, 180.0])
+@pytest.mark.parametrize("crease_deg", [0.0, 5.0, 60.0, 180.0])
 def test_smooth_normals_are_those_of_the_reference(name, crease_deg):
     scene = Scene(*MESHES[name])
     got, faces = corner_normals(scene, "smooth", crease_deg)

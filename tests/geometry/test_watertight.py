@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
+from nightly import nightly
 from rays import seen, unit
 from shapes import bowl, box, plate, random_soup, sphere
 
@@ -119,7 +120,7 @@ def test_faces_without_area_neither_close_nor_open():
 
 
 @pytest.mark.device
-@pytest.mark.parametrize("width", [1, 8])
+@pytest.mark.parametrize("width", [8, *nightly([1])])  # the same bits: test_antenna_packets.py
 @pytest.mark.parametrize("name", CLOSED)
 def test_parity_of_one_ray_changes_no_visibility(name, width, monkeypatch):
     """Antennas all around, some of them inside the larger surfaces."""

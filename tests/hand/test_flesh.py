@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from flesh_fields import digits, distances_m, gradients, rows
 from flesh_reference import blended_m, cone_distance_m, part_distances_m
+from nightly import nightly
 
 import clradar
 from clradar.errors import DeviceError
@@ -38,7 +39,7 @@ def points_around(flesh: Flesh, count: int) -> np.ndarray:
     return np.random.default_rng(5).uniform(low_m, high_m, (count, 3))
 
 
-@pytest.fixture(params=["F", "S", "1001", "1002"])
+@pytest.fixture(params=["F", "S", "1001", *nightly(["1002"])])
 def flesh(request: pytest.FixtureRequest) -> Flesh:
     return flesh_of(request.param)
 

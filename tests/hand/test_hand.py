@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from flesh_fields import distances_m, gradients
+from nightly import nightly
 
 import clradar
 from clradar.errors import ModelError
@@ -130,7 +131,7 @@ def test_a_right_hands_thumb_points_to_minus_x_and_fingers_bend_to_the_radar():
 # --- surface
 
 
-@pytest.mark.parametrize("edge_length_m", [DEFAULT_EDGE_LENGTH_M, COARSE_M, 4e-3])
+@pytest.mark.parametrize("edge_length_m", [DEFAULT_EDGE_LENGTH_M, 4e-3])
 @pytest.mark.parametrize("pose", ALL_POSES)
 def test_surface_is_closed_outward_and_of_the_expected_size(pose, edge_length_m):
     mesh, fine = made(pose, edge_length_m), made(pose)
@@ -153,7 +154,7 @@ def test_surface_is_closed_outward_and_of_the_expected_size(pose, edge_length_m)
     assert len(mesh.faces) == pytest.approx(expected, rel=0.05)
 
 
-@pytest.mark.parametrize("pose", ALL_POSES)
+@pytest.mark.parametrize("pose", ["F", *nightly(["flat"])])
 def test_vertices_lie_on_the_flesh_and_normals_agree_with_it(pose):
     mesh, bones = made(pose), posed_skeleton(POSES[pose])
     flesh = grown_flesh(bones)

@@ -53,7 +53,6 @@ def measured_breadth_m(shape: HandShape) -> float:
 @pytest.mark.parametrize(
     "shape",
     [
-        HandShape(),
         HandShape(length_m=0.165, breadth_m=0.0734),
         HandShape(length_m=0.2106, breadth_m=0.0976, girth=0.93),
         HandShape(length_m=0.18, breadth_m=0.09, girth=1.08),

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nightly import nightly
 
 from clradar.errors import MeasurementError, ModelError, OutputError
 from clradar.hand import (
@@ -339,16 +338,16 @@ def test_random_poses_follow_from_the_generator_alone():
 
 
 def test_random_poses_are_plausible():
-    poses = [random_pose(np.random.default_rng(seed)) for seed in range(60)]
+    poses = [random_pose(np.random.default_rng(seed)) for seed in range(36)]
     for pose in poses:
         for found in overlaps(pose):
             palm = "palm" in found.parts
             assert found.depth_m <= (MOST_PALM_OVERLAP_M if palm else MOST_OVERLAP_M)
     bent = np.array([[p.angles(PIP.format(f)).flexion_rad for f in FINGERS] for p in poses])
     together = np.corrcoef(bent.T)
-    # Neighbours bend together: drawn with correlations of 0.6, of which 60 samples keep 0.25 at
-    # four standard errors (0.08 each).
-    assert (np.diag(together, 1) > 0.25).all()
+    # Neighbours bend together: drawn with correlations of 0.6, of which 36 samples keep 0.17 at
+    # four standard errors (0.107 each).
+    assert (np.diag(together, 1) > 0.17).all()
     # All of the range is used: straight fingers and folded ones.
     assert (np.rad2deg(bent.min(axis=0)) < 15).all()
     assert (np.rad2deg(bent.max(axis=0)) > 90).all()
@@ -358,7 +357,7 @@ def test_random_poses_are_plausible():
 
 def test_poses_around_a_letter_deviate_as_asked_and_penetrate_no_more_than_it():
     letter = POSES["F"]  # where nearly every draw fits, so that rejection hardly narrows them
-    drawn = [pose_around(letter, np.random.default_rng(seed), 6.0) for seed in range(20)]
+    drawn = [pose_around(letter, np.random.default_rng(seed), 6.0) for seed in range(12)]
     own_m = {found.parts: found.depth_m for found in overlaps(letter)}
     for pose in drawn:
         for found in overlaps(pose):
@@ -375,11 +374,11 @@ def test_poses_around_a_letter_deviate_as_asked_and_penetrate_no_more_than_it():
     knuckles = np.concatenate([deviations_deg(MCP.format(f), 0) for f in fingers])
     middles = np.concatenate([deviations_deg(PIP.format(f), 0) for f in fingers])
     spreads = np.concatenate([deviations_deg(MCP.format(f), 1) for f in fingers])
-    # Of 60 draws a standard deviation is known within 9 %, a correlation of 0.6 within 0.083;
+    # Of 36 draws a standard deviation is known within 12 %, a correlation of 0.6 within 0.107;
     # four times as much.
-    assert 6.0 * 0.64 < knuckles.std() < 6.0 * 1.36
-    assert 3.5 * 0.64 < spreads.std() < 3.5 * 1.36
-    assert 0.27 < np.corrcoef(knuckles, middles)[0, 1] < 0.93
+    assert 6.0 * 0.52 < knuckles.std() < 6.0 * 1.48
+    assert 3.5 * 0.52 < spreads.std() < 3.5 * 1.48
+    assert 0.17 < np.corrcoef(knuckles, middles)[0, 1] < 0.93
 
 
 def test_a_pose_around_another_follows_from_the_generator_and_the_spread():
@@ -391,9 +390,3 @@ def test_a_pose_around_another_follows_from_the_generator_and_the_spread():
     for wrong in (-1, 46, float("nan"), "12"):
         with pytest.raises(ModelError, match="spread_deg"):
             pose_around(fist, np.random.default_rng(7), wrong)
-
-
-@pytest.mark.device
-@pytest.mark.parametrize("seed", [0, *nightly([1, 2])])
-def test_surface_of_a_random_pose_is_sound(seed):
-    check_surface(hand_mesh(random_pose(np.random.default_rng(seed)), COARSE_M))

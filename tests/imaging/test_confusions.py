@@ -108,7 +108,7 @@ def test_the_imager_and_its_hand_raise_no_message():
     radar, band = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 128)
     scene = plate(0.15, 0.3)
     points_m = np.random.default_rng(1).uniform(-0.03, 0.03, (5, 3)) + np.array([0, 0, 0.3])
-    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-3)
+    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 8e-3)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         clradar.simulate(scene, radar, band, estimator="expected", samples_per_mm2=2e-3)

@@ -41,7 +41,7 @@ def grid_corners(grid: VoxelGrid) -> np.ndarray:
 @lru_cache(maxsize=2)
 def exact_at_voxels(capture: Capture, grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray]:
     """Random voxels and all corners, and the exact image there."""
-    inside = np.random.default_rng(9).integers(0, grid.counts, (150, 3))
+    inside = np.random.default_rng(9).integers(0, grid.counts, (60, 3))
     at = np.concatenate([grid_corners(grid), inside])
     return at, reference.backproject(capture, grid.origin_m + grid.spacing_m * at)
 
@@ -115,7 +115,7 @@ def test_blocks_halve_down_to_about_a_wavelength():
 def test_fine_voxels_are_interpolated_for_images_alone():
     """From an eighth of the voxels; forward and adjoint, which are each other's, sum in all."""
     array, sweep = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2]), Waveform.sfcw(72e9, 82e9, 9)
-    grid = GRIDS["fine"]
+    grid = extent((0.01, 0.015), (0.0, 0.005), (0.295, 0.3), 0.25e-3)
     levels, skeleton = image_levels(array, sweep, grid, 3e-3)
     assert skeleton is not None
     assert np.prod(skeleton.counts) < np.prod(levels[-1].voxels) / 8
@@ -132,16 +132,16 @@ def test_fine_voxels_are_interpolated_for_images_alone():
 
 @lru_cache(maxsize=2)
 def paper_capture(kind: str) -> Capture:
-    return noise(QAR50, SWEEP) if kind == "noise" else scatterers(QAR50, SWEEP, PAPER_COARSE)
+    return noise(HALF, SWEEP) if kind == "noise" else scatterers(HALF, SWEEP, PAPER_COARSE)
 
 
 # Both kinds after each other: the second image has the tree of the first.
 @pytest.mark.parametrize(
     ("kind", "tolerance_db"),
     [
-        *[("scatterers", -50.0), ("noise", -50.0), ("scatterers", -80.0)],
-        *nightly([(k, db) for k in ("scatterers", "noise") for db in (-30.0, -65.0)]),
-        *nightly([("noise", -80.0)]),
+        *[("scatterers", -50.0), ("scatterers", -80.0)],
+        *nightly([("scatterers", db) for db in (-30.0, -65.0)]),
+        *nightly([("noise", db) for db in (-30.0, -50.0, -65.0, -80.0)]),
     ],
 )
 def test_the_error_keeps_the_tolerance(device, kind, tolerance_db):
@@ -215,8 +215,6 @@ RNG = np.random.default_rng(5)
 ARRAYS = {
     "in space": AntennaArray(RNG.uniform(-0.07, 0.07, (30, 3)), RNG.uniform(-0.07, 0.07, (20, 3))),
     "a plane": AntennaArray(flat(11), flat(4)),
-    "one pair": AntennaArray([[0, 0, 0]], [[0.01, 0, 0]]),
-    "one Tx": AntennaArray([[0.02, 0.03, 0]], QAR50.rx_m),
     "the same antennas twice": AntennaArray(np.tile(QAR50.tx_m[:20], (2, 1)), QAR50.rx_m[:9]),
 }
 
@@ -224,23 +222,22 @@ ARRAYS = {
 @pytest.mark.parametrize("name", ARRAYS)
 def test_any_array(device, name):
     waveform = Waveform(np.sort(np.random.default_rng(3).uniform(70e9, 84e9, 21)))
-    assert error_db(noise(ARRAYS[name], waveform), PAPER_COARSE, device) <= -50.0
+    grid = extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 8e-3)
+    assert error_db(noise(ARRAYS[name], waveform), grid, device) <= -50.0
 
 
 def test_pieces_of_a_large_grid_fit_together(device, monkeypatch):
-    capture = scatterers(HALF, Waveform.sfcw(72e9, 82e9, 17), PAPER_COARSE)
     thin = extent((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.304), 4e-3)
-    for grid, voxels, pieces in ((PAPER_COARSE, 51 * 51 * 11, 2), (thin, 51 * 40, 4)):
-        monkeypatch.setattr(fast, "TILE_VOXELS", voxels)
-        assert len(fast.grid_pieces(grid)) == pieces
-        assert error_db(capture, grid, device) <= -50.0
+    monkeypatch.setattr(fast, "TILE_VOXELS", 51 * 40)
+    assert len(fast.grid_pieces(thin)) == 4
+    assert error_db(half_capture(), thin, device) <= -50.0
 
 
 def test_large_arrays_are_imaged_in_parts(device):
     """More transmitters than a work-item holds, 33 x 33, and 5 receivers."""
     array = AntennaArray(flat(33), flat(5)[:5])
     assert [len(a.tx_m) for _, _, a in fast.array_parts(array)] == [544, 545]
-    grid = extent((-0.02, 0.02), (-0.03, 0.03), (0.2, 0.21), 2e-3)
+    grid = extent((-0.01, 0.01), (-0.012, 0.012), (0.2, 0.204), 2e-3)
     capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
     assert error_db(capture, grid, device) <= -50.0
 

@@ -42,17 +42,18 @@ def echo(
 
 
 @pytest.mark.parametrize(
-    ("velocity", "order"), [((0.3, -1.0, 0.5), "tx"), ((2.0, 0.0, 0.0), "frequency")]
+    ("velocity", "order"), [((0.3, -1.0, 0.5), "tx"), *nightly([((2.0, 0.0, 0.0), "frequency")])]
 )
 def test_a_moving_point_has_the_phase_of_its_way_at_every_tx_and_frequency(velocity, order):
-    timing = clradar.SweepTiming.in_order(24, 16, step_s=STEP_S, order=order)
+    radar = RADAR.part(slice(None, None, 3), slice(None))
+    timing = clradar.SweepTiming.in_order(8, 16, step_s=STEP_S, order=order)
     settings = clradar.SimulationSettings(estimator="physical", samples_per_mm2=30)
     capture = clradar.simulate_moving(
-        moving_point(velocity), RADAR, WAVEFORM, timing=timing, start_s=0.01, settings=settings
+        moving_point(velocity), radar, WAVEFORM, timing=timing, start_s=0.01, settings=settings
     )
-    still = clradar.simulate(point(), RADAR, WAVEFORM, settings=settings)
+    still = clradar.simulate(point(), radar, WAVEFORM, settings=settings)
     way_m = POINT_M + (timing.times_s + 0.01)[..., None] * np.array(velocity)
-    wanted = echo(way_m) / echo(np.broadcast_to(POINT_M, way_m.shape))
+    wanted = echo(way_m, radar) / echo(np.broadcast_to(POINT_M, way_m.shape), radar)
     turned = np.angle(capture.data / still.data / wanted)
     assert np.ptp(np.unwrap(np.angle(wanted), axis=0)) > 3.0
     # The mirror point wanders on the ball by what its radius is of the distance.
@@ -121,7 +122,7 @@ def test_fingers_that_twitch_are_seen():
     poses = [flat, interpolate_poses(flat, fist, 0.1), flat]
     hand = MovingHand([0.53, 0.56, 0.59], poses, edge_length_m=4e-3)
     moving = MovingScene([hand])
-    settings = clradar.SimulationSettings(estimator="expected", samples_per_mm2=0.5)
+    settings = clradar.SimulationSettings(estimator="expected", samples_per_mm2=0.05)
     capture = clradar.simulate_moving(moving, radar, WAVEFORM, timing=timing, settings=settings)
     sweep = moving.during(0.0, timing.end_s)
     with sampled_as(sweep.scene(0.5 * timing.end_s)):
@@ -166,7 +167,7 @@ def test_parts_of_an_array_warn_of_no_lobes_that_it_has_not():
 
 def test_skin_that_is_carried_is_that_of_the_pose():
     # Two meshes of this hand, with edges of 1.6 and 1.7 mm, differ by -36 dB. Of the same samples.
-    radar = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
+    radar = clradar.arrays.qar50().part(slice(None, None, 24), slice(None, None, 24))
     hand = MovingHand([0.0, 0.5], ["S", "flat"])
     carried = hand.during(0.235, 0.265).scene(0.265)
     there = Scene.from_mesh(hand.mesh(0.265), alpha=hand.alpha)
@@ -218,12 +219,12 @@ def test_frames_without_duration_are_the_frames_of_a_still_hand(side):
     motion = RigidMotion.steady(turn_rad_per_s=(0, 1, 0), about_m=(0, 0, 0.3))
     hand = MovingHand([0.0, 1.0], ["A", "flat"], motion=motion, edge_length_m=4e-3, handedness=side)
     timing = clradar.SweepTiming.in_order(24, 16, step_s=0.0)
-    for time_s in (0.0, 0.4):
-        still = Scene.from_mesh(hand.mesh(time_s))
-        capture = clradar.simulate_moving(
-            MovingScene([hand]), RADAR, WAVEFORM, timing=timing, start_s=time_s
-        )
-        assert np.array_equal(capture.data, clradar.simulate(still, RADAR, WAVEFORM).data)
+    capture = clradar.simulate_moving(
+        MovingScene([hand]), RADAR, WAVEFORM, timing=timing, start_s=0.4, samples_per_mm2=0.5
+    )
+    still = Scene.from_mesh(hand.mesh(0.4))
+    then = clradar.simulate(still, RADAR, WAVEFORM, samples_per_mm2=0.5)
+    assert np.array_equal(capture.data, then.data)
     between = hand.during(0.39, 0.41)
     assert np.abs(between.scene(0.4).vertices_m - hand.mesh(0.4).vertices_m).max() < 1e-12
     # The skin of one time, carried to another: on the surface there, whose vertices are others.
@@ -242,7 +243,7 @@ def test_a_moving_hand_is_in_every_sample_where_it_is_then(kind):
     else:
         moving = MovingScene([MovingHand([-0.2, 0.2], ["S", "flat"], edge_length_m=4e-3)])
     timing = clradar.SweepTiming.in_order(24, 16, step_s=20e-6 if kind == "closing" else 60e-6)
-    settings = clradar.SimulationSettings(estimator="expected", samples_per_mm2=0.5)
+    settings = clradar.SimulationSettings(estimator="expected", samples_per_mm2=0.2)
     capture = clradar.simulate_moving(moving, RADAR, WAVEFORM, timing=timing, settings=settings)
     sweep = moving.during(0.0, timing.end_s)
     reference = sweep.scene(0.5 * timing.end_s)

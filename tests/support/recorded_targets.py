@@ -9,9 +9,10 @@ from calibration import Target, response
 from clradar import AntennaArray, Capture, ChannelResponse, Waveform
 
 SNR_DB = 20.0
-DEAD_TX, DEAD_RX = (3, 50), (17,)
+DEAD_TX, DEAD_RX = (3, 40), (17,)
 
 QAR50 = clradar.arrays.qar50()
+HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2], "every second")
 SMALL = AntennaArray(QAR50.tx_m[::4], QAR50.rx_m[::4], "every fourth")
 
 

@@ -56,13 +56,13 @@ SCENES = {
     "bowl": clradar.Scene(*bowl(40, 80)),
     "waves": clradar.Scene(*plate(0.2, 0.3, 60, wavy_m=0.03)),
     # Fine enough that groups and rays are traced apart from their bundle.
-    "fine ball": meshes.ball(303, 302),
+    "fine ball": meshes.ball(201, 200),
 }
 
 
 @cache
 def scene_of(name: str) -> clradar.Scene:
-    return SCENES[name] or clradar.Scene.from_mesh(hand_mesh("F", edge_length_m=3e-3))
+    return SCENES[name] or clradar.Scene.from_mesh(hand_mesh("F", edge_length_m=4e-3))
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -150,9 +150,9 @@ ALPHAS = [0.0, 0.05, 0.4999, 1.0, *nightly([1e-4, 0.2, 0.5, 0.5001])]
 
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_probabilities_are_those_of_the_reference(alpha, device):
-    scene = Scene(*plate(0.16, 0.3, 5, wavy_m=0.01), alpha)
+    scene = Scene(*plate(0.16, 0.3, 4, wavy_m=0.01), alpha)
     found = shares(scene, device, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.02)
-    assert (found > 0).sum() >= (20 if alpha >= 0.05 else 5)
+    assert (found > 0).sum() >= (12 if alpha >= 0.05 else 4)
 
 
 @pytest.mark.parametrize("alpha", [0.3, *nightly([1.0])])
@@ -165,12 +165,7 @@ def test_large_discs_that_the_horizon_of_the_face_cuts(alpha, device):
 
 @pytest.mark.parametrize(
     "arguments",
-    [
-        {"normals": "face"},
-        {"reception_radius_m": 0.005},
-        {"reception_radius_m": 0.1},
-        {"seed": 2**40 + 3},
-    ],
+    [{"normals": "face", "seed": 2**40 + 3}, {"reception_radius_m": 0.005}],
 )
 def test_settings_reach_the_kernel(arguments, device):
     shares(Scene(*plate(0.16, 0.3, 4, wavy_m=0.02), 0.3), device, rays_per_face=1, **arguments)
@@ -215,9 +210,16 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
     assert abs(found.sum() - mean.sum()) <= 4 * np.sqrt(variance.sum())
 
 
-@pytest.mark.parametrize("alpha", [0.35, 1.0, *nightly([0.02, 0.1, 0.2, 0.5, 0.7])])
-def test_the_mean_is_that_of_the_stochastic_estimator(alpha, device):
-    check_mean(Scene(*MESHES["waves"], alpha), device)
+@pytest.mark.parametrize(
+    ("name", "alpha"),
+    [
+        *[("waves", 0.35), ("waves", 1.0), ("sphere", 0.15)],
+        *nightly(("waves", alpha) for alpha in (0.02, 0.1, 0.2, 0.5, 0.7)),
+        *nightly([("plate", 0.6), ("bowl", 0.6)]),
+    ],
+)
+def test_the_mean_is_that_of_the_stochastic_estimator(name, alpha, device):
+    check_mean(Scene(*MESHES[name], alpha), device)
 
 
 @pytest.mark.parametrize("name", ["waves", "bowl"])
@@ -235,13 +237,6 @@ def test_without_randomness_both_are_the_same(name, device):
     np.testing.assert_allclose(two, one, rtol=0, atol=2**-22 * np.abs(one).max())
 
 
-@pytest.mark.parametrize(
-    ("name", "alpha"), [("sphere", 0.15), *nightly([("plate", 0.6), ("bowl", 0.6)])]
-)
-def test_the_means_agree_on_other_surfaces(name, alpha, device):
-    check_mean(Scene(*MESHES[name], alpha), device)
-
-
 def test_the_means_agree_where_rays_are_absorbed(device):
     scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.03), 0.8)
     check_mean(scene, device, crease_deg=180.0)
@@ -249,7 +244,7 @@ def test_the_means_agree_where_rays_are_absorbed(device):
     assert lost.statistics.absorbed_share > 0.01
 
 
-@pytest.mark.parametrize("exponent", [0.0, 1.5])
+@pytest.mark.parametrize("exponent", [1.5, *nightly([0.0])])
 def test_amplitudes_with_spreading_and_patterns(exponent, device):
     """A small patch, for which the amplitude of each pair is one number."""
     centre, size_m = np.array([0.02, -0.01, 0.25]), 1e-3

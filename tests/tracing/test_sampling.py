@@ -178,11 +178,6 @@ def test_no_face_with_area_is_an_error(device):
         clradar.trace(scene, ARRAY, device=device)
 
 
-def test_too_many_samples_are_an_error(device):
-    with pytest.raises(MeshError, match=r"fewer than 2\^31 samples"):
-        clradar.trace(scene_of(plate(0.2, 0.3)), ARRAY, samples_per_mm2=1e6, device=device)
-
-
 def test_as_many_samples_as_32_bits_count():
     scene = scene_of(plate(1.0, 0.3))  # 10^6 mm^2
     counts = samples_per_face(scene, resolve_settings(samples_per_mm2=2147.48))

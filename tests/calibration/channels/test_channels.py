@@ -1,7 +1,6 @@
 """Channel calibration: known errors are found, other targets and invalid arguments refused."""
 
 from dataclasses import replace
-from itertools import permutations
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from command_line import run
 from nightly import nightly
-from recorded_targets import DEAD_RX, DEAD_TX, QAR50, SMALL, Instrument, instrument
+from recorded_targets import DEAD_RX, DEAD_TX, HALF, QAR50, SMALL, Instrument, instrument
 
 import clradar
 from calibration import (
@@ -53,9 +52,8 @@ SAID: dict[str, Target] = {
     "corner": CornerReflector([0.0, 0.0, 0.300]),
 }
 KINDS = list(TRUE)
-PAIRS = list(permutations(KINDS, 2))
-
-HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
+FLAT = [kind for kind in KINDS if kind != "sphere"]
+"""Those whose path lengths need no root finder: ten times as fast."""
 
 
 def live(calibration: ChannelCalibration, side: str) -> np.ndarray:
@@ -105,7 +103,7 @@ def peak_and_side_lobe_db(capture: Capture, device: clradar.Device) -> tuple[flo
 @pytest.fixture(scope="module")
 def ideal() -> Capture:
     waveform = Waveform.sfcw(72e9, 82e9, 32)
-    return reference.point_targets(QAR50, waveform, POINT_M[None], np.ones(1))
+    return reference.point_targets(HALF, waveform, POINT_M[None], np.ones(1))
 
 
 @pytest.fixture(scope="module")
@@ -118,9 +116,9 @@ def wanted_db(device: clradar.Device, ideal: Capture) -> list[tuple[float, float
 
 
 @pytest.mark.device
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*FLAT, *nightly(["sphere"])])
 def test_image_of_another_target_is_as_good_as_ideal(device, ideal, wanted_db, kind):
-    truth = instrument(seed=1, n_freq=32, dead_tx=DEAD_TX, dead_rx=DEAD_RX)
+    truth = instrument(1, HALF, dead_tx=DEAD_TX, dead_rx=DEAD_RX)
     found = estimate_channels(truth.record_target(TRUE[kind]), SAID[kind])
     assert found.dead_tx.tolist() == list(DEAD_TX)
     assert found.dead_rx.tolist() == list(DEAD_RX)
@@ -130,7 +128,7 @@ def test_image_of_another_target_is_as_good_as_ideal(device, ideal, wanted_db, k
     for want in wanted_db:
         assert np.abs(np.subtract(corrected, want)).max() < IMAGE_DB
     # The test can fail: as recorded there is no image at all.
-    assert peak_and_side_lobe_db(recorded, device)[0] < corrected[0] - 20
+    assert peak_and_side_lobe_db(recorded, device)[0] < corrected[0] - 15
 
 
 # What is found, and how well ----------------------------------------------------------------------
@@ -217,7 +215,7 @@ def test_level_of_the_target():
     assert np.log(np.abs(kept.data)).mean() == pytest.approx(np.log(before).mean(), abs=0.01)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*FLAT, *nightly(["sphere"])])
 def test_amplitude_of_spreading(kind):
     truth = instrument(seed=6, array=SMALL)
     true, said = (replace(t[kind], amplitude="spreading") for t in (TRUE, SAID))
@@ -231,10 +229,10 @@ def test_uneven_frequencies():
     truth = instrument(seed=7, array=SMALL, n_freq=40)
     pick = np.sort(np.random.default_rng(0).choice(40, 24, replace=False))
     frequencies = truth.waveform.frequencies_hz[pick]
-    capture = truth.record_target(TRUE["sphere"])
+    capture = truth.record_target(TRUE["plate"])
     part = Capture(capture.data[:, :, pick], SMALL, Waveform(frequencies))
-    found = estimate_channels(part, SAID["sphere"])
-    assert np.abs(np.angle(product_error(found, truth, TRUE["sphere"]))).max() < 0.1
+    found = estimate_channels(part, SAID["plate"])
+    assert np.abs(np.angle(product_error(found, truth, TRUE["plate"]))).max() < 0.1
 
 
 def test_common_delay():
@@ -280,7 +278,7 @@ def loud(capture: Capture, tx: int, rx: int, level: float) -> Capture:
     return replace(capture, data=data)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*FLAT, *nightly(["sphere"])])
 def test_noisy_channels_are_found_and_harm_no_other(kind):
     truth = instrument(seed=10, array=SMALL, dead_tx=(3, 22), dead_rx=(17,))
     quiet = truth.record_target(TRUE[kind])
@@ -385,7 +383,13 @@ def test_taper_is_a_window_of_delays(cells):
 # What is refused ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kind", "taken_for"), [*PAIRS[:-1], *nightly(PAIRS[-1:])])
+@pytest.mark.parametrize(
+    ("kind", "taken_for"),
+    [
+        ("sphere", "corner"), ("corner", "plate"), ("plate", "corner"),
+        *nightly([("plate", "sphere"), ("sphere", "plate"), ("corner", "sphere")]),
+    ],
+)  # fmt: skip
 def test_wrong_target_is_refused(kind, taken_for):
     # At the same range, so that only the shape differs.
     same_range: dict[str, Target] = {

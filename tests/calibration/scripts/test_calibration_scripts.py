@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from recorded_targets import SMALL, instrument
+from recorded_targets import HALF, SMALL, instrument
 
 import clradar
 from calibration import (
@@ -37,7 +37,8 @@ def test_a_script_runs_from_its_file_in_any_folder(tmp_path):
 def start(monkeypatch, capsys):
     """Run a script in this process; returns its status, output and errors."""
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
-    monkeypatch.setattr("clradar.plot.layout.DPI", 40)  # figures would take most of the time
+    for module in ("clradar.plot.layout", "calibration.roughness.figures"):
+        monkeypatch.setattr(f"{module}.DPI", 40)  # figures would take most of the time
 
     def run(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
         path = FOLDER / f"{name}.py"
@@ -103,10 +104,9 @@ def plate_files(tmp_path):
     corners = [[-0.03, -0.03, 0.3], [0.03, -0.03, 0.3], [0.03, 0.03, 0.3], [-0.03, 0.03, 0.3]]
     faces = [[0, 1, 2], [0, 2, 3]]
     trimesh.Trimesh(corners, faces, process=False).export(tmp_path / "plate.ply")
-    array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 32)
-    scene = clradar.Scene(corners, faces, 0.5)
+    waveform, scene = clradar.Waveform.sfcw(72e9, 82e9, 32), clradar.Scene(corners, faces, 0.5)
     capture = clradar.simulate(
-        scene, array, waveform, samples_per_mm2=5.0, estimator="stochastic", device="pocl"
+        scene, HALF, waveform, samples_per_mm2=5.0, estimator="stochastic", device="pocl"
     )
     save_capture(tmp_path / "capture.h5", capture)
 
