@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from nightly import nightly
 
 import clradar
 from clradar.errors import ClradarError
@@ -54,6 +55,9 @@ def documented() -> dict[str, Any]:
 
 DOCUMENTED = documented()
 
+LONG = ("calibration.sweep_roughness", "calibration.register", "clradar.spread")
+"""What takes seconds, and is tried by tests of its own."""
+
 
 @pytest.fixture(scope="module")
 def namespace() -> dict[str, Any]:
@@ -90,7 +94,7 @@ def namespace() -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("name", DOCUMENTED)
+@pytest.mark.parametrize("name", [n for n in DOCUMENTED if n not in LONG] + nightly(LONG))
 def test_example(name, tmp_path, monkeypatch, namespace):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "plan.toml").write_text(PLAN)

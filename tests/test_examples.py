@@ -114,6 +114,7 @@ def test_tutorial_recording_to_image(folder, output_of):
     assert is_picture(folder / "recording.png")
 
 
+@pytest.mark.slow
 def test_tutorial_maroon(folder, output_of):
     """The recording is written by the tutorial, which is given none."""
     lines = output_of("tutorials/3_maroon_recording.py")

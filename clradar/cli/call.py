@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,13 +10,14 @@ from typing import Any
 
 @dataclass
 class Call:
-    """The command that runs, and its options that count for results."""
+    """The command that runs, its options that count for results, and all that were typed."""
 
     command: str
     options: dict[str, Any]
+    typed: Set[str]
 
 
-call = Call("", {})
+call = Call("", {}, frozenset())
 
 
 def plain(value: Any, *, paths: bool = True) -> Any:

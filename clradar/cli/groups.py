@@ -123,7 +123,7 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             for read in (one.metadata["parse"], one.metadata["check"]):
                 if read is not None and values[name] is not None:
                     values[name] = read(option_name(name, one), values[name])
-        call.command = label
+        call.command, call.typed = label, typed
         call.options = {name: values[name] for name, f in declared.items() if f.metadata["kept"]}
         records = {
             name: group(**{one.name: values[one.name] for one in fields(group)})
@@ -214,9 +214,13 @@ def _paths_in(value: Any) -> list[Path]:
 
 
 def given(group: Any) -> dict[str, Any]:
-    """The options of a group that are not at their default: name -> value."""
+    """The options of a group that were typed, or are not at their default: name -> value."""
     values = {one: getattr(group, one.name) for one in fields(group)}
-    return {option_name(f.name, f): value for f, value in values.items() if value != f.default}
+    return {
+        option_name(f.name, f): value
+        for f, value in values.items()
+        if f.name in call.typed or value != f.default
+    }
 
 
 def values_of(group: Any) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from clradar.geometry.node_splits import BLOCK, SplitsOnDevice, SplitsOnHost
 from clradar.geometry.watertight import outward_side
 from clradar.model import checks
 from clradar.opencl import Buffers, Device, cpu_beside
+from clradar.opencl.program import private_length
 
 CHILDREN = 8
 """Children per node in the kernels."""
@@ -220,8 +221,7 @@ def upload_tree(
     bvh = build_bvh(triangles_m, buffers.device)
     nodes, triangles, most_kept, levels = flatten(bvh, triangles_m, float(delta_m))
     wide = buffers.device.width == 8
-    # In steps, so that scenes of similar depth share their programs.
-    stack = -(-most_kept // 16) * 16 if wide else -(-levels // 8) * 8
+    stack = private_length(most_kept if wide else levels, 16 if wide else 8, buffers.device)
     return MeshTree([buffers.upload(nodes), buffers.upload(triangles)], wide, stack, delta_m)
 
 

@@ -59,8 +59,7 @@ class TiledImager:
         self.n_x = -(-grid.counts[0] // self.width) * self.width
         self.k = capture.waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
         chunk = RX_CHUNK if self.width == 8 else self.gpu_rx_chunk
-        sizes = self.kernel_sizes(self.width, min(chunk, capture.array.n_rx))
-        self.program = build(device, self.kernel_file, sizes)
+        self.program = build(device, self.kernel_file, self.kernel_sizes(self.width, chunk))
 
     def run(self, progress: Progress | None) -> np.ndarray:
         """Return the unscaled sum, shape (n_z, n_y, n_x), complex64."""

@@ -18,6 +18,7 @@ from clradar.imaging.point_blocks import PointBlocks
 from clradar.model import AntennaArray, Waveform
 from clradar.opencl import Buffers, Device, build
 from clradar.opencl.double_single import antenna_rows, hi_lo
+from clradar.opencl.program import private_length
 
 FLOAT32_SHARE = 0.3
 """Fraction of the tolerance that float32 phases may take; beyond it they are double-single."""
@@ -164,21 +165,20 @@ class TreeOnDevice:
         self.chunk_bytes = min(chunk, device.budget_bytes // 16)
         self.skeleton = blocks.skeleton if isinstance(blocks, GridBlocks) else None
         self.steps = [self._step(i) for i in range(len(self.levels))]
-        # Sizes are rounded up, so that similar images share a program.
         rows = max(side.n for step in self.steps for side in (step.rows, step.columns))
         leaf = max(self.steps[-1].rows.n_skeleton, self.steps[-1].columns.n_skeleton)
         far = float32_phase_error(array, self.k, blocks.diagonal_m) > FLOAT32_SHARE * tolerance
-        leaf = padded(leaf, 16)
         sizes: dict[str, Any] = {
-            "width": self.width, "rows": padded(rows, 32), "leaf": leaf, "far": far,
+            "width": self.width, "rows": private_length(rows, 32, device),
+            "leaf": private_length(leaf, 16, device), "far": far,
             "points": isinstance(blocks, PointBlocks),
         }  # fmt: skip
         if self.skeleton is not None:
-            sizes["kept"] = padded(self.skeleton.counts[0], 8)
+            sizes["kept"] = private_length(self.skeleton.counts[0], 8, device)
         self.program = build(device, "backproject_fast.cl", _KernelSizes(**sizes))
         self.up_program = None
         if upwards:
-            forward = _ForwardSizes(**sizes, groups=groups_of_leaf(leaf))
+            forward = _ForwardSizes(**sizes, groups=groups_of_leaf(padded(leaf, 16)))
             self.up_program = build(device, "forward_fast.cl", forward)
         self.leaf = self._leaf(far)
 

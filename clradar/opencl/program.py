@@ -30,30 +30,7 @@ OTHER_DEVICE_HINT = "choose another device with CLRADAR_DEVICE=... (see `clradar
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """Kernels of one source file, built for one device and one set of options.
-
-    Examples
-    --------
-    Four boxes along x, as (-low, high), split by the surface area heuristic into two and two.
-
-    >>> import numpy as np
-    >>> from clradar.geometry.node_splits import BuildOptions
-    >>> from clradar.opencl import Buffers, build, open_device
-    >>> device = open_device("pocl")
-    >>> x = np.array([0.0, 1.0, 8.0, 9.0], dtype=np.float32)
-    >>> boxes = np.ones((4, 8), dtype=np.float32)
-    >>> boxes[:, 0], boxes[:, 4] = 0.1 - x, 0.1 + x
-    >>> with Buffers(device) as buffers:
-    ...     start, count = (buffers.upload(np.array([n], dtype=np.int32)) for n in (0, 4))
-    ...     order = buffers.upload(np.arange(4, dtype=np.int32))
-    ...     scratch, n_left, children = (buffers.empty(64) for _ in range(3))
-    ...     build(device, "build.cl", BuildOptions()).launch(
-    ...         "split_nodes", (1,), np.uint32(1), np.uint32(0), buffers.upload(boxes),
-    ...         start, count, order, scratch, n_left, children,
-    ...     )
-    ...     buffers.read(n_left, 1, np.int32)
-    array([2], dtype=int32)
-    """
+    """Kernels of one source file, built for one device and one set of options."""
 
     device: Device
     file: str
@@ -240,6 +217,25 @@ def compiled(device: Device, file: str, options: Any) -> Program:
             f"log of {' '.join(flags)}:\n{log}"
         ) from error
     return Program(device, file, kernels)
+
+
+def private_length(n: int, step: int, device: Device) -> int:
+    """Entries of an item's private array, at least `n`: few lengths, to build few programs.
+
+    A GPU has little such memory: the next multiple of `step`. A CPU: powers of two of steps, four
+    at least. No result depends on it.
+
+    Examples
+    --------
+    >>> from clradar.opencl import open_device
+    >>> from clradar.opencl.program import private_length
+    >>> [private_length(n, 16, open_device("pocl")) for n in (3, 64, 65)]
+    [64, 64, 128]
+    """
+    steps = -(-n // step)
+    if device.width == 8:
+        steps = max(4, 1 << (steps - 1).bit_length())
+    return steps * step
 
 
 def nvidia_registers(options: Any) -> int | None:

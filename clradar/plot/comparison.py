@@ -112,7 +112,6 @@ def comparison_figure(
         depth = draw_depth(depths, image, extent.unit, limits_mm)
         draw_frame(above, extent, x_labels=False, y_labels=i == 0, margin=0.1)
         draw_frame(depths, extent, x_labels=not (unmatched and i), y_labels=i == 0, margin=0.1)
-        # parse_math: a label can be a file's name with a literal dollar sign.
         above.set_title("\n".join(titles[i]), fontsize=TITLE_PT, pad=4, parse_math=False)
     if unmatched:
         panels[2].pop(0).remove()

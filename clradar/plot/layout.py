@@ -130,8 +130,9 @@ def new_panels(
 
 
 def settled(figure: Figure) -> Figure:
-    """Lay a figure out, once: its axes then have their places, whatever its resolution."""
-    figure.draw_without_rendering()
+    """Lay a figure out: its axes then have their places, whatever its resolution."""
+    for _ in range(2):  # the first time titles can be beyond the edge
+        figure.get_layout_engine().execute(figure)  # type: ignore[union-attr]
     figure.set_layout_engine("none")
     # Labels of images that are narrower than their places can be beyond the edge.
     missing = max(0.0, MARGIN / 4 - figure.get_tightbbox().x0) / figure.get_figwidth()

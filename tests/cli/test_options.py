@@ -78,6 +78,9 @@ def test_a_command_receives_records_and_single_options() -> None:
 
 
 def test_defaults_and_what_was_given() -> None:
+    status, output, (group, *_) = outcome_of("a.h5", "--count", "7", "--window", "rect")
+    assert status == 0, output
+    assert given(group) == {"--window": "rect", "SOURCE": Path("a.h5")}
     status, output, (group, _, device) = outcome_of("a.h5", "--count", "7")
     assert status == 0, output
     assert group == Group(source=Path("a.h5"))

@@ -7,7 +7,7 @@ import gc
 import math
 import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import cache
 from threading import RLock
@@ -126,20 +126,12 @@ MEMORY_BYTES = {
 """Little for each: below it a buffer that nothing can divide does not fit."""
 
 
-def of_cpu(**options: Any) -> Callable[..., Any]:
-    @contextmanager
-    def opened(work: str) -> Iterator[clradar.Device]:
-        yield clradar.open_device("pocl", **options)
-
-    return opened
-
-
-def of_gpu(items: int) -> Callable[..., Any]:
+def of_gpu(items: int, **options: Any) -> Callable[..., Any]:
     """PoCL that says it is a GPU: the host's other branches, with the tree built beside it."""
 
     @contextmanager
     def opened(work: str) -> Iterator[clradar.Device]:
-        cpu = clradar.open_device("pocl", width=1, group_items=items, launch_work=3e6)
+        cpu = clradar.open_device("pocl", width=1, group_items=items, **options)
         info = replace(cpu.info, kind="gpu")
         yield replace(cpu, info=info, programs={}, buffers=WeakSet(), lock=RLock())
 
@@ -179,10 +171,11 @@ WAYS: dict[str, Callable[..., Any]] = {
     "blocks of Tx": of_pieces(
         (simulation, "SUM_BYTES", 1), (kirchhoff_sum, "CAPTURE_SHARE", 1e-5)
     ),
-    "one lane": of_cpu(width=1),
+    "a GPU": of_gpu(1),
+    "a GPU, groups of 32": of_gpu(32, launch_work=3e5),
+    "a GPU, groups of 256": of_gpu(256, launch_work=3e6),
+    "one lane": lambda work: nullcontext(clradar.open_device("pocl", width=1)),
     "one lane, little memory": of_little_memory(1),
-    "a GPU, groups of 32": of_gpu(32),
-    "a GPU, groups of 256": of_gpu(256),
 }  # fmt: skip
 
 
@@ -221,9 +214,12 @@ OFTEN_FAILING = ("stochastic", "rough", "fast", "operator")
 """Of which a device is made to fail in every run: by random rays, by points, of images, of both."""
 
 PAIRS = [(work, way) for work in WORKS for way in WAYS if matters(work, way)]
-# The paths of each small tile are read back, which takes long; "stochastic" sums the same tiles.
-RARELY = [p for p in PAIRS if p[1] in ("one lane, little memory", "a GPU, groups of 256")]
-RARELY += [("trace", "small pieces")]
+# PoCL compiles each kernel for each size of groups and set of options, half a second every time:
+# all works on one lane of a GPU, and three in padded groups and divided launches. The paths of each
+# small tile are read back, which takes long, too; "stochastic" sums the same tiles.
+DIVIDED = [(work, "a GPU, groups of 32") for work in ("synthesize", "exact", "range")]
+OFTEN = ("little memory", "small pieces", "blocks of Tx", "a GPU")
+RARELY = [p for p in PAIRS if p[1] not in OFTEN and p not in DIVIDED] + [("trace", "small pieces")]
 
 
 @pytest.mark.parametrize(("work", "way"), [p for p in PAIRS if p not in RARELY] + nightly(RARELY))
@@ -234,7 +230,7 @@ def test_no_way_changes_a_result(work, way):
         assert largest_error(found, made(work)) == 0
         return
     assert largest_error(found, made(work)) <= WIDTH_TOLERANCE.get(work, OTHER_TOLERANCE)
-    assert largest_error(found, made(work, "one lane")) == 0
+    assert largest_error(found, made(work, "a GPU")) == 0
 
 
 @pytest.mark.parametrize(
@@ -276,8 +272,8 @@ def test_launches_are_divided(monkeypatch):
         return launch_parts(*args)
 
     monkeypatch.setattr("clradar.opencl.program.launch_parts", recorded)
-    for work in ("stochastic", "expected", "physical", "fast, fine"):
-        with WAYS["a GPU, groups of 32"](work) as device:
+    for work, way in DIVIDED:
+        with WAYS[way](work) as device:
             WORKS[work](device)
     assert sum(n > 1 for n in n_parts) > len(n_parts) / 4
 
