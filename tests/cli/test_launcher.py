@@ -26,11 +26,8 @@ HEAVY = ("trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", 
 def in_process(code: str, *arguments: str, **kwargs: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-W", "error", "-c", code, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        **kwargs,
-    )
+        capture_output=True, text=True, check=False, **kwargs,
+    )  # fmt: skip
 
 
 def test_help_lists_the_commands_there_are(run: Run) -> None:

@@ -29,13 +29,9 @@ def lab(tmp_path: Path) -> Path:
 def output_of(lab: Path, *arguments: str, path: str = str(ROOT)) -> tuple[int, str]:
     """Exit status and stderr of a run of Python in the folder."""
     done = subprocess.run(
-        [sys.executable, *arguments],
-        cwd=lab,
-        env=os.environ | {"PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        [sys.executable, *arguments], cwd=lab, env=os.environ | {"PYTHONPATH": path},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     return done.returncode, done.stderr
 
 
