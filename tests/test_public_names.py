@@ -10,7 +10,8 @@ import pytest
 from test_doctests import PACKAGES
 
 PROGRAM = """
-import importlib, json, pkgutil, types
+import importlib, json, pkgutil, sys, types
+sys.path.append("support")
 from test_doctests import PACKAGES
 
 def described(item):

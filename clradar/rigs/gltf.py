@@ -274,7 +274,9 @@ class _File:
     def triangles(self, what: str, primitive: Any) -> tuple[np.ndarray, np.ndarray] | None:
         """Return positions (n, 3), float64, and faces (m, 3); None without triangles."""
         mode = _TRIANGLES if primitive.mode is None else primitive.mode
-        if mode not in (_TRIANGLES, _STRIP, _FAN):
+        if mode in (_STRIP, _FAN):
+            fail(self.path, f"{what}: a plain list of triangles", "a strip or a fan")
+        if mode != _TRIANGLES:
             return None
         positions = self.array(f"{what}: POSITION", primitive.attributes.POSITION)
         if positions.shape[1] != 3 or not np.isfinite(positions).all():
@@ -287,14 +289,14 @@ class _File:
             if raw.dtype.kind != "u" or raw.shape[1] != 1:
                 fail(self.path, f"{what}: indices that are unsigned integers", raw.dtype)
             corners = raw[:, 0].astype(np.int64)
-        if len(corners) // (3 if mode == _TRIANGLES else 1) > MAX_MESH_FACES:
+        if len(corners) // 3 > MAX_MESH_FACES:
             expected = f"{what}: at most {MAX_MESH_FACES} triangles"
             fail(self.path, expected, f"{len(corners)} indices")
         if len(corners) and int(corners.max()) >= len(positions):
             fail(self.path, f"{what}: indices below {len(positions)}", int(corners.max()))
-        if mode == _TRIANGLES and len(corners) % 3:
+        if len(corners) % 3:
             fail(self.path, f"{what}: three indices per triangle", len(corners))
-        faces = faces_of(corners, mode)
+        faces = corners.reshape(-1, 3)
         return (positions.astype(np.float64), faces) if len(faces) else None
 
     def weights(
@@ -340,7 +342,7 @@ class _File:
         if entry.bufferView is not None:
             values = self._viewed(what, entry, dtype, count, n)
         if entry.sparse is not None:
-            values = self._replaced(what, values, entry.sparse)
+            fail(self.path, f"{what}: numbers of a buffer", "sparse ones")
         if dtype.kind == "f" or not entry.normalized:
             return values
         # glTF 2.0, 3.6.2.2: the most negative signed value means -1, too.
@@ -349,7 +351,7 @@ class _File:
     def _viewed(
         self, what: str, entry: Any, dtype: np.dtype[Any], count: int, n: int
     ) -> np.ndarray:
-        """Return the numbers that an accessor, or a part of a sparse one, has in a buffer view."""
+        """Return the numbers that an accessor has in a buffer view."""
         view = self.entry(self.document.bufferViews, entry.bufferView, f"bufferView of {what}")
         data = self.entry(self._buffers, view.buffer, f"buffer of {what}")
         size = n * dtype.itemsize
@@ -366,28 +368,3 @@ class _File:
         if count == 0:
             return np.zeros((0, n), dtype)
         return np.ndarray((count, n), dtype, data, first, strides=(stride, dtype.itemsize))
-
-    def _replaced(self, what: str, values: np.ndarray, sparse: Any) -> np.ndarray:
-        """Return `values` with the elements that a sparse accessor lists put in their place."""
-        count = self.entry(range(len(values) + 1), sparse.count, f"sparse count of {what}")
-        kind = sparse.indices.componentType
-        if kind not in (5121, 5123, 5125):
-            fail(self.path, f"sparse indices of {what}: unsigned integers", f"type {kind}")
-        index = f"sparse indices of {what}"
-        place = self._viewed(index, sparse.indices, np.dtype(_TYPES[kind]), count, 1)[:, 0]
-        if count and int(place.max()) >= len(values):
-            fail(self.path, f"{index} below {len(values)}", int(place.max()))
-        replaced = values.copy()
-        replaced[place] = self._viewed(what, sparse.values, values.dtype, count, values.shape[1])
-        return replaced
-
-
-def faces_of(corners: np.ndarray, mode: int) -> np.ndarray:
-    """Return the triangles (m, 3) of a list, a strip or a fan of corners."""
-    if mode == _TRIANGLES:
-        return corners.reshape(-1, 3)
-    at = np.arange(max(len(corners) - 2, 0))
-    if mode == _FAN:
-        return np.stack([np.full(len(at), corners[0]), corners[at + 1], corners[at + 2]], axis=1)
-    odd = at % 2  # every second triangle of a strip is turned over
-    return np.stack([corners[at], corners[at + 1 + odd], corners[at + 2 - odd]], axis=1)

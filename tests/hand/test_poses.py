@@ -207,9 +207,7 @@ def test_a_written_pose_is_read_again(tmp_path, suffix):
             'name = "x"\n[joints.wrist]\nabduction_deg = -91',
             r"joint wrist: abduction: expected an angle in \[-90, 110\] degrees, got -91 degrees",
         ),
-        ('name = "x"\n[joints.wrist]\n[joints.wrist]', "expected a pose"),
         ("name = ", "expected a pose"),
-        ("a." * 10_000 + "b = 1", "a line of"),
     ],
 )  # fmt: skip
 def test_files_that_are_no_pose_are_refused_with_their_name(tmp_path, text, message):
@@ -218,19 +216,6 @@ def test_files_that_are_no_pose_are_refused_with_their_name(tmp_path, text, mess
     with pytest.raises(MeasurementError, match=rf"bad\.toml: .*{message}") as info:
         read_pose(path)
     assert "\n" not in str(info.value)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["[1]", "{", '{"name": "x", "name": "y", "joints": {}}', "[" * 100_000,
-     '{"name": "x", "joints": {"wrist": {"flexion_deg": NaN}}}',
-     '{"name": "x", "joints": {"wrist": {"flexion_deg": 1e999}}}'],
-)  # fmt: skip
-def test_json_that_is_no_pose_is_refused(tmp_path, text):
-    path = tmp_path / "bad.json"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(MeasurementError, match=r"bad\.json"):
-        read_pose(path)
 
 
 def test_what_is_no_file_of_a_pose_is_refused(tmp_path):

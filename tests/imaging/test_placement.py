@@ -226,12 +226,12 @@ def test_the_hand_s_grid_is_extended_to_what_it_would_cut():
     thumb = echoes_of([0, -0.03, 0.25], amplitudes=[3.0])
     capture = Capture(palm.data + thumb.data, ARRAY, SWEEP)
     assert warned(capture, HAND_BOX) == [CUT]
-    grid = place_grid(capture)
+    found = placement.placement(capture, clradar.open_device())
+    grid = found.grid
     assert grid.spacing_m.tolist() == PAPER_GRID.spacing_m.tolist()
     assert grid.z_m[0] <= 0.24
     assert grid.z_m[-1] == pytest.approx(0.34)
     assert warned(capture, VoxelGrid.from_extent(*box_of(grid), 2e-3)) == []
-    found = placement.placement(capture, clradar.open_device())
     assert placement.placement_words(capture, found).startswith("that of a hand at 0.3 m, extended")
 
 

@@ -12,8 +12,6 @@ import pytest
 import trimesh
 from command_line import run
 from pygltflib import GLTF2, Sparse
-from pygltflib import AccessorSparseIndices as SparseIndices
-from pygltflib import AccessorSparseValues as SparseValues
 from rig_files import TIPS, RigMaker
 from scipy.spatial.transform import Rotation
 from systems import posix_only
@@ -300,7 +298,7 @@ def test_buffers_may_be_beside_the_file_or_inside(tmp_path):
         read_rig(tmp_path / "beside.gltf")
 
 
-def test_interleaved_and_sparse_arrays_are_read(tmp_path):
+def test_interleaved_arrays_are_read(tmp_path):
     plain = read_rig(make(tmp_path)).posed("F").vertices_m
     maker = RigMaker()
     document = maker.build()
@@ -316,27 +314,6 @@ def test_interleaved_and_sparse_arrays_are_read(tmp_path):
     rewritten(document, maker, tmp_path / "wide.glb")
     np.testing.assert_array_equal(read_rig(tmp_path / "wide.glb").posed("F").vertices_m, plain)
 
-    # Some positions are zeros in the array, and given in a sparse list.
-    maker = RigMaker()
-    document = maker.build()
-    given = np.arange(0, len(maker.positions), 3)
-    holes = maker.positions.copy()
-    holes[given] = 0.0
-    base = maker.accessor(holes, "<f4")
-    index, value = (
-        maker.accessor(given[:, None], "<u2"),
-        maker.accessor(maker.positions[given], "<f4"),
-    )
-    views = [document.accessors[i].bufferView for i in (index, value)]
-    document.accessors[base].sparse = Sparse(
-        count=len(given),
-        indices=SparseIndices(bufferView=views[0], componentType=5123),
-        values=SparseValues(bufferView=views[1]),
-    )
-    document.meshes[0].primitives[0].attributes.POSITION = base
-    rewritten(document, maker, tmp_path / "sparse.glb")
-    np.testing.assert_array_equal(read_rig(tmp_path / "sparse.glb").posed("F").vertices_m, plain)
-
 
 def rewritten(document: GLTF2, maker: RigMaker, path: Path) -> Path:
     document.buffers[0].byteLength = len(maker.blob)
@@ -345,16 +322,7 @@ def rewritten(document: GLTF2, maker: RigMaker, path: Path) -> Path:
     return path
 
 
-def test_strips_fans_and_lists_without_indices_are_triangles(tmp_path):
-    from clradar.rigs.gltf import faces_of
-
-    corners = np.array([10, 11, 12, 13, 14])
-    # glTF 2.0, 3.7.2.1: p_i = {v_i, v_(i+1+i%2), v_(i+2-i%2)} and p_i = {v_(i+1), v_(i+2), v_0}.
-    strip = faces_of(corners, 5)
-    assert strip.tolist() == [[10, 11, 12], [11, 13, 12], [12, 13, 14]]
-    fan = faces_of(corners, 6)
-    assert [sorted(t) for t in fan.tolist()] == [[10, 11, 12], [10, 12, 13], [10, 13, 14]]
-
+def test_lists_without_indices_are_triangles(tmp_path):
     def unindexed(maker: RigMaker) -> None:
         corners = maker.faces.reshape(-1)
         maker.positions = maker.positions[corners]
@@ -590,6 +558,8 @@ DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
     (one_place, "'index-finger-phalanx-distal' and 'index-finger-phalanx-intermediate' at the sam"),
     (put("skins[0].inverseBindMatrices", None),
      "vertices of fingers that mostly lie within 0.5 .* inverse bind matrices missing"),
+    (put(f"{PRIMITIVE}.mode", 5), "primitive 0: a plain list of triangles, got a strip or a fan"),
+    (put("accessors[1].sparse", Sparse(count=1)), "numbers of a buffer, got sparse ones"),
     (put(f"{PRIMITIVE}.mode", 1), "a mesh with triangles that the hand's joints move, got none"),
     # Counts that no byte backs.
     (uncounted("POSITION", 3_999_999), "at most 2000000 vertices, got 3999999"),

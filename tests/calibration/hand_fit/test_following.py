@@ -6,7 +6,7 @@ from hand_renderings import rendered_depth, state_of
 
 from calibration.hand_fit.belief import Belief
 from calibration.hand_fit.fit_hands import FRAME_S
-from calibration.hand_fit.following import Follower, Settled
+from calibration.hand_fit.following import Follower
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_shape_vector import SHAPE_STD
 from calibration.hand_fit.result import TIPS
@@ -18,45 +18,45 @@ from clradar.hand import interpolate_poses, pose_by_name
 from clradar.opencl import open_device
 
 
-def followed(fit_shape: bool, n_frames: int) -> list[Settled]:
-    """Renderings of an index finger that bends, each fitted to within a pixel at the tips."""
+def follower_of(*, fit_shape: bool) -> Follower:
     device = open_device("pocl")
-    aperture, model = Aperture(arrays.qar50(), 77e9), ParametricHand("right", device)
-    follower = Follower(model, aperture, device, fit_shape, 0)
-    found: list[Settled] = []
-    for frame, share in zip(range(n_frames), (0.0, 0.15), strict=False):
-        pose = interpolate_poses(pose_by_name("flat"), pose_by_name("F"), share)
-        truth = state_of(pose, model)
-        depth = rendered_depth(model, truth, aperture)
-        if not found:
-            belief = Belief.of_start(truth, 12.0, fit_shape)
-            found = [follower.settle(depth, truth, initial_log_brightness(), belief)]
-        else:
-            before = found[-1]
-            track = Track(
-                frame - 1, frame - 1, 0.0, "right", before.fitted.state, before.joints_m,
-                before.fitted.log_brightness, before.belief, np.eye(4), 0.125, (1.0,),
-            )  # fmt: skip
-            found.append(follower.follow(depth, track, FRAME_S))
-        joints_m = model.joints_m(truth.pose, truth.shape) + truth.transform[:3, 3]
-        away_m = np.linalg.norm(found[-1].joints_m - joints_m, axis=1)[list(TIPS)]
-        assert away_m.max() < 2e-3, away_m
-    return found
+    return Follower(
+        ParametricHand("right", device), Aperture(arrays.qar50(), 77e9), device, fit_shape, 0
+    )
 
 
 def test_a_frame_is_followed_from_the_one_before():
-    first, second = followed(False, 2)
-    moved_m = np.linalg.norm(second.joints_m - first.joints_m, axis=1)[list(TIPS)]
-    assert moved_m.max() > 8e-3  # the tip of the index, which bends
-    assert first.belief.known.stop == 23
+    """The index finger has bent, and all tips are found within a pixel."""
+    follower = follower_of(fit_shape=False)
+    model, aperture = follower.model, follower.aperture
+    flat, other = pose_by_name("flat"), pose_by_name("F")
+    before, now = (state_of(interpolate_poses(flat, other, s), model) for s in (0.0, 0.15))
+    joints_m, true_m = (
+        model.joints_m(one.pose, one.shape) + one.transform[:3, 3] for one in (before, now)
+    )
+    belief = Belief.of_start(before, 12.0, False)
+    track = Track(
+        0, 0, 0.0, "right", before, joints_m, initial_log_brightness(), belief, np.eye(4), 0.125,
+        (1.0,),
+    )  # fmt: skip
+    found = follower.follow(rendered_depth(model, now, aperture), track, FRAME_S)
+    tips = list(TIPS)
+    assert np.linalg.norm(found.joints_m - true_m, axis=1)[tips].max() < 2e-3
+    # The tip of the index, which bends.
+    assert np.linalg.norm(found.joints_m - joints_m, axis=1)[tips].max() > 8e-3
+    assert found.belief.known.stop == 23
     # A measured belief is no wider than before, and a covariance.
-    before = first.belief.after(FRAME_S).covariance
-    assert (np.diag(second.belief.covariance)[:23] <= np.diag(before)[:23] * (1 + 1e-9)).all()
-    assert np.linalg.eigvalsh(second.belief.covariance).min() > 0
+    widest = np.diag(belief.after(FRAME_S).covariance)[:23] * (1 + 1e-9)
+    assert (np.diag(found.belief.covariance)[:23] <= widest).all()
+    assert np.linalg.eigvalsh(found.belief.covariance).min() > 0
 
 
 @pytest.mark.slow
 def test_a_frame_tells_of_the_shape():
-    (found,) = followed(True, 1)
+    follower = follower_of(fit_shape=True)
+    truth = state_of(pose_by_name("flat"), follower.model)
+    depth = rendered_depth(follower.model, truth, follower.aperture)
+    belief = Belief.of_start(truth, 12.0, True)
+    found = follower.settle(depth, truth, initial_log_brightness(), belief)
     assert found.belief.known.stop == 31
     assert (found.belief.shape_std[:2] < 0.5 * SHAPE_STD[:2]).all()  # length and breadth
