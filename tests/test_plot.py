@@ -18,7 +18,6 @@ from clradar.errors import CompareError, ModelError, OutputError
 from clradar.model import AntennaArray, DepthMap, ImageScale, Volume, VoxelGrid, Waveform
 from clradar.plot import (
     comparison_figure,
-    disagreement_figure,
     image_figure,
     panels_figure,
     plane_of,
@@ -162,7 +161,6 @@ def test_no_text_over_another_or_off_the_page(image, count):
     columns = [(label, image) for label in (LONG, *(f"{ALPHA} = {i}" for i in range(count - 1)))]
     assert_legible(comparison_figure(image, columns, metrics=metrics, differences=True))
     assert_legible(image_figure(image, LONG))
-    assert_legible(disagreement_figure(image, image, title=LONG))
 
 
 ZERO = Volume(np.zeros_like(blob().data), blob().grid)
@@ -311,19 +309,10 @@ def test_disagreement_is_drawn_with_rings_around_unmatched_objects():
     assert "ring: object missing" in "".join(texts(figure))
     assert "dotted" not in "".join(texts(figure))
     # The other way round it is surplus: the same place, the other sign, another ring.
-    turned = disagreement_figure(blob(), two)
-    mesh, other = turned.axes[0].collections
+    turned = comparison_figure(blob(), [("two", two)], differences=True)
+    mesh, other = turned.axes[4].collections
     assert mesh.get_array()[10, 10] < -12.0
     assert other.get_linestyles() != ring.get_linestyles()
-
-
-def test_disagreement_after_a_motion():
-    back = np.eye(4)
-    back[0, 3] = 20e-3
-    figure = disagreement_figure(blob(), blob(0.0, 30.0), back)
-    assert np.abs(drawn(figure.axes[0]).compressed()).max() < 1.0
-    assert len(figure.axes[0].collections) == 1
-    assert len(disagreement_figure(blob(), blob(0.0, 30.0, 320.0), back).axes[0].collections) == 3
 
 
 def small_figure() -> Figure:

@@ -11,7 +11,6 @@ import numpy as np
 
 from clradar.compare.images import check_same_pixels, depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
 
 NEAR_M = 6e-3
@@ -79,13 +78,12 @@ class Disagreement:
 
     `level_db`, shape (n_y, n_x), is above 0 where the measurement is stronger than all of the
     simulation near the pixel, below 0 the other way round, in [-60, 60]; NaN where neither is
-    within the dynamic range. `depth_m` is simulated minus measured; NaN where one of them has no
-    depth. `gain_db` is what the simulation is raised by before levels are compared. `missing` and
-    `surplus` are the bright objects of one image alone, the largest share first.
+    within the dynamic range. `gain_db` is what the simulation is raised by before levels are
+    compared. `missing` and `surplus` are the bright objects of one image alone, the largest share
+    first.
     """
 
     level_db: np.ndarray
-    depth_m: np.ndarray
     x_m: np.ndarray
     y_m: np.ndarray
     gain_db: float
@@ -97,7 +95,6 @@ class Disagreement:
 def disagreement(
     measured: Volume | DepthMap,
     simulated: Volume | DepthMap,
-    transform: np.ndarray | None = None,
     *,
     dynamic_range_db: float = DYNAMIC_RANGE_DB,
 ) -> Disagreement:
@@ -105,54 +102,13 @@ def disagreement(
 
     An object is unmatched where an image is 12 dB stronger than anything of the other within 6 mm
     across boresight and 10 mm along it, with 1 % of its image's energy at least: a displacement of
-    a few millimetres, another seed or another alpha leave none. A 4 x 4 `transform`, as that of
-    `calibration.align`, moves the simulated depth points first, and puts each on the nearest
-    measured pixel; the images may then be on different pixels.
+    a few millimetres, another seed or another alpha leave none.
     """
     dynamic_range_db = checks.dynamic_range("disagreement: dynamic_range_db", dynamic_range_db)
     first = depth_map_of(measured, dynamic_range_db, "measured image")
-    if transform is not None:
-        matrix = checks.transform("disagreement: transform", transform)
-        simulated = _moved(simulated, matrix, first)
     second = depth_map_of(simulated, dynamic_range_db, "simulated image")
     check_same_pixels(first, second)
     return disagreement_of(first, second)
-
-
-def _moved(image: Volume | DepthMap, transform: np.ndarray, pixels: DepthMap) -> DepthMap:
-    """Return the depth points of an image after a motion, each on the nearest pixel of another.
-
-    Where several meet, the strongest is kept, as in a maximum projection. Points down to
-    `WEAKER_DB` below the cut come along where they are known: weak is not missing.
-    """
-    deepest_db = pixels.dynamic_range_db + WEAKER_DB
-    if isinstance(image, DepthMap):
-        deepest_db = min(deepest_db, image.dynamic_range_db)
-    cut = depth_map_of(image, max(deepest_db, pixels.dynamic_range_db), "simulated image")
-    x_m, y_m, z_m = transform[:3, :3] @ cut.points_m().T + transform[:3, 3:]
-    column, row = _nearest(pixels.x_m, x_m), _nearest(pixels.y_m, y_m)
-    inside = np.flatnonzero((column >= 0) & (row >= 0))
-    if len(inside) == 0:
-        raise CompareError(
-            "disagreement: expected a part of the simulated image on the measured pixels after the "
-            "motion, got none"
-        )
-    amplitude = cut.amplitude[cut.mask]
-    inside = inside[np.argsort(amplitude[inside], kind="stable")]  # the strongest comes last
-    depth_m = np.full(pixels.depth_m.shape, np.nan)
-    strength = np.zeros(pixels.depth_m.shape, dtype=np.float32)
-    depth_m[row[inside], column[inside]] = z_m[inside]
-    strength[row[inside], column[inside]] = amplitude[inside]
-    return DepthMap(depth_m, strength, pixels.x_m, pixels.y_m, cut.dynamic_range_db)
-
-
-def _nearest(axis_m: np.ndarray, at_m: np.ndarray) -> np.ndarray:
-    """Return the index of the pixel centre nearest to each position; -1 beside the pixels."""
-    if len(axis_m) == 1:
-        return np.zeros(len(at_m), dtype=int)
-    borders = (axis_m[1:] + axis_m[:-1]) / 2
-    low, high = 2 * axis_m[0] - borders[0], 2 * axis_m[-1] - borders[-1]
-    return np.where((at_m >= low) & (at_m <= high), np.searchsorted(borders, at_m), -1)
 
 
 def disagreement_of(measured: DepthMap, simulated: DepthMap) -> Disagreement:
@@ -186,7 +142,6 @@ def disagreement_of(measured: DepthMap, simulated: DepthMap) -> Disagreement:
     level_db[simulated.mask] -= theirs
     return Disagreement(
         level_db=level_db,
-        depth_m=simulated.depth_m - measured.depth_m,
         x_m=measured.x_m,
         y_m=measured.y_m,
         gain_db=20.0 * math.log10(gain),

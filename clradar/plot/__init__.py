@@ -6,7 +6,7 @@ calls.
 
 from clradar.plot.array import array_figure
 from clradar.plot.captures import capture_figure, recording_figure
-from clradar.plot.comparison import comparison_figure, disagreement_figure
+from clradar.plot.comparison import comparison_figure
 from clradar.plot.figures import image_figure, panels_figure
 from clradar.plot.layout import printable
 from clradar.plot.panels import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
@@ -22,7 +22,6 @@ __all__ = [
     "capture_figure",
     "comparison_figure",
     "depth_limits_mm",
-    "disagreement_figure",
     "image_figure",
     "panels_figure",
     "plane_of",

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from clradar.compare import (
     METRIC_TABLE,
     Disagreement,
@@ -25,7 +23,6 @@ from clradar.plot.layout import (
     MULTIPLE_PANEL_WIDTH,
     POINTS_PER_INCH,
     ROW_WIDTH,
-    SINGLE_PANEL_WIDTH,
     TITLE_PT,
     Extent,
     new_panels,
@@ -42,7 +39,6 @@ from clradar.plot.panels import (
     depth_limits_mm,
     draw_amplitude,
     draw_depth,
-    draw_depth_difference,
     draw_frame,
     draw_level_difference,
 )
@@ -140,36 +136,6 @@ def _unmatched_note(found: Sequence[Disagreement]) -> str:
     if any(one.surplus for one in found):
         parts.append("dotted ring: object in the simulation alone")
     return "; ".join(parts) + "."
-
-
-def disagreement_figure(
-    measured: Volume | DepthMap,
-    simulated: Volume | DepthMap,
-    transform: np.ndarray | None = None,
-    title: str | None = None,
-    *,
-    dynamic_range_db: float = DYNAMIC_RANGE_DB,
-) -> Figure:
-    """Draw where a simulated image disagrees with a measured one: in level, and in depth.
-
-    `transform`, shape (4, 4), moves the simulated depth points first. After ``found =
-    align(measured, simulated)`` pass ``found.transform``; after ``found = register(measured,
-    mesh)`` pass ``found.volume`` as the simulated image, without a transform. Orange is stronger,
-    or nearer, in the measurement, blue in the simulation; a ring surrounds an object that is
-    missing from the simulation, a dotted one an object in the simulation alone. Errors are those of
-    `clradar.compare.disagreement`.
-    """
-    found = disagreement(measured, simulated, transform, dynamic_range_db=dynamic_range_db)
-    extent = Extent.around([found])
-    size = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
-    figure, ((level, depth),) = new_panels(1, 2, size, title, bars=2, labels=(1, 2))
-    for axes, name, draw, bar in (
-        (level, "Level, measured over simulated", draw_level_difference, UNMATCHED),
-        (depth, "Depth, simulated minus measured", draw_depth_difference, "depth difference (mm)"),
-    ):
-        draw_frame(axes, extent, name)
-        add_bar([axes], draw(axes, found, extent.unit), bar)
-    return settled(figure)
 
 
 def _write_caption(figure: Figure, metrics: Sequence[Metrics], notes: Sequence[str]) -> None:

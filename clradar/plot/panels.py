@@ -144,12 +144,6 @@ def draw_level_difference(axes: Axes, found: Disagreement, unit: LengthUnit) -> 
     return drawn
 
 
-def draw_depth_difference(axes: Axes, found: Disagreement, unit: LengthUnit) -> Any:
-    """Draw how much nearer or farther the simulation is."""
-    scale = difference_scale().with_extremes(bad=DEPTH_BACKGROUND)
-    return draw_mesh(axes, found, unit, 1e3 * found.depth_m, scale, (-DEPTH_MM, DEPTH_MM))
-
-
 def _draw_ring(axes: Axes, one: UnmatchedObject, unit: LengthUnit, style: Any) -> None:
     x, y = (unit.per_m * value for value in one.position_m[:2])
     # A scatter, since a marker of a line cannot have a dashed edge.

@@ -32,7 +32,7 @@ def test_a_moving_scene_becomes_a_recording_with_its_truth(
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.01)
     ball.apply_translation([0, 0, 0.2]).export(tmp_path / "ball.ply")
     (tmp_path / "motion.toml").write_text(MOTION)
-    options = "--band 72:82:2 --samples-per-mm2 0.1 --estimator expected"
+    options = "--band 72:82:2 --samples-per-mm2 0.02 --estimator expected"
     command = f"simulate ball.ply --motion motion.toml {options} -o"
     made = run(*command.split(), "moving", "--frames", 2, "--rate-hz", 1)
     assert made.status == 0, made.err

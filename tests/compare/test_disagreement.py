@@ -9,7 +9,6 @@ import pytest
 from clradar import ClradarWarning, DepthMap, Metrics, Volume, VoxelGrid, compare
 from clradar.compare import UnmatchedObject, disagreement
 from clradar.compare.unmatched import MOST_DB, NEAR_DEPTH_M, NEAR_M, WEAKER_DB
-from clradar.errors import CompareError, ModelError
 
 MM = 1e-3
 GRID = VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.27, 0.33), 2 * MM)
@@ -161,37 +160,6 @@ def test_against_all_pairs_of_pixels():
             expected[row, column] += sign * np.clip(excess, 0.0, MOST_DB)
     assert np.abs(expected[~np.isnan(expected)]).max() > 3.0
     np.testing.assert_allclose(found.level_db, expected, atol=1e-9)
-
-
-def test_a_motion_is_applied_to_the_simulated_points():
-    """As after `align`: on other pixels, and where several points meet the strongest stays."""
-    moved = {
-        name: ((x - 20, y + 6, z + 9), radius, level)
-        for name, ((x, y, z), radius, level) in SPOTS.items()
-        if name != "bright"
-    }
-    back = np.eye(4)
-    back[:3, 3] = [0.020, -0.006, -0.009]
-    simulated = scene(OTHERS, **moved)
-    assert places_mm(disagreement(MEASURED, simulated).missing) != [(-36, 30, 290)]
-    found = disagreement(MEASURED, simulated, back)
-    assert places_mm(found.missing) == [(-36, 30, 290)]
-    assert found.surplus == ()
-    assert np.nanmax(np.abs(found.depth_m)) < 2 * MM
-    fewer = simulated.depth_map(30.0)
-    half = DepthMap(
-        fewer.depth_m[::2, 1:], fewer.amplitude[::2, 1:], fewer.x_m[1:], fewer.y_m[::2], 30.0
-    )
-    assert places_mm(disagreement(MEASURED, half, back).missing) == [(-36, 30, 290)]
-
-
-def test_errors_of_a_motion():
-    away = np.eye(4)
-    away[0, 3] = 1.0
-    with pytest.raises(CompareError, match="on the measured pixels after the motion, got none"):
-        disagreement(MEASURED, MEASURED, away)
-    with pytest.raises(ModelError, match="disagreement: transform"):
-        disagreement(MEASURED, MEASURED, np.ones((3, 3)))
 
 
 def test_it_is_part_of_the_record():

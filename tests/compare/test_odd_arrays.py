@@ -11,7 +11,7 @@ import pytest
 from nightly import nightly
 
 from clradar import DepthMap, Volume, VoxelGrid, compare
-from clradar.compare import METRICS, disagreement
+from clradar.compare import METRICS
 from clradar.errors import ClradarError, ModelError
 from clradar.plot import image_figure
 from clradar.report import ReportImage, html_report
@@ -72,7 +72,6 @@ USES: dict[str, Callable[[Any, Any], Any]] = {
     "another": lambda image, plain: compare(image, plain),
     "back": lambda image, plain: compare(plain, image),
     "deep": lambda image, plain: compare(image, plain, dynamic_range_db=1000.0),
-    "moved": lambda image, _: disagreement(image, image, np.eye(4)),
     "maximum": lambda image, _: image.max_projection() if isinstance(image, Volume) else None,
 }
 
