@@ -11,7 +11,7 @@ import numpy as np
 
 from clradar.errors import MeasurementError, ModelError
 from clradar.files.failures import shown
-from clradar.files.limits import MAX_ARRAY_FILE_BYTES
+from clradar.files.limits import MAX_LONG_TOML_BYTES
 from clradar.files.toml_file import read_toml, toml_document, toml_string
 from clradar.model import AntennaArray
 
@@ -122,7 +122,7 @@ def array_text(array: AntennaArray) -> str:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    return read_toml(path, _EXPECTED, limit=MAX_ARRAY_FILE_BYTES)
+    return read_toml(path, _EXPECTED, limit=MAX_LONG_TOML_BYTES)
 
 
 def _arrays(content: Mapping[str, Any], source: str, name: str) -> tuple[AntennaArray, ...]:

@@ -29,6 +29,7 @@ from clradar.files.atomic import (
     remove_left,
     swap_folder,
     write_file,
+    writing,
 )
 from clradar.files.hashing import sha256_of
 from clradar.versions import package_versions
@@ -42,17 +43,6 @@ OWNED_DEPTH = 3
 """Folders above a file that may own it: a recording is three above its frames."""
 
 
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Raise the system's error about a name as an `OutputError`."""
-    try:
-        yield
-    except OutputError:
-        raise
-    except (OSError, ValueError) as error:  # a name that is too long, or holds a zero byte
-        raise OutputError(f"{path}: cannot be written: {error}") from error
-
-
 def check_outputs(
     outputs: Iterable[Path | None], *, force: bool, inputs: Iterable[Path] = ()
 ) -> None:
@@ -62,7 +52,7 @@ def check_outputs(
     remove_left(wanted)
     known: dict[Path, bool] = {}
     for output in wanted:
-        with _writing(output):
+        with writing(output):
             if any(_same(output, path) for path in read):
                 raise OutputError(f"{output}: is also an input; choose another name")
             place = os.path.realpath(output).casefold()  # case may not count on this disk
@@ -97,7 +87,7 @@ def check_folder(
     None: any.
     """
     check_place_of_folder(folder, replaced or (), inputs)
-    with _writing(folder):
+    with writing(folder):
         there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     if there and not force:
         raise OutputError(
@@ -115,7 +105,7 @@ def check_place_of_folder(
     folder: Path, replaced: Collection[str] = (), inputs: Iterable[Path] = ()
 ) -> None:
     """Raise unless there is or may be such a folder, with no input among what is `replaced`."""
-    with _writing(folder):
+    with writing(folder):
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
         remove_left([folder])
@@ -171,7 +161,7 @@ def _owner_of(folder: Path, name: str, known: dict[Path, bool]) -> str | None:
 def made_folder(folder: Path) -> Iterator[None]:
     """Make a folder where there is none; a failure that leaves it empty removes it again."""
     missing = not folder.is_dir()
-    with _writing(folder):
+    with writing(folder):
         folder.mkdir(exist_ok=True)
     try:
         yield
@@ -205,12 +195,8 @@ def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) 
     import measurement_io as io
 
     result = replace(result, meta={**result.meta, **origin})
-    kinds: Any = (
-        (cl.Capture, io.save_capture),
-        (cl.Volume, io.save_volume),
-        (cl.ChannelCalibration, io.save_channels),
-    )
-    next(write for kind, write in kinds if isinstance(result, kind))(path, result, force=force)
+    writers: Any = {cl.Capture: io.save_capture, cl.Volume: io.save_volume}
+    writers.get(type(result), io.save_channels)(path, result, force=force)
     return result
 
 

@@ -28,18 +28,26 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
     target = Path(path)
     refuse_existing(target, force=force)
     temporary = _temporary(target)
+    with writing(target):
+        try:
+            yield temporary
+            _sync(temporary)
+            _put(temporary, target, force=force)
+            _sync(target.parent)
+        finally:
+            with suppress(OSError):
+                temporary.unlink()
+
+
+@contextmanager
+def writing(target: Path) -> Iterator[None]:
+    """Turn what the system says of a target, such as that its name is too long, into one error."""
     try:
-        yield temporary
-        _sync(temporary)
-        _put(temporary, target, force=force)
-        _sync(target.parent)
+        yield
     except ClradarError:
         raise
-    except (OSError, RuntimeError) as error:  # h5py reports a full disk as either
+    except (OSError, ValueError, RuntimeError) as error:  # h5py reports a full disk as the last
         raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
 
 
 def _put(temporary: Path, target: Path, *, force: bool) -> None:
@@ -49,18 +57,11 @@ def _put(temporary: Path, target: Path, *, force: bool) -> None:
     """
     refuse_existing(target, force=force)
     if not force:
-        try:
+        with suppress(OSError):  # the name is taken, or the file system has no hard links
             os.link(temporary, target)
             return
-        except FileExistsError as error:
-            raise _exists_already(target) from error
-        except OSError:  # a file system without hard links
-            pass
+        refuse_existing(target, force=force)
     os.replace(temporary, target)
-
-
-def _exists_already(target: Path) -> OutputError:
-    return OutputError(f"{shown(target)}: exists already; not overwritten without force")
 
 
 def require_space(temporary: Path, size_bytes: int) -> None:
@@ -147,7 +148,7 @@ def refuse_existing(target: Path, *, force: bool) -> None:
     """Raise `OutputError` unless `target` may be written."""
     if "\0" in str(target):  # HDF5 would cut the name there and write another file
         raise OutputError(f"{shown(target)}: no file can have such a name")
-    try:
+    with writing(target):
         if not target.parent.is_dir():
             raise OutputError(
                 f"{shown(target)}: expected an existing folder, got '{shown(target.parent)}'"
@@ -156,11 +157,7 @@ def refuse_existing(target: Path, *, force: bool) -> None:
             raise OutputError(f"{shown(target)}: expected a file's name, got a folder")
         refuse_special(target)
         if os.path.lexists(target) and not force:
-            raise _exists_already(target)
-    except OutputError:
-        raise
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
+            raise OutputError(f"{shown(target)}: exists already; not overwritten without force")
 
 
 def refuse_special(target: Path) -> None:
@@ -196,17 +193,14 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     target = Path(path).absolute()
     temporary = _temporary(target)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        temporary.mkdir()
-        yield temporary
-    except ClradarError:
-        raise
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
-    finally:
-        with postponed():
-            shutil.rmtree(temporary, ignore_errors=True)
+    with writing(target):
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            temporary.mkdir()
+            yield temporary
+        finally:
+            with postponed():
+                shutil.rmtree(temporary, ignore_errors=True)
 
 
 def move_folder(source: Path, target: Path) -> None:

@@ -40,9 +40,8 @@ def content_record(path: Path) -> dict[str, Any]:
     with reading(path, expected):
         system = _system(path)  # before it is read: what is written meanwhile will differ
         settled = time.time_ns() - max(system[-2:]) > SETTLED_NS
-        return {
-            "file": path.name, "sha256": sha256_of(path), "system": system if settled else None
-        }  # fmt: skip
+        known = {"file": path.name, "sha256": sha256_of(path)}
+        return {**known, "system": system if settled else None}
 
 
 def holds_still(path: Path, record: Mapping[str, Any]) -> bool:

@@ -11,7 +11,7 @@ from clradar.files.json_text import indented, parse_json, parse_object
 from clradar.files.limits import MAX_JSON_BYTES
 
 
-def read_json(path: Path, expected: str, limit: int) -> Any:
+def read_json(path: Path, expected: str, limit: int = MAX_JSON_BYTES) -> Any:
     """Return the value that a file of at most `limit` bytes holds, UTF-8, with or without a BOM."""
     content = read_bytes(path, expected, limit)
     with reading(path, expected):

@@ -10,16 +10,12 @@ MAX_MESSAGE_CHARACTERS = 400
 """Of a foreign message that is passed on; a damaged file can make one of any length."""
 MAX_JSON_BYTES = 16 * 2**20
 """JSON of recordings and of `meta`, read or written; other attributes of HDF5 files."""
-MAX_SMALL_JSON_BYTES = 2**20
-"""JSON of a matrix, of joints, of settings."""
 MAX_JSON_DEPTH = 64
 """Nesting of lists and mappings."""
 MAX_TOML_BYTES = 2**18
 """Layouts, poses, mappings of rigs, materials."""
-MAX_PLAN_BYTES = 2**20
-"""Plans of data sets: they can list thousands of poses."""
-MAX_ARRAY_FILE_BYTES = 2**21
-"""Antenna arrays: they can list thousands of antennas."""
+MAX_LONG_TOML_BYTES = 2**21
+"""Plans of data sets and antenna arrays: they can list thousands of poses or antennas."""
 MAX_TOML_LINE_CHARACTERS = 2**14
 """A key of thousands of dotted parts keeps the parser busy for minutes."""
 MAX_ANTENNA_FILE_BYTES = 2**20

@@ -19,7 +19,6 @@ from clradar.files.failures import fail, reading, shown
 from clradar.files.hashing import content_record, holds_still
 from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json, write_json
-from clradar.files.limits import MAX_JSON_BYTES
 from clradar.jobs.lock import LOCK, held, remove_temporaries
 from clradar.jobs.where import Where
 from clradar.model.progress import Progress
@@ -108,7 +107,7 @@ class Job:
     def _read_key(self, path: Path) -> dict[str, Any]:
         expected = f"the settings of a begun {self.work}, as JSON"
         try:
-            value = read_json(path, expected, MAX_JSON_BYTES)
+            value = read_json(path, expected)
             if not isinstance(value, dict):
                 fail(path, expected, "no JSON object")
             return value

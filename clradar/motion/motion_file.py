@@ -39,7 +39,7 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     found.files.append(path)
     for i, hand in enumerate(found.hand):
         try:
-            found.hands.append(hand.arguments(path.parent, found.files))
+            found.hands.append(hand.moving(path.parent, found.files))
         except ModelError as error:
             raise MeasurementError(f"{shown(path)}: hand[{i}]: {error}") from error
     if found.sweep.table_us is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -119,7 +120,7 @@ class HandTable(Moving):
     rig_hand: Annotated[str | None, one_of("right", "left")] = None
     betas: Numbers | None = None
     handedness: Annotated[str, one_of("right", "left")] = "right"
-    edge_mm: Number = 1e3 * DEFAULT_EDGE_LENGTH_M
+    edge_mm: Number | None = None
     length_mm: Number | None = None
     breadth_mm: Number | None = None
     girth: Number = AVERAGE.girth
@@ -136,39 +137,36 @@ class HandTable(Moving):
         self._motion = self.rigid("linear", needed=False)
         return self
 
-    def arguments(self, folder: Path, files: list[Path]) -> dict[str, Any]:
-        """Return those of `MovingHand`, whose files are in a folder and are added to a list."""
+    def moving(self, folder: Path, files: list[Path]) -> MovingHand:
+        """Return the hand, whose files are in a folder and are added to a list."""
         poses = []
         for own in self.pose:
             is_file = bool(Path(own.pose).suffix)
             files += [folder / own.pose] if is_file else []
             poses.append(str(files[-1]) if is_file else own.pose)
-        found: dict[str, Any] = {
-            "times_s": [own.time_s for own in self.pose], "poses": poses, "profile": self.profile,
-            "motion": self._motion, "handedness": self.handedness,
-            "center_m": DEFAULT_CENTER_M, "edge_length_m": DEFAULT_EDGE_LENGTH_M,
-        }  # fmt: skip
-        if "edge_mm" in self.model_fields_set:
-            found["edge_length_m"] = self.edge_mm / 1e3
-        if self.center_mm is not None:
-            found["center_m"] = [v / 1e3 for v in self.center_mm]
+        rig = None
         if self.rig is not None:
             from clradar.rigs import read_rig
 
-            rig = folder / self.rig
+            file, unit = folder / self.rig, self.rig_unit
             mapping = None if self.mapping is None else folder / self.mapping
-            files += [rig] if mapping is None else [rig, mapping]
-            unit = self.rig_unit
-            found["rig"] = read_rig(
-                rig, mapping=mapping, handedness=self.rig_hand, betas=self.betas,
-                unit=unit if unit is None or isinstance(unit, str) else unit / 1e3,
-            )  # fmt: skip
-        found["shape"] = HandShape(
-            AVERAGE.length_m if self.length_mm is None else self.length_mm / 1e3,
-            AVERAGE.breadth_m if self.breadth_mm is None else self.breadth_mm / 1e3,
-            self.finger_lengths, self.girth,
+            files += [file] if mapping is None else [file, mapping]
+            unit_m = unit if unit is None or isinstance(unit, str) else unit / 1e3
+            rig = read_rig(
+                file, mapping=mapping, handedness=self.rig_hand, betas=self.betas, unit=unit_m
+            )
+        length_m = _metres(self.length_mm, AVERAGE.length_m)
+        breadth_m = _metres(self.breadth_mm, AVERAGE.breadth_m)
+        return MovingHand(
+            [own.time_s for own in self.pose], poses, self.profile, self._motion,
+            DEFAULT_CENTER_M if self.center_mm is None else [v / 1e3 for v in self.center_mm],
+            HandShape(length_m, breadth_m, self.finger_lengths, self.girth),
+            _metres(self.edge_mm, DEFAULT_EDGE_LENGTH_M), self.handedness, rig,
         )  # fmt: skip
-        return {**found, "poses": MovingHand(**found).poses}  # which it reads
+
+
+def _metres(length_mm: float | None, default_m: float) -> float:
+    return default_m if length_mm is None else length_mm / 1e3
 
 
 class SweepTable(FileRecord):
@@ -198,15 +196,14 @@ class SweepTable(FileRecord):
 class Motion(FileRecord):
     """What a motion file says.
 
-    Beside its tables `bodies`, motions by the name of a mesh file ("": of all others), `hands`,
-    arguments of `MovingHand`, all `files` that were read, and `times_s` of a table, if there is
-    one, (n_tx or n_tx * n_rx, n_freq).
+    Beside its tables `bodies`, motions by the name of a mesh file ("": of all others), `hands`, the
+    `files` that were read, and `times_s` of a table, if there is one: (rows, n_freq).
     """
 
     body: tuple[BodyTable, ...] = Field((), description="tables [[body]]")
     hand: tuple[HandTable, ...] = Field((), description="tables [[hand]]")
     sweep: SweepTable = SweepTable()
-    _hands: list[dict[str, Any]] = PrivateAttr(default_factory=list)
+    _hands: list[MovingHand] = PrivateAttr(default_factory=list)
     _files: list[Path] = PrivateAttr(default_factory=list)
     _times_s: list[np.ndarray] = PrivateAttr(default_factory=list)
 
@@ -226,7 +223,7 @@ class Motion(FileRecord):
         return {own.mesh: own._motion for own in self.body}
 
     @property
-    def hands(self) -> list[dict[str, Any]]:
+    def hands(self) -> list[MovingHand]:
         return self._hands
 
     @property
@@ -282,7 +279,7 @@ class Motion(FileRecord):
             MovingBody(scene, self.bodies.get(name, self.bodies.get("")))
             for name, scene in bodies.items()
         ]
-        moving += [MovingHand(**hand, alpha=alpha, device=device) for hand in self.hands]
+        moving += [replace(hand, alpha=alpha, device=device) for hand in self.hands]
         if not moving:
             checks.fail(f"{self.files[0]}", "a mesh, or [[hand]] in the file", "neither")
         return MovingScene(moving, finish)

@@ -21,7 +21,6 @@ from pydantic import BeforeValidator, RootModel
 from clradar.errors import ModelError
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.json_file import read_json, read_json_object
-from clradar.files.limits import MAX_SMALL_JSON_BYTES
 from clradar.files.records import OpenRecord, mistake, record_of, row_tuple
 from clradar.model import checks
 
@@ -199,7 +198,7 @@ def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
     """
     path = Path(path)
     expected = "a JSON file with a 4 x 4 matrix, or an object with one as 'transform'"
-    value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+    value = read_json(path, expected)
     if isinstance(value, dict) and any(MESH_SOURCE in str(key).split("2") for key in value):
         return read_alignment(path).to_antenna(MESH_SOURCE)
     value = value if isinstance(value, dict) else {"transform": value}

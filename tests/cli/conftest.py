@@ -7,6 +7,7 @@ from pathlib import Path
 import command_line
 import pytest
 from command_line import DENSITY, EDGE_MM, GRID, Outcome, Run, exit_status
+from quick_figures import draw_quickly, lay_out_once, seek_no_lobes
 
 from measurement_io import open_capture, save_recording
 
@@ -16,12 +17,24 @@ def _device(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
 
 
+@pytest.fixture(autouse=True)
+def _layout(monkeypatch: pytest.MonkeyPatch) -> None:
+    lay_out_once(monkeypatch)
+
+
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
     def call(*arguments: object) -> Outcome:
         return Outcome(*command_line.run(capsys, *arguments))
 
     return call
+
+
+@pytest.fixture
+def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures without content, images without a search for lobes."""
+    draw_quickly(monkeypatch)
+    seek_no_lobes(monkeypatch)
 
 
 @pytest.fixture(scope="session")

@@ -112,6 +112,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 NAMES = ["cluster_001.h5", "cluster_002.h5", "cluster_003.h5", "settings.json"]
 
 
+@pytest.mark.usefixtures("quickly")
 def test_from_the_simulation_to_one_image_on_the_command_line(
     run: Run, tmp_path: Path, radar: Path, command: list[str]
 ) -> None:

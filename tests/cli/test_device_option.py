@@ -41,6 +41,7 @@ def test_every_command_with_a_device_takes_all(
         raise ValueError("the demo is made")
 
     monkeypatch.setattr("clradar.cli.commands.demo.run_demo", broken)
+    monkeypatch.setattr("clradar.cli.recordings.RecordingWork._write", lambda *_: None)
     for path in made.iterdir():
         (tmp_path / path.name).symlink_to(path)
     monkeypatch.chdir(tmp_path)

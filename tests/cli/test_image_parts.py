@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from command_line import Run, one_error_line
 from nightly import nightly
+from quick_figures import draw_quickly, seek_no_lobes
 
 import clradar
 from clradar.cli.images import PartSteps
@@ -46,6 +47,8 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fast, "TILE_VOXELS", PIECE_VOXELS)
     monkeypatch.setattr(fast, "FEW_TERMS", 0)
+    seek_no_lobes(monkeypatch)
+    draw_quickly(monkeypatch)
 
 
 def test_the_parts_make_the_image_that_is_formed_in_memory(

@@ -37,15 +37,14 @@ def test_files_are_drawn_without_a_device(
     assert outcome.status == 0, outcome.err
     assert (tmp_path / "x.png").read_bytes()[:4] == b"\x89PNG"
     if name == "volume.h5":
-        options = ["--png", tmp_path / "y.png", "--report", tmp_path / "y.html"]
-        outcome = run("image", made / name, *options)
+        outcome = run("image", made / name, "--png", tmp_path / "y.png")
         assert outcome.status == 0, outcome.err
         same = [(tmp_path / f"{letter}.png").read_bytes() for letter in "xy"]
         assert same[0] == same[1]
 
 
 def test_slices_and_views_of_a_volume_are_drawn(run: Run, made: Path, tmp_path: Path) -> None:
-    for i, options in enumerate((["--view", "all"], ["--slice", "y=0"], ["--slice", "x"])):
+    for i, options in enumerate((["--view", "all"], ["--slice", "y=0"])):
         outcome = run("inspect", made / "volume.h5", "--png", tmp_path / f"{i}.png", *options)
         assert outcome.status == 0, outcome.err
     for name, options in (("volume.h5", ["--slice", "q"]), ("sim.h5", ["--view", "xz"])):

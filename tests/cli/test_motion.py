@@ -32,7 +32,7 @@ def test_a_moving_scene_becomes_a_recording_with_its_truth(
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.01)
     ball.apply_translation([0, 0, 0.2]).export(tmp_path / "ball.ply")
     (tmp_path / "motion.toml").write_text(MOTION)
-    options = "--band 72:82:2 --samples-per-mm2 0.1 --estimator expected"
+    options = "--band 72:82:2 --samples-per-mm2 0.02 --estimator expected"
     command = f"simulate ball.ply --motion motion.toml {options} -o"
     made = run(*command.split(), "moving", "--frames", 2, "--rate-hz", 1)
     assert made.status == 0, made.err
@@ -52,7 +52,7 @@ def test_a_moving_scene_becomes_a_recording_with_its_truth(
     assert f"samples right to {one.meta['movement']['sample_error_db']:.0f} dB" in made.out
     assert np.array_equal(one.data, recording[0].data)
     assert one.meta["movement"]["instants"] >= 2
-    assert clradar.read_motion("motion.toml").hands[0]["edge_length_m"] == 4e-3
+    assert clradar.read_motion("motion.toml").hands[0].edge_length_m == 4e-3
 
 
 def test_frames_of_another_radar_and_clusters_one_after_the_other(
@@ -107,7 +107,7 @@ def test_a_hand_goes_from_pose_to_pose_as_a_motion(
     (tmp_path / "in").mkdir()
     assert run(*way, "-o", "in/motion.toml", "--duration-s", 0.5, "--turn-deg", 20).status == 0
     motion = clradar.read_motion("in/motion.toml")
-    hand = clradar.MovingHand(**motion.hands[0])
+    hand = motion.hands[0]
     assert hand.handedness == "left"
     assert hand.shape.length_m == pytest.approx(0.18)
     assert hand.pose(0.5).name == "bent"
@@ -130,7 +130,7 @@ def test_a_rig_goes_from_pose_to_pose_in_a_motion(
     assert outcome.status == 0, outcome.err
     motion = clradar.read_motion("in/motion.toml")
     assert [path.name for path in motion.files] == ["motion.toml", "hand.glb"]
-    hand = clradar.MovingHand(**motion.hands[0])
+    hand = motion.hands[0]
     assert hand.joints_m(0.25) == pytest.approx(hand.mesh(0.25).joints_m, nan_ok=True)
     command = "simulate --motion in/motion.toml --band 72:72.1:2 --samples-per-mm2 0.05"
     outcome = run(*command.split(), "--estimator", "expected", "--frames", 1, "-o", "moving")

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import GRID, Run, one_error_line
-from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands, no_figure
+from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands
+from quick_figures import Levels, no_figure, seek_no_lobes
 
 import calibration
 import clradar.plot
@@ -36,7 +37,10 @@ N = 4
 def recording(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of four frames, one of them without an echo."""
     folder = tmp_path_factory.mktemp("recordings")
-    capture = open_capture(made / "sim.h5")
+    whole = open_capture(made / "sim.h5")
+    few = slice(None, None, 6)
+    array = clradar.AntennaArray(whole.array.tx_m[few], whole.array.rx_m[few])
+    capture = replace(whole, data=whole.data[few, few], array=array)
     frames = [capture] * N
     frames[1] = replace(capture, data=np.zeros_like(capture.data))
     stamps_us = [1 + 125_000 * i for i in range(N)]
@@ -66,6 +70,8 @@ def fits(images: Any, **settings: Any) -> Iterator[Any]:
 def _made_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(calibration, "fit_hands", fits)
     monkeypatch.setattr(clradar.plot, "save_figure", no_figure)
+    monkeypatch.setattr("clradar.plot.frames.FramePictures", Levels)
+    seek_no_lobes(monkeypatch)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -22,6 +22,7 @@ from command_line import Run
         ("inspect {}/recording --png a.png", ("reading",)),
     ],
 )
+@pytest.mark.usefixtures("quickly")
 def test_a_terminal_shows_progress_and_a_pipe_none(
     run: Run,
     made: Path,
@@ -31,6 +32,8 @@ def test_a_terminal_shows_progress_and_a_pipe_none(
     labels: tuple[str, ...],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    for kind in ("html", "image"):
+        monkeypatch.setattr(f"clradar.report.{kind}_report", lambda *_, **__: "a page")
     arguments = line.replace("{}", str(made)).split()
     plain = run(*arguments)
     assert plain.status == 0, plain.err

@@ -84,10 +84,14 @@ def warned(capture: Capture, grid: VoxelGrid, **options: Any) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "at_m", [[0.8, 0.0, 1.0], [0, 0, 0.15], *nightly([[0.3, 0.2, 1.5], [0.15, 0, 0.3]])]
+    ("at_m", "array"),
+    [
+        *[([0.8, 0.0, 1.0], ARRAY), ([0, 0, 0.15], ARRAY)],
+        *nightly([([0.3, 0.2, 1.5], DENSE), ([0.15, 0, 0.3], DENSE)]),
+    ],
 )
-def test_the_grid_is_placed_around_an_echo_anywhere(at_m):
-    capture = with_noise(echoes_of(at_m), 1.0)
+def test_the_grid_is_placed_around_an_echo_anywhere(at_m, array):
+    capture = with_noise(echoes_of(at_m, array=array), 1.0)
     grid = place_grid(capture)
     low, high = box_of(grid).T
     # In the middle, within the rounding of the ends and a voxel of the coarse image.
@@ -317,7 +321,7 @@ def test_hands_of_any_roughness_are_imaged_in_silence(device):
 def test_a_rough_fist_is_found_where_it_is(pose):
     moved = np.eye(4) + np.outer([0.01, -0.04, 0.004, 0], [0, 0, 0, 1])
     fist = clradar.Scene.from_mesh(clradar.hand.hand_mesh(pose, 4e-3), material="palm")
-    capture = clradar.simulate(fist.transformed(moved), ARRAY, SWEEP, seed=0)
+    capture = clradar.simulate(fist.transformed(moved), DENSE, SWEEP, seed=0)
     assert place_grid(capture).y_m[0] > -0.15  # it reaches down to -0.11
 
 

@@ -58,7 +58,7 @@ def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path):
         )
     )
     assert motion.bodies["ball.ply"].at(1.0)[2, 3] == pytest.approx(0.01)
-    assert motion.hands[0]["poses"][1].name == "bent"
+    assert motion.hands[0].poses[1].name == "bent"
     assert [path.name for path in motion.files] == ["motion.toml", "bent.toml", "times.csv"]
     radar = clradar.AntennaArray([(0, 0, 0), (0.01, 0, 0)], [(0, 0.01, 0)])
     timing = motion.timing(radar, clradar.Waveform([72e9, 73e9]))

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import exit_status
+from matplotlib.figure import Figure
 
 from clradar import Volume, VoxelGrid, compare
 from clradar.compare import METRIC_TABLE, METRICS
 from clradar.errors import CompareError, ModelError
 from clradar.model import DepthMap
+from clradar.plot import comparison_figure
 from clradar.report import ReportImage, html_report
-from clradar.report.page import FIGURE_DPI
 from clradar.report.tables import settings_table
 from clradar.report.view_data import MAX_POINTS, clouds
 from measurement_io import save_volume
@@ -35,9 +36,9 @@ PAGE_BYTES = 3e6
 
 
 @pytest.fixture(autouse=True)
-def coarse_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drawing the figure is most of the time; one test keeps its resolution."""
-    monkeypatch.setattr("clradar.report.page.FIGURE_DPI", 30)
+def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing the figure is most of the time; one test does it."""
+    monkeypatch.setattr("clradar.report.page.comparison_figure", lambda *_, **__: Figure())
 
 
 def ball(x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.3, n: int = 61) -> DepthMap:
@@ -161,7 +162,7 @@ def test_too_many_points_are_subsampled_and_counted(monkeypatch):
         DepthMap(0.3 + 0.01 * rng.random((201, 201)), np.ones((201, 201)), axis_m, axis_m)
         for _ in range(2)
     ]
-    monkeypatch.setattr("clradar.report.page.FIGURE_DPI", FIGURE_DPI)
+    monkeypatch.setattr("clradar.report.page.comparison_figure", comparison_figure)
     page = page_of(*full)
     assert len(page) < PAGE_BYTES
     assert page.count(f"{MAX_POINTS // 2} of {201 * 201} points") == 2

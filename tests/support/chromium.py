@@ -25,39 +25,17 @@ def installed() -> str | None:
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
-class Page:
-    """One tab, controlled by commands of the DevTools protocol."""
+class _Pipe:
+    """Messages of a browser; those that are no answers are events of one of its tabs."""
 
     def __init__(self, reading: int, writing: int) -> None:
-        self._reading, self._writing = reading, writing
+        self._reading, self.writing = reading, writing
         self._buffer = b""
-        self._last = 0
-        self._session: str | None = None
-        self.events: list[dict[str, Any]] = []
-        target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = attached["sessionId"]
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            self.call(f"{domain}.enable")
+        self.last = 0
+        self.pages: dict[str | None, Page] = {}
 
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Return the result of one command."""
-        self._last += 1
-        message: dict[str, Any] = {"id": self._last, "method": method, "params": parameters}
-        if self._session is not None:
-            message["sessionId"] = self._session
-        left = json.dumps(message).encode() + b"\0"
-        while left:
-            left = left[os.write(self._writing, left) :]
-        while True:
-            answer = self._next()
-            if answer.get("id") == self._last:
-                assert "error" not in answer, (method, answer["error"])
-                result: dict[str, Any] = answer["result"]
-                return result
-            self.events.append(answer)
-
-    def _next(self) -> dict[str, Any]:
+    def read(self) -> dict[str, Any]:
+        """The next message."""
         end = time.monotonic() + DEADLINE_S
         while b"\0" not in self._buffer:
             ready, _, _ = select.select([self._reading], [], [], max(0.0, end - time.monotonic()))
@@ -67,7 +45,47 @@ class Page:
             self._buffer += block
         message, self._buffer = self._buffer.split(b"\0", 1)
         found: dict[str, Any] = json.loads(message)
+        page = self.pages.get(found.get("sessionId"))
+        if "id" not in found and page is not None:
+            page.events.append(found)
         return found
+
+
+class Page:
+    """One tab, controlled by commands of the DevTools protocol."""
+
+    def __init__(self, pipe: "_Pipe") -> None:
+        self._pipe = pipe
+        self._session: str | None = None
+        self.events: list[dict[str, Any]] = []
+        # A page in a window of its own is drawn while another one is looked at.
+        target = self.call("Target.createTarget", url="about:blank", newWindow=True)["targetId"]
+        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+        pipe.pages[self._session] = self
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def another(self) -> "Page":
+        """Another tab of the same browser."""
+        return Page(self._pipe)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Return the result of one command."""
+        pipe = self._pipe
+        pipe.last += 1
+        message: dict[str, Any] = {"id": pipe.last, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        left = json.dumps(message).encode() + b"\0"
+        while left:
+            left = left[os.write(pipe.writing, left) :]
+        while True:
+            answer = pipe.read()
+            if answer.get("id") == pipe.last:
+                assert "error" not in answer, (method, answer["error"])
+                result: dict[str, Any] = answer["result"]
+                return result
 
     def resize(self, width: int, height: int, *, phone: bool = False, ratio: float = 1.0) -> None:
         self.call(
@@ -90,7 +108,7 @@ class Page:
         self.call("Page.navigate", url=path if isinstance(path, str) else path.absolute().as_uri())
         # By the event and not by the state of the document, which may be that of the page before.
         while all(event.get("method") != "Page.loadEventFired" for event in self.events):
-            self.events.append(self._next())
+            self._pipe.read()
         self.settle()
 
     def settle(self) -> None:
@@ -183,7 +201,7 @@ def chromium(profile: Path, *, webgl: bool = False) -> Iterator[Page]:
         os.close(its_reading)
         os.close(its_writing)
         try:
-            yield Page(reading, writing)
+            yield Page(_Pipe(reading, writing))
         finally:
             os.close(writing)  # it ends when its pipe does
             os.close(reading)

@@ -1,19 +1,12 @@
-"""Fits of frames that know the truth, for tests of what is done with them.
-
-A preload of Dask workers (`dask.config`: distributed.worker.preload), and of this process by
-`made_up_fit_hands` in place of `calibration.fit_hands`.
-"""
+"""Fits of frames that know the truth, for tests of what is done with them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import calibration
-import clradar.plot
 from calibration.hand_fit.belief import Belief
 from calibration.hand_fit.certainty import Certainty
 from calibration.hand_fit.descent import Fitted
@@ -90,13 +83,3 @@ def made_up_fit_hands(
     assert {"pose", "fit_shape", "array", "waveform", "seed"} <= set(settings)
     numbers = [(number, images.frame_numbers.index(number)) for number in frames]
     return followed(MadeUp(misfits={2: 390.0}), images, numbers, after, progress)
-
-
-def no_figure(figure: Any, path: Path, **options: Any) -> None:
-    """Stands for `clradar.plot.save_figure`, which takes a second."""
-    path.write_bytes(b"drawn")
-
-
-def dask_setup(worker: Any) -> None:
-    calibration.fit_hands = made_up_fit_hands  # type: ignore[assignment]
-    clradar.plot.save_figure = no_figure

@@ -2,31 +2,105 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
+import io
+import json
 import signal
+import subprocess
+import sys
 import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import chromium
 import numpy as np
 import pytest
-from view_tab import SIZE, Tab, in_browser, running_script, viewing
+from PIL import Image
 
 import clradar
+import clradar.view
 from calibration import CornerReflector, response
-from clradar.view.server import serving
-from clradar.view.session import View
+from clradar.view import server
+from clradar.view.session import Shown, View
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
 from measurement_io import save_capture, save_recording
 
 pytest.importorskip("viser")
 
+GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
+
 PLACE = (
     "[...document.querySelectorAll('input')].filter(one => one.inputMode === 'decimal')"
     ".slice(-3).map(one => Number(one.value))"
 )
 """The three numbers of the place, millimetres."""
+
+
+SIZE = (800, 600)
+SCENE = slice(200, 560), slice(20, 440)
+"""Rows and columns beside the panel and below the browser's own notice about software WebGL."""
+
+
+class Tab:
+    """A tab that looks at a view."""
+
+    def __init__(self, page: chromium.Page, address: str) -> None:
+        self.page, self.address = page, address
+        page.resize(*SIZE)
+
+    def load(self, words: str) -> None:
+        self.page.open(self.address)
+        self.says(words)
+
+    def says(self, words: str) -> None:
+        """Wait until the page contains these words."""
+        self.until(f"document.body.textContent.includes({json.dumps(words)})")
+
+    def until(self, condition: str) -> None:
+        """Wait until an expression is true; a value that a script sets is no event of the page."""
+        end_s = time.monotonic() + chromium.DEADLINE_S
+        while not self.page.js(f"Boolean({condition})"):
+            assert time.monotonic() < end_s, f"waited in vain until {condition}"
+            time.sleep(0.05)
+
+    def click(self, x: float, y: float) -> None:
+        for kind in ("mousePressed", "mouseReleased"):
+            self.page.mouse(kind, x, y, button="left", clickCount=1)
+
+    def lit(self, wanted: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
+        """Wait until the columns of pixels in the measured and the simulated colours are as wanted.
+
+        Returns those of the measured ones.
+        """
+        while True:
+            self.page.settle()  # drawing follows the messages
+            shot = base64.b64decode(self.page.call("Page.captureScreenshot")["data"])
+            image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), np.int16)[SCENE]
+            coloured = np.ptp(image, axis=2) > 60
+            cyan = image.argmin(axis=2) == 0
+            measured = np.nonzero(coloured & ~cyan)[1] + SCENE[1].start
+            simulated = np.nonzero(coloured & cyan)[1] + SCENE[1].start
+            if wanted(measured, simulated):
+                return measured
+
+
+@contextlib.contextmanager
+def viewing(source: object, *options: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """`clradar view` on a free port, and the address that it prints."""
+    arguments = ("-m", "clradar", "view", source, "--port", "0", *options)
+    program = [sys.executable, *map(str, arguments)]
+    with subprocess.Popen(
+        program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            lines = (line.split()[0] for line in process.stdout)
+            yield process, next(word for word in lines if word.startswith("http:"))
+        finally:
+            process.kill()
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +119,15 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@in_browser
+@pytest.mark.skipif(
+    chromium.installed() is None,
+    reason="no Chromium here: install Debian's chromium package to try the view in a browser",
+)
 def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: Path) -> None:
     with contextlib.ExitStack() as stack:
         options = ("--simulated", recording.parent / "middle.h5")
-        process, address = stack.enter_context(viewing("view", recording, *options))
-        page = stack.enter_context(chromium.chromium(tmp_path / "one", webgl=True))
+        process, address = stack.enter_context(viewing(recording, *options))
+        page = stack.enter_context(chromium.chromium(tmp_path, webgl=True))
         tab = Tab(page, address)
         tab.load(" simulated")
         tab.says("dB correlation")
@@ -78,7 +155,7 @@ def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: 
         # A browser that comes later, or again, sees the same.
         tab.load("voxels drawn")
         tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 25)
-        other = Tab(stack.enter_context(chromium.chromium(tmp_path / "two", webgl=True)), address)
+        other = Tab(page.another(), address)
         other.load("frame 1: image of")
         other.page.key("p", "KeyP")
         other.says("frame 0: image of")
@@ -98,34 +175,27 @@ def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: 
 
 def test_a_server_that_stops_leaves_no_thread() -> None:
     before = set(threading.enumerate())
-    grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
-    source = FixedFrames("ones", ("ones",), lambda _: clradar.Volume(np.ones(grid.shape), grid))
-    with serving(View(source=source, wish=Wish()), 0) as (_, session):
+    source = FixedFrames("ones", ("ones",), lambda _: clradar.Volume(np.ones(GRID.shape), GRID))
+    with server.serving(View(source=source, wish=Wish()), 0) as (_, session):
         session.settle()
         assert set(threading.enumerate()) > before
     for thread in set(threading.enumerate()) - before:
         thread.join()
 
 
-@in_browser
-def test_an_iterable_is_shown_newest_first(tmp_path: Path) -> None:
-    """Ten lines of a lab: a generator that ends with an error once its frames were seen."""
-    script, seen = tmp_path / "lab.py", tmp_path / "seen"
-    script.write_text(
-        "import pathlib, clradar, clradar.view\n"
-        "array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 8)\n"
-        "def frames():\n"
-        f"    while not pathlib.Path({str(seen)!r}).exists():\n"
-        "        yield clradar.room_capture(array, waveform, [], points_m=[[0, 0, 0.3]])\n"
-        "    raise RuntimeError('the radar was switched off')\n"
-        "clradar.view.show(frames(), title='lab', port=0)\n"
-    )
-    with (
-        running_script(script) as (process, address),
-        chromium.chromium(tmp_path / "profile", webgl=True) as page,
-    ):
-        tab = Tab(page, address)
-        tab.load(" shown")
-        seen.touch()
-        assert "switched off" in process.communicate()[1]
-        assert process.returncode == 1
+def test_an_iterable_is_shown_until_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten lines of a lab: a generator that ends with an error once a frame was seen."""
+    seen, draw = threading.Event(), server.Page.show
+
+    def drawn(self: server.Page, shown: Shown) -> None:
+        draw(self, shown)
+        seen.set()
+
+    def frames() -> Iterator[clradar.Volume]:
+        while not seen.is_set():
+            yield clradar.Volume(np.ones(GRID.shape), GRID)
+        raise RuntimeError("the radar was switched off")
+
+    monkeypatch.setattr(server.Page, "show", drawn)
+    with pytest.raises(RuntimeError, match="switched off"):
+        clradar.view.show(frames(), title="lab", port=0)

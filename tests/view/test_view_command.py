@@ -72,17 +72,9 @@ def test_the_address_is_of_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("number", [signal.SIGTERM, *nightly([signal.SIGINT])])
 def test_it_ends_cleanly(tmp_path: Path, number: int) -> None:
     pytest.importorskip("viser")
-    command = [
-        sys.executable,
-        "-m",
-        "clradar",
-        "view",
-        str(volume_file(tmp_path)),
-        "--port",
-        "8400",
-    ]
+    command = ["-m", "clradar", "view", "--port", "8400", str(volume_file(tmp_path))]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline().startswith("http://127.0.0.1:")

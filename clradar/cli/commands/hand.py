@@ -15,7 +15,6 @@ from clradar.cli.outputs import MESHES, joints_record, save_mesh, turned
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail
 from clradar.files.json_file import read_json, write_json
-from clradar.files.limits import MAX_SMALL_JSON_BYTES
 from clradar.files.toml_file import toml_document
 from clradar.jobs import open_devices
 
@@ -203,7 +202,7 @@ def write_motion(path: Path, pose: PoseOptions, surface: SurfaceOptions, *, forc
 def read_theta(path: Path) -> list[float]:
     """The numbers of a JSON list."""
     expected = "a JSON list of 48 numbers"
-    values = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+    values = read_json(path, expected)
     if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
         fail(path, expected, "something else")
     if len(values) != 48:

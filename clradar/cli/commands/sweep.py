@@ -24,7 +24,6 @@ from clradar.files.failures import fail, read_bytes, reading
 from clradar.files.hashing import sha256_of_arrays
 from clradar.files.json_file import read_json, write_json
 from clradar.files.json_text import parse_json
-from clradar.files.limits import MAX_SMALL_JSON_BYTES
 from clradar.jobs import FolderStore, Job, open_devices
 from clradar.jobs.job import KEY
 from clradar.model import checks
@@ -374,7 +373,7 @@ def read_joints(path: Path) -> np.ndarray:
     from clradar.hand import JOINT_NAMES
 
     expected = "a JSON object with [x, y, z] of each of the 25 joints of a hand"
-    value = read_json(path, expected, MAX_SMALL_JSON_BYTES)
+    value = read_json(path, expected)
     with reading(path, expected):
         missing = [name for name in JOINT_NAMES if name not in value]
         if missing:

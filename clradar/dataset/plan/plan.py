@@ -25,7 +25,7 @@ from clradar.dataset.plan.hands import (
 from clradar.dataset.plan.radar import Image, Impairments, RadarPlan, SimulationPlan
 from clradar.errors import MeasurementError
 from clradar.files.failures import shown
-from clradar.files.limits import MAX_PLAN_BYTES
+from clradar.files.limits import MAX_LONG_TOML_BYTES
 from clradar.files.records import FileRecord, mistake, mistakes_of, raise_mistakes
 from clradar.files.toml_file import read_toml
 from clradar.hand import HandPose
@@ -175,7 +175,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     ('expected', (300.0,))
     """
     path = Path(path)
-    parsed = read_toml(path, EXPECTED, limit=MAX_PLAN_BYTES)
+    parsed = read_toml(path, EXPECTED, limit=MAX_LONG_TOML_BYTES)
     return plan_from(parsed, shown(path), path.absolute().parent)
 
 

@@ -184,10 +184,7 @@ def _running_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
     global _server
     with _lock:
         if _server is None:
-            try:
-                _server = _start_server()
-            except OSError as error:
-                raise NoServer(clean(error)) from error
+            _server = _start_server()
         return _server
 
 
@@ -205,21 +202,23 @@ def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
     greeting = ours.recv(MAX_REQUEST_BYTES)
     if greeting != _READY:
         ours.close()
-        process.kill()
-        process.wait()
-        raise OSError(f"it does not start: {greeting.decode() or sys.executable}")
+        _end(process)
+        raise NoServer(f"it does not start: {greeting.decode() or sys.executable}")
     return process, ours
 
 
 def _started(call: str, **options: Any) -> subprocess.Popen[bytes]:
     """Start Python with a function of this module."""
     path = [os.path.abspath(entry) for entry in sys.path]
-    return subprocess.Popen(
-        [sys.executable, "-c", _START.format(path=path, module=__name__, call=call)],
-        stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-        **options,
-    )
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-c", _START.format(path=path, module=__name__, call=call)],
+            stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+            **options,
+        )
+    except OSError as error:
+        raise NoServer(clean(error)) from error
 
 
 class Companion:
@@ -261,10 +260,7 @@ class Companion:
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None or self._owner != os.getpid():
             pipe = subprocess.PIPE
-            try:
-                process = _started("serve_many; serve_many()", stdin=pipe, stdout=pipe)
-            except OSError as error:
-                raise NoServer(clean(error)) from error
+            process = _started("serve_many; serve_many()", stdin=pipe, stdout=pipe)
             assert process.stdout is not None
             if process.stdout.read(len(_READY)) != _READY:
                 _end(process)
@@ -289,8 +285,7 @@ def _stop_server() -> None:
         process, link = _server
         _server = None
         link.close()
-        process.kill()
-        process.wait()
+        _end(process)
 
 
 def _forget_server() -> None:
@@ -314,8 +309,6 @@ def serve(link_number: int) -> None:
         raise NotImplementedError
     warnings.simplefilter("ignore")  # of forks, which are intended here
     with socket.socket(fileno=link_number) as link:
-        for encoding in _ENCODINGS:
-            codecs.lookup(encoding)  # loads it
         link.send(_READY)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's
         signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # ended processes need no wait
@@ -345,30 +338,27 @@ def serve_many() -> None:
     requests = sys.stdin.buffer
     with os.fdopen(os.dup(1), "wb") as answer:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        for encoding in _ENCODINGS:
-            codecs.lookup(encoding)
         answer.write(_READY)
         answer.flush()
         while length := requests.read(8):
             request = json.loads(requests.read(int.from_bytes(length, "little")))
             size = requests.read(8)
             link = SimpleNamespace(sendall=answer.write, recv_into=None)
-            if not _confined:
-                with suppress(Exception):
-                    _import_all(request)
+            with suppress(Exception):
+                _import_all(request)
             if size == _NO_CONTENT:
                 _answer(request, link)
                 return
             _handed = requests.read(int.from_bytes(size, "little"))
-            if not _confined:
-                _limit(request["cpu_s"], request["memory_bytes"], again=True)
-                forbid_opening()
             _limit(request["cpu_s"], request["memory_bytes"], again=True)
+            forbid_opening()
             _reply(request, link)
             answer.flush()
 
 
 def _import_all(request: dict[str, Any]) -> None:
+    for encoding in _ENCODINGS:
+        codecs.lookup(encoding)  # loads it
     for name in (request["module"], *request["modules"], *_LATE):
         importlib.import_module(name)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import h5py
 import pytest
 import reader_probes as probes
+from nightly import nightly
 from systems import linux_only, posix_only
 
 from clradar.errors import MeasurementError
@@ -151,7 +152,8 @@ def test_forked_processes(path):
 @pytest.mark.parametrize(
     "probe",
     [
-        *("same", "arrays", "refuse", "crash"),
+        *("same", "refuse"),
+        *nightly(["arrays", "crash"]),
         pytest.param("write", marks=posix_only),
         pytest.param("take", marks=linux_only),
     ],
