@@ -28,7 +28,7 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
     target = Path(path)
     refuse_existing(target, force=force)
     temporary = _temporary(target)
-    with writing(target):
+    with writing(target, RuntimeError):  # which h5py raises at times of a full disk
         try:
             yield temporary
             _sync(temporary)
@@ -40,13 +40,13 @@ def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[
 
 
 @contextmanager
-def writing(target: Path) -> Iterator[None]:
-    """Turn what the system says of a target, such as that its name is too long, into one error."""
+def writing(target: Path, other: type[Exception] = ValueError) -> Iterator[None]:
+    """Turn errors of the system, and `other` ones, as of bad names, into one of the target."""
     try:
         yield
     except ClradarError:
         raise
-    except (OSError, ValueError, RuntimeError) as error:  # h5py reports a full disk as the last
+    except (OSError, other) as error:
         raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
 
 

@@ -17,7 +17,14 @@ import numpy as np
 from clradar import arrays
 from clradar.arrays.array_file import array_text
 from clradar.errors import ModelError, OutputError
-from clradar.files.atomic import move_folder, new_folder, replacing, swap_folder, write_file
+from clradar.files.atomic import (
+    move_folder,
+    new_folder,
+    replacing,
+    swap_folder,
+    write_file,
+    writing,
+)
 from clradar.files.confined.process import Companion
 from clradar.files.failures import regular_file_size, shown
 from clradar.files.json_text import to_json
@@ -283,12 +290,7 @@ def _time_stamp(field: str, capture: Capture, given: Any) -> np.ndarray:
 
 
 def _write_frame(
-    target: Path,
-    capture: Capture,
-    total: int,
-    stamp: np.ndarray,
-    *,
-    force: bool = False,
+    target: Path, capture: Capture, total: int, stamp: np.ndarray, *, force: bool = False
 ) -> None:
     """Write one `.npy` file, whole or not at all; the arguments are taken as checked."""
     xr = capture.data.transpose(1, 0, 2)
@@ -362,20 +364,16 @@ def _copy(source: Path, target: Path) -> None:
 
 
 def _refuse_existing(target: Path, *, force: bool) -> None:
-    try:
+    with writing(target):
         if os.path.lexists(target) and not target.is_dir():
             raise OutputError(f"{shown(target)}: expected a folder, got a file of that name")
         if target.is_dir() and any(target.iterdir()) and not force:
             raise OutputError(f"{shown(target)}: exists already; not written into without force")
-    except (OSError, ValueError) as error:
-        if isinstance(error, OutputError):
-            raise
-        raise OutputError(f"{shown(target)}: cannot be written: {error}") from error
 
 
 def _put_in_place(temporary: Path, target: Path, radar: str, *, force: bool) -> None:
     _refuse_existing(target, force=force)  # it may have appeared meanwhile
-    if not target.exists() or not any(target.iterdir()):
+    if not force or not target.exists() or not any(target.iterdir()):
         move_folder(temporary, target.absolute())
         return
     swap_folder(temporary / radar, target / radar, aside=temporary / f"{radar}.replaced")

@@ -14,12 +14,8 @@ from comparisons import same_bits, tree
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
-from measurement_io import (
-    check_file,
-    open_capture,
-    open_recording,
-    save_recording,
-)
+from measurement_io import check_file, open_capture, open_recording, save_recording
+from measurement_io.maroon import writer
 
 N_FREQ = 3
 MESH = b"v 0 0 0\r\nv 0.01 0 0\r\nv 0 0.01 0\r\nf 1 2 3\r\n"
@@ -191,7 +187,7 @@ def test_frames_that_do_not_belong_together(tmp_path):
             assert not list(tmp_path.rglob("*.npy"))
 
 
-def test_a_folder_that_exists(tmp_path):
+def test_a_folder_that_exists(tmp_path, monkeypatch):
     target = tmp_path / "30"
     target.mkdir()
     radar = save_recording(target, captures_of(2))  # an empty one is as good as none
@@ -204,6 +200,10 @@ def test_a_folder_that_exists(tmp_path):
         save_recording(target, captures_of(1))
     with pytest.raises(ModelError, match="captures"):
         save_recording(target, [capture_of(0), capture_of(1, [72e9])], force=True)
+    with monkeypatch.context() as patch:
+        patch.setattr(writer, "_refuse_existing", lambda *_, **__: None)  # it came after the look
+        with pytest.raises(OutputError, match="cannot be written"):
+            save_recording(target, captures_of(1))
     assert tree(target) == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["30"]
 
