@@ -325,7 +325,7 @@ def test_an_interrupted_sweep_ends_with_the_same_bits(regions):
         np.array_equal(a.amplitude, b.amplitude)
         for a, b in zip(again.images, whole.images, strict=True)
     )
-    assert 0 < ends[0][0] < ends[0][1]
+    assert ends[0][0] > ends[0][1] / 3  # from where it was
     assert ends[-1][0] == ends[-1][1]
     assert [a for a, _ in ends] == sorted(a for a, _ in ends)
 
