@@ -18,8 +18,7 @@ LEVEL_DB = -20.0
 
 @dataclass(frozen=True, slots=True)
 class ArrayFigures:
-    """What `array_figures` found.
-    """
+    """What `array_figures` found."""
 
     focus_m: np.ndarray
     """Shape (3,), metres."""
