@@ -746,7 +746,7 @@ def impairments(works: Works) -> Values:
         "channels": {"channels": drawn},
         "drift": {**drift, "frame": 3},
         "mixer": {"iq_gain_db": 0.3, "iq_phase_rad": np.linspace(-0.1, 0.1, array.n_rx)},
-        "noise": {"snr_db": 15.0, "noisy_tx_db": {2: 10.0}, "noisy_rx_db": {5: 6.0}},
+        "noise": {"snr_db": 15.0},
     }
     found: dict[str, Any] = {
         name: clradar.impair(works.points, seed=10, **settings).data

@@ -55,13 +55,6 @@ class Target(Protocol):
     kind : str
     parameter_names : tuple of str
         Of its pose; a name ends with the unit, "_m" or "_deg".
-
-    Examples
-    --------
-    >>> import calibration
-    >>> plate: calibration.Target = calibration.FlatPlate(0.3, 2.0)
-    >>> plate.kind, plate.parameter_names, plate.parameters.tolist()
-    ('plate', ('distance_m', 'tilt_x_deg', 'tilt_y_deg'), [0.3, 2.0, 0.0])
     """
 
     kind: ClassVar[str]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -40,8 +40,6 @@ def impair(
     iq_gain_db: Any = 0.0,
     iq_phase_rad: Any = 0.0,
     snr_db: float | None = None,
-    noisy_tx_db: Mapping[int, float] | None = None,
-    noisy_rx_db: Mapping[int, float] | None = None,
     adc_bits: int | None = None,
     adc_full_scale: float | None = None,
 ) -> Capture:
@@ -79,8 +77,6 @@ def impair(
     snr_db : float, dB, optional
         Reference power over the mean power of the noise, per sample. The noise is thermal: complex
         normal, circular, independent from sample to sample, the same on weak and dead channels.
-    noisy_tx_db, noisy_rx_db : mapping of int to float, dB, optional
-        Increase of the noise of single channels.
     adc_bits, adc_full_scale : int, 2 to 24, and float, optional
         Bits of the converters of both components, and the amplitude at which they clip: the largest
         one in this frame if not given.
@@ -157,8 +153,6 @@ def impair(
         "iq_gain_db": _per_receiver("iq_gain_db", iq_gain_db, n_rx, GAIN_LIMIT_DB),
         "iq_phase_rad": _per_receiver("iq_phase_rad", iq_phase_rad, n_rx, np.pi),
         "snr_db": snr,
-        "noisy_tx_db": _noisy("noisy_tx_db", noisy_tx_db, n_tx, snr),
-        "noisy_rx_db": _noisy("noisy_rx_db", noisy_rx_db, n_rx, snr),
         "adc_bits": bits,
         "adc_full_scale": full_scale,
     }
@@ -204,10 +198,6 @@ def _signal(
         rms = float(np.sqrt(power) * 10 ** (settings["coupling_db"] / 20))
         coupling = coupling_rows(array, waveform, rms, settings["coupling_delay_s"])
     noise = random_stream(seed, Part.NOISE, frame)
-    noise_tx, noise_rx = np.ones(array.n_tx), np.ones(array.n_rx)
-    for louder, key in ((noise_tx, "noisy_tx_db"), (noise_rx, "noisy_rx_db")):
-        for channel, db in settings[key].items():
-            louder[int(channel)] = 10 ** (db / 20)
     for tx in range(array.n_tx):
         x = capture.data[tx].astype(np.complex128)
         if room is not None:
@@ -219,8 +209,8 @@ def _signal(
             x = (1 + g) / 2 * x + (1 - g.conj()) / 2 * x.conj()
         if settings["snr_db"] is not None:
             drawn = noise.standard_normal((*x.shape, 2)).view(np.complex128)[..., 0]
-            rms = float(np.sqrt(power) * 10 ** (-settings["snr_db"] / 20)) * noise_tx[tx] * noise_rx
-            x += rms[:, None] / np.sqrt(2) * drawn
+            rms = float(np.sqrt(power) * 10 ** (-settings["snr_db"] / 20))
+            x += rms / np.sqrt(2) * drawn
         yield x
 
 
@@ -269,22 +259,6 @@ def _decibels(name: str, value: Any) -> float:
     if abs(number) > GAIN_LIMIT_DB:
         checks.fail(f"impair: {name}", f"decibels within +-{GAIN_LIMIT_DB:g}", repr(value))
     return number
-
-
-def _noisy(
-    name: str, given: Mapping[int, float] | None, count: int, snr: float | None
-) -> dict[str, float]:
-    field = f"impair: {name}"
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        checks.fail(field, "a mapping of channels to decibels", type(given).__name__)
-    if given and snr is None:
-        checks.fail(field, "snr_db with it", "none")
-    return {
-        str(checks.whole(field, channel, 0, count - 1)): _decibels(name, db)
-        for channel, db in given.items()
-    }
 
 
 def _per_receiver(name: str, value: Any, count: int, limit: float) -> float | list[float]:
