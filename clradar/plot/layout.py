@@ -135,8 +135,7 @@ def settled(figure: Figure) -> Figure:
     from matplotlib.transforms import Bbox
 
     engine: Any = figure.get_layout_engine()
-    for _ in range(2):  # the first time titles can be beyond the edge
-        engine.execute(figure)
+    engine.execute(figure)
     figure.set_layout_engine("none")
     height, below = figure.get_figheight(), engine.get()["rect"][1] * figure.get_figheight()
     to_inches = figure.dpi_scale_trans.inverted().transform_bbox
