@@ -5,7 +5,7 @@ from calibration.channels.correction import correct
 from calibration.channels.estimate import estimate_channels
 from calibration.channels.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
 from calibration.cleaning import clean
-from calibration.clutter import Gate, average_frames, gate, range_gate, subtract_background
+from calibration.clutter import average_frames, range_gate, subtract_background
 from calibration.conventions import (
     HYPOTHESES,
     Diagnosis,
@@ -41,7 +41,6 @@ __all__ = [
     "Echo",
     "FlatPlate",
     "FrameFit",
-    "Gate",
     "HandFit",
     "Hypothesis",
     "Place",
@@ -65,7 +64,6 @@ __all__ = [
     "estimate_channels",
     "fit_hand",
     "fit_hands",
-    "gate",
     "range_gate",
     "register",
     "response",

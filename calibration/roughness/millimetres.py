@@ -48,18 +48,6 @@ class RoughnessEstimate:
         heights, and of lengths, are equally likely.
     fit : Fit
         Statistics: measured, and of simulations at the best pair and gain.
-
-    Examples
-    --------
-    >>> from calibration.roughness.emulator import Interval
-    >>> import numpy as np
-    >>> import calibration
-    >>> height = Interval(0.31e-3, 0.28e-3, 0.34e-3, 0.25e-3, 0.37e-3)
-    >>> length = Interval(3e-3, 1.4e-3, 5.5e-3, 1.1e-3, 5.9e-3, True, True)
-    >>> slope = Interval(0.15, 0.08, 0.3, 0.06, 0.4)
-    >>> calibration.RoughnessEstimate(
-    ...     "palm", height, length, slope, np.ones(1), np.ones(1), np.ones((1, 1)), None).text()
-    'h = 0.31 ± 0.03 mm; the correlation length is not observable'
     """
 
     name: str

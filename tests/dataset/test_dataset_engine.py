@@ -17,7 +17,6 @@ import command_line
 import faulty_samples
 import pytest
 from dataset_plans import digests
-from systems import posix_only
 from two_devices import findings_of
 
 from clradar.dataset import Plan, read_plan, run
@@ -102,29 +101,6 @@ def cluster() -> Iterator[Any]:
         local_client(partition(min(2, len(CORES)), devices_like("pocl"), CORES)) as client,
     ):
         yield client
-
-
-@pytest.mark.slow
-@posix_only
-def test_a_worker_that_is_killed_while_it_starts_is_started_again(tmp_path: Path) -> None:
-    import dask
-
-    from clradar.jobs.workers import local_client
-
-    killed, preload = tmp_path / "killed", tmp_path / "kill_first.py"
-    preload.write_text(
-        "import os, pathlib, signal\n"
-        f"killed = pathlib.Path({str(killed)!r})\n"
-        "if not killed.exists():\n"
-        "    killed.touch()\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    with (
-        dask.config.set({"distributed.worker.preload": [str(preload)]}),
-        local_client(partition(1, devices_like("pocl"), CORES)) as client,
-    ):
-        assert client.submit(sum, [1, 2]).result() == 3
-    assert killed.exists()
 
 
 def workers(client: Any) -> Where:

@@ -122,15 +122,6 @@ def test_the_slope_of_alpha_is_that_of_its_lobe(alpha):
     assert slope_of_alpha(alpha) == pytest.approx(lobe_slope(alpha), rel=0.1)
 
 
-def test_the_table_of_heights_for_a_length_of_3_mm():
-    """docs/sweep-method.md has it, from the lobe itself."""
-    table = {0.2: 0.12, 0.3: 0.18, 0.5: 0.33, 0.6: 0.41, 1.0: 0.72}
-    for alpha, height_mm in table.items():
-        # Where alpha is 1/2 the pole of the density lies on the edge of the upper half space.
-        slope = np.mean([lobe_slope(alpha - 1e-3), lobe_slope(min(alpha + 1e-3, 1.0))])
-        assert 3.0 * slope / math.sqrt(2) == pytest.approx(height_mm, abs=0.006)
-
-
 def test_alpha_of_slope_is_the_inverse():
     for alpha in (0.0, 0.3, 1.0):
         assert alpha_of_slope(slope_of_alpha(alpha)) == pytest.approx(alpha, abs=1e-12)

@@ -120,16 +120,6 @@ def test_regions_have_their_own_alphas(regional):
     assert right.alpha - left.alpha > 0.2
 
 
-def test_the_whole_is_the_sum_of_its_regions(regional, measured):
-    """A sweep without regions has the same images."""
-    plain = sweep(measured, SCENE, ALPHAS[1:3], seeds=2, **RADAR, **RAYS)
-    for one, other in zip(plain.images, regional.images[1:3], strict=True):
-        np.testing.assert_allclose(
-            one.amplitude, other.amplitude,
-            rtol=0, atol=1e-5 * one.amplitude.max(),  # sums of float32 in another order
-        )  # fmt: skip
-
-
 def made_up(rng: np.random.Generator, alpha, n_seeds: int) -> np.ndarray:
     """Statistics [seed][alpha] that are smooth in alpha, with a scatter that grows with it."""
     alpha = np.atleast_1d(alpha)
@@ -335,7 +325,7 @@ def test_an_interrupted_sweep_ends_with_the_same_bits(regions):
         np.array_equal(a.amplitude, b.amplitude)
         for a, b in zip(again.images, whole.images, strict=True)
     )
-    assert 0 < ends[0][0] < ends[0][1]
+    assert ends[0][0] > ends[0][1] / 3  # from where it was
     assert ends[-1][0] == ends[-1][1]
     assert [a for a, _ in ends] == sorted(a for a, _ in ends)
 
