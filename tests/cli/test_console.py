@@ -97,13 +97,13 @@ def test_check_outputs_resolves_links(tmp_path: Path) -> None:
     read.touch()
     link.symlink_to(read)
     outputs.check_outputs([None, new], force=False)
-    for paths, message in (
-        ([link], "also an input"),
-        ([tmp_path / ("x" * 5000)], "cannot be written"),
-        ([new, tmp_path / "NEW.h5"], "named twice"),
+    for paths, inputs, message in (
+        ([link], [read], "also an input"),
+        ([tmp_path / ("x" * 5000)], [], "cannot be written"),
+        ([new, tmp_path / "NEW.h5"], [], "named twice"),
     ):
         with pytest.raises(OutputError, match=message):
-            outputs.check_outputs(paths, force=True, inputs=[read])
+            outputs.check_outputs(paths, force=True, inputs=inputs)
     if not (tmp_path / "IN.h5").exists():  # where case counts
         outputs.check_outputs([tmp_path / "IN.h5"], force=False, inputs=[read])
 

@@ -89,11 +89,16 @@ def test_every_option_of_simulate_reaches_the_library(
     cli.fails(f"{line} --estimator expected", "enough")
     settings = received["settings"]
     assert (settings.estimator, settings.samples_per_mm2) == ("expected", 2.0)
-    outcome = cli(f"{line} --material palm --material-of thumb=skin --alpha 0.3")
+
+
+def test_simulate_takes_the_materials_of_parts(cli: Cli, place: Path) -> None:
+    materials = "--material palm --material-of thumb=skin --samples-per-mm2 1.5 --band 72:82:2"
+    outcome = cli.ok(f"simulate hand.ply -o x.h5 {materials} --alpha 0.3")
+    assert "2 S-parameters of palm, skin," in outcome.out or "of skin, palm," in outcome.out
     assert "--alpha: not used by --estimator physical" in outcome.err
-    assert received["settings"].estimator == "physical"
-    names = {one.name for one in received["scene"].materials}
-    assert names == {"palm", "skin"}
+    meta = open_capture("x.h5").meta
+    assert meta["settings"]["estimator"] == "physical"
+    assert {record["name"] for record in meta["scene"]["materials"]} == {"palm", "skin"}
 
 
 def test_alpha_by_mesh_and_by_part(cli: Cli, place: Path) -> None:
