@@ -33,7 +33,7 @@ ROW_WIDTH, PANEL_WIDTH = 7.6, 1.0
 SINGLE_PANEL_WIDTH, MULTIPLE_PANEL_WIDTH = 2.5, 2.1
 PANEL_ASPECTS = (0.4, 2.5)
 MOST_HEIGHT = 3.4
-LEAST_IMAGE, LEAST_ROW = 1.0, 1.4  # for ticks and the name of a colour bar
+LEAST_IMAGE, LEAST_ROW = 1.1, 1.4  # for ticks and the name of a colour bar
 
 
 @dataclass(frozen=True, slots=True)
