@@ -213,15 +213,10 @@ def test_rigs_are_hands_too(
     (tmp_path / "hand.glb").rename(tmp_path / "away.glb")
     _rig.cache_clear()
     assert replay(tmp_path / "out", 0, device=DEVICE, rigs=moved.folder).differences == ()
-    # In the data set's folder it is found, too; the current folder is first, if it is that file.
-    shutil.copy(moved.folder / "hand.glb", tmp_path / "else" / "out")
-    (tmp_path / "else" / "hand.glb").write_bytes(b"another")
     monkeypatch.chdir(tmp_path / "else")
-    assert replay(tmp_path / "else" / "out", 0, device=DEVICE).differences == ()
     arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(moved.folder)]
     assert exit_status("dataset", "--device", DEVICE, *arguments) == 0
     assert "sample 0: the same bits" in capsys.readouterr().out
-    (tmp_path / "else" / "hand.glb").unlink()
     for begun in (
         lambda: make_sample(recipe(plan, 0), DEVICE),
         lambda: replay(tmp_path / "out", 0, device=DEVICE),
