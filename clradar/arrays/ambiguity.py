@@ -58,11 +58,10 @@ def ghosts(
     for counts in among:
         rows = np.flatnonzero(~own & counts(places_m))
         chosen.append(places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED])
-    climbed = climbed_lobes(clusters, thinned(waveform), at_m, np.concatenate(chosen), step)
-    found, first = [], 0
+    band = thinned(waveform)
+    found = []
     for places in chosen:
-        lobes = climbed[first : first + len(places)]
-        first += len(places)
+        lobes = climbed_lobes(clusters, band, at_m, places, step, GHOST_DB)
         away = (lobe for lobe in lobes if _is_away(lobe, at_m, step))
         strong = (lobe for lobe in away if lobe.level_db >= GHOST_DB)
         found.append(sorted(strong, key=lambda lobe: -lobe.level_db))
