@@ -54,14 +54,11 @@ def ghosts(
     distance_m = float(np.linalg.norm(at_m))
     places_m, level, step = _candidates(clusters, waveform.center_hz, at_m)
     own = (np.abs(places_m - at_m)[:, :2] <= 2 * distance_m * step + 1e-9).all(axis=1)
-    chosen = []
+    found = []
     for counts in among:
         rows = np.flatnonzero(~own & counts(places_m))
-        chosen.append(places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED])
-    band = thinned(waveform)
-    found = []
-    for places in chosen:
-        lobes = climbed_lobes(clusters, band, at_m, places, step, GHOST_DB)
+        places = places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED]
+        lobes = climbed_lobes(clusters, thinned(waveform), at_m, places, step, GHOST_DB)
         away = (lobe for lobe in lobes if _is_away(lobe, at_m, step))
         strong = (lobe for lobe in away if lobe.level_db >= GHOST_DB)
         found.append(sorted(strong, key=lambda lobe: -lobe.level_db))

@@ -207,9 +207,8 @@ def climbed_lobes(
 ) -> list[Lobe]:
     """The maxima of the response next to points (n, 3) at the distance of the focus, metres.
 
-    They are at the ranges that suit them; `step` is that of `response_over_directions`. Not those
-    of points where it has less than half of the level `least_db`: half a step away from its maximum
-    along x and y it has 0.8 of it.
+    They are at the ranges that suit them; `step` is that of `response_over_directions`. Not of
+    points with less than half of `least_db`: half a step beside a maximum there is 0.8 of it.
     """
     from scipy.optimize import minimize
 

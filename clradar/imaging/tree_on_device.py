@@ -7,7 +7,6 @@ blocks, ``backproject_fast.cl`` and ``forward_fast.cl``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,26 +56,24 @@ class _SumSizes:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _LeafSizes:
-    """What ``backproject_fast.cl`` and ``forward_fast.cl`` share."""
+class _KernelSizes:
+    """Those of ``backproject_fast.cl``."""
 
     width: int
     leaf: int
     far: bool
     points: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _KernelSizes(_LeafSizes):
-    """Compile-time constants of ``backproject_fast.cl``."""
-
     kept: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _ForwardSizes(_LeafSizes):
+class _ForwardSizes:
     """Those of ``forward_fast.cl``."""
 
+    width: int
+    leaf: int
+    far: bool
+    points: bool
     groups: int
     tile: int = WEIGHTS_TILE
 
@@ -232,7 +229,6 @@ class TreeOnDevice:
         centres: Any,
         above: Blocks,
         parents: Any,
-        started: list[Callable[[], None]],
     ) -> list[Any]:
         """Return buffers of the phasors of rows and columns that refer samples from the centres of
         the blocks above to those of blocks of level i."""
@@ -244,24 +240,21 @@ class TreeOnDevice:
             self.buffers.empty(8 * n * step.n_frequencies * padded(side.n, self.unit))
             for side in sides
         ]
-        started += self.start_phasors(i, n, centres, above, parents, found)
+        self.start_phasors(i, n, centres, above, parents, found)
         return found
 
     def start_phasors(
         self, i: int, n: int, centres: Any, above: Blocks, parents: Any, out: list[Any]
-    ) -> list[Callable[[], None]]:
+    ) -> None:
         """Start writing the phasors of rows and columns of n blocks, below the first level."""
-        step, u, started = self.steps[i], np.uint32, []
+        step, u = self.steps[i], np.uint32
         for side, phasors in zip((step.rows, step.columns), out, strict=True):
             count = padded(side.n, self.unit)
-            started.append(
-                self.sums.start(
-                    "block_phasors", (count // self.width, n), u(count), u(n),
-                    u(step.n_frequencies), side.planes, step.k, centres, above.centres, parents,
-                    phasors, work=40.0 * step.n_frequencies,
-                )
+            self.sums.start(
+                "block_phasors", (count // self.width, n), u(count), u(n), u(step.n_frequencies),
+                side.planes, step.k, centres, above.centres, parents, phasors,
+                work=40.0 * step.n_frequencies,
             )  # fmt: skip
-        return started
 
     def root(self, cube: Any) -> Blocks:
         """Return the one block above the first level: the antennas' samples, about the origin."""

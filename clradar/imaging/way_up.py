@@ -81,38 +81,29 @@ class WayUp:
         n_rows, n_columns = padded(rows.n, unit), padded(columns.n, unit)
         n_lanes, n_few = padded(rows.n_skeleton, unit), step.n_skeleton_frequencies
         parents = buffers.upload(parent)
-        started: list[Callable[[], None]] = []
-        phasors = tree.phasors(i, blocks.centre_m, blocks.centres, above, parents, started)
+        phasors = tree.phasors(i, blocks.centre_m, blocks.centres, above, parents)
         n_values = 2 * columns.n_skeleton * n_lanes
         every = buffers.empty(4 * n * n_m * n_values)
-        started.append(
-            sums.start(
-                "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_few), u(n_m),
-                u(padded(n_m, WEIGHTS_TILE)), blocks.g, step.frequency_weights, every,
-                work=2.0 * n_few * n_m,
-            )
+        sums.start(
+            "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_few), u(n_m),
+            u(padded(n_m, WEIGHTS_TILE)), blocks.g, step.frequency_weights, every,
+            work=2.0 * n_few * n_m,
         )  # fmt: skip
         expanded = buffers.empty(8 * n * n_m * rows.n_skeleton * n_columns)
-        started.append(
-            sums.start(
-                "expand_and_transpose", (n_lanes // width, n_m, n), u(n_lanes), u(n_m), u(n),
-                u(columns.n_skeleton), u(n_columns), u(rows.n_skeleton), every, phasors[1],
-                columns.weights, expanded, work=4.0 * columns.n_skeleton * n_columns,
-            )
+        sums.start(
+            "expand_and_transpose", (n_lanes // width, n_m, n), u(n_lanes), u(n_m), u(n),
+            u(columns.n_skeleton), u(n_columns), u(rows.n_skeleton), every, phasors[1],
+            columns.weights, expanded, work=4.0 * columns.n_skeleton * n_columns,
         )  # fmt: skip
         first, n_parents = int(parent[0]), int(parent[-1] - parent[0]) + 1
         stops = np.searchsorted(parent, np.arange(first, first + n_parents), side="right")
         ranges = np.zeros((n_parents, 3), np.int32)
         ranges[1:, 0], ranges[:, 1], ranges[0, 2] = stops[:-1], stops, begun
         held = buffers.upload(ranges)
-        started.append(
-            sums.start(
-                "expand_rows", (n_columns // width, n_m, n_parents), u(n_columns), u(n_m),
-                u(n_parents), u(rows.n_skeleton), u(rows.n), u(padded(rows.n, WEIGHTS_TILE)),
-                u(n_rows), u(first), expanded, held, phasors[0], rows.weights, above.g,
-                work=4.0 * rows.n_skeleton * rows.n * n / n_parents,
-            )
+        sums.launch(
+            "expand_rows", (n_columns // width, n_m, n_parents), u(n_columns), u(n_m),
+            u(n_parents), u(rows.n_skeleton), u(rows.n), u(padded(rows.n, WEIGHTS_TILE)),
+            u(n_rows), u(first), expanded, held, phasors[0], rows.weights, above.g,
+            work=4.0 * rows.n_skeleton * rows.n * n / n_parents,
         )  # fmt: skip
-        for wait in started:
-            wait()
         tree.release(parents, *phasors, every, expanded, held)
