@@ -5,7 +5,7 @@ from calibration.channels.correction import correct
 from calibration.channels.estimate import estimate_channels
 from calibration.channels.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
 from calibration.cleaning import clean
-from calibration.clutter import Gate, average_frames, gate, range_gate, subtract_background
+from calibration.clutter import average_frames, range_gate, subtract_background
 from calibration.conventions import (
     HYPOTHESES,
     Diagnosis,
@@ -28,7 +28,6 @@ from calibration.roughness.alpha import AlphaEstimate
 from calibration.roughness.millimetres import RoughnessEstimate
 from calibration.roughness.regions import Regions
 from calibration.roughness.roughness_sweep import RoughnessSweep, sweep_roughness
-from calibration.roughness.slope import alpha_of_slope, slope_of_alpha
 from calibration.roughness.sweep import Sweep, sweep
 
 __all__ = [
@@ -41,7 +40,6 @@ __all__ = [
     "Echo",
     "FlatPlate",
     "FrameFit",
-    "Gate",
     "HandFit",
     "Hypothesis",
     "Place",
@@ -56,7 +54,6 @@ __all__ = [
     "Target",
     "align",
     "align_mesh",
-    "alpha_of_slope",
     "apply_convention",
     "average_frames",
     "clean",
@@ -65,11 +62,9 @@ __all__ = [
     "estimate_channels",
     "fit_hand",
     "fit_hands",
-    "gate",
     "range_gate",
     "register",
     "response",
-    "slope_of_alpha",
     "subtract_background",
     "sweep",
     "sweep_roughness",

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -336,43 +335,6 @@ NOISE_POWER = 1e-3
 PROBES_PER_CELL = 8
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Gate:
-    """A linear map over the frequencies of a pair that keeps the echoes of a range window.
-
-    Attributes
-    ----------
-    matrix : numpy.ndarray, shape (n_freq, n_freq), complex128
-        The gated samples of a pair are `matrix @ s[tx, rx]`.
-    near_m, far_m, edge_m : float, metres
-        The window, in half path length, and the width of each transition band outside it.
-    clutter_db : float, dB
-    passband_db : float, dB
-        Smallest gain of an echo in the window, ``|<s, G s>| / <s, s>``.
-    rejection_db : float, dB
-        Smallest suppression of the RMS of an echo beyond the transition bands.
-
-    Examples
-    --------
-    >>> import clradar
-    >>> import calibration
-    >>> calibration.gate(clradar.Waveform.sfcw(72e9, 82e9, 32), near_m=0.1, far_m=0.2).matrix.shape
-    (32, 32)
-    """
-
-    matrix: np.ndarray
-    near_m: float
-    far_m: float
-    edge_m: float
-    clutter_db: float
-    passband_db: float
-    rejection_db: float
-
-    def record(self) -> dict[str, float]:
-        """Everything but the matrix, in types that JSON has."""
-        return {own.name: getattr(self, own.name) for own in fields(self)[1:]}
-
-
 def range_gate(
     capture: Capture,
     *,
@@ -401,7 +363,9 @@ def range_gate(
     Returns
     -------
     Capture
-        `meta["range_gate"]` holds the window, `passband_db` and `rejection_db`: see `Gate`.
+        `meta["range_gate"]` holds the window, `passband_db`, the smallest gain of an echo in it,
+        ``|<s, G s>| / <s, s>``, and `rejection_db`, the smallest suppression of the RMS of an echo
+        beyond the transition bands.
 
     Raises
     ------
@@ -427,33 +391,24 @@ def range_gate(
     -67.8 dB
     """
     checks.instance("range_gate: capture", capture, Capture)
-    found = gate(capture.waveform, near_m=near_m, far_m=far_m, edge_m=edge_m, clutter_db=clutter_db)
+    matrix, record = gate(capture.waveform, near_m, far_m, edge_m, clutter_db)
     data = np.empty(capture.data.shape, np.complex64)
     for out, row in zip(data, capture.data, strict=True):
-        out[:] = row.astype(np.complex128) @ found.matrix.T
+        out[:] = row.astype(np.complex128) @ matrix.T
     data.flags.writeable = False
-    meta = {**capture.meta, "range_gate": found.record()}
+    meta = {**capture.meta, "range_gate": record}
     return Capture(data, capture.array, capture.waveform, meta)
 
 
 def gate(
     waveform: Waveform,
-    *,
     near_m: float,
     far_m: float,
     edge_m: float | None = None,
     clutter_db: float = CLUTTER_DB,
-) -> Gate:
-    """Compute the linear map that `range_gate` applies.
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Return the linear map over the frequencies of a pair, (n_freq, n_freq), and its record.
 
-    Parameters and errors are those of `range_gate`.
-
-    Returns
-    -------
-    Gate
-
-    Notes
-    -----
     A window over the inverse Fourier transform treats the band as one period of a periodic signal,
     and so mixes its two ends. Instead, this is the linear map G with the least mean square error
     for echoes of every path length d within one period D = c / df::
@@ -465,16 +420,7 @@ def gate(
     w = 1/2 in the transition bands: the Wiener filter for clutter of that power. Every integral has
     a closed form (a sinc), so the frequency steps may differ; D is then that of the largest. Delays
     below zero are the end of the period, so mirror images from IQ imbalance are rejected as well.
-
-    Examples
-    --------
-    >>> import clradar
-    >>> import calibration
-    >>> window = calibration.gate(clradar.Waveform.sfcw(72e9, 82e9, 32), near_m=0.1, far_m=0.2)
-    >>> round(window.passband_db, 1), round(window.rejection_db)
-    (-0.5, 51)
     """
-    checks.instance("range_gate: waveform", waveform, Waveform)
     if waveform.n_freq < 2:
         checks.fail("range_gate: waveform", "two frequencies or more", "one, which has no range")
     near = checks.real("range_gate: near_m", near_m)
@@ -511,7 +457,6 @@ def gate(
     whole = inside + EDGE_WEIGHT * edges + 10 ** (clutter / 10) * outside
     whole += NOISE_POWER * np.eye(waveform.n_freq)
     matrix = np.linalg.solve(whole, wanted).conj().T  # both are Hermitian
-    matrix.flags.writeable = False
 
     def responses(low_m: float, high_m: float) -> tuple[np.ndarray, np.ndarray]:
         """Echoes an eighth of a resolution cell apart, before and after the gate, (n_freq, n)."""
@@ -528,7 +473,8 @@ def gate(
     passband_db = amplitude_db(np.abs((echoes.conj() * kept).mean(axis=0)).min())
     _, left = responses(far + edge, period_m + near - edge)
     rejection_db = -amplitude_db(np.sqrt((np.abs(left) ** 2).mean(axis=0)).max())
-    return Gate(matrix, near, far, edge, clutter, passband_db, rejection_db)
+    record = {"near_m": near, "far_m": far, "edge_m": edge, "clutter_db": clutter}
+    return matrix, {**record, "passband_db": passband_db, "rejection_db": rejection_db}
 
 
 def _gram(offsets_hz: np.ndarray, low_m: float, high_m: float, period_m: float) -> np.ndarray:

@@ -191,14 +191,6 @@ class Score:
         Brightest voxel, x, y, z. NaN for an impossible hypothesis.
     image : DepthMap or None
         Amplitude over x and y; None for an impossible hypothesis.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import calibration
-    >>> score = calibration.Score(calibration.Hypothesis(), 0.5, np.array([0, 0, 0.3]), None)
-    >>> round(score.relative_db, 2)
-    -3.01
     """
 
     hypothesis: Hypothesis

@@ -47,7 +47,7 @@ NEED_A_DEVICE = (
 
 FIRST = (
     *("view/test_view_browser.py", "test_results_stay.py", "cli/test_image_parts.py"),
-    *("dataset/test_dataset_engine.py", "cli/test_process_command.py", "cli/test_surroundings.py"),
+    *("dataset/test_dataset_engine.py", "cli/test_process_command.py", "cli/test_program.py"),
     *("imaging/test_placement.py", "opencl/test_ways.py", "motion/test_moving_sweep.py"),
     *("calibration/channels/test_channels.py", "calibration/hand_fit/test_meshed_anew.py"),
     *("jobs/test_devices.py", "test_plot.py", "test_site.py", "test_platforms.py"),

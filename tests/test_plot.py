@@ -103,6 +103,8 @@ def test_columns_of_a_comparison(count):
     columns = count + 1
     assert len(pickle.loads(pickle.dumps(figure)).axes) == len(figure.axes) == 2 * columns + 2
     assert [a.get_title() for a in figure.axes[:columns]] == ["Measurement", *labels]
+    above, below = (figure.axes[row * columns].get_position() for row in (0, 1))
+    assert 0 < (above.y0 - below.y1) * figure.get_figheight() < 0.2  # inches between the rows
     for i, axes in enumerate(figure.axes[: 2 * columns]):
         assert axes.get_xlabel() == (X_LEFT if i >= columns else "")
         assert axes.get_ylabel() == ("y (mm)" if i % columns == 0 else "")

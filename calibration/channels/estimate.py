@@ -25,7 +25,6 @@ from clradar.model import Capture, ChannelCalibration, ChannelResponse, checks
 from clradar.model.progress import Progress
 
 COMMON_DELAYS = ("zero", "free")
-LEVELS = ("mean", "target")
 
 MIN_FREQUENCIES = 4
 """Mean and slope over frequency take two degrees of freedom of a pair, its noise the rest."""
@@ -74,7 +73,6 @@ def estimate_channels(
     tilt_tolerance_deg: float = 2.0,
     max_delay_s: float = 100e-12,
     common_delay: str = "zero",
-    level: str = "mean",
     gate_m: float | None = None,
     dead_db: float = 20.0,
     noisy_db: float = 6.0,
@@ -102,9 +100,6 @@ def estimate_channels(
     common_delay : "zero" or "free"
         Whether delays scatter about zero or about an unknown common delay. With "free" the range of
         a corner reflector stays nominal.
-    level : "mean" or "target"
-        The gains have a mean of 0 dB, so that a correction keeps the level; or the echo has the
-        `amplitude` of the target's model.
     gate_m : float, metres, optional
         Use only echoes whose range is at most this far from the target's: more than the tolerance
         and the delays.
@@ -120,8 +115,8 @@ def estimate_channels(
     Returns
     -------
     ChannelCalibration
-        Gains have the same mean in dB over the live channels of either side, 0 unless `level` is
-        "target"; the first live Tx has phase 0; the delays of Tx and Rx have equal means.
+        Gains have a mean of 0 dB over the live channels of either side, so that a correction keeps
+        the level; the first live Tx has phase 0; the delays of Tx and Rx have equal means.
         `meta["outlying_pairs"]` is the share of pairs whose echo differs from that of the model:
         they have nearly no weight.
 
@@ -167,7 +162,6 @@ def estimate_channels(
     tolerance_deg = checks.positive(f"{name}: tilt_tolerance_deg", tilt_tolerance_deg)
     max_delay_s = checks.positive(f"{name}: max_delay_s", max_delay_s)
     checks.one_of(f"{name}: common_delay", common_delay, COMMON_DELAYS)
-    checks.one_of(f"{name}: level", level, LEVELS)
     dead_db = _decibel(f"{name}: dead_db", dead_db)
     noisy_db = _decibel(f"{name}: noisy_db", noisy_db)
     max_residual_db = checks.real(f"{name}: max_residual_db", max_residual_db)
@@ -201,7 +195,7 @@ def estimate_channels(
     tx, rx = (Side(s.gain[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True))
     found = fit_channels(part, array, target, tx, rx, prior, max_iterations, progress)
     quality = _quality(found, samples.count, noisy_db, max_residual_db)
-    return _calibration(capture, samples, found, live, quality, level)
+    return _calibration(capture, samples, found, live, quality)
 
 
 def _decibel(field: str, value: float) -> float:
@@ -291,7 +285,7 @@ def _gain_stds(samples: Samples, echo: Echo, tx: Side, rx: Side) -> tuple[np.nda
     """Standard deviation of the gain of each channel due to noise."""
     pairs = pairs_of(samples, echo, tx, rx)
     noise = by_channel(pairs.scatter, echo.seen)
-    strength = np.square(echo.amplitude) * echo.seen * samples.count
+    strength = echo.seen * samples.count
     reach = (strength @ np.abs(rx.gain) ** 2, strength.T @ np.abs(tx.gain) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         stds = [np.sqrt(n / r) for n, r in zip(noise, reach, strict=True)]
@@ -362,14 +356,12 @@ def _calibration(
     found: ChannelFit,
     live: list[np.ndarray],
     quality: _Quality,
-    level: str,
 ) -> ChannelCalibration:
     """The fit in the gauge of `estimate_channels`, with dead channels filled in."""
     mean_log = [float(np.log(np.abs(side.gain)).mean()) for side in (found.tx, found.rx)]
-    level_log = 0.0 if level == "mean" else sum(mean_log) / 2
     first = found.tx.gain[0] / abs(found.tx.gain[0])
     gain = [
-        side.gain * np.exp(level_log - own_log) * turn
+        side.gain * np.exp(-own_log) * turn
         for side, own_log, turn in zip(
             (found.tx, found.rx), mean_log, (first.conj(), first), strict=True
         )
@@ -406,7 +398,7 @@ def _calibration(
         target_amplitude=float(np.exp(sum(mean_log))),
         residual_db=quality.residual_db,
         noise_residual_db=quality.noise_residual_db,
-        meta={"level": level, "outlying_pairs": quality.outlying, "capture": dict(capture.meta)},
+        meta={"outlying_pairs": quality.outlying, "capture": dict(capture.meta)},
         **fields,
     )
 

@@ -2,7 +2,7 @@
 
 One sample is modelled as
 
-    s[i, k, n] = g_i g_k a_ik exp(-j (nu_n (tau_i + sigma_k) + 2 pi f_n d_ik(p) / c))
+    s[i, k, n] = g_i g_k exp(-j (nu_n (tau_i + sigma_k) + 2 pi f_n d_ik(p) / c))
 
 with complex gains g, nu_n = 2 pi (f_n - f_ref) and f_ref the mean frequency. Around a trial, mean
 and slope over frequency of each pair are sufficient. For any pose p near it the best channels
@@ -208,8 +208,7 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
         rx_level > 0, rx_level, np.inf
     )
     right = np.linalg.svd(mean * echo.seen / known)[2][0]
-    amplitude = np.where(echo.seen, echo.amplitude, 0.0)
-    tx, rx = rank_one(mean * amplitude, amplitude**2, right * rx_level)
+    tx, rx = rank_one(mean * echo.seen, echo.seen.astype(float), right * rx_level)
     return Side(tx, tx_delay), Side(rx, rx_delay)
 
 
@@ -345,7 +344,7 @@ def pairs_of(samples: Samples, echo: Echo, tx: Side, rx: Side) -> Pairs:
         readings[i] = row @ readers
         energy[i] = _energy(samples.projected(row))
     gain = np.outer(tx.gain, rx.gain)
-    model = np.abs(gain) * echo.amplitude
+    model = np.abs(gain)
     readings *= np.exp(-1j * np.angle(gain))[:, :, None]
     fitted, read = readings[:, :, :2], readings[:, :, 2:]
 

@@ -14,7 +14,6 @@ from clradar.model.plausible import check_plausible, place
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-AMPLITUDES = ("unit", "spreading")
 MAX_TILT_DEG = 60.0
 
 RADIUS_M = (1e-4, 5.0)
@@ -29,7 +28,6 @@ class Echo:
     ----------
     length_m : ndarray, shape (n_tx, n_rx), float64, metres
         Path length; finite where `seen` is False, too.
-    amplitude : ndarray, shape (n_tx, n_rx), float64
     seen : ndarray, shape (n_tx, n_rx), bool
         Whether the path exists: the specular point lies on the target and faces both antennas.
 
@@ -46,7 +44,6 @@ class Echo:
     """
 
     length_m: np.ndarray
-    amplitude: np.ndarray
     seen: np.ndarray
 
 
@@ -58,13 +55,6 @@ class Target(Protocol):
     kind : str
     parameter_names : tuple of str
         Of its pose; a name ends with the unit, "_m" or "_deg".
-
-    Examples
-    --------
-    >>> import calibration
-    >>> plate: calibration.Target = calibration.FlatPlate(0.3, 2.0)
-    >>> plate.kind, plate.parameter_names, plate.parameters.tolist()
-    ('plate', ('distance_m', 'tilt_x_deg', 'tilt_y_deg'), [0.3, 2.0, 0.0])
     """
 
     kind: ClassVar[str]
@@ -88,7 +78,6 @@ class _AtPosition:
     parameter_names: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
 
     position_m: np.ndarray
-    amplitude: str = field(default="unit", kw_only=True)
 
     def __post_init__(self) -> None:
         name = type(self).__name__
@@ -97,7 +86,6 @@ class _AtPosition:
             expected = "a place in front of the antennas (z > 0)"
             checks.fail(f"{name}.position_m", expected, f"z = {position[2]:g} m")
         object.__setattr__(self, "position_m", position)
-        checks.one_of(f"{name}.amplitude", self.amplitude, AMPLITUDES)
 
     @property
     def parameters(self) -> np.ndarray:
@@ -119,8 +107,6 @@ class CornerReflector(_AtPosition):
     ----------
     position_m : array_like, shape (3,), metres
         The apex (phase centre), antenna frame.
-    amplitude : "unit" or "spreading"
-        1 for every pair, or 1 / (R1 R2), the path segments in metres, as in `clradar.simulate`.
 
     Examples
     --------
@@ -138,7 +124,7 @@ class CornerReflector(_AtPosition):
         back_m = np.linalg.norm(array.rx_m - self.position_m, axis=1)[None, :]
         _outside("CornerReflector.position_m", "an antenna", min(to_m.min(), back_m.min()), 0.0)
         seen = np.ones((array.n_tx, array.n_rx), dtype=bool)
-        return _echo(to_m, back_m, seen, self.amplitude)
+        return Echo(to_m + back_m, seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,8 +144,6 @@ class Sphere(_AtPosition):
     position_m : array_like, shape (3,), metres
         The centre, antenna frame.
     radius_m : float, metres
-    amplitude : "unit" or "spreading"
-        As of `CornerReflector`.
 
     Examples
     --------
@@ -202,7 +186,7 @@ class Sphere(_AtPosition):
 
         t = find_root(slope, (np.zeros_like(between), between), args=(a, b, between)).x
         seen = (np.cos(t) > r / a) & (np.cos(between - t) > r / b)
-        return _echo(leg(a, t), leg(b, between - t), seen, self.amplitude)
+        return Echo(leg(a, t) + leg(b, between - t), seen)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,8 +207,6 @@ class FlatPlate:
         no echo. None for a plate large enough for all pairs.
     centre_m : (float, float), metres
         x and y of the middle of the plate.
-    amplitude : "unit" or "spreading"
-        As of `CornerReflector`.
 
     Examples
     --------
@@ -245,7 +227,6 @@ class FlatPlate:
     tilt_y_deg: float = 0.0
     size_m: tuple[float, float] | None = field(default=None, kw_only=True)
     centre_m: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
-    amplitude: str = field(default="unit", kw_only=True)
 
     def __post_init__(self) -> None:
         distance = checks.positive("FlatPlate.distance_m", self.distance_m)
@@ -266,7 +247,6 @@ class FlatPlate:
         aside, within = np.abs(centre).max(), (0.0, PLAUSIBLE_RANGE_M[1])
         check_plausible("FlatPlate.centre_m", "a distance from the axis", aside, within)
         object.__setattr__(self, "centre_m", (float(centre[0]), float(centre[1])))
-        checks.one_of("FlatPlate.amplitude", self.amplitude, AMPLITUDES)
 
     @property
     def parameters(self) -> np.ndarray:
@@ -285,10 +265,9 @@ class FlatPlate:
         _outside("FlatPlate", "an antenna", min(h_tx.min(), h_rx.min()), 0.0)
         apart = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
         length_m = np.sqrt(apart**2 + 4 * h_tx * h_rx)
-        share = h_tx / (h_tx + h_rx)  # of the path, up to the point of reflection
-        if self.size_m is None:
-            seen = np.ones(length_m.shape, dtype=bool)
-        else:
+        seen = np.ones(length_m.shape, dtype=bool)
+        if self.size_m is not None:
+            share = h_tx / (h_tx + h_rx)  # of the path, up to the point of reflection
             # From the image of the Tx in the plane straight on to the Rx.
             image = array.tx_m + 2 * h_tx * normal
             point = image[:, None] + share[:, :, None] * (array.rx_m[None] - image[:, None])
@@ -297,7 +276,7 @@ class FlatPlate:
             along_y = np.cross(normal, along_x)
             u, v = (point - middle) @ along_x, (point - middle) @ along_y
             seen = (np.abs(u) <= self.size_m[0] / 2) & (np.abs(v) <= self.size_m[1] / 2)
-        return _echo(share * length_m, (1 - share) * length_m, seen, self.amplitude)
+        return Echo(length_m, seen)
 
 
 def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndarray:
@@ -306,8 +285,7 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     Returns
     -------
     ndarray, shape (n_tx, n_rx, n_freq), complex128
-        a exp(-j 2 pi f d / c), with d the length and a the amplitude of the pair's path; 0 for
-        pairs without an echo.
+        exp(-j 2 pi f d / c), with d the length of the pair's path; 0 for pairs without an echo.
 
     Examples
     --------
@@ -324,7 +302,7 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     echo = target.echo(array)
     cycles = echo.length_m[:, :, None] * (waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
     phasors: np.ndarray = np.exp(-2j * np.pi * cycles)
-    return phasors * (echo.amplitude * echo.seen)[:, :, None]
+    return phasors * echo.seen[:, :, None]
 
 
 def _outside(name: str, what: str, distance_m: float, least_m: float) -> None:
@@ -335,9 +313,3 @@ def _outside(name: str, what: str, distance_m: float, least_m: float) -> None:
             f"{least_m:g} m away)",
             f"{distance_m:g} m",
         )
-
-
-def _echo(to_m: np.ndarray, back_m: np.ndarray, seen: np.ndarray, amplitude: str) -> Echo:
-    length_m = to_m + back_m
-    strength = np.ones(length_m.shape) if amplitude == "unit" else 1.0 / (to_m * back_m)
-    return Echo(length_m, strength, seen)

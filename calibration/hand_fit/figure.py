@@ -74,7 +74,7 @@ def hand_fit_figure(
     extent = Extent.around([shown])
     size = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
     legend_h = text_height(LEGEND_ROWS, LABEL_PT) + MARGIN
-    figure, (panels,) = new_panels(1, 2, size, bars=2, labels=(1, 2), below=legend_h)
+    figure, (panels,) = new_panels(1, 2, size, bars=2, labels=2, below=legend_h)
     for axes, title in zip(panels, ("Amplitude, maximum over depth", "Depth"), strict=True):
         draw_frame(axes, extent, title)
     amplitude_bar(panels[:1], draw_amplitude(panels[0], shown, extent.unit))

@@ -184,14 +184,6 @@ class AlphaEstimate:
         Values of the swept range and their probability; before the measurement all are alike.
     fit : Fit
         Statistics: measured, and of simulations at the best alpha.
-
-    Examples
-    --------
-    >>> import calibration, numpy as np
-    >>> from calibration.roughness.emulator import Interval
-    >>> interval = Interval(0.55, 0.53, 0.57, 0.5, 0.6)
-    >>> calibration.AlphaEstimate("palm", interval, np.ones(1), np.ones(1), None).text()
-    '0.55 ± 0.02'
     """
 
     name: str

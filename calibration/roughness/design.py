@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -38,24 +38,6 @@ def _blocks(value: Any) -> Iterator[bytes]:
         yield repr(value).encode()
 
 
-class Estimate(Protocol):
-    """What is found of a region."""
-
-    @property
-    def name(self) -> str: ...
-    def text(self) -> str: ...
-    def remarks(self) -> list[str]: ...
-
-
-class Meter(Protocol):
-    """What measures statistics of a region."""
-
-    bins: dict[int, np.ndarray]
-
-    @property
-    def n_points(self) -> int: ...
-
-
 def check_regions(function: str, regions: Regions | None, scene: Scene) -> None:
     if regions is not None:
         checks.instance(f"{function}: regions", regions, Regions)
@@ -64,7 +46,7 @@ def check_regions(function: str, regions: Regions | None, scene: Scene) -> None:
             checks.fail(f"{function}: regions", expected, f"{len(regions.face)}")
 
 
-def estimable(what: str, names: Iterable[str], meters: Iterable[Meter]) -> None:
+def estimable(what: str, names: Iterable[str], meters: Iterable[Any]) -> None:
     """Raise `CompareError` unless enough of each region is visible."""
     for name, meter in zip(names, meters, strict=True):
         if not meter.bins:
@@ -74,12 +56,12 @@ def estimable(what: str, names: Iterable[str], meters: Iterable[Meter]) -> None:
             )
 
 
-def remarks_of(estimates: Sequence[Estimate]) -> tuple[str, ...]:
+def remarks_of(estimates: Sequence[Any]) -> tuple[str, ...]:
     """Reasons to doubt the estimates, one clause each."""
     return tuple(f"{one.name}: {text}" for one in estimates for text in one.remarks())
 
 
-def report_of(what: str, estimates: Sequence[Estimate]) -> list[str]:
+def report_of(what: str, estimates: Sequence[Any]) -> list[str]:
     """Lines of the estimates and their caveats."""
     lines = []
     for one in estimates:

@@ -11,7 +11,6 @@ import numpy as np
 from scipy import special
 
 from calibration.roughness.emulator import Emulator, Fit, Interval, at_ends, fit_probability, plain
-from calibration.roughness.slope import slope_of_roughness
 from calibration.roughness.texture import COHERENT, REST, of_power
 
 KNOWN_SHARE = 0.3
@@ -48,18 +47,6 @@ class RoughnessEstimate:
         heights, and of lengths, are equally likely.
     fit : Fit
         Statistics: measured, and of simulations at the best pair and gain.
-
-    Examples
-    --------
-    >>> from calibration.roughness.emulator import Interval
-    >>> import numpy as np
-    >>> import calibration
-    >>> height = Interval(0.31e-3, 0.28e-3, 0.34e-3, 0.25e-3, 0.37e-3)
-    >>> length = Interval(3e-3, 1.4e-3, 5.5e-3, 1.1e-3, 5.9e-3, True, True)
-    >>> slope = Interval(0.15, 0.08, 0.3, 0.06, 0.4)
-    >>> calibration.RoughnessEstimate(
-    ...     "palm", height, length, slope, np.ones(1), np.ones(1), np.ones((1, 1)), None).text()
-    'h = 0.31 ± 0.03 mm; the correlation length is not observable'
     """
 
     name: str
@@ -215,7 +202,7 @@ def _estimate(
         probability = np.zeros_like(probability)
         probability[0] = 1 / len(lengths_m)
     mean, spread = emulator.at(heights_m[i], lengths_m[j])
-    slopes = slope_of_roughness(1.0, 1.0) * heights_m[:, None] / lengths_m
+    slopes = math.sqrt(2.0) * heights_m[:, None] / lengths_m
     of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
     ends = at_ends(lengths_m, of_lengths) if len(lengths_m) > 1 else (False, False)
     free = len(mean) - 1 - (len(lengths_m) > 1) - (len(shifts) > 1)

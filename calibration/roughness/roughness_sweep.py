@@ -65,17 +65,6 @@ class RoughnessSweep:
     gain_db : Interval
         Of the measurement over the simulations; 0 if it is calibrated.
     calibrated : bool
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import calibration
-    >>> from calibration.roughness.emulator import Interval
-    >>> heights_m, gain_db = np.array([1e-4, 2e-4]), Interval(-3, -4, -2, -5, -1)
-    >>> found = calibration.RoughnessSweep(
-    ...     (), heights_m, np.array([3e-3]), (0, 1), gain_db, calibrated=False)
-    >>> print(found.report())
-    gain of the measurement over the simulations -3 ± 1 dB
     """
 
     estimates: tuple[RoughnessEstimate, ...]

@@ -59,11 +59,6 @@ FEWEST_OF_ONE_SEED = 5
 MAX_PASSES = 6
 """Over the regions, until the alpha of none goes to another simulated one."""
 
-TRACING_SHARE = 0.75
-"""Fraction of the time of one image, for the progress bar."""
-
-_STEPS = 1000  # of the progress bar, per image
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
@@ -82,19 +77,6 @@ class Sweep:
         One per alpha, of the first seed.
     regions : tuple of AlphaEstimate
         The alpha of each region, if there were regions.
-
-    Examples
-    --------
-    >>> import clradar, numpy as np
-    >>> import calibration
-    >>> axis_m = np.arange(12) * 1e-3
-    >>> level = 1.0 + np.add.outer(axis_m, axis_m)
-    >>> image = clradar.DepthMap(np.full((12, 12), 0.3), level, axis_m, axis_m, 15.0)
-    >>> equal = clradar.compare(image, image)
-    >>> found = calibration.Sweep(
-    ...     np.array([0.2, 0.4]), (0,), ((equal, equal),), None, image, (image, image))
-    >>> found.of("overlap").round(6)
-    array([[1., 1.]])
     """
 
     alphas: np.ndarray
@@ -426,27 +408,14 @@ class _Simulations:
     ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
         """Yield name and arrays of the images of seed k and some alphas."""
         k, indices = item
-        shares = {"traced": 0.0, "stored": 0.0}
-
-        def tell(name: str, now: int, of: int) -> None:
-            shares[name] = now / of
-            share = TRACING_SHARE * shares["traced"] + (1 - TRACING_SHARE) * shares["stored"]
-            progress(round(_STEPS * share), _STEPS)
-
         captures = simulate_alphas(
-            self.scene,
-            self.array,
-            self.waveform,
-            list(self.alphas[indices]),
+            self.scene, self.array, self.waveform, list(self.alphas[indices]),
             region=None if self.regions is None else self.regions.face,
-            settings=replace(self.settings, seed=self.seeds[k]),
-            device=device,
-            progress=lambda now, of: tell("traced", now, of),
-        )
-        for n, (i, of_alpha) in enumerate(zip(indices, captures, strict=True), start=1):
+            settings=replace(self.settings, seed=self.seeds[k]), device=device, progress=progress,
+        )  # fmt: skip
+        for i, of_alpha in zip(indices, captures, strict=True):
             for r, capture in enumerate(of_alpha):
                 yield self.name_of(k, i, r), self._image(capture, device)
-            tell("stored", n, len(indices))
 
     def _image(self, capture: Capture, device: Device) -> dict[str, np.ndarray]:
         volume = backproject(

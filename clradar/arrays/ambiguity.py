@@ -7,9 +7,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from clradar.arrays.instruments import qar50
-from clradar.arrays.lobes import Lobe, climbed_lobes, response_over_directions, search_terms
-from clradar.arrays.point_spread import Clusters, clusters_of, pair_sums, response, spans_m, thinned
-from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.arrays.lobes import (
+    Lobe,
+    are_one,
+    climbed_lobes,
+    maxima,
+    response_over_directions,
+    search_terms,
+)
+from clradar.arrays.point_spread import Clusters, clusters_of, response, thinned
 from clradar.model import AntennaArray, Waveform
 from clradar.model.range_profile import MIN_STEPS
 
@@ -19,12 +25,8 @@ GHOST_DB = -3.0
 SEARCHED = 24
 """Antennas of a side, drawn, whose response tells where all of them may have a lobe."""
 
-MOST_TERMS = 2e7
-"""Antennas times directions of a search: 0.3 s. Larger arrays are not searched."""
-
-ENVELOPES = 3
-"""Of several clusters, so many tell where their image may have lobes: none is above the mean of
-theirs."""
+MOST_TERMS = 6e7
+"""Antennas times directions of a search: 1 s. Larger arrays are not searched."""
 
 FEWEST_PEAK = 0.3
 """Of the response of the drawn antennas at one frequency, on a lattice that may miss the top."""
@@ -51,16 +53,16 @@ def ghosts(
     clusters = clusters_of(array)
     if len(clusters) == 1 and _needs_no_search(clusters[0], waveform):
         return [[] for _ in among]
-    distance_m = float(np.linalg.norm(at_m))
     places_m, level, step = _candidates(clusters, waveform.center_hz, at_m)
-    own = (np.abs(places_m - at_m)[:, :2] <= 2 * distance_m * step + 1e-9).all(axis=1)
     found = []
     for counts in among:
-        rows = np.flatnonzero(~own & counts(places_m))
+        rows = np.flatnonzero(~are_one(places_m, at_m, step) & counts(places_m))
         places = places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED]
-        lobes = climbed_lobes(clusters, thinned(waveform), at_m, places, step, GHOST_DB)
-        away = (lobe for lobe in lobes if _is_away(lobe, at_m, step))
-        strong = (lobe for lobe in away if lobe.level_db >= GHOST_DB)
+        strong = (
+            lobe
+            for lobe in climbed_lobes(clusters, thinned(waveform), at_m, places, step, GHOST_DB)
+            if lobe.level_db >= GHOST_DB and not are_one(lobe.position_m, at_m, step)
+        )
         found.append(sorted(strong, key=lambda lobe: -lobe.level_db))
     return found
 
@@ -72,52 +74,12 @@ def _candidates(
 
     Of few of the antennas. Nothing where even they would take long.
     """
-    distance_m = float(np.linalg.norm(at_m))
-    rows = np.linspace(0, len(clusters) - 1, min(len(clusters), ENVELOPES)).round().astype(int)
-    several = [_few(clusters[row], SEARCHED) for row in rows]
-    if sum(search_terms(few, hz, 90.0) for few in several) > MOST_TERMS:
-        return np.empty((0, 3)), np.empty(0), np.zeros(2)
-    directions, level, step = response_over_directions(several[0], hz, at_m, 90.0)
-    if len(clusters) == 1:
-        peaks = _peaks(level) & (level > FEWEST_PEAK)
-        return distance_m * directions[peaks], level[peaks], step
-    flat = distance_m * directions.reshape(-1, 3)
-    others = [np.abs(pair_sums(few, np.array([hz]), at_m, flat)[:, 0]) for few in several[1:]]
-    envelope = np.mean([level.ravel(), *others], axis=0)
-    cells = directions.reshape(-1, 3)[(envelope > FEWEST_PEAK) & (level.ravel() > 0), :2]
-    return _candidates_about(clusters, hz, at_m, cells, step)
-
-
-def _candidates_about(
-    clusters: Sequence[AntennaArray],
-    hz: float,
-    at_m: np.ndarray,
-    cells: np.ndarray,
-    cell: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `_candidates`, of all clusters, in cells (n, 2) of sines with the sides `cell`."""
-    finest = 0.5 * SPEED_OF_LIGHT_M_PER_S / (hz * np.maximum(spans_m(clusters)[:2], 1e-9))
-    counts = np.ceil(cell / finest).astype(int)  # 0 without aperture
-    counts = np.where(spans_m(clusters)[:2] > 0, np.maximum(counts, 1), 0)
-    step = np.where(counts > 0, cell / np.maximum(counts, 1), 0.0)
     few = [_few(one, max(1, SEARCHED // len(clusters))) for one in clusters]
-    terms = len(cells) * np.prod(counts + 3.0) * sum(one.n_tx + one.n_rx for one in few)
-    if terms > MOST_TERMS:
-        return np.empty((0, 3)), np.empty(0), step
-    # One step beyond the cell to every side, so that a maximum at its end is seen to be one.
-    x, y = (np.arange(-1, n + 2) * own - side / 2 if n else np.zeros(1)
-            for n, own, side in zip(counts, step, cell, strict=True))  # fmt: skip
-    sines = cells[:, None, None] + np.stack(np.meshgrid(x, y), axis=-1)
-    square = (sines**2).sum(axis=-1)
-    upwards = np.sqrt(np.clip(1 - square, 0.0, None))
-    places_m = float(np.linalg.norm(at_m)) * np.concatenate([sines, upwards[..., None]], axis=-1)
-    sums = pair_sums(few, np.array([hz]), at_m, places_m.reshape(-1, 3))
-    level = np.where(square <= 1, np.abs(sums).reshape(square.shape), 0.0)
-    inner = np.zeros(level.shape[1:], dtype=bool)
-    own = tuple(slice(1, -2) if count else slice(None) for count in counts[::-1].tolist())
-    inner[own] = True  # the last step is the next cell's
-    peaks = _peaks(level, (1, 3, 3)) & inner & (level > FEWEST_PEAK)
-    return places_m[peaks], level[peaks], step
+    if search_terms(few, hz, 90.0) > MOST_TERMS:
+        return np.empty((0, 3)), np.empty(0), np.zeros(2)
+    directions, level, step = response_over_directions(few, hz, at_m, 90.0)
+    peaks = maxima(level, FEWEST_PEAK)
+    return float(np.linalg.norm(at_m)) * directions[peaks], level[peaks], step
 
 
 def range_aliases(
@@ -162,14 +124,3 @@ def _drawn(count: int, most: int) -> np.ndarray:
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
-
-
-def _peaks(level: np.ndarray, size: int | tuple[int, ...] = 3) -> np.ndarray:
-    from scipy.ndimage import maximum_filter
-
-    return np.asarray(level == maximum_filter(level, size=size))
-
-
-def _is_away(lobe: Lobe, at_m: np.ndarray, step: np.ndarray) -> bool:
-    away = np.abs(lobe.position_m / np.linalg.norm(lobe.position_m) - at_m / np.linalg.norm(at_m))
-    return bool((away[:2] > 2 * step + 1e-9).any())

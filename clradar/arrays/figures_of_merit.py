@@ -18,17 +18,7 @@ LEVEL_DB = -20.0
 
 @dataclass(frozen=True, slots=True)
 class ArrayFigures:
-    """What `array_figures` found.
-
-    Examples
-    --------
-    >>> import clradar
-    >>> one = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
-    >>> band = clradar.Waveform.sfcw(72e9, 82e9, 32)
-    >>> found = clradar.arrays.array_figures(one, band, (0, 0, 0.5))
-    >>> f"{1e3 * found.widths_m[2]:.1f} mm along z, {1e3 * found.unambiguous_range_m:.0f} mm"
-    '12.9 mm along z, 465 mm'
-    """
+    """What `array_figures` found."""
 
     focus_m: np.ndarray
     """Shape (3,), metres."""

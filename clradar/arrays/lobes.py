@@ -100,24 +100,22 @@ def lobes(
     The response at the middle frequency, which is returned, too, tells where to look; there the
     maximum over the whole band is climbed.
     """
-    from scipy.ndimage import maximum_filter
-
     distance_m = float(np.linalg.norm(focus_m))
     middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
     directions, level, step = response_over_directions(array, middle_hz, focus_m, within_deg)
     # Another frequency's maximum may be higher: half the level will do.
-    peaks = (level == maximum_filter(level, size=3)) & (level > 10 ** (least_db / 20) / 2)
+    peaks = maxima(level, 10 ** (least_db / 20) / 2)
     order = np.argsort(-level[peaks])[: 5 * MOST_LOBES]
     found: list[Lobe] = []
-    taken = [focus_m / distance_m]
+    taken = [focus_m]
     starts_m = distance_m * directions[peaks][order]
     for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, step, least_db):
-        direction = lobe.position_m / np.linalg.norm(lobe.position_m)
-        known = any(np.all(np.abs(direction - other)[:2] <= 2 * step + 1e-9) for other in taken)
-        beyond = np.hypot(*direction[:2]) > np.sin(np.deg2rad(within_deg)) + 1e-9
+        sine = np.hypot(*lobe.position_m[:2]) / np.linalg.norm(lobe.position_m)
+        beyond = sine > np.sin(np.deg2rad(within_deg)) + 1e-9
+        known = are_one(np.array(taken), lobe.position_m, step).any()
         if known or beyond or lobe.level_db < least_db:
             continue
-        taken.append(direction)
+        taken.append(lobe.position_m)
         found.append(lobe)
 
     def strongest_first(lobe: Lobe) -> tuple[float, ...]:
@@ -126,6 +124,20 @@ def lobes(
 
     strongest = tuple(sorted(found, key=strongest_first)[:MOST_LOBES])
     return strongest, DirectionMap(directions, level, middle_hz)
+
+
+def maxima(level: np.ndarray, least: float) -> np.ndarray:
+    """Whether each place of a lattice is above `least`, and none next to it is higher."""
+    from scipy.ndimage import maximum_filter
+
+    return np.asarray((level == maximum_filter(level, size=3)) & (level > least))
+
+
+def are_one(places_m: np.ndarray, place_m: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Whether places (..., 3) are within two steps of the sines of another: one main lobe."""
+    sines = places_m / np.linalg.norm(places_m, axis=-1, keepdims=True)
+    off = np.abs(sines - place_m / np.linalg.norm(place_m))[..., :2]
+    return np.asarray((off <= 2 * step + 1e-9).all(axis=-1))
 
 
 def _lobe(position_m: np.ndarray, height: float) -> Lobe:

@@ -42,14 +42,6 @@ class Sample:
         As `clradar.dataset.recipe` returns it.
     arrays : mapping of str to ndarray
         Its products; a mesh is "mesh_vertices", "mesh_faces" and "mesh_part".
-
-    Examples
-    --------
-    >>> from clradar.dataset import make_sample, read_plan, recipe
-    >>> plan = read_plan("plan.toml")
-    >>> sample = make_sample(recipe(plan, 1))
-    >>> sample.recipe["poses"]["resolved"][0]["name"], sample.arrays["joints"].shape
-    ('B', (25, 3))
     """
 
     recipe: Mapping[str, Any]

@@ -19,8 +19,6 @@ MAX_LONG_TOML_BYTES = 2**21
 MAX_TOML_LINE_CHARACTERS = 2**14
 """A key of thousands of dotted parts keeps the parser busy for minutes."""
 MAX_ANTENNA_FILE_BYTES = 2**20
-MAX_TIMES_BYTES = 2**26
-"""Of a table of times of a sweep."""
 
 # ---- arrays
 MAX_DIMENSIONS = 32

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -40,8 +40,6 @@ def impair(
     iq_gain_db: Any = 0.0,
     iq_phase_rad: Any = 0.0,
     snr_db: float | None = None,
-    noisy_tx_db: Mapping[int, float] | None = None,
-    noisy_rx_db: Mapping[int, float] | None = None,
     adc_bits: int | None = None,
     adc_full_scale: float | None = None,
 ) -> Capture:
@@ -79,8 +77,6 @@ def impair(
     snr_db : float, dB, optional
         Reference power over the mean power of the noise, per sample. The noise is thermal: complex
         normal, circular, independent from sample to sample, the same on weak and dead channels.
-    noisy_tx_db, noisy_rx_db : mapping of int to float, dB, optional
-        Increase of the noise of single channels.
     adc_bits, adc_full_scale : int, 2 to 24, and float, optional
         Bits of the converters of both components, and the amplitude at which they clip: the largest
         one in this frame if not given.
@@ -157,18 +153,16 @@ def impair(
         "iq_gain_db": _per_receiver("iq_gain_db", iq_gain_db, n_rx, GAIN_LIMIT_DB),
         "iq_phase_rad": _per_receiver("iq_phase_rad", iq_phase_rad, n_rx, np.pi),
         "snr_db": snr,
-        "noisy_tx_db": _noisy("noisy_tx_db", noisy_tx_db, n_tx, snr),
-        "noisy_rx_db": _noisy("noisy_rx_db", noisy_rx_db, n_rx, snr),
         "adc_bits": bits,
         "adc_full_scale": full_scale,
     }
-    chain = _SignalChain(capture, room, channels, settings)
+    chain = capture, room, channels, settings
     if bits is not None and full_scale is None:
-        full_scale = max(max(np.abs(y.real).max(), np.abs(y.imag).max()) for y in chain.rows())
+        full_scale = max(max(np.abs(y.real).max(), np.abs(y.imag).max()) for y in _signal(*chain))
         settings["adc_full_scale"] = full_scale = float(full_scale)
     data = np.empty(capture.data.shape, np.complex64)
     with np.errstate(over="ignore"):  # Capture refuses what complex64 cannot hold
-        for out, row in zip(data, chain.rows(), strict=True):
+        for out, row in zip(data, _signal(*chain), strict=True):
             out[:] = row if bits is None or not full_scale else _quantised(row, bits, full_scale)
     data.flags.writeable = False
     before = capture.meta.get("impairments", [])
@@ -177,69 +171,47 @@ def impair(
     return Capture(data, capture.array, capture.waveform, meta)
 
 
-class _SignalChain:
-    """The signal up to the converter, with every recorded setting as a linear factor."""
-
-    def __init__(
-        self,
-        capture: Capture,
-        room: Capture | None,
-        channels: ChannelResponse | None,
-        settings: dict[str, Any],
-    ) -> None:
-        self.capture, self.room, self.settings = capture, room, settings
-        array, waveform, power = capture.array, capture.waveform, settings["reference_power"]
-        tx, rx = drift_factors(
-            array,
-            seed=settings["seed"],
-            frame=settings["frame"],
-            phase_rad=settings["drift_phase_rad"],
-            gain_db=settings["drift_gain_db"],
-            common_phase_rad=settings["drift_common_phase_rad"],
-        )
-        self.factor_tx, self.factor_rx = tx[:, None], rx[:, None]
-        if channels is not None:
-            self.factor_tx = self.factor_tx * channels.tx_response(waveform.frequencies_hz)
-            self.factor_rx = self.factor_rx * channels.rx_response(waveform.frequencies_hz)
-        gain_db, phase_rad = (
-            np.broadcast_to(settings[key], array.n_rx) for key in ("iq_gain_db", "iq_phase_rad")
-        )
-        self.quadrature: np.ndarray | None = None
-        if gain_db.any() or phase_rad.any():
-            self.quadrature = (10 ** (gain_db / 20) * np.exp(1j * phase_rad))[:, None]
-        coupling, snr = settings["coupling_db"], settings["snr_db"]
-        self.coupling_rms, self.noise_rms = (
-            0.0 if db is None else float(np.sqrt(power) * 10 ** (sign * db / 20))
-            for db, sign in ((coupling, 1), (snr, -1))
-        )
-        self.noise_tx, self.noise_rx = np.ones(array.n_tx), np.ones(array.n_rx)
-        for factors, key in ((self.noise_tx, "noisy_tx_db"), (self.noise_rx, "noisy_rx_db")):
-            for channel, db in settings[key].items():
-                factors[int(channel)] = 10 ** (db / 20)
-
-    def rows(self) -> Iterator[np.ndarray]:
-        """Yield the signal of each transmitter, shape (n_rx, n_freq), complex128."""
-        array, waveform, settings = self.capture.array, self.capture.waveform, self.settings
-        coupling: Iterator[np.ndarray] | None = None
-        if self.coupling_rms > 0:
-            delay_s = settings["coupling_delay_s"]
-            coupling = coupling_rows(array, waveform, self.coupling_rms, delay_s)
-        noise = random_stream(settings["seed"], Part.NOISE, settings["frame"])
-        for tx in range(array.n_tx):
-            x = self.capture.data[tx].astype(np.complex128)
-            if self.room is not None:
-                x += self.room.data[tx]
-            if coupling is not None:
-                x += next(coupling)
-            x *= self.factor_tx[tx] * self.factor_rx
-            if self.quadrature is not None:
-                g = self.quadrature
-                x = (1 + g) / 2 * x + (1 - g.conj()) / 2 * x.conj()
-            if self.noise_rms > 0:
-                drawn = noise.standard_normal((*x.shape, 2)).view(np.complex128)[..., 0]
-                rms = self.noise_rms * self.noise_tx[tx] * self.noise_rx
-                x += rms[:, None] / np.sqrt(2) * drawn
-            yield x
+def _signal(
+    capture: Capture,
+    room: Capture | None,
+    channels: ChannelResponse | None,
+    settings: dict[str, Any],
+) -> Iterator[np.ndarray]:
+    """Yield the signal of each Tx before the converter, shape (n_rx, n_freq), complex128."""
+    array, waveform, power = capture.array, capture.waveform, settings["reference_power"]
+    seed, frame = settings["seed"], settings["frame"]
+    factors: Any = drift_factors(
+        array, seed=seed, frame=frame, phase_rad=settings["drift_phase_rad"],
+        gain_db=settings["drift_gain_db"], common_phase_rad=settings["drift_common_phase_rad"],
+    )  # fmt: skip
+    factor_tx, factor_rx = (factor[:, None] for factor in factors)
+    if channels is not None:
+        factor_tx = factor_tx * channels.tx_response(waveform.frequencies_hz)
+        factor_rx = factor_rx * channels.rx_response(waveform.frequencies_hz)
+    iq_gain, iq_rad = (
+        np.broadcast_to(settings[key], array.n_rx)[:, None]
+        for key in ("iq_gain_db", "iq_phase_rad")
+    )
+    g = 10 ** (iq_gain / 20) * np.exp(1j * iq_rad)
+    coupling: Iterator[np.ndarray] | None = None
+    if settings["coupling_db"] is not None:
+        rms = float(np.sqrt(power) * 10 ** (settings["coupling_db"] / 20))
+        coupling = coupling_rows(array, waveform, rms, settings["coupling_delay_s"])
+    noise = random_stream(seed, Part.NOISE, frame)
+    for tx in range(array.n_tx):
+        x = capture.data[tx].astype(np.complex128)
+        if room is not None:
+            x += room.data[tx]
+        if coupling is not None:
+            x += next(coupling)
+        x *= factor_tx[tx] * factor_rx
+        if iq_gain.any() or iq_rad.any():
+            x = (1 + g) / 2 * x + (1 - g.conj()) / 2 * x.conj()
+        if settings["snr_db"] is not None:
+            drawn = noise.standard_normal((*x.shape, 2)).view(np.complex128)[..., 0]
+            rms = float(np.sqrt(power) * 10 ** (-settings["snr_db"] / 20))
+            x += rms / np.sqrt(2) * drawn
+        yield x
 
 
 def _quantised(x: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
@@ -287,22 +259,6 @@ def _decibels(name: str, value: Any) -> float:
     if abs(number) > GAIN_LIMIT_DB:
         checks.fail(f"impair: {name}", f"decibels within +-{GAIN_LIMIT_DB:g}", repr(value))
     return number
-
-
-def _noisy(
-    name: str, given: Mapping[int, float] | None, count: int, snr: float | None
-) -> dict[str, float]:
-    field = f"impair: {name}"
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        checks.fail(field, "a mapping of channels to decibels", type(given).__name__)
-    if given and snr is None:
-        checks.fail(field, "snr_db with it", "none")
-    return {
-        str(checks.whole(field, channel, 0, count - 1)): _decibels(name, db)
-        for channel, db in given.items()
-    }
 
 
 def _per_receiver(name: str, value: Any, count: int, limit: float) -> float | list[float]:

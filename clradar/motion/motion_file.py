@@ -6,11 +6,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from clradar.errors import MeasurementError, ModelError
-from clradar.files.failures import fail, read_bytes, reading, shown
-from clradar.files.limits import MAX_TIMES_BYTES
+from clradar.files.failures import shown
 
 if TYPE_CHECKING:
     from clradar.motion.motion_record import Motion
@@ -42,22 +39,4 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
             found.hands.append(hand.moving(path.parent, found.files))
         except ModelError as error:
             raise MeasurementError(f"{shown(path)}: hand[{i}]: {error}") from error
-    if found.sweep.table_us is not None:
-        found.files.append(path.parent / found.sweep.table_us)
-        found.times_s.append(_times_s(found.files[-1]))
     return found
-
-
-def _times_s(path: Path) -> np.ndarray:
-    """Times of a table in microseconds, in seconds, shape (rows, columns)."""
-    expected = "a table of times in microseconds, numbers between commas"
-    content = read_bytes(path, expected, MAX_TIMES_BYTES)
-    with reading(path, expected):
-        lines = content.decode("utf-8-sig").splitlines()
-        rows = [[float(text) for text in line.split(",")] for line in lines if line.strip()]
-    if not rows or len({len(row) for row in rows}) > 1:
-        fail(path, "rows of numbers, all as long as each other", "rows of different lengths")
-    times_us = np.array(rows)
-    if not np.isfinite(times_us).all() or np.abs(times_us).max() > 1e12:
-        fail(path, "finite times in microseconds", "others")
-    return times_us / 1e6

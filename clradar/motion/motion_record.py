@@ -176,7 +176,6 @@ class SweepTable(FileRecord):
     step_us: Annotated[
         Number, Field(ge=0, lt=1e9, description="a time of at least 0 microseconds")
     ] = 1e6 * STEP_S
-    table_us: Annotated[str | None, text("the name of a table of times, .csv")] = None
     cluster_us: (
         Annotated[Number, Field(ge=0, lt=1e12, description="a time of at least 0 microseconds")]
         | None
@@ -186,18 +185,12 @@ class SweepTable(FileRecord):
     def step_s(self) -> float:
         return self.step_us * 1e-6 if "step_us" in self.model_fields_set else STEP_S
 
-    @model_validator(mode="after")
-    def _has_one_order(self) -> SweepTable:
-        if self.table_us is not None and self.model_fields_set & {"order", "step_us"}:
-            raise mistake("neither order nor step_us beside it", "both", key="table_us")
-        return self
-
 
 class Motion(FileRecord):
     """What a motion file says.
 
-    Beside its tables `bodies`, motions by the name of a mesh file ("": of all others), `hands`, the
-    `files` that were read, and `times_s` of a table, if there is one: (rows, n_freq).
+    Beside its tables `bodies`, motions by the name of a mesh file ("": of all others), `hands`, and
+    the `files` that were read.
     """
 
     body: tuple[BodyTable, ...] = Field((), description="tables [[body]]")
@@ -205,7 +198,6 @@ class Motion(FileRecord):
     sweep: SweepTable = SweepTable()
     _hands: list[MovingHand] = PrivateAttr(default_factory=list)
     _files: list[Path] = PrivateAttr(default_factory=list)
-    _times_s: list[np.ndarray] = PrivateAttr(default_factory=list)
 
     @model_validator(mode="after")
     def _moves_something(self) -> Motion:
@@ -230,34 +222,18 @@ class Motion(FileRecord):
     def files(self) -> list[Path]:
         return self._files
 
-    @property
-    def times_s(self) -> list[np.ndarray]:
-        return self._times_s
-
     def timing(self, array: AntennaArray, waveform: Waveform) -> SweepTiming:
         """Return when the samples of a sweep of this radar are recorded."""
-        n_tx, n_freq = array.n_tx, waveform.n_freq
-        if not self.times_s:
-            return SweepTiming.in_order(
-                n_tx, n_freq, step_s=self.sweep.step_s, order=self.sweep.order
-            )
-        rows, columns = self.times_s[0].shape
-        if rows not in (n_tx, n_tx * array.n_rx) or columns != n_freq:
-            expected = f"{n_tx} rows, one per Tx (or {n_tx * array.n_rx}, Tx by Tx, one per Rx)"
-            checks.fail(
-                f"{self.files[0]}: sweep.table_us",
-                f"{expected} of {n_freq} times, one per frequency",
-                f"{rows} rows of {columns}",
-            )
-        return SweepTiming(self.times_s[0].reshape(n_tx, rows // n_tx, n_freq))
+        return SweepTiming.in_order(
+            array.n_tx, waveform.n_freq, step_s=self.sweep.step_s, order=self.sweep.order
+        )
 
     def timings(self, clusters: Sequence[AntennaArray], waveform: Waveform) -> list[SweepTiming]:
         """Return when samples are recorded by clusters that take turns, or by the only array."""
         own = [self.timing(array, waveform) for array in clusters]
         turn_s = None if self.sweep.cluster_us is None else self.sweep.cluster_us * 1e-6
         if turn_s is None:
-            last_s = 0.0 if self.times_s else self.sweep.step_s
-            turn_s = own[0].end_s - own[0].begin_s + last_s
+            turn_s = own[0].end_s - own[0].begin_s + self.sweep.step_s
         return [SweepTiming(timing.times_s + i * turn_s) for i, timing in enumerate(own)]
 
     def scene(

@@ -98,9 +98,7 @@ def comparison_figure(
         notes = wrapped(text, columns * size[0] + 1.0, CAPTION_PT, most=12)
     lines = (len(METRIC_TABLE) if metrics else 0) + len(notes)
     below = text_height(lines, CAPTION_PT) + (MARGIN if lines else 0.0)
-    figure, panels = new_panels(
-        3 if unmatched else 2, columns, size, heads=max(map(len, titles)) + 1, below=below
-    )
+    figure, panels = new_panels(3 if unmatched else 2, columns, size, below=below)
     limits_mm = depth_limits_mm(shown)
     for i, image in enumerate(shown):
         above, depths = panels[0][i], panels[1][i]

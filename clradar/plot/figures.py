@@ -85,7 +85,7 @@ def image_figure(
         names = [f"{level}, maximum over {seen.along}", f"{seen.along} of the maximum"]
     size = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
     n = len(names)
-    figure, (panels,) = new_panels(1, n, size, title, bars=n, labels=(1, n))
+    figure, (panels,) = new_panels(1, n, size, title, bars=n, labels=n)
     for panel, name in zip(panels, names, strict=True):
         draw_frame(panel, extent, name, view=seen)
     drawn = draw_amplitude(panels[0], shown, extent.unit, peak_dbsm(shown) if dbsm else None)
@@ -109,7 +109,7 @@ def _three_views(
     spans = [[float(np.ptp(ends)) for ends in (extent.x, extent.y)] for extent in extents]
     widest, highest = (max(span[i] for span in spans) for i in (0, 1))
     size = panel_size(0.8 * SINGLE_PANEL_WIDTH, highest / widest)
-    figure, (panels,) = new_panels(1, 3, size, title, labels=(1, 3))
+    figure, (panels,) = new_panels(1, 3, size, title, labels=3)
     top_db = max(peak_dbsm(one) for one in shown.values()) if dbsm else None
     for panel, (name, one), extent in zip(panels, shown.items(), extents, strict=True):
         # One scale in all: the limits of the smaller ones are widened around their middle.
@@ -142,6 +142,7 @@ def _line(volume: Volume, title: str | None, dynamic_range_db: float, *, dbsm: b
     level_db = 20.0 * np.log10(np.maximum(amplitude / amplitude.max(), floor / 10.0)) + top_db
     where = unit.per_m * axes_m[name]
     axes.plot(where, level_db, linewidth=1.0)
+    axes.set_box_aspect(LINE_HEIGHT / SINGLE_PANEL_WIDTH)
     axes.set_xlim(*(where[[-1, 0]] if name == "x" else where[[0, -1]]))
     axes.set_ylim(top_db - dynamic_range_db, top_db + 0.03 * dynamic_range_db)
     quantity = "Radar cross section" if dbsm else "Amplitude"
@@ -178,10 +179,8 @@ def panels_figure(
     rows, columns = len(panels), max(map(len, panels))
     width = max(ROW_WIDTH / columns - LABELS, PANEL_WIDTH)
     titles = [[wrapped(label, width + LABELS / 2, TICK_PT) for label, _ in row] for row in panels]
-    heads = sum(max(map(len, row)) for row in titles)
-    figure, drawn_in = new_panels(
-        rows, columns, (width, width), title, heads=heads, labels=(rows, columns), dpi=DPI / 2
-    )
+    size = (width, width)
+    figure, drawn_in = new_panels(rows, columns, size, title, labels=columns, dpi=DPI / 2)
     drawn: Any = None
     for lines, ones, all_axes in zip(titles, shown, drawn_in, strict=True):
         for axes, name, one in zip(all_axes, lines, ones, strict=False):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,7 +32,8 @@ GAP, MARGIN, BAR_ROOM, LABELS = 0.11, 0.1, 0.85, 0.6
 ROW_WIDTH, PANEL_WIDTH = 7.6, 1.0
 SINGLE_PANEL_WIDTH, MULTIPLE_PANEL_WIDTH = 2.5, 2.1
 PANEL_ASPECTS = (0.4, 2.5)
-PANEL_HEIGHTS = (1.3, 3.4)  # at least as high as the name of a colour bar is long
+MOST_HEIGHT = 3.4
+LEAST_IMAGE, LEAST_ROW = 1.1, 1.4  # for ticks and the name of a colour bar
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +82,8 @@ def pixel_edges(image: DepthMap | Disagreement, unit: LengthUnit) -> tuple[np.nd
 
 def panel_size(width: float, aspect: float) -> tuple[float, float]:
     """Return the width and height of a panel, inches: as near to `width` as the limits allow."""
-    width = max(width, PANEL_WIDTH)
-    height = float(np.clip(width * aspect, *PANEL_HEIGHTS))
-    # Only a high image is made narrower: a low one keeps its width in a panel higher than itself.
-    return max(min(width, height / aspect), PANEL_WIDTH), height
+    height = min(max(width, PANEL_WIDTH) * aspect, MOST_HEIGHT)
+    return max(height / aspect, PANEL_WIDTH), height
 
 
 def new_figure(
@@ -107,44 +106,50 @@ def new_panels(
     title: str | None = None,
     *,
     bars: int = 1,
-    heads: int = 1,
-    labels: tuple[int, int] = (1, 1),
+    labels: int = 1,
     below: float = 0.0,
     dpi: float | None = None,
 ) -> tuple[Figure, list[list[Axes]]]:
     """Return a figure with rows of panels of a size in inches, to be laid out by `settled`.
 
-    There is room for `bars` colour bars side by side, `heads` lines of text above a panel, labels
-    below `labels[0]` rows and to the left of `labels[1]` columns, and `below` inches below all.
+    There is room for `bars` colour bars side by side, labels to the left of some columns, and
+    `below` inches below all.
     """
-    width = columns * (size[0] + GAP) + labels[1] * LABELS + bars * BAR_ROOM
-    height = rows * (size[1] + GAP) + labels[0] * LABELS + 2 * MARGIN + below
-    height += text_height(heads, TITLE_PT)
-    height += text_height(len(wrapped(title or "", width - BAR_ROOM, TITLE_PT)), TITLE_PT)
+    width = columns * (size[0] + GAP) + labels * LABELS + bars * BAR_ROOM
+    low = size[1] < LEAST_IMAGE  # rows are higher than images then; `settled` takes what is too much
+    height = rows * (LEAST_ROW if low else size[1] + 1.0) + below + 1.0
     figure = new_figure(width, height, title, dpi)
     figure.set_layout_engine(
-        "constrained", w_pad=GAP / 4, h_pad=GAP / 4, wspace=0.0, hspace=0.0,
+        "constrained" if low else "compressed",
+        w_pad=GAP / 4, h_pad=GAP / 4, wspace=0.0, hspace=0.0,
         rect=(0.0, below / height, 1.0, 1.0 - below / height),
     )  # fmt: skip
     return figure, figure.subplots(rows, columns, squeeze=False).tolist()
 
 
 def settled(figure: Figure) -> Figure:
-    """Lay a figure out: its axes then have their places, whatever its resolution."""
-    for _ in range(2):  # the first time titles can be beyond the edge
-        figure.get_layout_engine().execute(figure)  # type: ignore[union-attr]
+    """Lay a figure out: its axes then have their places, whatever its resolution.
+
+    It loses what is free above and below them and the title.
+    """
+    from matplotlib.transforms import Bbox
+
+    engine: Any = figure.get_layout_engine()
+    engine.execute(figure)
     figure.set_layout_engine("none")
-    # Labels of images that are narrower than their places can be beyond the edge.
-    missing = max(0.0, MARGIN / 4 - figure.get_tightbbox().x0) / figure.get_figwidth()
-    for axes in figure.axes:  # where they are drawn, not the larger places that they were given
-        axes.set_position(axes.get_position().translated(missing, 0.0))
+    height, below = figure.get_figheight(), engine.get()["rect"][1] * figure.get_figheight()
+    to_inches = figure.dpi_scale_trans.inverted().transform_bbox
+    drawn = to_inches(Bbox.union([a.get_tightbbox() or a.bbox for a in figure.axes]))
+    titles = sum(GAP + to_inches(text.get_window_extent()).height for text in figure.texts)
+    bottom, top = drawn.y0 - below - MARGIN / 4, height - drawn.y1 - titles - MARGIN / 4
+    places = [axes.get_position().bounds for axes in figure.axes]
+    figure.set_figheight(height - bottom - top)
+    share = height / figure.get_figheight()
+    for text in figure.texts:
+        text.set(y=1.0 - MARGIN / 4 / figure.get_figheight(), va="top")
+    for axes, (x0, y0, width, part) in zip(figure.axes, places, strict=True):
+        axes.set_position((x0, (y0 - bottom / height) * share, width, part * share))
     return figure
-
-
-def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Add axes at a position in inches from the lower left corner."""
-    total_w, total_h = figure.get_size_inches()
-    return figure.add_axes((left / total_w, bottom / total_h, width / total_w, height / total_h))
 
 
 def text_height(lines: int, size_pt: float) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.compare import Disagreement, UnmatchedObject, clipped_db
+from clradar.compare import Disagreement, clipped_db
 from clradar.model import DepthMap
 from clradar.model.length_unit import LengthUnit, unit_for
 from clradar.plot.layout import LABEL_PT, TICK_PT, Extent, label_axes, pixel_edges
@@ -137,20 +137,16 @@ def draw_level_difference(axes: Axes, found: Disagreement, unit: LengthUnit) -> 
     """Draw where an image is stronger than all of the other nearby, with unmatched objects."""
     scale = unmatched_scale().with_extremes(bad=DEPTH_BACKGROUND)
     drawn = draw_mesh(axes, found, unit, found.level_db, scale, (-LEVEL_DB, LEVEL_DB))
-    for one in found.missing:
-        _draw_ring(axes, one, unit, "solid")
-    for one in found.surplus:
-        _draw_ring(axes, one, unit, (0, (1.5, 1.5)))
+    rings: list[tuple[Any, Any]] = [(one, "solid") for one in found.missing]
+    rings += [(one, (0, (1.5, 1.5))) for one in found.surplus]
+    for one, style in rings:
+        x, y = (unit.per_m * value for value in one.position_m[:2])
+        # A scatter, since a marker of a line cannot have a dashed edge.
+        axes.scatter(
+            [x], [y], s=RING_PT**2, facecolors="none", edgecolors="black", linewidths=1.0,
+            linestyles=[style], clip_on=False, zorder=3,
+        )  # fmt: skip
     return drawn
-
-
-def _draw_ring(axes: Axes, one: UnmatchedObject, unit: LengthUnit, style: Any) -> None:
-    x, y = (unit.per_m * value for value in one.position_m[:2])
-    # A scatter, since a marker of a line cannot have a dashed edge.
-    axes.scatter(
-        [x], [y], s=RING_PT**2, facecolors="none", edgecolors="black", linewidths=1.0,
-        linestyles=[style], clip_on=False, zorder=3,
-    )  # fmt: skip
 
 
 def draw_frame(

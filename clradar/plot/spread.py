@@ -51,7 +51,7 @@ def spread_figure(
     extent = Extent.around(levels[:1])
     unit = extent.unit
     size = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
-    figure, (images, profiles) = new_panels(2, 2, size, title, heads=2, labels=(2, 2))
+    figure, (images, profiles) = new_panels(2, 2, size, title, labels=2)
     names = (f"Mean amplitude, {len(found.seeds)} seeds", "Standard deviation of a seed")
     for axes, name, level in zip(images, names, levels, strict=True):
         draw_frame(axes, extent, name)
@@ -72,6 +72,7 @@ def spread_figure(
         x = unit.per_m * found.x_m
         axes.fill_between(x, mean - deviation, mean + deviation, color=BAND, alpha=0.3, linewidth=0)
         axes.plot(x, mean, color=BAND, linewidth=1.0)
+        axes.set_box_aspect(extent.aspect)
         axes.set_xlim(extent.x[1], extent.x[0])  # to the left, as in the images above
         x_name = f"\N{LEFTWARDS ARROW} x ({unit.name})"
         label_axes(axes, x_name, name, f"At {place}: mean, one deviation")

@@ -219,20 +219,6 @@ def test_clusters_have_the_lobes_of_their_pitch_below_the_pattern_of_each():
     )
 
 
-@pytest.mark.device
-def test_the_image_of_several_captures_has_the_response_of_clusters():
-    band = clradar.Waveform.sfcw(60e9, 64e9, 16)
-    point_m, own = np.array([0.05, 0.01, 0.5]), clusters(3, 40e-3)
-    captures = [clradar.room_capture(one, band, [], points_m=[point_m]) for one in own]
-    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (0.01, 0.01), (0.47, 0.53), 5e-3)
-    image = np.abs(clradar.backproject(captures, grid, method="exact").data)
-    z_m, y_m, x_m = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
-    points_m = np.stack([x_m, y_m, z_m], axis=-1).reshape(-1, 3)
-    want = response(own, band.frequencies_hz, point_m, points_m)
-    # complex64 samples and single precision.
-    np.testing.assert_allclose(image.ravel() / image.max(), want, atol=1e-4)
-
-
 def test_a_focus_next_to_the_antennas_is_most_likely_in_another_unit():
     band, array = clradar.Waveform.sfcw(72e9, 82e9, 2), clradar.arrays.qar50()
     few = clradar.AntennaArray(array.tx_m[::12], array.rx_m[::12])

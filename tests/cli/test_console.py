@@ -1,20 +1,22 @@
-"""What a terminal shows while a command runs."""
+"""What a command shows, what it keeps from being overwritten, and ``clradar devices``."""
 
 from __future__ import annotations
 
 import io
+import json
 import os
 import re
-import struct
-import subprocess
 import sys
-from contextlib import suppress
+from pathlib import Path
 
 import pytest
+from command_line import Cli
 from systems import posix_only
 
+from clradar.cli import console, outputs
 from clradar.cli.console import progress_bar
 from clradar.compare import METRIC_TABLE
+from clradar.errors import DeviceError, OutputError
 from clradar.model.progress import part_of, say_stage
 
 
@@ -28,70 +30,44 @@ def test_a_progress_bar_says_what_is_done_now(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
     with progress_bar("fitting") as progress:
-        assert progress is not None
         say_stage(progress, "[A], 1 of 24")
         part = part_of(progress, 0.0, 0.5)
         assert part is not None
         part(1, 2)
     assert "fitting: [A], 1 of 24" in terminal.getvalue()
     assert "25%" in terminal.getvalue()
-
-
-def test_a_pipe_gets_no_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     with progress_bar("fitting") as progress:
         assert progress is None
     say_stage(progress, "simulating")
 
 
-def in_terminal(columns: int, code: str) -> str:
-    """What a program prints in a terminal of so many columns."""
-    import fcntl  # which Windows has not
-    import pty
-    import termios
-
-    ours, theirs = pty.openpty()
-    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-    variables = {key: value for key, value in os.environ.items() if key != "COLUMNS"}
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdin=theirs, stdout=theirs, stderr=theirs, env=variables
-    ):
-        os.close(theirs)
-        shown = b""
-        with suppress(OSError):  # how a terminal says that nobody writes to it any more
-            while part := os.read(ours, 65536):
-                shown += part
-    os.close(ours)
-    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode()).replace("\r", "")
-
-
-METRIC_COLUMNS = [metric.name for metric in METRIC_TABLE]
-METRICS = ["0.942", "0.919", "-101.25", "0.75", "11.77", "12.68", "13.36"]
+METRICS = [metric.name for metric in METRIC_TABLE]
+VALUES = ["0.942", "0.919", "-101.25", "0.75", "11.77", "12.68", "13.36"]
 TABLES = {
-    "metrics": (["simulated", *METRIC_COLUMNS], [["sim.h5", *METRICS]], METRIC_COLUMNS),
-    "long name": (
-        ["simulated", *METRIC_COLUMNS], [["n" * 70, *METRICS]], METRIC_COLUMNS
-    ),
+    "metrics": (["simulated", *METRICS], ["sim.h5", *VALUES], METRICS),
+    "long name": (["simulated", *METRICS], ["n" * 70, *VALUES], METRICS),
     "text": (
         ["axes", "phase", "frequencies", "x", "sharpness (dB)", "brightest at x, y, z (mm)", ""],
-        [["[tx, rx]", "exp(-j)", "descending", "mirrored", "-12.3", "-100, -20, 300", "best"]],
+        ["[tx, rx]", "exp(-j)", "descending", "mirrored", "-12.3", "-100, -20, 300", "best"],
         ["sharpness (dB)", "brightest at x, y, z (mm)"],
     ),
-}  # fmt: skip
+}
 
 
-@posix_only
 @pytest.mark.parametrize("columns", [200, 80, 60, 20])
 @pytest.mark.parametrize("name", TABLES)
-def test_a_terminal_cuts_no_cell_of_a_table(columns: int, name: str) -> None:
-    heads, rows, right = TABLES[name]
-    shown = in_terminal(
-        columns,
-        "from clradar.cli.console import print_table\n"
-        f"print_table({heads!r}, {rows!r}, right={right!r})",
-    )
+def test_a_terminal_cuts_no_cell_of_a_table(
+    columns: int, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heads, row, right = TABLES[name]
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdout", terminal)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    console.print_table(heads, [row], right=right)
+    shown = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
     assert "…" not in shown
-    for cell in rows[0] if name != "long name" else rows[0][1:]:
+    for cell in row if name != "long name" else row[1:]:
         assert cell in shown
     for word in (word for head in heads for word in head.split()):
         assert word in shown
@@ -100,3 +76,85 @@ def test_a_terminal_cuts_no_cell_of_a_table(columns: int, name: str) -> None:
         assert max(map(len, shown.splitlines())) <= columns
     if columns >= 80 and name != "long name":  # one table
         assert shown.count("─\n") == 1
+
+
+def test_a_table_in_a_pipe_is_not_cut(capsys: pytest.CaptureFixture[str]) -> None:
+    long = "a [bold]name[/bold] " + 60 * "with words "
+    console.print_table(("one", "two"), [(long, "1"), ("line\nbreak", "2")], right=("two",))
+    lines = capsys.readouterr().out.splitlines()
+    assert long.strip() in lines[2]
+    assert "line break" in lines[3]
+
+
+def test_error_lines_are_printable(capsys: pytest.CaptureFixture[str]) -> None:
+    console.print_error("a\n\tb \x1b[31m \udcff")
+    assert capsys.readouterr().err == "clradar: error: a b \\x1b[31m \\udcff\n"
+
+
+@posix_only
+def test_check_outputs_resolves_links(tmp_path: Path) -> None:
+    read, link, new = (tmp_path / name for name in ("in.h5", "link.h5", "new.h5"))
+    read.touch()
+    link.symlink_to(read)
+    outputs.check_outputs([None, new], force=False)
+    for paths, inputs, message in (
+        ([link], [read], "also an input"),
+        ([tmp_path / ("x" * 5000)], [], "cannot be written"),
+        ([new, tmp_path / "NEW.h5"], [], "named twice"),
+    ):
+        with pytest.raises(OutputError, match=message):
+            outputs.check_outputs(paths, force=True, inputs=inputs)
+    if not (tmp_path / "IN.h5").exists():  # where case counts
+        outputs.check_outputs([tmp_path / "IN.h5"], force=False, inputs=[read])
+
+
+@posix_only
+@pytest.mark.parametrize(
+    "line",
+    [
+        "convert sim.h5 -o new/x.h5",
+        "convert sim.h5 --to maroon -o new/30",
+        "image volume.h5 --png new/x.png",
+    ],
+)
+def test_a_full_disk_is_one_error_line_and_leaves_nothing(cli: Cli, place: Path, line: str) -> None:
+    """A limit of the files' size, which a process meets as it does a full disk."""
+    import resource  # which Windows has not
+    import signal
+
+    Path("new").mkdir()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
+    try:
+        cli.fails(line, "cannot be written: File too large")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+    assert list(Path("new").iterdir()) == []
+
+
+def test_names_that_are_no_text_or_too_long(cli: Cli, made: Path) -> None:
+    name = os.fsdecode(b"n\xff\xfe.h5")
+    Path(name).write_bytes((made / "volume.h5").read_bytes())
+    cli.ok(f"compare {name} {name} --json x.json")
+    assert json.loads(Path("x.json").read_text("utf-8"))["measured"] == name
+    cli.fails(f"inspect {'n' * 300}", "File name too long")
+    cli.fails(f"clean {'n' * 300} --average -o x.h5", "File name too long")
+
+
+def test_devices_marks_the_one_that_is_used(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    printed = cli.ok("devices").out
+    (marked,) = [line for line in printed.splitlines() if line.startswith("*")]
+    assert "Portable Computing Language" in marked
+    for column in ("selector", "name", "platform", "kind", "memory", "units", "works"):
+        assert column in printed
+    monkeypatch.setenv("CLRADAR_DEVICE", "abacus")
+    cli.fails("devices", "CLRADAR_DEVICE", "abacus")
+    assert "Portable Computing Language" in cli("devices").out
+
+    def none() -> None:
+        raise DeviceError("no OpenCL platform was found")
+
+    monkeypatch.setattr("clradar.opencl.device.list_devices", none)
+    cli.fails("devices", "no OpenCL platform")

@@ -3,33 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
-import command_line
 import maroon_files as files
 import numpy as np
 import pytest
+from command_line import Cli
 from comparisons import same_capture, tree
 
 import clradar
 from measurement_io import check_file, open_capture, save_capture
 
-Run = Callable[..., tuple[int, str, str]]
+DATA = "radar_72.0_82.0_2/calibrated_data"
+NAMES = ["000000", "000000_emptyfiltered", "000001", "000001_emptyfiltered"]
 
 
 @pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run the command; return exit status, stdout and stderr."""
-
-    return partial(command_line.run, capsys, "convert")
-
-
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(cli: Cli) -> Path:
     """<object>/<distance> with two frames of both variants, and a mesh."""
-    distance = tmp_path / "hand" / "30"
+    distance = Path("hand/30")
     files.write_recording(distance, n_frames=2)
     (distance / "metadata.json").write_bytes(b'{"distance_meters":  0.3}')
     (distance / "photogrammetry").mkdir()
@@ -37,144 +29,107 @@ def recording(tmp_path: Path) -> Path:
     return distance
 
 
-def native(path: Path, seed: int = 0, n_freq: int = 2, **meta: object) -> Path:
-    data = files.expected_data(files.random_frame(n_freq, seed=seed))
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, n_freq)
-    save_capture(path, clradar.Capture(data, clradar.arrays.qar50(), waveform, meta))
-    return path
+def native(name: str, seed: int = 0, **meta: object) -> str:
+    data = files.expected_data(files.random_frame(2, seed=seed))
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 2)
+    save_capture(name, clradar.Capture(data, clradar.arrays.qar50(), waveform, meta))
+    return name
 
 
-def one_error_line(outcome: tuple[int, str, str], *parts: str) -> None:
-    status, _, err = outcome
-    assert status == 1, err
-    assert len(err.splitlines()) == 1, err
-    for part in parts:
-        assert part in err
+def names(folder: str) -> list[str]:
+    return sorted(path.name.removesuffix(".h5") for path in Path(folder).iterdir())
 
 
-def test_all_frames(run, recording, tmp_path):
+def test_all_frames(cli: Cli, recording: Path) -> None:
     before = tree(recording)
-    (tmp_path / "a").mkdir()
-    status, out, err = run(recording, "-o", tmp_path / "a" / "b", "--all-frames")
-    assert (status, err) == (0, "")
-    assert "2 raw, 2 emptyfiltered frames" in out
-    names = sorted(p.name for p in (tmp_path / "a" / "b").iterdir())
-    assert names == [
-        "000000.h5",
-        "000000_emptyfiltered.h5",
-        "000001.h5",
-        "000001_emptyfiltered.h5",
-    ]
-    for name in names:
-        recorded = open_capture(
-            recording / "radar_72.0_82.0_2/calibrated_data" / (name[:-3] + ".npy")
-        )
-        capture = open_capture(tmp_path / "a" / "b" / name)
+    Path("kept").mkdir()
+    Path("kept/000001.h5").write_bytes(b"precious")
+    outcome = cli.ok("convert hand/30 -o a --all-frames")
+    assert outcome.err == ""
+    assert "2 raw, 2 emptyfiltered frames" in outcome.out
+    assert names("a") == NAMES
+    for name in NAMES:
+        recorded = open_capture(recording / DATA / f"{name}.npy")
+        capture = open_capture(f"a/{name}.h5")
         assert same_capture(capture, recorded)
-        assert capture.meta["timestamp_us"] == recorded.meta["timestamp_us"]
-        assert capture.meta["variant"] == recorded.meta["variant"]
-        assert [i["file"] for i in capture.meta["inputs"]] == [name[:-3] + ".npy"]
+        for key in ("timestamp_us", "variant"):
+            assert capture.meta[key] == recorded.meta[key]
+        assert [i["file"] for i in capture.meta["inputs"]] == [f"{name}.npy"]
+    cli.ok("convert hand/30 -o b --all-frames --variant emptyfiltered")
+    assert names("b") == NAMES[1::2]
+    cli.fails("convert hand/30 -o kept --all-frames", "000001.h5", "--force")
+    assert tree(Path("kept")) == {"000001.h5": b"precious"}
+    cli.ok("convert hand/30 -o kept --all-frames --force")
+    assert names("kept") == NAMES
     assert tree(recording) == before
-
-
-def test_all_frames_of_one_variant(run, recording, tmp_path):
-    status, _, _ = run(
-        recording, "-o", tmp_path / "a", "--all-frames", "--variant", "emptyfiltered"
-    )
-    assert status == 0
-    assert [p.name[6:] for p in sorted((tmp_path / "a").iterdir())] == ["_emptyfiltered.h5"] * 2
-    for path in (recording / "radar_72.0_82.0_2" / "calibrated_data").glob("*_emptyfiltered*"):
+    for path in (recording / DATA).glob("*_emptyfiltered*"):
         path.unlink()
-    one_error_line(
-        run(recording, "-o", tmp_path / "b", "--all-frames", "--variant", "emptyfiltered"),
-        "emptyfiltered",
-    )
+    line = "convert hand/30 -o c --all-frames --variant emptyfiltered"
+    cli.fails(line, "emptyfiltered")
 
 
-def test_all_frames_keeps_what_is_there(run, recording, tmp_path):
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "000001.h5").write_bytes(b"precious")
-    one_error_line(run(recording, "-o", tmp_path / "a", "--all-frames"), "000001.h5", "--force")
-    assert tree(tmp_path / "a") == {"000001.h5": b"precious"}
-    assert run(recording, "-o", tmp_path / "a", "--all-frames", "--force")[0] == 0
-    assert len(tree(tmp_path / "a")) == 4
-
-
-def test_all_frames_skips_damaged_frames(run, recording, tmp_path):
-    data = recording / "radar_72.0_82.0_2" / "calibrated_data"
-    bad = data / "000000.npy"
+def test_all_frames_skips_damaged_frames(cli: Cli, recording: Path) -> None:
+    bad = recording / DATA / "000000.npy"
     bad.write_bytes(bad.read_bytes()[:-1000])
-    status, out, err = run(recording, "-o", tmp_path / "a", "--all-frames")
-    assert (status, out) == (1, "")
-    warning, summary = err.splitlines()
+    outcome = cli("convert hand/30 -o a --all-frames")
+    assert (outcome.status, outcome.out) == (1, "")
+    warning, summary = outcome.err.splitlines()
     assert "warning" in warning
     assert "000000.npy" in warning
     assert "3 of 4 frames converted" in summary
-    names = sorted(p.name for p in (tmp_path / "a").iterdir())
-    assert names == ["000000_emptyfiltered.h5", "000001.h5", "000001_emptyfiltered.h5"]
-    assert all(check_file(tmp_path / "a" / name).ok for name in names)
-    read = open_capture(tmp_path / "a" / "000001.h5")
-    assert same_capture(read, open_capture(data / "000001.npy"))
-    for path in data.iterdir():
+    assert names("a") == NAMES[1:]
+    assert all(check_file(path).ok for path in Path("a").iterdir())
+    for path in (recording / DATA).iterdir():
         path.write_bytes(b"")
-    status, _, err = run(recording, "-o", tmp_path / "b", "--all-frames")
-    assert status == 1
-    assert len(err.splitlines()) == 5
-    assert "0 of 4 frames converted" in err
-    assert not (tmp_path / "b").exists()
+    outcome = cli("convert hand/30 -o b --all-frames")
+    assert (outcome.status, len(outcome.err.splitlines())) == (1, 5)
+    assert "0 of 4 frames converted" in outcome.err
+    assert not Path("b").exists()
 
 
-def test_one_capture_to_a_recording_and_back(run, tmp_path):
-    meta = {"note": "a hand", "rays": {"paths": 3}, "gain": 7}
-    native(tmp_path / "sim.h5", **meta)
-    (tmp_path / "new").mkdir()
-    status, out, _ = run(tmp_path / "sim.h5", "-o", tmp_path / "new" / "30", "--to", "maroon")
-    assert status == 0
-    assert "1 frame" in out
-    assert run(tmp_path / "new" / "30", "-o", tmp_path / "back.h5")[0] == 0
-    back, capture = open_capture(tmp_path / "back.h5"), open_capture(tmp_path / "sim.h5")
-    assert same_capture(back, capture)
+def test_one_capture_to_a_recording_and_back(cli: Cli) -> None:
+    native("sim.h5", note="a hand", rays={"paths": 3}, gain=7)
+    Path("new").mkdir()
+    outcome = cli.ok("convert sim.h5 -o new/30 --to maroon")
+    assert "1 frame" in outcome.out
+    cli.ok("convert new/30 -o back.h5")
+    back = open_capture("back.h5")
+    assert same_capture(back, open_capture("sim.h5"))
     assert (back.meta["note"], back.meta["gain"]) == ("a hand", 7)
-    record = json.loads(open_capture(tmp_path / "new" / "30").meta["provenance"])
-    assert record["rays"] == {"paths": 3}
-    assert record["command"] == "convert"
+    record = json.loads(open_capture("new/30").meta["provenance"])
+    assert (record["rays"], record["command"]) == ({"paths": 3}, "convert")
     assert [i["file"] for i in record["inputs"]] == ["sim.h5"]
+    sizes = []  # provenance grows by the same amount with every conversion
+    for _ in range(5):
+        cli.ok("convert back.h5 --to maroon -o 30 --force")
+        cli.ok("convert 30 -o back.h5 --force")
+        sizes.append(len(json.dumps(dict(open_capture("back.h5").meta))))
+    growth = np.diff(sizes)
+    assert growth.max() < 1.2 * growth.min() + 100
 
 
-def test_several_captures_to_a_recording(run, tmp_path):
+def test_several_captures_to_a_recording(cli: Cli) -> None:
     stamps = [1_700_000_000_000_123 - 1000 * (2 - i) for i in range(3)]
-    sources = [native(tmp_path / f"{i}.h5", seed=i, timestamp_us=stamps[i]) for i in range(2)]
-    sources.append(files.write_frame(tmp_path / "000009.npy", files.random_frame(seed=2)))
-    status, out, err = run(*sources, "-o", tmp_path / "30", "--to", "maroon")
-    assert status == 0, err
-    assert "3 frames" in out
+    sources = [native(f"{i}.h5", seed=i, timestamp_us=stamps[i]) for i in range(2)]
+    files.write_frame(Path("000009.npy"), files.random_frame(seed=2))
+    sources.append("000009.npy")
+    assert "3 frames" in cli.ok(f"convert {' '.join(sources)} -o 30 --to maroon").out
     for i, source in enumerate(sources):
-        read = open_capture(tmp_path / "30", frame=i)
+        read = open_capture("30", frame=i)
         assert same_capture(read, open_capture(source))
         assert read.meta["number_of_measurements"] == 3
         assert read.meta["timestamp_us"] == stamps[i]
-    assert check_file(tmp_path / "30").ok, check_file(tmp_path / "30")
+    assert check_file("30").ok
 
 
-def test_a_recording_that_exists_is_kept(run, recording, tmp_path):
-    source = native(tmp_path / "a.h5", seed=9)
+def test_a_recording_that_exists_is_kept(cli: Cli, recording: Path) -> None:
+    native("a.h5", seed=9)
     before = tree(recording)
-    one_error_line(run(source, "-o", recording, "--to", "maroon"), "--force")
-    (tmp_path / "file").write_bytes(b"")
-    one_error_line(run(source, "-o", tmp_path / "file", "--to", "maroon"), "file")
-    one_error_line(run(source, "-o", tmp_path / "file" / "30", "--to", "maroon"), "file")
+    Path("file").write_bytes(b"")
+    cli.fails("convert a.h5 -o hand/30 --to maroon", "--force")
+    cli.fails("convert a.h5 -o file --to maroon", "file")
+    cli.fails("convert a.h5 -o file/30 --to maroon", "file")
     assert tree(recording) == before
-    assert run(source, "-o", recording, "--to", "maroon", "--force")[0] == 0
-    assert same_capture(open_capture(recording), open_capture(source))
+    cli.ok("convert a.h5 -o hand/30 --to maroon --force")
+    assert same_capture(open_capture(recording), open_capture("a.h5"))
     assert (recording / "metadata.json").read_bytes() == before["metadata.json"]
-
-
-def test_provenance_grows_by_the_same_amount_with_every_conversion(run, tmp_path):
-    native(tmp_path / "0.h5")
-    sizes = []
-    for i in range(5):
-        assert run(tmp_path / f"{i}.h5", "--to", "maroon", "-o", tmp_path / f"m{i}")[0] == 0
-        assert run(tmp_path / f"m{i}", "-o", tmp_path / f"{i + 1}.h5")[0] == 0
-        sizes.append(len(json.dumps(dict(open_capture(tmp_path / f"{i + 1}.h5").meta))))
-    growth = np.diff(sizes)
-    assert growth.max() < 1.2 * growth.min() + 100

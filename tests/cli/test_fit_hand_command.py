@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import GRID, Run, one_error_line
+from command_line import GRID, Cli
 from hand_fits import UNTOLD, made_up_fit
 from mano_files import mano_model, mano_pickle
 from rig_files import RigMaker
@@ -25,29 +25,25 @@ from clradar.hand import HandShape, read_pose
 from clradar.model import Volume
 from measurement_io import open_capture, open_volume
 
-
-class Recorded:
-    """Stands for `calibration.fit_hand`: returns a made-up fit, and keeps its arguments."""
-
-    def __init__(self, fit: HandFit) -> None:
-        self.fit = fit
-        self.calls: list[dict[str, Any]] = []
-
-    def __call__(self, measured: Volume, **settings: Any) -> HandFit:
-        self.calls.append({"measured": measured, **settings})
-        return self.fit
+Calls = list[dict[str, Any]]
+FIT = made_up_fit()
 
 
 @pytest.fixture
-def recorded_fit(made: Path, monkeypatch: pytest.MonkeyPatch) -> Recorded:
-    monkeypatch.chdir(made)
-    quick = Recorded(made_up_fit())
-    monkeypatch.setattr(calibration, "fit_hand", quick)
+def calls(place: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch) -> Calls:
+    """What `calibration.fit_hand` is called with; it returns a made-up fit."""
+    received: Calls = []
+
+    def fit(measured: Volume, **settings: Any) -> HandFit:
+        received.append({"measured": measured, **settings})
+        return FIT
+
+    monkeypatch.setattr(calibration, "fit_hand", fit)
     # The letter F, as it was simulated already; it stands for the letter of the start, too.
     capture, volume = open_capture("sim.h5"), open_volume("volume.h5")
     monkeypatch.setattr(clradar, "simulate", lambda *_, **__: capture)
     monkeypatch.setattr(clradar, "backproject", lambda *_, **__: volume)
-    return quick
+    return received
 
 
 @pytest.fixture
@@ -60,25 +56,24 @@ def record_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "write_hand_fit", written)
 
 
-def test_a_folder_with_all_that_was_found(
-    run: Run, made: Path, recorded_fit: Recorded, tmp_path: Path
-) -> None:
-    closed = recorded_fit.fit
-    folder = tmp_path / "fit"
-    outcome = run("fit-hand", "sim.h5", "--pose", "L", "-o", folder, *GRID)
-    assert outcome.status == 0, outcome.err
+def record_of(folder: str) -> dict[str, Any]:
+    return json.loads((Path(folder) / "fit.json").read_text())
+
+
+def test_a_folder_with_all_that_was_found(cli: Cli, calls: Calls) -> None:
+    printed = cli.ok(f"fit-hand sim.h5 --pose L -o fit {GRID}").out
+    folder = Path("fit")
     assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
     assert read_pose(folder / "pose.toml").name == "F, fitted to sim.h5"
-    record = json.loads((folder / "fit.json").read_text())
-    assert record["transform"] == closed.transform.tolist()
-    assert record["command"] == "fit-hand"
-    assert record["options"]["pose"] == "L"
+    record = record_of("fit")
+    assert record["transform"] == FIT.transform.tolist()
+    assert (record["command"], record["options"]["pose"]) == ("fit-hand", "L")
     assert [one["file"] for one in record["inputs"]] == ["sim.h5"]
     placed = clradar.Scene.from_mesh(folder / "placed.ply")
-    assert placed.part_names == closed.scene.part_names
+    assert placed.part_names == FIT.scene.part_names
     assert placed.texture_m is not None
     # float32 in metres: 2^-24 of 0.4 m is 2.4e-8.
-    assert np.allclose(placed.vertices_m, closed.scene.vertices_m, rtol=0.0, atol=1e-7)
+    np.testing.assert_allclose(placed.vertices_m, FIT.scene.vertices_m, rtol=0.0, atol=1e-7)
     metrics = json.loads((folder / "metrics.json").read_text())
     assert metrics["after"]["overlap"] == metrics["before"]["overlap"] == pytest.approx(1.0)
     assert open_volume(folder / VOLUME).grid.same_voxels(open_volume("volume.h5").grid)
@@ -87,29 +82,25 @@ def test_a_folder_with_all_that_was_found(
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     start = read_start(folder)
     assert start.transform is not None
-    assert np.array_equal(start.transform, closed.transform)
+    assert np.array_equal(start.transform, FIT.transform)
     # The tables: a tip with its standard deviation, what is not told, the other basin.
-    lines = [line.split("  ") for line in outcome.out.splitlines()]
+    lines = [line.split("  ") for line in printed.splitlines()]
     rows = {line[0].strip(): [cell.strip() for cell in line[1:] if cell.strip()] for line in lines}
-    x, y, z = 1e3 * closed.tips_m[1]
+    x, y, z = 1e3 * FIT.tips_m[1]
     told = ["5.0", "no", "3 of 4", "phalanx-distal flexion"]
     assert rows["index"] == [f"{x:.1f}, {y:.1f}, {z:.1f}", *told]
     assert rows["palm"] == ["2 of 2"]
     assert rows["2"][:3] == ["D", "right", "130.0"]
-    assert "Simulated there, the overlap is 0.95." in outcome.out
+    assert "Simulated there, the overlap is 0.95." in printed
 
 
 @pytest.mark.usefixtures("record_alone")
-def test_what_the_options_say_goes_into_the_fit(
-    run: Run, made: Path, recorded_fit: Recorded, tmp_path: Path
-) -> None:
-    options = (
-        "--pose F,l --hand left --fit-shape --alpha 0.2 --quick --angle-std-deg 9 --search-deg 60 "
-        "--length-mm 180 --girth 0.95 --seed 5"
+def test_what_the_options_say_goes_into_the_fit(cli: Cli, calls: Calls) -> None:
+    cli.ok(
+        "fit-hand volume.h5 --pose F,l --hand left --fit-shape --alpha 0.2 --quick --seed 5 "
+        "--angle-std-deg 9 --search-deg 60 --length-mm 180 --girth 0.95 -o fit"
     )
-    outcome = run("fit-hand", "volume.h5", *options.split(), "-o", tmp_path / "fit")
-    assert outcome.status == 0, outcome.err
-    (call,) = recorded_fit.calls
+    (call,) = calls
     assert [start.pose.name for start in call.pop("pose")] == ["F", "L"]
     assert call.pop("shape") == HandShape(length_m=0.18, girth=0.95)
     assert call.pop("measured").grid.same_voxels(open_volume("volume.h5").grid)
@@ -117,57 +108,54 @@ def test_what_the_options_say_goes_into_the_fit(
     assert call.pop("array").name == "qar50"
     assert call.pop("waveform").same_frequencies(clradar.Waveform.sfcw(72e9, 82e9, 128))
     assert call == {
-        "handedness": "left", "fit_shape": True, "alpha": 0.2, "closed_loop": False,
-        "angle_std_deg": 9.0, "search_deg": 60.0, "seed": 5, "progress": None,
-    }  # fmt: skip
+        "handedness": "left",
+        "fit_shape": True,
+        "alpha": 0.2,
+        "closed_loop": False,
+        "angle_std_deg": 9.0,
+        "search_deg": 60.0,
+        "seed": 5,
+        "progress": None,
+    }
 
 
 @pytest.mark.usefixtures("record_alone")
 @pytest.mark.parametrize("name", ["left.glb", "MANO_LEFT.pkl"])
-def test_a_rig_is_fitted_as_the_hand_that_it_is(
-    run: Run, recorded_fit: Recorded, tmp_path: Path, name: str
-) -> None:
+def test_a_rig_is_fitted_as_the_hand_that_it_is(cli: Cli, calls: Calls, name: str) -> None:
     if name.endswith(".glb"):
-        RigMaker(turn=np.diag([-1.0, 1.0, 1.0])).save(tmp_path / name)
+        RigMaker(turn=np.diag([-1.0, 1.0, 1.0])).save(Path(name))
     else:
-        (tmp_path / name).write_bytes(mano_pickle(mano_model("left")))
-    outcome = run("fit-hand", "volume.h5", "--rig", tmp_path / name, "-o", tmp_path / "fit")
-    assert outcome.status == 0, outcome.err
-    (call,) = recorded_fit.calls
+        Path(name).write_bytes(mano_pickle(mano_model("left")))
+    cli.ok(f"fit-hand volume.h5 --rig {name} -o fit")
+    (call,) = calls
     assert (call["rig"].handedness, call["handedness"]) == ("left", "left")
     assert "shape" not in call
-    record = json.loads((tmp_path / "fit" / "fit.json").read_text())
-    assert [file["file"] for file in record["inputs"]] == ["volume.h5", name]
+    assert [file["file"] for file in record_of("fit")["inputs"]] == ["volume.h5", name]
 
 
 @pytest.mark.usefixtures("record_alone")
-def test_a_fit_goes_on_from_an_earlier_one(
-    run: Run, made: Path, recorded_fit: Recorded, tmp_path: Path
-) -> None:
-    one, two = tmp_path / "one", tmp_path / "two"
-    one.mkdir()
-    write_json(one / "fit.json", recorded_fit.fit.to_dict(), force=False)
-    assert run("fit-hand", "volume.h5", "--pose", one, "-o", two).status == 0
-    ((start,),) = (call["pose"] for call in recorded_fit.calls)
-    assert start.transform.tolist() == recorded_fit.fit.transform.tolist()
+def test_a_fit_goes_on_from_an_earlier_one(cli: Cli, calls: Calls) -> None:
+    Path("one").mkdir()
+    write_json("one/fit.json", FIT.to_dict(), force=False)
+    cli.ok("fit-hand volume.h5 --pose one -o two")
+    ((start,),) = (call["pose"] for call in calls)
+    assert start.transform.tolist() == FIT.transform.tolist()
     assert (start.name, start.pose.name) == ("one", "F")
-    record = json.loads((two / "fit.json").read_text())
-    assert [file["file"] for file in record["inputs"]] == ["volume.h5", "fit.json"]
-    outcome = run("fit-hand", "volume.h5", "--pose", one, "--hand", "left", "-o", tmp_path / "x")
-    assert outcome.status == 2
-    assert "expected right, as in --pose, got 'left'" in " ".join(outcome.err.split())
+    assert [file["file"] for file in record_of("two")["inputs"]] == ["volume.h5", "fit.json"]
+    wrong = "fit-hand volume.h5 --pose one --hand left -o x"
+    cli.fails(wrong, "expected right, as in --pose, got 'left'", status=2)
     # A file that is no result is not replaced, not even with --force.
-    again = ("fit-hand", "volume.h5", "-o", two)
-    one_error_line(run(*again), "holds files already")
-    (two / "notes.txt").write_text("mine")
-    one_error_line(run(*again, "--force"), "holds 'notes.txt', which --force would delete")
-    (two / "notes.txt").unlink()
-    assert run(*again, "--force").status == 0
-    assert len(recorded_fit.calls[-1]["pose"]) == 24
+    again = "fit-hand volume.h5 -o two"
+    cli.fails(again, "holds files already")
+    Path("two/notes.txt").write_text("mine")
+    cli.fails(f"{again} --force", "holds 'notes.txt', which --force would delete")
+    Path("two/notes.txt").unlink()
+    cli.ok(f"{again} --force")
+    assert len(calls[-1]["pose"]) == 24
 
 
 def test_untold_angles_are_in_the_table_of_their_digit() -> None:
-    rows = {row[0]: row for row in digit_rows(made_up_fit())}
+    rows = {row[0]: row for row in digit_rows(FIT)}
     assert set(rows) == {"thumb", "index", "middle", "ring", "pinky", "palm"}
     assert rows["thumb"][4:] == ["4 of 5", "phalanx-distal flexion"]
     assert len(UNTOLD) == 2

@@ -1,4 +1,4 @@
-"""``clradar image``, ``convert`` and ``inspect``."""
+"""``clradar image``, ``inspect`` and ``export``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
-from command_line import GRID, Run, one_error_line
+import trimesh
+from command_line import GRID, Cli
 from matplotlib.figure import Figure
 
 import clradar
@@ -16,223 +16,172 @@ import clradar.plot
 from clradar.cli.inputs import recording_title, title_of
 from clradar.cli.options import GridOptions
 from clradar.cli.parse import axis_mm
-from measurement_io import (
-    check_file,
-    describe,
-    open_capture,
-    open_volume,
-    save_capture,
-    save_recording,
-)
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
+from clradar.errors import CompareError
+from clradar.plot import capture_figure, recording_figure
+from measurement_io import open_capture, open_volume, save_capture, save_recording, save_volume
 
 
-def test_axis_in_millimetres() -> None:
+def test_axes_in_millimetres_and_the_default_grid_of_the_paper() -> None:
     assert axis_mm("--x-mm", "-100:100:1") == (-100.0, 100.0, 1.0)
     assert axis_mm("--x-mm", "300") == (300.0, 300.0, 1.0)
     assert axis_mm("--x-mm", "0:0.3:0.1") == (0.0, 0.3, 0.1)
-    for text in ("", "a:b:c", "1:2", "1:2:3:4", "0:1:0", "0:1:-1", "0:1:0.3", "inf"):
-        with pytest.raises(typer.BadParameter):
-            axis_mm("--x-mm", text)
-
-
-def test_the_default_grid_is_that_of_the_paper() -> None:
-    grid = GridOptions().grid()
     paper = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
-    assert grid.counts == (201, 201, 81)
-    assert grid.same_voxels(paper, tolerance_m=1e-15)
+    assert GridOptions().grid().same_voxels(paper, tolerance_m=1e-15)
 
 
-def test_image_of_a_recording_and_its_figure(run: Run, made: Path, tmp_path: Path) -> None:
-    target, png = tmp_path / "v.h5", tmp_path / "v.png"
-    outcome = run("image", made / "recording", "-o", target, "--png", png, "--method", "exact",
-                  "--window", "hann", *GRID)  # fmt: skip
-    assert outcome.status == 0, outcome.err
-    volume = open_volume(target)
-    expected = clradar.backproject(
-        open_capture(made / "sim.h5"),
-        volume.grid,
-        method="exact",
-        window="hann",
-        check_grid=False,
-        device="pocl",
-    )
+def test_image_of_a_recording_and_its_figure(cli: Cli, place: Path) -> None:
+    cli.ok(f"image recording -o v.h5 --png v.png --method exact --window hann {GRID}")
+    volume = open_volume("v.h5")
+    options = {"method": "exact", "window": "hann", "check_grid": False, "device": "pocl"}
+    expected = clradar.backproject(open_capture("sim.h5"), volume.grid, **options)
     assert np.array_equal(volume.data, expected.data)
-    assert png.read_bytes().startswith(b"\x89PNG")
+    assert Path("v.png").read_bytes().startswith(b"\x89PNG")
     assert [i["file"] for i in volume.meta["inputs"]] == ["000000.npy"]
 
 
 def test_figures_of_recordings_are_titled_with_object_distance_variant_and_frame(
-    run: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    capture = open_capture(made / "sim.h5")
-    recording = tmp_path / "hand" / "30"
-    save_recording(recording, [capture, capture], variant="emptyfiltered")
+    capture = open_capture("sim.h5")
+    save_recording("hand/30", [capture, capture], variant="emptyfiltered")
     titles = []
     monkeypatch.setattr(
         "clradar.plot.image_figure", lambda *given, **_: titles.append(given[1]) or Figure()
     )
-    words = "hand, 30 cm, emptyfiltered, frame 1"
-    chosen = ("--variant", "emptyfiltered", "--frame", "1")
-    png = ("--png", tmp_path / "v.png", "--force")
-    outcome = run("image", recording, *png, *chosen, *GRID, "-o", tmp_path / "v.h5")
-    assert outcome.status == 0, outcome.err
-    monkeypatch.chdir(recording)
-    assert run("image", ".", *png, *chosen, *GRID).status == 0
-    (frame_file,) = recording.glob("*/*/000001_*.npy")
-    assert run("image", frame_file, *png, *GRID).status == 0
-    assert run("image", tmp_path / "v.h5", *png).status == 0
-    assert run("image", made / "volume.h5", *png).status == 0
-    assert titles == [words, words, words, f"v.h5: {words}", "volume.h5"]
-    volume = open_volume(tmp_path / "v.h5")
-    assert recording_title(volume.meta) == words
+    words, png = "hand, 30 cm, emptyfiltered, frame 1", f"--png {place}/v.png --force"
+    chosen = f"--variant emptyfiltered --frame 1 {png} {GRID}"
+    (frame_file,) = Path("hand/30").glob("*/*/000001_*.npy")
+    cli.ok(f"image hand/30 -o v.h5 {chosen}")
+    cli.ok(f"image {frame_file} {png} {GRID}")
+    cli.ok(f"image v.h5 {png}")
+    cli.ok(f"image volume.h5 {png}")
+    monkeypatch.chdir("hand/30")
+    cli.ok(f"image . {chosen}")
+    assert titles == [words, words, f"v.h5: {words}", "volume.h5", words]
     assert recording_title({"capture": {"format": "maroon", "source": 3}}) == ""
     assert title_of(Path("lab.mat"), {"format": "layout", "frame": 2}) == "lab.mat, frame 2"
 
 
-def test_report_of_one_image(run: Run, made: Path, tmp_path: Path) -> None:
-    page = tmp_path / "page.html"
-    outcome = run("image", made / "recording", "--report", page, *GRID)
-    assert outcome.status == 0, outcome.err
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["page.html"]
-    text = page.read_text(encoding="utf-8")
+def test_report_of_one_image(cli: Cli, place: Path) -> None:
+    cli.ok(f"image recording --report page.html {GRID}")
+    cli.ok("image volume.h5 --report saved.html")
+    text, saved = (Path(n).read_text(encoding="utf-8") for n in ("page.html", "saved.html"))
     assert "<h1>recording, raw, frame 0</h1>" in text
     assert "000000.npy" in text
     assert "Metrics" not in text
-    saved = tmp_path / "saved.html"
-    outcome = run("image", made / "volume.h5", "--report", saved)
-    assert outcome.status == 0, outcome.err
     row = "maximum of the amplitude"
-    assert text.split(row)[1][:60] == saved.read_text(encoding="utf-8").split(row)[1][:60]
+    assert text.split(row)[1][:60] == saved.split(row)[1][:60]
 
 
 @pytest.mark.parametrize(
     ("name", "kind"),
     [("sim.h5", "native capture"), ("volume.h5", "native volume"), ("recording", "recording")],
 )
-def test_inspect(run: Run, made: Path, name: str, kind: str) -> None:
-    outcome = run("inspect", made / name)
-    assert outcome.status == 0, outcome.err
-    assert f"{name}: {kind}" in outcome.out.splitlines()[0]
-    described = json.loads(run("inspect", made / name, "--json").out)
+def test_inspect(cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch, name: str, kind: str):
+    assert f"{name}: {kind}" in cli.ok(f"inspect {name}").out.splitlines()[0]
+    described = json.loads(cli.ok(f"inspect {name} --json").out)
     assert described["kind"] == kind
     assert described["facts"]["data"]["type"] == "complex64"
     assert described["problems"] == []
-    checked = run("inspect", made / name, "--check")
-    assert checked.status == 0, checked.err
-    assert "all right" in checked.out
-    assert json.loads(run("inspect", made / name, "--check", "--json").out)["ok"] is True
+    assert "all right" in cli.ok(f"inspect {name} --check").out
+    assert json.loads(cli.ok(f"inspect {name} --check --json").out)["ok"] is True
+    monkeypatch.setenv("CLRADAR_DEVICE", "abacus")  # pictures need none
+    cli.ok(f"inspect {name} --png x.png")
+    assert Path("x.png").read_bytes()[:4] == b"\x89PNG"
+    if name == "volume.h5":
+        cli.ok(f"image {name} --png y.png")
+        assert Path("x.png").read_bytes() == Path("y.png").read_bytes()
+        cli.ok(f"inspect {name} --png all.png --view all")
+        cli.ok(f"inspect {name} --png slice.png --slice y=0")
+        cli.fails(f"inspect {name} --png no.png --slice q", "--slice", status=2)
+    else:
+        cli.fails(f"inspect {name} --png no.png --view xz", "--view", status=2)
 
 
-def test_check_finds_a_changed_byte(run: Run, made: Path, tmp_path: Path) -> None:
+def test_check_finds_a_changed_byte(cli: Cli, made: Path) -> None:
     content = bytearray((made / "sim.h5").read_bytes())
     content[len(content) // 2] ^= 1
-    damaged = tmp_path / "damaged.h5"
-    damaged.write_bytes(content)
-    outcome = run("inspect", damaged, "--check")
-    one_error_line(outcome, "damaged.h5")
+    Path("damaged.h5").write_bytes(content)
+    outcome = cli("inspect damaged.h5 --check")
+    assert outcome.status == 1
     assert "problem" in outcome.out
+    assert outcome.err.startswith("clradar: error: damaged.h5")
 
 
-def test_a_capture_without_receptions_is_warned_of(run: Run, made: Path, tmp_path: Path) -> None:
-    nothing = tmp_path / "nothing.h5"
-    outcome = run("simulate", made / "hand.ply", "-o", nothing, "--samples-per-mm2", "1e-9")
-    assert outcome.status == 0
+def test_a_capture_without_receptions_is_warned_of(cli: Cli, place: Path) -> None:
+    outcome = cli.ok("simulate hand.ply -o nothing.h5 --samples-per-mm2 1e-9")
     assert "clradar: warning: no ray reached a receiver" in outcome.err
-    figure = tmp_path / "nothing.png"
-    outcome = run("image", nothing, "-o", tmp_path / "v.h5", *GRID, "--png", figure)
-    assert outcome.status == 0
+    outcome = cli.ok(f"image nothing.h5 -o v.h5 {GRID} --png nothing.png")
     assert "zero everywhere" in outcome.err
-    assert not figure.exists()
+    assert not Path("nothing.png").exists()
 
 
 def test_a_slice_is_drawn_from_above_and_a_voxel_not_at_all(
-    run: Run, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn = []
     monkeypatch.setattr("clradar.plot.save_figure", lambda figure, *_, **__: drawn.append(figure))
-    across = ["--x-mm=-60:60:6", "--z-mm", "280:320:5"]
-    for axes, view, labels in (
-        (["--y-mm", "0", *across], [], ("x (mm)", "z (mm)")),
-        (["--y-mm=-60:60:6", *across], ["--view", "yz"], ("z (mm)", "y (mm)")),
-        (["--y-mm", "0", *across], ["--view", "xy"], ("x (mm)", "y (mm)")),
-        (
-            ["--y-mm", "0", "--x-mm", "0", "--z-mm", "280:320:5"],
-            [],
-            ("z (mm)", "below maximum (dB)"),
-        ),
+    across = "--x-mm=-60:60:6 --z-mm 280:320:5"
+    for options, labels in (
+        (f"--y-mm 0 {across}", ("x (mm)", "z (mm)")),
+        (f"--y-mm=-60:60:6 {across} --view yz", ("z (mm)", "y (mm)")),
+        (f"--y-mm 0 {across} --view xy", ("x (mm)", "y (mm)")),
+        ("--y-mm 0 --x-mm 0 --z-mm 280:320:5", ("z (mm)", "below maximum (dB)")),
     ):
-        outcome = run("image", made / "sim.h5", "-o", tmp_path / "v.h5", "--png",
-                      tmp_path / "v.png", "--force", *axes, *view)  # fmt: skip
-        assert outcome.status == 0, outcome.err
+        cli.ok(f"image sim.h5 -o v.h5 --png v.png --force {options}")
         first = drawn[-1].axes[0]
         assert (first.get_xlabel().lstrip("\N{LEFTWARDS ARROW} "), first.get_ylabel()) == labels
-    one = ["--x-mm", "0", "--y-mm", "0", "--z-mm", "300"]
-    outcome = run("image", made / "sim.h5", "-o", tmp_path / "one.h5", "--png",
-                  tmp_path / "one.png", *one)  # fmt: skip
-    assert outcome.status == 0
+    outcome = cli.ok("image sim.h5 -o one.h5 --png one.png --x-mm 0 --y-mm 0 --z-mm 300")
     assert "one.png: not drawn, since the image is one voxel, of amplitude" in outcome.err
-    assert not (tmp_path / "one.png").exists()
-    assert open_volume(tmp_path / "one.h5").data.size == 1
+    assert len(drawn) == 4
+    assert open_volume("one.h5").data.size == 1
 
 
-def test_a_capture_without_a_grid_is_imaged_where_its_echo_is(run: Run, tmp_path: Path) -> None:
-    q = clradar.arrays.qar50()
-    array = clradar.AntennaArray(q.tx_m[::4], q.rx_m[::4])
+def thinned(every: int) -> clradar.AntennaArray:
+    whole = clradar.arrays.qar50()
+    return clradar.AntennaArray(whole.tx_m[::every], whole.rx_m[::every])
+
+
+def test_a_capture_without_a_grid_is_imaged_where_its_echo_is(cli: Cli) -> None:
     sweep = clradar.Waveform.sfcw(72e9, 82e9, 128)
-    far = tmp_path / "far.h5"
-    save_capture(far, clradar.room_capture(array, sweep, [], points_m=[[0, 0, 1.5]]))
-    outcome = run("image", far, "-o", tmp_path / "v.h5")
-    assert outcome.status == 0, outcome.err
+    far = clradar.room_capture(thinned(4), sweep, [], points_m=[[0, 0, 1.5]])
+    save_capture("far.h5", far)
+    outcome = cli.ok("image far.h5 -o v.h5")
     assert outcome.err == ""
     assert "grid: " in outcome.out
-    volume = open_volume(tmp_path / "v.h5")
+    volume = open_volume("v.h5")
     assert volume.grid.z_m[0] < 1.5 < volume.grid.z_m[-1]
     assert np.abs(volume.data).max() > 0.9
-    outcome = run("image", far, "-o", tmp_path / "w.h5", "--z-mm", "260:340:8", "--x-mm=-80:80:8",
-                  "--y-mm=-80:80:8")  # fmt: skip
-    assert outcome.status == 0
+    outcome = cli.ok("image far.h5 -o w.h5 --z-mm 260:340:8 --x-mm=-80:80:8 --y-mm=-80:80:8")
     assert "clradar: warning: the strongest echo, at x 0.000, y 0.000, z 1.500 m" in outcome.err
-    facts = json.loads(run("inspect", far, "--json").out)["facts"]
+    facts = json.loads(cli.ok("inspect far.h5 --json").out)["facts"]
     assert facts["range"]["resolution_m"] == pytest.approx(0.01499, rel=1e-3)
     assert facts["range"]["unambiguous_m"] == pytest.approx(1.9037, rel=1e-3)
     assert facts["strongest_echo"]["range_m"] == pytest.approx(1.5, abs=0.01)
     assert facts["strongest_echo"]["lateral_resolution_m"][0] == pytest.approx(0.021, rel=0.05)
-    assert "unambiguous to 1.904 m" in run("inspect", far).out
+    assert "unambiguous to 1.904 m" in cli("inspect far.h5").out
 
 
-def test_radar_cross_sections_of_samples_that_are_s_parameters(
-    run: Run, made: Path, tmp_path: Path
-) -> None:
-    target, png, page = tmp_path / "v.h5", tmp_path / "v.png", tmp_path / "v.html"
-    files = ["-o", target, "--png", png, "--report", page, "--dbsm", *GRID]
-    outcome = run("image", made / "sim.h5", *files)
-    one_error_line(outcome, "sim.h5: expected S-parameters for --dbsm")
-    assert not list(tmp_path.iterdir())
-    assert run("image", made / "volume.h5", "--absolute", "--png", png).status == 2
-
-    outcome = run("image", made / "sim.h5", *files, "--absolute")
-    assert outcome.status == 0, outcome.err
-    volume = open_volume(target)
-    expected = f"{volume.rcs_dbsm().max():.1f} dBsm"
-    assert expected in page.read_text(encoding="utf-8")
-    assert expected in run("inspect", target).out
-    again = tmp_path / "again.png"
-    assert run("image", target, "--png", again, "--dbsm").status == 0
-    assert again.read_bytes().startswith(b"\x89PNG")
-    assert check_file(target).ok
+def test_radar_cross_sections_of_samples_that_are_s_parameters(cli: Cli, place: Path) -> None:
+    line = f"image sim.h5 -o v.h5 --png v.png --report v.html --dbsm {GRID}"
+    cli.fails(line, "sim.h5: expected S-parameters for --dbsm")
+    assert not Path("v.h5").exists()
+    cli.ok(f"{line} --absolute")
+    expected = f"{open_volume('v.h5').rcs_dbsm().max():.1f} dBsm"
+    assert expected in Path("v.html").read_text(encoding="utf-8")
+    assert expected in cli.ok("inspect v.h5").out
+    cli.ok("image v.h5 --png again.png --dbsm")
 
 
-def test_inspect_names_the_scale_and_the_echo_of_s_parameters(run: Run, tmp_path: Path) -> None:
-    q = clradar.arrays.qar50()
-    array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
-    wavelength_m = 299_792_458 / waveform.frequencies_hz
+def test_inspect_names_the_scale_and_the_echo_of_s_parameters(cli: Cli) -> None:
+    array, waveform = thinned(12), clradar.Waveform.sfcw(72e9, 82e9, 64)
+    wavelength_m = SPEED_OF_LIGHT_M_PER_S / waveform.frequencies_hz
     length_m = np.linalg.norm(array.tx_m[:, None] * [1, 1, -1] + [0, 0, 0.6] - array.rx_m, axis=2)
     phase = np.exp(-2j * np.pi * length_m[..., None] / wavelength_m)
     samples = wavelength_m / (4 * np.pi) / length_m[..., None] * phase
-    plate = clradar.Capture(samples, array, waveform, {"absolute": True})
-    save_capture(tmp_path / "plate.h5", plate)
-    facts = describe(tmp_path / "plate.h5").values
+    save_capture("plate.h5", clradar.Capture(samples, array, waveform, {"absolute": True}))
+    facts = json.loads(cli.ok("inspect plate.h5 --json").out)["facts"]
     assert facts["scale"] == {"absolute": True}
     # pi R^2 with R half the mean length, told to a bin of 4 mm. Lengths from 0.6 to 0.63 m, where
     # the mean profile (60 mm wide by the window) takes one, cost some tenths of a decibel.
@@ -242,16 +191,103 @@ def test_inspect_names_the_scale_and_the_echo_of_s_parameters(run: Run, tmp_path
     assert found == pytest.approx(10 * np.log10(np.pi * range_m**2), abs=0.5)
 
 
-def test_images_by_iteration(run: Run, made: Path, tmp_path: Path) -> None:
-    target, few = tmp_path / "v.h5", tmp_path / "few.h5"
+def test_images_by_iteration(cli: Cli, made: Path) -> None:
     capture = open_capture(made / "sim.h5")
-    tx_m, rx_m = (antennas_m[::8] for antennas_m in (capture.array.tx_m, capture.array.rx_m))
-    array = clradar.AntennaArray(tx_m, rx_m)
-    save_capture(few, clradar.Capture(capture.data[::8, ::8], array, capture.waveform))
-    fit = ["--method", "sparse", "--iterations", "2", "--sparsity-db=-20"]
-    outcome = run("image", few, "-o", target, *fit, *GRID)
-    assert outcome.status == 0, outcome.err
+    data = capture.data[::8, ::8]
+    save_capture("few.h5", clradar.Capture(data, thinned(8), capture.waveform))
+    outcome = cli.ok(
+        f"image few.h5 -o v.h5 --method sparse --iterations 2 --sparsity-db=-20 {GRID}"
+    )
     assert "sparse: 2 iterations, no more were asked for; left: " in outcome.out
-    meta = open_volume(target).meta
+    meta = open_volume("v.h5").meta
     assert (meta["method"], meta["iterations"], meta["sparsity_db"]) == ("sparse", 2, -20)
     assert meta["residual_db"] < 0
+
+
+# ---- pictures of captures and recordings
+
+WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 64)
+
+
+def echo(range_m: float, level: float = 1.0) -> clradar.Capture:
+    """A target in the middle, seen by the imager's antennas; Tx 5 is dead."""
+    array = clradar.arrays.qar50()
+    place = np.array([0.0, 0.0, range_m])
+    legs = [np.linalg.norm(side - place, axis=1) for side in (array.tx_m, array.rx_m)]
+    path_m = legs[0][:, None, None] + legs[1][None, :, None]
+    data = level * np.exp(-2j * np.pi * path_m * WAVEFORM.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
+    data[5] = 0
+    return clradar.Capture(data.astype(np.complex64), array, WAVEFORM)
+
+
+def test_a_capture_shows_its_target_and_its_dead_channel() -> None:
+    curve, pairs, _ = capture_figure(echo(0.4)).axes
+    (line,) = curve.lines
+    where_mm, level_db = np.array(line.get_data())
+    # The antennas are some centimetres off the axis: paths are a little longer than twice 400 mm.
+    assert where_mm[np.argmax(level_db)] == pytest.approx(405, abs=8)
+    shown_db = pairs.images[0].get_array()
+    assert np.flatnonzero((shown_db < -100).all(axis=1)).tolist() == [5]
+    assert np.allclose(np.delete(shown_db, 5, axis=0), 0, atol=1e-4)
+    with pytest.raises(CompareError, match="zeros"):
+        capture_figure(echo(0.4, 0.0))
+
+
+def test_a_recording_shows_how_its_target_moves() -> None:
+    frames = [echo(0.3), echo(0.35, 0.5), echo(0.4)]
+    echoes, level, _ = recording_figure(frames, [2, 3, 7]).axes
+    (mesh,) = echoes.collections
+    power_db, edges_mm = np.asarray(mesh.get_array()), np.asarray(mesh.get_coordinates())[:, 0, 1]
+    found_mm = (edges_mm[1:] + edges_mm[:-1])[power_db.argmax(axis=0)] / 2
+    assert np.diff(found_mm) == pytest.approx([50, 50], abs=8)
+    (line,) = level.lines
+    levels = [[2, 3, 7], [0, 20 * np.log10(0.5), 0]]
+    assert np.array(line.get_data()) == pytest.approx(np.array(levels), abs=1e-3)
+
+
+# ---- export
+
+
+@pytest.fixture
+def exported(cli: Cli) -> None:
+    """A volume and a capture to export."""
+    grid = clradar.VoxelGrid([-0.1, 0.2, 0.3], [1e-3, 2e-3, 5e-3], (5, 3, 4))
+    data = np.arange(60).reshape(grid.shape) + 1j
+    save_volume("volume.h5", clradar.Volume(data, grid, {"method": "exact"}))
+    array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
+    waveform = clradar.Waveform([76e9, 77e9])
+    save_capture("capture.h5", clradar.Capture([[[1, 2j]]], array, waveform))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("volume.h5 -o v.npz", "v.npz: Volume, 4 x 3 x 5"),
+        ("volume.h5 -o v.vti", "v.vti: Volume, 4 x 3 x 5"),
+        ("volume.h5 --dynamic-range-db 1 -o v.ply", "v.ply: DepthMap, 3 x 5"),
+        ("volume.h5 --depth-map -o d.npz", "d.npz: DepthMap, 3 x 5"),
+        ("capture.h5 -o c.mat", "c.mat: Capture, 1 x 1 x 2"),
+    ],
+)
+@pytest.mark.usefixtures("exported")
+def test_what_goes_where(cli: Cli, line: str, said: str) -> None:
+    assert cli.ok(f"export {line}").out == f"{said}\n"
+    if "v.npz" in line:
+        with np.load("v.npz") as file:
+            assert file["data"][3, 2, 4] == 59 + 1j
+            provenance = json.loads(str(file["provenance"]))
+        assert (provenance["method"], provenance["command"]) == ("exact", "export")
+    elif "d.npz" in line:
+        with np.load("d.npz") as file:
+            assert float(file["depth_m"][0, 0]) == 0.315
+    elif "v.ply" in line:
+        # 20 log10(45 / 59) = -2.4 dB and 52 / 59 = -1.1 dB: seven pixels are brighter than -1 dB.
+        assert len(trimesh.load("v.ply", process=False).vertices) == 7
+
+
+@pytest.mark.usefixtures("exported")
+def test_what_goes_nowhere(cli: Cli) -> None:
+    cli.fails("export capture.h5 -o c.vti", "c.vti", "clradar image")
+    cli.fails("export capture.h5 -o c.ply", "c.ply", "clradar image")
+    cli.fails("export volume.h5 -o v.csv", ".vti, .ply", "'.csv'")
+    cli.fails("export capture.h5 --depth-map -o c.npz", "expected a volume", status=2)

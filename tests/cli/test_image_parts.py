@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Run, one_error_line
+from command_line import Cli
 from nightly import nightly
 from quick_figures import draw_quickly, seek_no_lobes
 
@@ -18,14 +18,8 @@ from clradar.cli.images import PartSteps
 from clradar.imaging import fast
 from measurement_io import check_file, open_capture, open_volume, save_capture
 
-ARRAY = clradar.AntennaArray(
-    [[x, 0.03, 0] for x in np.linspace(-0.03, 0.03, 8)],
-    [[0.03, y, 0] for y in np.linspace(-0.03, 0.03, 8)],
-)
-BAND = clradar.Waveform.sfcw(76e9, 80e9, 32)
 GRID = clradar.VoxelGrid.from_extent((-0.099, 0.099), (-0.06, 0.06), (0.9, 0.99), 3e-3)
-WORDS = ("--x-mm", "-99:99:3", "--y-mm", "-60:60:3", "--z-mm", "900:990:3")
-OFFSETS_M = (-0.05, 0.05)
+OPTIONS = "--x-mm -99:99:3 --y-mm -60:60:3 --z-mm 900:990:3 -o"
 PIECE_VOXELS = 45_000
 """Of 85 157: two pieces."""
 
@@ -33,13 +27,15 @@ PIECE_VOXELS = 45_000
 @pytest.fixture(scope="module")
 def captures(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("clusters")
+    along = np.linspace(-0.03, 0.03, 8)
+    band = clradar.Waveform.sfcw(76e9, 80e9, 32)
     files = []
-    for i, x_m in enumerate(OFFSETS_M):
-        shift_m = [x_m, 0, 0]
-        array = clradar.AntennaArray(ARRAY.tx_m + shift_m, ARRAY.rx_m + shift_m)
-        files.append(folder / f"cluster_{i}.h5")
+    for i, x_m in enumerate((-0.05, 0.05)):
+        sides = ([[x + x_m, 0.03, 0] for x in along], [[0.03 + x_m, y, 0] for y in along])
         points_m = [[0.02, 0.01, 0.94], [-0.04, -0.03, 0.965]]
-        save_capture(files[-1], clradar.room_capture(array, BAND, [], points_m=points_m))
+        files.append(folder / f"cluster_{i}.h5")
+        array = clradar.AntennaArray(*sides)
+        save_capture(files[-1], clradar.room_capture(array, band, [], points_m=points_m))
     return files
 
 
@@ -52,46 +48,35 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_parts_make_the_image_that_is_formed_in_memory(
-    run: Run, captures: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, captures: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened = [open_capture(path) for path in captures]
     for some, want in (
         (captures, clradar.backproject(opened, GRID)),
         (captures[:1], clradar.backproject(opened[0], GRID, check_grid=False)),
     ):
-        out, png = tmp_path / f"{len(some)}.h5", tmp_path / f"{len(some)}.png"
-        outcome = run("image", *some, "-o", out, "--png", png, *WORDS)
-        assert outcome.status == 0, outcome.err
-        assert check_file(out).ok
-        volume = open_volume(out)
+        name = f"{len(some)}.h5"
+        cli.ok(f"image {' '.join(map(str, some))} {OPTIONS} {name} --png {name}.png")
+        assert check_file(name).ok
+        volume = open_volume(name)
         np.testing.assert_array_equal(volume.data, want.data)
         assert volume.grid.same_voxels(GRID)
         assert volume.meta["capture"] == want.meta["capture"]
-        assert png.stat().st_size > 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["1.h5", "1.png", "2.h5", "2.png"]
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["1.h5", "1.h5.png", "2.h5", "2.h5.png"]
     # Of one piece.
     monkeypatch.setattr(fast, "TILE_VOXELS", 2**23)
-    one = clradar.backproject(opened, GRID)
-    error = np.sqrt(np.mean(np.abs(one.data - open_volume(tmp_path / "2.h5").data) ** 2))
+    one = clradar.backproject(opened, GRID).data
+    error = np.sqrt(np.mean(np.abs(one - open_volume("2.h5").data) ** 2))
     # Both are within -50 dB of the sum.
-    assert error < 2 * 10**-2.5 * np.sqrt(np.mean(np.abs(one.data) ** 2))
+    assert error < 2 * 10**-2.5 * np.sqrt(np.mean(np.abs(one) ** 2))
 
 
-PROGRAM = """
-import sys
+KILLED = """
+import os, signal, sys
+from clradar.cli import images
 from clradar.imaging import fast
 fast.TILE_VOXELS, fast.FEW_TERMS = {voxels}, 0
-if __name__ == "__main__":
-    from clradar.cli import main
-    main()
-"""
-
-
-KILLED = PROGRAM.replace(
-    "if __name__",
-    """
-import os, signal
-from clradar.cli import images
 write, written = images._write, []
 def until_killed(path, image):
     written.append(path)
@@ -100,14 +85,16 @@ def until_killed(path, image):
         os.kill(os.getpid(), signal.SIGKILL)
     write(path, image)
 images._write = until_killed
-if __name__""",
-)
+if __name__ == "__main__":
+    from clradar.cli import main
+    main()
+"""
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
 @pytest.mark.parametrize(("last", "kept"), [(3, 2), *nightly([(5, 3)])])
 def test_a_killed_image_resumes(
-    run: Run,
+    cli: Cli,
     captures: list[Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -115,34 +102,30 @@ def test_a_killed_image_resumes(
     kept: int,
 ) -> None:
     """Killed while the first piece is joined, and at a part of the second."""
-    program, out = tmp_path / "killed.py", tmp_path / "out.h5"
-    program.write_text(KILLED.format(voxels=PIECE_VOXELS, last=last))
-    command = ["image", *map(str, captures), *WORDS, "-o", str(out)]
-    done = subprocess.run([sys.executable, program, *command], capture_output=True, text=True)
+    program = KILLED.format(voxels=PIECE_VOXELS, last=last)
+    line = f"image {' '.join(map(str, captures))} {OPTIONS} out.h5"
+    done = subprocess.run([sys.executable, "-c", program, *line.split()], stderr=subprocess.PIPE)
     assert done.returncode == -signal.SIGKILL, done.stderr
-    assert not out.exists()
+    assert not Path("out.h5").exists()
     # Other options are refused, and what is done stays.
-    one_error_line(run(*command, "--window", "hann"), "was begun with other settings", "window")
+    cli.fails(f"{line} --window hann", "was begun with other settings", "window")
     made: list[tuple[int, int]] = []
     one_part = PartSteps.run
     monkeypatch.setattr(
         PartSteps, "run", lambda s, part, *_: made.append(part) or one_part(s, part)
     )
-    outcome = run(*command)
-    assert outcome.status == 0, outcome.err
-    assert f"resumes with {kept} of 4 parts done before" in outcome.out
+    assert f"resumes with {kept} of 4 parts done before" in cli.ok(line).out
     assert len(made) == 4 - kept
-    opened = [open_capture(path) for path in captures]
-    np.testing.assert_array_equal(open_volume(out).data, clradar.backproject(opened, GRID).data)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["killed.py", "out.h5"]
+    want = clradar.backproject([open_capture(path) for path in captures], GRID)
+    np.testing.assert_array_equal(open_volume("out.h5").data, want.data)
+    assert [path.name for path in tmp_path.iterdir()] == ["out.h5"]
 
 
-def test_a_grid_that_no_memory_holds(captures: list[Path]) -> None:
+def test_a_grid_that_no_memory_holds(captures: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
     grid = clradar.VoxelGrid.from_extent((-1, 1), (-1, 1), (0.5, 1), 1e-3)
     capture = open_capture(captures[0])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("clradar.imaging.memory._memory_bytes", lambda: 10**10)
-        with pytest.raises(clradar.errors.ModelError, match=r"2001 x 2001 x 501 .* needs 18.1 GB"):
-            clradar.backproject(capture, grid)
-        with pytest.raises(clradar.errors.ModelError, match=r"whose image needs 48.1 GB"):
-            clradar.backproject([capture, capture], grid)  # the sum is in double precision
+    monkeypatch.setattr("clradar.imaging.memory._memory_bytes", lambda: 10**10)
+    with pytest.raises(clradar.errors.ModelError, match=r"2001 x 2001 x 501 .* needs 18.1 GB"):
+        clradar.backproject(capture, grid)
+    with pytest.raises(clradar.errors.ModelError, match=r"whose image needs 48.1 GB"):
+        clradar.backproject([capture, capture], grid)  # the sum is in double precision

@@ -1,4 +1,7 @@
-"""``clradar process``: whole recordings, cleaned, imaged, compared, resumed."""
+"""``clradar process``: whole recordings, cleaned, imaged, compared, resumed, with hands.
+
+The fits of hands are made up.
+"""
 
 from __future__ import annotations
 
@@ -6,52 +9,71 @@ import csv
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from command_line import Run, exit_status, one_error_line
+from command_line import GRID as HAND_GRID
+from command_line import Cli, exit_status
+from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands
 from PIL import Image
 from quick_figures import seek_no_lobes
 from recorder import Recorder, Recording
 
+import calibration
+import clradar.plot
 from calibration import average_frames, correct, range_gate, subtract_background
+from calibration.hand_fit.starts import read_start
+from calibration.registration.mesh_pose import depth_for_mesh
 from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Waveform, backproject
 from clradar.arrays import qar50
 from clradar.cli import recordings
-from clradar.cli.frames import FrameSteps
+from clradar.cli.frames import RECORDS, FrameSteps
+from clradar.cli.recordings import MOVEMENT as FIGURE
+from clradar.cli.recordings import SHEET, table
+from clradar.hand import read_pose
+from clradar.plot import save_figure
 from clradar.plot.frames import write_gif
-from measurement_io import open_capture, open_channels, open_volume, save_capture, save_channels
+from measurement_io import (
+    open_capture,
+    open_channels,
+    open_volume,
+    save_capture,
+    save_channels,
+    save_recording,
+)
 
-GRID = ("--x-mm", "-60:60:6", "--y-mm", "-60:60:6", "--z-mm", "280:320:5")
+GRID = "--x-mm -60:60:6 --y-mm -60:60:6 --z-mm 280:320:5"
 FRAMES = 3
 RESULTS = ("frames.csv", "movie.gif", "pictures/000001.png")
+OPTIONS = f"--scaling common --gate-mm 200:400 {GRID} --keep-captures --keep-volumes"
+COMMAND = f"process REC SIM single.h5 --empty ROOM --channels channels.h5 {OPTIONS} -o out"
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """Three frames of two points in a room, and two of the room; fewer antennas, frequencies."""
+    whole = qar50()
     made = Recorder(
-        points_m=[[0.02, 0.01, 0.3], [-0.03, 0.0, 0.31]], waveform=Waveform.sfcw(72e9, 82e9, 48),
-        array=AntennaArray(qar50().tx_m[::6], qar50().rx_m[::6]),
-    )  # fmt: skip
+        points_m=[[0.02, 0.01, 0.3], [-0.03, 0.0, 0.31]],
+        waveform=Waveform.sfcw(72e9, 82e9, 48),
+        array=AntennaArray(whole.tx_m[::6], whole.rx_m[::6]),
+    )
     return made.write(tmp_path_factory.mktemp("recorded"), n_frames=FRAMES, emptyfiltered=False)
 
 
 def channels_of(made: Recorder) -> ChannelCalibration:
     """What a calibration without errors would know."""
-    response = made.response()
-    assert response is not None
-    zeros = {f"{side}_{what}": np.zeros(16) for side in ("tx", "rx")
-             for what in ("noise", "phase_std_rad", "delay_std_s")}  # fmt: skip
-    return ChannelCalibration(
-        response, made.array, made.waveform, **zeros,
-        dead_tx=[], dead_rx=[], noisy_tx=[], noisy_rx=[3], target="plate",
-        target_position={"distance_m": 0.3}, target_covariance=[[1e-6]], target_amplitude=1.0,
-        residual_db=-40.0, noise_residual_db=-41.0,
-    )  # fmt: skip
+    whats = ("noise", "phase_std_rad", "delay_std_s")
+    zeros = {f"{side}_{what}": np.zeros(16) for side in ("tx", "rx") for what in whats}
+    lists = {"dead_tx": [], "dead_rx": [], "noisy_tx": [], "noisy_rx": [3]}
+    place = {"target_position": {"distance_m": 0.3}, "target_covariance": [[1e-6]]}
+    levels = {"target_amplitude": 1.0, "residual_db": -40.0, "noise_residual_db": -41.0}
+    radar = (made.response(), made.array, made.waveform)
+    return ChannelCalibration(*radar, **zeros, **lists, target="plate", **place, **levels)
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -63,27 +85,33 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
 def processed(recorded: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with inputs, and with what was made of them."""
     place = tmp_path_factory.mktemp("processed")
-    for source, name in (
-        (recorded.folder, "REC"),
-        (recorded.folder, "SIM"),
-        (recorded.empty, "ROOM"),
-    ):
+    sources = {"REC": recorded.folder, "SIM": recorded.folder, "ROOM": recorded.empty}
+    for name, source in sources.items():
         (radar,) = source.glob("radar_*")
         shutil.copytree(radar, place / name / radar.name)
     save_channels(place / "channels.h5", channels_of(recorded.recorder))
     save_capture(place / "single.h5", recorded.recorder.frame(0))
     with pytest.MonkeyPatch.context() as patch:
         seek_no_lobes(patch)
-        assert exit_status(*process_command(place, place / "out")) == 0
+        patch.chdir(place)
+        assert exit_status(*COMMAND.split()) == 0
     return place
 
 
-def process_command(place: Path, out: Path) -> list[object]:
-    return [
-        "process", place / "REC", place / "SIM", place / "single.h5", "--empty", place / "ROOM",
-        "--channels", place / "channels.h5", "--scaling", "common", "--gate-mm", "200:400", *GRID,
-        "--keep-captures", "--keep-volumes", "-o", out,
-    ]  # fmt: skip
+@pytest.fixture
+def copy(cli: Cli, processed: Path, tmp_path: Path) -> Path:
+    """What is processed, in the folder of the commands: other names, other times."""
+    shutil.copytree(processed, tmp_path, dirs_exist_ok=True)
+    return tmp_path
+
+
+@pytest.fixture
+def done(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Numbers of the frames that are processed."""
+    numbers: list[int] = []
+    one_frame = FrameSteps.run
+    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: numbers.append(n) or one_frame(s, n))
+    return numbers
 
 
 def test_every_frame_is_what_the_single_steps_make_of_it(
@@ -99,10 +127,8 @@ def test_every_frame_is_what_the_single_steps_make_of_it(
         assert (open_capture(out / f"captures/{i:06d}.h5").data == capture.data).all()
         volume = open_volume(out / f"volumes/{i:06d}.h5")
         assert (backproject(capture, volume.grid).data == volume.data).all()
-        row = rows_of(out)[i]
-        amplitude = np.abs(volume.data)
+        row, amplitude, grid = rows_of(out)[i], np.abs(volume.data), volume.grid
         z, y, x = np.unravel_index(amplitude.argmax(), amplitude.shape)
-        grid = volume.grid
         place = [float(row[f"peak {axis} mm"]) for axis in "xyz"]
         np.testing.assert_allclose(place, 1e3 * np.array([grid.x_m[x], grid.y_m[y], grid.z_m[z]]))
         assert float(row["peak dB"]) == pytest.approx(20 * np.log10(amplitude.max()), abs=1e-6)
@@ -116,109 +142,57 @@ def test_every_frame_is_what_the_single_steps_make_of_it(
 
 
 @pytest.mark.usefixtures("quickly")
-def test_a_killed_run_resumes_to_the_same_files(
-    run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    command = ("process", recorded.folder, recorded.folder, *GRID)
-    assert run(*command, "-o", whole).status == 0
-    done: list[int] = []
-    one_frame = FrameSteps.run
-
-    def until_killed(self: FrameSteps, number: int, _: Any) -> None:
-        if len(done) == 1:
-            raise KeyboardInterrupt
-        one_frame(self, number)
-        done.append(number)
-
-    monkeypatch.setattr(FrameSteps, "run", until_killed)
-    assert run(*command, "-o", killed).status == 130
-    assert not (killed / "recording.json").exists()
-    # As a kill between the two files of a frame leaves it.
-    (killed / "maps" / "000001.npz").write_bytes(b"half")
-    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: done.append(n) or one_frame(s, n))
-    outcome = run(*command, "-o", killed)
-    assert outcome.status == 0, outcome.err
-    assert "resumes with 1 of 3 frames done before" in outcome.out
-    assert done == [0, 1, 2]
-    for name in RESULTS:
-        ours, theirs = ((folder / name).read_bytes() for folder in (whole, killed))
-        assert ours == theirs, name
-    monkeypatch.setattr(FrameSteps, "run", lambda *_: pytest.fail("all frames are done"))
-    assert run(*command, "-o", killed).status == 0
-    outcome = run("process", recorded.folder, "-o", killed, *GRID)
-    one_error_line(outcome, "was begun with other settings", "simulated")
-    assert run(*command, "-o", tmp_path / "x", "--frames", "7").status == 1
-    assert not (tmp_path / "x").exists()
-
-
-@pytest.mark.usefixtures("quickly")
 def test_inputs_count_by_their_content(
-    run: Run, recorded: Recording, processed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, recorded: Recording, processed: Path, copy: Path, done: list[int]
 ) -> None:
-    place = tmp_path / "elsewhere"
-    shutil.copytree(processed, place)
-    monkeypatch.chdir(place)
-    done: list[int] = []
-    one_frame = FrameSteps.run
-    monkeypatch.setattr(FrameSteps, "run", lambda s, n, _: done.append(n) or one_frame(s, n))
-    command = process_command(Path(), Path("out"))
-    # The same by other names and with other times: nothing is done again.
-    assert (run(*command).status, done) == (0, [])
-    channels = place / "channels.h5"
+    cli.ok(COMMAND)
+    assert done == []
+    channels = Path("channels.h5")
     before = channels.stat()
     save_channels(channels, replace(channels_of(recorded.recorder), noisy_rx=[]), force=True)
     os.utime(channels, ns=(before.st_atime_ns, before.st_mtime_ns))
-    one_error_line(run(*command), "--channels '", "channels.h5")
+    cli.fails(COMMAND, "--channels '", "channels.h5")
     assert done == []
-    assert run(*command, "--force").status == 0
+    cli.ok(f"{COMMAND} --force")
     assert done == [0, 1, 2]
     assert rows_of(Path("out")) != rows_of(processed / "out")
-
-
-@pytest.mark.usefixtures("quickly")
-def test_frames_that_are_gone_are_not_kept_without_a_word(
-    run: Run, processed: Path, tmp_path: Path
-) -> None:
-    place = tmp_path / "elsewhere"
-    shutil.copytree(processed, place)
-    command = process_command(place, place / "out")
+    # Frames that are gone are not kept without a word.
     for name in ("REC", "SIM"):
-        next((place / name).rglob("000002.npy")).unlink()
-    one_error_line(run(*command), "RECORDING of 4 files, now of 3", "--force")
-    assert run(*command, "--force").status == 0
-    assert [row["frame"] for row in rows_of(place / "out")] == ["0", "1"]
-    assert len(list((place / "out" / "pictures").iterdir())) == 2
-    assert not (place / "out" / "captures" / "000002.h5").exists()
-    one_error_line(run("process", place / "REC", "-o", place / "REC", "--force"), "also an input")
+        next(Path(name).rglob("000002.npy")).unlink()
+    cli.fails(COMMAND, "RECORDING of 4 files, now of 3", "--force")
+    cli.ok(f"{COMMAND} --force")
+    assert [row["frame"] for row in rows_of(Path("out"))] == ["0", "1"]
+    assert len(list(Path("out/pictures").iterdir())) == 2
+    assert not Path("out/captures/000002.h5").exists()
+    cli.fails("process REC -o REC --force", "also an input")
 
 
 @pytest.mark.usefixtures("quickly")
-def test_variants_of_captures_are_told_by_their_names(
-    run: Run, recorded: Recording, tmp_path: Path
-) -> None:
-    made = tmp_path / "made"
+def test_variants_of_captures_are_told_by_their_names(cli: Cli, recorded: Recording) -> None:
     names = ("000000.h5", "000001.h5", "000001_emptyfiltered.h5", "notes.h5")
-    made.mkdir()
+    Path("made").mkdir()
     for i, name in enumerate(names):
-        save_capture(made / name, recorded.recorder.frame(i))
-    for variant, numbers, read in ((None, "01", 0), ("raw", "01", 0), ("emptyfiltered", "1", 2)):
-        out = tmp_path / f"{variant}"
-        more = () if variant is None else ("--variant", variant)
-        outcome = run("process", made, "-o", out, *GRID, "--keep-captures", *more)
-        assert outcome.status == 0, outcome.err
+        save_capture(f"made/{name}", recorded.recorder.frame(i))
+    line = f"process made {GRID} --keep-captures -o"
+    for more, numbers, read in (
+        ("", "01", 0),
+        (" --variant raw", "01", 0),
+        (" --variant emptyfiltered", "1", 2),
+    ):
+        outcome = cli.ok(f"{line} {read}{len(more)}{more}")
         assert "left out, as they are not named like frames: notes.h5" in outcome.err
+        out = Path(f"{read}{len(more)}")
         assert [row["frame"] for row in rows_of(out)] == list(numbers)
         first = open_capture(out / "captures" / f"{int(numbers[0]):06d}.h5")
         assert (first.data == recorded.recorder.frame(read).data).all()
-    (made / names[2]).unlink()
-    outcome = run("process", made, "-o", tmp_path / "x", *GRID, "--variant", "emptyfiltered")
-    one_error_line(outcome, "made: expected frames of the variant emptyfiltered", "000000.h5")
+    Path("made", names[2]).unlink()
+    wanted = "made: expected frames of the variant emptyfiltered"
+    cli.fails(f"{line} x --variant emptyfiltered", wanted, "000000.h5")
 
 
 @pytest.mark.usefixtures("quickly")
 def test_a_frame_that_cannot_be_read_costs_no_other_and_places_no_grid(
-    run: Run, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Cli, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     placed: list[Capture] = []
 
@@ -227,60 +201,52 @@ def test_a_frame_that_cannot_be_read_costs_no_other_and_places_no_grid(
         return VoxelGrid([-0.05, -0.04, 0.3], [5e-3] * 3, [21, 17, 3])
 
     monkeypatch.setattr(recordings, "grid_for", grid_for)
-    made = recorded.recorder.write(tmp_path, n_frames=3)
-    broken = next(made.folder.rglob("000000.npy"))
-    broken.write_bytes(b"no frame")
-    outcome = run("process", made.folder, "-o", tmp_path / "out", "--gate-mm", "200:400")
+    folder = recorded.recorder.write(tmp_path, n_frames=3).folder
+    next(folder.rglob("000000.npy")).write_bytes(b"no frame")
+    outcome = cli(f"process {folder} -o out --gate-mm 200:400")
     assert outcome.status == 1
-    want = range_gate(open_capture(made.folder, frame=1), near_m=0.2, far_m=0.4)
+    want = range_gate(open_capture(folder, frame=1), near_m=0.2, far_m=0.4)
     assert [(capture.data == want.data).all() for capture in placed] == [True]
     assert "000000.npy" in outcome.err
     assert "1 of 3 frames could not be processed" in outcome.err
-    assert [row["frame"] for row in rows_of(tmp_path / "out")] == ["1", "2"]
+    assert [row["frame"] for row in rows_of(Path("out"))] == ["1", "2"]
     # Pictures are numbered without gaps, as a video needs them.
-    pictures = tmp_path / "out" / "pictures"
-    assert sorted(path.name for path in pictures.iterdir()) == ["000000.png", "000001.png"]
+    pictures = sorted(path.name for path in Path("out/pictures").iterdir())
+    assert pictures == ["000000.png", "000001.png"]
 
 
 @pytest.mark.usefixtures("quickly")
-def test_the_workers_of_a_scheduler_make_the_same_files(
-    run: Run, recorded: Recording, tmp_path: Path
-) -> None:
+def test_the_workers_of_a_scheduler_make_the_same_files(cli: Cli, recorded: Recording) -> None:
     distributed = pytest.importorskip("distributed")
-    command = ("process", recorded.folder, "--frames", "1", *GRID, "-o")
+    line = f"process {recorded.folder} --frames 1 {GRID} -o"
     with distributed.LocalCluster(
-        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None,
+        processes=False,
+        n_workers=1,
+        threads_per_worker=1,
+        dashboard_address=None,
         resources={"DEVICE": 1},
-    ) as cluster:  # fmt: skip
-        outcome = run(*command, tmp_path / "there", "--scheduler", cluster.scheduler_address)
-    assert outcome.status == 0, outcome.err
-    assert run(*command, tmp_path / "here").status == 0
+    ) as cluster:
+        cli.ok(f"{line} there --scheduler {cluster.scheduler_address}")
+    cli.ok(f"{line} here")
     for name in (*RESULTS[:2], "pictures/000000.png"):
-        one, other = ((tmp_path / where / name).read_bytes() for where in ("here", "there"))
-        assert one == other, name
+        assert Path("here", name).read_bytes() == Path("there", name).read_bytes()
 
 
-def test_the_motion_of_a_mesh_is_that_of_its_frames(tmp_path: Path) -> None:
+def test_the_motion_of_a_mesh_is_that_of_its_frames() -> None:
     """The table's columns from alignments: a mesh that moves along x and turns about its centre."""
-    from clradar.cli.recordings import table
-
     centre = np.array([0.01, 0.02, 0.3])
     records: list[dict[str, Any]] = []
     for i in range(3):
-        angle, moved = np.radians(10 * i), np.array([0.005 * i, 0, 0])
-        turn = np.array(
-            [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
-        )
+        angle, at_m = np.radians(10 * i), centre + np.array([0.005 * i, 0, 0])
         matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = turn, centre + moved - turn @ centre
-        records.append(
-            {
-                "frame": i, "time_us": None, "peak_db": 0.0, "recorded_db": 0.0, "cleaned_db": 0.0,
-                "peak_m": centre.tolist(), "centre_m": centre.tolist(), "metrics": [],
-                "alignment": {"transform": matrix.tolist(), "centre_m": (centre + moved).tolist(),
-                              "inlier_share": 0.9, "rms_m": 1e-3},
-            }
-        )  # fmt: skip
+        matrix[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        matrix[:3, 3] = at_m - matrix[:3, :3] @ centre
+        found = {"transform": matrix.tolist(), "centre_m": at_m.tolist()}
+        levels = dict.fromkeys(("peak_db", "recorded_db", "cleaned_db"), 0.0)
+        places = dict.fromkeys(("peak_m", "centre_m"), centre.tolist())
+        alignment = {**found, "inlier_share": 0.9, "rms_m": 1e-3}
+        record = {"frame": i, "time_us": None, "metrics": [], "alignment": alignment}
+        records.append({**record, **levels, **places})
     records[1]["alignment"] = {"failed": "could not align"}
     columns = table(records, [])
     np.testing.assert_allclose(columns["mesh x mm"], [10, np.nan, 20])
@@ -290,18 +256,154 @@ def test_the_motion_of_a_mesh_is_that_of_its_frames(tmp_path: Path) -> None:
 
 
 def test_an_animation_has_the_pixels_of_its_pictures(tmp_path: Path) -> None:
+    red, blue = (200, 30, 0), (0, 0, 200)
     pictures = np.full((4, 20, 30, 3), 255, np.uint8)
-    pictures[1:, 5:9, 3:20] = 200, 30, 0
-    pictures[3, 0, 0] = 0, 0, 200  # 1 and 2 are the same
-    pictures[0, 5:9, 3:20] = 0, 0, 200  # the first picture has the colours
-    pictures[0, 15:, 3:20] = 200, 30, 0
+    pictures[1:, 5:9, 3:20] = red
+    pictures[3, 0, 0] = blue  # 1 and 2 are the same
+    pictures[0, 5:9, 3:20] = blue  # the first picture has the colours
+    pictures[0, 15:, 3:20] = red
     files = [tmp_path / f"{i}.png" for i in range(4)]
     for file, picture in zip(files, pictures, strict=True):
         Image.fromarray(picture).save(file)
     write_gif(tmp_path / "movie.gif", files, 0.1)
+    shown = []
     with Image.open(tmp_path / "movie.gif") as movie:
-        shown = []
         for i in range(movie.n_frames):  # type: ignore[attr-defined]
             movie.seek(i)
             shown += movie.info["duration"] // 100 * [np.asarray(movie.convert("RGB"))]
     assert np.array_equal(shown, pictures)  # frames that are the same are one, which stays longer
+
+
+def contents(folder: str) -> dict[str, bytes]:
+    """All files but the one that says when inputs were seen."""
+    files = [path for path in sorted(Path(folder).rglob("*.*")) if path.name != "settings.json"]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.mark.usefixtures("quickly")
+def test_a_killed_run_resumes_to_the_same_files(
+    cli: Cli, recorded: Recording, done: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = f"process {recorded.folder} {recorded.folder} {GRID} -o"
+    cli.ok(f"{line} whole")
+    one_frame = FrameSteps.run
+
+    def until_killed(self: FrameSteps, number: int, _: Any) -> None:
+        if number == 1:
+            raise KeyboardInterrupt
+        one_frame(self, number, _)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(FrameSteps, "run", until_killed)
+        assert cli(f"{line} killed").status == 130
+    assert not Path("killed/recording.json").exists()
+    # As a kill between the two files of a frame leaves it.
+    Path("killed/maps/000001.npz").write_bytes(b"half")
+    done.clear()
+    outcome = cli.ok(f"{line} killed")
+    assert "resumes with 1 of 3 frames done before" in outcome.out
+    assert done == [1, 2]
+    whole, killed = contents("whole"), contents("killed")
+    assert [name for name in RESULTS if whole[name] != killed[name]] == []
+    cli.ok(f"{line} killed")
+    assert done == [1, 2]
+    other = f"process {recorded.folder} {GRID} -o killed"
+    cli.fails(other, "was begun with other settings", "simulated")
+    cli.fails(f"{line} x --frames 7", "7")
+    assert not Path("x").exists()
+
+
+# ---- hands
+
+
+class _Numbers(list[int]):
+    """Numbers of images, for fits that know the truth; the images are looked at."""
+
+    def __init__(self, images: Any) -> None:
+        super().__init__(images.frame_numbers)
+        self.frame_numbers = images.frame_numbers
+        self.time_us = images.time_us
+        self._images = images
+
+    def __getitem__(self, index: Any) -> Any:
+        depth_for_mesh(self._images[index], None)  # raises where nothing is seen
+        return self.frame_numbers[index]
+
+
+@pytest.fixture
+def tried(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Frames whose hands are fitted, by made-up fits; an interrupt ends them where it is put."""
+    numbers: list[int] = []
+
+    def fits(images: Any, **settings: Any) -> Iterator[Any]:
+        for fit, track in made_up_fit_hands(_Numbers(images), **settings):
+            if numbers[:1] == [-fit.frame]:
+                raise KeyboardInterrupt
+            numbers.append(fit.frame)
+            yield fit, track
+
+    monkeypatch.setattr(calibration, "fit_hands", fits)
+    return numbers
+
+
+@pytest.fixture
+def line(cli: Cli, made: Path) -> str:
+    """The command that fits the hands of four frames, one of them without an echo."""
+    whole = open_capture(made / "sim.h5")
+    few = slice(None, None, 6)
+    array = AntennaArray(whole.array.tx_m[few], whole.array.rx_m[few])
+    capture = replace(whole, data=whole.data[few, few], array=array)
+    empty = replace(capture, data=np.zeros_like(capture.data))
+    stamps_us = [1 + 125_000 * i for i in range(4)]
+    save_recording("one", [capture, empty, capture, capture], timestamps_us=stamps_us)
+    return f"process one --fit-hand F --fit-shape {HAND_GRID} -o"
+
+
+@pytest.mark.usefixtures("quickly")
+def test_a_folder_with_hands_table_and_figures(
+    cli: Cli, line: str, tried: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clradar.plot, "save_figure", save_figure)
+    outcome = cli.ok(f"{line} out")
+    # 16 frequencies may be few for this grid: said once at most, not of every frame.
+    assert outcome.err.count("warning") == outcome.err.count("unambiguous") <= 1
+    folder = Path("out/hand")
+    assert {path.name for path in folder.iterdir()} == {FIGURE, SHEET, RECORDS}
+    assert "4 frames, 1 followed, 2 searched, 1 without a hand" in outcome.out
+    assert "the misfit per cell is 1.30" in outcome.out
+    frame = json.loads((folder / "frames/000003.json").read_text())
+    assert (frame["how"], frame["start"]) == ("followed", "frame 2")
+    assert frame["time_s"] == pytest.approx(0.375001)
+    # A pose file, a transform and a start for other commands.
+    pose = read_pose(folder / "frames/000003.toml")
+    assert pose.joints.keys() == MOVEMENT.pose(TIMES_S[3]).joints.keys()
+    start = read_start(folder / "frames/000003.json")
+    assert np.array_equal(start.transform, MOVEMENT.transform(TIMES_S[3]))
+    fitted = [one["hand"] for one in json.loads(Path("out/recording.json").read_text())["frames"]]
+    assert [one["how"] for one in fitted] == ["searched", "nothing found", "searched", "followed"]
+    assert fitted[3] == frame
+    for name in (FIGURE, SHEET):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+    overall = rows_of(Path("out"))
+    tip_mm = [float(overall[3][f"hand index tip {axis} mm"]) for axis in "xyz"]
+    np.testing.assert_allclose(tip_mm, 1e3 * MOVEMENT.joints_m(TIMES_S[3])[9], rtol=0, atol=5.1e-4)
+    assert overall[1]["hand index tip x mm"] == ""  # nothing is seen there
+    before = contents("out")
+    cli.ok(f"{line} out")
+    assert contents("out") == before
+
+
+@pytest.mark.usefixtures("quickly")
+def test_an_interrupted_fit_goes_on_where_it_was(cli: Cli, line: str, tried: list[int]) -> None:
+    """It gives every byte of an uninterrupted one, though the last frame was half written."""
+    cli.ok(f"{line} whole")
+    tried[:] = [-2]
+    assert cli(f"{line} cut").status == 130
+    assert not Path("cut/recording.json").exists()
+    Path("cut/hand/frames/000002.json").write_text("{}")
+    Path("cut/hand/frames/.000003.json.0123.tmp").touch()
+    tried.clear()
+    cli.fails(f"{line} cut --seed 1", "seed 0, now 1")
+    cli.ok(f"{line} cut")
+    assert tried == [2, 3]
+    assert contents("cut") == contents("whole")

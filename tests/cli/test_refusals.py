@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from command_line import Run
+from command_line import Cli
 
 MANY = 20 * "9"
 
@@ -94,16 +94,16 @@ WRONG_USAGE = [
     (f"{HAND} --turn-deg=nan", "from -360 to 360 degrees"),
     (f"{PLATE} --radius-mm 3 --distance-mm 3", "--radius-mm: expected --target sphere with it"),
     (PLATE, "--distance-mm: --target plate needs it"),
-    *[(f"materials --band-ghz {band}", "--band-ghz")
-      for band in ("72", "82:72", "a:b", "72:nan", "72e9:82e9", "72:82:1")],
-]  # fmt: skip
+    *((f"materials --band-ghz {band}", "--band-ghz") for band in ("72", "82:72", "72:82:1")),
+    ("materials --band-ghz 72e9:82e9", "--band-ghz"),
+]
 
 ERRORS = [
     ("simulate none.ply -o x.h5", "none.ply: no such file; expected a mesh file"),
     ("simulate -o x.h5 -- --debug", "--debug"),
     ("convert none --all-frames -o x", "none"),
-    (f"{SIMULATE} --unit mm", "unit='mm' did you mean"),
-    (f"{SIMULATE} --alpha nail=0", "palm nail"),
+    (f"{SIMULATE} --unit mm", "unit='mm' & did you mean"),
+    (f"{SIMULATE} --alpha nail=0", "palm & nail"),
     (f"{SIMULATE} --device abacus", "abacus"),
     (f"{SIMULATE} --samples-per-mm2 -1", "positive"),
     (f"{SIMULATE} --samples-per-mm2=1e308", "fewer than 2^31 samples"),
@@ -111,18 +111,18 @@ ERRORS = [
     (f"{SIMULATE} --rays-per-sample={MANY}", "[1, 65536]"),
     (f"{SIMULATE} --seed={MANY}", "seed"),
     (f"{SIMULATE} --crease-deg=1e308", "[0, 180]"),
-    ("simulate hand.ply -o no/x.h5", "no/x.h5 folder"),
+    ("simulate hand.ply -o no/x.h5", "no/x.h5 & folder"),
     ("simulate hand.ply -o .", "folder"),
     ("simulate hand.ply -o hand.ply --force", "also an input"),
     ("hand -o x.ply --device abacus", "abacus"),
-    ("hand J -o x.ply", "pose 'J'"),
-    ("hand F -o x.stp", ".ply '.stp'"),
+    ("hand J -o x.ply", "pose: & got 'J'"),
+    ("hand F -o x.stp", ".ply & '.stp'"),
     (f"{HAND} --center-mm 1e308 0 0", "center_m: expected coordinates of at most 100 m"),
     (f"{HAND} --center-mm 300000 0 0", "got 300 m; did you mean 300 mm (0.3 m)"),
     (f"{HAND} --edge-mm=1e308", "edge_length_m"),
     (f"{HAND} --girth=1e-320", "girth"),
-    ("image hand.ply -o x.h5", "hand.ply got a mesh"),
-    (f"{IMAGE} --png x.bmp", ".png '.bmp'"),
+    ("image hand.ply -o x.h5", "hand.ply & got a mesh"),
+    (f"{IMAGE} --png x.bmp", ".png & '.bmp'"),
     (f"{IMAGE} --dynamic-range-db 0", "positive"),
     (f"{IMAGE} --z-mm=0:1e5:0.01", "at most 2147483647 voxels"),
     ("image sim.h5 -o x.png --png x.png", "twice"),
@@ -133,7 +133,7 @@ ERRORS = [
     ("inspect none.h5", "none.h5"),
     ("inspect none.h5 --check", "none.h5"),
     ("compare volume.h5 none.h5 -o x.png", "none.h5"),
-    ("compare volume.h5 volume.h5 --report x.pdf", ".html '.pdf'"),
+    ("compare volume.h5 volume.h5 --report x.pdf", ".html & '.pdf'"),
     (f"{FIT} --pose J", "pose: expected one of 'flat'"),
     (f"{FIT} --pose ff", "got 'ff' (did you mean 'F'?)"),
     (f"{FIT} --pose F,al", "got 'al' (did you mean 'all'?)"),
@@ -149,12 +149,16 @@ ERRORS = [
     (f"{PLATE} --distance-mm=1e308", "a distance from 0.001 to 100 m"),
     (f"{PLATE} --distance-mm=0.3", "got 0.0003 m; did you mean 0.3 m?"),
     (f"{PLATE} --distance-mm=300 --noisy-db=1e308", "noisy_db: expected at most 300 dB"),
-    ("channels sim.h5 -o x.h5 --target=sphere --radius-mm=1e-320 --position-mm=0,0,300",
-     "a radius from"),
-    ("channels sim.h5 -o x.h5 --target=corner --position-mm=0,0,300000",
-     "did you mean 300 mm (0.3 m)"),
+    (
+        "channels sim.h5 -o x.h5 --target=sphere --radius-mm=1e-320 --position-mm=0,0,300",
+        "a radius from",
+    ),
+    (
+        "channels sim.h5 -o x.h5 --target=corner --position-mm=0,0,300000",
+        "did you mean 300 mm (0.3 m)",
+    ),
     ("diagnose sim.h5 --expect-mm=1e308,0,300", "expected coordinates of at most 100 m"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(
@@ -162,17 +166,8 @@ ERRORS = [
     [*((2, *row) for row in WRONG_USAGE), *((1, *row) for row in ERRORS)],
 )
 def test_a_refusal_says_why_and_leaves_nothing(
-    run: Run, made: Path, monkeypatch: pytest.MonkeyPatch, status: int, line: str, part: str
+    cli: Cli, place: Path, status: int, line: str, part: str
 ) -> None:
-    monkeypatch.chdir(made)
-    before = sorted(made.iterdir())
-    outcome = run(*line.split())
-    assert outcome.status == status, outcome.err
-    text = " ".join(outcome.err.replace("│", " ").split())
-    assert part in text or all(word in text for word in part.split())
-    assert "Traceback" not in text
-    assert "unexpected" not in text
-    assert sorted(made.iterdir()) == before
-    if status == 1:
-        assert len(outcome.err.splitlines()) == 1, outcome.err
-        assert text.startswith("clradar: error: ")
+    before = sorted(place.iterdir())
+    cli.fails(line, *part.split(" & "), status=status)
+    assert sorted(place.iterdir()) == before

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import command_line
 import h5py
@@ -30,7 +29,7 @@ from clradar.dataset.contact_sheet import contact_sheet
 from clradar.dataset.folder import CONTACT_SHEET, MANIFEST
 from clradar.dataset.plan.recipe import read_recipe
 from clradar.dataset.sample import _rig, placed_hand, rotation
-from clradar.dataset.shards import arrays_of, new_shard, read_sample
+from clradar.dataset.shards import arrays_of, read_sample
 from clradar.dataset.trial import estimate
 from clradar.errors import ModelError, OutputError
 from clradar.hand import POSES, HandShape, hand_mesh
@@ -112,35 +111,6 @@ def test_rotations_are_about_the_fixed_axes_x_then_y_then_z() -> None:
         ((quarter, 0, quarter), z, x),  # z to -y, -y to x
     ):
         np.testing.assert_allclose(rotation(angles) @ point, expected, atol=1e-15)
-
-
-def test_samples_do_not_depend_on_what_was_made_before() -> None:
-    first = make_sample(recipe(PLAN, 0), DEVICE)
-    second = make_sample(recipe(PLAN, 1), DEVICE)
-    for sample in (second, first):
-        again = make_sample(sample.recipe, DEVICE)
-        for name, array in sample.arrays.items():
-            assert again.arrays[name].tobytes() == array.tobytes(), name
-
-
-def test_when_arrays_are_closed_changes_no_byte_of_a_shard(
-    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    samples = [read_sample(made / "shards" / "shard-00000.h5", n, PLAN) for n in range(2)]
-    kept: list[object] = []
-    create = h5py.Group.create_dataset
-
-    def created(*args: Any, **options: Any) -> Any:
-        kept.append(create(*args, **options))
-        return kept[-1]
-
-    for name in ("closed", "open"):
-        with new_shard(tmp_path / name, PLAN) as shard:
-            for sample in samples:
-                shard.add(*sample)
-        monkeypatch.setattr(h5py.Group, "create_dataset", created)
-    assert kept
-    assert (tmp_path / "open").read_bytes() == (tmp_path / "closed").read_bytes()
 
 
 def test_what_a_recipe_leaves_out_is_a_default_or_one_error() -> None:
@@ -330,16 +300,6 @@ def test_the_command_replays(
 
 
 # What sums up a data set
-
-
-def test_there_is_a_contact_sheet(made: Path) -> None:
-    from PIL import Image
-
-    with Image.open(made / CONTACT_SHEET) as sheet:
-        width, height = sheet.size
-        colours = len(np.unique(np.asarray(sheet).reshape(-1, 4), axis=0))
-    assert width > 2.5 * height  # five in a row
-    assert colours > 100
 
 
 @pytest.mark.parametrize("products", [["volume"], ["depth_map"], ["capture"], ["mesh", "joints"]])

@@ -8,15 +8,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
-from dataset_plans import digests
-from test_dataset_engine import PLAN, SAMPLES, wait_for
+from dataset_plans import digests, light_file
+from test_dataset_engine import wait_for
 
 pytestmark = pytest.mark.slow
 
@@ -29,11 +26,9 @@ LIMIT_S = 1800.0
 
 @pytest.fixture(scope="module")
 def plan_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("plan") / "plan.toml"
-    text = PLAN.replace(f"samples = {SAMPLES}", f"samples = {MANY}")
-    text = text.replace('["joints"', '["capture", "max_projection", "joints"')
-    path.write_text(text.replace("shard_size = 3", "shard_size = 2"), encoding="utf-8")
-    return path
+    folder = tmp_path_factory.mktemp("plan")
+    output = {"shard_size": 2, "products": ["capture", "max_projection", "joints", "mesh"]}
+    return light_file(folder, samples=MANY, output=output, radar={"every": 32, "steps": 4})
 
 
 @pytest.fixture(scope="module")
@@ -45,23 +40,7 @@ def undisturbed(plan_file: Path, tmp_path_factory: pytest.TempPathFactory) -> di
 
 def command(plan_file: Path, folder: Path, *more: str) -> list[str]:
     start = [sys.executable, "-m", "clradar.cli", "dataset", str(plan_file), "-o", str(folder)]
-    return [*start, "--device", "pocl", *more] if "--scheduler" not in more else [*start, *more]
-
-
-def started(arguments: list[str]) -> subprocess.Popen[str]:
-    """Start a command in a process group of its own."""
-    return subprocess.Popen(
-        arguments,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
-def wait_for_work(process: subprocess.Popen[str], folder: Path) -> None:
-    """Until a shard is being made, or the command has ended."""
-    wait_for(lambda: process.poll() is not None or any(folder.glob("shards/.*.tmp")))
+    return [*start, "--device", "pocl", *more]
 
 
 def test_kills_at_random_moments_change_no_byte(
@@ -70,10 +49,13 @@ def test_kills_at_random_moments_change_no_byte(
     draw = random.Random(SEED)
     folder, done, there = tmp_path / "set", 0, []
     while done < KILLS:
-        process = started(command(plan_file, folder, "--workers", "2"))
+        process = subprocess.Popen(  # in a process group of its own
+            command(plan_file, folder, "--workers", "2"), text=True, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
         begun = draw.random() < 0.8
-        if begun:  # else while everything starts
-            wait_for_work(process, folder)
+        if begun:  # a shard is being made; else while everything starts
+            wait_for(lambda: process.poll() is not None or any(folder.glob("shards/.*.tmp")))  # noqa: B023
         time.sleep(draw.uniform(0.0, 4.0))
         victim = draw.choice(["client", "group", "worker", "interrupt"])
         children = psutil.Process(process.pid).children(recursive=True)
@@ -105,64 +87,3 @@ def test_kills_at_random_moments_change_no_byte(
     subprocess.run(command(plan_file, folder), check=True)
     assert digests(folder) == undisturbed
     print(f"{done} kills in {len(there)} runs, files there after each: {there}")
-
-
-@pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
-    """A scheduler with three workers on this machine's loopback."""
-    environment = {**os.environ, "POCL_MAX_PTHREAD_COUNT": "1", "CLRADAR_DEVICE": "pocl"}
-    file = tmp_path / "scheduler.json"
-    place = ["--scheduler-file", str(file)]
-    host = ["--host", "127.0.0.1", "--no-dashboard"]
-    options = ["--nthreads", "1", "--memory-limit", "0", "--resources", "DEVICE=1"]
-    dask = [sys.executable, "-m", "dask"]
-    with open(tmp_path / "log", "w", encoding="utf-8") as log:
-        streams: dict[str, Any] = {"stdout": log, "stderr": log}
-        processes = [
-            subprocess.Popen([*dask, "scheduler", "--port", "0", *host, *place], **streams)
-        ]
-        processes += [
-            subprocess.Popen(
-                [*dask, "worker", *place, *host, *options],
-                env=environment,
-                start_new_session=True,
-                cwd=tmp_path,
-                **streams,
-            )
-            for _ in range(3)
-        ]
-        try:
-            wait_for(file.is_file)
-            import json
-
-            yield json.loads(file.read_text())["address"], processes
-        finally:
-            for process in processes:
-                for child in psutil.Process(process.pid).children(recursive=True):
-                    with suppress(psutil.NoSuchProcess):
-                        child.kill()
-                process.kill()
-                process.wait()
-
-
-def test_a_scheduler_with_three_workers(
-    plan_file: Path,
-    undisturbed: dict[str, str],
-    scheduler: tuple[str, list[subprocess.Popen[str]]],
-    tmp_path: Path,
-) -> None:
-    address, processes = scheduler
-    folder = tmp_path / "set"
-    run = command(plan_file, folder, "--scheduler", address)
-    process = started(run)
-    wait_for(lambda: any(folder.glob("shards/*.h5")))
-    # One worker with its nanny for good, one worker that its nanny starts anew, and the client.
-    os.killpg(processes[1].pid, signal.SIGKILL)
-    time.sleep(1)
-    for child in psutil.Process(processes[2].pid).children(recursive=True):
-        child.kill()
-    time.sleep(1)
-    process.kill()
-    process.communicate()
-    subprocess.run(run, check=True)
-    assert digests(folder) == undisturbed

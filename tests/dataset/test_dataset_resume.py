@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import exit_status
-from dataset_plans import DEVICE, LIGHT, digests, flip_a_bit, light_plan, plan_of
+from dataset_plans import DEVICE, LIGHT, digests, light_plan, plan_of
 from nightly import nightly
 
 from clradar.dataset import open_dataset, run
@@ -148,29 +147,3 @@ def test_a_missing_shard_is_made_again(
         with pytest.warns(ClradarWarning, match=r"shard-00001\.h5.* its samples are made again"):
             assert run(LIGHT, light_copy, device=DEVICE).made == 3
     assert digests(light_copy) == digests(light)
-
-
-def test_the_command_repairs_on_the_advice_of_inspect(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    plan, folder = tmp_path / "plan.toml", tmp_path / "set"
-    plan.write_text(
-        "samples = 4\n[poses]\nnames = ['A']\n[hands]\nedge_mm = 4\n"
-        "[output]\nproducts = ['joints']\nshard_size = 2\n"
-    )
-
-    def called(*arguments: Any) -> str:
-        assert exit_status("dataset", plan, "-o", folder, *arguments) == 0
-        return capsys.readouterr().out
-
-    assert "4 of them made now" in called()
-    before = digests(folder)
-    damaged = folder / "shards" / "shard-00001.h5"
-    flip_a_bit(damaged)
-    assert exit_status("inspect", folder, "--check") == 1
-    assert "delete the file, and the same command makes it again" in capsys.readouterr().out
-    damaged.unlink()
-    assert "4 of 4 samples, 2 of them made now" in called()
-    assert digests(folder) == before
-    assert "4 of them made now" in called("--force")
-    assert digests(folder) == before

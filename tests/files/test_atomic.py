@@ -108,8 +108,9 @@ def test_folders_are_swapped_and_come_back_after_a_failure(tmp_path, monkeypatch
 
 @posix_only
 def test_what_killed_processes_left_of_a_name_is_removed_and_nothing_else(tmp_path):
-    gone = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"],
-                          capture_output=True, text=True, check=True).stdout.strip()  # fmt: skip
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    gone = process.pid
     mine = atomic._temporary(tmp_path / "a.h5")
     left = mine.with_name(mine.name.replace(f"-{os.getpid()}-", f"-{gone}-"))
     other = left.with_name(left.name.replace("a.h5", "b.h5"))

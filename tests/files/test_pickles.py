@@ -18,10 +18,12 @@ def read(content: bytes) -> Any:
 @pytest.mark.parametrize("protocol", range(6))
 def test_plain_data_of_every_protocol(protocol):
     value = {
-        "text": "\u00e4\n'\"", "numbers": [0, -1, 255, 65536, 2**31, -(2**70), 1.5, 1j],
+        "text": "\u00e4\n'\"",
+        "numbers": [0, -1, 255, 65536, 2**31, -(2**70), 1.5, 1j],
         "rest": (None, True, False, (), (1,), (1, 2), (1, 2, 3), (1, 2, 3, 4)),
-        "deep": {"a": [{"b": []}]}, 7: "x" * 300,
-    }  # fmt: skip
+        "deep": {"a": [{"b": []}]},
+        7: "x" * 300,
+    }
     shared = [value, value]
     found = read(pickle.dumps(shared, protocol))
     assert found == shared
@@ -87,16 +89,16 @@ def filled(shape: bytes) -> bytes:
     return EMPTY + b"(K\x01" + shape + FLOAT64 + b"\x89U\x00tb"
 
 
+FROM_BUFFER = b"cnumpy.core.numeric\n_frombuffer\n(C\x01x"
+BEYOND = NDARRAY + b"(K\x08\x85"
 BOMBS = {
     "8 TB by a state": filled(2 * MILLION + b"\x86") + b".",
     "a negative size": filled(b"J\xff\xff\xff\xff\x85") + b".",
-    "8 TB by frombuffer": b"cnumpy.core.numeric\n_frombuffer\n(C\x01x" + FLOAT64
-    + b"J\0\0\0\x40\x85X\x01\0\0\0CtR.",
-    "beyond its buffer": NDARRAY + b"(K\x08\x85" + FLOAT64 + b"C\x08xxxxxxxxK\x00" + MILLION
-    + b"\x85tR.",
+    "8 TB by frombuffer": FROM_BUFFER + FLOAT64 + b"J\0\0\0\x40\x85X\x01\0\0\0CtR.",
+    "beyond its buffer": BEYOND + FLOAT64 + b"C\x08xxxxxxxxK\x00" + MILLION + b"\x85tR.",
     "a frame that ends within": b"\x95\x03\0\0\0\0\0\0\0X\x04\0\0\0abcd.",
     "a frame beyond the end": b"\x95\x63\0\0\0\0\0\0\0K\x01.",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BOMBS)

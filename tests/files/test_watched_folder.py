@@ -21,10 +21,9 @@ def test_files_count_once_they_no_longer_grow(tmp_path):
     assert names(folder) == []
     assert names(folder) == ["9.h5", "10.h5"]
     assert names(folder) == []
-    (tmp_path / "begun.h5").write_bytes(b"a")
-    assert names(folder) == []
-    (tmp_path / "begun.h5").write_bytes(b"ab")
-    assert names(folder) == []
+    for content in (b"a", b"ab"):
+        (tmp_path / "begun.h5").write_bytes(content)
+        assert names(folder) == []
     assert folder.is_there("begun.h5")
     assert names(folder) == ["begun.h5"]
 
@@ -54,12 +53,7 @@ def test_a_look_at_many_files_looks_at_few_of_them(tmp_path, monkeypatch):
     (tmp_path / "0.npy").write_bytes(b"ab")
     looked: list[Path] = []
     stamp = watched_folder._stamp
-
-    def counted(path: Path) -> tuple[int, int] | None:
-        looked.append(path)
-        return stamp(path)
-
-    monkeypatch.setattr(watched_folder, "_stamp", counted)
+    monkeypatch.setattr(watched_folder, "_stamp", lambda path: looked.append(path) or stamp(path))
     found = []
     for _ in range(5):
         looked.clear()

@@ -256,8 +256,6 @@ field = [1.0, 0.7, 0.0]
 
 
 POSE = b'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80\n'
-TIMES = [b"0, 1.5, 2\n3, 4, 5e3\n", b"\xef\xbb\xbf7\r\n8\r\n"]
-MOTION_OF_TIMES = b'[sweep]\ntable_us = "times.csv"\n[[body]]\nturn_deg_per_s = [0, 1, 0]\n'
 
 
 def _hand_model() -> dict[str, Any]:

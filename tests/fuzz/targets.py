@@ -168,7 +168,7 @@ def _manifest(path: Path) -> object:
 
 _DEPTH = f"{seeds.RADAR}/depth/000000.png"
 _NO_FRAME = {f"{seeds.RADAR}/calibrated_data/000000.npy": b"which takes no time to read"}
-_POSED = {"motion/bent.toml": seeds.POSE, "motion/times.csv": b"0, 1, 2\n3, 4, 5\n"}
+_POSED = {"motion/bent.toml": seeds.POSE}
 
 TARGETS = {
     "frame": Target("000000.npy", seeds.frames, open_capture, Capture, _PICKLE),
@@ -226,11 +226,7 @@ TARGETS = {
         "pose.toml", lambda: [seeds.POSE], read_pose, HandPose, _toml(b"_deg", b"joints")
     ),
     "motion_toml": Target(
-        "motion/motion.toml", lambda: [seeds.of_page("movement.md"), seeds.MOTION_OF_TIMES],
+        "motion/motion.toml", lambda: [seeds.of_page("movement.md")],
         read_motion, Motion, _toml(b"time_s", b"place", b"[[hand]]", b"mesh"), lambda: _POSED,
-    ),
-    "times_csv": Target(
-        "times.csv", lambda: seeds.TIMES, lambda path: read_motion(path.with_name("motion.toml")),
-        Motion, _text(), lambda: {"motion.toml": seeds.MOTION_OF_TIMES},
     ),
 }  # fmt: skip

@@ -47,32 +47,20 @@ def flesh(request: pytest.FixtureRequest) -> Flesh:
 # --- kernels against the reference
 
 
-def test_distances_are_those_of_the_reference(flesh, device):
+def test_the_field_is_that_of_the_reference(flesh, device):
     points_m = points_around(flesh, 20_001)
+    expected_m, few_m = distances_m(flesh, points_m), points_m[:4_003]
     with Buffers(device) as buffers:
         field = FleshField(flesh, DEFAULT_EDGE_LENGTH_M, buffers)
-        found_m = field.distances_m(points_m)
-    assert found_m.dtype == np.float32
-    np.testing.assert_allclose(
-        found_m, distances_m(flesh, points_m), rtol=0, atol=DISTANCE_TOLERANCE_M
-    )
-
-
-def test_gradients_are_the_derivatives_of_the_reference(flesh, device):
-    points_m = points_around(flesh, 4_003)
-    with Buffers(device) as buffers:
-        field = FleshField(flesh, DEFAULT_EDGE_LENGTH_M, buffers)
-        error = np.abs(field.gradients(points_m) - gradients(flesh, points_m)).max(axis=1)
+        found_m, part = field.distances_m(points_m), field.nearest_parts(points_m)
+        slopes = field.gradients(few_m)
+        assert field.distances_m(np.zeros((0, 3))).shape == (0,)
+        assert field.gradients(np.zeros((0, 3))).shape == (0, 3)
+    assert (found_m.dtype, part.dtype) == (np.float32, np.int32)
+    np.testing.assert_allclose(found_m, expected_m, rtol=0, atol=DISTANCE_TOLERANCE_M)
+    error = np.abs(slopes - gradients(flesh, few_m)).max(axis=1)
     # But for the few points next to an axis, or with a crease of the plain minima within a step.
     assert (error < GRADIENT_TOLERANCE).mean() > 0.999
-
-
-def test_parts_are_the_nearest_of_the_reference(flesh, device):
-    points_m = points_around(flesh, 20_001)
-    with Buffers(device) as buffers:
-        field = FleshField(flesh, DEFAULT_EDGE_LENGTH_M, buffers)
-        part = field.nearest_parts(points_m)
-    assert part.dtype == np.int32
     assert set(np.unique(part)) == set(range(6))
     apart_m = part_distances_m(points_m, rows(flesh.palm), digits(flesh))
     # Between two that are equally far, rounding of both decides.
@@ -123,22 +111,12 @@ def test_a_device_that_is_missing_or_too_small_is_an_error(device):
         hand_mesh("F", COARSE_M, device=small)
 
 
-def test_no_points_have_no_distances(device):
-    with Buffers(device) as buffers:
-        field = FleshField(flesh_of("F"), COARSE_M, buffers)
-        assert field.distances_m(np.zeros((0, 3))).shape == (0,)
-        assert field.gradients(np.zeros((0, 3))).shape == (0, 3)
-
-
 # --- the reference
 
 
 def test_cone_distance_is_that_of_its_spheres():
-    begin_m, end_m, radii_m = (
-        np.array([0.01, 0.0, 0.0]),
-        np.array([0.03, 0.02, -0.01]),
-        (12e-3, 5e-3),
-    )
+    begin_m, end_m = np.array([[0.01, 0.0, 0.0], [0.03, 0.02, -0.01]])
+    radii_m = (12e-3, 5e-3)
     points_m = np.random.default_rng(1).uniform(-0.05, 0.06, (400, 3))
     along = np.linspace(0.0, 1.0, 4001)
     centres_m = begin_m + along[:, None] * (end_m - begin_m)

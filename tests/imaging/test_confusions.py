@@ -134,7 +134,9 @@ def test_images_of_several_captures_are_checked_as_one():
 
     assert said([0, 0, 1.0], (-0.02, 0.02)) == []
     (text,) = said([0, 0, 1.0], (-0.08, 0.08))
-    assert "the echo at x 0.000, y 0.000, z 1.000 m appears at x -32, y 0, z 999 mm" in text
+    # To either side, whichever.
+    assert "the echo at x 0.000, y 0.000, z 1.000 m appears at x" in text
+    assert "32, y 0, z 999 mm" in text
     (text,) = said([0, 0, 1.0], (0.02, 0.048))
     assert "is the grating lobe of an echo at x" in text
     (text,) = said([0.3, 0, 0.7], (-0.02, 0.02))

@@ -70,12 +70,11 @@ def test_all_settings_are_recorded_as_json_and_calls_add_up(target):
     room = room_capture(ARRAY, SWEEP, [Wall([0, 0, 1], [0, 0, 2])])
     channels = draw_channels(ARRAY, SWEEP, seed=5, dead_tx=[3])
     first = impair(target, seed=7, frame=2, room=room, coupling_db=3, channels=channels, snr_db=20,
-                   noisy_rx_db={4: 20}, drift_phase_rad=0.1, iq_gain_db=np.linspace(0, 1, 20),
+                   drift_phase_rad=0.1, iq_gain_db=np.linspace(0, 1, 20),
                    adc_bits=12)  # fmt: skip
     both = impair(first, snr_db=30)
     one, two = json.loads(json.dumps(dict(both.meta)))["impairments"]
     assert (one["seed"], one["frame"], one["coupling_db"], one["adc_bits"]) == (7, 2, 3.0, 12)
-    assert one["noisy_rx_db"] == {"4": 20.0}
     assert one["room"]["meta"]["room"]["walls"][0]["normal"] == [0.0, 0.0, 1.0]
     assert one["reference_power"] == pytest.approx(1, rel=1e-6)
     assert len(one["iq_gain_db"]) == 20
@@ -107,15 +106,6 @@ def test_noise_is_relative_to_the_given_reference(target):
         impair(zeros(), snr_db=20)
     strong = Capture(3 * target.data, ARRAY, SWEEP)
     assert power(impair(strong, snr_db=20).data - strong.data) == pytest.approx(0.09, rel=POWER)
-
-
-def test_noisy_channels_have_the_stated_noise(target):
-    noise = impair(target, snr_db=20, noisy_tx_db={2: 20}, noisy_rx_db={5: 10}).data - target.data
-    few = 5 / np.sqrt(20 * 64)
-    assert power(noise[3][:5]) == pytest.approx(0.01, rel=5 / np.sqrt(5 * 64))
-    assert power(noise[2][:5]) == pytest.approx(1.0, rel=5 / np.sqrt(5 * 64))
-    assert power(np.delete(noise, 2, axis=0)[:, 5]) == pytest.approx(0.1, rel=few)
-    assert power(noise[2, 5]) == pytest.approx(10.0, rel=5 / np.sqrt(64))
 
 
 # Streams
@@ -342,9 +332,6 @@ def test_quantisation_rounds_to_steps_and_clips(target):
         ({"snr_db": 1e6}, "snr_db"),
         ({"reference_power": 0.0}, "reference_power"),
         ({"coupling_delay_s": 1e-9}, "coupling_db"),
-        ({"noisy_tx_db": {0: 20.0}}, "snr_db"),
-        ({"noisy_tx_db": {24: 20.0}, "snr_db": 20}, "noisy_tx_db"),
-        ({"noisy_rx_db": [20.0], "snr_db": 20}, "noisy_rx_db"),
         ({"drift_phase_rad": -0.1}, "drift_phase_rad"),
         ({"drift_gain_db": 250.0, "frame": 100}, "drift_gain_db"),
         ({"iq_gain_db": [1.0, 2.0]}, "iq_gain_db"),

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from two_devices import N, findings_of
 
+from clradar.cli.commands.devices import command
 from clradar.errors import DeviceError
 from clradar.jobs import Where
 from clradar.opencl import DeviceInfo, choice, device
@@ -63,6 +64,17 @@ def test_without_gpus_all_are_those_like_the_default(monkeypatch: pytest.MonkeyP
     assert names_of_all(monkeypatch, *pocl, intel) == ["1:0"]
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
     assert [info.selector for info in choice.select_devices(None)] == ["1:0"]
+
+
+def test_the_list_marks_all_that_would_be_used(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names_of_all(monkeypatch, listed("0:0", "A", "cpu"), listed("0:1", "A", "cpu"))
+    monkeypatch.setenv("CLRADAR_DEVICE", "all")
+    command()
+    out = capsys.readouterr().out
+    assert out.count("*") == 2
+    assert out.endswith("used: 0:0 A [platform 0], 0:1 A [platform 0]\n")
 
 
 @pytest.mark.device

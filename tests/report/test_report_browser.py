@@ -1,4 +1,4 @@
-"""The HTML report in a browser: drawing, interaction, narrow screens."""
+"""The HTML report in a browser: drawing, interaction, linked slices, narrow screens."""
 
 import base64
 import io
@@ -10,9 +10,10 @@ import chromium
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from test_report import ball, hostile_page, page_of
+from test_report import FAR_M, MEASURED, NEAR_M, RANGE_DB, SIMULATED, ball, hostile_page, page_of
 
 from clradar.plot import depth_limits_mm
+from clradar.report import ReportImage, html_report
 
 pytestmark = pytest.mark.skipif(
     chromium.installed() is None,
@@ -22,7 +23,6 @@ pytestmark = pytest.mark.skipif(
 BLUR_PX = 2.0
 """Uncertainty of a cloud's middle on the canvas: points are drawn on whole pixels, and shadows have
 no colour that is detected."""
-
 
 BALLS = (ball(-0.02, -0.015, 0.29), ball(0.02, 0.015, 0.31))
 """In the radar's view the measured ball is to the right of the simulated one, lower and nearer."""
@@ -37,8 +37,13 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Page]:
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pages")
-    (folder / "two.html").write_text(page_of(*BALLS), encoding="utf-8")
-    (folder / "hostile.html").write_text(hostile_page(), encoding="utf-8")
+    measured, simulated = ReportImage("measured", MEASURED), ReportImage("simulated", SIMULATED)
+    for name, text in (
+        ("two.html", page_of(*BALLS)),
+        ("hostile.html", hostile_page()),
+        ("slices.html", html_report(measured, [simulated], dynamic_range_db=RANGE_DB)),
+    ):
+        (folder / name).write_text(text, encoding="utf-8")
     return folder
 
 
@@ -53,9 +58,9 @@ def two(tab: chromium.Page, files: Path) -> chromium.Page:
     return tab
 
 
-def pixels(page: chromium.Page) -> np.ndarray:
-    """Return the canvas, shape (rows, columns, 3)."""
-    address = page.js("document.getElementById('view').toDataURL()")
+def pixels(page: chromium.Page, canvas: str = "view") -> np.ndarray:
+    """Return a canvas, shape (rows, columns, 3)."""
+    address = page.js(f"document.getElementById('{canvas}').toDataURL()")
     shown = imread(io.BytesIO(base64.b64decode(address.split(",")[1])))
     return np.round(255 * shown[..., :3]).astype(int)
 
@@ -72,12 +77,13 @@ def middles(page: chromium.Page) -> tuple[np.ndarray, np.ndarray]:
     return found[0], found[1]
 
 
-def middle_of_view(page: chromium.Page) -> tuple[float, float]:
-    frame = page.js(
-        "(() => { const r = document.getElementById('view').getBoundingClientRect();"
-        " return [r.left + r.width / 2, r.top + r.height / 2]; })()"
+def place_of(page: chromium.Page, selector: str, right: float, down: float) -> tuple[float, float]:
+    """Where a fraction of an element's size is on the screen."""
+    left, top, width, height = page.js(
+        f"(() => {{ const r = document.querySelector({json.dumps(selector)})"
+        ".getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; })()"
     )
-    return frame[0], frame[1]
+    return left + right * width, top + down * height
 
 
 def press(page: chromium.Page, selector: str) -> None:
@@ -93,25 +99,17 @@ def test_no_complaints_and_no_network(two, files):
     assert two.js("document.querySelector('.figure img').naturalWidth") > 500
 
 
-def test_front_is_the_view_of_the_radar(two):
-    press(two, "[data-view=front]")
-    measured, simulated = middles(two)
-    # 40 mm apart along x, which increases to the left, and 30 mm along y, upwards.
-    apart = measured - simulated
-    assert apart[0] > 0
-    assert apart[1] > 0
-    assert apart[0] / apart[1] == pytest.approx(40 / 30, rel=2 * BLUR_PX / apart[1])
-
-
-def test_a_drag_rotates(two):
+def test_front_is_the_view_of_the_radar_and_a_drag_rotates(two):
     press(two, "[data-view=front]")
     before, (measured, simulated) = pixels(two), middles(two)
-    two.drag(middle_of_view(two), (60, 0))
-    assert (pixels(two) != before).any(axis=2).mean() > 0.01
+    # 40 mm apart along x, which increases to the left, and 30 mm along y, upwards.
+    apart = measured - simulated
+    assert (apart > 0).all()
+    assert apart[0] / apart[1] == pytest.approx(40 / 30, rel=2 * BLUR_PX / apart[1])
+    two.drag(place_of(two, "#view", 0.5, 0.5), (60, 0))
     # What is nearer to the eye follows the hand: relative to the other, the measured ball.
     turned = middles(two)
-    distance = measured[0] - simulated[0]
-    mm = distance / 40
+    mm = apart[0] / 40
     expected = 40 * np.cos(0.48) * mm + 20 * np.sin(0.48) * mm  # 60 pixels are 0.48 radians
     assert turned[0][0] - turned[1][0] == pytest.approx(expected, abs=2 * BLUR_PX)
     press(two, "[data-view=front]")
@@ -126,15 +124,9 @@ def test_wheel_keys_and_buttons_zoom(two):
     assert np.subtract(*middles(two)) == pytest.approx(1.25 * before, abs=2 * BLUR_PX)
     press(two, "[data-zoom='0.8']")
     assert np.subtract(*middles(two)) == pytest.approx(before, abs=2 * BLUR_PX)
-    x, y = middle_of_view(two)
-    two.mouse("mouseWheel", x, y, deltaX=0, deltaY=-100)
+    two.mouse("mouseWheel", *place_of(two, "#view", 0.5, 0.5), deltaX=0, deltaY=-100)
     two.settle()
     assert np.subtract(*middles(two)) == pytest.approx(np.exp(0.18) * before, abs=2 * BLUR_PX)
-    two.key("ArrowLeft")
-    two.key("0")
-    start = pixels(two)
-    press(two, "[data-view=start]")
-    assert np.array_equal(pixels(two), start)
 
 
 def test_colours_by_depth_come_with_a_scale(two):
@@ -145,7 +137,6 @@ def test_colours_by_depth_come_with_a_scale(two):
         " c.dispatchEvent(new Event('change')); })()"
     )
     two.settle()
-    assert two.js("document.getElementById('scale').offsetHeight") > 0
     near_mm, far_mm = depth_limits_mm(BALLS)  # those of the figure
     assert two.js("document.getElementById('near').textContent") == f"{near_mm:g} mm"
     assert two.js("document.getElementById('far').textContent") == f"z = {far_mm:g} mm"
@@ -162,10 +153,11 @@ def test_it_fits_a_phone(tab, files, name):
     assert tab.js("innerWidth") == 360  # a page that is wider makes a phone zoom out
     assert tab.js("document.documentElement.scrollWidth") == 360
     # Nothing sticks out but what scrolls in its own frame.
-    assert tab.js(
+    wide = tab.js(
         "[...document.querySelectorAll('body *')].filter(e => !e.closest('.figure')"
         " && e.getBoundingClientRect().right > 361).map(e => e.outerHTML.slice(0, 99))"
-    ) == []  # fmt: skip
+    )
+    assert wide == []
     assert tab.js("parseFloat(getComputedStyle(document.body).fontSize)") >= 16
     assert tab.complaints() == []
 
@@ -178,7 +170,7 @@ def test_fingers_rotate_and_zoom(tab, files):
     press(tab, "[data-view=front]")
     before = np.subtract(*middles(tab))
     at = tab.js("scrollY")
-    x, y = middle_of_view(tab)
+    x, y = place_of(tab, "#view", 0.5, 0.5)
     tab.touch("touchStart", (x - 40, y), (x + 40, y))
     for k in range(1, 5):
         tab.touch("touchMove", (x - 40 - 5 * k, y), (x + 40 + 5 * k, y))
@@ -186,10 +178,8 @@ def test_fingers_rotate_and_zoom(tab, files):
     tab.settle()
     assert np.subtract(*middles(tab)) == pytest.approx(1.5 * before, abs=2 * BLUR_PX)
     zoomed = pixels(tab)
-    tab.touch("touchStart", (x, y))
-    tab.touch("touchMove", (x, y + 20))
-    tab.touch("touchMove", (x, y + 40))
-    tab.touch("touchEnd")
+    for kind, *points in (("touchStart", (x, y)), ("touchMove", (x, y + 40)), ("touchEnd",)):
+        tab.touch(kind, *points)
     tab.settle()
     assert not np.array_equal(pixels(tab), zoomed)
     assert tab.js("scrollY") == at  # the finger turned the view and did not move the page
@@ -209,3 +199,83 @@ def test_nothing_hostile_runs(tab, files):
     )
     assert tab.js("typeof window.hacked") == "undefined"
     assert any("Content Security Policy" in text for text in tab.complaints())
+
+
+# ---- linked slices
+
+
+@pytest.fixture
+def slices(tab: chromium.Page, files: Path) -> chromium.Page:
+    tab.prefer("light")
+    tab.resize(1000, 2800)  # all of it on the screen
+    tab.open(files / "slices.html")
+    tab.js(
+        "new Promise(done => { const c = document.getElementById('slices'); const look = () =>"
+        " c.dataset.ready ? done() : requestAnimationFrame(look); look(); })"
+    )
+    tab.settle()
+    return tab
+
+
+def place(page: chromium.Page) -> list[float]:
+    """The place that is shown, millimetres."""
+    texts = page.js("['x', 'y', 'z'].map(a => document.getElementById('at-' + a).textContent)")
+    return [float(text.split()[0].replace("\N{MINUS SIGN}", "-")) for text in texts]
+
+
+def click(page: chromium.Page, element: str, right: float, down: float) -> None:
+    """Click at fractions of an element's size."""
+    page.js(f"document.querySelector({json.dumps(element)}).scrollIntoView({{block: 'center'}})")
+    at = place_of(page, element, right, down)
+    for kind in ("mousePressed", "mouseReleased"):
+        page.mouse(kind, *at, button="left", clickCount=1)
+    page.settle()
+
+
+def bright(page: chromium.Page) -> list[int]:
+    """Bright pixels in each half of the slices' canvas: measured, simulated."""
+    red, green, blue = np.moveaxis(pixels(page, "slices"), 2, 0)
+    lit = (red > 200) & (green > 90) & (blue < 120)
+    return [int(half.sum()) for half in np.array_split(lit, 2, axis=1)]
+
+
+def test_slices_open_at_the_maximum_and_ask_nobody(slices):
+    assert place(slices) == pytest.approx(1e3 * np.array(NEAR_M), abs=1)
+    measured, simulated = bright(slices)
+    assert measured > 4 * max(simulated, 1)  # the simulated ball is 8 dB below its maximum here
+    assert slices.complaints() == []
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in slices.requests())
+
+
+def test_a_click_on_a_point_or_in_the_figure_moves_all_slices(slices):
+    press(slices, "[data-view=front]")
+    press(slices, '[data-cloud="0"]')  # the simulated alone
+    shown = pixels(slices)
+    rows, columns = np.nonzero(shown[..., 0] - shown[..., 2] < -120)
+    click(slices, "#view", columns.mean() / shown.shape[1], rows.mean() / shown.shape[0])
+    # Its depth points are on the near side of the brighter ball.
+    before = place(slices)
+    assert before[:2] == pytest.approx([1e3 * v for v in FAR_M[:2]], abs=8)
+    slices.drag(place_of(slices, "#view", 0.5, 0.5), (50, 10))
+    assert place(slices) == before  # a drag rotates
+    panel = slices.js("report.data.panels[1]")  # the simulated amplitude
+    (left, low, right, high), x, y = panel["box"], panel["x"], panel["y"]
+    across = left + (right - left) * (1e3 * FAR_M[0] - x[0]) / (x[1] - x[0])
+    up = low + (high - low) * (1e3 * FAR_M[1] - y[0]) / (y[1] - y[0])
+    click(slices, ".figure img", across, 1 - up)
+    assert place(slices) == pytest.approx(1e3 * np.array(FAR_M), abs=2)  # the pixels' size
+    measured, simulated = bright(slices)
+    assert simulated > measured
+
+
+def test_clicks_in_slices_and_keys_on_sliders_move_the_place(slices):
+    x, y, z = place(slices)
+    slices.js("document.getElementById('place-z').focus()")
+    slices.key("ArrowRight")
+    assert place(slices) == [x, y, z + 2]  # one voxel
+    # The upper left panel of the first image: in its lower left corner x is high and y low.
+    click(slices, "#slices", 45 / 1000, 0.5)
+    moved = place(slices)
+    assert moved[0] > x
+    assert moved[2] == z + 2
+    assert slices.complaints() == []

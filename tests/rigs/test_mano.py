@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from command_line import run
+from command_line import Cli
 from mano_files import ORDER, PARENTS, mano_model, mano_pickle
 
 from clradar.errors import ModelError, RigError
@@ -86,10 +86,9 @@ def test_theta_and_beta_give_the_models_own_surface(tmp_path, side, seed):
     expected = (vertices - joints[0]) @ rig.axes.T @ mirror
     found = posed.vertices_m - posed.joints_m[0]
     np.testing.assert_allclose(found, expected, atol=TOLERANCE_M, rtol=0)
-    np.testing.assert_allclose(
-        posed.joints_m[AT] - posed.joints_m[0], (joints - joints[0]) @ rig.axes.T @ mirror,
-        atol=TOLERANCE_M, rtol=0,
-    )  # fmt: skip
+    expected = (joints - joints[0]) @ rig.axes.T @ mirror
+    found = posed.joints_m[AT] - posed.joints_m[0]
+    np.testing.assert_allclose(found, expected, atol=TOLERANCE_M, rtol=0)
     assert np.linalg.det(rig.axes @ mirror) == pytest.approx(1.0)
     assert posed.to_trimesh().volume > 0
 
@@ -145,16 +144,13 @@ def test_fingertips_are_vertices_of_the_released_mesh():
 
     made = {k: v for k, v in mano_model().items() if isinstance(v, np.ndarray)}
     made["J_regressor"] = mano_model()["J_regressor"].toarray()
-    have = len(made["v_template"])
-    assert have > 778
+    assert len(made["v_template"]) > 778
     # As many as there are in the released files; the faces of the rest are left out.
-    keep = slice(0, 778)
-    cut = {**made, **{k: made[k][keep] for k in ("v_template", "shapedirs", "posedirs", "weights")}}
+    cut = {**made, **{k: made[k][:778] for k in ("v_template", "shapedirs", "posedirs", "weights")}}
     cut["f"] = made["f"][(made["f"] < 778).all(axis=1)]
-    cut["J_regressor"] = np.linalg.lstsq(
-        np.vstack([cut["v_template"].T, np.ones(778)]),
-        np.vstack([made["J"].T, np.ones(16)]), rcond=None,
-    )[0].T  # fmt: skip
+    places = np.vstack([cut["v_template"].T, np.ones(778)])
+    wanted = np.vstack([made["J"].T, np.ones(16)])
+    cut["J_regressor"] = np.linalg.lstsq(places, wanted, rcond=None)[0].T
     rig = mano_rig(Path("m.npz"), checked_fields(Path("m.npz"), cut), [], None, "right")
     assert rig.known[JOINT_NAMES.index("thumb-tip")]
     for finger, vertex in TIP_VERTICES.items():
@@ -246,27 +242,21 @@ def test_wrong_models_are_named(tmp_path, model, change, message):
 
 def test_the_command_poses_a_model(tmp_path, path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, out, err = run(capsys, "hand", "L", "--rig", path, "--betas", "1,-0.5", "-o", "a.ply")
-    assert code == 0, err
-    assert "right hand, unit m, 16 of 25 joints, 'L'" in out
-    expected = read_rig(path, betas=[1.0, -0.5]).posed("L")
-    mesh = trimesh.load_mesh("a.ply", process=False)
-    np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)
+    cli, line, rig = Cli(capsys), f"hand --rig {path}", read_rig(path)
+    outcome = cli.ok(f"{line} L --betas 1,-0.5 -o a.ply")
+    assert "right hand, unit m, 16 of 25 joints, 'L'" in outcome.out
     theta = 0.2 * np.arange(48) / 48
     Path("t.json").write_text(json.dumps(theta.tolist()))
-    code, _, err = run(capsys, "hand", "--rig", path, "--theta", "t.json", "-o", "b.ply")
-    assert code == 0, err
-    rig = read_rig(path)
-    mesh = trimesh.load_mesh("b.ply", process=False)
-    expected = rig.turned(rotations_of_theta(rig, theta))
-    np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)
-    Path("t.json").write_text("[1, 2]")
-    for arguments, message in (
-        (("--theta", "t.json"), "t.json: expected a JSON list of 48 numbers, got 2"),
-        (("--mapping", "t.json"), "mapping: expected none for a MANO model"),
+    cli.ok(f"{line} --theta t.json -o b.ply")
+    for name, expected in (
+        ("a.ply", read_rig(path, betas=[1.0, -0.5]).posed("L")),
+        ("b.ply", rig.turned(rotations_of_theta(rig, theta))),
     ):
-        code, _, err = run(capsys, "hand", "--rig", path, *arguments, "-o", "x.ply")
-        assert (code, err.count("\n")) == (1, 1)
-        assert message in err
-    assert run(capsys, "hand", "--rig", path, "--betas", "x", "-o", "x.ply")[0] == 2
+        mesh = trimesh.load_mesh(name, process=False)
+        np.testing.assert_allclose(mesh.vertices, expected.vertices_m, atol=1e-7)
+    Path("t.json").write_text("[1, 2]")
+    wanted = "t.json: expected a JSON list of 48 numbers, got 2"
+    cli.fails(f"{line} --theta t.json -o x.ply", wanted)
+    cli.fails(f"{line} --mapping t.json -o x.ply", "mapping: expected none for a MANO model")
+    cli.fails(f"{line} --betas x -o x.ply", "--betas", status=2)
     assert not Path("x.ply").exists()

@@ -1,8 +1,7 @@
 """Runs of the command line in the tests' own process."""
 
-from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import pytest
 
@@ -10,10 +9,8 @@ from clradar.cli import main
 
 EDGE_MM = "4"
 DENSITY = "0.2"
-GRID = ("--x-mm", "-60:60:6", "--y-mm", "-90:90:6", "--z-mm", "280:320:5")
+GRID = "--x-mm -60:60:6 --y-mm -90:90:6 --z-mm 280:320:5"
 """21 x 31 x 9 voxels: no finer than the SSIM's window of 11 pixels needs."""
-
-Run = Callable[..., "Outcome"]
 
 Group = TypeVar("Group")
 
@@ -27,11 +24,12 @@ def group_of(group: type[Group], **given: Any) -> Group:
     return group(**given)
 
 
-class Outcome:
+class Outcome(NamedTuple):
     """Exit status and both streams of one command."""
 
-    def __init__(self, status: int, out: str, err: str) -> None:
-        self.status, self.out, self.err = status, out, err
+    status: int
+    out: str
+    err: str
 
 
 def exit_status(*arguments: object) -> int:
@@ -41,17 +39,33 @@ def exit_status(*arguments: object) -> int:
     return int(ended.value.code or 0)
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> Outcome:
     """Exit status and both streams of a command."""
     capsys.readouterr()
     status = exit_status(*arguments)
-    return status, *capsys.readouterr()
+    return Outcome(status, *capsys.readouterr())
 
 
-def one_error_line(outcome: Outcome, *parts: str) -> None:
-    assert outcome.status == 1, outcome.err
-    lines = outcome.err.splitlines()
-    assert len(lines) == 1, outcome.err
-    assert lines[0].startswith("clradar: error: ")
-    for part in parts:
-        assert part in lines[0]
+class Cli:
+    """Commands, each given as one line of words."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self.capsys = capsys
+
+    def __call__(self, line: str) -> Outcome:
+        return run(self.capsys, *line.split())
+
+    def ok(self, line: str) -> Outcome:
+        """What a command that succeeds prints."""
+        outcome = self(line)
+        assert outcome.status == 0, outcome.err
+        return outcome
+
+    def fails(self, line: str, *parts: str, status: int = 1) -> None:
+        """The command ends with one line, which has these parts; wrong usage with status 2."""
+        outcome = self(line)
+        assert outcome.status == status, outcome.err
+        (error,) = outcome.err.splitlines()
+        assert error.startswith("clradar: error: "), error
+        assert "unexpected" not in error
+        assert all(part in error for part in parts), error

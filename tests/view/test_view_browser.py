@@ -17,6 +17,7 @@ from pathlib import Path
 import chromium
 import numpy as np
 import pytest
+from fronts import frames, volume
 from PIL import Image
 
 import clradar
@@ -24,13 +25,10 @@ import clradar.view
 from calibration import CornerReflector, response
 from clradar.view import server
 from clradar.view.session import Shown, View
-from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
 from measurement_io import save_capture, save_recording
 
 pytest.importorskip("viser")
-
-GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
 
 PLACE = (
     "[...document.querySelectorAll('input')].filter(one => one.inputMode === 'decimal')"
@@ -175,8 +173,7 @@ def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: 
 
 def test_a_server_that_stops_leaves_no_thread() -> None:
     before = set(threading.enumerate())
-    source = FixedFrames("ones", ("ones",), lambda _: clradar.Volume(np.ones(GRID.shape), GRID))
-    with server.serving(View(source=source, wish=Wish()), 0) as (_, session):
+    with server.serving(View(source=frames(volume()), wish=Wish()), 0) as (_, session):
         session.settle()
         assert set(threading.enumerate()) > before
     for thread in set(threading.enumerate()) - before:
@@ -191,11 +188,11 @@ def test_an_iterable_is_shown_until_its_error(monkeypatch: pytest.MonkeyPatch) -
         draw(self, shown)
         seen.set()
 
-    def frames() -> Iterator[clradar.Volume]:
+    def measured() -> Iterator[clradar.Volume]:
         while not seen.is_set():
-            yield clradar.Volume(np.ones(GRID.shape), GRID)
+            yield volume()
         raise RuntimeError("the radar was switched off")
 
     monkeypatch.setattr(server.Page, "show", drawn)
     with pytest.raises(RuntimeError, match="switched off"):
-        clradar.view.show(frames(), title="lab", port=0)
+        clradar.view.show(measured(), title="lab", port=0)

@@ -7,8 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
+from fronts import capture, frames, volume
 from nightly import nightly
 from systems import posix_only
 
@@ -21,39 +21,27 @@ from clradar.view.sources import open_source
 from clradar.view.wish import Wish
 from measurement_io import save_capture, save_recording, save_volume
 
-GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
-
-
-def volume_file(folder: Path) -> Path:
-    save_volume(folder / "volume.h5", clradar.Volume(np.ones(GRID.shape), GRID))
-    return folder / "volume.h5"
-
 
 def test_sources(tmp_path: Path) -> None:
-    array, waveform = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
-    captures = [clradar.Capture(np.full((94, 94, 3), i + 1.0), array, waveform) for i in range(2)]
+    captures = [capture(1.0), capture(2.0)]
     save_recording(tmp_path / "plate/30", captures, timestamps_us=[0, 125_000])
     save_capture(tmp_path / "capture.h5", captures[1])
+    save_volume(tmp_path / "volume.h5", volume())
     recording = open_source(tmp_path / "plate/30")
     assert [recording.label(i) for i in recording.frames()] == ["frame 0", "frame 1"]
     assert recording.read(1).data[0, 0, 0] == 2.0
-    capture = open_source(tmp_path / "capture.h5")
-    assert (capture.frames(), capture.label(0)) == ((0,), "capture.h5")
-    assert capture.read(0).data.shape == (94, 94, 3)
-    assert isinstance(open_source(volume_file(tmp_path)).read(0), clradar.Volume)
+    single = open_source(tmp_path / "capture.h5")
+    assert (single.frames(), single.label(0)) == ((0,), "capture.h5")
+    assert single.read(0).data.shape == (2, 1, 3)
+    assert isinstance(open_source(tmp_path / "volume.h5").read(0), clradar.Volume)
     with pytest.raises(MeasurementError, match="nothing there"):
         open_source(tmp_path / "absent.h5")
 
 
-def test_without_viser_the_error_says_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_viser_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
-    source = open_source(volume_file(tmp_path))
-    with (
-        pytest.raises(MissingViser, match=r"pip install viser"),
-        serving(View(source=source, wish=Wish())),
-    ):
+    view = View(source=frames(volume()), wish=Wish())
+    with pytest.raises(MissingViser, match=r"pip install viser"), serving(view):
         pass
 
 
@@ -72,7 +60,8 @@ def test_the_address_is_of_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("number", [signal.SIGTERM, *nightly([signal.SIGINT])])
 def test_it_ends_cleanly(tmp_path: Path, number: int) -> None:
     pytest.importorskip("viser")
-    command = ["-m", "clradar", "view", "--port", "8400", str(volume_file(tmp_path))]
+    save_volume(tmp_path / "volume.h5", volume())
+    command = ["-m", "clradar", "view", "--port", "8400", str(tmp_path / "volume.h5")]
     with subprocess.Popen(
         [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:

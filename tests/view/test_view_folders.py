@@ -6,46 +6,32 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
+from fronts import Front, capture, volume
 
-import clradar
 from clradar.errors import MeasurementError
-from clradar.view.playing import Player
 from clradar.view.session import Session, Shown, View
 from clradar.view.sources import FolderFrames, open_source
 from clradar.view.wish import Wish
 from measurement_io import save_recording, save_volume
 
-GRID = clradar.VoxelGrid(np.array([0, 0, 0.3]), np.full(3, 1e-3), (4, 3, 2))
 
-
-def volume(amplitude: float) -> clradar.Volume:
-    return clradar.Volume(np.full(GRID.shape, amplitude, np.complex64), GRID)
-
-
-class Watched:
+class Watched(Front):
     """A folder, and what a view of it says and shows."""
 
     def __init__(self, folder: Path) -> None:
+        super().__init__()
         self.folder = folder
-        self.said: list[str] = []
         self.peaks: list[float] = []
         source = open_source(folder, watch=True)
         assert isinstance(source, FolderFrames)
         self.source = source
         self.session = Session(View(source=source, wish=Wish(frame=-1)), self)
-        self.player = Player(self.session, source, lambda _: None, lambda _: None, self.said.append)
+        self.player = self.plays(self.session, source)
 
     def show(self, shown: Shown) -> None:
         self.peaks.append(float(shown.first.image.amplitude.max()))
-        self.player.shown(shown)
-
-    def busy(self, text: str) -> None:
-        pass
-
-    def refuse(self, text: str) -> None:
-        self.said.append(text)
+        super().show(shown)
 
     def write(self, name: str, amplitude: float) -> None:
         save_volume(self.folder / name, volume(amplitude), force=True)
@@ -153,12 +139,10 @@ def test_a_folder_that_is_away_for_a_while(watched: Watched, tmp_path: Path) -> 
 
 
 def test_frames_of_a_recording_are_watched_by_variant(tmp_path: Path) -> None:
-    array, waveform = clradar.arrays.qar50(), clradar.Waveform(np.array([72e9, 77e9, 82e9]))
-    capture = clradar.Capture(np.ones((94, 94, 3), np.complex64), array, waveform)
-    save_recording(tmp_path / "plate/30", [capture], timestamps_us=[0])
+    save_recording(tmp_path / "plate/30", [capture()], timestamps_us=[0])
     source = open_source(tmp_path / "plate/30", watch=True)
     assert [source.label(frame) for frame in source.frames()] == ["frame 0"]
-    assert source.read(0).data.shape == (94, 94, 3)
+    assert source.read(0).data.shape == (2, 1, 3)
     assert not open_source(tmp_path / "plate/30", "emptyfiltered", watch=True).frames()
 
 

@@ -12,26 +12,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fronts import frames, volume
 
-import clradar
 from clradar.view.server import running, serving
 from clradar.view.session import View
-from clradar.view.sources import FixedFrames
 from clradar.view.wish import Wish
 
 viser = pytest.importorskip("viser")
 
-GRID = clradar.VoxelGrid(np.array([0, 0, 0.3]), np.full(3, 1e-3), (4, 3, 2))
-
-
-def source() -> FixedFrames:
-    volume = clradar.Volume(np.ones(GRID.shape, np.complex64), GRID)
-    return FixedFrames("volume", ("volume",), lambda _: volume)
+VIEW = View(source=frames(volume()), wish=Wish())
 
 
 @pytest.fixture(scope="module")
 def port() -> Iterator[int]:
-    with serving(View(source=source(), wish=Wish()), 8500) as (port, _):
+    with serving(VIEW, 8500) as (port, _):
         yield port
 
 
@@ -135,7 +129,7 @@ def _has_many_addresses() -> bool:
 def test_a_port_in_use_is_passed_over() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         number = taken.getsockname()[1]
-        with serving(View(source=source(), wish=Wish()), number) as (port, _):
+        with serving(VIEW, number) as (port, _):
             assert number < port < number + 100
 
 

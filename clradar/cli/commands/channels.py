@@ -49,7 +49,6 @@ class TargetOptions:
     radius_mm: float | None = opt.option(
         "Sphere: to a thousandth of it.", needs="--target=sphere", due="--target=sphere"
     )
-    amplitude: Literal["unit", "spreading"] = opt.option("1 for every pair, or 1/(R1 R2).", "unit")
 
     def read(self) -> Target:
         """The target that the options describe."""
@@ -59,11 +58,11 @@ class TargetOptions:
             width, height = parse.metres(self.size_mm) if self.size_mm else (None, None)
             size_m = None if width is None or height is None else (width, height)
             tilt_deg, distance_m = self.tilt_deg or (0.0, 0.0), self.distance_mm / 1e3
-            return FlatPlate(distance_m, *tilt_deg, size_m=size_m, amplitude=self.amplitude)
+            return FlatPlate(distance_m, *tilt_deg, size_m=size_m)
         place_m = np.array(parse.metres(self.position_mm or ()))
         if self.radius_mm is not None:
-            return Sphere(place_m, self.radius_mm / 1e3, amplitude=self.amplitude)
-        return CornerReflector(place_m, amplitude=self.amplitude)
+            return Sphere(place_m, self.radius_mm / 1e3)
+        return CornerReflector(place_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +76,6 @@ class EstimateOptions:
     tilt_tolerance_deg: float = opt.option("How well a plate's tilt is known.", 2.0)
     max_delay_ps: float = opt.option("Largest delay of a pair that is searched for.", 100.0)
     common_delay: Literal["zero", "free"] = opt.option("Delays scatter about this.", "zero")
-    level: Literal["mean", "target"] = opt.option("0 dB: mean gain, or echo as modelled.", "mean")
     gate_mm: float | None = opt.option("Use echoes within this range of the target only.")
     dead_db: float = opt.option("Dead: this far below the median gain.", 20.0)
     noisy_db: float = opt.option("Noisy: this far above the median noise.", 6.0)

@@ -13,24 +13,25 @@ COLUMNS = ("", "selector", "name", "platform", "kind", "memory", "units", "works
 
 
 def command() -> None:
-    """The one that a command would use is marked with an asterisk. Choose another with --device
-    or the environment variable CLRADAR_DEVICE: its selector, or part of its name. Every device is
-    tested: does it build kernels and compute as it must?
+    """What a command would use is marked with an asterisk. Choose another with --device or the
+    environment variable CLRADAR_DEVICE: its selector, or part of its name. Every device is tested:
+    does it build kernels and compute as it must?
     """
     from clradar.errors import DeviceError
-    from clradar.opencl.choice import default_device, fault
+    from clradar.opencl.choice import fault, select_devices
     from clradar.opencl.device import INSTALL_HINT, list_devices
 
     devices = list_devices()
-    chosen = failure = None
+    chosen: list[DeviceInfo] = []
+    failure = None
     try:
-        chosen = default_device()
+        chosen = select_devices(None)
     except DeviceError as error:  # printed after the table, which helps to find the cause
         failure = error
     faults = {info.selector: fault(info.selector) for info in devices}
     rows = [
         (
-            "*" if info == chosen else "", info.selector, info.name, info.platform, info.kind,
+            "*" if info in chosen else "", info.selector, info.name, info.platform, info.kind,
             f"{info.memory_bytes / 2**30:.1f} GiB", str(info.compute_units),
             "no" if faults[info.selector] else "yes", good_for(info),
         )
@@ -48,13 +49,13 @@ def command() -> None:
             print_line(f"{info.selector} {info.label}: {text}")
     if failure is not None:
         raise failure
-    assert chosen is not None
-    if faults[chosen.selector]:
-        raise DeviceError(
-            f"the device that would be used, {chosen.selector} {chosen.label}, does not work; "
-            f"choose another with CLRADAR_DEVICE=..., or {INSTALL_HINT}"
-        )
-    print_line(f"used: {chosen.selector} {chosen.label}")
+    for info in chosen:
+        if faults[info.selector]:
+            raise DeviceError(
+                f"a device that would be used, {info.selector} {info.label}, does not work; choose "
+                f"another with CLRADAR_DEVICE=..., or {INSTALL_HINT}"
+            )
+    print_line(f"used: {', '.join(f'{info.selector} {info.label}' for info in chosen)}")
 
 
 def good_for(info: DeviceInfo) -> str:

@@ -98,13 +98,6 @@ class Plan(FileRecord):
     material : PlanMaterials or None
         Of the physical estimator.
     movement : MovementPlan or None
-
-    Examples
-    --------
-    >>> from clradar.dataset import read_plan
-    >>> plan = read_plan("plan.toml")
-    >>> plan.n_shards, plan.shard_samples(0), [pose.name for pose in plan.poses.poses]
-    (1, range(0, 2), ['A', 'B'])
     """
 
     seed: Annotated[int, Within(0, 2**63 - 1)] = 0

@@ -13,9 +13,9 @@ import pytest
 from recorder import Recorder, Recording
 
 import clradar
-from calibration import average_frames, gate, range_gate, subtract_background
-from calibration.clutter import averaging_loss_db, delay_profiles, path_lengths_m
-from clradar import AntennaArray, Capture, VoxelGrid, Wall, Waveform, backproject
+from calibration import average_frames, range_gate, subtract_background
+from calibration.clutter import averaging_loss_db, delay_profiles, gate, path_lengths_m
+from clradar import AntennaArray, Capture, Wall, Waveform
 from clradar.errors import ClradarWarning, MeasurementError, ModelError
 from measurement_io import open_capture, save_capture
 
@@ -178,16 +178,6 @@ def test_frames_of_another_radar_are_refused(frames, message):
 # Background subtraction
 
 
-@pytest.mark.parametrize("scaling", ["none", "common", "channel"])
-def test_without_drift_the_object_is_left(scaling):
-    made = recorder(**CLEAN)
-    found = subtract_background(made.frame(), made.empty(), scaling=scaling)
-    assert remainder_db(made.frame(), made.ideal()) > 20
-    # Fitted factors are off by the background's correlation with the object, which the weights
-    # bring down to the order of the rounding: three times as much.
-    assert remainder_db(found, made.ideal()) < ROUNDING_DB + (0 if scaling == "none" else 10)
-
-
 def test_a_common_factor_is_found():
     made = recorder(drift_common_phase_rad=0.5, drift_frames=3, **CLEAN)
     frame, empty, ideal = made.frame(), made.empty(), made.ideal()
@@ -247,40 +237,6 @@ def test_dead_channels_have_no_weight():
     assert not found.data[4].any()
 
 
-@pytest.mark.device
-def test_the_image_of_a_target_is_that_without_the_room(device):
-    # Everything on: noise, channels, IQ imbalance, coupling, walls, drift, 14 bits, 4 + 4 frames.
-    where = [0.02, -0.01, 0.3]
-    made = Recorder(points_m=[where], waveform=Waveform.sfcw(72e9, 82e9, 64), **DRIFT)
-    frame, empty, truth = (
-        average_frames(one(i) for i in range(4)) for one in (made.frame, made.empty, made.ideal)
-    )
-    found = subtract_background(frame, empty, scaling="channel")
-    grid = VoxelGrid.from_extent((-0.04, 0.04), (-0.05, 0.05), (0.27, 0.33), 2e-3)
-
-    def image(capture: Capture) -> np.ndarray:
-        # The channels' own errors are for the calibration: taken out with the truth.
-        channels = made.response()
-        assert channels is not None
-        f = made.waveform.frequencies_hz
-        both = channels.tx_response(f)[:, None] * channels.rx_response(f)
-        data = (capture.data / both).astype(np.complex64)
-        corrected = Capture(data, capture.array, capture.waveform)
-        return np.abs(backproject(corrected, grid, device=device).data)
-
-    ideal, cleaned, raw = image(truth), image(found), image(frame)
-    peak = ideal.max()
-    at = np.unravel_index(ideal.argmax(), ideal.shape)
-    assert np.allclose([grid.x_m[at[2]], grid.y_m[at[1]], grid.z_m[at[0]]], where, atol=1e-9)
-    # The quadrature's 0.2 dB give the target itself half of it, 0.1 dB.
-    assert 20 * np.log10(cleaned[at] / peak) == pytest.approx(0.1, abs=0.02)
-    # Noise of -20 dB, four frames of it twice: -23 dB per sample, 57.5 dB less in the image of
-    # 94 x 94 x 64 samples, 10.4 dB more at the worst of 65 000 voxels: -70 dB. The channels'
-    # unequal gains and what is left of the mirror images may cost 3 dB more.
-    assert 20 * np.log10(np.abs(cleaned / cleaned[at] - ideal / peak).max()) < -67
-    assert 20 * np.log10(np.abs(raw / raw[at] - ideal / peak).max()) > -40
-
-
 @pytest.mark.parametrize(
     ("empty", "scaling", "message"),
     [
@@ -316,29 +272,29 @@ PROBED_DB = 0.3
 @pytest.mark.parametrize("clutter_db", [20.0, 40.0, 60.0])
 def test_passband_and_rejection_of_a_gate(sweep, clutter_db):
     rng = np.random.default_rng(5)
-    found = gate(sweep, **WINDOW, clutter_db=clutter_db)
+    _, found = gate(sweep, **WINDOW, clutter_db=clutter_db)
     period_m = C / 2 / np.diff(sweep.frequencies_hz).max()
     target = echoes(rng.uniform(0.25, 0.42, 100), sweep)
     kept = range_gate(target, **WINDOW, clutter_db=clutter_db).data.astype(complex)
     amplitude = abs((target.data.conj() * kept).mean(axis=(1, 2)))
-    assert 20 * np.log10(amplitude.min()) > found.passband_db - PROBED_DB
-    outside_m = rng.uniform(0.42 + found.edge_m, 0.25 - found.edge_m + period_m, 300)
+    assert 20 * np.log10(amplitude.min()) > found["passband_db"] - PROBED_DB
+    outside_m = rng.uniform(0.42 + found["edge_m"], 0.25 - found["edge_m"] + period_m, 300)
     left = range_gate(echoes(outside_m, sweep), **WINDOW, clutter_db=clutter_db).data
     rejected = (abs(left.astype(complex)) ** 2).mean(axis=(1, 2))
-    assert 10 * np.log10(rejected.max()) < -found.rejection_db + PROBED_DB
+    assert 10 * np.log10(rejected.max()) < -found["rejection_db"] + PROBED_DB
     # What docs/background.md states for 10 GHz, 170 mm and edges of 60 mm.
     passband_db, rejection_db = {20.0: (-0.4, 29.0), 40.0: (-0.75, 47.0), 60.0: (-1.2, 65.0)}[
         clutter_db
     ]
-    assert found.passband_db > passband_db
-    assert found.rejection_db > rejection_db
+    assert found["passband_db"] > passband_db
+    assert found["rejection_db"] > rejection_db
 
 
 def test_the_gate_is_the_least_squares_map_of_its_equation():
     sweep = Waveform.sfcw(72e9, 82e9, 24)
     period_m = C / 2 / (10e9 / 23)
     near, far, edge = 0.1, 0.16, 0.02
-    found = gate(sweep, near_m=near, far_m=far, edge_m=edge, clutter_db=30)
+    matrix, _ = gate(sweep, near, far, edge, clutter_db=30)
     # The same by sampling all ranges, weighting and stacking them: min |G A - B|^2 + eps |G|^2.
     # A Riemann sum is off by half a sample at each of the four jumps: 2.5e-6 times 1000 at most.
     samples = 200_000
@@ -351,29 +307,7 @@ def test_the_gate_is_the_least_squares_map_of_its_equation():
     whole = (a * p) @ a.conj().T + 1e-3 * np.eye(24)
     wanted = (a * p * w) @ a.conj().T
     expected = wanted @ np.linalg.inv(whole)
-    np.testing.assert_allclose(found.matrix, expected, atol=1e-3)
-
-
-def test_coupling_walls_and_mirror_images_are_rejected():
-    channels = clradar.draw_channels(SPARSE, SWEEP, seed=3)
-    made = recorder(channels=channels, **{**CLEAN, "iq_gain_db": 1.0})
-    gated = range_gate(made.frame(), **WINDOW)
-    ideal = range_gate(made.ideal(), **WINDOW)
-    # Before, coupling and walls are 20 dB above the points. The channels' delays move coupling by
-    # 12 mm at most, far from the edge at 190 mm.
-    assert remainder_db(made.frame(), made.ideal()) > 20
-    # The points get half of the quadrature's 1 dB (factor 1.061), their mirror image is outside.
-    turned = replace(gated, data=gated.data / ((1 + 10 ** (1 / 20)) / 2))
-    assert remainder_db(turned, ideal) < -25
-    assert kept_db(ideal, made.ideal()) > -0.75
-
-
-def test_walls_beyond_the_unambiguous_range_fold_back():
-    # 1.905 m: half of c over the 78.7 MHz between steps. A wall at 0.3 m plus that looks like one
-    # at 0.3 m, and no gate can tell.
-    period_m = C / 2 / (10e9 / 127)
-    far = range_gate(echo(0.3 + period_m), **WINDOW)
-    assert 10 * np.log10(power(far.data)) > -1
+    np.testing.assert_allclose(matrix, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize(

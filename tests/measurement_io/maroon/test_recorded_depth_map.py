@@ -34,10 +34,6 @@ def radar(tmp_path: Path, scene: made.RadarScene) -> Path:
     return folder
 
 
-def refused(radar: Path, number: int = 0) -> str:
-    return refusal(read_depth_map, radar, number)
-
-
 def change_entry(radar: Path, change) -> None:
     content = json.loads((radar / "calibration.json").read_text())
     change(content["000000"])
@@ -131,7 +127,7 @@ def test_pixels_are_placed_by_what_there_is(radar, where):
 )
 def test_invalid_entries(radar, key, value, found):
     change_entry(radar, lambda entry: entry["volume"].update({key: value}))
-    assert found in refused(radar)
+    assert found in refusal(read_depth_map, radar, 0)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +146,4 @@ def test_matrices_that_place_no_pixels(radar, matrix):
         entry["depth"]["intrinsics"] = np.asarray(matrix).tolist()
 
     change_entry(radar, change)
-    assert "intrinsics" in refused(radar)
-
-
-# ---- hostile files
+    assert "intrinsics" in refusal(read_depth_map, radar, 0)

@@ -88,29 +88,20 @@ def test_a_bare_recording_lists_what_is_missing(tmp_path):
     assert check_file(radar).ok
 
 
-ODD_FRAMES = {
-    "none": (1, {}, []),
-    "total": (0, {"number_of_measurements": 9}, ["the frames name 9 of the recording, 4"]),
-    "zero": (
-        3,
-        {"xr": np.zeros((96, 96, 2), np.complex64)},
-        ["raw frames that are zero everywhere: 3"],
-    ),
-}
-
-
-@pytest.mark.parametrize("name", ODD_FRAMES)
-def test_odd_frames(tmp_path, name):
+@pytest.mark.parametrize(
+    ("number", "changes", "problem"),
+    [
+        (0, {"number_of_measurements": 9}, "the frames name 9 of the recording, 4"),
+        (3, {"xr": np.zeros((96, 96, 2), "c8")}, "raw frames that are zero everywhere: 3"),
+    ],
+)
+def test_odd_frames(tmp_path, number, changes, problem):
     radar = files.write_recording(tmp_path / "30", n_frames=4)
-    number, changes, parts = ODD_FRAMES[name]
     stamp = np.array([FIRST + number * STEP])
     frame = files.random_frame() | {"number_of_measurements": 4, "timestamp_us": stamp} | changes
-    frame = {key: value for key, value in frame.items() if value is not None}
     files.write_frame(radar / "calibrated_data" / f"{number:06d}.npy", frame)
-    problems = check_file(radar).problems
-    assert len(problems) == len(parts), problems
-    for part, problem in zip(parts, problems, strict=True):
-        assert part in problem
+    (found,) = check_file(radar).problems
+    assert problem in found
 
 
 def edit(path: Path, **changes: object) -> None:
@@ -170,13 +161,11 @@ def test_contradictions(tmp_path, name):
     change, parts = CONTRADICTIONS[name]
     change(radar)
     description = describe(radar.parent)
-    for part in parts:
-        assert any(part in problem for problem in description.problems), description.problems
+    for problems in (description.problems, check_file(radar.parent).problems):
+        for part in parts:
+            assert any(part in problem for problem in problems), problems
     assert "\n" not in "".join(description.problems)
     json.dumps(description.to_dict(), allow_nan=False)
-    report = check_file(radar.parent)
-    for part in parts:
-        assert any(part in problem for problem in report.problems), report.problems
 
 
 def restamp(radar: Path, number: int, stamp: int | None, variant: str = "") -> None:

@@ -39,10 +39,6 @@ META = {
 }
 
 
-def refused(path: Path, opener: Callable[[Path], Any] = open_capture) -> str:
-    return refusal(opener, path)
-
-
 def same_capture(a: clradar.Capture, b: clradar.Capture) -> bool:
     names = (a.array.name, dict(a.meta)) == (b.array.name, dict(b.meta))
     return names and comparisons.same_capture(a, b)
@@ -50,8 +46,7 @@ def same_capture(a: clradar.Capture, b: clradar.Capture) -> bool:
 
 def small_capture(n_tx: int = 3, n_rx: int = 2, n_freq: int = 5, **meta: Any) -> clradar.Capture:
     rng = np.random.default_rng(n_tx)
-    data = rng.normal(size=(n_tx, n_rx, n_freq)) + 1j * rng.normal(size=(n_tx, n_rx, n_freq))
-    data = data.astype(np.complex64)
+    data = rng.normal(size=(n_tx, n_rx, n_freq, 2)).astype(np.float32) @ np.array([1, 1j], "c8")
     # What a careless conversion would change: negative zero and subnormal numbers.
     data[0, 0, 0] = complex(-0.0, 1e-42)
     tx_m, rx_m = 0.1 * rng.normal(size=(n_tx, 3)), 0.1 * rng.normal(size=(n_rx, 3))
@@ -60,55 +55,85 @@ def small_capture(n_tx: int = 3, n_rx: int = 2, n_freq: int = 5, **meta: Any) ->
     return clradar.Capture(data, array, clradar.Waveform(frequencies), meta)
 
 
-def small_volume() -> clradar.Volume:
-    grid = clradar.VoxelGrid([-0.1, 0.2, 1 / 3], [1e-3, 0.1 / 3, 0.7e-3], (4, 3, 2))
-    rng = np.random.default_rng(0)
-    data = rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)
-    return clradar.Volume(data.astype(np.complex64), grid, {"method": "exact"})
+CAPTURE = small_capture()
+GRID = clradar.VoxelGrid([-0.1, 0.2, 1 / 3], [1e-3, 0.1 / 3, 0.7e-3], (4, 3, 2))
+VOLUME = clradar.Volume(
+    np.random.default_rng(0).normal(size=(*GRID.shape, 2)) @ [1, 1j], GRID, {"method": "exact"}
+)
 
 
 @pytest.fixture
 def path(tmp_path):
     target = tmp_path / "capture.h5"
-    save_capture(target, small_capture(seed=1))
+    save_capture(target, CAPTURE)
     return target
 
 
 # ---- there and back
 
+TABLE = AntennaPattern(angle_deg=[0, 90, 180], field=[1, 0.5, 0])
+COSINE = AntennaPattern(3.5, 1.5)
 
-@pytest.mark.parametrize("shape", [(1, 1, 1), (3, 2, 5), (7, 300, 97)])
-def test_capture_round_trip(tmp_path, shape):
-    capture = small_capture(*shape, **META)
-    save_capture(tmp_path / "c.anything", capture)
-    read = open_capture(tmp_path / "c.anything")
+
+@pytest.mark.parametrize(
+    ("capture", "patterns", "version"),
+    [
+        (small_capture(1, 1, 1, **META), (None, None), 1),
+        (small_capture(7, 300, 97, **META), (None, None), 1),
+        (CAPTURE, (COSINE, None), 2),  # refused by programs that know version 1 alone
+        (CAPTURE, (TABLE, COSINE), 2),
+    ],
+)
+def test_capture_round_trip(tmp_path, capture, patterns, version):
+    tx, rx = patterns
+    array = dataclasses.replace(capture.array, tx_pattern=tx, rx_pattern=rx)
+    file = tmp_path / "c.anything"
+    save_capture(file, dataclasses.replace(capture, array=array))
+    read = open_capture(file)
     assert same_capture(read, capture)
+    assert (read.array.tx_pattern, read.array.rx_pattern) == patterns
     assert not read.data.flags.writeable
-    assert check_file(tmp_path / "c.anything").ok
+    assert check_file(file).ok
+    with h5py.File(file) as content:
+        assert content.attrs["clradar_version"] == version
+    words = str(describe(file))
+    assert ("Tx pattern" in words) is (tx is not None)
+    assert ("3.5 dBi, cos^1.5" in words) is (COSINE in patterns)
 
 
-def test_volume_round_trip(tmp_path):
-    volume = small_volume()
-    save_volume(tmp_path / "v.h5", volume)
-    read = open_volume(tmp_path / "v.h5")
-    assert same_bits(read.data, volume.data)
-    assert same_bits(read.grid.origin_m, volume.grid.origin_m)
-    assert same_bits(read.grid.spacing_m, volume.grid.spacing_m)
-    assert read.grid.counts == volume.grid.counts
-    assert read.meta == volume.meta
-    assert check_file(tmp_path / "v.h5").ok
-    with silx.io.open(str(tmp_path / "v.h5")) as file:
-        assert nxdata.get_default(file).plot_style.signal_scale_type == "log"
-        assert json.loads(file["entry/provenance/data"][()]) == volume.meta
+@pytest.mark.parametrize("scaled", [False, True])
+def test_volume_round_trip(tmp_path, scaled):
+    array = dataclasses.replace(CAPTURE.array, rx_pattern=COSINE)
+    scale = ImageScale(array, clradar.Waveform([76e9, 77e9]), [0.5, 1.0]) if scaled else None
+    file = tmp_path / "v.h5"
+    save_volume(file, dataclasses.replace(VOLUME, scale=scale))
+    read = open_volume(file)
+    assert same_bits(read.data, VOLUME.data)
+    assert same_bits(read.grid.origin_m, GRID.origin_m)
+    assert same_bits(read.grid.spacing_m, GRID.spacing_m)
+    assert (read.grid.counts, read.meta) == (GRID.counts, VOLUME.meta)
+    assert check_file(file).ok
+    with silx.io.open(str(file)) as content:
+        assert nxdata.get_default(content).plot_style.signal_scale_type == "log"
+        assert json.loads(content["entry/provenance/data"][()]) == VOLUME.meta
+    if scale is None:
+        assert read.scale is None
+        return
+    assert same_bits(read.scale.weights, scale.weights)
+    assert same_bits(read.scale.waveform.frequencies_hz, scale.waveform.frequencies_hz)
+    assert same_bits(read.scale.array.tx_m, array.tx_m)
+    assert (read.scale.array.name, read.scale.array.rx_pattern) == (array.name, COSINE)
+    with h5py.File(file, "r+") as content:
+        assert content.attrs["clradar_version"] == 2
+        content["entry/data"].attrs["array_name"] = "another"
+    assert "damaged" in refusal(open_volume, file)
 
 
 def test_layout_as_documented(path):
-    capture = open_capture(path)
     with h5py.File(path) as file:
         assert file.attrs["NX_class"] == "NXroot"
         assert file.attrs["clradar_format"] == "capture"
-        assert file.attrs["clradar_version"] == 1
-        assert json.loads(file.attrs["provenance"]) == {"seed": 1}
+        assert json.loads(file.attrs["provenance"]) == {}
         entry = file[file.attrs["default"]]
         assert entry.attrs["NX_class"] == "NXentry"
         group = entry[entry.attrs["default"]]
@@ -117,93 +142,64 @@ def test_layout_as_documented(path):
         assert list(group.attrs["axes"]) == ["tx", "rx", "frequency_hz"]
         data = group[group.attrs["signal"]]
         assert (data.dtype, data.shuffle, data.fletcher32) == (np.complex64, True, True)
-        assert same_bits(data[()], capture.data)
+        assert same_bits(data[()], CAPTURE.data)
         for axis, length in zip(group.attrs["axes"], data.shape, strict=True):
             assert group[axis].shape == (length,)
         assert group["frequency_hz"].attrs["units"] == "Hz"
         assert group["tx_m"].attrs["units"] == "m"
 
 
-def test_patterns_stay_with_the_array(tmp_path):
-    capture = small_capture()
-    table = {"angle_deg": [0, 90, 180], "field": [1, 0.5, 0]}
-    sides = [None, AntennaPattern(3.5, 1.5), AntennaPattern(**table)]
-    for number, (tx, rx) in enumerate([(sides[1], None), (sides[2], sides[1])]):
-        array = dataclasses.replace(capture.array, tx_pattern=tx, rx_pattern=rx)
-        file = tmp_path / f"{number}.h5"
-        save_capture(file, dataclasses.replace(capture, array=array))
-        read = open_capture(file)
-        assert (read.array.tx_pattern, read.array.rx_pattern) == (tx, rx)
-        assert check_file(file).ok
-        with h5py.File(file) as content:  # refused by programs that know version 1 alone
-            assert content.attrs["clradar_version"] == 2
-    words = str(describe(file))
-    assert "Tx pattern" in words
-    assert "3.5 dBi, cos^1.5" in words
-
-
-def test_a_volume_keeps_its_scale(tmp_path):
-    array = dataclasses.replace(small_capture().array, rx_pattern=AntennaPattern(3.5, 1.5))
-    scale = ImageScale(array, clradar.Waveform([76e9, 77e9]), [0.5, 1.0])
-    save_volume(tmp_path / "v.h5", dataclasses.replace(small_volume(), scale=scale))
-    read = open_volume(tmp_path / "v.h5").scale
-    assert same_bits(read.weights, scale.weights)
-    assert same_bits(read.waveform.frequencies_hz, scale.waveform.frequencies_hz)
-    assert same_bits(read.array.tx_m, array.tx_m)
-    assert (read.array.name, read.array.rx_pattern) == (array.name, array.rx_pattern)
-    assert check_file(tmp_path / "v.h5").ok
-    with h5py.File(tmp_path / "v.h5", "r+") as file:
-        assert file.attrs["clradar_version"] == 2
-        file["entry/data"].attrs["array_name"] = "another"
-    assert "damaged" in refused(tmp_path / "v.h5", open_volume)
-
-
-def write_by_hand(target: Path, capture: clradar.Capture, **root: Any) -> None:
+def write_by_hand(target: Path, order: str = "<", **root: Any) -> None:
     """Write a capture as the documentation says, with nothing that is optional."""
+    attributes = {"clradar_format": "capture", "clradar_version": 1, "provenance": "{}"}
+    array = CAPTURE.array
+    values = {"data": CAPTURE.data, "tx_m": array.tx_m, "rx_m": array.rx_m}
+    values["frequency_hz"] = CAPTURE.waveform.frequencies_hz
     with h5py.File(target, "w") as file:
-        attributes = {"clradar_format": "capture", "clradar_version": 1, "provenance": "{}"}
-        attributes |= {"created": "2024-05-06T07:08:09+00:00"} | root
-        for name, value in attributes.items():
-            file.attrs[name] = value
+        file.attrs.update(attributes | {"created": "2024-05-06T07:08:09+00:00"} | root)
         group = file.create_group("entry/data")
-        group.attrs["array_name"] = capture.array.name
-        group["data"] = capture.data
-        group["tx_m"] = capture.array.tx_m
-        group["rx_m"] = capture.array.rx_m
-        group["frequency_hz"] = capture.waveform.frequencies_hz
+        group.attrs["array_name"] = array.name
+        for name, value in values.items():
+            group[name] = value.astype(value.dtype.newbyteorder(order))
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_either_byte_order_and_fixed_length_text(tmp_path, order):
-    capture = small_capture()
-    write_by_hand(tmp_path / "c.h5", capture, clradar_format=np.bytes_("capture"))
-    with h5py.File(tmp_path / "c.h5", "r+") as file:
-        group = file["entry/data"]
-        for name in ("data", "tx_m", "rx_m", "frequency_hz"):
-            value = group[name][()]
-            del group[name]
-            group[name] = value.astype(value.dtype.newbyteorder(order))
-    assert same_capture(open_capture(tmp_path / "c.h5"), capture)
+    write_by_hand(tmp_path / "c.h5", order, clradar_format=np.bytes_("capture"))
+    assert same_capture(open_capture(tmp_path / "c.h5"), CAPTURE)
 
 
 @pytest.mark.parametrize("name", ["nul\0", "\ud800"])
 def test_array_name_that_hdf5_cannot_hold(tmp_path, name):
-    good = small_capture()
-    array = clradar.AntennaArray(good.array.tx_m, good.array.rx_m, name)
+    array = clradar.AntennaArray(CAPTURE.array.tx_m, CAPTURE.array.rx_m, name)
     with pytest.raises(ModelError, match="name"):
-        save_capture(tmp_path / "c.h5", clradar.Capture(good.data, array, good.waveform))
+        save_capture(tmp_path / "c.h5", clradar.Capture(CAPTURE.data, array, CAPTURE.waveform))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_space_of_channels_is_asked_for_first(tmp_path, monkeypatch):
+    """So many that they take more than all else in a file."""
+    n = 2000
+    at_m = np.linspace([0.0, 0, 0], [0.1, 0, 0], n)
+    zeros, ones, none = np.zeros(n), np.ones(n), [[]] * 4
+    response = clradar.ChannelResponse(ones, ones, zeros, zeros, 77e9)
+    radar = clradar.AntennaArray(at_m, at_m), clradar.Waveform([76e9, 77e9])
+    place, levels = ("plate", {"distance_m": 0.3}, [[0.0]]), (1.0, -30.0, -32.0)
+    channels = clradar.ChannelCalibration(
+        response, *radar, zeros, zeros, *none, *place, *[zeros] * 4, *levels
+    )
+    asked: list[int] = []
+    monkeypatch.setattr(scheme, "require_space", lambda path, size: asked.append(size))
+    save_channels(tmp_path / "channels.h5", channels)
+    assert (tmp_path / "channels.h5").stat().st_size <= asked[0] < 2**19
 
 
 # ---- what is refused
 
-
-def change(path: Path, action: Callable[[h5py.File], None]) -> None:
-    with h5py.File(path, "r+") as file:
-        action(file)
+Action = Callable[[h5py.File], None]
 
 
-def replace(name: str, **options: Any) -> Callable[[h5py.File], None]:
+def replace(name: str, **options: Any) -> Action:
     def action(file: h5py.File) -> None:
         del file["entry/data"][name]
         file["entry/data"].create_dataset(name, **options)
@@ -211,21 +207,15 @@ def replace(name: str, **options: Any) -> Callable[[h5py.File], None]:
     return action
 
 
-def set_attribute(name: str, value: Any) -> Callable[[h5py.File], None]:
-    def action(file: h5py.File) -> None:
-        file.attrs[name] = value
-
-    return action
+def attribute(name: str, value: Any) -> Action:
+    return lambda file: file.attrs.__setitem__(name, value)
 
 
-def delete(name: str) -> Callable[[h5py.File], None]:
-    def action(file: h5py.File) -> None:
-        del file[name]
-
-    return action
+def delete(name: str) -> Action:
+    return lambda file: file.__delitem__(name)
 
 
-def with_bad_value(name: str, value: Any) -> Callable[[h5py.File], None]:
+def with_last(name: str, value: Any) -> Action:
     def action(file: h5py.File) -> None:
         flat = file["entry/data"][name]
         content = flat[()]
@@ -235,33 +225,16 @@ def with_bad_value(name: str, value: Any) -> Callable[[h5py.File], None]:
     return action
 
 
-def test_the_space_of_channels_is_asked_for_first(tmp_path, monkeypatch):
-    """So many that they take more than all else in a file."""
-    n = 2000
-    at_m = np.linspace([0.0, 0, 0], [0.1, 0, 0], n)
-    zeros, ones = np.zeros(n), np.ones(n)
-    channels = clradar.ChannelCalibration(
-        clradar.ChannelResponse(ones, ones, zeros, zeros, 77e9),
-        clradar.AntennaArray(at_m, at_m), clradar.Waveform([76e9, 77e9]),
-        zeros, zeros, [], [], [], [], "plate", {"distance_m": 0.3}, [[0.0]],
-        zeros, zeros, zeros, zeros, 1.0, -30.0, -32.0,
-    )  # fmt: skip
-    asked: list[int] = []
-    monkeypatch.setattr(scheme, "require_space", lambda path, size: asked.append(size))
-    save_channels(tmp_path / "channels.h5", channels)
-    assert (tmp_path / "channels.h5").stat().st_size <= asked[0] < 2**19
-
-
 @pytest.mark.parametrize(
     ("action", "found"),
     [
-        (set_attribute("clradar_version", 4), "newer clradar"),
-        (set_attribute("clradar_version", 0), "version 0"),
-        (set_attribute("clradar_version", 1.5), "whole number"),
-        (set_attribute("clradar_format", "picture"), "picture"),
-        (set_attribute("clradar_format", "volume"), "open_volume"),
-        (set_attribute("clradar_format", ["capture"]), "one string"),
-        (set_attribute("provenance", '{"seed": 2}'), "damaged"),
+        (attribute("clradar_version", 4), "newer clradar"),
+        (attribute("clradar_version", 0), "version 0"),
+        (attribute("clradar_version", 1.5), "whole number"),
+        (attribute("clradar_format", "picture"), "picture"),
+        (attribute("clradar_format", "volume"), "open_volume"),
+        (attribute("clradar_format", ["capture"]), "one string"),
+        (attribute("provenance", '{"seed": 2}'), "damaged"),
         (lambda f: f.attrs.__delitem__("clradar_format"), "another program"),
         (lambda f: f.attrs.__delitem__("provenance"), "/@provenance"),
         (lambda f: f["entry/data"].attrs.__delitem__("array_name"), "array_name"),
@@ -276,24 +249,23 @@ def test_the_space_of_channels_is_asked_for_first(tmp_path, monkeypatch):
         (replace("tx_m", data=np.zeros((0, 3))), "at least one"),
         (replace("tx_m", data=np.zeros((3, 2))), "(3, 2)"),
         (replace("frequency_hz", data=np.arange(5)), "int64"),
-        (with_bad_value("data", complex(0, np.nan)), "1 of 30"),
-        (with_bad_value("data", np.inf), "1 of 30"),
-        (with_bad_value("tx_m", np.nan), "tx_m"),
-        (with_bad_value("frequency_hz", 1.0), "ascending"),
+        (with_last("data", complex(0, np.nan)), "1 of 30"),
+        (with_last("data", np.inf), "1 of 30"),
+        (with_last("tx_m", np.nan), "tx_m"),
+        (with_last("frequency_hz", 1.0), "ascending"),
         (replace("data", data=np.zeros((3, 2, 5), "c8"), compression="gzip"), "filter 1"),
         # nothing stored: HDF5 would hand out fill values
         (replace("data", shape=(3, 2, 5), dtype="c8"), "0"),
         (replace("data", shape=(3, 2, 5), dtype="c8", chunks=(1, 2, 5)), "3 chunks"),
         # bombs: 8 TB that the file does not hold
-        (replace("data", shape=(3, 2, 2**40), dtype="c8", chunks=(1, 1, 2**20)), "any"),
+        (replace("data", shape=(3, 2, 2**40), dtype="c8", chunks=(1, 1, 2**20)), ""),
         (replace("tx_m", shape=(2**50, 3), dtype="f8", chunks=(2**20, 3)), "to fit"),
     ],
 )
 def test_changed_file(path, action, found):
-    change(path, action)
-    message = refused(path)
-    if found != "any":
-        assert found in message
+    with h5py.File(path, "r+") as file:
+        action(file)
+    assert found in refusal(open_capture, path)
     report = check_file(path)
     assert not report.ok
     assert path.name in report.problems[0]
@@ -303,27 +275,24 @@ def test_changed_file(path, action, found):
     "text", ["", "[1]", "{", '{"a": NaN}', '{"a":' * 100_000, np.bytes_(b'{"a": "\xff"}')]
 )
 def test_provenance_that_is_no_json_object(tmp_path, text):
-    write_by_hand(tmp_path / "c.h5", small_capture(), provenance=text)
-    refused(tmp_path / "c.h5")
+    write_by_hand(tmp_path / "c.h5", provenance=text)
+    refusal(open_capture, tmp_path / "c.h5")
 
 
 def test_volume_is_no_capture_and_the_other_way_round(tmp_path, path):
-    save_volume(tmp_path / "v.h5", small_volume())
-    assert "open_volume" in refused(tmp_path / "v.h5")
-    assert "open_capture" in refused(path, open_volume)
+    save_volume(tmp_path / "v.h5", VOLUME)
+    assert "open_volume" in refusal(open_capture, tmp_path / "v.h5")
+    assert "open_capture" in refusal(open_volume, path)
     (tmp_path / "text").write_text("text")
-    assert "HDF5" in refused(tmp_path / "text", open_volume)
-    refused(tmp_path / "nothing", open_volume)
+    assert "HDF5" in refusal(open_volume, tmp_path / "text")
+    refusal(open_volume, tmp_path / "nothing")
 
 
 def test_volume_whose_axes_disagree(tmp_path):
-    save_volume(tmp_path / "v.h5", small_volume())
+    save_volume(tmp_path / "v.h5", VOLUME)
     with h5py.File(tmp_path / "v.h5", "r+") as file:
         file["entry/data/x_m"][1] += 1e-6
-    assert "x_m" in refused(tmp_path / "v.h5", open_volume)
-
-
-# ---- damaged files
+    assert "x_m" in refusal(open_volume, tmp_path / "v.h5")
 
 
 def test_every_bit_of_the_data_counts(path):
@@ -336,4 +305,4 @@ def test_every_bit_of_the_data_counts(path):
             damaged = bytearray(whole)
             damaged[at] ^= 1
             path.write_bytes(damaged)
-            refused(path)
+            refusal(open_capture, path)

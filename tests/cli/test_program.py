@@ -1,0 +1,315 @@
+"""The program as a process: what it loads, signals, languages, pipes, files named as ours."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from command_line import GRID, Cli
+from nightly import nightly
+from systems import posix_only
+
+import clradar
+from clradar.cli import main
+from clradar.cli.app import COMMANDS, module_of
+from clradar.errors import MeshError
+from measurement_io import open_volume
+
+ROOT = Path(clradar.__file__).resolve().parents[1]
+
+
+def python(*arguments: object, cwd: Path | None = None, **variables: str) -> Any:
+    """A run of Python with these words and variables of the environment."""
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, **variables},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+MAIN = "from clradar.cli import main; main()"
+
+
+@pytest.mark.parametrize(
+    ("typed", "completed"), [("image --met", "--method"), *nightly([("pro", "process")])]
+)
+def test_a_shell_completes_commands_and_their_options(typed: str, completed: str) -> None:
+    words = f"clradar {typed}"
+    variables = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
+    done = python("-c", MAIN, _CLRADAR_COMPLETE="complete_bash", **variables)
+    assert done.stdout.split() == [completed]
+
+
+HEAVY = {"trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", "rich.progress"}
+"""Modules that a help text does not need."""
+
+LOADED = """
+import sys
+from clradar.cli import main
+try:
+    main(sys.argv[1:])
+except SystemExit as e:
+    assert not e.code
+print('\\n' + ' '.join(sys.modules))
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "not_needed"),
+    [("--help", {*HEAVY, "numpy", "pyopencl"}), ("simulate --help", HEAVY)],
+)
+def test_help_imports_nothing_heavy(line: str, not_needed: set[str]) -> None:
+    done = python("-W", "error", "-c", LOADED, *line.split())
+    assert done.returncode == 0, done.stderr
+    loaded = set(done.stdout.splitlines()[-1].split())
+    others = {module_of(name) for name in COMMANDS if name not in line.split()}
+    assert not (not_needed | others) & loaded
+    assert "clradar.cli.app" in loaded
+
+
+@pytest.mark.parametrize("place", [0, 1, 4])
+def test_debug_shows_the_traceback(place: int) -> None:
+    arguments = ["simulate", "none.ply", "-o", "x.h5"]
+    arguments.insert(place, "--debug")
+    with pytest.raises(MeshError, match=r"none\.ply"):
+        main(arguments)
+
+
+def test_an_unexpected_error_names_its_type(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("first line\nsecond line")
+
+    monkeypatch.setattr("clradar.hand.hand_mesh", broken)
+    outcome = cli("hand -o x.ply")
+    assert outcome.status == 1
+    said = "ZeroDivisionError: first line second line"
+    assert said in outcome.err
+    assert "--debug" in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+SENDING = """
+import os, signal, sys, tempfile, time
+from pathlib import Path
+import clradar.hand
+from clradar.cli import main
+from clradar.files import interrupts
+from clradar.files.atomic import replacing
+from clradar.jobs.lock import held, scratch_folder
+
+tempfile.tempdir = os.getcwd()
+send = lambda: os.kill(os.getpid(), signal.SIG{name})
+
+class Lost:
+    def __del__(self):
+        send()
+
+def hand(*a, **k):
+    with scratch_folder(), held(Path("folder"), "sweep"), replacing("file") as temporary:
+        Path("folder/done").touch()
+        temporary.touch()
+        {sent}
+        time.sleep(60)
+
+def starting():
+    with interrupts.interrupts_blocked():
+        send()
+        Path("folder/whole").touch()
+
+clradar.hand.hand_mesh = hand
+{before}
+main(["hand", "-o", "x.ply"])
+"""
+RESUMES = "clradar: interrupted; the same command resumes folder\n"
+
+
+@posix_only
+@pytest.mark.parametrize(
+    ("name", "sent", "left"),
+    [
+        ("INT", "send()", {"done"}),
+        ("TERM", "Lost()", {"done"}),  # where Python can raise nothing
+        ("HUP", "starting()", {"done", "whole"}),
+        *nightly([("INT", "import sending", {"done", "imported"}), ("TERM", "send()", {"done"})]),
+    ],
+)
+def test_signals_leave_things_in_order(
+    name: str, sent: str, left: set[str], tmp_path: Path
+) -> None:
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    text = "import __main__\n__main__.send()\nopen('folder/imported', 'w').close()\n"
+    (modules / "sending.py").write_text(text)
+    code = SENDING.format(name=name, sent=sent, before="sys.dont_write_bytecode = True")
+    paths = os.pathsep.join([str(modules), os.environ.get("PYTHONPATH", "")])
+    done = python("-W", "error", "-c", code, cwd=tmp_path, PYTHONPATH=paths)
+    assert (done.stderr, done.returncode) == (RESUMES, 128 + getattr(signal, f"SIG{name}"))
+    assert {path.name for path in (tmp_path / "folder").iterdir()} == left
+    assert {path.name for path in tmp_path.iterdir()} == {"modules", "folder"}
+
+
+@posix_only
+@pytest.mark.parametrize(
+    ("before", "status", "said"),
+    [
+        ("interrupts.working = send", 128 + signal.SIGTERM, "clradar: interrupted\n"),
+        (
+            "clradar.hand.hand_mesh = None; import atexit; atexit.register(send)",
+            1,
+            "clradar: error",
+        ),
+    ],
+)
+def test_signals_before_and_after_a_command(
+    before: str, status: int, said: str, tmp_path: Path
+) -> None:
+    code = SENDING.format(name="TERM", sent="", before=before)
+    done = python("-W", "error", "-c", code, cwd=tmp_path)
+    assert done.returncode == status, done.stderr
+    assert done.stderr.startswith(said)
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+NAME = "Häñde und 手"
+"""Blanks, umlauts, and what no code page of Europe has."""
+
+ASCII = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+CHAIN = """
+import sys
+from clradar.cli import main
+for command in sys.argv[1:]:
+    try:
+        main(command.split(chr(10)))
+    except SystemExit as end:
+        print("ended: ", end.code or 0, ";", sep="", file=sys.stderr)
+"""
+"""A process that runs several commands."""
+
+
+@pytest.mark.parametrize("language", ["C", *nightly(["utf-8"])])
+def test_blanks_and_umlauts_in_every_path(made: Path, tmp_path: Path, language: str) -> None:
+    """A chain through all kinds of files, its folder and their names included."""
+    folder = tmp_path / NAME
+    folder.mkdir()
+    for name in ("hand.ply", "sim.h5"):
+        shutil.copy(made / name, folder / f"{NAME} {name}")
+    shutil.copytree(made / "recording", folder / f"{NAME} recording")
+    lines = [
+        "simulate|~ hand.ply|-o|~ 2.h5|--samples-per-mm2|0.05|--band|72:82:4",
+        f"image|~ sim.h5|-o|~ volume.h5|{GRID.replace(' ', '|')}",
+        "convert|~ recording|-o|~ frame.h5",
+        "inspect|~ recording",
+        "export|~ volume.h5|-o|~.ply",
+        "compare|~ volume.h5|~ volume.h5|-o|~.png",
+        "image|~ missing.h5|-o|x.h5",
+    ]
+    commands = [line.replace("~", NAME).replace("|", "\n") for line in lines]
+    variables = ASCII if language == "C" else {"PYTHONUTF8": "1"}
+    done = python("-W", "error", "-c", CHAIN, *commands, cwd=folder, **variables)
+    assert "Traceback" not in done.stderr
+    *passed, (err, status) = [said.split("ended: ") for said in done.stderr.split(";\n")[:-1]]
+    assert [status for _, status in passed] == ["0"] * (len(lines) - 1), done.stderr
+    for name in (" 2.h5", " volume.h5", " frame.h5", ".ply", ".png"):
+        assert (folder / f"{NAME}{name}").exists()
+    assert status == "1"
+    assert err.count("\n") == 1
+    assert (r"H\udcc3\udca4" if language == "C" else "Hä") in err
+
+
+@posix_only
+@pytest.mark.parametrize("command", ["materials", *nightly(["inspect recording --json"])])
+def test_a_pipe_that_ends_is_no_error(made: Path, command: str) -> None:
+    """As of `| head -1`: the reader is gone before the first line is written."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    words = [sys.executable, "-m", "clradar", *command.split()]
+    done = subprocess.run(words, cwd=made, stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert done.stderr == b""
+    assert done.returncode != 0
+
+
+HAND, IMAGE = "hand F --edge-mm 4 -o {}/out.ply", f"image sim.h5 {GRID} -o {{}}/out.h5"
+
+
+@pytest.mark.parametrize(
+    ("line", "force"),
+    [(HAND, True), (IMAGE, False), *nightly([(HAND, False), (IMAGE, True)])],
+)
+def test_two_at_once_into_one_file(made: Path, tmp_path: Path, line: str, force: bool) -> None:
+    """One whole file; without --force one of both says that it exists already."""
+    words = [*line.format(tmp_path).split(), *(["--force"] if force else [])]
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-W", "error", "-m", "clradar", *words],
+            cwd=made,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        for _ in range(2)
+    ]
+    errors = [process.communicate()[1] for process in both]
+    statuses = [process.returncode for process in both]
+    assert sorted(statuses) == ([0, 0] if force else [0, 1]), errors
+    for status, err in zip(statuses, errors, strict=True):
+        assert not status or b"exists already" in err
+    (file,) = tmp_path.iterdir()
+    if file.suffix == ".h5":
+        assert np.abs(open_volume(file).data).max() > 0
+    else:
+        assert len(trimesh.load(file).faces) > 100
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    """A folder whose files have the names of ours, and must not run."""
+    for name in ("calibration.py", "measurement_io.py", "kernels/__init__.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("raise SystemExit('the file of the lab ran')\n")
+    # The folder of a script is first on Python's path.
+    (tmp_path / "script.py").write_text("from clradar.cli import main; main(['devices'])")
+    return tmp_path
+
+
+CLEAN = "clean none.h5 --channels none.h5 -o x.h5"
+"""A command that imports both packages before it reads a file."""
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (f"-m clradar {CLEAN}", "clradar: error: none.h5: no such file"),
+        *nightly([(f"-m clradar.cli {CLEAN}", "clradar: error: none.h5: no such file")]),
+        ("script.py", "clradar: error: {lab}/calibration.py: hides "),
+    ],
+)
+def test_files_of_the_names_of_ours_are_passed_by_or_named(lab: Path, line: str, said: str) -> None:
+    done = python(*line.split(), cwd=lab, PYTHONPATH=str(ROOT))
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
+    assert done.stderr.startswith(said.format(lab=lab))
+
+
+def test_our_name_taken_by_a_file_raises_from_the_library(lab: Path) -> None:
+    done = python("-c", "import clradar; clradar.open_dataset", cwd=lab, PYTHONPATH=str(ROOT))
+    hidden = f"{lab / 'measurement_io.py'}: hides "
+    assert f"clradar.errors.PackageError: {hidden}" in done.stderr
+    assert "rename it" in done.stderr
+
+
+def test_the_command_of_a_checkout_that_is_not_installed() -> None:
+    # `python -m` finds clradar in the current folder only; that folder has to stay on the path.
+    done = python("-m", "clradar", "inspect", "none.h5", cwd=ROOT, PYTHONPATH="")
+    assert (done.returncode, done.stderr.split(": ")[2]) == (1, "none.h5")

@@ -1,0 +1,156 @@
+"""TOML, JSON and messages: what is refused, and that what is written reads back equal."""
+
+import json
+import os
+from functools import partial
+
+import pytest
+from systems import posix_only
+
+from clradar.errors import MeasurementError, ModelError, RigError
+from clradar.files.failures import clean, fail, read_bytes, reading
+from clradar.files.json_differences import differences
+from clradar.files.json_file import read_json, read_json_object, write_json
+from clradar.files.json_text import parse_object, to_json
+from clradar.files.limits import (
+    MAX_JSON_DEPTH,
+    MAX_MESSAGE_CHARACTERS,
+    MAX_TOML_LINE_CHARACTERS,
+)
+from clradar.files.toml_file import parse_toml, read_toml, toml_brief, toml_document
+from measurement_io import read_alignment
+
+
+def nested(depth: int) -> object:
+    value: object = 1
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+def test_toml_reads_back():
+    content = {
+        "name": 'a "quoted"\\ name \x7f \u00e4\n',
+        "size": 1.5,
+        "joints": {"wrist": {"flexion_deg": -1e-30}, "odd key.": {}, "thumb": {"a": {"b": "c"}}},
+        "none": {},
+    }
+    text = toml_document(content)
+    assert parse_toml(text) == content
+    assert "[joints]" not in text
+    assert toml_document({"name": "x", "joints": {}}) == 'name = "x"\n\n[joints]\n'
+    assert toml_brief([True, "x", 1.5, None, {"a": 1}]) == '[true, "x", 1.5, nothing, { a = 1 }]'
+    assert len(toml_brief(["y" * 10_000] * 100)) < 1300
+    assert toml_brief(10**5000) == "a huge number"
+
+
+def test_json_reads_back(tmp_path):
+    value = {"a": [1, 2.5, None, True, "\u00e4\n"], "b": {"c": {}}}
+    write_json(tmp_path / "v.json", value, force=False)
+    assert read_json_object(tmp_path / "v.json") == value
+    with pytest.raises(ValueError, match="JSON"):
+        write_json(tmp_path / "nan.json", float("nan"), force=False)
+    assert not (tmp_path / "nan.json").exists()
+
+
+def test_a_byte_order_mark_is_no_content(tmp_path):
+    (tmp_path / "t").write_bytes(b"\xef\xbb\xbfa = 1\n")
+    assert read_toml(tmp_path / "t", "a plan") == {"a": 1}
+    (tmp_path / "t").write_bytes(b"\xef\xbb\xbf[1, NaN]")
+    assert read_json(tmp_path / "t", "a list", 20)[0] == 1
+
+
+TOML = partial(read_toml, expected="a plan", limit=20_000)
+JSON = read_json_object
+
+
+@pytest.mark.parametrize(
+    ("read", "content", "words"),
+    [
+        (TOML, b"a = ", "TOMLDecodeError"),
+        (TOML, b"a = 1\na = 2", "TOMLDecodeError"),
+        (TOML, b"\xff", "UnicodeDecodeError"),
+        (TOML, b"a." * (MAX_TOML_LINE_CHARACTERS // 2) + b"b = 1", "a line of"),
+        (TOML, b"a = " + b"[" * 5000, "RecursionError"),
+        (TOML, b"#" * 12_000 + b"\n" + b"#" * 12_000, "of at most 20000 bytes"),
+        (JSON, b'{"a": 1, "a": 2}', "the key 'a' twice"),
+        (JSON, b"[1]", "list where a JSON object was expected"),
+        (JSON, b"{", "JSONDecodeError"),
+        (JSON, b"\xff{}", "UnicodeDecodeError"),
+        (JSON, b'{"a":' * 100_000, "RecursionError"),
+        (JSON, json.dumps({"a": nested(MAX_JSON_DEPTH + 1)}).encode(), "levels of nesting"),
+        (read_alignment, b'{"kinect2radar": [["\\ud800"]]}', "finite number, got .*ud800"),
+    ],
+)
+def test_files_that_are_refused(tmp_path, read, content, words):
+    path = tmp_path / "name"
+    path.write_bytes(content)
+    with pytest.raises(MeasurementError, match=rf"name: .*expected a .*{words}"):
+        read(path)
+
+
+def test_meta_reads_back_equal_or_is_refused():
+    meta = {"a": [1, 0.1, "\u00e4", None, False], "b": {"c": nested(MAX_JSON_DEPTH - 2)}}
+    text = to_json("meta", meta)
+    assert text.isascii()
+    assert parse_object(text, strict=True) == meta
+    for value in (float("inf"), (1, 2), b"x", nested(MAX_JSON_DEPTH + 1), {1: 2}):
+        with pytest.raises(ModelError, match="meta"):
+            to_json("meta", {"key": value})
+    with pytest.raises(ValueError, match="NaN is not JSON"):
+        parse_object('{"a": NaN}', strict=True)
+
+
+def test_differences_in_words():
+    before = {"a": 1, "b": {"c": list(range(40))}, "d": "x" * 100 + "1"}
+    now = {"a": 1, "b": {"c": [0, -1, *range(2, 41)]}, "d": "x" * 100 + "2", "e": 3}
+    assert differences(before, before) == []
+    assert differences(before, now) == [
+        "b.c of 40, now of 41",
+        "b.c[1] 1, now -1",
+        f"d …{'x' * 20}1, now …{'x' * 20}2",
+        "e None, now 3",
+    ]
+
+
+# ---- messages, and files of a limited size
+
+
+def test_messages_are_one_printable_line_of_bounded_length():
+    assert clean("a\n b\t\x1b[31m\udcff") == "a b \\x1b[31m\\udcff"
+    assert len(clean("x" * 10**6)) == MAX_MESSAGE_CHARACTERS + 3
+    with pytest.raises(MeasurementError, match=r"^a b: expected this, got that$"):
+        fail("a\nb", "this", "that")
+
+
+@pytest.mark.parametrize("kind", [MeasurementError, RigError])
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (KeyError("k"), "f: expected a thing, got KeyError: 'k'"),
+        (OSError(5, "Input/output error"), "f: expected a thing, got Input/output error"),
+        (ModelError("x: expected y, got z"), "f: x: expected y, got z"),
+    ],
+)
+def test_what_a_parser_raises_becomes_one_class(kind, error, words):
+    with pytest.raises(kind) as info, reading("f", "a thing", error=kind):
+        raise error
+    assert type(info.value) is kind
+    assert str(info.value) == words
+    assert info.value.__cause__ is error
+
+
+@posix_only
+def test_only_regular_files_of_the_allowed_size_are_read(tmp_path):
+    (tmp_path / "f").write_bytes(b"12345")
+    assert read_bytes(tmp_path / "f", "a thing", 5) == b"12345"
+    os.mkfifo(tmp_path / "pipe")
+    for name, limit, words in (
+        ("f", 4, "a thing of at most 4 bytes, got 5 bytes"),
+        ("none", 5, "a thing, got nothing there"),
+        (".", 5, "a thing, got a folder"),
+        ("pipe", 5, "a thing, got something that is no regular file"),
+        ("nul\0", 5, "a thing, got ValueError"),
+    ):
+        with pytest.raises(RigError, match=f"expected {words}"):
+            read_bytes(tmp_path / name, "a thing", limit, error=RigError)
