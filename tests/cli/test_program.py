@@ -10,9 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-import trimesh
 from command_line import GRID, Cli
 from nightly import nightly
 from systems import posix_only
@@ -21,7 +19,6 @@ import clradar
 from clradar.cli import main
 from clradar.cli.app import COMMANDS, module_of
 from clradar.errors import MeshError
-from measurement_io import open_volume
 
 ROOT = Path(clradar.__file__).resolve().parents[1]
 
@@ -240,37 +237,6 @@ def test_a_pipe_that_ends_is_no_error(made: Path, command: str) -> None:
     os.close(writer)
     assert done.stderr == b""
     assert done.returncode != 0
-
-
-HAND, IMAGE = "hand F --edge-mm 4 -o {}/out.ply", f"image sim.h5 {GRID} -o {{}}/out.h5"
-
-
-@pytest.mark.parametrize(
-    ("line", "force"),
-    [(HAND, True), (IMAGE, False), *nightly([(HAND, False), (IMAGE, True)])],
-)
-def test_two_at_once_into_one_file(made: Path, tmp_path: Path, line: str, force: bool) -> None:
-    """One whole file; without --force one of both says that it exists already."""
-    words = [*line.format(tmp_path).split(), *(["--force"] if force else [])]
-    both = [
-        subprocess.Popen(
-            [sys.executable, "-W", "error", "-m", "clradar", *words],
-            cwd=made,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-        )
-        for _ in range(2)
-    ]
-    errors = [process.communicate()[1] for process in both]
-    statuses = [process.returncode for process in both]
-    assert sorted(statuses) == ([0, 0] if force else [0, 1]), errors
-    for status, err in zip(statuses, errors, strict=True):
-        assert not status or b"exists already" in err
-    (file,) = tmp_path.iterdir()
-    if file.suffix == ".h5":
-        assert np.abs(open_volume(file).data).max() > 0
-    else:
-        assert len(trimesh.load(file).faces) > 100
 
 
 @pytest.fixture

@@ -78,10 +78,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
 def test_an_error_of_one_item_alone_is_a_warning(tmp_path: Path) -> None:
     steps = Steps(tmp_path, fails=2)
     with pytest.warns(ClradarWarning) as said:
-        found = done(
-            job(tmp_path), steps, name=lambda i: f"{i}: ",
-            tolerated=lambda error: isinstance(error, MeasurementError),
-        )  # fmt: skip
+        found = done(job(tmp_path), steps, name="{}: ".format, tolerated=lambda error: True)
     assert [item for item, _ in found] == [0, 1, 3]
     assert [str(one.message) for one in said] == ["0: each says this", "2: item 2 cannot be read"]
 
@@ -108,14 +105,12 @@ def test_a_folder_takes_one_key(tmp_path: Path) -> None:
 
 def test_inputs_count_by_what_they_hold(tmp_path: Path) -> None:
     at, mesh = tmp_path / "out", tmp_path / "a.ply"
-    mesh.write_bytes(b"one")
     more: dict[str, Any] = {"inputs": {"--mesh": [mesh]}, "resumable": lambda at: True}
-    with job(at, **more).held():
-        pass
-    mesh.unlink()
-    mesh.write_bytes(b"one")
-    with job(at, **more).held():
-        pass
+    for _ in range(2):  # another file of the same content
+        mesh.unlink(missing_ok=True)
+        mesh.write_bytes(b"one")
+        with job(at, **more).held():
+            pass
     mesh.write_bytes(b"two")
     expected = r"--mesh '.*a\.ply' holds something else"
     with pytest.raises(OutputError, match=expected), job(at, **more).held():

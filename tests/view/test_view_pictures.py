@@ -111,9 +111,8 @@ def test_the_difference_is_brown_where_the_simulation_is_farther() -> None:
 @pytest.mark.parametrize("known", ["projection", "depth"])
 def test_of_a_data_set_only_what_is_stored_is_drawn(known: str) -> None:
     there = known == "depth"
-    image = clradar.DepthMap(
-        np.full((2, 2), 0.3 if there else np.nan), np.ones((2, 2)), [0.0, 0.01], [0.0, 0.01]
-    )
+    depth_m, axis_m = np.full((2, 2), 0.3 if there else np.nan), [0.0, 0.01]
+    image = clradar.DepthMap(depth_m, np.ones((2, 2)), axis_m, axis_m)
     drawn = Drawn.of(Flat(image, (known,)), 20.0, voxels=True)
     assert list(image_pictures(drawn, None, drawn, None)) == [known]
     assert slice_pictures(drawn, (0, 0, 0.3)) == {}
@@ -135,11 +134,9 @@ def test_channel_data_of_a_pair_peak_at_its_range() -> None:
     curves = pair_curves(capture, 5, 7)
     assert list(curves) == ["magnitude (dB)", "phase (turns)", "range profile (dB)"]
     name, place_mm, level_db = curves["range profile (dB)"]
-    path_m = np.linalg.norm(array.tx_m[5] - [0, 0, 0.3]) + np.linalg.norm(
-        array.rx_m[7] - [0, 0, 0.3]
-    )
+    legs_m = [np.linalg.norm(at_m - [0, 0, 0.3]) for at_m in (array.tx_m[5], array.rx_m[7])]
     assert name == "half the path (mm)"
-    assert place_mm[level_db.argmax()] == pytest.approx(500 * path_m, abs=10)
+    assert place_mm[level_db.argmax()] == pytest.approx(500 * sum(legs_m), abs=10)
 
 
 def test_points_are_where_the_voxels_are_coloured_by_level() -> None:
