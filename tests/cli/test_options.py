@@ -1,7 +1,5 @@
 """Groups of options: the command line they make, and the records that a command receives."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -54,7 +52,7 @@ def outcome_of(line: str) -> tuple[int, str, list[object]]:
     return result.exit_code, result.output, received
 
 
-def test_a_command_receives_records_and_single_options() -> None:
+def test_a_command_receives_records_and_single_options():
     status, output, received = outcome_of(
         "a.h5 --edge-mm 2 --size 3 4 --window hann -p palm --part thumb --left --count 7 "
         "--device pocl --span 1:3 --angle-deg 9"
@@ -71,7 +69,7 @@ def test_a_command_receives_records_and_single_options() -> None:
     assert plain(call.options, paths=False) == {**kept, "source": None}
 
 
-def test_defaults_and_what_was_given() -> None:
+def test_defaults_and_what_was_given():
     status, output, (group, *_) = outcome_of("a.h5 --count 7 --window rect")
     assert status == 0, output
     assert given(group) == {"--window": "rect", "SOURCE": Path("a.h5")}

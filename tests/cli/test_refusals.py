@@ -1,11 +1,6 @@
 """What every command refuses: wrong usage (2), and errors in one line (1), which leave nothing."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
-from command_line import Cli
 
 SIMULATE = "simulate hand.ply -o x.h5"
 IMAGE = "image sim.h5 -o x.h5"
@@ -127,9 +122,7 @@ ERRORS = [
     ("status", "line", "part"),
     [*((2, *row) for row in WRONG_USAGE), *((1, *row) for row in ERRORS)],
 )
-def test_a_refusal_says_why_and_leaves_nothing(
-    cli: Cli, place: Path, status: int, line: str, part: str
-) -> None:
+def test_a_refusal_says_why_and_leaves_nothing(cli, place, status, line, part):
     before = sorted(place.iterdir())
     cli.fails(line, *part.split(" & "), status=status)
     assert sorted(place.iterdir()) == before
