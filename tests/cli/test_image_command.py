@@ -113,6 +113,8 @@ def test_a_capture_without_receptions_is_warned_of(cli, place):
     outcome = cli.ok(f"image nothing.h5 -o v.h5 {GRID} --png nothing.png")
     assert "zero everywhere" in outcome.err
     assert not Path("nothing.png").exists()
+    assert "none above the noise" in cli.ok("inspect nothing.h5").out
+    cli.fails("inspect nothing.h5 --png x.png", "zeros")
 
 
 def test_a_slice_is_drawn_from_above_and_a_voxel_not_at_all(cli, place, monkeypatch):

@@ -80,6 +80,8 @@ ERRORS = [
     (f"{SIMULATE} --alpha nail=0", "palm & nail"),
     (f"{SIMULATE} --device abacus", "abacus"),
     (f"{SIMULATE} --samples-per-mm2=1e308", "fewer than 2^31 samples"),
+    (f"{SIMULATE} --rays-per-sample={20 * '9'}", "[1, 65536]"),
+    (f"{SIMULATE} --crease-deg=1e308", "[0, 180]"),
     ("simulate hand.ply -o no/x.h5", "no/x.h5 & folder"),
     ("simulate hand.ply -o .", "folder"),
     ("simulate hand.ply -o hand.ply --force", "also an input"),
@@ -104,6 +106,8 @@ ERRORS = [
     (f"{FIT} --pose none.toml", "none.toml: "),
     (f"{FIT} --pose recording", "recording: expected the folder of a fit"),
     (f"{FIT} --pose F,hand.ply", "pose: expected one of"),
+    (f"{FIT} --rig hand.ply", "hand.ply: "),
+    (f"{FIT} --device abacus", "abacus"),
     (f"{PLATE} --distance-mm=1e308", "a distance from 0.001 to 100 m"),
     (f"{PLATE} --distance-mm=0.3", "got 0.0003 m; did you mean 0.3 m?"),
     (
