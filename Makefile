@@ -10,7 +10,7 @@ JOBS ?= 2
 # Tests start many programs, and each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-spawn test-slow test-intel test-lowest nightly mutants fuzz memcheck gpucheck lint size format figures validation docs links bench release clean
+.PHONY: demo test test-spawn test-slow test-intel test-lowest nightly mutants fuzz memcheck gpucheck lint lint-windows size format figures validation docs links bench release clean
 
 demo: $(VENV)/.installed
 	$(BIN)/clradar demo --force -o demo
@@ -38,7 +38,7 @@ mutants: $(VENV)/.installed-dev
 	$(BIN)/python tests/mutants/run.py --jobs $(JOBS) $(ONLY)
 
 # Everything that `.ci/run` leaves out, to be run over night. Each part has its own command, too.
-nightly: test-slow memcheck gpucheck test-spawn test-lowest test-intel mutants fuzz
+nightly: lint-windows test-slow memcheck gpucheck test-spawn test-lowest test-intel mutants fuzz
 
 # The oldest versions of the dependencies that pyproject.toml allows, in an environment of its own; with
 # others that do not warn of what these use, since warnings are errors in the tests.
@@ -60,13 +60,15 @@ gpucheck: $(VENV)-gpucheck/.installed
 	$(VENV)-gpucheck/bin/python tests/support/gpu_check.py $(GPUCHECK)
 	$(VENV)-gpucheck/bin/python -m pytest -q tests/opencl/test_gpu_check.py
 
-# What differs between systems: only files that import one of these are checked as for Windows, too.
-SYSTEM_MODULES := asyncio|ctypes|errno|fcntl|locale|mmap|msvcrt|multiprocessing|os|pathlib|resource|select|shutil|signal|socket|subprocess|sys|tempfile|threading|time|webbrowser
 lint: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python packaging/size.py --check
 	$(BIN)/mypy
+
+# What differs between systems: only files that import one of these are checked as for Windows, too.
+SYSTEM_MODULES := asyncio|ctypes|errno|fcntl|locale|mmap|msvcrt|multiprocessing|os|pathlib|resource|select|shutil|signal|socket|subprocess|sys|tempfile|threading|time|webbrowser
+lint-windows: $(VENV)/.installed-dev
 	$(BIN)/mypy --platform win32 --cache-dir .mypy_cache/win32 --follow-imports silent \
 		$$(grep -rlE --include='*.py' '^ *(import|from) ($(SYSTEM_MODULES))\b' clradar measurement_io calibration)
 
@@ -111,8 +113,11 @@ $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable .
 	touch $@
 
+# uv takes a fifth of pip's time; it does not know what pip is configured to, so pip goes on where it fails.
 $(VENV)/.installed-dev: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[test,vtk,lint]"
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip install --quiet --python $(BIN)/python --editable ".[test,vtk,lint]" || \
+		$(BIN)/python -m pip install --quiet --editable ".[test,vtk,lint]"
 	touch $(VENV)/.installed $@
 
 $(VENV)/.installed-docs: $(VENV)/.installed pyproject.toml

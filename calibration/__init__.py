@@ -28,7 +28,6 @@ from calibration.roughness.alpha import AlphaEstimate
 from calibration.roughness.millimetres import RoughnessEstimate
 from calibration.roughness.regions import Regions
 from calibration.roughness.roughness_sweep import RoughnessSweep, sweep_roughness
-from calibration.roughness.slope import alpha_of_slope, slope_of_alpha
 from calibration.roughness.sweep import Sweep, sweep
 
 __all__ = [
@@ -55,7 +54,6 @@ __all__ = [
     "Target",
     "align",
     "align_mesh",
-    "alpha_of_slope",
     "apply_convention",
     "average_frames",
     "clean",
@@ -67,7 +65,6 @@ __all__ = [
     "range_gate",
     "register",
     "response",
-    "slope_of_alpha",
     "subtract_background",
     "sweep",
     "sweep_roughness",

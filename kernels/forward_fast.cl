@@ -4,11 +4,13 @@
  * is summed for the skeleton of antennas and frequencies alone. From blocks to the larger one around them the
  * weights of the interpolative decomposition give the frequencies, columns and rows of that one's skeleton,
  * G is referred to its centre, and the blocks in it are added in their order. */
-#include "common/block_phases.h"
-
 #ifndef CLR_GROUPS
 #error "CLR_GROUPS (groups of CLR_WIDTH voxels whose phasors are in private memory) is missing"
 #endif
+#if !defined(CLR_TILE) || CLR_TILE != 4
+#error "CLR_TILE (weighted sums per pass over the rows) must be 4: sums are stored as float4"
+#endif
+#include "common/smallest_blocks.h"
 
 #define FOUR_SUMS(v) (float4)(lane_sum(v[0]), lane_sum(v[1]), lane_sum(v[2]), lane_sum(v[3]))
 
@@ -118,86 +120,6 @@ __kernel void blocks_of_voxels(const uint n_voxels, const uint n_blocks, const u
                     ((__global loose4 *)(out + j))->v = sum_re;
                     ((__global loose4 *)(out + n_padded + j))->v = sum_im;
                 }
-            }
-        }
-    }
-}
-
-/* The reverse of reduce_rows: more rows, times the conjugates of their phasors; the result's rows are the old
- * columns. Item = CLR_WIDTH columns of one frequency of one block.
- *
- * g        float (n_blocks, n_m, n_rows, 2, n_columns)
- * phasors  float (n_blocks, n_m, 2, n_out)
- * weights  float (n_rows, n_out)               n_out a multiple of CLR_TILE and of CLR_WIDTH
- * result   float (n_blocks, n_m, n_real_columns, 2, n_out)  out */
-__kernel void expand_and_transpose(const uint n_columns, const uint n_m, const uint n_blocks,
-                                   const uint n_rows, const uint n_out, const uint n_real_columns,
-                                   __global const float *g, __global const float *phasors,
-                                   __global const float *weights, __global float *result) {
-    const uint column = (uint)get_global_id(0) * CLR_WIDTH, m = (uint)get_global_id(1);
-    const uint block = (uint)get_global_id(2);
-    if (column >= n_real_columns || m >= n_m || block >= n_blocks) return;
-    const size_t at = (size_t)block * n_m + m;
-    row_set rows;
-    rows.g = g + at * 2 * n_rows * n_columns + column;
-    rows.phasors = 0;
-    rows.n_columns = n_columns;
-    hold_rows(&rows, n_rows);
-    __global const float *turn = phasors + at * 2 * n_out;
-    __global float *out = result + (at * n_real_columns + column) * 2 * n_out;
-    for (uint j = 0; j < n_out; j += CLR_TILE) {
-        weighted_sums sum = sum_rows(n_rows, &rows, weights + j, n_out);
-#pragma unroll
-        for (uint t = 0; t < CLR_TILE; ++t) {
-            const realw cosine = turn[j + t], sine = turn[n_out + j + t];
-            const realw a = sum.re[t], b = sum.im[t];
-            sum.re[t] = fused(a, cosine, b * sine);
-            sum.im[t] = fused(b, cosine, -(a * sine));
-        }
-        store_transposed(sum, n_real_columns - column, n_out, out + j);
-    }
-}
-
-/* The reverse of reduce_and_transpose: more rows, times the conjugates of their phasors, added up over the
- * blocks of each parent. Item = CLR_WIDTH columns of one frequency of one parent.
- *
- * g        float (n_blocks, n_m, n_rows, 2, n_columns)
- * ranges   int (n_parents, 3)                  the parent's first block, the one after its last, and whether
- *                                              the sums go on that result has already
- * phasors  float (n_blocks, n_m, 2, n_phasors)
- * weights  float (n_rows, n_padded)            n_padded a multiple of CLR_TILE
- * result   float (n_parents, n_m, n_out, 2, n_columns)  in and out, from the first of these parents on */
-__kernel void expand_rows(const uint n_columns, const uint n_m, const uint n_parents,
-                          const uint n_rows, const uint n_out, const uint n_padded,
-                          const uint n_phasors, const uint first_parent, __global const float *g,
-                          __global const int *ranges, __global const float *phasors,
-                          __global const float *weights, __global float *result) {
-    const uint column = (uint)get_global_id(0) * CLR_WIDTH, m = (uint)get_global_id(1);
-    const uint parent = (uint)get_global_id(2);
-    if (column >= n_columns || m >= n_m || parent >= n_parents) return;
-    row_set rows;
-    rows.phasors = 0;
-    rows.n_columns = n_columns;
-    const int begin = ranges[3 * parent], end = ranges[3 * parent + 1];
-    int goes_on = ranges[3 * parent + 2];
-    __global float *sums =
-        result + ((size_t)(first_parent + parent) * n_m + m) * 2 * n_out * n_columns + column;
-    for (int block = begin; block < end; ++block, goes_on = 1) {
-        const size_t at = (size_t)block * n_m + m;
-        rows.g = g + at * 2 * n_rows * n_columns + column;
-        hold_rows(&rows, n_rows);
-        __global const float *turn = phasors + at * 2 * n_phasors;
-        for (uint j = 0; j < n_padded; j += CLR_TILE) {
-            const weighted_sums sum = sum_rows(n_rows, &rows, weights + j, n_padded);
-#pragma unroll
-            for (uint t = 0; t < CLR_TILE; ++t) {
-                if (j + t >= n_out) continue;
-                const realw cosine = turn[j + t], sine = turn[n_phasors + j + t];
-                __global float *out = sums + (size_t)2 * (j + t) * n_columns;
-                const realw a = goes_on ? LOADW(out) : (realw)(0.0f);
-                const realw b = goes_on ? LOADW(out + n_columns) : (realw)(0.0f);
-                STOREW(fused(sum.re[t], cosine, fused(sum.im[t], sine, a)), out);
-                STOREW(fused(sum.im[t], cosine, fused(-sum.re[t], sine, b)), out + n_columns);
             }
         }
     }

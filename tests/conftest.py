@@ -1,6 +1,7 @@
 """Fixtures that all tests share."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import costs
@@ -23,6 +24,13 @@ def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(costs)
     if hasattr(config.option, "loadscopereorder"):  # in the order here, not by number of tests
         config.option.loadscopereorder = False
+    worker = getattr(config, "workerinput", {"workerid": "gw0", "workercount": 1})
+    if [Path(arg).resolve() for arg in config.args] == [HERE]:
+        # Each process of pytest-xdist begins with other files, so that one alone compiles each:
+        # with the assertions that pytest writes anew that takes longer than all else before tests.
+        files = sorted(str(path) for path in HERE.rglob("test_*.py"))
+        first = int(worker["workerid"][2:]) * len(files) // worker["workercount"]
+        config.args[:] = files[first:] + files[:first]
 
 
 NEED_A_DEVICE = (
@@ -48,7 +56,12 @@ FIRST = (
 """Files that take long by the clock: one that begins last keeps one process busy alone."""
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(
+    config: pytest.Config, items: list[pytest.Item]
+) -> Iterator[None]:
+    items.sort(key=lambda item: item.path)
+    yield
     named = config.option.markexpr  # what takes minutes, and the memory checker, only by name
     aside = [name for name in ("slow", "memcheck") if name not in named]
     left_out = [item for item in items if any(item.get_closest_marker(name) for name in aside)]

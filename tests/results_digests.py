@@ -583,8 +583,6 @@ def scenes(works: Works) -> Values:
     regions = calibration.Regions
     found: dict[str, Any] = {
         "fingers": regions.of_fingers(works.parts).face,
-        # A face may be as near to one bone as to the other, up to rounding.
-        **within(TRACED, by_joint=regions.of_fingers(works.parts, works.mesh.joints_m).face),
         "labels": regions.of_labels(list("abca")).face,
     }
     for name, scene in {"read": read, "bare": bare, "parts": works.parts, "both": both}.items():

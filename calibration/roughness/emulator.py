@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 FLOOR_M = 0.06e-3
 """Heights far below it reflect as smooth ones do: g = 0.04 at 77 GHz."""
@@ -171,7 +171,7 @@ def fit_probability(chi2: float, n: int, freedom: int) -> float:
     left = freedom - n + 1
     if n < 1 or left < 1:
         return math.nan
-    return float(stats.f.sf(chi2 * left / (n * freedom), n, left))
+    return float(special.fdtrc(n, left, chi2 * left / (n * freedom)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

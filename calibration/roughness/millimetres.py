@@ -11,7 +11,6 @@ import numpy as np
 from scipy import special
 
 from calibration.roughness.emulator import Emulator, Fit, Interval, at_ends, fit_probability, plain
-from calibration.roughness.slope import slope_of_roughness
 from calibration.roughness.texture import COHERENT, REST, of_power
 
 KNOWN_SHARE = 0.3
@@ -203,7 +202,7 @@ def _estimate(
         probability = np.zeros_like(probability)
         probability[0] = 1 / len(lengths_m)
     mean, spread = emulator.at(heights_m[i], lengths_m[j])
-    slopes = slope_of_roughness(1.0, 1.0) * heights_m[:, None] / lengths_m
+    slopes = math.sqrt(2.0) * heights_m[:, None] / lengths_m
     of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
     ends = at_ends(lengths_m, of_lengths) if len(lengths_m) > 1 else (False, False)
     free = len(mean) - 1 - (len(lengths_m) > 1) - (len(shifts) > 1)

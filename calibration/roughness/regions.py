@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from clradar.hand import JOINT_NAMES
 from clradar.model import Scene, checks
 
 PALM, FINGERS = "palm", "fingers"
 
 DIGITS = ("thumb", "index", "middle", "ring", "pinky")
-"""Parts of the embedded hand that are fingers; its other part is the palm."""
+"""Parts of a hand that are fingers; its other part is the palm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,58 +87,11 @@ class Regions:
         return cls(number[part], tuple(groups))
 
     @classmethod
-    def of_fingers(cls, scene: Scene, joints_m: np.ndarray | None = None) -> Regions:
-        """Palm and fingers of a hand.
-
-        Parameters
-        ----------
-        scene : Scene
-            A hand, in the frame of the joints.
-        joints_m : array_like, shape (25, 3), metres, optional
-            Joint centres in the order of `clradar.hand.JOINT_NAMES`: a face belongs to the bone
-            nearest to its centroid, and the phalanges are fingers. Without joints the parts of the
-            scene have to be those of the embedded hand (palm, thumb, index, middle, ring, pinky).
-
-        Raises
-        ------
-        ModelError
-            Neither joints nor such parts.
-        """
-        if joints_m is None:
-            names = set(scene.part_names)
-            if PALM not in names or not names & set(DIGITS) or names - {PALM, *DIGITS}:
-                checks.fail(
-                    "regions 'fingers'",
-                    f"joints, or a hand with the parts {[PALM, *DIGITS]}",
-                    f"no joints and the parts {list(scene.part_names)}",
-                )
-            present = [name for name in scene.part_names if name in DIGITS]
-            return cls.of_parts(scene, {PALM: [PALM], FINGERS: present})
-        joints = checks.read_only("joints", joints_m, np.float64, (len(JOINT_NAMES), 3))
-        middle_m = scene.triangles_m.mean(axis=1)
-        nearest = np.full(len(middle_m), np.inf)
-        face = np.zeros(len(middle_m), dtype=np.int32)
-        for start, end, is_finger in _bones():
-            distance_m = _distance_m(middle_m, joints[start], joints[end])
-            closer = distance_m < nearest
-            nearest[closer] = distance_m[closer]
-            face[closer] = is_finger
-        return cls(face, (PALM, FINGERS))
-
-
-def _bones() -> list[tuple[int, int, bool]]:
-    """Bones of a hand: indices of the joints at either end, and whether it is a phalanx."""
-    wrist = JOINT_NAMES.index("wrist")
-    bones = []
-    for i, name in enumerate(JOINT_NAMES):
-        if name.endswith("metacarpal"):
-            bones.append((wrist, i, False))
-        if name != "wrist" and not name.endswith("tip"):
-            bones.append((i, i + 1, "phalanx" in name))
-    return bones
-
-
-def _distance_m(points_m: np.ndarray, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
-    along = end_m - start_m
-    share = np.clip((points_m - start_m) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-    return np.linalg.norm(points_m - start_m - share[:, None] * along, axis=1)
+    def of_fingers(cls, scene: Scene) -> Regions:
+        """Palm and fingers of a hand with the parts palm, thumb, index, middle, ring, pinky."""
+        names = set(scene.part_names)
+        if PALM not in names or not names & set(DIGITS) or names - {PALM, *DIGITS}:
+            expected = f"a hand with the parts {[PALM, *DIGITS]}"
+            checks.fail("regions 'fingers'", expected, f"the parts {list(scene.part_names)}")
+        present = [name for name in scene.part_names if name in DIGITS]
+        return cls.of_parts(scene, {PALM: [PALM], FINGERS: present})

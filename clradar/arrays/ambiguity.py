@@ -54,18 +54,13 @@ def ghosts(
     if len(clusters) == 1 and _needs_no_search(clusters[0], waveform):
         return [[] for _ in among]
     places_m, level, step = _candidates(clusters, waveform.center_hz, at_m)
-    chosen = []
+    found = []
     for counts in among:
         rows = np.flatnonzero(~are_one(places_m, at_m, step) & counts(places_m))
-        chosen.append(places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED])
-    climbed = climbed_lobes(clusters, thinned(waveform), at_m, np.concatenate(chosen), step)
-    found, first = [], 0
-    for places in chosen:
-        lobes = climbed[first : first + len(places)]
-        first += len(places)
+        places = places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED]
         strong = (
             lobe
-            for lobe in lobes
+            for lobe in climbed_lobes(clusters, thinned(waveform), at_m, places, step, GHOST_DB)
             if lobe.level_db >= GHOST_DB and not are_one(lobe.position_m, at_m, step)
         )
         found.append(sorted(strong, key=lambda lobe: -lobe.level_db))

@@ -103,13 +103,13 @@ def lobes(
     distance_m = float(np.linalg.norm(focus_m))
     middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
     directions, level, step = response_over_directions(array, middle_hz, focus_m, within_deg)
-    # A maximum may be between directions, and another frequency's higher: half the level will do.
+    # Another frequency's maximum may be higher: half the level will do.
     peaks = maxima(level, 10 ** (least_db / 20) / 2)
     order = np.argsort(-level[peaks])[: 5 * MOST_LOBES]
     found: list[Lobe] = []
     taken = [focus_m]
     starts_m = distance_m * directions[peaks][order]
-    for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, step):
+    for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, step, least_db):
         sine = np.hypot(*lobe.position_m[:2]) / np.linalg.norm(lobe.position_m)
         beyond = sine > np.sin(np.deg2rad(within_deg)) + 1e-9
         known = are_one(np.array(taken), lobe.position_m, step).any()
@@ -215,10 +215,12 @@ def climbed_lobes(
     focus_m: np.ndarray,
     starts_m: np.ndarray,
     step: np.ndarray,
+    least_db: float,
 ) -> list[Lobe]:
     """The maxima of the response next to points (n, 3) at the distance of the focus, metres.
 
-    They are at the ranges that suit them; `step` is that of `response_over_directions`.
+    They are at the ranges that suit them; `step` is that of `response_over_directions`. Not of
+    points with less than half of `least_db`: half a step beside a maximum there is 0.8 of it.
     """
     from scipy.optimize import minimize
 
@@ -230,6 +232,7 @@ def climbed_lobes(
     shifts_m = np.linspace(-CELLS, CELLS, SHIFTS) * min(cell_m, distance_m / (CELLS + 1))
     sums = pair_sums(array, frequencies_hz, focus_m, starts_m)
     profiles = np.abs(sums @ np.exp(2j * np.outer(wavenumbers(frequencies_hz), shifts_m)))
+    high = profiles.max(axis=1) > len(frequencies_hz) * 10 ** (least_db / 20) / 2
 
     def place_m(at: np.ndarray) -> np.ndarray:
         """Position (3,), metres, of sines along x and y and a range."""
@@ -243,7 +246,7 @@ def climbed_lobes(
     reach = np.array([*step, cell_m / 4])
     found = []
     for start, range_m in zip(
-        starts_m, distance_m + shifts_m[profiles.argmax(axis=1)], strict=True
+        starts_m[high], distance_m + shifts_m[profiles[high].argmax(axis=1)], strict=True
     ):
         at = np.array([*start[:2] / distance_m, range_m])
 

@@ -24,7 +24,7 @@ from clradar.dataset.folder import (
 from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, found_rig, make_sample
-from clradar.dataset.shards import failed_of, new_shard, opened_shard, read_sample, samples_of
+from clradar.dataset.shards import new_shard, read_sample
 from clradar.errors import (
     ClradarError,
     DeviceError,
@@ -234,26 +234,12 @@ class _Run:
         self._warned: dict[int, str] = {}
         self._makers: Mapping[str, Any] | None = None
         for number in sorted(before.shards):
-            self._take_in(number, before.sha256.get(Path(shard_name(number)).name))
-
-    def _take_in(self, number: int, sha256: str | None) -> None:
-        """Take what is there; a shard that is damaged, or lacks samples without a reason, goes."""
-        file, samples = self.path / shard_name(number), self.plan.shard_samples(number)
-        known = {n: self.manifest.aside.pop(n) for n in samples if n in self.manifest.aside}
-        try:
-            with opened_shard(file) as shard:
-                there, failed = {*samples_of(shard)}, failed_of(shard)
-            failed = {n: aside for n, aside in known.items() if n not in there} | failed
-            fault = None if there | {*failed} == {*samples} else f"{file}: lacks samples"
-        except MeasurementError as error:
-            fault = str(error)
-        if fault is not None:
-            warn(f"{fault}; its samples are made again")
-            file.unlink()
-            return
-        self.manifest.aside |= failed
-        self.manifest.shards.add(number)
-        self.manifest.sha256[file.name] = sha256 or sha256_of(file)
+            file = path / shard_name(number)
+            try:
+                self.manifest.take(path, number, before.sha256.get(file.name))
+            except MeasurementError as error:
+                warn(f"{error}; its samples are made again")
+                file.unlink()
 
     def make(self, shards: Sequence[int], where: Where, progress: Progress | None) -> None:
         """Make shards. Of one that killed its workers each sample is tried alone to find which."""
@@ -280,17 +266,15 @@ class _Run:
                 self._take(work, result)
 
     def _take(self, work: Work, result: Made) -> None:
-        manifest, before = self.manifest, (self.manifest.made_with, self.manifest.aside)
+        manifest = self.manifest
+        before = manifest.made_with, dict(manifest.aside)
         if self._makers != result.made_with:  # all workers are alike
             for line in differences(dict(manifest.made_with or result.made_with), result.made_with):
                 warn(f"{self.path}: has samples made with {line}; their bits depend on it")
         self._makers = result.made_with
-        shard = work.samples[0] // self.plan.output.shard_size
         manifest.made_with = manifest.made_with or result.made_with
-        manifest.shards.add(shard)
-        manifest.sha256[Path(shard_name(shard)).name] = result.sha256
-        others = {n: aside for n, aside in manifest.aside.items() if n not in work.samples}
-        manifest.aside = others | result.failed
+        shard = work.samples[0] // self.plan.output.shard_size
+        manifest.take(self.path, shard, result.sha256)
         if (manifest.made_with, manifest.aside) != before:
             write_manifest(self.path, manifest)
         self._made += result.count

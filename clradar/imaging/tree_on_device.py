@@ -1,12 +1,12 @@
 """The tree of blocks on a device: what both ways through it share.
 
 Ulander, Hellsten, Stenstroem 2003, with skeleton antennas and frequencies in place of subapertures:
-see `clradar.imaging.block_tree`. Kernels: ``kernels/backproject_fast.cl``, ``forward_fast.cl``.
+see `clradar.imaging.block_tree`. Kernels: ``kernels/tree_sums.cl`` and, for smallest
+blocks, ``backproject_fast.cl`` and ``forward_fast.cl``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,23 +46,36 @@ def groups_of_leaf(leaf: int) -> int:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _KernelSizes:
-    """Compile-time constants of ``backproject_fast.cl``."""
+class _SumSizes:
+    """Compile-time constants of ``tree_sums.cl``."""
 
     width: int
     rows: int
-    leaf: int
     far: bool
-    points: bool
-    kept: int = 0
     tile: int = WEIGHTS_TILE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _ForwardSizes(_KernelSizes):
+class _KernelSizes:
+    """Those of ``backproject_fast.cl``."""
+
+    width: int
+    leaf: int
+    far: bool
+    points: bool
+    kept: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _ForwardSizes:
     """Those of ``forward_fast.cl``."""
 
+    width: int
+    leaf: int
+    far: bool
+    points: bool
     groups: int
+    tile: int = WEIGHTS_TILE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +141,7 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leaf:
-    """What all smallest blocks share, see ``kernels/common/block_phases.h``."""
+    """What all smallest blocks share, see ``kernels/common/smallest_blocks.h``."""
 
     n_voxels: int
     n_offsets: int
@@ -168,18 +181,19 @@ class TreeOnDevice:
         rows = max(side.n for step in self.steps for side in (step.rows, step.columns))
         leaf = max(self.steps[-1].rows.n_skeleton, self.steps[-1].columns.n_skeleton)
         far = float32_phase_error(array, self.k, blocks.diagonal_m) > FLOAT32_SHARE * tolerance
+        sums = _SumSizes(width=self.width, rows=private_length(rows, 32, device), far=far)
+        self.sums = build(device, "tree_sums.cl", sums)
         sizes: dict[str, Any] = {
-            "width": self.width, "rows": private_length(rows, 32, device),
-            "leaf": private_length(leaf, 16, device), "far": far,
+            "width": self.width, "leaf": private_length(leaf, 16, device), "far": far,
             "points": isinstance(blocks, PointBlocks),
         }  # fmt: skip
-        if self.skeleton is not None:
-            sizes["kept"] = private_length(self.skeleton.counts[0], 8, device)
-        self.program = build(device, "backproject_fast.cl", _KernelSizes(**sizes))
-        self.up_program = None
         if upwards:
             forward = _ForwardSizes(**sizes, groups=groups_of_leaf(padded(leaf, 16)))
-            self.up_program = build(device, "forward_fast.cl", forward)
+            self.program = build(device, "forward_fast.cl", forward)
+        else:
+            if self.skeleton is not None:
+                sizes["kept"] = private_length(self.skeleton.counts[0], 8, device)
+            self.program = build(device, "backproject_fast.cl", _KernelSizes(**sizes))
         self.leaf = self._leaf(far)
 
     def __enter__(self) -> TreeOnDevice:
@@ -215,7 +229,6 @@ class TreeOnDevice:
         centres: Any,
         above: Blocks,
         parents: Any,
-        started: list[Callable[[], None]],
     ) -> list[Any]:
         """Return buffers of the phasors of rows and columns that refer samples from the centres of
         the blocks above to those of blocks of level i."""
@@ -227,24 +240,21 @@ class TreeOnDevice:
             self.buffers.empty(8 * n * step.n_frequencies * padded(side.n, self.unit))
             for side in sides
         ]
-        started += self.start_phasors(i, n, centres, above, parents, found)
+        self.start_phasors(i, n, centres, above, parents, found)
         return found
 
     def start_phasors(
         self, i: int, n: int, centres: Any, above: Blocks, parents: Any, out: list[Any]
-    ) -> list[Callable[[], None]]:
+    ) -> None:
         """Start writing the phasors of rows and columns of n blocks, below the first level."""
-        step, u, started = self.steps[i], np.uint32, []
+        step, u = self.steps[i], np.uint32
         for side, phasors in zip((step.rows, step.columns), out, strict=True):
             count = padded(side.n, self.unit)
-            started.append(
-                self.program.start(
-                    "block_phasors", (count // self.width, n), u(count), u(n),
-                    u(step.n_frequencies), side.planes, step.k, centres, above.centres, parents,
-                    phasors, work=40.0 * step.n_frequencies,
-                )
+            self.sums.start(
+                "block_phasors", (count // self.width, n), u(count), u(n), u(step.n_frequencies),
+                side.planes, step.k, centres, above.centres, parents, phasors,
+                work=40.0 * step.n_frequencies,
             )  # fmt: skip
-        return started
 
     def root(self, cube: Any) -> Blocks:
         """Return the one block above the first level: the antennas' samples, about the origin."""

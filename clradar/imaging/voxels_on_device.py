@@ -1,7 +1,7 @@
 """The image in all voxels of smallest blocks from their skeleton voxels, on a device.
 
-See `clradar.imaging.voxel_skeleton`. Kernels: ``reduce_frequencies`` along z and
-``voxels_of_blocks`` along y and x, of ``kernels/backproject_fast.cl``.
+See `clradar.imaging.voxel_skeleton`. Kernels: ``reduce_frequencies`` of
+``kernels/tree_sums.cl`` along z and ``voxels_of_blocks`` of ``backproject_fast.cl`` along y and x.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class VoxelsOnDevice:
         tree, u = self._tree, np.uint32
         n_row, n_y, n_z = self.summed_counts
         size, n_values = self._size, n_row * n_y
-        tree.program.start(
+        tree.sums.start(
             "reduce_frequencies", (n_values // tree.width, n), u(n_values), u(n), u(n_z),
             u(size[2]), u(padded(size[2], WEIGHTS_TILE)), self.values, self._along_z, self._planes,
             work=2.0 * n_z * size[2],

@@ -1,4 +1,5 @@
-"""Down the tree of blocks: from samples to the image, by ``kernels/backproject_fast.cl``."""
+"""Down the tree of blocks: from samples to the image, by ``kernels/tree_sums.cl`` and
+``backproject_fast.cl``."""
 
 from __future__ import annotations
 
@@ -200,7 +201,7 @@ class WayDown:
         rows, columns, n, n_m = step.rows, step.columns, chunk.n, step.n_frequencies
         n_rows, n_columns = padded(rows.n, unit), padded(columns.n, unit)
         new_row = padded(rows.n_skeleton, unit)
-        start = tree.program.start
+        start = tree.sums.start
         phasors = chunk.phasors
         if not phasors:
             phasors = self._phasors
@@ -228,7 +229,7 @@ class WayDown:
         tree, u = self.tree, np.uint32
         step = tree.steps[i]
         rows, columns, n_items = step.rows, step.columns, min(self._n_items, chunk.n)
-        tree.program.start(
+        tree.sums.start(
             "reduce_blocks", (n_items,), u(n_items), u(chunk.n), u(step.n_frequencies), u(rows.n),
             u(columns.n), u(padded(rows.n_skeleton, tree.unit)), u(columns.n_skeleton),
             u(step.n_skeleton_frequencies), u(_scratch(step, tree.unit)), rows.planes,

@@ -66,8 +66,7 @@ class WayUp:
         numbers, per_block, shared = tree.leaf_arguments(blocks)
         n_m = tree.steps[-1].n_skeleton_frequencies
         at_once = 1 if tree.buffers.device.info.kind == "gpu" else n_m
-        assert tree.up_program is not None
-        tree.up_program.launch(
+        tree.program.launch(
             "blocks_of_voxels", (-(-n_m // at_once), len(blocks.index)), *numbers,
             np.uint32(at_once), self.values, *per_block, *shared, blocks.g,
             work=tree.leaf_work() * at_once * tree.leaf.n_voxels,
@@ -77,44 +76,34 @@ class WayUp:
     def _add(self, i: int, blocks: Blocks, above: Blocks, parent: np.ndarray, begun: bool) -> None:
         """Add blocks of level i to those above; `begun`: to the first of them some were added."""
         tree, buffers, u = self.tree, self.buffers, np.uint32
-        assert tree.up_program is not None
-        step, unit, width, up = tree.steps[i], tree.unit, tree.width, tree.up_program
+        step, unit, width, sums = tree.steps[i], tree.unit, tree.width, tree.sums
         rows, columns, n, n_m = step.rows, step.columns, len(parent), step.n_frequencies
         n_rows, n_columns = padded(rows.n, unit), padded(columns.n, unit)
         n_lanes, n_few = padded(rows.n_skeleton, unit), step.n_skeleton_frequencies
         parents = buffers.upload(parent)
-        started: list[Callable[[], None]] = []
-        phasors = tree.phasors(i, blocks.centre_m, blocks.centres, above, parents, started)
+        phasors = tree.phasors(i, blocks.centre_m, blocks.centres, above, parents)
         n_values = 2 * columns.n_skeleton * n_lanes
         every = buffers.empty(4 * n * n_m * n_values)
-        started.append(
-            tree.program.start(
-                "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_few), u(n_m),
-                u(padded(n_m, WEIGHTS_TILE)), blocks.g, step.frequency_weights, every,
-                work=2.0 * n_few * n_m,
-            )
+        sums.start(
+            "reduce_frequencies", (n_values // width, n), u(n_values), u(n), u(n_few), u(n_m),
+            u(padded(n_m, WEIGHTS_TILE)), blocks.g, step.frequency_weights, every,
+            work=2.0 * n_few * n_m,
         )  # fmt: skip
         expanded = buffers.empty(8 * n * n_m * rows.n_skeleton * n_columns)
-        started.append(
-            up.start(
-                "expand_and_transpose", (n_lanes // width, n_m, n), u(n_lanes), u(n_m), u(n),
-                u(columns.n_skeleton), u(n_columns), u(rows.n_skeleton), every, phasors[1],
-                columns.weights, expanded, work=4.0 * columns.n_skeleton * n_columns,
-            )
+        sums.start(
+            "expand_and_transpose", (n_lanes // width, n_m, n), u(n_lanes), u(n_m), u(n),
+            u(columns.n_skeleton), u(n_columns), u(rows.n_skeleton), every, phasors[1],
+            columns.weights, expanded, work=4.0 * columns.n_skeleton * n_columns,
         )  # fmt: skip
         first, n_parents = int(parent[0]), int(parent[-1] - parent[0]) + 1
         stops = np.searchsorted(parent, np.arange(first, first + n_parents), side="right")
         ranges = np.zeros((n_parents, 3), np.int32)
         ranges[1:, 0], ranges[:, 1], ranges[0, 2] = stops[:-1], stops, begun
         held = buffers.upload(ranges)
-        started.append(
-            up.start(
-                "expand_rows", (n_columns // width, n_m, n_parents), u(n_columns), u(n_m),
-                u(n_parents), u(rows.n_skeleton), u(rows.n), u(padded(rows.n, WEIGHTS_TILE)),
-                u(n_rows), u(first), expanded, held, phasors[0], rows.weights, above.g,
-                work=4.0 * rows.n_skeleton * rows.n * n / n_parents,
-            )
+        sums.launch(
+            "expand_rows", (n_columns // width, n_m, n_parents), u(n_columns), u(n_m),
+            u(n_parents), u(rows.n_skeleton), u(rows.n), u(padded(rows.n, WEIGHTS_TILE)),
+            u(n_rows), u(first), expanded, held, phasors[0], rows.weights, above.g,
+            work=4.0 * rows.n_skeleton * rows.n * n / n_parents,
         )  # fmt: skip
-        for wait in started:
-            wait()
         tree.release(parents, *phasors, every, expanded, held)

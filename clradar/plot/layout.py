@@ -33,7 +33,7 @@ ROW_WIDTH, PANEL_WIDTH = 7.6, 1.0
 SINGLE_PANEL_WIDTH, MULTIPLE_PANEL_WIDTH = 2.5, 2.1
 PANEL_ASPECTS = (0.4, 2.5)
 MOST_HEIGHT = 3.4
-BAR_NAME = 1.4  # as long as the name of a colour bar is
+LEAST_IMAGE, LEAST_ROW = 1.1, 1.4  # for ticks and the name of a colour bar
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +116,8 @@ def new_panels(
     `below` inches below all.
     """
     width = columns * (size[0] + GAP) + labels * LABELS + bars * BAR_ROOM
-    low = size[1] < BAR_NAME  # rows are higher than images then; `settled` takes what is too much
-    height = rows * (BAR_NAME if low else size[1] + 1.0) + below + 1.0
+    low = size[1] < LEAST_IMAGE  # rows are higher than images then; `settled` takes what is too much
+    height = rows * (LEAST_ROW if low else size[1] + 1.0) + below + 1.0
     figure = new_figure(width, height, title, dpi)
     figure.set_layout_engine(
         "constrained" if low else "compressed",
@@ -135,8 +135,7 @@ def settled(figure: Figure) -> Figure:
     from matplotlib.transforms import Bbox
 
     engine: Any = figure.get_layout_engine()
-    for _ in range(2):  # the first time titles can be beyond the edge
-        engine.execute(figure)
+    engine.execute(figure)
     figure.set_layout_engine("none")
     height, below = figure.get_figheight(), engine.get()["rect"][1] * figure.get_figheight()
     to_inches = figure.dpi_scale_trans.inverted().transform_bbox

@@ -16,10 +16,10 @@ from typing import Any
 import command_line
 import faulty_samples
 import pytest
-from dataset_plans import digests
+from dataset_plans import LIGHT, digests, light_file, light_plan
 from two_devices import findings_of
 
-from clradar.dataset import Plan, read_plan, run
+from clradar.dataset import run
 from clradar.dataset.runs import STOP_AFTER, ShardMaker
 from clradar.errors import DeviceError, ModelError, OutputError
 from clradar.jobs import Where
@@ -27,64 +27,21 @@ from clradar.jobs.outcome import ATTEMPTS
 from clradar.jobs.workers import Share, own_cores, partition
 from clradar.opencl import DeviceInfo, devices_like
 
-SAMPLES = 8
 CORES = own_cores()
-PLAN = f"""
-seed = 3
-samples = {SAMPLES}
-[poses]
-names = ["A", "B", "C"]
-[hands]
-edge_mm = 4
-[placement]
-x_mm = {{ uniform = [-15, 15] }}
-z_mm = 300
-[alpha]
-others = 0.5
-[radar]
-every = 32
-steps = 4
-[simulation]
-samples_per_mm2 = 0.02
-[image]
-x_mm = [-60, 60]
-y_mm = [-60, 60]
-z_mm = [260, 340]
-step_mm = [10, 10, 10]
-[output]
-products = ["joints", "mesh"]
-shard_size = 3
-"""
-"""Three shards, the last not full, of hands that are meshed and not simulated."""
+SAMPLES = LIGHT.samples
 
 
 pytestmark = [
     pytest.mark.usefixtures("quick_runs"),
     # What is set aside is compared by the results.
-    pytest.mark.filterwarnings("ignore:sample . was set aside", "ignore:.*grating lobes"),
+    pytest.mark.filterwarnings("ignore:sample . was set aside"),
 ]
 
 
-@pytest.fixture(scope="module")
-def plan_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("plan") / "plan.toml"
-    path.write_text(PLAN, encoding="utf-8")
-    return path
-
-
-@pytest.fixture(scope="module")
-def plan(plan_file: Path) -> Plan:
-    return read_plan(plan_file)
-
-
-@pytest.fixture(scope="module")
-def undisturbed(
-    plan: Plan, quick_runs: None, tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, str]:
+@pytest.fixture
+def undisturbed(light: Path) -> dict[str, str]:
     """The files of the data set as this process makes it, one sample after the other."""
-    folder = tmp_path_factory.mktemp("undisturbed") / "set"
-    assert run(plan, folder, device="pocl").made == SAMPLES
-    return digests(folder)
+    return digests(light)
 
 
 @pytest.fixture(scope="module")
@@ -151,71 +108,64 @@ def test_pocl_keeps_to_its_threads() -> None:
 
 
 def test_a_fault_that_passes_leaves_no_trace(
-    plan: Plan, undisturbed: dict[str, str], faults: Any, tmp_path: Path
+    undisturbed: dict[str, str], faults: Any, tmp_path: Path
 ) -> None:
     faults({1: "raise once", 4: "device once"})
-    assert run(plan, tmp_path, device="pocl").aside == ()
+    assert run(LIGHT, tmp_path, device="pocl").aside == ()
     assert digests(tmp_path) == undisturbed
 
 
 def test_poisoned_samples_are_set_aside_and_tried_again_on_request(
-    plan: Plan,
-    plan_file: Path,
-    undisturbed: dict[str, str],
-    faults: Any,
-    cli: Any,
-    tmp_path: Path,
+    undisturbed: dict[str, str], faults: Any, cli: Any, tmp_path: Path
 ) -> None:
-    faults(dict.fromkeys((1, 3, 4, 5, 7), "raise"))
-    result = run(plan, tmp_path, device="pocl")
-    assert result.made == SAMPLES - 5
-    assert [a.sample for a in result.aside] == [1, 3, 4, 5, 7]
+    (tmp_path / "plan").mkdir()
+    plan_file, folder = light_file(tmp_path / "plan"), tmp_path / "set"
+    faults(dict.fromkeys((1, 3, 4, 5), "raise"))
+    result = run(LIGHT, folder, device="pocl")
+    assert result.made == SAMPLES - 4
+    assert [a.sample for a in result.aside] == [1, 3, 4, 5]
     assert {a.attempts for a in result.aside} == {ATTEMPTS}
     assert result.aside[0].reason == "ValueError: sample 1 is poisoned"
     faults({})
-    assert run(plan, tmp_path, device="pocl").made == 0  # not without --retry
+    assert run(LIGHT, folder, device="pocl").made == 0  # not without --retry
     faults({4: "raise"})
-    status, output = cli("dataset", plan_file, "-o", tmp_path, "--retry", "--device", "pocl")
+    status, output = cli("dataset", plan_file, "-o", folder, "--retry", "--device", "pocl")
     assert status == 1
     assert "sample 4 was set aside after 2 attempts: ValueError: sample 4" in output
     assert "1 sample set aside; --retry tries again" in output
     faults({})
-    status, output = cli("dataset", plan_file, "-o", tmp_path, "--retry", "--device", "pocl")
+    status, output = cli("dataset", plan_file, "-o", folder, "--retry", "--device", "pocl")
     assert (status, output) == (0, "")
-    assert digests(tmp_path) == undisturbed
+    assert digests(folder) == undisturbed
 
 
 def test_a_full_disk_ends_the_run_and_is_no_fault_of_a_sample(
-    plan: Plan, undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
+    undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
 ) -> None:
     faults({4: "full"})
     with pytest.raises(OutputError, match=r"shard-00001.h5: cannot be written: No space left"):
-        run(plan, tmp_path, where=workers(cluster))
+        run(LIGHT, tmp_path, where=workers(cluster))
     assert "shards/shard-00001.h5" not in digests(tmp_path)
     faults({})
-    assert run(plan, tmp_path, device="pocl").aside == ()
+    assert run(LIGHT, tmp_path, device="pocl").aside == ()
     assert digests(tmp_path) == undisturbed
 
 
-def test_a_device_that_refuses_all_ends_the_run(
-    plan_file: Path, faults: Any, tmp_path: Path
-) -> None:
-    more = tmp_path / "plan.toml"
-    more.write_text(PLAN.replace(f"samples = {SAMPLES}", "samples = 40"), encoding="utf-8")
+def test_a_device_that_refuses_all_ends_the_run(faults: Any, tmp_path: Path) -> None:
     faults(dict.fromkeys(range(40), "device"))
     with pytest.raises(DeviceError, match=f"{STOP_AFTER} samples in a row"):
-        run(read_plan(more), tmp_path / "set", device="pocl")
+        run(light_plan(samples=40), tmp_path, device="pocl")
 
 
-def test_two_runs_in_one_folder_are_one_error(plan: Plan, tmp_path: Path) -> None:
+def test_two_runs_in_one_folder_are_one_error(tmp_path: Path) -> None:
     refused = []
 
     def second(done: int, total: int) -> None:
         with pytest.raises(OutputError, match="another run of a data set is writing into it"):
-            run(plan, tmp_path, device="pocl")
+            run(LIGHT, tmp_path, device="pocl")
         refused.append(done)
 
-    run(plan.model_copy(update={"samples": 1}), tmp_path, device="pocl", progress=second)
+    run(light_plan(samples=1), tmp_path, device="pocl", progress=second)
     assert refused
 
 
@@ -223,22 +173,20 @@ def test_two_runs_in_one_folder_are_one_error(plan: Plan, tmp_path: Path) -> Non
 
 
 def test_two_workers_make_the_same_bytes_though_one_is_killed(
-    plan: Plan, undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
+    undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
 ) -> None:
     faults({2: "raise once", 6: "cut once"})
     seen: list[tuple[int, int]] = []
-    result = run(plan, tmp_path, where=workers(cluster), progress=lambda *done: seen.append(done))
+    result = run(LIGHT, tmp_path, where=workers(cluster), progress=lambda *done: seen.append(done))
     # The killed worker may have put another shard in place without a word: it counts as there.
     assert (result.made, result.aside) in [(SAMPLES, ()), (SAMPLES - 3, ())]
     assert seen == [(n + 1, 3) for n in range(3)]
     assert digests(tmp_path) == undisturbed
 
 
-def test_workers_set_aside_what_one_process_does(
-    plan: Plan, cluster: Any, faults: Any, tmp_path: Path
-) -> None:
+def test_workers_set_aside_what_one_process_does(cluster: Any, faults: Any, tmp_path: Path) -> None:
     faults({1: "raise", 3: "device"})
-    few = plan.model_copy(update={"samples": 4})
+    few = light_plan(samples=4)
     run(few, tmp_path / "serial", device="pocl")
     run(few, tmp_path / "cluster", where=workers(cluster))
     assert digests(tmp_path / "cluster") == digests(tmp_path / "serial")
@@ -271,7 +219,7 @@ def test_a_run_ends_after_samples_that_are_made_twice(
     assert ended.exists()
 
 
-def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path: Path) -> None:
+def test_the_error_of_an_unsuitable_worker_names_the_reason(tmp_path: Path) -> None:
     from clradar.jobs.workers import Terms, run_item, worker_facts
 
     facts = worker_facts("pocl")
@@ -279,26 +227,27 @@ def test_the_error_of_an_unsuitable_worker_names_the_reason(plan: Plan, tmp_path
     assert terms.breach() is None
     assert "cannot see /none" in str(replace(terms, files=("/none",)).breach())
     older = replace(terms, made_with=json.dumps({**facts, "clradar": "0.0.1"}))
-    error, _ = run_item(ShardMaker(tmp_path, plan).run, None, older)
+    error, _ = run_item(ShardMaker(tmp_path, LIGHT).run, None, older)
     assert "device of the other workers: clradar 0.0.1, now" in str(error)
 
 
 @pytest.mark.slow
 def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(
-    plan: Plan, undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
+    undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
 ) -> None:
     faults({4: "kill"})
-    result = run(plan, tmp_path, where=workers(cluster))
+    result = run(LIGHT, tmp_path, where=workers(cluster))
     assert (result.made, [a.sample for a in result.aside]) == (SAMPLES - 1, [4])
     assert "worker process died" in result.aside[0].reason
     faults({})
-    assert run(plan, tmp_path, where=workers(cluster), retry=True).made == 1
+    assert run(LIGHT, tmp_path, where=workers(cluster), retry=True).made == 1
     assert digests(tmp_path) == undisturbed
 
 
 def test_an_address_without_a_scheduler_is_one_error(
-    plan_file: Path, cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    plan_file = light_file(tmp_path)
     monkeypatch.setattr("clradar.jobs.workers.CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense"):
         status, output = cli("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import psutil
 import pytest
-from dataset_plans import digests
-from test_dataset_engine import PLAN, SAMPLES, wait_for
+from dataset_plans import digests, light_file
+from test_dataset_engine import wait_for
 
 pytestmark = pytest.mark.slow
 
@@ -26,11 +26,9 @@ LIMIT_S = 1800.0
 
 @pytest.fixture(scope="module")
 def plan_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("plan") / "plan.toml"
-    text = PLAN.replace(f"samples = {SAMPLES}", f"samples = {MANY}")
-    text = text.replace('["joints"', '["capture", "max_projection", "joints"')
-    path.write_text(text.replace("shard_size = 3", "shard_size = 2"), encoding="utf-8")
-    return path
+    folder = tmp_path_factory.mktemp("plan")
+    output = {"shard_size": 2, "products": ["capture", "max_projection", "joints", "mesh"]}
+    return light_file(folder, samples=MANY, output=output, radar={"every": 32, "steps": 4})
 
 
 @pytest.fixture(scope="module")

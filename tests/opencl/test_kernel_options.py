@@ -37,6 +37,7 @@ KERNELS = {
     "synthesize.cl": SynthesizeOptions,
     "backproject_exact.cl": ExactSizes,
     "backproject_range.cl": KernelSizes,
+    "tree_sums.cl": tree_on_device._SumSizes,
     "backproject_fast.cl": tree_on_device._KernelSizes,
     "forward_fast.cl": tree_on_device._ForwardSizes,
     "samples.cl": SampleSizes,

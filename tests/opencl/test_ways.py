@@ -129,19 +129,21 @@ MEMORY_BYTES = {
 def of_gpu(items: int, **options: Any) -> Callable[..., Any]:
     """PoCL that says it is a GPU: the host's other branches, with the tree built beside it."""
 
-    @contextmanager
-    def opened(work: str) -> Iterator[clradar.Device]:
+    @cache
+    def gpu() -> clradar.Device:
         cpu = clradar.open_device("pocl", width=1, group_items=items, **options)
         info = replace(cpu.info, kind="gpu")
-        yield replace(cpu, info=info, programs={}, buffers=WeakSet(), lock=RLock())
+        return replace(cpu, info=info, programs={}, buffers=WeakSet(), lock=RLock())
 
-    return opened
+    return lambda work: nullcontext(gpu())
 
 
-def of_little_memory(width: int) -> Callable[..., Any]:
-    @contextmanager
-    def opened(work: str) -> Iterator[clradar.Device]:
-        yield clradar.open_device("pocl", width=width, memory_limit_bytes=MEMORY_BYTES[work])
+def of_little_memory(width: int | None) -> Callable[..., Any]:
+    """With the programs that are built already."""
+
+    def opened(work: str) -> Any:
+        device = clradar.open_device("pocl", width=width)
+        return nullcontext(replace(device, budget_bytes=MEMORY_BYTES[work], buffers=WeakSet()))
 
     return opened
 
@@ -158,7 +160,7 @@ def of_pieces(*constants: tuple[Any, str, Any]) -> Callable[..., Any]:
 
 
 WAYS: dict[str, Callable[..., Any]] = {
-    "little memory": of_little_memory(8),
+    "little memory": of_little_memory(None),
     "small pieces": of_pieces(
         (lit_surface, "TILE_SAMPLES", 64), (stochastic, "TILE_SAMPLES", 64),
         (expected, "TILE_SAMPLES", 64), (expected, "BATCH_SAMPLES", 13),
@@ -183,6 +185,20 @@ WAYS: dict[str, Callable[..., Any]] = {
 def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fast, "FEW_TERMS", 0)  # "fast" is not to become "exact"
     monkeypatch.setattr(block_tree, "FEW_KEPT", np.inf)  # nor to sum in all voxels of a fine grid
+
+
+@pytest.fixture(autouse=True)
+def n_parts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Of each launch."""
+    found: list[int] = []
+
+    def recorded(*args: Any) -> Any:
+        parts = launch_parts(*args)
+        found.append(len(parts))
+        return parts
+
+    monkeypatch.setattr("clradar.opencl.program.launch_parts", recorded)
+    return found
 
 
 @cache
@@ -223,8 +239,9 @@ RARELY = [p for p in PAIRS if p[1] not in OFTEN and p not in DIVIDED] + [("trace
 
 
 @pytest.mark.parametrize(("work", "way"), [p for p in PAIRS if p not in RARELY] + nightly(RARELY))
-def test_no_way_changes_a_result(work, way):
+def test_no_way_changes_a_result(work, way, n_parts):
     found = made(work, way)
+    assert (max(n_parts) > 1) == ("groups" in way)  # that is where launches are divided
     assert all(np.abs(a).max() > 0 for a in found)
     if way in ("little memory", "small pieces", "blocks of Tx"):
         assert largest_error(found, made(work)) == 0
@@ -262,20 +279,6 @@ def test_after_a_device_failed_in_the_middle_all_is_free_and_the_next_call_works
             assert device.used_bytes == used
         left = math.inf
         assert largest_error(WORKS[work](device), whole) == 0
-
-
-def test_launches_are_divided(monkeypatch):
-    n_parts = []
-
-    def recorded(*args: Any) -> Any:
-        n_parts.append(len(launch_parts(*args)))
-        return launch_parts(*args)
-
-    monkeypatch.setattr("clradar.opencl.program.launch_parts", recorded)
-    for work, way in DIVIDED:
-        with WAYS[way](work) as device:
-            WORKS[work](device)
-    assert sum(n > 1 for n in n_parts) > len(n_parts) / 4
 
 
 @pytest.mark.parametrize("most", [1, 100, 640, 5000, 12345, 10**9])

@@ -6,6 +6,7 @@ from typing import Any
 
 from clradar.dataset import Plan
 from clradar.dataset.plan.plan import plan_from
+from clradar.files.toml_file import toml_document
 
 DEVICE = "pocl"
 
@@ -50,15 +51,26 @@ def plan_of(**tables: Any) -> Plan:
     return plan_from(tiny(**tables), "plan", Path())
 
 
-def light_plan(**tables: Any) -> Plan:
+def light(**tables: Any) -> dict[str, Any]:
     """Return a plan of seven hands in three shards, of which nothing is simulated."""
-    light = {
+    own = {
         "samples": 7,
         "impairments": None,
         "output": {"shard_size": 3, "products": ["joints", "mesh"]},
         "poses": {"names": ["A", "B"]},
     }
-    return plan_of(**{**light, **tables})
+    return tiny(**{**own, **tables})
+
+
+def light_plan(**tables: Any) -> Plan:
+    return plan_from(light(**tables), "plan", Path())
+
+
+def light_file(folder: Path, **tables: Any) -> Path:
+    """Write a plan to a file."""
+    path = folder / "plan.toml"
+    path.write_text(toml_document(light(**tables)), encoding="utf-8")
+    return path
 
 
 PLAN, LIGHT = plan_of(), light_plan()

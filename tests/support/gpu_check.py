@@ -25,7 +25,7 @@ from clradar.imaging.range_profiles import RangeImager
 from clradar.imaging.samples import SampleSizes
 from clradar.imaging.strongest import DepthSizes
 from clradar.imaging.tiled import KernelSizes
-from clradar.imaging.tree_on_device import _ForwardSizes, _KernelSizes, groups_of_leaf
+from clradar.imaging.tree_on_device import _ForwardSizes, _KernelSizes, _SumSizes, groups_of_leaf
 from clradar.opencl.program import defines, nvidia_registers
 from clradar.opencl.self_test import _Width
 from clradar.opencl.sources import source
@@ -43,7 +43,7 @@ TABLE = Path(__file__).with_name("gpu_table.json")
 TRAVERSAL: dict[str, Any] = {"wide": False, "stack": 8}
 """Of the default hand."""
 
-_BLOCKS: dict[str, Any] = {"width": 1, "rows": 96, "leaf": 16, "points": False}
+_BLOCKS: dict[str, Any] = {"width": 1, "leaf": 16, "far": False, "points": False}
 
 PROGRAMS: dict[str, Any] = {
     "nearest.cl": TraversalOptions(width=1, **TRAVERSAL),
@@ -55,8 +55,9 @@ PROGRAMS: dict[str, Any] = {
     "synthesize.cl": SynthesizeOptions(width=1, in_parts=True, pairs=1),
     "backproject_exact.cl": ExactSizes(width=1, rx_chunk=ExactImager.gpu_rx_chunk),
     "backproject_range.cl": KernelSizes(width=1, rx_chunk=RangeImager.gpu_rx_chunk),
-    "backproject_fast.cl": _KernelSizes(**_BLOCKS, far=False, kept=16),
-    "forward_fast.cl": _ForwardSizes(**_BLOCKS, far=False, groups=groups_of_leaf(_BLOCKS["leaf"])),
+    "tree_sums.cl": _SumSizes(width=1, rows=96, far=False),
+    "backproject_fast.cl": _KernelSizes(**_BLOCKS, kept=16),
+    "forward_fast.cl": _ForwardSizes(**_BLOCKS, groups=groups_of_leaf(_BLOCKS["leaf"])),
     "samples.cl": SampleSizes(width=1),
     "depth.cl": DepthSizes(width=1),
     "direct_sum.cl": _Sizes(width=1),

@@ -22,7 +22,7 @@ from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import CompareError
 from clradar.files.failures import fail, read_bytes, reading
 from clradar.files.hashing import sha256_of_arrays
-from clradar.files.json_file import read_json, write_json
+from clradar.files.json_file import write_json
 from clradar.files.json_text import parse_json
 from clradar.jobs import FolderStore, Job, open_devices
 from clradar.jobs.job import KEY
@@ -193,30 +193,22 @@ class RegionOptions:
         ".npy or .json with a label per face, or .json with region: [parts].",
         metavar="parts|fingers|FILE",
     )
-    joints: Path | None = opt.option(
-        "For --regions fingers of a mesh without parts: joints as `clradar hand --joints` writes "
-        "them, in the unit of the mesh.",
-        metavar="JOINTS.json",
-        needs=f"--regions={FINGERS}",
-    )
 
     @property
     def files(self) -> list[Path]:
         """The file of regions, if there is one."""
         return [] if self.regions in (None, PARTS, FINGERS) else [Path(str(self.regions))]
 
-    def read(self, scene: cl.Scene, unit: str) -> Regions | None:
-        """The regions of a mesh as it is in its file, whose unit is that of the joints."""
+    def read(self, scene: cl.Scene) -> Regions | None:
+        """The regions of a mesh."""
         from calibration import Regions
-        from clradar.model.plausible import MESH_UNITS_M
 
         if self.regions is None:
             return None
         if self.regions == PARTS:
             return Regions.of_parts(scene)
         if self.regions == FINGERS:
-            joints = None if self.joints is None else MESH_UNITS_M[unit] * read_joints(self.joints)
-            return Regions.of_fingers(scene, joints)
+            return Regions.of_fingers(scene)
         return _read_regions(Path(self.regions), scene)
 
 
@@ -263,7 +255,7 @@ def command(
     devices = open_devices(device)
     devices.check_alike("a sweep")
     scene = made_of.on(cl.Scene.from_mesh(mesh, unit=place.unit))
-    labels, matrix = regions.read(scene, place.unit), place.matrix()
+    labels, matrix = regions.read(scene), place.matrix()
     found = measurement(measured, frames, radar, voxels, imaging, devices.first)
     own = found.content.meta.get("window", imaging.window)
     if own != imaging.window and isinstance(found.content, cl.Volume):
@@ -366,19 +358,3 @@ def _read_regions(path: Path, scene: cl.Scene) -> Regions:
 
 def _all_are(values: Any, kind: type) -> bool:
     return isinstance(values, list) and all(type(value) is kind for value in values)
-
-
-def read_joints(path: Path) -> np.ndarray:
-    """The joints of a JSON object name -> [x, y, z], shape (25, 3), in the file's unit."""
-    from clradar.hand import JOINT_NAMES
-
-    expected = "a JSON object with [x, y, z] of each of the 25 joints of a hand"
-    value = read_json(path, expected)
-    with reading(path, expected):
-        missing = [name for name in JOINT_NAMES if name not in value]
-        if missing:
-            fail(path, expected, f"none of {missing[0]} and {len(missing) - 1} more")
-        joints = np.array([value[name] for name in JOINT_NAMES], dtype=np.float64)
-        if joints.shape != (len(JOINT_NAMES), 3) or not np.isfinite(joints).all():
-            fail(path, expected, f"numbers of shape {joints.shape}, or not finite")
-        return joints

@@ -15,8 +15,6 @@ import calibration
 import clradar
 from calibration import (
     Regions,
-    alpha_of_slope,
-    slope_of_alpha,
     sweep_roughness,
 )
 from calibration.roughness import roughness_sweep as module
@@ -92,43 +90,6 @@ def apart(store):
     scene = SCENE.with_material({name: rough(*pair) for name, pair in truth.items()})
     found = swept(measured_of(scene, 0), store, regions=Regions.of_parts(SCENE))
     return truth, found
-
-
-# --- alpha and slope
-
-
-def lobe_slope(alpha: float, n: int = 300) -> float:
-    """RMS slope along one direction of the facets that reflect E3's lobe, at normal incidence.
-
-    By quadrature over circles around the specular direction, with the density of the reference.
-    """
-    normal, t_m = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0])
-    edge = math.asin(alpha / (1 - alpha)) if alpha < 0.5 else math.pi / 2
-    # In the angle tau the density's root or pole at the edge of the lobe is smooth.
-    x, weight = np.polynomial.legendre.leggauss(n)
-    tau = (x + 1) * np.pi / 2
-    angle = edge * (1 - np.cos(tau)) / 2
-    step = weight * np.pi / 2 * edge / 2 * np.sin(tau)
-    w = np.stack([np.sin(angle), np.zeros(n), np.cos(angle)], axis=1)
-    density = 2 * np.pi * np.sin(angle) * step * reference.direction_density(w, normal, t_m, alpha)
-    assert density.sum() == pytest.approx(1.0, abs=2e-3)
-    # A facet that turns the direction by `angle` is tilted by half of it; two components share.
-    return math.sqrt(np.sum(density * np.tan(angle / 2) ** 2) / density.sum() / 2)
-
-
-@pytest.mark.parametrize("alpha", [0.05, 0.2, 0.3, 0.45, 0.6, 0.8, 0.95])
-def test_the_slope_of_alpha_is_that_of_its_lobe(alpha):
-    """Within 10 %; at 1 it is 10.1 % off."""
-    assert slope_of_alpha(alpha) == pytest.approx(lobe_slope(alpha), rel=0.1)
-
-
-def test_alpha_of_slope_is_the_inverse():
-    for alpha in (0.0, 0.3, 1.0):
-        assert alpha_of_slope(slope_of_alpha(alpha)) == pytest.approx(alpha, abs=1e-12)
-    with pytest.raises(ModelError, match="alpha_of_slope"):
-        alpha_of_slope(0.4)
-    with pytest.raises(ModelError, match="slope_of_alpha"):
-        slope_of_alpha(1.1)
 
 
 # --- points and images

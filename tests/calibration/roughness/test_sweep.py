@@ -457,10 +457,9 @@ def test_a_mesh_that_no_ray_comes_back_from_is_an_error():
         (["--alpha", "rough"], 2, "FIRST:LAST:STEP"),
         (["--band", "70:82:9"], 2, "its antennas and frequencies"),
         (["--regions", "parts", "--max-bounces", "2"], 2, "--regions"),
-        (["--joints", "j.json"], 2, "--regions fingers"),
         (["--seeds", "0"], 1, "--seeds"),
         (["--regions", "parts"], 1, "at least two"),
-        (["--regions", "fingers"], 1, "joints"),
+        (["--regions", "fingers"], 1, "a hand with the parts"),
         (["--regions", "none.json"], 1, "none.json"),
         (["--regions", "measured.h5"], 1, "measured.h5"),
         (["--unit", "mm"], 1, "unit"),
@@ -501,20 +500,12 @@ def test_alphas_are_rounded_as_typed():
 # --- regions
 
 
-def test_fingers_by_joint_are_about_the_parts_of_the_hand():
-    """The thumb's ball is palm by joint; apart from there, skin belongs to the nearest bone."""
+def test_fingers_are_all_but_the_palm():
     hand = hand_mesh("flat", 4e-3)
     scene = clradar.Scene(hand.vertices_m, hand.faces, 0.5, hand.part, hand.part_names)
-    by_part, by_joint = Regions.of_fingers(scene), Regions.of_fingers(scene, hand.joints_m)
-    assert by_part.names == by_joint.names == ("palm", "fingers")
-    assert np.array_equal(by_part.face, np.asarray(hand.part) > 0)
-    assert (by_part.face == by_joint.face).mean() > 0.85
-    tips = np.isin(np.arange(25), [4, 9, 14, 19, 24])
-    middle_m = scene.triangles_m.mean(axis=1)
-    for tip_m in hand.joints_m[tips]:
-        assert by_joint.face[np.linalg.norm(middle_m - tip_m, axis=1).argmin()] == 1
-    wrist = np.linalg.norm(middle_m - hand.joints_m[0], axis=1).argmin()
-    assert by_joint.face[wrist] == 0
+    found = Regions.of_fingers(scene)
+    assert found.names == ("palm", "fingers")
+    assert np.array_equal(found.face, np.asarray(hand.part) > 0)
 
 
 def test_a_file_of_regions(tmp_path, monkeypatch):
@@ -525,8 +516,7 @@ def test_a_file_of_regions(tmp_path, monkeypatch):
     (tmp_path / "c.json").write_text(json.dumps({"one": ["right"], "two": ["left"]}))
     np.save("d.npy", np.asarray(labels))
     made = [
-        RegionOptions(regions=name).read(SCENE, "m")
-        for name in ("a.json", "b.json", "c.json", "d.npy")
+        RegionOptions(regions=name).read(SCENE) for name in ("a.json", "b.json", "c.json", "d.npy")
     ]
     assert [r.names for r in made] == [("0", "1"), ("left", "right"), ("one", "two"), ("0", "1")]
     for regions, flip in zip(made, (0, 0, 1, 0), strict=True):
@@ -534,22 +524,10 @@ def test_a_file_of_regions(tmp_path, monkeypatch):
     for text in ("[0, 1]", "[0.5, 1]", '{"one": ["left"]}', '{"one": "left"}', "7", "{"):
         (tmp_path / "bad.json").write_text(text)
         with pytest.raises(ValueError, match=r"bad\.json"):
-            RegionOptions(regions="bad.json").read(SCENE, "m")
+            RegionOptions(regions="bad.json").read(SCENE)
     np.save("bad.npy", np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(ValueError, match=r"bad\.npy"):
-        RegionOptions(regions="bad.npy").read(SCENE, "m")
-
-
-def test_joints_go_through_a_file(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert run("hand", "flat", "--edge-mm", "4", "-o", "h.ply", "--joints", "j.json") == 0
-    scene = clradar.Scene.from_mesh("h.ply")
-    made = RegionOptions(regions="fingers", joints=tmp_path / "j.json").read(scene, "m")
-    hand = hand_mesh("flat", 4e-3)
-    assert np.array_equal(made.face, Regions.of_fingers(scene, hand.joints_m).face)
-    (tmp_path / "j.json").write_text('{"wrist": [0, 0, 0]}')
-    with pytest.raises(ValueError, match="thumb-metacarpal"):
-        RegionOptions(regions="fingers", joints=tmp_path / "j.json").read(scene, "m")
+        RegionOptions(regions="bad.npy").read(SCENE)
 
 
 # --- the figure
