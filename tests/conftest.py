@@ -40,7 +40,7 @@ NEED_A_DEVICE = (
     *("compare/test_spread.py", "jobs/test_devices.py"),
     *("calibration/registration/test_align_mesh.py", "calibration/registration/test_register.py"),
     *("geometry/test_bvh.py", "hand/test_flesh.py", "hand/test_hand.py", "test_doctests.py"),
-    *("measurement_io/maroon/test_recording_frames.py", "test_examples.py", "test_validation.py"),
+    *("test_examples.py", "test_validation.py"),
 )
 """Folders and files of tests that are marked `device` as a whole."""
 

@@ -116,7 +116,7 @@ def new_panels(
     `below` inches below all.
     """
     width = columns * (size[0] + GAP) + labels * LABELS + bars * BAR_ROOM
-    low = size[1] < LEAST_IMAGE  # rows are higher than images then; `settled` takes the rest
+    low = size[1] < LEAST_IMAGE  # rows are higher than images; `settled` takes what is too much
     height = rows * (LEAST_ROW if low else size[1] + 1.0) + below + 1.0
     figure = new_figure(width, height, title, dpi)
     figure.set_layout_engine(

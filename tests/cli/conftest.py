@@ -1,7 +1,5 @@
 """Runs of commands, and files for them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

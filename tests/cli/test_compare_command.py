@@ -1,7 +1,5 @@
 """``clradar compare``."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import GRID, Cli
+from command_line import GRID
 
 import clradar
 from clradar.cli.comparison import figure_labels
@@ -18,7 +16,7 @@ from measurement_io import open_capture, open_volume, save_recording, save_volum
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
 
-def test_compare_writes_figure_and_metrics(cli: Cli, place: Path) -> None:
+def test_compare_writes_figure_and_metrics(cli, place):
     volume = open_volume("volume.h5")
     rng = np.random.default_rng(1)
     size = float(np.abs(volume.data).max())
@@ -43,9 +41,7 @@ def test_compare_writes_figure_and_metrics(cli: Cli, place: Path) -> None:
     )
 
 
-def test_compare_chooses_from_a_recording(
-    cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_compare_chooses_from_a_recording(cli, place, monkeypatch):
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
     capture = open_capture("sim.h5")
     other = clradar.Capture(np.roll(capture.data, 9, axis=0), capture.array, capture.waveform)
@@ -66,7 +62,7 @@ def test_compare_chooses_from_a_recording(
     cli.fails("compare volume.h5 sim.h5 --frame 0", "volume.h5", "a folder of frames")
 
 
-def test_compare_names_what_is_missing(cli: Cli) -> None:
+def test_compare_names_what_is_missing(cli):
     """Two balls were measured, the brighter one is not in the simulation."""
     grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.03), (0.28, 0.32), 2e-3)
     z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
@@ -109,5 +105,5 @@ PALM = {"scene": {"materials": [{"name": "palm"}, {"name": "skin"}], "alpha_min"
         ("a/x.h5 b/x.h5", [simulated(0, 1), {}], ["a/x.h5", "b/x.h5"]),
     ],
 )
-def test_labels(names: str, metas: list[dict[str, Any]], labels: list[str]) -> None:
+def test_labels(names, metas, labels):
     assert figure_labels([Path(name) for name in names.split()], metas) == labels

@@ -1,7 +1,5 @@
 """What a command shows, what it keeps from being overwritten, and ``clradar devices``."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -10,7 +8,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import Cli
 from systems import posix_only
 
 from clradar.cli import console, outputs
@@ -25,7 +22,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_a_progress_bar_says_what_is_done_now(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_progress_bar_says_what_is_done_now(monkeypatch):
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
@@ -57,9 +54,7 @@ TABLES = {
 
 @pytest.mark.parametrize("columns", [200, 80, 60, 20])
 @pytest.mark.parametrize("name", TABLES)
-def test_a_terminal_cuts_no_cell_of_a_table(
-    columns: int, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_terminal_cuts_no_cell_of_a_table(columns, name, monkeypatch):
     heads, row, right = TABLES[name]
     terminal = Terminal()
     monkeypatch.setattr(sys, "stdout", terminal)
@@ -78,7 +73,7 @@ def test_a_terminal_cuts_no_cell_of_a_table(
         assert shown.count("─\n") == 1
 
 
-def test_a_table_in_a_pipe_is_not_cut(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_in_a_pipe_is_not_cut(capsys):
     long = "a [bold]name[/bold] " + 60 * "with words "
     console.print_table(("one", "two"), [(long, "1"), ("line\nbreak", "2")], right=("two",))
     lines = capsys.readouterr().out.splitlines()
@@ -86,13 +81,13 @@ def test_a_table_in_a_pipe_is_not_cut(capsys: pytest.CaptureFixture[str]) -> Non
     assert "line break" in lines[3]
 
 
-def test_error_lines_are_printable(capsys: pytest.CaptureFixture[str]) -> None:
+def test_error_lines_are_printable(capsys):
     console.print_error("a\n\tb \x1b[31m \udcff")
     assert capsys.readouterr().err == "clradar: error: a b \\x1b[31m \\udcff\n"
 
 
 @posix_only
-def test_check_outputs_resolves_links(tmp_path: Path) -> None:
+def test_check_outputs_resolves_links(tmp_path):
     read, link, new = (tmp_path / name for name in ("in.h5", "link.h5", "new.h5"))
     read.touch()
     link.symlink_to(read)
@@ -117,7 +112,7 @@ def test_check_outputs_resolves_links(tmp_path: Path) -> None:
         "image volume.h5 --png new/x.png",
     ],
 )
-def test_a_full_disk_is_one_error_line_and_leaves_nothing(cli: Cli, place: Path, line: str) -> None:
+def test_a_full_disk_is_one_error_line_and_leaves_nothing(cli, place, line):
     """A limit of the files' size, which a process meets as it does a full disk."""
     import resource  # which Windows has not
     import signal
@@ -134,7 +129,7 @@ def test_a_full_disk_is_one_error_line_and_leaves_nothing(cli: Cli, place: Path,
     assert list(Path("new").iterdir()) == []
 
 
-def test_names_that_are_no_text_or_too_long(cli: Cli, made: Path) -> None:
+def test_names_that_are_no_text_or_too_long(cli, made):
     name = os.fsdecode(b"n\xff\xfe.h5")
     Path(name).write_bytes((made / "volume.h5").read_bytes())
     cli.ok(f"compare {name} {name} --json x.json")
@@ -143,7 +138,7 @@ def test_names_that_are_no_text_or_too_long(cli: Cli, made: Path) -> None:
     cli.fails(f"clean {'n' * 300} --average -o x.h5", "File name too long")
 
 
-def test_devices_marks_the_one_that_is_used(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_devices_marks_the_one_that_is_used(cli, monkeypatch):
     printed = cli.ok("devices").out
     (marked,) = [line for line in printed.splitlines() if line.startswith("*")]
     assert "Portable Computing Language" in marked

@@ -1,7 +1,5 @@
 """``clradar convert``: between native captures and recordings, in both directions."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -40,7 +38,7 @@ def names(folder: str) -> list[str]:
     return sorted(path.name.removesuffix(".h5") for path in Path(folder).iterdir())
 
 
-def test_all_frames(cli: Cli, recording: Path) -> None:
+def test_all_frames(cli, recording):
     before = tree(recording)
     Path("kept").mkdir()
     Path("kept/000001.h5").write_bytes(b"precious")
@@ -68,7 +66,7 @@ def test_all_frames(cli: Cli, recording: Path) -> None:
     cli.fails(line, "emptyfiltered")
 
 
-def test_all_frames_skips_damaged_frames(cli: Cli, recording: Path) -> None:
+def test_all_frames_skips_damaged_frames(cli, recording):
     bad = recording / DATA / "000000.npy"
     bad.write_bytes(bad.read_bytes()[:-1000])
     outcome = cli("convert hand/30 -o a --all-frames")
@@ -87,7 +85,7 @@ def test_all_frames_skips_damaged_frames(cli: Cli, recording: Path) -> None:
     assert not Path("b").exists()
 
 
-def test_one_capture_to_a_recording_and_back(cli: Cli) -> None:
+def test_one_capture_to_a_recording_and_back(cli):
     native("sim.h5", note="a hand", rays={"paths": 3}, gain=7)
     Path("new").mkdir()
     outcome = cli.ok("convert sim.h5 -o new/30 --to maroon")
@@ -108,7 +106,7 @@ def test_one_capture_to_a_recording_and_back(cli: Cli) -> None:
     assert growth.max() < 1.2 * growth.min() + 100
 
 
-def test_several_captures_to_a_recording(cli: Cli) -> None:
+def test_several_captures_to_a_recording(cli):
     stamps = [1_700_000_000_000_123 - 1000 * (2 - i) for i in range(3)]
     sources = [native(f"{i}.h5", seed=i, timestamp_us=stamps[i]) for i in range(2)]
     files.write_frame(Path("000009.npy"), files.random_frame(seed=2))
@@ -122,7 +120,7 @@ def test_several_captures_to_a_recording(cli: Cli) -> None:
     assert check_file("30").ok
 
 
-def test_a_recording_that_exists_is_kept(cli: Cli, recording: Path) -> None:
+def test_a_recording_that_exists_is_kept(cli, recording):
     native("a.h5", seed=9)
     before = tree(recording)
     Path("file").write_bytes(b"")

@@ -1,14 +1,11 @@
 """``clradar demo``: the whole chain at a small size, and its files."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Cli
 from quick_figures import draw_quickly, seek_no_lobes
 
 import clradar
@@ -26,7 +23,7 @@ GRID = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-
 
 # With so few rays the wrist, which the paper's grid cuts, is as bright as the palm.
 @pytest.mark.filterwarnings("ignore:the grid cuts:clradar.ClradarWarning")
-def test_files_and_metrics_are_those_of_the_library(tmp_path: Path) -> None:
+def test_files_and_metrics_are_those_of_the_library(tmp_path):
     """With every third antenna, a quarter of the frequencies, and a coarse hand."""
     whole = clradar.arrays.qar50()
     array = clradar.AntennaArray(whole.tx_m[::3], whole.rx_m[::3])
@@ -69,9 +66,7 @@ def test_files_and_metrics_are_those_of_the_library(tmp_path: Path) -> None:
     ("line", "spacing_m", "voxels"),
     [("demo", 2e-3, "101 x 101 x 41"), ("demo --full", 1e-3, "201 x 201 x 81")],
 )
-def test_command(
-    cli: Cli, monkeypatch: pytest.MonkeyPatch, line: str, spacing_m: float, voxels: str
-) -> None:
+def test_command(cli, monkeypatch, line, spacing_m, voxels):
     calls = []
     monkeypatch.setattr(demo, "run_demo", lambda *given: calls.append(given))
     assert f"{voxels} voxels" in cli.ok(line).out

@@ -1,7 +1,5 @@
 """What holds for every command: help, device, radar, progress, and where its outputs go."""
 
-from __future__ import annotations
-
 import inspect
 import os
 import re
@@ -13,7 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from command_line import GRID, Cli
+from command_line import GRID
 from systems import posix_only
 
 import clradar
@@ -26,7 +24,7 @@ def parameters_of(name: str) -> dict[str, inspect.Parameter]:
     return dict(inspect.signature(command).parameters)
 
 
-def test_help_lists_the_commands_there_are(cli: Cli) -> None:
+def test_help_lists_the_commands_there_are(cli):
     printed = cli.ok("--help").out
     for panel, names in PANELS.items():
         listed = printed.split(f"\n{panel}:\n")[1]
@@ -35,7 +33,7 @@ def test_help_lists_the_commands_there_are(cli: Cli) -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_help_of_each_command(cli: Cli, name: str) -> None:
+def test_help_of_each_command(cli, name):
     outcome = cli.ok(f"{name} --help")
     assert outcome.err == ""
     text = " ".join(outcome.out.split())
@@ -68,9 +66,7 @@ WITH_RADAR = {"simulate", "demo", "array", "register", "align", "sweep", "fit-ha
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_with_a_device_takes_all_and_with_a_radar_any(
-    cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_every_command_with_a_device_takes_all_and_with_a_radar_any(cli, place, monkeypatch, name):
     parameters = parameters_of(name)
     assert ({"array", "band"} <= set(parameters)) == (name in WITH_RADAR)
     assert ("device" in parameters) == (name in WITH_DEVICE)
@@ -100,9 +96,7 @@ def test_every_command_with_a_device_takes_all_and_with_a_radar_any(
     ],
 )
 @pytest.mark.usefixtures("quickly")
-def test_a_terminal_shows_progress_and_a_pipe_none(
-    cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch, line: str, labels: tuple[str, ...]
-) -> None:
+def test_a_terminal_shows_progress_and_a_pipe_none(cli, place, monkeypatch, line, labels):
     for kind in ("html", "image"):
         monkeypatch.setattr(f"clradar.report.{kind}_report", lambda *_, **__: "a page")
     plain = cli.ok(line)
@@ -167,7 +161,7 @@ def is_path(hint: Any) -> bool:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_output_of_every_command_is_tried_here(name: str) -> None:
+def test_every_output_of_every_command_is_tried_here(name):
     lines = [line.split() for line in LINES]
     for key, parameter in list(parameters_of(name).items())[1:]:  # after the context
         hint, declared = get_args(parameter.annotation)
@@ -224,7 +218,7 @@ if sys.platform != "win32":
 
 
 @pytest.mark.parametrize("line", LINES)
-def test_a_command_that_fails_leaves_nothing(cli: Cli, unread: Path, line: str) -> None:
+def test_a_command_that_fails_leaves_nothing(cli, unread, line):
     for made in WRONG_INPUTS.values():
         for name in ("in.h5", "in.ply", "in.json"):
             path = unread / name
@@ -250,7 +244,7 @@ OWNED = (
 
 @posix_only
 @pytest.mark.parametrize("line", LINES)
-def test_no_output_goes_where_something_else_is(cli: Cli, unread: Path, line: str) -> None:
+def test_no_output_goes_where_something_else_is(cli, unread, line):
     """Refused before an input is read: none can be."""
     suffix = line.split("{}")[1].split()[0] if "{}." in line else ""
     os.mkfifo(f"pipe{suffix}")
@@ -274,9 +268,7 @@ def test_no_output_goes_where_something_else_is(cli: Cli, unread: Path, line: st
     assert tree(unread) == before
 
 
-def test_an_input_is_not_replaced_with_its_folder_nor_what_a_layout_names(
-    cli: Cli, unread: Path
-) -> None:
+def test_an_input_is_not_replaced_with_its_folder_nor_what_a_layout_names(cli, unread):
     np.savez("lab.npz", s=np.ones((2, 2, 3), np.complex64))
     for side in ("tx", "rx"):
         Path(f"{side}.csv").write_text("x,y,z\n0,0,0\n0.1,0,0\n")

@@ -1,7 +1,5 @@
 """The command that fits a hand: its folder, its tables, its refusals. The fit itself is made up."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -60,7 +58,7 @@ def record_of(folder: str) -> dict[str, Any]:
     return json.loads((Path(folder) / "fit.json").read_text())
 
 
-def test_a_folder_with_all_that_was_found(cli: Cli, calls: Calls) -> None:
+def test_a_folder_with_all_that_was_found(cli, calls):
     printed = cli.ok(f"fit-hand sim.h5 --pose L -o fit {GRID}").out
     folder = Path("fit")
     assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
@@ -95,7 +93,7 @@ def test_a_folder_with_all_that_was_found(cli: Cli, calls: Calls) -> None:
 
 
 @pytest.mark.usefixtures("record_alone")
-def test_what_the_options_say_goes_into_the_fit(cli: Cli, calls: Calls) -> None:
+def test_what_the_options_say_goes_into_the_fit(cli, calls):
     cli.ok(
         "fit-hand volume.h5 --pose F,l --hand left --fit-shape --alpha 0.2 --quick --seed 5 "
         "--angle-std-deg 9 --search-deg 60 --length-mm 180 --girth 0.95 -o fit"
@@ -121,7 +119,7 @@ def test_what_the_options_say_goes_into_the_fit(cli: Cli, calls: Calls) -> None:
 
 @pytest.mark.usefixtures("record_alone")
 @pytest.mark.parametrize("name", ["left.glb", "MANO_LEFT.pkl"])
-def test_a_rig_is_fitted_as_the_hand_that_it_is(cli: Cli, calls: Calls, name: str) -> None:
+def test_a_rig_is_fitted_as_the_hand_that_it_is(cli, calls, name):
     if name.endswith(".glb"):
         RigMaker(turn=np.diag([-1.0, 1.0, 1.0])).save(Path(name))
     else:
@@ -134,7 +132,7 @@ def test_a_rig_is_fitted_as_the_hand_that_it_is(cli: Cli, calls: Calls, name: st
 
 
 @pytest.mark.usefixtures("record_alone")
-def test_a_fit_goes_on_from_an_earlier_one(cli: Cli, calls: Calls) -> None:
+def test_a_fit_goes_on_from_an_earlier_one(cli, calls):
     Path("one").mkdir()
     write_json("one/fit.json", FIT.to_dict(), force=False)
     cli.ok("fit-hand volume.h5 --pose one -o two")
@@ -154,7 +152,7 @@ def test_a_fit_goes_on_from_an_earlier_one(cli: Cli, calls: Calls) -> None:
     assert len(calls[-1]["pose"]) == 24
 
 
-def test_untold_angles_are_in_the_table_of_their_digit() -> None:
+def test_untold_angles_are_in_the_table_of_their_digit():
     rows = {row[0]: row for row in digit_rows(FIT)}
     assert set(rows) == {"thumb", "index", "middle", "ring", "pinky", "palm"}
     assert rows["thumb"][4:] == ["4 of 5", "phalanx-distal flexion"]

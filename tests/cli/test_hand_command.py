@@ -1,14 +1,12 @@
 """``clradar hand`` and ``clradar materials``."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import EDGE_MM, Cli
+from command_line import EDGE_MM
 
 from clradar import Coating, Material, PermittivityTable, Scene, write_materials
 from clradar.hand import HandPose, hand_mesh, pose_by_name, write_pose
@@ -16,13 +14,13 @@ from clradar.model.known_materials import KNOWN
 from clradar.model.material_file import material_of
 
 
-def test_hand_lists_its_poses(cli: Cli) -> None:
+def test_hand_lists_its_poses(cli):
     printed = cli.ok("hand --list").out
     assert {"A", "F", "Y", "0", "9", "flat"} <= set(printed.split())
     assert "Fist with the thumb across the front of the fingers." in printed
 
 
-def test_a_hand_of_a_pose_file_and_of_another_size(cli: Cli, made: Path) -> None:
+def test_a_hand_of_a_pose_file_and_of_another_size(cli, made):
     write_pose("mine.toml", HandPose("mine", pose_by_name("F").joints))
     outcome = cli.ok(f"hand mine.toml -o whole.ply --edge-mm {EDGE_MM}")
     assert "hand 'mine'" in outcome.out
@@ -41,7 +39,7 @@ def test_a_hand_of_a_pose_file_and_of_another_size(cli: Cli, made: Path) -> None
     cli.fails("hand mine.toml -o x.ply", "mine.toml", "elbow")
 
 
-def test_a_turned_hand(cli: Cli, made: Path) -> None:
+def test_a_turned_hand(cli, made):
     cli.ok(f"hand F -o turned.ply --turn-deg 90 --edge-mm {EDGE_MM}")
     straight = Scene.from_mesh(made / "hand.ply").vertices_m
     # A quarter turn about x = 0, z = 0.3: +x comes to smaller z.
@@ -52,7 +50,7 @@ def test_a_turned_hand(cli: Cli, made: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["hand.ply", "parts.glb"])
-def test_files_keep_parts_and_texture(made: Path, name: str) -> None:
+def test_files_keep_parts_and_texture(made, name):
     """So that the roughness of a simulation from the file is that of the hand in memory."""
     hand, scene = hand_mesh("F", float(EDGE_MM) / 1e3), Scene.from_mesh(made / name)
     assert scene.n_faces == len(hand.faces)
@@ -63,7 +61,7 @@ def test_files_keep_parts_and_texture(made: Path, name: str) -> None:
         np.testing.assert_allclose(scene.texture_m, hand.texture_m, rtol=0, atol=2.0**-27)
 
 
-def test_known_materials_are_listed(cli: Cli) -> None:
+def test_known_materials_are_listed(cli):
     outcome = cli.ok("materials")
     table, sources = outcome.out.split("at normal incidence, 72:82 GHz, phase in degrees; sources:")
     lines = table.splitlines()
@@ -79,7 +77,7 @@ def test_known_materials_are_listed(cli: Cli) -> None:
     assert f"palm: {KNOWN['palm'].source}" in sources
 
 
-def test_own_materials(cli: Cli) -> None:
+def test_own_materials(cli):
     resin = Material("resin", PermittivityTable([75e9, 80e9], [2.9 - 0.04j, 2.8 - 0.06j]))
     paint = Material("paint", conductor=True, coating=Coating(1e-4, 3.5), source="[bold]guess")
     write_materials("lab.toml", [resin])
@@ -101,7 +99,7 @@ def test_own_materials(cli: Cli) -> None:
     cli.fails("materials lab.toml", "material resin: permittivity", "75 to 80 GHz", "72 to 82")
 
 
-def test_widths_of_an_array_are_not_called_its_resolution(cli: Cli) -> None:
+def test_widths_of_an_array_are_not_called_its_resolution(cli):
     Path("cross.toml").write_text(
         "[[tx]]\nline = { first_m = [-0.0275, 0, 0], last_m = [0.0275, 0, 0], n = 6 }\n"
         "[[rx]]\nline = { first_m = [0, -0.0375, 0], last_m = [0, 0.0375, 0], n = 5 }\n"

@@ -1,7 +1,5 @@
 """``clradar image``, ``inspect`` and ``export``."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from clradar.plot import capture_figure, recording_figure
 from measurement_io import open_capture, open_volume, save_capture, save_recording, save_volume
 
 
-def test_axes_in_millimetres_and_the_default_grid_of_the_paper() -> None:
+def test_axes_in_millimetres_and_the_default_grid_of_the_paper():
     assert axis_mm("--x-mm", "-100:100:1") == (-100.0, 100.0, 1.0)
     assert axis_mm("--x-mm", "300") == (300.0, 300.0, 1.0)
     assert axis_mm("--x-mm", "0:0.3:0.1") == (0.0, 0.3, 0.1)
@@ -30,7 +28,7 @@ def test_axes_in_millimetres_and_the_default_grid_of_the_paper() -> None:
     assert GridOptions().grid().same_voxels(paper, tolerance_m=1e-15)
 
 
-def test_image_of_a_recording_and_its_figure(cli: Cli, place: Path) -> None:
+def test_image_of_a_recording_and_its_figure(cli, place):
     cli.ok(f"image recording -o v.h5 --png v.png --method exact --window hann {GRID}")
     volume = open_volume("v.h5")
     options = {"method": "exact", "window": "hann", "check_grid": False, "device": "pocl"}
@@ -41,8 +39,8 @@ def test_image_of_a_recording_and_its_figure(cli: Cli, place: Path) -> None:
 
 
 def test_figures_of_recordings_are_titled_with_object_distance_variant_and_frame(
-    cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    cli, place, monkeypatch
+):
     capture = open_capture("sim.h5")
     save_recording("hand/30", [capture, capture], variant="emptyfiltered")
     titles = []
@@ -63,7 +61,7 @@ def test_figures_of_recordings_are_titled_with_object_distance_variant_and_frame
     assert title_of(Path("lab.mat"), {"format": "layout", "frame": 2}) == "lab.mat, frame 2"
 
 
-def test_report_of_one_image(cli: Cli, place: Path) -> None:
+def test_report_of_one_image(cli, place):
     cli.ok(f"image recording --report page.html {GRID}")
     cli.ok("image volume.h5 --report saved.html")
     text, saved = (Path(n).read_text(encoding="utf-8") for n in ("page.html", "saved.html"))
@@ -78,7 +76,7 @@ def test_report_of_one_image(cli: Cli, place: Path) -> None:
     ("name", "kind"),
     [("sim.h5", "native capture"), ("volume.h5", "native volume"), ("recording", "recording")],
 )
-def test_inspect(cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch, name: str, kind: str):
+def test_inspect(cli, place, monkeypatch, name, kind):
     assert f"{name}: {kind}" in cli.ok(f"inspect {name}").out.splitlines()[0]
     described = json.loads(cli.ok(f"inspect {name} --json").out)
     assert described["kind"] == kind
@@ -99,7 +97,7 @@ def test_inspect(cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch, name: s
         cli.fails(f"inspect {name} --png no.png --view xz", "--view", status=2)
 
 
-def test_check_finds_a_changed_byte(cli: Cli, made: Path) -> None:
+def test_check_finds_a_changed_byte(cli, made):
     content = bytearray((made / "sim.h5").read_bytes())
     content[len(content) // 2] ^= 1
     Path("damaged.h5").write_bytes(content)
@@ -109,17 +107,17 @@ def test_check_finds_a_changed_byte(cli: Cli, made: Path) -> None:
     assert outcome.err.startswith("clradar: error: damaged.h5")
 
 
-def test_a_capture_without_receptions_is_warned_of(cli: Cli, place: Path) -> None:
+def test_a_capture_without_receptions_is_warned_of(cli, place):
     outcome = cli.ok("simulate hand.ply -o nothing.h5 --samples-per-mm2 1e-9")
     assert "clradar: warning: no ray reached a receiver" in outcome.err
     outcome = cli.ok(f"image nothing.h5 -o v.h5 {GRID} --png nothing.png")
     assert "zero everywhere" in outcome.err
     assert not Path("nothing.png").exists()
+    assert "none above the noise" in cli.ok("inspect nothing.h5").out
+    cli.fails("inspect nothing.h5 --png x.png", "zeros")
 
 
-def test_a_slice_is_drawn_from_above_and_a_voxel_not_at_all(
-    cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_slice_is_drawn_from_above_and_a_voxel_not_at_all(cli, place, monkeypatch):
     drawn = []
     monkeypatch.setattr("clradar.plot.save_figure", lambda figure, *_, **__: drawn.append(figure))
     across = "--x-mm=-60:60:6 --z-mm 280:320:5"
@@ -143,7 +141,7 @@ def thinned(every: int) -> clradar.AntennaArray:
     return clradar.AntennaArray(whole.tx_m[::every], whole.rx_m[::every])
 
 
-def test_a_capture_without_a_grid_is_imaged_where_its_echo_is(cli: Cli) -> None:
+def test_a_capture_without_a_grid_is_imaged_where_its_echo_is(cli):
     sweep = clradar.Waveform.sfcw(72e9, 82e9, 128)
     far = clradar.room_capture(thinned(4), sweep, [], points_m=[[0, 0, 1.5]])
     save_capture("far.h5", far)
@@ -163,7 +161,7 @@ def test_a_capture_without_a_grid_is_imaged_where_its_echo_is(cli: Cli) -> None:
     assert "unambiguous to 1.904 m" in cli("inspect far.h5").out
 
 
-def test_radar_cross_sections_of_samples_that_are_s_parameters(cli: Cli, place: Path) -> None:
+def test_radar_cross_sections_of_samples_that_are_s_parameters(cli, place):
     line = f"image sim.h5 -o v.h5 --png v.png --report v.html --dbsm {GRID}"
     cli.fails(line, "sim.h5: expected S-parameters for --dbsm")
     assert not Path("v.h5").exists()
@@ -174,7 +172,7 @@ def test_radar_cross_sections_of_samples_that_are_s_parameters(cli: Cli, place: 
     cli.ok("image v.h5 --png again.png --dbsm")
 
 
-def test_inspect_names_the_scale_and_the_echo_of_s_parameters(cli: Cli) -> None:
+def test_inspect_names_the_scale_and_the_echo_of_s_parameters(cli):
     array, waveform = thinned(12), clradar.Waveform.sfcw(72e9, 82e9, 64)
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / waveform.frequencies_hz
     length_m = np.linalg.norm(array.tx_m[:, None] * [1, 1, -1] + [0, 0, 0.6] - array.rx_m, axis=2)
@@ -191,7 +189,7 @@ def test_inspect_names_the_scale_and_the_echo_of_s_parameters(cli: Cli) -> None:
     assert found == pytest.approx(10 * np.log10(np.pi * range_m**2), abs=0.5)
 
 
-def test_images_by_iteration(cli: Cli, made: Path) -> None:
+def test_images_by_iteration(cli, made):
     capture = open_capture(made / "sim.h5")
     data = capture.data[::8, ::8]
     save_capture("few.h5", clradar.Capture(data, thinned(8), capture.waveform))
@@ -220,7 +218,7 @@ def echo(range_m: float, level: float = 1.0) -> clradar.Capture:
     return clradar.Capture(data.astype(np.complex64), array, WAVEFORM)
 
 
-def test_a_capture_shows_its_target_and_its_dead_channel() -> None:
+def test_a_capture_shows_its_target_and_its_dead_channel():
     curve, pairs, _ = capture_figure(echo(0.4)).axes
     (line,) = curve.lines
     where_mm, level_db = np.array(line.get_data())
@@ -233,7 +231,7 @@ def test_a_capture_shows_its_target_and_its_dead_channel() -> None:
         capture_figure(echo(0.4, 0.0))
 
 
-def test_a_recording_shows_how_its_target_moves() -> None:
+def test_a_recording_shows_how_its_target_moves():
     frames = [echo(0.3), echo(0.35, 0.5), echo(0.4)]
     echoes, level, _ = recording_figure(frames, [2, 3, 7]).axes
     (mesh,) = echoes.collections
@@ -270,7 +268,7 @@ def exported(cli: Cli) -> None:
     ],
 )
 @pytest.mark.usefixtures("exported")
-def test_what_goes_where(cli: Cli, line: str, said: str) -> None:
+def test_what_goes_where(cli, line, said):
     assert cli.ok(f"export {line}").out == f"{said}\n"
     if "v.npz" in line:
         with np.load("v.npz") as file:
@@ -286,7 +284,7 @@ def test_what_goes_where(cli: Cli, line: str, said: str) -> None:
 
 
 @pytest.mark.usefixtures("exported")
-def test_what_goes_nowhere(cli: Cli) -> None:
+def test_what_goes_nowhere(cli):
     cli.fails("export capture.h5 -o c.vti", "c.vti", "clradar image")
     cli.fails("export capture.h5 -o c.ply", "c.ply", "clradar image")
     cli.fails("export volume.h5 -o v.csv", ".vti, .ply", "'.csv'")

@@ -1,7 +1,5 @@
 """``clradar image`` of large grids and several captures: by parts, divided, resumed."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
@@ -9,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Cli
 from nightly import nightly
 from quick_figures import draw_quickly, seek_no_lobes
 
@@ -47,9 +44,7 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     draw_quickly(monkeypatch)
 
 
-def test_the_parts_make_the_image_that_is_formed_in_memory(
-    cli: Cli, captures: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_parts_make_the_image_that_is_formed_in_memory(cli, captures, tmp_path, monkeypatch):
     opened = [open_capture(path) for path in captures]
     for some, want in (
         (captures, clradar.backproject(opened, GRID)),
@@ -93,14 +88,7 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
 @pytest.mark.parametrize(("last", "kept"), [(3, 2), *nightly([(5, 3)])])
-def test_a_killed_image_resumes(
-    cli: Cli,
-    captures: list[Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    last: int,
-    kept: int,
-) -> None:
+def test_a_killed_image_resumes(cli, captures, tmp_path, monkeypatch, last, kept):
     """Killed while the first piece is joined, and at a part of the second."""
     program = KILLED.format(voxels=PIECE_VOXELS, last=last)
     line = f"image {' '.join(map(str, captures))} {OPTIONS} out.h5"
@@ -121,7 +109,7 @@ def test_a_killed_image_resumes(
     assert [path.name for path in tmp_path.iterdir()] == ["out.h5"]
 
 
-def test_a_grid_that_no_memory_holds(captures: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_grid_that_no_memory_holds(captures, monkeypatch):
     grid = clradar.VoxelGrid.from_extent((-1, 1), (-1, 1), (0.5, 1), 1e-3)
     capture = open_capture(captures[0])
     monkeypatch.setattr("clradar.imaging.memory._memory_bytes", lambda: 10**10)

@@ -3,8 +3,6 @@
 The fits of hands are made up.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -114,9 +112,7 @@ def done(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return numbers
 
 
-def test_every_frame_is_what_the_single_steps_make_of_it(
-    recorded: Recording, processed: Path
-) -> None:
+def test_every_frame_is_what_the_single_steps_make_of_it(recorded, processed):
     out = processed / "out"
     response = open_channels(processed / "channels.h5")
     empty = average_frames([open_capture(recorded.empty, frame=i) for i in range(2)])
@@ -142,9 +138,7 @@ def test_every_frame_is_what_the_single_steps_make_of_it(
 
 
 @pytest.mark.usefixtures("quickly")
-def test_inputs_count_by_their_content(
-    cli: Cli, recorded: Recording, processed: Path, copy: Path, done: list[int]
-) -> None:
+def test_inputs_count_by_their_content(cli, recorded, processed, copy, done):
     cli.ok(COMMAND)
     assert done == []
     channels = Path("channels.h5")
@@ -168,7 +162,7 @@ def test_inputs_count_by_their_content(
 
 
 @pytest.mark.usefixtures("quickly")
-def test_variants_of_captures_are_told_by_their_names(cli: Cli, recorded: Recording) -> None:
+def test_variants_of_captures_are_told_by_their_names(cli, recorded):
     names = ("000000.h5", "000001.h5", "000001_emptyfiltered.h5", "notes.h5")
     Path("made").mkdir()
     for i, name in enumerate(names):
@@ -192,8 +186,8 @@ def test_variants_of_captures_are_told_by_their_names(cli: Cli, recorded: Record
 
 @pytest.mark.usefixtures("quickly")
 def test_a_frame_that_cannot_be_read_costs_no_other_and_places_no_grid(
-    cli: Cli, recorded: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    cli, recorded, tmp_path, monkeypatch
+):
     placed: list[Capture] = []
 
     def grid_for(capture: Capture, *_: Any) -> VoxelGrid:
@@ -216,7 +210,7 @@ def test_a_frame_that_cannot_be_read_costs_no_other_and_places_no_grid(
 
 
 @pytest.mark.usefixtures("quickly")
-def test_the_workers_of_a_scheduler_make_the_same_files(cli: Cli, recorded: Recording) -> None:
+def test_the_workers_of_a_scheduler_make_the_same_files(cli, recorded):
     distributed = pytest.importorskip("distributed")
     line = f"process {recorded.folder} --frames 1 {GRID} -o"
     with distributed.LocalCluster(
@@ -232,7 +226,7 @@ def test_the_workers_of_a_scheduler_make_the_same_files(cli: Cli, recorded: Reco
         assert Path("here", name).read_bytes() == Path("there", name).read_bytes()
 
 
-def test_the_motion_of_a_mesh_is_that_of_its_frames() -> None:
+def test_the_motion_of_a_mesh_is_that_of_its_frames():
     """The table's columns from alignments: a mesh that moves along x and turns about its centre."""
     centre = np.array([0.01, 0.02, 0.3])
     records: list[dict[str, Any]] = []
@@ -255,7 +249,7 @@ def test_the_motion_of_a_mesh_is_that_of_its_frames() -> None:
     np.testing.assert_allclose(columns["mesh rms mm"], [1, np.nan, 1])
 
 
-def test_an_animation_has_the_pixels_of_its_pictures(tmp_path: Path) -> None:
+def test_an_animation_has_the_pixels_of_its_pictures(tmp_path):
     red, blue = (200, 30, 0), (0, 0, 200)
     pictures = np.full((4, 20, 30, 3), 255, np.uint8)
     pictures[1:, 5:9, 3:20] = red
@@ -281,9 +275,7 @@ def contents(folder: str) -> dict[str, bytes]:
 
 
 @pytest.mark.usefixtures("quickly")
-def test_a_killed_run_resumes_to_the_same_files(
-    cli: Cli, recorded: Recording, done: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_run_resumes_to_the_same_files(cli, recorded, done, monkeypatch):
     line = f"process {recorded.folder} {recorded.folder} {GRID} -o"
     cli.ok(f"{line} whole")
     one_frame = FrameSteps.run
@@ -360,9 +352,7 @@ def line(cli: Cli, made: Path) -> str:
 
 
 @pytest.mark.usefixtures("quickly")
-def test_a_folder_with_hands_table_and_figures(
-    cli: Cli, line: str, tried: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_with_hands_table_and_figures(cli, line, tried, monkeypatch):
     monkeypatch.setattr(clradar.plot, "save_figure", save_figure)
     outcome = cli.ok(f"{line} out")
     # 16 frequencies may be few for this grid: said once at most, not of every frame.
@@ -394,7 +384,7 @@ def test_a_folder_with_hands_table_and_figures(
 
 
 @pytest.mark.usefixtures("quickly")
-def test_an_interrupted_fit_goes_on_where_it_was(cli: Cli, line: str, tried: list[int]) -> None:
+def test_an_interrupted_fit_goes_on_where_it_was(cli, line, tried):
     """It gives every byte of an uninterrupted one, though the last frame was half written."""
     cli.ok(f"{line} whole")
     tried[:] = [-2]

@@ -1,7 +1,5 @@
 """The program as a process: what it loads, signals, languages, pipes, files named as ours."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import signal
@@ -10,10 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-import trimesh
-from command_line import GRID, Cli
+from command_line import GRID
 from nightly import nightly
 from systems import posix_only
 
@@ -21,7 +17,6 @@ import clradar
 from clradar.cli import main
 from clradar.cli.app import COMMANDS, module_of
 from clradar.errors import MeshError
-from measurement_io import open_volume
 
 ROOT = Path(clradar.__file__).resolve().parents[1]
 
@@ -44,7 +39,7 @@ MAIN = "from clradar.cli import main; main()"
 @pytest.mark.parametrize(
     ("typed", "completed"), [("image --met", "--method"), *nightly([("pro", "process")])]
 )
-def test_a_shell_completes_commands_and_their_options(typed: str, completed: str) -> None:
+def test_a_shell_completes_commands_and_their_options(typed, completed):
     words = f"clradar {typed}"
     variables = {"COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
     done = python("-c", MAIN, _CLRADAR_COMPLETE="complete_bash", **variables)
@@ -69,7 +64,7 @@ print('\\n' + ' '.join(sys.modules))
     ("line", "not_needed"),
     [("--help", {*HEAVY, "numpy", "pyopencl"}), ("simulate --help", HEAVY)],
 )
-def test_help_imports_nothing_heavy(line: str, not_needed: set[str]) -> None:
+def test_help_imports_nothing_heavy(line, not_needed):
     done = python("-W", "error", "-c", LOADED, *line.split())
     assert done.returncode == 0, done.stderr
     loaded = set(done.stdout.splitlines()[-1].split())
@@ -79,14 +74,14 @@ def test_help_imports_nothing_heavy(line: str, not_needed: set[str]) -> None:
 
 
 @pytest.mark.parametrize("place", [0, 1, 4])
-def test_debug_shows_the_traceback(place: int) -> None:
+def test_debug_shows_the_traceback(place):
     arguments = ["simulate", "none.ply", "-o", "x.h5"]
     arguments.insert(place, "--debug")
     with pytest.raises(MeshError, match=r"none\.ply"):
         main(arguments)
 
 
-def test_an_unexpected_error_names_its_type(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unexpected_error_names_its_type(cli, monkeypatch):
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("first line\nsecond line")
 
@@ -144,9 +139,7 @@ RESUMES = "clradar: interrupted; the same command resumes folder\n"
         *nightly([("INT", "import sending", {"done", "imported"}), ("TERM", "send()", {"done"})]),
     ],
 )
-def test_signals_leave_things_in_order(
-    name: str, sent: str, left: set[str], tmp_path: Path
-) -> None:
+def test_signals_leave_things_in_order(name, sent, left, tmp_path):
     modules = tmp_path / "modules"
     modules.mkdir()
     text = "import __main__\n__main__.send()\nopen('folder/imported', 'w').close()\n"
@@ -171,9 +164,7 @@ def test_signals_leave_things_in_order(
         ),
     ],
 )
-def test_signals_before_and_after_a_command(
-    before: str, status: int, said: str, tmp_path: Path
-) -> None:
+def test_signals_before_and_after_a_command(before, status, said, tmp_path):
     code = SENDING.format(name="TERM", sent="", before=before)
     done = python("-W", "error", "-c", code, cwd=tmp_path)
     assert done.returncode == status, done.stderr
@@ -200,7 +191,7 @@ for command in sys.argv[1:]:
 
 
 @pytest.mark.parametrize("language", ["C", *nightly(["utf-8"])])
-def test_blanks_and_umlauts_in_every_path(made: Path, tmp_path: Path, language: str) -> None:
+def test_blanks_and_umlauts_in_every_path(made, tmp_path, language):
     """A chain through all kinds of files, its folder and their names included."""
     folder = tmp_path / NAME
     folder.mkdir()
@@ -231,7 +222,7 @@ def test_blanks_and_umlauts_in_every_path(made: Path, tmp_path: Path, language: 
 
 @posix_only
 @pytest.mark.parametrize("command", ["materials", *nightly(["inspect recording --json"])])
-def test_a_pipe_that_ends_is_no_error(made: Path, command: str) -> None:
+def test_a_pipe_that_ends_is_no_error(made, command):
     """As of `| head -1`: the reader is gone before the first line is written."""
     reader, writer = os.pipe()
     os.close(reader)
@@ -240,37 +231,6 @@ def test_a_pipe_that_ends_is_no_error(made: Path, command: str) -> None:
     os.close(writer)
     assert done.stderr == b""
     assert done.returncode != 0
-
-
-HAND, IMAGE = "hand F --edge-mm 4 -o {}/out.ply", f"image sim.h5 {GRID} -o {{}}/out.h5"
-
-
-@pytest.mark.parametrize(
-    ("line", "force"),
-    [(HAND, True), (IMAGE, False), *nightly([(HAND, False), (IMAGE, True)])],
-)
-def test_two_at_once_into_one_file(made: Path, tmp_path: Path, line: str, force: bool) -> None:
-    """One whole file; without --force one of both says that it exists already."""
-    words = [*line.format(tmp_path).split(), *(["--force"] if force else [])]
-    both = [
-        subprocess.Popen(
-            [sys.executable, "-W", "error", "-m", "clradar", *words],
-            cwd=made,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-        )
-        for _ in range(2)
-    ]
-    errors = [process.communicate()[1] for process in both]
-    statuses = [process.returncode for process in both]
-    assert sorted(statuses) == ([0, 0] if force else [0, 1]), errors
-    for status, err in zip(statuses, errors, strict=True):
-        assert not status or b"exists already" in err
-    (file,) = tmp_path.iterdir()
-    if file.suffix == ".h5":
-        assert np.abs(open_volume(file).data).max() > 0
-    else:
-        assert len(trimesh.load(file).faces) > 100
 
 
 @pytest.fixture
@@ -296,20 +256,20 @@ CLEAN = "clean none.h5 --channels none.h5 -o x.h5"
         ("script.py", "clradar: error: {lab}/calibration.py: hides "),
     ],
 )
-def test_files_of_the_names_of_ours_are_passed_by_or_named(lab: Path, line: str, said: str) -> None:
+def test_files_of_the_names_of_ours_are_passed_by_or_named(lab, line, said):
     done = python(*line.split(), cwd=lab, PYTHONPATH=str(ROOT))
     assert (done.returncode, done.stderr.count("\n")) == (1, 1), done.stderr
     assert done.stderr.startswith(said.format(lab=lab))
 
 
-def test_our_name_taken_by_a_file_raises_from_the_library(lab: Path) -> None:
+def test_our_name_taken_by_a_file_raises_from_the_library(lab):
     done = python("-c", "import clradar; clradar.open_dataset", cwd=lab, PYTHONPATH=str(ROOT))
     hidden = f"{lab / 'measurement_io.py'}: hides "
     assert f"clradar.errors.PackageError: {hidden}" in done.stderr
     assert "rename it" in done.stderr
 
 
-def test_the_command_of_a_checkout_that_is_not_installed() -> None:
+def test_the_command_of_a_checkout_that_is_not_installed():
     # `python -m` finds clradar in the current folder only; that folder has to stay on the path.
     done = python("-m", "clradar", "inspect", "none.h5", cwd=ROOT, PYTHONPATH="")
     assert (done.returncode, done.stderr.split(": ")[2]) == (1, "none.h5")

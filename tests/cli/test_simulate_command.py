@@ -1,7 +1,5 @@
 """``clradar simulate``: its options, materials, clusters, and scenes that move."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -32,7 +30,7 @@ from clradar.files.hashing import sha256_of
 from measurement_io import open_capture, open_recording, open_volume
 
 
-def test_simulate_writes_what_the_library_gives(made: Path) -> None:
+def test_simulate_writes_what_the_library_gives(made):
     capture = open_capture(made / "sim.h5")
     scene = clradar.Scene.from_mesh(made / "hand.ply", alpha=0.4)
     array, band = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
@@ -51,9 +49,7 @@ def test_simulate_writes_what_the_library_gives(made: Path) -> None:
     assert meta["inputs"] == [{"file": "hand.ply", "sha256": digest}]
 
 
-def test_every_option_of_simulate_reaches_the_library(
-    cli: Cli, place: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_option_of_simulate_reaches_the_library(cli, place, monkeypatch):
     received: dict[str, Any] = {}
 
     def fake(scene: clradar.Scene, array: object, waveform: clradar.Waveform, **given: Any) -> None:
@@ -91,17 +87,18 @@ def test_every_option_of_simulate_reaches_the_library(
     assert (settings.estimator, settings.samples_per_mm2) == ("expected", 2.0)
 
 
-def test_simulate_takes_the_materials_of_parts(cli: Cli, place: Path) -> None:
+def test_simulate_takes_the_materials_of_parts(cli, place):
     materials = "--material palm --material-of thumb=skin --samples-per-mm2 1.5 --band 72:82:2"
-    outcome = cli.ok(f"simulate hand.ply -o x.h5 {materials} --alpha 0.3")
+    outcome = cli.ok(f"simulate hand.ply -o x.h5 {materials}")
     assert "2 S-parameters of palm, skin," in outcome.out or "of skin, palm," in outcome.out
+    outcome = cli(f"simulate hand.ply -o y.h5 {materials} --alpha 0.3 --material-of toe=skin")
     assert "--alpha: not used by --estimator physical" in outcome.err
     meta = open_capture("x.h5").meta
     assert meta["settings"]["estimator"] == "physical"
     assert {record["name"] for record in meta["scene"]["materials"]} == {"palm", "skin"}
 
 
-def test_alpha_by_mesh_and_by_part(cli: Cli, place: Path) -> None:
+def test_alpha_by_mesh_and_by_part(cli, place):
     meshes = ["hand.ply:0.2", "parts.glb"]
     scene = group_of(SceneOptions, meshes=meshes, alpha=["palm-2=0.6", "0.9", "thumb=0"]).load()
     alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)
@@ -119,7 +116,7 @@ MATRIX = [[0.0, -1, 0, 0.01], [1, 0, 0, 0.02], [0, 0, 1, 0.03], [0, 0, 0, 1]]
 
 
 @pytest.mark.parametrize("form", [MATRIX, np.ravel(MATRIX).tolist(), {"transform": MATRIX}])
-def test_a_transform_moves_the_mesh(made: Path, tmp_path: Path, form: Any) -> None:
+def test_a_transform_moves_the_mesh(made, tmp_path, form):
     path = tmp_path / "t.json"
     path.write_text(json.dumps(form))
     moved = SceneOptions(meshes=[(made / "hand.ply", None)], transform=path).load()
@@ -134,14 +131,14 @@ def test_a_transform_moves_the_mesh(made: Path, tmp_path: Path, form: Any) -> No
         "[[NaN,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]",
     ],
 )
-def test_what_is_no_transform_is_refused(tmp_path: Path, text: str) -> None:
+def test_what_is_no_transform_is_refused(tmp_path, text):
     path = tmp_path / "t.json"
     path.write_text(text)
     with pytest.raises(ClradarError, match=r"t\.json"):
         PlacementOptions(transform=path).matrix()
 
 
-def test_a_volume_has_the_radar_of_the_options_and_a_capture_its_own(made: Path) -> None:
+def test_a_volume_has_the_radar_of_the_options_and_a_capture_its_own(made):
     options = RadarOptions(band=(60.0, 62.0, 5))
     found = ImageInput(Path("v.h5"), open_volume(made / "volume.h5")).radar_or(options)
     assert found["array"].same_positions(clradar.arrays.qar50(), 0.0)
@@ -175,7 +172,7 @@ def names(scene: clradar.Scene) -> list[str]:
     return [scene.materials[i].name for i in np.asarray(scene.material)[:3]]
 
 
-def test_materials_of_all_and_of_parts(scene: clradar.Scene, own: Path) -> None:
+def test_materials_of_all_and_of_parts(scene, own):
     assert MaterialOptions().on(scene) is scene
     some = of(material="palm", material_of=["thumb=skin", f"nail={own}:resin"])
     assert names(some.on(scene)) == ["palm", "skin", "resin"]
@@ -198,16 +195,14 @@ def test_materials_of_all_and_of_parts(scene: clradar.Scene, own: Path) -> None:
         ({"material_of": ["toe=skin"]}, r"expected parts .*\(palm, thumb, nail\), got toe"),
     ],
 )
-def test_wrong_names_list_what_is_known(
-    scene: clradar.Scene, own: Path, options: dict[str, str | list[str]], message: str
-) -> None:
+def test_wrong_names_list_what_is_known(scene, own, options, message):
     if "material" in options:
         options = {"material": str(options["material"]).format(own=own)}
     with pytest.raises((typer.BadParameter, ClradarError), match=message):
         of(**options).on(scene)
 
 
-def test_a_material_chooses_the_estimator_that_knows_it() -> None:
+def test_a_material_chooses_the_estimator_that_knows_it():
     assert MaterialOptions().estimator(None) is None
     assert MaterialOptions().estimator("stochastic") == "stochastic"
     assert of(material_of=["thumb=skin"]).estimator(None) == "physical"
@@ -252,7 +247,7 @@ def walled(cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "simulate ball.ply --array wall.toml --band 76:80:12 --estimator expected -o"
 
 
-def test_the_image_is_the_sum_over_the_pairs_of_all_clusters(walled: str) -> None:
+def test_the_image_is_the_sum_over_the_pairs_of_all_clusters(walled):
     """That of one array of all antennas, whose other pairs are zero, over their share of pairs."""
     clusters = read_clusters("wall.toml")
     captures = [clradar.room_capture(array, BAND, [], points_m=POINTS_M) for array in clusters]
@@ -274,9 +269,7 @@ def test_the_image_is_the_sum_over_the_pairs_of_all_clusters(walled: str) -> Non
 
 
 @pytest.mark.parametrize(("estimator", "tolerance"), [("expected", 1e-4), ("physical", 1e-3)])
-def test_a_cluster_sees_at_its_pose_what_it_sees_in_its_own_frame(
-    walled: str, estimator: str, tolerance: float
-) -> None:
+def test_a_cluster_sees_at_its_pose_what_it_sees_in_its_own_frame(walled, estimator, tolerance):
     """Balls of which one hides a part of the other: only coordinates are rounded elsewhere."""
     pose = trimesh.transformations.rotation_matrix(np.radians(10), [1, 0, 0])
     pose[:3, 3] = [0, 0.1, 0]
@@ -303,7 +296,7 @@ FILES = {"cluster_001.h5", "cluster_002.h5", "cluster_003.h5", "settings.json"}
 
 
 @pytest.mark.usefixtures("quickly")
-def test_from_clusters_to_one_image(cli: Cli, walled: str) -> None:
+def test_from_clusters_to_one_image(cli, walled):
     cli.ok(f"{walled} made")
     captures = [open_capture(f"made/cluster_00{i}.h5") for i in (1, 2, 3)]
     scene, second = clradar.Scene.from_mesh("ball.ply"), read_clusters("wall.toml")[1]
@@ -319,7 +312,7 @@ def test_from_clusters_to_one_image(cli: Cli, walled: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["--workers 2", *nightly(["--device all"])])
-def test_workers_and_devices_make_the_same_files(cli: Cli, walled: str, how: str) -> None:
+def test_workers_and_devices_make_the_same_files(cli, walled, how):
     pytest.importorskip("distributed")
     cli.ok(f"{walled} here")
     line = f"{walled} there {how}"
@@ -332,9 +325,7 @@ def test_workers_and_devices_make_the_same_files(cli: Cli, walled: str, how: str
     assert contents("there") == contents("here")
 
 
-def test_a_mesh_that_changes_between_clusters_is_refused(
-    cli: Cli, walled: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mesh_that_changes_between_clusters_is_refused(cli, walled, monkeypatch):
     one = ClusterSteps.run
 
     def changing(self: ClusterSteps, item: Item, progress: Any = None) -> str:
@@ -360,7 +351,7 @@ center_mm = [0, 0, 400]
 """
 
 
-def test_a_moving_scene_becomes_a_recording_with_its_truth(cli: Cli) -> None:
+def test_a_moving_scene_becomes_a_recording_with_its_truth(cli):
     ball(0.01, 0, 0, 0.2).export("ball.ply")
     Path("motion.toml").write_text(MOTION)
     options = "--band 72:82:2 --samples-per-mm2 0.02 --estimator expected"
@@ -383,7 +374,7 @@ def test_a_moving_scene_becomes_a_recording_with_its_truth(cli: Cli) -> None:
     assert np.array_equal(one.data, recording[0].data)
 
 
-def test_frames_of_another_radar_and_clusters_one_after_the_other(cli: Cli) -> None:
+def test_frames_of_another_radar_and_clusters_one_after_the_other(cli):
     ball(0.01, 0, 0, 0.3).export("ball.ply")
     Path("motion.toml").write_text("body = [{ velocity_mm_per_s = [0, 0, 500] }]")
     Path("radar.toml").write_text(RULES)
@@ -413,7 +404,7 @@ def test_frames_of_another_radar_and_clusters_one_after_the_other(cli: Cli) -> N
     assert contents("one").keys() == {"cluster_001.h5", "cluster_002.h5"}
 
 
-def test_a_hand_goes_from_pose_to_pose_as_a_motion(cli: Cli) -> None:
+def test_a_hand_goes_from_pose_to_pose_as_a_motion(cli):
     way = "hand --from A --to bent.toml --edge-mm 4 --left --length-mm 180"
     bent = 'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80'
     Path("bent.toml").write_text(bent)
@@ -428,7 +419,7 @@ def test_a_hand_goes_from_pose_to_pose_as_a_motion(cli: Cli) -> None:
     cli.fails(f"{way} -o way.ply", "expected a name that ends in .toml")
 
 
-def test_a_rig_goes_from_pose_to_pose_in_a_motion(cli: Cli) -> None:
+def test_a_rig_goes_from_pose_to_pose_in_a_motion(cli):
     Path("in").mkdir()
     RigMaker(units=100.0).save(Path("hand.glb"))
     way = "hand --from flat --to A --rig hand.glb --rig-unit cm --duration-s 0.5"

@@ -77,40 +77,9 @@ def zip_of(path: Path, content: bytes | tuple[int, int], count: int = 1) -> None
             archive.writestr(f"data{i or ''}.npy", content)
 
 
-def hdf5(change: Callable[[h5py.File, Path], None]) -> Callable[[Path], None]:
-    def make(path: Path) -> None:
-        with h5py.File(path, "w") as file:
-            change(file, path)
-
-    return make
-
-
-def _virtual(file: h5py.File, path: Path) -> None:
-    with h5py.File(path.with_name("other.h5"), "w") as other:
-        other["data"] = np.zeros((94, 94, 4), np.complex64)
-    made = h5py.VirtualLayout((94, 94, 4), np.complex64)
-    made[:] = h5py.VirtualSource(path.with_name("other.h5"), "data", (94, 94, 4))
-    file.create_virtual_dataset("data", made)
-
-
-def _external(file: h5py.File, path: Path) -> None:
-    secret = path.with_name("secret")
-    secret.write_bytes(bytes(94 * 94 * 4 * 8))
-    file.create_dataset("data", (94, 94, 4), np.complex64, external=[(str(secret), 0, 282752)])
-
-
-def _unbacked(file: h5py.File, path: Path) -> None:
-    file.create_dataset("data", (94, 94, 2**40), np.complex64, chunks=(1, 1, 2**20))
-
-
-def _linked(file: h5py.File, path: Path) -> None:
-    with h5py.File(path.with_name("other.h5"), "w") as other:
-        other["data"] = np.zeros((94, 94, 4), np.complex64)
-    file["data"] = h5py.ExternalLink("other.h5", "/data")
-
-
-def _deep(file: h5py.File, path: Path) -> None:
-    file.create_group("/".join("abcdefghij" * 20))
+def unbacked(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file.create_dataset("data", (94, 94, 2**40), np.complex64, chunks=(1, 1, 2**20))
 
 
 def mat5(shape: tuple[int, ...], content: bytes, *, deflated: bool = False) -> bytes:
@@ -155,11 +124,8 @@ def nested_tuples(depth: int) -> bytes:
 
 CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "os.system": ("frame.npy", frame(pickle.dumps(Evil(os.system, "touch owned")))),
-    "eval": ("frame.npy", frame(pickle.dumps(Evil(eval, "open('owned', 'w')"), 4))),
-    "a file opened": ("frame.npy", frame(pickle.dumps({"xr": Evil(open, "owned", "w")}, 2))),
     "bytes of 2^62": ("frame.npy", frame(b"\x80\x04\x8e" + b"\xff" * 7 + b"\x3f.")),
     "text of 2^62": ("frame.npy", frame(b"\x80\x04\x8d" + b"\xff" * 7 + b"\x3f.")),
-    "memo of 2^31": ("frame.npy", frame(b"\x80\x02K\x01r\xff\xff\xff\x7f.")),
     "deep keys": ("frame.npy", frame(nested_tuples(10**6))),
     "keys that take for ever": ("frame.npy", frame(b"\x80\x02}K\x01" + b"".join(
         b"q%ch%c\x86" % (i, i) for i in range(60)) + b"K\x01s.")),
@@ -175,11 +141,7 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
         (94, 94, 2**14), struct.pack("<II", 9, 94 * 94 * 2**17), deflated=True)),
     "a sparse MATLAB file": ("lab.mat", lambda path: sparse(
         path, mat5((94, 94, 4), struct.pack("<II", 9, 2**31)))),
-    "a virtual dataset": ("lab.h5", hdf5(_virtual)),
-    "external storage": ("lab.h5", hdf5(_external)),
-    "an external link": ("lab.h5", hdf5(_linked)),
-    "an unbacked dataset": ("lab.h5", hdf5(_unbacked)),
-    "groups in groups": ("lab.h5", hdf5(_deep)),
+    "an unbacked dataset": ("lab.h5", unbacked),
     "a sparse HDF5 file": ("lab.h5", lambda path: sparse(path, b"\x89HDF\r\n\x1a\n")),
     "vertices of 2^40": ("mesh.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex "
                          b"1099511627776\nproperty float x\nproperty float y\nproperty float z\n"
@@ -194,15 +156,11 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "a buffer by address": ("mesh.gltf", gltf(buffers=[
         {"uri": "file:///etc/passwd", "byteLength": 36}])),
     "an OBJ of one line": ("mesh.obj", b"f " + b"1 " * 10**6),
-    "a hand with os.system": ("hand.pkl", pickle.dumps({"f": Evil(os.system, "touch owned")}, 2)),
     "a rig with numbers of 2^40": ("hand.gltf", gltf(skins=[{"joints": [0]}], accessors=[
         {"componentType": 5126, "count": 2**40, "type": "VEC3"}])),
     "a PNG bomb": ("depth.png", png(4000, 4000, 10**8)),
     "a PNG of 2^62": ("depth.png", png(2**31 - 1, 2**31 - 1, 10**3)),
-    "deep TOML": ("layout.toml", b"data = " + b"[" * 5000 + b"]" * 5000),
-    "a long key": ("layout.toml", b".".join([b"a"] * 10**5) + b" = 1"),
     "a huge number": ("layout.toml", LAYOUT.replace("72e9", "9" * 5000).encode()),
-    "deep JSON of a pose": ("transform.json", b"[" * 10**6 + b"]" * 10**6),
 }  # fmt: skip
 CRAFTED |= {
     f"a pipe for {name}": (name, os.mkfifo)

@@ -177,24 +177,13 @@ def change_glb(data: bytes, rng: random.Random) -> bytes:
 
 def png_checksums(data: bytes) -> bytes:
     """Return a PNG file with the checksum of every chunk made right."""
-    chunks = _png_chunks(data)
-    return _png(chunks) if chunks else data
-
-
-def _png(chunks: list[tuple[bytes, bytes]]) -> bytes:
-    parts = [
-        len(c).to_bytes(4, "big") + n + c + zlib.crc32(n + c).to_bytes(4, "big") for n, c in chunks
-    ]
-    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
-
-
-def _png_chunks(data: bytes) -> list[tuple[bytes, bytes]]:
-    found, at = [], 8
+    whole, at = b"\x89PNG\r\n\x1a\n", 8
     while at + 8 <= len(data):
         size = int.from_bytes(data[at : at + 4], "big")
-        found.append((data[at + 4 : at + 8], data[at + 8 : at + 8 + size]))
+        chunk = data[at + 4 : at + 8 + size]
+        whole += (len(chunk) - 4).to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
         at += 12 + size
-    return found
+    return whole if at > 8 else data
 
 
 # ---- pickles

@@ -3,12 +3,10 @@
 import base64
 import io
 import json
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import dataset_plans
 import h5py
 import layout_files
 import maroon_files
@@ -18,11 +16,8 @@ import numpy as np
 import trimesh
 
 import clradar
-from clradar.dataset.folder import Manifest
 from clradar.files.meshes.ply_parts import ply_of_parts
-from clradar.jobs.outcome import Aside
-from clradar.model import ImageScale
-from measurement_io import save_capture, save_channels, save_volume
+from measurement_io import open_capture
 
 
 def frames() -> list[bytes]:
@@ -39,31 +34,26 @@ def frames() -> list[bytes]:
     return [maroon_files.npy(content) for content in pickles]
 
 
+FROZEN = Path(__file__).parents[1] / "files" / "frozen" / "2026-11"
+
+
+def frozen(*names: str) -> list[bytes]:
+    """Files as they were once saved."""
+    return [(FROZEN / name).read_bytes() for name in names]
+
+
 def native_captures() -> list[bytes]:
-    """Native captures: as saved here, by another writer in every generation of HDF5, long text."""
-    rng = np.random.default_rng(0)
-    data = (rng.normal(size=(3, 2, 5)) + 1j * rng.normal(size=(3, 2, 5))).astype(np.complex64)
-    array = clradar.AntennaArray(rng.normal(size=(3, 3)), rng.normal(size=(2, 3)), "lab 1")
-    waveform = clradar.Waveform(60e9 + np.arange(5) * 1e9)
-    capture = clradar.Capture(data, array, waveform, {"seed": 1, "list": [1.5, None, {"a": "b"}]})
+    """Native captures: as saved, by another writer in every generation of HDF5, long text."""
     return [
-        _saved(save_capture, capture),
-        *(_by_hand(capture, options) for options in _GENERATIONS),
-        *(_by_hand(capture, options, crowd=30) for options in _GENERATIONS[:2]),
+        *frozen("capture-1.h5", "capture-2.h5"),
+        *(_by_hand(options) for options in _GENERATIONS),
+        *(_by_hand(options, crowd=30) for options in _GENERATIONS[:2]),
     ]
 
 
 def native_volumes() -> list[bytes]:
-    """Native volumes, as saved here: one on a relative scale, one on an absolute one."""
-    grid = clradar.VoxelGrid([-0.1, 0.2, 0.3], [1e-3, 2e-3, 3e-3], (4, 3, 2))
-    rng = np.random.default_rng(0)
-    data = (rng.normal(size=grid.shape) + 1j * rng.normal(size=grid.shape)).astype(np.complex64)
-    pattern = clradar.AntennaPattern(3.0, angle_deg=[0, 90, 180], field=[1, 0.5, 0])
-    array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2], "lab", tx_pattern=pattern)
-    scale = ImageScale(array, clradar.Waveform([76e9, 77e9]), [0.5, 1.0])
-    volume = clradar.Volume(data, grid, {"method": "exact"})
-    scaled = _saved(save_volume, replace(volume, scale=scale))
-    return [_saved(save_volume, volume), *_in_both_forms(scaled)]
+    """Native volumes: one on a relative scale, one on an absolute one."""
+    return [*frozen("volume-1.h5"), *_in_both_forms(*frozen("volume-2.h5"))]
 
 
 _GENERATIONS: tuple[dict[str, Any], ...] = (
@@ -71,13 +61,6 @@ _GENERATIONS: tuple[dict[str, Any], ...] = (
     {"libver": "latest"},
     {"libver": ("earliest", "v108"), "track_order": True},
 )
-
-
-def _saved(save: Any, record: Any) -> bytes:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "file.h5"
-        save(path, record)
-        return path.read_bytes()
 
 
 def _in_both_forms(content: bytes) -> list[bytes]:
@@ -90,17 +73,14 @@ def _in_both_forms(content: bytes) -> list[bytes]:
     return [content, stream.getvalue()]
 
 
-def _by_hand(capture: clradar.Capture, options: dict[str, Any], crowd: int = 0) -> bytes:
+def _by_hand(options: dict[str, Any], crowd: int = 0) -> bytes:
     """A capture with other storage: contiguous, chunked with every kind of index, many names."""
+    capture = open_capture(FROZEN / "capture-1.h5")
     stream = io.BytesIO()
     with h5py.File(stream, "w", **options) as file:
-        for name, value in {
-            "clradar_format": "capture",
-            "clradar_version": 1,
-            "created": "2024-05-06T07:08:09+00:00",
-            "provenance": json.dumps(dict(capture.meta)),
-        }.items():
-            file.attrs[name] = value
+        file.attrs["clradar_format"], file.attrs["clradar_version"] = "capture", 1
+        file.attrs["created"] = "2024-05-06T07:08:09+00:00"
+        file.attrs["provenance"] = json.dumps(dict(capture.meta))
         for i in range(crowd):  # so many that HDF5 stores them another way
             file.attrs[f"attribute {i}"] = f"value {i}"
         group = file.create_group("entry/data")
@@ -136,18 +116,8 @@ def antenna_files() -> list[bytes]:
 
 
 def native_channels() -> list[bytes]:
-    """Calibrated channels, as saved here."""
-    array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2], "lab")
-    channels = clradar.ChannelCalibration(
-        response=clradar.ChannelResponse([1, 1j, 0], [1, 2], [0, 1e-12, 0], [0, 0], 77e9),
-        array=array, waveform=clradar.Waveform([76e9, 77e9, 78e9]), target="corner",
-        target_position={"x_m": 0.0, "y_m": 0.1, "z_m": 0.3}, target_covariance=np.eye(3),
-        target_amplitude=1.0, dead_tx=[2], dead_rx=[], noisy_tx=[], noisy_rx=[1],
-        tx_noise=np.zeros(3), rx_noise=np.zeros(2), tx_phase_std_rad=np.zeros(3),
-        rx_phase_std_rad=np.zeros(2), tx_delay_std_s=np.zeros(3), rx_delay_std_s=np.zeros(2),
-        residual_db=-20.0, noise_residual_db=-21.0, meta={"seed": 1},
-    )  # fmt: skip
-    return _in_both_forms(_saved(save_channels, channels))
+    """Calibrated channels, as saved once."""
+    return _in_both_forms(*frozen("channels-2.h5"))
 
 
 def alignments() -> list[bytes]:
@@ -164,10 +134,14 @@ def alignments() -> list[bytes]:
 def metadata() -> list[bytes]:
     """metadata.json, full and with a box that lacks bounds and has two in the wrong order."""
     full = {
-        "calibration": "c", "calibration_fine": 1, "distance_meters": 0.3, "mask_erosion": 2,
-        "labels": ["a"], "mask_bb": {"xmin": -0.1, "xmax": 0.1, "zmin": 0.5, "zmax": 0.2},
+        "calibration": "c",
+        "calibration_fine": 1,
+        "distance_meters": 0.3,
+        "mask_erosion": 2,
+        "labels": ["a"],
+        "mask_bb": {"xmin": -0.1, "xmax": 0.1, "zmin": 0.5, "zmax": 0.2},
         "empty_measurement": "empty",
-    }  # fmt: skip
+    }
     return [json.dumps(tree).encode() for tree in (full, {"mask_bb": {"ymin": 0}}, {})]
 
 
@@ -185,35 +159,21 @@ def products() -> dict[str, bytes]:
 
 
 LAYOUT = b"""
-[data]
-key = "s"
-axes = ["tx", "rx", "freq"]
-
-[tx]
-key = "tx"
-
-[rx]
-key = "rx"
-
-[antennas]
-unit = "mm"
-
-[frequency]
-key = "f"
-unit = "GHz"
-
-[meta]
-keys = ["note"]
+data = { key = "s", axes = ["tx", "rx", "freq"] }
+tx.key = "tx"
+rx.key = "rx"
+antennas.unit = "mm"
+frequency = { key = "f", unit = "GHz" }
+meta.keys = ["note"]
 """
 
 
 def containers(*kinds: str) -> list[bytes]:
     """A lab's capture in files of these kinds."""
     capture = layout_files.random_capture()
-    tree = {
-        "s": capture.data, "tx": 1e3 * capture.array.tx_m, "rx": 1e3 * capture.array.rx_m,
-        "f": capture.waveform.frequencies_hz / 1e9, "note": "a note",
-    }  # fmt: skip
+    sides = {"tx": 1e3 * capture.array.tx_m, "rx": 1e3 * capture.array.rx_m}
+    f_ghz = capture.waveform.frequencies_hz / 1e9
+    tree = {"s": capture.data, **sides, "f": f_ghz, "note": "a note"}
     found = []
     with TemporaryDirectory() as folder:
         for i, kind in enumerate(kinds):
@@ -334,10 +294,5 @@ def hand_archives() -> list[bytes]:
 
 
 def manifests() -> list[bytes]:
-    """A data set with a sample that was set aside."""
-    manifest = Manifest(
-        dataset_plans.plan_of(),
-        {"clradar": "0.0", "device": {"name": "none"}},
-        {1: Aside(1, "no hand", 2)},
-    )
-    return [json.dumps(manifest.record(), indent=1).encode()]
+    """Data sets: a whole one, and one with a sample that was set aside."""
+    return frozen("data-set/manifest.json", "data-set-stopped/manifest.json")

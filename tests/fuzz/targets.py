@@ -143,10 +143,9 @@ def _lab(*kinds: str, form: Format = Format(), short_run: int = 100) -> Target:
 
 
 def _mesh(ending: str, form: Format) -> Target:
-    return Target(
-        f"mesh.{ending}", partial(seeds.named_meshes, ending), Scene.from_mesh, Scene, form,
-        error=MeshError, short_run=30,
-    )  # fmt: skip
+    files = partial(seeds.named_meshes, ending)
+    few = {"error": MeshError, "short_run": 30}
+    return Target(f"mesh.{ending}", files, Scene.from_mesh, Scene, form, **few)
 
 
 def _placed(path: Path) -> object:

@@ -91,10 +91,8 @@ def test_faults_of_readers_are_detected(tmp_path):
             list(FAULTS.values())[number](path)
         raise MeasurementError(f"{path}: expected the seed, got something else")
 
-    target = Numbered(
-        "input", lambda: [b"seed"], read, bytes, processor_limit_s=2.0,
-        resident_limit_bytes=50_000_000,
-    )  # fmt: skip
+    limits = {"processor_limit_s": 2.0, "resident_limit_bytes": 50_000_000}
+    target = Numbered("input", lambda: [b"seed"], read, bytes, **limits)
     count = 2 * len(FAULTS) + 1
     outcome = harness.run(target, count, keep=tmp_path / "kept")
     assert [index for index, _, _ in outcome.faults] == list(range(1, count, 2)), str(outcome)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from flesh_fields import digits, distances_m, gradients, rows
-from flesh_reference import blended_m, cone_distance_m, part_distances_m
+from flesh_reference import cone_distance_m, part_distances_m
 from nightly import nightly
 
 import clradar
@@ -126,24 +126,3 @@ def test_cone_distance_is_that_of_its_spheres():
     # Spheres 0.0075 mm apart on the axis miss the nearest one by half of that, which changes a
     # distance in second order: (4e-6 m)**2 / 2 over the distance to the axis, seldom below 1 mm.
     np.testing.assert_allclose(found_m, expected_m.min(axis=1), atol=2e-8)
-
-
-def test_blended_minimum_stays_within_its_bound():
-    a, b = np.random.default_rng(2).uniform(-1.0, 1.0, (2, 1000))
-    blended = blended_m(a, b, 0.4)
-    # At most a quarter of the blend below the minimum, and equal to it where nothing overlaps.
-    assert (blended <= np.minimum(a, b)).all()
-    assert (blended >= np.minimum(a, b) - 0.1 - 1e-15).all()
-    far = np.abs(a - b) >= 0.4
-    np.testing.assert_array_equal(blended[far], np.minimum(a, b)[far])
-
-
-def test_flesh_never_overestimates_a_distance():
-    # Cells are left out by this property.
-    flesh = flesh_of("F")
-    rng = np.random.default_rng(3)
-    from_m = rng.uniform([-0.09, -0.02, -0.08], [0.06, 0.2, 0.03], (3000, 3))
-    to_m = from_m + rng.normal(scale=5e-3, size=from_m.shape)
-    change_m = np.abs(distances_m(flesh, from_m) - distances_m(flesh, to_m))
-    # Slope at most 1, up to the rounding of distances near 0.1 m.
-    assert (change_m <= np.linalg.norm(to_m - from_m, axis=1) + 1e-15).all()

@@ -82,7 +82,7 @@ def test_bones_have_their_published_lengths_and_frames_along_them(pose):
     assert (depth_mm[~is_tip] > 7.0).all()
 
 
-def test_a_right_hands_thumb_points_to_minus_x_and_fingers_bend_to_the_radar():
+def test_a_right_hands_thumb_points_to_minus_x_in_front_of_the_palm():
     # The palm faces the radar (-z) with fingers up (+y). Whoever owns this right hand faces the
     # aperture and has +x on the right; the thumb of a raised right hand points to the left.
     for pose in ALL_POSES:
@@ -93,17 +93,6 @@ def test_a_right_hands_thumb_points_to_minus_x_and_fingers_bend_to_the_radar():
         assert joint(joints_m, "middle-finger-tip")[1] - joint(joints_m, "wrist")[1] > 0.17
         # The thumb lies in front of the palm, never behind the back of the hand.
         assert joint(joints_m, "thumb-tip")[2] < joint(joints_m, "middle-finger-metacarpal")[2]
-    hook = {
-        f"{finger}-finger-phalanx-{bone}": JointAngles.from_degrees(angle)
-        for finger in FINGERS
-        for bone, angle in (("proximal", 40.0), ("intermediate", 40.0), ("distal", 20.0))
-    }
-    bent = posed_skeleton(HandPose("hook", hook)).joints_m
-    for finger in FINGERS:
-        # Bent by 40, 80 and 100 degrees, even the little finger's bones of 33, 18 and 16 mm reach
-        # 54 mm in front of the knuckle; straight ones stay within a few millimetres.
-        knuckle, tip = f"{finger}-finger-phalanx-proximal", f"{finger}-finger-tip"
-        assert joint(bent, knuckle)[2] - joint(bent, tip)[2] > 0.045
 
 
 # --- surface

@@ -1,7 +1,5 @@
 """Batches over several devices, on PoCL that shows the CPU twice."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -20,7 +18,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return found
 
 
-def test_results_come_in_order_from_both(found: dict[str, Any]) -> None:
+def test_results_come_in_order_from_both(found):
     assert [number for number, _ in found["made"]] == list(range(N))
     assert sorted({selector for _, selector in found["made"]}) == ["0:0", "0:1"]
     assert found["warned"] == ["each says this"]
@@ -29,7 +27,7 @@ def test_results_come_in_order_from_both(found: dict[str, Any]) -> None:
     assert done == total
 
 
-def test_errors_name_the_device(found: dict[str, Any]) -> None:
+def test_errors_name_the_device(found):
     assert found["failed"].startswith("DeviceError: device 0:1 ")
     assert found["failed"].endswith("]: out of memory")
     assert found["killed"].startswith("DeviceError: device 0:1 ")
@@ -50,14 +48,14 @@ def names_of_all(monkeypatch: pytest.MonkeyPatch, *there: DeviceInfo) -> list[st
     return [info.selector for info in choice.select_devices("all")]
 
 
-def test_all_are_the_gpus_each_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_are_the_gpus_each_once(monkeypatch):
     cpu, by_another_driver = listed("0:0", "C", "cpu"), listed("2:0", "A", "gpu")
     gpus = [listed("1:0", "A", "gpu"), listed("1:1", "A", "gpu"), listed("3:0", "B", "gpu")]
     there = cpu, *gpus[:2], by_another_driver, gpus[2]
     assert names_of_all(monkeypatch, *there) == [info.selector for info in gpus]
 
 
-def test_without_gpus_all_are_those_like_the_default(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_gpus_all_are_those_like_the_default(monkeypatch):
     pocl = [listed(f"0:{i}", "A", "cpu") for i in range(2)]
     intel = replace(listed("1:0", "A", "cpu"), platform="Intel(R) OpenCL")
     assert names_of_all(monkeypatch, *pocl) == ["0:0", "0:1"]
@@ -66,9 +64,7 @@ def test_without_gpus_all_are_those_like_the_default(monkeypatch: pytest.MonkeyP
     assert [info.selector for info in choice.select_devices(None)] == ["1:0"]
 
 
-def test_the_list_marks_all_that_would_be_used(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_list_marks_all_that_would_be_used(monkeypatch, capsys):
     names_of_all(monkeypatch, listed("0:0", "A", "cpu"), listed("0:1", "A", "cpu"))
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
     command()
@@ -78,7 +74,7 @@ def test_the_list_marks_all_that_would_be_used(
 
 
 @pytest.mark.device
-def test_devices_of_two_kinds_are_not_alike() -> None:
+def test_devices_of_two_kinds_are_not_alike():
     devices = Where("pocl")
     devices.__dict__["infos"] = (devices.first.info, listed("1:0", "B", "gpu"))
     with pytest.raises(DeviceError, match=r"one name and driver for a sweep.*1:0 B"):

@@ -1,7 +1,5 @@
 """Folders of long work: what they resume, what they refuse, what they leave."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -63,7 +61,7 @@ def done(one: Job, steps: Steps, **more: Any) -> list[tuple[int, int]]:
 
 @pytest.mark.device
 @pytest.mark.filterwarnings("ignore:each says this")
-def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+def test_what_is_done_is_not_done_again(tmp_path):
     at, said = tmp_path / "out", []
     with pytest.raises(MeasurementError, match="item 2"):
         done(job(at), Steps(at, fails=2))
@@ -75,18 +73,15 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.device
-def test_an_error_of_one_item_alone_is_a_warning(tmp_path: Path) -> None:
+def test_an_error_of_one_item_alone_is_a_warning(tmp_path):
     steps = Steps(tmp_path, fails=2)
     with pytest.warns(ClradarWarning) as said:
-        found = done(
-            job(tmp_path), steps, name=lambda i: f"{i}: ",
-            tolerated=lambda error: isinstance(error, MeasurementError),
-        )  # fmt: skip
+        found = done(job(tmp_path), steps, name="{}: ".format, tolerated=lambda error: True)
     assert [item for item, _ in found] == [0, 1, 3]
     assert [str(one.message) for one in said] == ["0: each says this", "2: item 2 cannot be read"]
 
 
-def test_a_folder_takes_one_key(tmp_path: Path) -> None:
+def test_a_folder_takes_one_key(tmp_path):
     at = tmp_path / "deep" / "out"
     one, other = {"a": {"b": 1, "c": 2}}, {"a": {"b": 3, "c": 2}}
     more: dict[str, Any] = {"resumable": lambda at: True, "own": (KEY, "result", "work")}
@@ -106,30 +101,28 @@ def test_a_folder_takes_one_key(tmp_path: Path) -> None:
             pass
 
 
-def test_inputs_count_by_what_they_hold(tmp_path: Path) -> None:
+def test_inputs_count_by_what_they_hold(tmp_path):
     at, mesh = tmp_path / "out", tmp_path / "a.ply"
-    mesh.write_bytes(b"one")
     more: dict[str, Any] = {"inputs": {"--mesh": [mesh]}, "resumable": lambda at: True}
-    with job(at, **more).held():
-        pass
-    mesh.unlink()
-    mesh.write_bytes(b"one")
-    with job(at, **more).held():
-        pass
+    for _ in range(2):  # another file of the same content
+        mesh.unlink(missing_ok=True)
+        mesh.write_bytes(b"one")
+        with job(at, **more).held():
+            pass
     mesh.write_bytes(b"two")
     expected = r"--mesh '.*a\.ply' holds something else"
     with pytest.raises(OutputError, match=expected), job(at, **more).held():
         pass
 
 
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
+def test_a_folder_of_somebody_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").touch()
     with pytest.raises(OutputError, match="no begun sweep"), job(tmp_path).held():
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_damaged_settings_are_an_error_and_can_be_replaced(tmp_path: Path) -> None:
+def test_damaged_settings_are_an_error_and_can_be_replaced(tmp_path):
     (tmp_path / KEY).write_text("[1")
     with (
         pytest.raises(ValueError, match="settings of a begun sweep"),
@@ -140,21 +133,19 @@ def test_damaged_settings_are_an_error_and_can_be_replaced(tmp_path: Path) -> No
         assert json.loads((tmp_path / KEY).read_text()) == {"a": 1}
 
 
-def test_what_fails_before_there_is_anything_leaves_nothing(tmp_path: Path) -> None:
+def test_what_fails_before_there_is_anything_leaves_nothing(tmp_path):
     with pytest.raises(OutputError, match="refused"), job(tmp_path / "out").held():
         raise OutputError("refused")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_place_at_a_time() -> None:
+def test_one_place_at_a_time():
     with pytest.raises(ModelError, match="one of the two"):
         Where(workers=2, scheduler="tcp://127.0.0.1:1")
 
 
 @pytest.mark.device
-def test_an_item_of_a_scheduler_is_made_in_the_folder_of_the_client(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_item_of_a_scheduler_is_made_in_the_folder_of_the_client(tmp_path, monkeypatch):
     workers = pytest.importorskip("clradar.jobs.workers")
     monkeypatch.setattr(workers, "_breach", lambda terms: None)
     before = os.getcwd()
@@ -175,7 +166,7 @@ with held(Path(sys.argv[1]), "sweep"):
 
 
 @posix_only
-def test_a_killed_holder_holds_nothing(tmp_path: Path) -> None:
+def test_a_killed_holder_holds_nothing(tmp_path):
     process = subprocess.Popen([sys.executable, "-c", HOLDING, tmp_path], stdout=subprocess.PIPE)
     assert process.stdout is not None
     with process, process.stdout:
@@ -189,9 +180,7 @@ def test_a_killed_holder_holds_nothing(tmp_path: Path) -> None:
     assert not (tmp_path / LOCK).exists()
 
 
-def test_a_file_stands_for_a_lock_where_there_are_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_stands_for_a_lock_where_there_are_none(tmp_path, monkeypatch):
     """As on Lustre and NFS by some of their options: no other process is blamed."""
     import errno
 
@@ -212,9 +201,7 @@ def test_a_file_stands_for_a_lock_where_there_are_none(
 
 
 @posix_only
-def test_scratch_folders_of_killed_processes_are_removed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scratch_folders_of_killed_processes_are_removed(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     (tmp_path / "clradar-scratch-left").mkdir()
     (tmp_path / "clradar-scratch-left" / LOCK).touch()

@@ -1,6 +1,5 @@
 """A headless Chromium for tests, driven through a pipe: no network, no driver, no package."""
 
-import base64
 import json
 import os
 import select
@@ -144,10 +143,6 @@ class Page:
         self.call("Input.dispatchKeyEvent", type="keyDown", key=key, code=code, text=text)
         self.call("Input.dispatchKeyEvent", type="keyUp", key=key, code=code)
         self.settle()
-
-    def screenshot(self, path: Path, *, whole: bool = False) -> None:
-        shot = self.call("Page.captureScreenshot", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(shot["data"]))
 
     def complaints(self) -> list[str]:
         """Return the messages of console and log, and uncaught errors."""

@@ -25,12 +25,7 @@ from clradar.cli import main
 from clradar.files.json_file import write_json
 from clradar.hand import POSES, write_pose
 from clradar.model import ImageScale
-from measurement_io import (
-    save_capture,
-    save_channels,
-    save_recording,
-    save_volume,
-)
+from measurement_io import save_capture, save_channels, save_recording, save_volume
 
 META = {"seed": 7, "note": "frozen", "list": [1, 2.5, None, True]}
 
@@ -94,11 +89,12 @@ def write_recording(folder: Path) -> None:
     data[0, 0], data[3, 5], data[93, 93] = counted(3, 2)
     raw = clradar.Capture(data, array, waveform, {"timestamp_us": 1000, "gain": 0.5})
     turn = np.diag([-1.0, 1, 1, 1])
-    save_recording(
-        folder / "recording" / "30", [raw], emptyfiltered=[replace(raw, data=data / 2)],
-        metadata={"distance_meters": 0.3, "labels": ["frozen"]},
-        alignment={"photogrammetry2radar": turn.tolist()},
-    )  # fmt: skip
+    beside = {
+        "metadata": {"distance_meters": 0.3, "labels": ["frozen"]},
+        "alignment": {"photogrammetry2radar": turn.tolist()},
+    }
+    filtered = [replace(raw, data=data / 2)]
+    save_recording(folder / "recording" / "30", [raw], emptyfiltered=filtered, **beside)
 
 
 def write_data_sets(folder: Path) -> None:

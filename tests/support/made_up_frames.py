@@ -23,10 +23,9 @@ from clradar.motion.hands import MovingHand
 from clradar.motion.rigid import RigidMotion
 
 TIMES_S = np.arange(8) / 8.0
-MOVEMENT = MovingHand(
-    TIMES_S[[0, -1]], ["F", "flat"],
-    motion=RigidMotion(TIMES_S[[0, -1]], [(0, 0, 0), (0, 0, 0.01)], profile="smooth"),
-)  # fmt: skip
+_ENDS_S = TIMES_S[[0, -1]]
+_AWAY = RigidMotion(_ENDS_S, [(0, 0, 0), (0, 0, 0.01)], profile="smooth")
+MOVEMENT = MovingHand(_ENDS_S, ["F", "flat"], motion=_AWAY)
 
 
 def settled(frame: int, misfit: float, belief: Belief) -> Settled:
@@ -34,10 +33,8 @@ def settled(frame: int, misfit: float, belief: Belief) -> Settled:
     state = HandState(MOVEMENT.pose(TIMES_S[frame]), AVERAGE, MOVEMENT.transform(TIMES_S[frame]))
     known = np.linalg.inv(np.linalg.inv(belief.covariance[belief.known, belief.known]) + np.eye(31))
     joints_m = MOVEMENT.joints_m(TIMES_S[frame])
-    certainty = Certainty(
-        known, (), np.sqrt(np.diag(known)[:23]), np.tile(1e-6 * np.eye(3), (25, 1, 1)),
-        (ANGLE_NAMES[3],),
-    )  # fmt: skip
+    std, joints_m2 = np.sqrt(np.diag(known)[:23]), np.tile(1e-6 * np.eye(3), (25, 1, 1))
+    certainty = Certainty(known, (), std, joints_m2, (ANGLE_NAMES[3],))
     fitted = Fitted(state, np.linspace(0.0, -3.0, 7), misfit, misfit)
     return Settled(fitted, certainty, joints_m, belief.measured(state, known), 300.0)
 

@@ -6,8 +6,6 @@ array [x, y, z] of amplitudes; each file follows the description of the format.
 
 import io
 import json
-import struct
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,14 +57,6 @@ def png(pixels: np.ndarray, bits: int = 16) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels, f"<u{bits // 8}")).save(stream, "PNG")
     return stream.getvalue()
-
-
-def png_of_chunks(chunks: list[tuple[bytes, bytes]]) -> bytes:
-    out = b"\x89PNG\r\n\x1a\n"
-    for name, body in chunks:
-        out += struct.pack(">I", len(body)) + name + body
-        out += struct.pack(">I", zlib.crc32(name + body))
-    return out
 
 
 def png_pixels(content: bytes) -> np.ndarray:

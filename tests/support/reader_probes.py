@@ -12,7 +12,6 @@ import numpy as np
 from clradar.files.confined import process
 from clradar.files.failures import fail
 from measurement_io.confined import hdf5_guard
-from measurement_io.native import contents as native_contents
 
 
 def same(path: Path, value: Any) -> Any:
@@ -79,21 +78,6 @@ def open_another(path: Path, other: str) -> str:
 def start_a_program(path: Path) -> int:
     with hdf5_guard.opened(path, "an HDF5 file"):
         return subprocess.run(["true"], check=True).returncode
-
-
-def cost_of_reading(path: Path) -> dict[str, float]:
-    """Peak of resident memory that reading adds, whatever comes of it."""
-    import resource  # which Windows has not
-
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    outcome = "result"
-    try:
-        native_contents.read_header(path)
-        native_contents.read_if_native(path, None)
-    except Exception as error:
-        outcome = str(error)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {"bytes": (peak - before) * 1024, "outcome": outcome}
 
 
 def read_trusting(path: Path) -> float:

@@ -202,12 +202,9 @@ class RigMaker:
             if parent < 0:
                 top.children.append(node_of[bone])
         inverse = [np.linalg.inv(root @ inside[b]).T.reshape(-1) for b in self.joint_nodes]
-        document.skins = [
-            Skin(
-                joints=[node_of[b] for b in self.joint_nodes],
-                inverseBindMatrices=self.accessor(np.array(inverse), "<f4"),
-            )
-        ]
+        matrices = self.accessor(np.array(inverse), "<f4")
+        joints = [node_of[b] for b in self.joint_nodes]
+        document.skins = [Skin(joints=joints, inverseBindMatrices=matrices)]
         scale = {"<f4": None, "<u1": 255, "<u2": 65535}[self.weight_type]
         weights = self.weights_out
         if scale is not None:
@@ -215,22 +212,14 @@ class RigMaker:
         attributes = Attributes(POSITION=self.accessor(self.positions, "<f4"))
         for number in range(self.sets):
             part = slice(4 * number, 4 * number + 4)
-            setattr(
-                attributes,
-                f"JOINTS_{number}",
-                self.accessor(self.joints_out[:, part], self.joint_type),
-            )
-            setattr(
-                attributes,
-                f"WEIGHTS_{number}",
-                self.accessor(weights[:, part], self.weight_type, normalized=scale is not None),
-            )
-        primitives = []
-        for faces in np.array_split(self.faces, self.primitives):
-            indices = None
-            if self.index_type is not None:
-                indices = self.accessor(faces.reshape(-1, 1), self.index_type)
-            primitives.append(Primitive(attributes=attributes, indices=indices))
+            joints = self.accessor(self.joints_out[:, part], self.joint_type)
+            shares = self.accessor(weights[:, part], self.weight_type, scale is not None)
+            setattr(attributes, f"JOINTS_{number}", joints)
+            setattr(attributes, f"WEIGHTS_{number}", shares)
+        primitives = [
+            Primitive(attributes=attributes, indices=self._indices(faces))
+            for faces in np.array_split(self.faces, self.primitives)
+        ]
         document.meshes = [Mesh(name="skin", primitives=primitives)]
         document.nodes.append(Node(name="HandMesh", mesh=0, skin=0))
         document.scenes = [Scene(nodes=[0, len(document.nodes) - 1])]
@@ -244,16 +233,15 @@ class RigMaker:
         view = BufferView(buffer=0, byteOffset=len(self.blob), byteLength=len(data))
         self.blob += data
         self.document.bufferViews.append(view)
-        self.document.accessors.append(
-            Accessor(
-                bufferView=len(self.document.bufferViews) - 1,
-                componentType=_KINDS[dtype],
-                count=len(values),
-                type=_TYPES.get(values.shape[1], "SCALAR"),
-                normalized=normalized,
-            )
-        )
+        kind = {"type": _TYPES.get(values.shape[1], "SCALAR"), "componentType": _KINDS[dtype]}
+        kind |= {"count": len(values), "normalized": normalized}
+        at = len(self.document.bufferViews) - 1
+        self.document.accessors.append(Accessor(bufferView=at, **kind))
         return len(self.document.accessors) - 1
+
+    def _indices(self, faces: np.ndarray) -> int | None:
+        kind = self.index_type
+        return None if kind is None else self.accessor(faces.reshape(-1, 1), kind)
 
     def save(self, path: Path, buffers: str = "binary") -> Path:
         document = self.build()

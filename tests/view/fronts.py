@@ -1,7 +1,5 @@
 """Fronts of the view that keep what they are told, and sessions of them."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The live view in a browser: pixels, keys, reloading, two at once, nothing from elsewhere."""
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import io
@@ -121,7 +119,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     chromium.installed() is None,
     reason="no Chromium here: install Debian's chromium package to try the view in a browser",
 )
-def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: Path) -> None:
+def test_frames_keys_reload_two_browsers_and_the_end(recording, tmp_path):
     with contextlib.ExitStack() as stack:
         options = ("--simulated", recording.parent / "middle.h5")
         process, address = stack.enter_context(viewing(recording, *options))
@@ -171,7 +169,7 @@ def test_frames_keys_reload_two_browsers_and_the_end(recording: Path, tmp_path: 
         assert "errorText" in page.call("Page.navigate", url=address)
 
 
-def test_a_server_that_stops_leaves_no_thread() -> None:
+def test_a_server_that_stops_leaves_no_thread():
     before = set(threading.enumerate())
     with server.serving(View(source=frames(volume()), wish=Wish()), 0) as (_, session):
         session.settle()
@@ -180,7 +178,7 @@ def test_a_server_that_stops_leaves_no_thread() -> None:
         thread.join()
 
 
-def test_an_iterable_is_shown_until_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_iterable_is_shown_until_its_error(monkeypatch):
     """Ten lines of a lab: a generator that ends with an error once a frame was seen."""
     seen, draw = threading.Event(), server.Page.show
 

@@ -1,11 +1,8 @@
 """``clradar view``: sources, the line with the address, what it needs, how it ends."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from fronts import capture, frames, volume
@@ -22,7 +19,7 @@ from clradar.view.wish import Wish
 from measurement_io import save_capture, save_recording, save_volume
 
 
-def test_sources(tmp_path: Path) -> None:
+def test_sources(tmp_path):
     captures = [capture(1.0), capture(2.0)]
     save_recording(tmp_path / "plate/30", captures, timestamps_us=[0, 125_000])
     save_capture(tmp_path / "capture.h5", captures[1])
@@ -38,14 +35,14 @@ def test_sources(tmp_path: Path) -> None:
         open_source(tmp_path / "absent.h5")
 
 
-def test_without_viser_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_viser_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     view = View(source=frames(volume()), wish=Wish())
     with pytest.raises(MissingViser, match=r"pip install viser"), serving(view):
         pass
 
 
-def test_the_address_is_of_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_address_is_of_this_machine_alone(monkeypatch):
     def nameless() -> str:
         raise KeyError("getpwuid(): uid not found: 4711")
 
@@ -58,7 +55,7 @@ def test_the_address_is_of_this_machine_alone(monkeypatch: pytest.MonkeyPatch) -
 @posix_only
 @pytest.mark.device
 @pytest.mark.parametrize("number", [signal.SIGTERM, *nightly([signal.SIGINT])])
-def test_it_ends_cleanly(tmp_path: Path, number: int) -> None:
+def test_it_ends_cleanly(tmp_path, number):
     pytest.importorskip("viser")
     save_volume(tmp_path / "volume.h5", volume())
     command = ["-m", "clradar", "view", "--port", "8400", str(tmp_path / "volume.h5")]

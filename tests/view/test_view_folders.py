@@ -1,7 +1,5 @@
 """Folders in the live view: files that come, grow, change and go while it looks."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -55,7 +53,7 @@ def watched(tmp_path: Path) -> Iterator[Watched]:
     found.session.close()
 
 
-def test_new_files_are_shown_as_they_come(watched: Watched) -> None:
+def test_new_files_are_shown_as_they_come(watched):
     assert watched.source.frames() == ()
     assert watched.look() == []
     watched.write("9.h5", 9.0)
@@ -78,7 +76,7 @@ def test_new_files_are_shown_as_they_come(watched: Watched) -> None:
     assert said.endswith(" 1 dropped")
 
 
-def test_of_files_that_come_together_the_newest_is_shown(watched: Watched) -> None:
+def test_of_files_that_come_together_the_newest_is_shown(watched):
     for i in range(1, 5):
         watched.write(f"{i}.h5", i)
     assert watched.look() == [4.0]
@@ -86,7 +84,7 @@ def test_of_files_that_come_together_the_newest_is_shown(watched: Watched) -> No
     assert "4 shown" not in watched.player.pace.text(True, False)
 
 
-def test_a_half_written_file_is_shown_once_it_is_whole(watched: Watched) -> None:
+def test_a_half_written_file_is_shown_once_it_is_whole(watched):
     watched.write("whole.h5", 3.0)
     content = (watched.folder / "whole.h5").read_bytes()
     watched.look()
@@ -101,7 +99,7 @@ def test_a_half_written_file_is_shown_once_it_is_whole(watched: Watched) -> None
     assert watched.labels() == ["whole.h5", "half.h5"]
 
 
-def test_rewritten_and_removed_files(watched: Watched) -> None:
+def test_rewritten_and_removed_files(watched):
     watched.write("a.h5", 1.0)
     watched.write("b.h5", 2.0)
     assert watched.look() == [2.0]
@@ -116,7 +114,7 @@ def test_rewritten_and_removed_files(watched: Watched) -> None:
     assert watched.peaks == [4.0]  # what is shown can still be looked at
 
 
-def test_a_folder_that_grows_without_watching_is_followed(tmp_path: Path) -> None:
+def test_a_folder_that_grows_without_watching_is_followed(tmp_path):
     save_volume(tmp_path / "a.h5", volume(1.0))
     source = open_source(tmp_path)
     assert isinstance(source, FolderFrames)
@@ -126,7 +124,7 @@ def test_a_folder_that_grows_without_watching_is_followed(tmp_path: Path) -> Non
     assert source.grows
 
 
-def test_a_folder_that_is_away_for_a_while(watched: Watched, tmp_path: Path) -> None:
+def test_a_folder_that_is_away_for_a_while(watched, tmp_path):
     watched.write("a.h5", 1.0)
     watched.look()
     away = tmp_path.with_name("away")
@@ -138,7 +136,7 @@ def test_a_folder_that_is_away_for_a_while(watched: Watched, tmp_path: Path) -> 
     assert watched.look() == [2.0]
 
 
-def test_frames_of_a_recording_are_watched_by_variant(tmp_path: Path) -> None:
+def test_frames_of_a_recording_are_watched_by_variant(tmp_path):
     save_recording(tmp_path / "plate/30", [capture()], timestamps_us=[0])
     source = open_source(tmp_path / "plate/30", watch=True)
     assert [source.label(frame) for frame in source.frames()] == ["frame 0"]
@@ -146,7 +144,7 @@ def test_frames_of_a_recording_are_watched_by_variant(tmp_path: Path) -> None:
     assert not open_source(tmp_path / "plate/30", "emptyfiltered", watch=True).frames()
 
 
-def test_folders_and_files_that_cannot_be_viewed(tmp_path: Path) -> None:
+def test_folders_and_files_that_cannot_be_viewed(tmp_path):
     (tmp_path / "notes.txt").write_text("no frame")
     with pytest.raises(MeasurementError, match=r"files \(\.h5, .*\) in the folder, got none"):
         open_source(tmp_path)

@@ -1,7 +1,5 @@
 """Who may connect to the view, where it listens, and what others send."""
 
-from __future__ import annotations
-
 import base64
 import logging
 import socket
@@ -68,16 +66,14 @@ def status(connection: socket.socket) -> int:
         ("[::1", None, 403),
     ],
 )
-def test_only_its_own_page_connects(
-    port: int, host: str, origin: str | None, expected: int
-) -> None:
+def test_only_its_own_page_connects(port, host, origin, expected):
     headers = [f"Host: {host.format(port=port)}"]
     if origin is not None:
         headers.append(f"Origin: {origin.format(port=port)}")
     assert status(connected(port, *headers)) == expected
 
 
-def test_the_page_is_for_names_of_this_machine_alone(port: int) -> None:
+def test_the_page_is_for_names_of_this_machine_alone(port):
     here = f"Host: localhost:{port}"
     assert status(connected(port, here, upgrade=False)) == 200
     assert status(connected(port, "Host: example.org", upgrade=False)) == 403
@@ -96,21 +92,19 @@ def test_the_page_is_for_names_of_this_machine_alone(port: int) -> None:
         b"GET / HTTP/1.1\r\nX: " + 2**17 * b"x" + b"\r\n\r\n",
     ],
 )
-def test_what_is_no_request_is_refused(port: int, data: bytes) -> None:
+def test_what_is_no_request_is_refused(port, data):
     assert status(sent(port, data)) == 403
 
 
 @pytest.mark.parametrize("data", [b"", b"GET / HT"])
-def test_a_connection_that_is_not_used_ends_without_an_answer(
-    port: int, data: bytes, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_connection_that_is_not_used_ends_without_an_answer(port, data, monkeypatch):
     """A browser opens some in advance, and takes what it finds there for its next answer."""
     monkeypatch.setattr("clradar.view.gate.HEAD_S", 0.01)
     with closing(sent(port, data)) as connection:
         assert connection.recv(1) == b""
 
 
-def test_viser_itself_is_where_no_page_can_guess() -> None:
+def test_viser_itself_is_where_no_page_can_guess():
     with running("view", 0) as (server, port):
         host = server.get_host()
         assert host != "127.0.0.1" or not _has_many_addresses()
@@ -126,7 +120,7 @@ def _has_many_addresses() -> bool:
         return False
 
 
-def test_a_port_in_use_is_passed_over() -> None:
+def test_a_port_in_use_is_passed_over():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         number = taken.getsockname()[1]
         with serving(VIEW, number) as (port, _):
@@ -183,7 +177,7 @@ def halting_link(port: int) -> Iterator[tuple[int, threading.Event]]:
             link.close()
 
 
-def test_a_link_that_does_not_keep_up_gets_fewer_frames() -> None:
+def test_a_link_that_does_not_keep_up_gets_fewer_frames():
     def frames_until(browser: Any, last: str) -> int:
         """How many frames come until the last one has."""
         count = 0
@@ -213,7 +207,7 @@ def test_a_link_that_does_not_keep_up_gets_fewer_frames() -> None:
             assert frames_until(slow, "frame 79.") < 30
 
 
-def test_what_others_send_prints_no_traceback(port: int, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_others_send_prints_no_traceback(port, capfd):
     # Binary frames of one byte and of an unknown message, masked with zeros.
     for payload in (b"\xff", b"\x81\xa4type\xa3odd"):
         head = b"\x82" + bytes([0x80 | len(payload)]) + bytes(4)

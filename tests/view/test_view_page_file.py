@@ -1,7 +1,5 @@
 """A view as one file: its time line in a browser, nothing from elsewhere, and what is refused."""
 
-from __future__ import annotations
-
 import base64
 import io
 from pathlib import Path
@@ -39,7 +37,7 @@ def volumes(folder: Path) -> Path:
 
 
 @pytest.mark.skipif(chromium.installed() is None, reason="no Chromium here to open the page")
-def test_the_page_plays_without_a_server(tmp_path: Path) -> None:
+def test_the_page_plays_without_a_server(tmp_path):
     source, page_file = open_source(volumes(tmp_path / "volumes")), tmp_path / "view.html"
     said: list[str] = []
     assert write_page(View(source=source, wish=Wish()), page_file, warn=said.append) == 2
@@ -60,7 +58,7 @@ def test_the_page_plays_without_a_server(tmp_path: Path) -> None:
     assert [u for u in urls if not u.startswith((page_file.as_uri(), "data:", "blob:"))] == []
 
 
-def test_pages_that_are_not_written(tmp_path: Path) -> None:
+def test_pages_that_are_not_written(tmp_path):
     folder, page_file = volumes(tmp_path / "volumes"), tmp_path / "view.html"
     (folder / "0.h5").unlink()
     (folder / "2.h5").unlink()

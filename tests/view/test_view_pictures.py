@@ -1,7 +1,5 @@
 """What the view draws of an image: colours where they belong, in the radar's view, and clicks."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from unittest.mock import MagicMock
 
@@ -51,7 +49,7 @@ def near(*values: float) -> object:
     return pytest.approx(values, abs=0.2)
 
 
-def test_x_is_to_the_left_and_y_upwards() -> None:
+def test_x_is_to_the_left_and_y_upwards():
     drawn = drawn_of((2, 1, 1, 1.0))
     picture = image_pictures(drawn, None, drawn, None)["projection"]
     assert lit(picture) == [near(10, 10)]
@@ -62,7 +60,7 @@ def test_x_is_to_the_left_and_y_upwards() -> None:
     assert picture.values_m(left - 3, top + 3) is None
 
 
-def test_slices_go_through_the_place() -> None:
+def test_slices_go_through_the_place():
     drawn = drawn_of((2, 1, 3, 1.0), (0, 0, 0, 0.5))
     assert drawn.strongest_m() == pytest.approx((0.01, 0.01, 0.33))
     slices = slice_pictures(drawn, (0.012, 0.008, 0.331))
@@ -72,7 +70,7 @@ def test_slices_go_through_the_place() -> None:
     assert not any(map(lit, slice_pictures(drawn, (-0.01, 0.0, 0.30)).values()))
 
 
-def test_a_click_on_a_picture_means_what_is_drawn_there() -> None:
+def test_a_click_on_a_picture_means_what_is_drawn_there():
     drawn = drawn_of((2, 1, 3, 1.0), (0, 0, 1, 0.9))
     at_m = (0.01, 0.01, 0.33)
     pictures = slice_pictures(drawn, at_m)
@@ -85,7 +83,7 @@ def test_a_click_on_a_picture_means_what_is_drawn_there() -> None:
     assert np.isnan(drawn.depth_m((0.0, 0.0, 0.3)))
 
 
-def test_a_click_takes_the_point_that_its_ray_meets_first() -> None:
+def test_a_click_takes_the_point_that_its_ray_meets_first():
     points_m = np.array([[0.0, 0.0, 0.32], [0.0, 0.001, 0.30], [0.03, 0.0, 0.25]], np.float32)
     eye = np.array([0.0, 0.0, -0.2])
     ahead = np.array([0.0, 0.0, 5.0])
@@ -96,7 +94,7 @@ def test_a_click_takes_the_point_that_its_ray_meets_first() -> None:
     assert clicked_m(points_m, eye, -ahead, 2e-3) is None  # behind the eye
 
 
-def test_the_difference_is_brown_where_the_simulation_is_farther() -> None:
+def test_the_difference_is_brown_where_the_simulation_is_farther():
     first, second = (drawn_of((0, 0, z, 1.0), (1, 0, 1, 1.0)) for z in (1, 2))
     picture = image_pictures(first, second, first, None)["difference"]
     scale = _colours("difference")
@@ -109,11 +107,10 @@ def test_the_difference_is_brown_where_the_simulation_is_farther() -> None:
 
 
 @pytest.mark.parametrize("known", ["projection", "depth"])
-def test_of_a_data_set_only_what_is_stored_is_drawn(known: str) -> None:
+def test_of_a_data_set_only_what_is_stored_is_drawn(known):
     there = known == "depth"
-    image = clradar.DepthMap(
-        np.full((2, 2), 0.3 if there else np.nan), np.ones((2, 2)), [0.0, 0.01], [0.0, 0.01]
-    )
+    depth_m, axis_m = np.full((2, 2), 0.3 if there else np.nan), [0.0, 0.01]
+    image = clradar.DepthMap(depth_m, np.ones((2, 2)), axis_m, axis_m)
     drawn = Drawn.of(Flat(image, (known,)), 20.0, voxels=True)
     assert list(image_pictures(drawn, None, drawn, None)) == [known]
     assert slice_pictures(drawn, (0, 0, 0.3)) == {}
@@ -121,7 +118,7 @@ def test_of_a_data_set_only_what_is_stored_is_drawn(known: str) -> None:
     assert drawn.pointed_m((0, 0, 0.4), "projection", 0.01, 0.0)[2] == (0.3 if there else 0.4)
 
 
-def test_channel_data_of_a_pair_peak_at_its_range() -> None:
+def test_channel_data_of_a_pair_peak_at_its_range():
     array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 64)
     data = response(CornerReflector((0.0, 0.0, 0.3)), array, waveform)
     data[5, 7] *= 1e-3
@@ -135,14 +132,12 @@ def test_channel_data_of_a_pair_peak_at_its_range() -> None:
     curves = pair_curves(capture, 5, 7)
     assert list(curves) == ["magnitude (dB)", "phase (turns)", "range profile (dB)"]
     name, place_mm, level_db = curves["range profile (dB)"]
-    path_m = np.linalg.norm(array.tx_m[5] - [0, 0, 0.3]) + np.linalg.norm(
-        array.rx_m[7] - [0, 0, 0.3]
-    )
+    legs_m = [np.linalg.norm(at_m - [0, 0, 0.3]) for at_m in (array.tx_m[5], array.rx_m[7])]
     assert name == "half the path (mm)"
-    assert place_mm[level_db.argmax()] == pytest.approx(500 * path_m, abs=10)
+    assert place_mm[level_db.argmax()] == pytest.approx(500 * sum(legs_m), abs=10)
 
 
-def test_points_are_where_the_voxels_are_coloured_by_level() -> None:
+def test_points_are_where_the_voxels_are_coloured_by_level():
     cloud = drawn_of((0, 0, 1, 1.0), (2, 1, 2, 0.5), (1, 1, 1, 0.01)).cloud
     np.testing.assert_allclose(cloud.points_m, [[-0.01, 0, 0.31], [0.01, 0.01, 0.32]], atol=1e-7)
     expected = amplitude_colours(np.array([0.0, 20 * np.log10(0.5)]), 20.0)
@@ -150,7 +145,7 @@ def test_points_are_where_the_voxels_are_coloured_by_level() -> None:
     assert not np.array_equal(expected[0], expected[1])
 
 
-def test_voxels_are_those_within_the_range_the_strongest_first() -> None:
+def test_voxels_are_those_within_the_range_the_strongest_first():
     volume = drawn_of((0, 0, 0, 1.0), (1, 0, 0, 0.5), (2, 0, 3, 0.2), (1, 1, 1, 0.05)).volume
     assert volume is not None
     at_m = [[-0.01, 0, 0.30], [0, 0, 0.30], [0.01, 0, 0.33]]
@@ -166,7 +161,7 @@ def test_voxels_are_those_within_the_range_the_strongest_first() -> None:
         ((-900, 900), 0.1, "at most"),
     ],
 )
-def test_grids_that_cannot_be_viewed(x_mm: tuple[float, float], step_mm: float, text: str) -> None:
+def test_grids_that_cannot_be_viewed(x_mm, step_mm, text):
     with pytest.raises(ModelError, match=text):
         grid_mm(x_mm, (-100, 100), (260, 340), step_mm)
 

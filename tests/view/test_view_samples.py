@@ -1,7 +1,5 @@
 """Data sets in the live view: an index of thousands, one sample read at a time, its truth."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -69,9 +67,7 @@ def letters(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return data_set(tmp_path_factory.mktemp("view") / "letters", "joints", "mesh")
 
 
-def test_samples_are_read_when_they_are_looked_at(
-    letters: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_samples_are_read_when_they_are_looked_at(letters, monkeypatch):
     read: list[tuple[str, int]] = []
     read_sample = samples.read_sample
 
@@ -98,7 +94,7 @@ def test_samples_are_read_when_they_are_looked_at(
     assert len(read) == KEPT_SAMPLES + 2  # 11 had to go for 9
 
 
-def test_projection_and_depth_map_are_shown_without_a_volume(letters: Path) -> None:
+def test_projection_and_depth_map_are_shown_without_a_volume(letters):
     source = SampleFrames(letters)
     flat = source.read(3)
     assert isinstance(flat, Flat)
@@ -114,7 +110,7 @@ def test_projection_and_depth_map_are_shown_without_a_volume(letters: Path) -> N
     assert drawn.cloud.size_m == pytest.approx(np.diff(flat.image.x_m).min())
 
 
-def test_captures_are_there_to_be_imaged(tmp_path: Path) -> None:
+def test_captures_are_there_to_be_imaged(tmp_path):
     folder = data_set(tmp_path / "captures", "capture", count=2, size=1)
     capture = SampleFrames(folder).read(1)
     assert isinstance(capture, clradar.Capture)
@@ -122,7 +118,7 @@ def test_captures_are_there_to_be_imaged(tmp_path: Path) -> None:
     assert capture.data[0, 0, 0] == 2.0
 
 
-def test_the_truth_is_that_of_the_recipe(letters: Path) -> None:
+def test_the_truth_is_that_of_the_recipe(letters):
     source = SampleFrames(letters)
     truth = source.truth(4)
     made = SamplePlan(samples.read_manifest(letters).plan, 4)
@@ -134,7 +130,7 @@ def test_the_truth_is_that_of_the_recipe(letters: Path) -> None:
     assert f"palm {made.plan.alpha.of_parts['palm']:.2f}" in truth.lines[-1]
 
 
-def test_samples_are_chosen_by_pose_and_hand(letters: Path) -> None:
+def test_samples_are_chosen_by_pose_and_hand(letters):
     source = SampleFrames(letters)
     assert source.poses == ("A", "B", "F")
     truths = {frame: source.truth(frame).lines[0] for frame in source.frames()}
@@ -145,7 +141,7 @@ def test_samples_are_chosen_by_pose_and_hand(letters: Path) -> None:
     assert sum("pose F" in line for line in truths.values()) >= 3
 
 
-def test_a_data_set_that_is_written_is_followed(tmp_path: Path) -> None:
+def test_a_data_set_that_is_written_is_followed(tmp_path):
     folder = data_set(tmp_path / "growing", count=3, size=1)
     third = folder / "shards/shard-00002.h5"
     content = third.read_bytes()
@@ -162,7 +158,7 @@ def test_a_data_set_that_is_written_is_followed(tmp_path: Path) -> None:
     assert source.frames() == (0, 1, 2)
 
 
-def test_data_sets_that_cannot_be_viewed(tmp_path: Path) -> None:
+def test_data_sets_that_cannot_be_viewed(tmp_path):
     empty = data_set(tmp_path / "empty", count=1, size=1)
     (empty / "shards/shard-00000.h5").unlink()
     with pytest.raises(MeasurementError, match="at least one sample, got none"):

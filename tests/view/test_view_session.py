@@ -1,7 +1,5 @@
 """Wishes of the live view: the newest wins, errors are said, and what is shown beside an image."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from typing import Any
@@ -21,7 +19,7 @@ from clradar.view.wish import BY_ALPHA, QUICK_DB, Wish
 CAPTURES = frames(*[capture()] * 5)
 
 
-def test_the_newest_wish_wins_and_ends_the_one_before() -> None:
+def test_the_newest_wish_wins_and_ends_the_one_before():
     form = SlowImager()
     with session_of(CAPTURES, form=form) as (session, front):
         session.change(frame=1)
@@ -34,7 +32,7 @@ def test_the_newest_wish_wins_and_ends_the_one_before() -> None:
     assert (form.begun, form.done) == (2, 1)  # frame 1 was left, 2 and 3 never begun
 
 
-def test_an_image_is_formed_once_and_the_dynamic_range_forms_none() -> None:
+def test_an_image_is_formed_once_and_the_dynamic_range_forms_none():
     form = SlowImager(let=9)
     with session_of(CAPTURES, form=form) as (session, front):
         changed(session, {"frame": 0}, {"frame": 1}, {"frame": 0}, {"dynamic_range_db": 30.0})
@@ -44,7 +42,7 @@ def test_an_image_is_formed_once_and_the_dynamic_range_forms_none() -> None:
     assert [wish.frame for wish in front.wishes] == [0, 1, 0, 0, 0]
 
 
-def test_a_frame_that_cannot_be_read_is_said_and_the_next_one_is_shown() -> None:
+def test_a_frame_that_cannot_be_read_is_said_and_the_next_one_is_shown():
     def read(frame: int) -> clradar.Capture:
         if frame == 2:
             raise MeasurementError("000002.npy: expected a frame, got noise")
@@ -57,7 +55,7 @@ def test_a_frame_that_cannot_be_read_is_said_and_the_next_one_is_shown() -> None
     assert [wish.frame for wish in front.wishes] == [3]
 
 
-def test_closing_ends_what_is_being_imaged() -> None:
+def test_closing_ends_what_is_being_imaged():
     form = SlowImager()
     with session_of(CAPTURES, form=form) as (session, front):
         session.change()
@@ -70,7 +68,7 @@ def test_closing_ends_what_is_being_imaged() -> None:
     assert not front.shown
 
 
-def test_playing_waits_for_every_frame_and_stops() -> None:
+def test_playing_waits_for_every_frame_and_stops():
     enough = threading.Event()
 
     class Steps:
@@ -121,7 +119,7 @@ class Following:
         return 0.0
 
 
-def test_frames_that_come_and_go_are_stepped_through_by_their_numbers() -> None:
+def test_frames_that_come_and_go_are_stepped_through_by_their_numbers():
     source = Following()
     with session_of(source, Wish(frame=3, grid=GRID), form=SlowImager(let=9)) as (session, front):
         for there, by in (((3, 7, 9), 1), ((3, 9, 11), 1), ((3, 11), -1), ((), 1)):
@@ -132,7 +130,7 @@ def test_frames_that_come_and_go_are_stepped_through_by_their_numbers() -> None:
 
 
 @pytest.mark.device
-def test_captures_without_a_grid_get_one_that_shows_them() -> None:
+def test_captures_without_a_grid_get_one_that_shows_them():
     empty = frames(capture(0.0))  # with echoes there would be a warning of too few frequencies
     with session_of(empty, Wish(), form=SlowImager(let=9)) as (session, front):
         changed(session, {})
@@ -141,9 +139,7 @@ def test_captures_without_a_grid_get_one_that_shows_them() -> None:
 
 
 @pytest.mark.parametrize("ended_by", ["quiet", "choice", "stop"])
-def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(
-    ended_by: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by, monkeypatch):
     made: list[float | None] = []
 
     class Imager(FrameImager):
@@ -180,7 +176,7 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(
     assert not front.said
 
 
-def test_a_frame_that_is_chosen_while_a_quick_image_is_made_is_imaged_accurately() -> None:
+def test_a_frame_that_is_chosen_while_a_quick_image_is_made_is_imaged_accurately():
     source, form = Following(), SlowImager()
     with session_of(source, Wish(frame=-1, grid=GRID), form=form) as (session, front):
         player = front.plays(session, source)
@@ -198,7 +194,7 @@ def test_a_frame_that_is_chosen_while_a_quick_image_is_made_is_imaged_accurately
 MESH = clradar.Scene([[0, 0, 0.3], [0.01, 0, 0.3], [0, 0.01, 0.3]], [[0, 1, 2]])
 
 
-def test_a_recording_of_as_many_frames_goes_along() -> None:
+def test_a_recording_of_as_many_frames_goes_along():
     measured = frames(*map(volume, (1, 2, 3)))
     along, one = frames(*map(volume, (4, 5, 6)), name="along"), frames(volume(7), name="one")
     others = Others(measured, (along, one))
@@ -213,9 +209,7 @@ def test_a_recording_of_as_many_frames_goes_along() -> None:
     assert pairs == [(3, 6), (2, 5), (2, 7)]
 
 
-def test_a_mesh_is_simulated_once_for_each_alpha_and_material(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_mesh_is_simulated_once_for_each_alpha_and_material(monkeypatch):
     asked: list[tuple[Any, ...]] = []
 
     def simulate(scene: clradar.Scene, *_: Any, estimator: Any, **more: Any) -> clradar.Capture:
@@ -241,7 +235,7 @@ def test_a_mesh_is_simulated_once_for_each_alpha_and_material(
     assert "palm" in MATERIALS
 
 
-def test_arrays_of_other_gains_are_simulated_for_themselves() -> None:
+def test_arrays_of_other_gains_are_simulated_for_themselves():
     simulation, own = Simulation(MESH), capture()
     arrays = [
         own.array,
@@ -253,7 +247,7 @@ def test_arrays_of_other_gains_are_simulated_for_themselves() -> None:
     assert len(keys) == len(arrays)
 
 
-def test_a_volume_does_not_say_what_radar_recorded_it() -> None:
+def test_a_volume_does_not_say_what_radar_recorded_it():
     with session_of(frames(volume()), Wish(), Simulation(MESH)) as (session, front):
         changed(session, {})
     assert [shown.second for shown in front.shown] == [None]
