@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 import clradar
-from clradar import AntennaArray, Capture, ChannelResponse, Wall, Waveform
+from clradar import AntennaArray, Capture, ChannelResponse, Wall, Waveform, reference
 from measurement_io import save_recording
 
-C = 299_792_458.0
 FIRST_US = 1_700_000_000_000_000
 INTERVAL_US = 100_000
 WALLS = (Wall([0, 0, 1.1], [0, 0, -1], 4.0), Wall([0.7, 0, 0], [-1, 0, 0.2], 2.0))
@@ -59,17 +58,8 @@ class Recorder:
     @cached_property
     def scene(self) -> Capture:
         """What an instrument without faults records of the points alone."""
-        k = 2 * np.pi * self.waveform.frequencies_hz / C
-        points = np.asarray(self.points_m, float)
-        amplitudes = np.ones(len(points)) if self.amplitudes is None else self.amplitudes
-        data = np.zeros((self.array.n_tx, self.array.n_rx, len(k)), complex)
-        for point, amplitude in zip(points, amplitudes, strict=True):
-            to_tx, to_rx = (
-                np.exp(-1j * np.outer(np.linalg.norm(side - point, axis=1), k))
-                for side in (self.array.tx_m, self.array.rx_m)
-            )
-            data += amplitude * to_tx[:, None] * to_rx
-        return Capture(data, self.array, self.waveform)
+        amplitudes = np.ones(len(self.points_m)) if self.amplitudes is None else self.amplitudes
+        return reference.point_targets(self.array, self.waveform, self.points_m, amplitudes)
 
     @cached_property
     def room(self) -> Capture | None:
