@@ -89,8 +89,8 @@ def test_a_processor_that_pocl_does_not_know_gets_a_name_and_works():
     )
     peak = abs(expected).max()
     assert peak > 0
-    # Another processor may fuse other products and sums. Phases are exact to 2^-22 cycles, 1.5e-6 of
-    # a term each; the peak of 576 random terms is some 70 of them, so at worst 1.2e-5 of it.
+    # Another processor may fuse other products and sums. Phases are exact to 2^-22 cycles, 1.5e-6
+    # of a term each; the peak of 576 random terms is some 70 of them: at worst 1.2e-5 of it.
     assert abs(found - expected).max() < 2e-5 * peak
 
 
