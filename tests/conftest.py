@@ -46,14 +46,16 @@ NEED_A_DEVICE = (
 
 
 FIRST = (
-    *("view/test_view_browser.py", "test_results_stay.py", "cli/test_image_parts.py"),
-    *("dataset/test_dataset_engine.py", "cli/test_process_command.py", "cli/test_program.py"),
-    *("imaging/test_placement.py", "opencl/test_ways.py", "motion/test_moving_sweep.py"),
-    *("calibration/channels/test_channels.py", "calibration/hand_fit/test_meshed_anew.py"),
-    *("jobs/test_devices.py", "test_plot.py", "test_site.py", "test_platforms.py"),
-    *("compare/test_odd_arrays.py", "calibration/registration/test_register.py"),
+    *("test_results_stay.py", "test_plot.py", "calibration/channels/test_channels.py"),
+    *("view/test_view_browser.py", "opencl/test_ways.py", "imaging/test_placement.py"),
+    *("cli/test_image_parts.py", "dataset/test_dataset_engine.py", "cli/test_process_command.py"),
+    *("cli/test_program.py", "motion/test_moving_sweep.py", "jobs/test_devices.py"),
+    *("calibration/registration/test_align.py", "calibration/registration/test_register.py"),
+    *("calibration/test_conventions.py", "tracing/test_expected.py", "test_doctests.py"),
+    *("test_examples.py", "test_platforms.py", "test_validation.py"),
 )
-"""Files that take long by the clock: one that begins last keeps one process busy alone."""
+"""Files that take long: one that begins last keeps one process busy alone. One of the first three
+compiles kernels: with more of them, each process would compile the same."""
 
 
 @pytest.hookimpl(wrapper=True)

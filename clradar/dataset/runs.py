@@ -134,7 +134,7 @@ def run(
 def _check_rigs(plan: Plan) -> None:
     """Raise `ModelError` unless the files of the rigs are those of the plan."""
     for rig in plan.hands.rigs:
-        found_rig(rig, (plan.folder,))
+        found_rig(rig, plan.folder)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -48,15 +48,11 @@ class Sample:
     arrays: Mapping[str, np.ndarray]
 
 
-Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
-"""One folder, or several of which the first with a file of that name and content counts."""
-
-
 def make_sample(
     recipe: Mapping[str, Any] | str | bytes,
     device: Device | str | None = None,
     *,
-    rigs: Folders = "",
+    rigs: str | os.PathLike[str] = "",
 ) -> Sample:
     """Make the sample of a recipe.
 
@@ -66,9 +62,8 @@ def make_sample(
         As `clradar.dataset.recipe` returns it, or as it is stored with a sample.
     device : Device, str or None
         See `clradar.open_device`.
-    rigs : path-like, or a sequence of them
-        The folder that the names of rig files are relative to; the current one by default. Of
-        several, the first with the file counts.
+    rigs : path-like
+        The folder that the names of rig files are relative to; the current one by default.
 
     Returns
     -------
@@ -120,13 +115,12 @@ def make_sample(
 
 
 def placed_hand(
-    drawn: SamplePlan, device: Device | str | None = None, rigs: Folders = ""
+    drawn: SamplePlan, device: Device | str | None = None, rigs: str | os.PathLike[str] = ""
 ) -> HandMesh:
     """Return the posed hand in the antenna frame, metres."""
     hands, place = drawn.plan.hands, drawn.plan.placement
     if hands.rigs:
-        folders = (rigs,) if isinstance(rigs, str | os.PathLike) else rigs
-        rig = _rig(hands.rigs[0], tuple(os.path.abspath(folder) for folder in folders))
+        rig = _rig(hands.rigs[0], os.path.abspath(rigs))
         mesh = rig.posed(drawn.pose, center_m=(0.0, 0.0, 0.0))
         if rig.handedness != hands.handedness:  # a hand of the other side is mirrored
             mesh = mesh.moved(np.diag([-1.0, 1.0, 1.0]), np.zeros(3))
@@ -174,33 +168,28 @@ def _middle_s(drawn: SamplePlan) -> float:
 
 
 @lru_cache(maxsize=4)
-def _rig(record: RigFile, folders: tuple[str, ...]) -> Any:
-    return record.read(*found_rig(record, folders))
+def _rig(record: RigFile, folder: str) -> Any:
+    return record.read(*found_rig(record, Path(folder)))
 
 
-def found_rig(record: RigFile, folders: Sequence[str | Path]) -> tuple[Path, Path | None]:
+def found_rig(record: RigFile, folder: Path) -> tuple[Path, Path | None]:
     """Return the paths of a rig's files; a `ModelError` where they are not those of the plan."""
-    file = _path_of(record.file, record.sha256, folders)
-    if record.mapping is None:
-        return file, None
-    return file, _path_of(record.mapping, str(record.mapping_sha256), folders)
-
-
-def _path_of(name: str, sha256: str, folders: Sequence[str | Path]) -> Path:
-    """Return the path of the file of this name and content."""
-    paths = list(dict.fromkeys(Path(folder, name) for folder in folders))
-    got = "nothing there"
-    for path in paths:
+    known = {folder / record.file: record.sha256}
+    if record.mapping is not None:
+        known[folder / record.mapping] = str(record.mapping_sha256)
+    for path, sha256 in known.items():
         try:
             if sha256_of(path) == sha256:
-                return path
+                continue
             got = "another"
         except FileNotFoundError:
-            pass
+            got = "nothing there"
         except (OSError, ValueError) as error:
             got = f"none that can be read: {clean(error)}"
-    looked = " or ".join(map(shown, paths))
-    raise ModelError(f"{looked}: expected the file of the plan (SHA-256 {sha256}), got {got}")
+        expected = f"the file of the plan (SHA-256 {sha256})"
+        raise ModelError(f"{shown(path)}: expected {expected}, got {got}")
+    file, *mapping = known
+    return file, mapping[0] if mapping else None
 
 
 def rotation(angles_rad: Any) -> np.ndarray:

@@ -39,7 +39,7 @@ def replay(
     device: str | None = None,
     output: Path | None = None,
     force: bool = False,
-    rigs: Path | None = None,
+    rigs: str | os.PathLike[str] = "",
 ) -> Replay:
     """Make sample `index` of a data set again, from its recipe; one that is not stored, from the
     plan.
@@ -54,9 +54,8 @@ def replay(
         File to write the sample to, as a shard of one sample; none of the data set's own.
     force : bool
         Replace an existing file.
-    rigs : Path, optional
-        The folder that the plan's names of rig files are relative to; by default the current
-        folder, then the data set's.
+    rigs : path-like
+        The folder that the plan's names of rig files are relative to; the current one by default.
 
     Examples
     --------
@@ -77,7 +76,7 @@ def replay(
         stored, then = read_sample(folder / place, index, manifest.plan)
     opened = open_device(device)
     now = made_with(opened)
-    made = make_sample(stored.recipe, opened, rigs=(Path(), folder) if rigs is None else rigs)
+    made = make_sample(stored.recipe, opened, rigs=rigs)
     if output is not None:
         with new_shard(output, manifest.plan, force=force) as shard:
             shard.add(made, now)

@@ -246,22 +246,6 @@ def test_antennas_are_left_out_where_a_grid_is_large(device, monkeypatch):
     assert result.best == h
 
 
-def test_large_images_are_formed_by_the_fast_method(device, monkeypatch):
-    ours = sys.modules[diagnose.__module__]
-    methods: list[str] = []
-
-    def noted(*_: Any, method: str, **__: Any) -> None:
-        methods.append(method)
-
-    monkeypatch.setattr(ours, "backproject", noted)
-    grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (2.5e-3, 2.5e-3, 16e-3))
-    for array in (QAR50, THIN):  # 3.5e8 and 1.3e7 pairs times voxels
-        tone = Waveform([77e9])
-        silent = Capture(np.zeros((array.n_tx, array.n_rx, 1)), array, tone)
-        ours._image(silent, grid, device)
-    assert methods == ["fast", "range"]
-
-
 def test_where_both_orders_are_alike_neither_is_chosen(device):
     # At half the ambiguous path the delays of either sign are alike: 0.95 m for 64 steps.
     capture = reference.point_targets(THIN, SHORT, [[0.02, 0.03, 0.46]], [1.0])

@@ -213,15 +213,10 @@ def test_rigs_are_hands_too(
     (tmp_path / "hand.glb").rename(tmp_path / "away.glb")
     _rig.cache_clear()
     assert replay(tmp_path / "out", 0, device=DEVICE, rigs=moved.folder).differences == ()
-    # In the data set's folder it is found, too; the current folder is first, if it is that file.
-    shutil.copy(moved.folder / "hand.glb", tmp_path / "else" / "out")
-    (tmp_path / "else" / "hand.glb").write_bytes(b"another")
     monkeypatch.chdir(tmp_path / "else")
-    assert replay(tmp_path / "else" / "out", 0, device=DEVICE).differences == ()
     arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(moved.folder)]
     assert exit_status("dataset", "--device", DEVICE, *arguments) == 0
     assert "sample 0: the same bits" in capsys.readouterr().out
-    (tmp_path / "else" / "hand.glb").unlink()
     for begun in (
         lambda: make_sample(recipe(plan, 0), DEVICE),
         lambda: replay(tmp_path / "out", 0, device=DEVICE),
@@ -258,16 +253,6 @@ def test_a_sample_is_not_written_over_the_data_set(copy: Path) -> None:
         with pytest.raises(OutputError, match="belongs to the data set"):
             replay(copy, 0, device=DEVICE, output=output, force=True)
     assert digests(copy) == before
-
-
-def test_a_bit_that_differs_is_found(copy: Path) -> None:
-    with h5py.File(copy / "shards" / "shard-00001.h5", "r+") as file:
-        volume = file["entry/volume/data"]
-        volume[1, 2, 3, 4] = np.nextafter(volume[1, 2, 3, 4].real, np.float32(np.inf)) + 0j
-    found = replay(copy, 3, device=DEVICE)
-    (line,) = found.differences
-    assert line.startswith("volume: 1 of 4851 numbers differ")
-    assert found.made_otherwise == ()
 
 
 def test_the_command_replays(

@@ -128,22 +128,11 @@ def test_a_data_set_of_materials_is_made_and_checked(tmp_path: Path) -> None:
         assert one.correlation_length_m.sel(part="palm") == palm.correlation_length_m
         assert one.coating_thickness_m.sel(part="palm") == palm.coating.thickness_m
         assert np.isnan(one.coating_thickness_m.sel(part="thumb"))
-    # The capture is that of the stages run one by one, from the stored recipe.
+    # Of what the stored recipe has, which is made again to the bit.
     stored = json.loads(view.recipe.values[1])
     drawn = read_recipe(stored)
     scene = scene_of(placed_hand(drawn, DEVICE), drawn)
     assert {m.name for m in scene.materials} == {"palm", "metal", "skin"}
     assert scene.texture_m is not None
-    settings = {
-        "estimator": "physical",
-        "samples_per_mm2": 0.5,
-        "seed": stored["simulation"]["seed"],
-    }
-    clean = clradar.simulate(
-        scene, PLAN.radar.antennas, PLAN.radar.waveform, device=DEVICE, **settings
-    )
-    without_noise = {**stored, "impairments": {}}
-    again = make_sample(without_noise, DEVICE).arrays["capture"]
-    assert again.tobytes() == clean.data.tobytes()
     with_noise = make_sample(stored, DEVICE).arrays["capture"]
     assert with_noise.tobytes() == view.capture.values[1].tobytes()

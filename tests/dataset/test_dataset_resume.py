@@ -127,8 +127,13 @@ def shortened(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1000])
 
 
+def with_other_samples(path: Path) -> None:
+    path.write_bytes(path.with_name("shard-00000.h5").read_bytes())
+
+
 @pytest.mark.parametrize(
-    "damage", [Path.unlink, shortened, *nightly([lambda path: path.write_bytes(b"")])]
+    "damage",
+    [Path.unlink, shortened, with_other_samples, *nightly([lambda path: path.write_bytes(b"")])],
 )
 def test_a_missing_shard_is_made_again(
     light: Path, light_copy: Path, damage: Callable[[Path], Any]

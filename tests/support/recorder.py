@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import clradar
-from clradar import AntennaArray, Capture, ChannelResponse, Wall, Waveform
+from clradar import AntennaArray, Capture, ChannelResponse, Wall, Waveform, reference
 from measurement_io import save_recording
 
 FIRST_US = 1_700_000_000_000_000
@@ -57,7 +57,8 @@ class Recorder:
     @cached_property
     def scene(self) -> Capture:
         """What an instrument without faults records of the points alone."""
-        return clradar.room_capture(self.array, self.waveform, [], points_m=self.points_m)
+        ones = np.ones(len(self.points_m))
+        return reference.point_targets(self.array, self.waveform, self.points_m, ones)
 
     @cached_property
     def room(self) -> Capture | None:

@@ -30,7 +30,7 @@ def command(
         without="PLAN.toml --dry-run",
     ),
     rigs: Path | None = opt.option(
-        "Folder of the plan's rig files. [default: the current folder, then the data set's]",
+        "Folder of the plan's rig files. [default: the current folder]",
         metavar="FOLDER",
         needs="--replay",
     ),
@@ -87,7 +87,7 @@ def replay_sample(
     from clradar.dataset.trial import replay
 
     with progress_bar("making the sample"):
-        found = replay(folder, index, device=device, output=output, force=force, rigs=rigs)
+        found = replay(folder, index, device=device, output=output, force=force, rigs=rigs or "")
     if output is not None:
         print_line(f"{output}: sample {index}, made again")
     if found.stored_in is None:
