@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from test_poses import check_surface
 
 from clradar.errors import ModelError
 from clradar.hand import (
@@ -16,7 +17,6 @@ from clradar.hand import (
     random_pose,
     random_shape,
 )
-from clradar.hand.crossings import crossing_faces
 from clradar.hand.pose import HandPose
 
 EDGE_M = 2.5e-3
@@ -135,9 +135,4 @@ def test_shapes_that_no_hand_has_are_refused(arguments, message):
 def test_random_hands_have_sound_surfaces(seed):
     rng = np.random.default_rng(seed)
     edge_length_m = float(rng.uniform(1.4e-3, 4e-3)) if seed > 1 else 3.5e-3
-    mesh = hand_mesh(random_pose(rng), edge_length_m, shape=random_shape(rng))
-    surface = mesh.to_trimesh()
-    assert surface.is_watertight
-    assert surface.body_count == 1
-    assert surface.volume > 0
-    assert len(crossing_faces(mesh.vertices_m, mesh.faces)) == 0
+    check_surface(hand_mesh(random_pose(rng), edge_length_m, shape=random_shape(rng)))

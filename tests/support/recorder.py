@@ -33,7 +33,6 @@ class Recorder:
     """
 
     points_m: Any = ((0.0, 0.0, 0.3),)
-    amplitudes: Any = None
     array: AntennaArray = field(default_factory=clradar.arrays.qar50)
     waveform: Waveform = field(default_factory=lambda: Waveform.sfcw(72e9, 82e9, 128))
     walls: tuple[Wall, ...] = WALLS
@@ -58,8 +57,8 @@ class Recorder:
     @cached_property
     def scene(self) -> Capture:
         """What an instrument without faults records of the points alone."""
-        amplitudes = np.ones(len(self.points_m)) if self.amplitudes is None else self.amplitudes
-        return reference.point_targets(self.array, self.waveform, self.points_m, amplitudes)
+        ones = np.ones(len(self.points_m))
+        return reference.point_targets(self.array, self.waveform, self.points_m, ones)
 
     @cached_property
     def room(self) -> Capture | None:
@@ -89,27 +88,14 @@ class Recorder:
 
     def _recorded(self, scene: Capture, frame: int, noise_seed: int) -> Capture:
         power = float((np.abs(self.scene.data.astype(complex)) ** 2).mean())
-        arriving = clradar.impair(
-            scene,
-            seed=self.seed,
-            frame=frame,
-            reference_power=power,
-            room=self.room,
-            coupling_db=self.coupling_db,
-            channels=self.response(),
-            **self._drift(),
-            iq_gain_db=self.iq_gain_db,
-            iq_phase_rad=self.iq_phase_rad,
-        )
+        instrument = {"iq_gain_db": self.iq_gain_db, "iq_phase_rad": self.iq_phase_rad}
+        instrument |= {"channels": self.response(), **self._drift()}
+        same = {"frame": frame, "reference_power": power}
+        around = {"room": self.room, "coupling_db": self.coupling_db}
+        arriving = clradar.impair(scene, seed=self.seed, **same, **around, **instrument)
         # Channels and drift belong to the instrument, but the empty room has noise of its own.
-        return clradar.impair(
-            arriving,
-            seed=noise_seed,
-            frame=frame,
-            reference_power=power,
-            snr_db=self.snr_db,
-            adc_bits=self.adc_bits,
-        )
+        converted = {"snr_db": self.snr_db, "adc_bits": self.adc_bits}
+        return clradar.impair(arriving, seed=noise_seed, **same, **converted)
 
     def write(
         self,
@@ -131,13 +117,13 @@ class Recorder:
         stamps_us = [FIRST_US + i * INTERVAL_US for i in range(max(n_frames, n_empty))]
         frames = [self.frame(i) for i in range(n_frames)]
         without = self.empty(0).data
-        radar = save_recording(
-            folder, frames, timestamps_us=stamps_us[:n_frames],
-            emptyfiltered=[replace(f, data=f.data - without) for f in frames]
-            if emptyfiltered else None,
-            metadata={"distance_meters": 0.3, "empty_measurement": "empty"},
-            alignment={"photogrammetry2radar": np.diag([-1.0, 1.0, 1.0, 1.0]).tolist()},
-        )  # fmt: skip
+        beside: dict[str, Any] = {
+            "metadata": {"distance_meters": 0.3, "empty_measurement": "empty"},
+            "alignment": {"photogrammetry2radar": np.diag([-1.0, 1.0, 1.0, 1.0]).tolist()},
+        }
+        if emptyfiltered:
+            beside["emptyfiltered"] = [replace(f, data=f.data - without) for f in frames]
+        radar = save_recording(folder, frames, timestamps_us=stamps_us[:n_frames], **beside)
         if n_empty:
             empties = [self.empty(i) for i in range(n_empty)]
             save_recording(empty, empties, timestamps_us=stamps_us[:n_empty])
