@@ -258,6 +258,7 @@ def test_surface_of_a_sign_is_closed_without_self_intersections(sign):
 
 
 @pytest.mark.slow
+@pytest.mark.device
 @pytest.mark.parametrize("edge_length_m", [1.4e-3, 1.7e-3, COARSE_M])
 @pytest.mark.parametrize("sign", POSES)
 def test_every_surface_is_closed_without_self_intersections(sign, edge_length_m):
