@@ -47,7 +47,7 @@ def test_kills_at_random_moments_change_no_byte(
     plan_file: Path, undisturbed: dict[str, str], tmp_path: Path
 ) -> None:
     draw = random.Random(SEED)
-    folder, done, there = tmp_path / "set", 0, []
+    folder, done = tmp_path / "set", 0
     while done < KILLS:
         left = {*folder.glob("shards/.*.tmp")}  # by what was killed before
         process = subprocess.Popen(  # in a process group of its own
@@ -81,10 +81,8 @@ def test_kills_at_random_moments_change_no_byte(
         process.communicate()
         _, alive = psutil.wait_procs(children, timeout=LIMIT_S)
         assert not alive, "workers outlived their client"
-        there.append(len(digests(folder)) if folder.is_dir() else 0)
         if (folder / "contact-sheet.png").is_file():
             assert digests(folder) == undisturbed
             folder = folder.with_name(f"set-{done}")
     subprocess.run(command(plan_file, folder), check=True)
     assert digests(folder) == undisturbed
-    print(f"{done} kills in {len(there)} runs, files there after each: {there}")
