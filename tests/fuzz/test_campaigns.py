@@ -73,7 +73,7 @@ FAULTS: dict[str, Callable[[Path], object]] = {
     "executes": lambda path: eval("1 + 1"),
     "for writing": lambda path: path.with_name("written").write_text("x"),
     "/etc/hostname": lambda path: Path("/etc/hostname").read_bytes(),
-    "MB of memory": lambda path: np.ones(100_000_000, np.uint8),
+    "MB of memory": lambda path: np.ones(500_000_000, np.uint8),  # more than garbage that goes
     "of processor time": _hang,
 }
 """What is said of a fault -> the reader that has it."""
