@@ -22,10 +22,8 @@ from pydantic import Field
 
 from clradar.dataset.plan.plan import Plan, PlanError, plan_from, plan_record
 from clradar.dataset.plan.recipe import EARLIER_SETTINGS
-from clradar.dataset.shards import failed_of, opened_shard, samples_of
 from clradar.errors import MeasurementError, OutputError, quoted
 from clradar.files.failures import fail, shown
-from clradar.files.hashing import sha256_of
 from clradar.files.json_file import read_json_object, write_json
 from clradar.files.records import OpenRecord, Whole, record_of
 from clradar.jobs.outcome import Aside
@@ -84,18 +82,13 @@ class Manifest:
         shard = sample // self.plan.output.shard_size
         return None if shard not in self.shards or sample in self.aside else shard_name(shard)
 
-    def take(self, folder: Path, number: int, sha256: str | None) -> None:
-        """Take in a shard that is there; one without all samples or their reasons is an error."""
-        file, samples = folder / shard_name(number), self.plan.shard_samples(number)
-        known = {n: self.aside.pop(n) for n in samples if n in self.aside}
-        with opened_shard(file) as shard:
-            there, failed = {*samples_of(shard)}, failed_of(shard)
-        failed = {n: aside for n, aside in known.items() if n not in there} | failed
-        if there | {*failed} != {*samples}:
-            fail(file, f"the samples {samples[0]} to {samples[-1]}", "others, or fewer")
-        self.aside |= failed
+    def take(self, number: int, failed: Mapping[int, Aside], sha256: str) -> None:
+        """Take in a shard, of whose samples these failed."""
+        samples = self.plan.shard_samples(number)
+        others = {n: aside for n, aside in self.aside.items() if n not in samples}
+        self.aside = {**others, **failed}
         self.shards.add(number)
-        self.sha256[file.name] = sha256 or sha256_of(file)
+        self.sha256[Path(shard_name(number)).name] = sha256
 
     def record(self) -> dict[str, Any]:
         """Return it as JSON."""

@@ -24,14 +24,9 @@ from clradar.dataset.folder import (
 from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, found_rig, make_sample
-from clradar.dataset.shards import new_shard, read_sample
-from clradar.errors import (
-    ClradarError,
-    DeviceError,
-    MeasurementError,
-    handled_warnings,
-    warn,
-)
+from clradar.dataset.shards import failed_of, new_shard, opened_shard, read_sample, samples_of
+from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_warnings, warn
+from clradar.files.failures import fail
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
 from clradar.jobs.job import Job
@@ -223,6 +218,16 @@ class ShardMaker:
         return None
 
 
+def _failed_of(file: Path, samples: range, known: Mapping[int, Aside]) -> dict[int, Aside]:
+    """The samples that a shard lacks, with why: as it says, or as is known of shards of 0.2."""
+    with opened_shard(file) as shard:
+        there, failed = {*samples_of(shard)}, failed_of(shard)
+    found = {n: known[n] for n in samples if n in known and n not in there} | failed
+    if there | {*found} != {*samples}:
+        fail(file, f"the samples {samples[0]} to {samples[-1]}", "others, or fewer")
+    return found
+
+
 class _Run:
     """A run, and what it knows of its data set."""
 
@@ -236,7 +241,8 @@ class _Run:
         for number in sorted(before.shards):
             file = path / shard_name(number)
             try:
-                self.manifest.take(path, number, before.sha256.get(file.name))
+                failed = _failed_of(file, plan.shard_samples(number), before.aside)
+                self.manifest.take(number, failed, before.sha256.get(file.name) or sha256_of(file))
             except MeasurementError as error:
                 warn(f"{error}; its samples are made again")
                 file.unlink()
@@ -266,15 +272,14 @@ class _Run:
                 self._take(work, result)
 
     def _take(self, work: Work, result: Made) -> None:
-        manifest = self.manifest
-        before = manifest.made_with, dict(manifest.aside)
+        manifest, before = self.manifest, (self.manifest.made_with, self.manifest.aside)
         if self._makers != result.made_with:  # all workers are alike
             for line in differences(dict(manifest.made_with or result.made_with), result.made_with):
                 warn(f"{self.path}: has samples made with {line}; their bits depend on it")
         self._makers = result.made_with
         manifest.made_with = manifest.made_with or result.made_with
         shard = work.samples[0] // self.plan.output.shard_size
-        manifest.take(self.path, shard, result.sha256)
+        manifest.take(shard, result.failed, result.sha256)
         if (manifest.made_with, manifest.aside) != before:
             write_manifest(self.path, manifest)
         self._made += result.count
