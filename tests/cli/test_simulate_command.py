@@ -13,7 +13,7 @@ import pytest
 import trimesh
 import two_devices
 import typer
-from command_line import DENSITY, Cli, group_of
+from command_line import DENSITY, Cli, group_of, worker_here
 from nightly import nightly
 from rig_files import RigMaker
 
@@ -311,12 +311,15 @@ def test_from_clusters_to_one_image(cli, walled):
     cli.fails("demo --array wall.toml", "3 clusters, which simulate and image take")
 
 
-@pytest.mark.parametrize("how", ["--workers 2", *nightly(["--device all"])])
+@pytest.mark.parametrize("how", ["--scheduler", *nightly(["--workers 2", "--device all"])])
 def test_workers_and_devices_make_the_same_files(cli, walled, how):
     pytest.importorskip("distributed")
     cli.ok(f"{walled} here")
     line = f"{walled} there {how}"
-    if "--workers" in how:
+    if how == "--scheduler":
+        with worker_here() as address:
+            cli.ok(f"{line} {address}")
+    elif "--workers" in how:
         cli.ok(line)
     else:  # in a process of its own, which sees the CPU as two devices
         words = [sys.executable, "-m", "clradar", *line.split()]
