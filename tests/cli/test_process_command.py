@@ -18,7 +18,7 @@ from command_line import GRID as HAND_GRID
 from command_line import Cli, exit_status, worker_here
 from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands
 from PIL import Image
-from quick_figures import seek_no_lobes
+from quick_figures import seek_nothing_else
 from recorder import Recorder, Recording
 
 import calibration
@@ -90,7 +90,7 @@ def processed(recorded: Recording, tmp_path_factory: pytest.TempPathFactory) -> 
     save_channels(place / "channels.h5", channels_of(recorded.recorder))
     save_capture(place / "single.h5", recorded.recorder.frame(0))
     with pytest.MonkeyPatch.context() as patch:
-        seek_no_lobes(patch)
+        seek_nothing_else(patch)
         patch.chdir(place)
         assert exit_status(*COMMAND.split()) == 0
     return place
@@ -378,8 +378,9 @@ def test_a_folder_with_hands_table_and_figures(cli, line, tried, monkeypatch):
 
 
 @pytest.mark.usefixtures("quickly")
-def test_an_interrupted_fit_goes_on_where_it_was(cli, line, tried):
+def test_an_interrupted_fit_goes_on_where_it_was(cli, line, tried, monkeypatch):
     """It gives every byte of an uninterrupted one, though the last frame was half written."""
+    monkeypatch.setattr(recordings, "draw_movement", lambda *_: None)
     cli.ok(f"{line} whole")
     tried[:] = [-2]
     assert cli(f"{line} cut").status == 130
