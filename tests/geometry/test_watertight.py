@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from shapes import bowl, box, plate, random_soup, sphere
 
+import clradar
 from clradar.geometry import bvh
 from clradar.geometry.bvh import face_normals
 from clradar.geometry.watertight import outward_side
