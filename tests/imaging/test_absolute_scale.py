@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from nightly import nightly
+from truths import measured
 
 import clradar
 from clradar import AntennaArray, AntennaPattern, Scene, Waveform
@@ -26,16 +27,13 @@ def simulated(scene: Scene, array: AntennaArray, device: Any, density: float) ->
     )
 
 
-def square(side_m: float, range_m: float) -> Scene:
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    return Scene(side_m / 2 * corners + np.array([0, 0, range_m]), [[0, 2, 1], [0, 3, 2]])
-
-
 def test_a_plate_far_away_has_the_cross_section_of_its_area(device):
     # 4 pi A^2 / lambda^2; 8 m away the corners of 5 cm are 0.08 mm farther, both ways 0.26 rad, and
     # the spread of that over the plate costs less than its square, 0.06 as 0.06 dB.
     array = AntennaArray([[0, 0, 0]], [[0, 0, 0]], "one", PATTERN, PATTERN)
-    found = simulated(square(0.05, 8.0), array, device, 2.0).rcs_dbsm([0, 0, 8.0])[0, 0]
+    found = simulated(measured.plate((0.05, 0.05), 8.0), array, device, 2.0).rcs_dbsm([0, 0, 8.0])[
+        0, 0
+    ]
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / WAVEFORM.frequencies_hz
     wanted = 10 * np.log10(4 * np.pi * 0.05**4 / wavelength_m**2)
     assert np.abs(found - wanted).max() < 0.06

@@ -350,16 +350,6 @@ def test_an_echo_is_outside_from_one_resolution_beside_the_grid_on(aside, report
     assert [OUTSIDE for text in found if OUTSIDE in text] == reported
 
 
-def test_an_object_does_not_go_on_as_its_mirror_image_behind_the_antennas():
-    """Which antennas in one plane have there, beyond the reach of their coupling."""
-    line_m = np.linspace(-0.01, 0.01, 16)[:, None]
-    array = AntennaArray(line_m * [1, 0, 0], line_m * [0, 1, 0])
-    points_m = [[0, 0, 0.004], [0, 0, 0.045]]
-    capture = clradar.room_capture(array, SWEEP, [], points_m=points_m)
-    grid = VoxelGrid.from_extent((-0.05, 0.05), (-0.05, 0.05), (0.004, 0.104), 2e-3)
-    assert CUT not in warned(capture, grid)
-
-
 @pytest.mark.parametrize(("band_hz", "fits"), [(3.7e9, False), (3.8e9, True)])
 def test_the_paper_s_grid_fits_where_it_is_twice_as_long_as_the_resolution(band_hz, fits):
     """80 mm along z: c / 2B of 40 mm is that of 3.75 GHz."""

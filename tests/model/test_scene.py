@@ -53,35 +53,6 @@ def test_meshes_in_memory():
         np.testing.assert_array_equal(Scene.from_mesh(mesh).triangles_m, box().triangles)
 
 
-TRIANGLE = "v {0} 0 0\nv {0} 0.1 0\nv {0} 0 0.1\n{1}\nf {2} {3} {4}\n"
-
-
-def obj_text(words: list[str]) -> str:
-    """One triangle at x = 0, 0.1, ... after each of `words`."""
-    return "".join(
-        TRIANGLE.format(0.1 * i, word, 3 * i + 1, 3 * i + 2, 3 * i + 3)
-        for i, word in enumerate(words)
-    )
-
-
-@pytest.mark.parametrize(
-    ("words", "names"),
-    [
-        (["o palm", "o thumb", "o index"], ("palm", "thumb", "index")),
-        (["g palm", "g thumb", "g index"], ("palm", "thumb", "index")),
-        (["o hand\ng palm", "g thumb", "o sleeve"], ("hand_palm", "hand_thumb", "sleeve_thumb")),
-    ],
-)
-def test_objects_and_groups_of_an_obj_file_become_parts(tmp_path, words, names):
-    path = tmp_path / "parts.obj"
-    path.write_text(obj_text(words))
-    scene = Scene.from_mesh(path, alpha={name: 0.1 * i for i, name in enumerate(names)})
-    assert scene.part_names == names
-    # In the file's order, which an alpha per face relies on.
-    np.testing.assert_allclose(scene.triangles_m[:, 0, 0], [0.0, 0.1, 0.2], atol=ROUNDING_M)
-    np.testing.assert_allclose(scene.alpha, [0.0, 0.1, 0.2], atol=ROUNDING_M)
-
-
 def test_parts_of_a_ply_file_keep_names_and_the_order_of_faces(tmp_path):
     """As `clradar register` writes them; another program may have left out the names."""
     mesh = trimesh.creation.icosphere(1, 0.05)
@@ -124,17 +95,6 @@ def test_texture_of_a_ply_file_is_read_where_all_of_it_is_there(tmp_path):
     for other in (content.replace(b"texture_z", b"texture_w"), nan):
         (tmp_path / "other.ply").write_bytes(other)
         assert Scene.from_mesh(tmp_path / "other.ply", unit="mm").texture_m is None
-
-
-def test_parts_of_a_glb_file_keep_their_names(tmp_path):
-    graph = trimesh.Scene()
-    graph.add_geometry(box(), geom_name="left")
-    graph.add_geometry(box(0.2), geom_name="right")
-    graph.export(tmp_path / "two.glb")
-    scene = Scene.from_mesh(tmp_path / "two.glb", alpha={"left": 0.0, "right": 1.0})
-    assert scene.n_faces == 24
-    x_m = scene.triangles_m[..., 0].mean(axis=1)
-    np.testing.assert_array_equal(scene.alpha, np.where(x_m > 0.1, 1.0, 0.0))
 
 
 @pytest.mark.parametrize(

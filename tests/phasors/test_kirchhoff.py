@@ -1,6 +1,5 @@
 """The physical estimator against the float64 sum over its own points, and against closed forms."""
 
-import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 import trimesh
 from nightly import nightly
 from scipy.integrate import trapezoid
+from truths import measured
 
 import clradar
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
@@ -17,8 +17,6 @@ from clradar.phasors.kirchhoff_sum import TOLERANCE_DB
 from clradar.phasors.leg_tables import NODES, reflection_legs
 from clradar.tracing.quadrature import LitPoints, LitQuadrature
 from clradar.tracing.settings import resolve_settings
-
-module = importlib.import_module("clradar.phasors.kirchhoff_sum")
 
 FULL = clradar.arrays.qar50()
 ARRAY = clradar.AntennaArray(FULL.tx_m[::5], FULL.rx_m[::4])  # 19 x 24: odd against 8 lanes
@@ -31,19 +29,13 @@ SPARSE = 1.5
 SKIN = clradar.Material("skin", permittivity=6.56 - 8.91j)
 
 
-def plate(side_m: float, z_m: float, tilt_deg: float = 0.0) -> clradar.Scene:
-    a = side_m / 2
-    corners = np.array([[-a, -a, 0], [a, -a, 0], [a, a, 0], [-a, a, 0]])
-    turned = trimesh.transformations.rotation_matrix(np.radians(tilt_deg), [0, 1, 0])
-    corners = corners @ turned[:3, :3].T + [0, 0, z_m]
-    return clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]])
-
-
 def ball_before_plate() -> clradar.Scene:
     """A ball that hides a part of a tilted plate."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.012)
     ball.apply_translation([0.005, 0.0, 0.26])
-    return clradar.Scene.combine([clradar.Scene.from_mesh(ball), plate(0.05, 0.29, 20.0)])
+    return clradar.Scene.combine(
+        [clradar.Scene.from_mesh(ball), measured.plate((0.05, 0.05), 0.29, np.radians(20.0))]
+    )
 
 
 def db(got: np.ndarray, want: np.ndarray) -> float:
@@ -129,7 +121,7 @@ def root(material: clradar.Material, f: float, cosine: np.ndarray) -> np.ndarray
 def test_a_coat_whose_reflection_depends_on_angle_and_frequency():
     """2 mm with hardly any loss, at 60 degrees: of metal nothing but the coat is a material."""
     coat = clradar.Coating(2e-3, 6 - 0.1j)
-    scene = plate(0.05, 0.29, 60.0).with_material(
+    scene = measured.plate((0.05, 0.05), 0.29, np.radians(60.0)).with_material(
         clradar.Material("coated metal", conductor=True, coating=coat)
     )
     capture = simulated(scene, ARRAY)
@@ -203,7 +195,9 @@ def test_flat_plate_in_the_far_field():
     waveform = clradar.Waveform([77e9])
     one = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / 77e9
-    s = clradar.simulate(plate(0.05, 30.0), one, waveform, estimator="physical").data[0, 0, 0]
+    s = clradar.simulate(
+        measured.plate((0.05, 0.05), 30.0), one, waveform, estimator="physical"
+    ).data[0, 0, 0]
     sigma_m2 = (4 * np.pi) ** 3 * 30.0**4 / wavelength_m**2 * abs(s) ** 2
     want_m2 = 4 * np.pi * 0.05**4 / wavelength_m**2
     assert 10 * np.log10(sigma_m2 / want_m2) == pytest.approx(0.0, abs=0.01)
@@ -216,7 +210,7 @@ def test_patterns_of_antennas():
     tx = clradar.AntennaPattern(gain_dbi=6.0, exponent=2.0)
     rx = clradar.AntennaPattern(angle_deg=[0, 20, 40, 180], field=[1, 0.8, 0, 0])
     array = clradar.AntennaArray(ARRAY.tx_m, ARRAY.rx_m, tx_pattern=tx, rx_pattern=rx)
-    scene = plate(0.06, 0.1)
+    scene = measured.plate((0.06, 0.06), 0.1)
     lit = lit_points(scene, array, samples_per_mm2=SPARSE)
     got = simulated(scene, array).data[:, :, ::11]
     some = clradar.Waveform(WAVEFORM.frequencies_hz[::11])
@@ -230,7 +224,7 @@ def test_micro_roughness_damps_and_scatters_what_it_takes():
     rms_m = 0.15e-3
     waveform = clradar.Waveform([72e9, 82e9])
     array = clradar.AntennaArray(ARRAY.tx_m[::6], ARRAY.rx_m[::8])
-    scene = plate(0.02, 0.3)
+    scene = measured.plate((0.02, 0.02), 0.3)
     smooth = clradar.simulate(scene, array, waveform, estimator="physical", samples_per_mm2=1.5)
     material = clradar.Material("micro", conductor=True, micro_roughness_rms_m=rms_m)
     rough = scene.with_material(material)
@@ -284,7 +278,7 @@ def test_micro_roughness_keeps_the_energy(material):
 def test_sparse_points_are_warned_of():
     waveform = clradar.Waveform([77e9])
     for material, density in (("metal", 0.9), (ROUGH, 3.0)):
-        scene = plate(0.005, 0.3).with_material(material)
+        scene = measured.plate((0.005, 0.005), 0.3).with_material(material)
         with pytest.warns(clradar.ClradarWarning, match="too far for .*; take at least"):
             clradar.simulate(scene, ARRAY, waveform, estimator="physical", samples_per_mm2=density)
 

@@ -1,6 +1,5 @@
 """Quadrature points of the physical estimator: where they are, what they see, their roughness."""
 
-import importlib
 import warnings
 from dataclasses import replace
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
+from truths import measured
 
 import clradar
 from clradar.errors import MeshError, ModelError
@@ -17,8 +17,6 @@ from clradar.tracing.height_field import mended_texture
 from clradar.tracing.pieces import pieces_of
 from clradar.tracing.quadrature import LitPoints, LitQuadrature
 from clradar.tracing.settings import resolve_settings
-
-module = importlib.import_module("clradar.tracing.quadrature")
 
 AROUND = clradar.AntennaArray(0.5 * np.vstack([np.eye(3), -np.eye(3)]), [[0.5, 0.0, 0.001]])
 """Every point of a convex body at the origin is seen by some Tx."""
@@ -31,11 +29,6 @@ ROUGH = clradar.Material(
 def ball(subdivisions: int, radius_m: float = 0.02) -> clradar.Scene:
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius_m)
     return clradar.Scene.from_mesh(mesh)
-
-
-def plate(a: float, z_m: float = 0.0) -> clradar.Scene:
-    corners = [[-a, -a, z_m], [a, -a, z_m], [a, a, z_m], [-a, a, z_m]]
-    return clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]])
 
 
 def points_of(scene: clradar.Scene, array: clradar.AntennaArray, **fields: object) -> LitPoints:
@@ -119,7 +112,12 @@ def test_heights_have_the_statistics_of_the_material():
     array = clradar.AntennaArray([[0, 0, -0.5]], [[0, 0.001, -0.5]])
     rms_m, length_m = ROUGH.roughness_rms_m, ROUGH.correlation_length_m
     for seed in range(5):
-        lit = points_of(plate(0.05).with_material(ROUGH), array, seed=seed, samples_per_mm2=1.5)
+        lit = points_of(
+            measured.plate((0.1, 0.1), 0.0).with_material(ROUGH),
+            array,
+            seed=seed,
+            samples_per_mm2=1.5,
+        )
         away = lit.position_m[:, 2]
         heights.append(away)
         normal = lit.area_m2 / lit.area_m2[:, 2:]
@@ -177,7 +175,7 @@ def test_a_curved_face_that_folds_back_is_seen_from_the_side_of_its_flat_one():
 
 def test_antennas_on_both_sides_of_a_sheet():
     """What Tx and Rx see from different sides does not reflect; each side reflects alike."""
-    scene = plate(0.01)
+    scene = measured.plate((0.02, 0.02), 0.0)
     near, far = [0.0, 0, -0.3], [0.0, 0, 0.3]
     waveform = clradar.Waveform([77e9])
 
@@ -200,7 +198,7 @@ def test_antennas_on_both_sides_of_a_sheet():
 )
 def test_an_antenna_on_the_surface_is_refused(at_m):
     with pytest.raises(ModelError, match=r"antennas at least 0[.]75 mm"):
-        points_of(plate(0.01, 0.2), clradar.AntennaArray([[0, 0, 0]], [at_m]))
+        points_of(measured.plate((0.02, 0.02), 0.2), clradar.AntennaArray([[0, 0, 0]], [at_m]))
 
 
 def test_a_material_keeps_its_roughness_whatever_else_is_in_the_scene():

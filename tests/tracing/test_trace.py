@@ -1,6 +1,5 @@
 """The tracer against the float64 reference path by path, and invariants of any scene."""
 
-import importlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,8 +15,6 @@ from clradar.trace import trace as tracing
 from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import resolve_settings
 from clradar.tracing.stochastic import MOST_ORDINAL, Tracer
-
-module = importlib.import_module("clradar.tracing.stochastic")
 
 LENGTH_TOLERANCE_M = (3e-7, 3e-5, 1e-4)
 """For one, two and three bounces. A sample's coordinates are float32 numbers wrong by some
