@@ -62,28 +62,6 @@ def test_compare_chooses_from_a_recording(cli, place, monkeypatch):
     cli.fails("compare volume.h5 sim.h5 --frame 0", "volume.h5", "a folder of frames")
 
 
-def test_compare_names_what_is_missing(cli):
-    """Two balls were measured, the brighter one is not in the simulation."""
-    grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.03), (0.28, 0.32), 2e-3)
-    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
-    near, far = (
-        np.exp(-((x - x_m) ** 2 + y**2) / radius_m**2 - ((z - 0.3) / 8e-3) ** 2)
-        for x_m, radius_m in ((-0.024, 4e-3), (0.016, 9e-3))
-    )
-    save_volume("measured.h5", clradar.Volume(near + 0.75 * far, grid))
-    save_volume("ball.h5", clradar.Volume(far, grid))
-    outcome = cli.ok("compare measured.h5 ball.h5 -o c.png --json c.json --report c.html")
-    remark = "missing from the simulation: the brightest object, at (-24, 0, 300) mm with 26 % of"
-    assert f"ball: {remark}" in outcome.out
-    assert outcome.err.count("clradar: warning: ") == 1
-    assert "an overlap of 0.89 is misleading here" in outcome.err
-    (simulated,) = json.loads(Path("c.json").read_text())["simulated"]
-    assert simulated["metrics"]["remarks"][0].startswith(remark)
-    assert simulated["metrics"]["missing"][0]["level_db"] == 0.0
-    page = Path("c.html").read_text(encoding="utf-8")
-    assert f'<span class="name">ball</span>: {remark}' in page
-
-
 def simulated(low: float, high: float) -> dict[str, Any]:
     return {"capture": {"scene": {"alpha_min": low, "alpha_max": high}}}
 

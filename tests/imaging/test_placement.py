@@ -111,12 +111,10 @@ def test_the_grid_is_placed_around_an_echo_anywhere(at_m, array):
 
 def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit():
     wall = Wall([0, 0, 1.5], [0, 0, 1], 3.0)
-    echo = echoes_of(AT_HAND)
     for capture in (
         object_of([0, 0, 0.3], [0.16, 0.18, 0.03]),
         echoes_of(AT_HAND, walls=[wall]),  # the wall is 10 dB stronger
-        with_noise(echo, 3.0),
-        replace(echo, data=echo.data * np.float32(1e25)),
+        with_noise(echoes_of(AT_HAND), 3.0),
         nothing(),
     ):
         assert place_grid(capture) is PAPER_GRID
@@ -125,6 +123,12 @@ def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit():
         with pytest.warns(ClradarWarning, match=why):
             assert place_grid(capture) is PAPER_GRID
     assert GridOptions().grid().same_voxels(PAPER_GRID, tolerance_m=0.0)
+
+
+def test_the_scale_of_samples_places_nothing():
+    capture = echoes_of([0.02, 0.01, 1.2])
+    grid = place_grid(replace(capture, data=capture.data * np.float32(1e25)))
+    assert grid.z_m[0] < 1.2 < grid.z_m[-1]
 
 
 def line_m(length_m: float, count: int, axis: int) -> np.ndarray:
