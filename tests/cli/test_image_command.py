@@ -271,12 +271,8 @@ def test_what_goes_where(cli, line, said):
     assert cli.ok(f"export {line}").out == f"{said}\n"
     if "v.npz" in line:
         with np.load("v.npz") as file:
-            assert file["data"][3, 2, 4] == 59 + 1j
             provenance = json.loads(str(file["provenance"]))
         assert (provenance["method"], provenance["command"]) == ("exact", "export")
-    elif "d.npz" in line:
-        with np.load("d.npz") as file:
-            assert float(file["depth_m"][0, 0]) == 0.315
     elif "v.ply" in line:
         # 20 log10(45 / 59) = -2.4 dB and 52 / 59 = -1.1 dB: seven pixels are brighter than -1 dB.
         assert len(trimesh.load("v.ply", process=False).vertices) == 7
