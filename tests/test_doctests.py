@@ -55,7 +55,11 @@ def documented() -> dict[str, Any]:
 
 DOCUMENTED = documented()
 
-LONG = ("calibration.sweep_roughness", "calibration.register", "clradar.spread")
+LONG = (
+    *("calibration.align_mesh", "calibration.register", "calibration.sweep"),
+    *("calibration.sweep_roughness", "clradar.dataset.TorchDataset", "clradar.dataset.replay"),
+    *("clradar.report.html_report", "clradar.spread"),
+)
 """What takes seconds, and is tried by tests of its own."""
 
 

@@ -48,10 +48,10 @@ def trees() -> dict[str, ast.Module]:
     return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
 
-def imports_of(name: str, tree: ast.Module) -> set[str]:
+def imports_of(name: str, nodes: list[ast.AST]) -> set[str]:
     """Full names of what a module imports anywhere in it: modules of ours, or others as written."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -64,9 +64,15 @@ def imports_of(name: str, tree: ast.Module) -> set[str]:
 
 
 @cache
+def nodes() -> dict[str, list[ast.AST]]:
+    """Of every module, each walked through once."""
+    return {name: list(ast.walk(tree)) for name, tree in trees().items()}
+
+
+@cache
 def imports() -> dict[str, set[str]]:
     """What every module imports."""
-    return {name: imports_of(name, tree) for name, tree in trees().items()}
+    return {name: imports_of(name, found) for name, found in nodes().items()}
 
 
 def within(name: str, package: str) -> bool:
@@ -186,12 +192,12 @@ def test_there_are_no_circles():
 
 
 def test_nothing_unpickles_arrays():
-    sources = dict(trees())
+    sources = dict(nodes())
     for folder in ("benchmarks", "examples"):
         for path in sorted((ROOT / folder).glob("**/*.py")):
-            sources[str(path)] = ast.parse(path.read_text(encoding="utf-8"))
-    for name, tree in sources.items():
-        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            sources[str(path)] = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    for name, found in sources.items():
+        for call in (node for node in found if isinstance(node, ast.Call)):
             for keyword in call.keywords:
                 where = f"{name}: line {keyword.value.lineno}"
                 if keyword.arg == "allow_pickle":
@@ -205,12 +211,13 @@ def test_only_frames_and_hand_models_are_pickles():
     confined = ("measurement_io.maroon.frame_file", "clradar.rigs.mano", "clradar.rigs.mano_pickle")
     assert not breaches([name for name in others if name not in confined], [reader])
     assert not breaches(others, ["pickle", "cPickle", "dill", "joblib", "shelve", "marshal"])
-    for name, tree in trees().items():
+    for name, found in nodes().items():
         loads = [
             n
-            for n in ast.walk(tree)
+            for n in found
             if isinstance(n, ast.Attribute)
-            and ast.unparse(n) in ("pickle.load", "pickle.loads", "pickle.Unpickler")
+            and n.attr in ("load", "loads", "Unpickler")
+            and ast.unparse(n.value) == "pickle"
         ]
         # There it is the base of a class whose find_class has a list of exact names.
         assert len(loads) == (name == reader), name

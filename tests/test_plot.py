@@ -94,7 +94,7 @@ def assert_legible(figure: Figure) -> None:
         assert beside or a.y1 <= b.y0 + touch or b.y1 <= a.y0 + touch, (text_a, text_b)
 
 
-@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("count", [4, *nightly([1])])
 def test_columns_of_a_comparison(count):
     labels = [f"{ALPHA} = {i / 10}" for i in range(count)]
     figure = comparison_figure(
@@ -152,9 +152,9 @@ def random_map(n_x: int, n_y: int, step_m: float = 4e-3, first_m: float = -0.1) 
 @pytest.mark.parametrize(
     ("image", "count"),
     [
-        (random_map(51, 51), 4), (random_map(51, 1), 1), (random_map(12, 12, 1.8e-4, 12.345), 2),
+        (random_map(51, 51), 4), (random_map(12, 12, 1.8e-4, 12.345), 2),
         *nightly([(random_map(51, 51), 12), (random_map(51, 51), 1), (FAR.depth_map(), 1),
-                  (random_map(51, 20), 4), (random_map(20, 51), 4),
+                  (random_map(51, 1), 1), (random_map(51, 20), 4), (random_map(20, 51), 4),
                   (random_map(12, 12, 1.8e-4, 12.345), 6), (random_map(12, 12, 0.28, 0.0), 6)]),
     ],
 )  # fmt: skip
@@ -233,14 +233,18 @@ def test_panels_are_in_rows_with_their_own_axes():
 @pytest.mark.parametrize(
     ("extents", "view", "labels", "at", "title"),
     [
-        ((WIDE, (30, 30), DEEP), None, "xz", (20, 300), "Amplitude at y = 30 mm"),
         ((WIDE, (26, 34), DEEP), None, "xz", (20, 300), "Amplitude, maximum over y"),
         (((20, 20), WIDE, DEEP), None, "zy", (300, 30), "Amplitude at x = 20 mm"),
-        ((WIDE, WIDE, (300, 300)), None, "xy", (20, 30), "Amplitude at z = 300 mm"),
-        ((WIDE, WIDE, DEEP), None, "xy", (20, 30), "Amplitude, maximum over depth"),
         ((WIDE, (14, 46), DEEP), "xy", "xy", (20, 30), "Amplitude, maximum over depth"),
-        ((WIDE, WIDE, DEEP), "xz", "xz", (20, 300), "Amplitude, maximum over y"),
-        ((WIDE, WIDE, DEEP), "yz", "zy", (300, 30), "Amplitude, maximum over x"),
+        *nightly(
+            [
+                ((WIDE, (30, 30), DEEP), None, "xz", (20, 300), "Amplitude at y = 30 mm"),
+                ((WIDE, WIDE, (300, 300)), None, "xy", (20, 30), "Amplitude at z = 300 mm"),
+                ((WIDE, WIDE, DEEP), None, "xy", (20, 30), "Amplitude, maximum over depth"),
+                ((WIDE, WIDE, DEEP), "xz", "xz", (20, 300), "Amplitude, maximum over y"),
+                ((WIDE, WIDE, DEEP), "yz", "zy", (300, 30), "Amplitude, maximum over x"),
+            ]
+        ),
     ],
 )
 def test_pictures_are_projected_along_the_thin_axis_or_that_of_the_view(
@@ -318,8 +322,8 @@ def test_disagreement_is_drawn_with_rings_around_unmatched_objects():
 
 
 def small_figure() -> Figure:
-    figure = image_figure(blob(), r"price: $3 \of $5")
-    figure.set_dpi(40)
+    figure = Figure((2, 1))
+    figure.subplots().set_title(r"price: $3 \of $5", parse_math=False)
     return figure
 
 
@@ -336,11 +340,10 @@ def test_files_are_the_same_every_time(tmp_path, monkeypatch):
     assert ("matplotlib.pyplot" in sys.modules) == before
 
 
-@pytest.mark.parametrize("name", ["a.jpg", "a", "missing/a.png", "folder.png", "there.png"])
+@pytest.mark.parametrize("name", ["a.jpg", "missing/a.png", "there.png"])
 def test_targets_that_cannot_be_written(tmp_path, name):
-    (tmp_path / "folder.png").mkdir()
     (tmp_path / "there.png").write_bytes(b"precious")
     with pytest.raises(OutputError, match=r"expected|exists already"):
         save_figure(Figure(), tmp_path / name, force=name != "there.png")
     assert (tmp_path / "there.png").read_bytes() == b"precious"
-    assert {p.name for p in tmp_path.iterdir()} == {"folder.png", "there.png"}
+    assert [p.name for p in tmp_path.iterdir()] == ["there.png"]

@@ -3,11 +3,13 @@
 import ast
 import re
 import sys
+from functools import cache
 from pathlib import Path
 from subprocess import run
 
 import pytest
 from test_doctests import PACKAGES
+from test_imports import nodes
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -59,26 +61,24 @@ def test_words_are_the_field_s_own():
         re.sub(r"```.*?```|`[^`]*`", "", page.read_text("utf-8"), flags=re.DOTALL)
         for page in (ROOT / "README.md", *DOCS.glob("*.md"))
     ]
-    printed = [line for line in texts_of_code(docstrings=False).split("\n") if " " in line]
+    printed = [line for line in texts_of_code().split("\n") if " " in line]
     found = [match[0] for text in (*texts, *printed) for match in listed.finditer(text)]
     assert found == []
 
 
-def texts_of_code(*, docstrings: bool = True) -> str:
-    """Every string of the packages, one to a line, with … for what is filled in."""
+@cache
+def texts_of_code() -> str:
+    """Every string of the packages but docstrings, one a line, with … for what is filled in."""
     found = []
-    for package in ("clradar", "calibration", "measurement_io"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
-            alone = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
-            for node in nodes:
-                if id(node) in alone and not docstrings:
-                    continue
-                if isinstance(node, ast.Constant) and isinstance(node.value, str):
+    for module in nodes().values():
+        alone = {id(node.value) for node in module if isinstance(node, ast.Expr)}
+        for node in module:
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                if id(node) not in alone:
                     found.append(node.value)
-                elif isinstance(node, ast.JoinedStr):
-                    parts = (p.value if isinstance(p, ast.Constant) else "…" for p in node.values)
-                    found.append("".join(map(str, parts)))
+            elif isinstance(node, ast.JoinedStr):
+                parts = (p.value if isinstance(p, ast.Constant) else "…" for p in node.values)
+                found.append("".join(map(str, parts)))
     return "\n".join(" ".join(text.split()) for text in found)
 
 

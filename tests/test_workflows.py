@@ -14,14 +14,13 @@ WORKFLOWS = ROOT / ".github" / "workflows"
 pytestmark = pytest.mark.skipif(not WORKFLOWS.exists(), reason="no checkout: .github is not here")
 
 
-def jobs(name: str) -> dict[str, Any]:
-    return yaml.safe_load((WORKFLOWS / name).read_text("utf-8"))["jobs"]
-
-
 @pytest.mark.parametrize("name", ["release.yml", "tests.yml"])
-def test_commands_and_jobs_exist(name):
+def test_jobs_and_commands_exist_actions_have_a_version_and_few_rights(name):
+    """One job alone may do more than read: it proves to the index who it is, without a password."""
+    text = (WORKFLOWS / name).read_text("utf-8")
+    whole = yaml.safe_load(text)
+    found: dict[str, Any] = whole["jobs"]
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
-    found = jobs(name)
     for job in found.values():
         assert set(job.get("needs", "").split()) <= set(found)
         assert (WORKFLOWS / Path(job.get("uses", "tests.yml")).name).exists()
@@ -33,14 +32,9 @@ def test_commands_and_jobs_exist(name):
                 if word.endswith(".py"):
                     assert (ROOT / word).exists(), word
 
-
-@pytest.mark.parametrize("name", ["release.yml", "tests.yml"])
-def test_actions_have_a_version_and_few_rights(name):
-    """One job alone may do more than read: it proves to the index who it is, without a password."""
-    text = (WORKFLOWS / name).read_text("utf-8")
     for action in re.findall(r"uses: (?!\./)(\S+)", text):
         assert re.search(r"@(v\d+|release/v\d+)$", action), action
     assert "secrets." not in text
-    assert yaml.safe_load(text)["permissions"] == {"contents": "read"}
-    rights = {key: job["permissions"] for key, job in jobs(name).items() if "permissions" in job}
+    assert whole["permissions"] == {"contents": "read"}
+    rights = {key: job["permissions"] for key, job in found.items() if "permissions" in job}
     assert rights == ({"publish": {"id-token": "write"}} if name == "release.yml" else {})

@@ -148,13 +148,14 @@ def test_axes_of_different_length_cannot_be_swapped():
 # --- diagnoses
 
 
-# Of all sixteen four that take all choices both ways, of two of them harder scenes, and nightly six
-# in which every two choices occur in all four combinations.
+# Of all sixteen two that take all choices both ways, and nightly six in which every two choices
+# occur in all four combinations.
 @pytest.mark.parametrize(
     ("h", "scene"),
-    [(h, SCENES[0]) for h in ALL[::5]]
-    + [*zip(ALL[5::5], SCENES[1:], strict=False)]
-    + nightly((h, scene) for scene in SCENES for h in ALL[::3]),
+    [
+        *zip(ALL[5:11:5], SCENES[1:], strict=True),
+        *nightly((h, scene) for scene in SCENES for h in ALL[::3]),
+    ],
     ids=lambda value: getattr(value, "label", value),
 )
 def test_an_array_without_symmetry_leaves_the_mirror_image_only(h, scene, device):
@@ -249,16 +250,12 @@ def test_antennas_are_left_out_where_a_grid_is_large(device, monkeypatch):
 def test_where_both_orders_are_alike_neither_is_chosen(device):
     # At half the ambiguous path the delays of either sign are alike: 0.95 m for 64 steps.
     capture = reference.point_targets(THIN, SHORT, [[0.02, 0.03, 0.46]], [1.0])
-    for h in (Hypothesis(), Hypothesis(conjugated=True)):
-        result = diagnose(apply_convention(capture, h), device=device)
-        assert result.best is None
-        assert {(c.conjugated, c.reversed) for c in result.candidates} == {
-            (h.conjugated, False),
-            (h.conjugated, True),
-        }
+    result = diagnose(apply_convention(capture, Hypothesis(conjugated=True)), device=device)
+    assert result.best is None
+    assert {(c.conjugated, c.reversed) for c in result.candidates} == {(True, False), (True, True)}
 
 
-@pytest.mark.parametrize("array", [THIN, scattered(16, 16)], ids=["thin", "scattered"])
+@pytest.mark.parametrize("array", [scattered(16, 16), *nightly([THIN])], ids=["scattered", "thin"])
 def test_what_is_undecidable_is_said_to_be(array, device):
     one = made("one point", array)
     zero = with_data(one, 0 * one.data)
@@ -283,7 +280,7 @@ def test_what_is_undecidable_is_said_to_be(array, device):
 # --- expected positions, grids
 
 
-@pytest.mark.parametrize("mirror", [False, True])
+@pytest.mark.parametrize("mirror", [True, *nightly([False])])
 def test_a_known_target_decides_the_mirror(mirror, device):
     h = Hypothesis(conjugated=True, mirrored=mirror)
     capture = apply_convention(made("one point", scattered(16, 16)), h)
@@ -348,7 +345,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: clradar.Devic
 
 
 def test_command(files, capsys, monkeypatch):
-    monkeypatch.setattr("clradar.plot.figures.DPI", 60)  # the figure would take most of the time
+    monkeypatch.setattr("clradar.plot.figures.DPI", 30)  # the figure would take most of the time
     wrong, fixed = files / "wrong.h5", files / "fixed.h5"
     status = run(
         "diagnose", wrong, "-o", files / "all.png", "--json", files / "all.json",
@@ -370,10 +367,8 @@ def test_command(files, capsys, monkeypatch):
     assert right.meta["conventions_applied"] == ["swapped, conjugated, mirrored"]
     assert right.meta["command"] == "diagnose"
     assert run("diagnose", wrong, "--fix-to", fixed) == 1  # exists
-
-
-def test_command_warns_of_indistinguishable_hypotheses(files, capsys):
-    assert run("diagnose", files / "wrong.h5", "--fix-to", files / "fixed.h5") == 0
+    capsys.readouterr()
+    assert run("diagnose", wrong, "--fix-to", fixed, "--force") == 0
     captured = capsys.readouterr()
     assert "the mirror image cannot be ruled out" in captured.err
     assert "x may be mirrored" in captured.out

@@ -26,7 +26,7 @@ import clradar
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
 from clradar.dataset.check import check_dataset
 from clradar.dataset.contact_sheet import contact_sheet
-from clradar.dataset.folder import CONTACT_SHEET, MANIFEST
+from clradar.dataset.folder import MANIFEST
 from clradar.dataset.plan.recipe import read_recipe
 from clradar.dataset.sample import _rig, placed_hand, rotation
 from clradar.dataset.shards import arrays_of, read_sample
@@ -116,13 +116,9 @@ def test_rotations_are_about_the_fixed_axes_x_then_y_then_z() -> None:
 def test_what_a_recipe_leaves_out_is_a_default_or_one_error() -> None:
     whole = {**recipe(PLAN, 1), "output": {"products": ["capture"]}}
     clean = make_sample({**whole, "impairments": {}}, DEVICE).arrays["capture"]
-    text = json.dumps({**whole, "impairments": {}})
-    for given in (text, text.encode()):
-        assert make_sample(given, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
     bare = {key: value for key, value in whole.items() if key not in ("impairments", "image")}
-    assert make_sample(bare, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
-    noisy = make_sample({**whole, "impairments": {"snr_db": 3.0}}, DEVICE).arrays["capture"]
-    assert noisy.tobytes() != clean.tobytes()
+    text = json.dumps(bare).encode()
+    assert make_sample(text, DEVICE).arrays["capture"].tobytes() == clean.tobytes()
     given = {"seed": 3, "gain_db": 2.0, "dead_rx": [1]}
     uneven = make_sample({**whole, "impairments": {"channels": given}}, DEVICE).arrays["capture"]
     array, waveform = PLAN.radar.antennas, PLAN.radar.waveform
@@ -150,6 +146,7 @@ print({name: hashlib.sha256(array.tobytes()).hexdigest() for name, array in arra
 """
 
 
+@pytest.mark.slow
 def test_bits_do_not_depend_on_the_number_of_threads(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -236,16 +233,6 @@ def test_rigs_are_hands_too(
 # Replay
 
 
-def test_a_sample_made_again_has_the_same_bits(made: Path, tmp_path: Path) -> None:
-    again = replay(made, 3, device=DEVICE, output=tmp_path / "sample.h5")
-    assert again.stored_in == "shards/shard-00001.h5"
-    assert again.differences == ()
-    written, _ = read_sample(tmp_path / "sample.h5", 3, PLAN)
-    assert written.recipe == recipe(PLAN, 3)
-    for name, array in again.sample.arrays.items():
-        assert written.arrays[name].tobytes() == array.tobytes()
-
-
 def test_a_sample_is_not_written_over_the_data_set(copy: Path) -> None:
     before = digests(copy)
     for name in ("shards/shard-00000.h5", "shards/new.h5", "manifest.json", "../set/parts/x.h5"):
@@ -265,7 +252,12 @@ def test_the_command_replays(
     status, out, _ = called("--replay", made, 4, "-o", target)
     assert status == 0
     assert f"sample 4: the same bits as in {made / 'shards' / 'shard-00002.h5'}" in out
-    assert target.is_file()
+    there, written = (
+        read_sample(path, 4, PLAN)[0] for path in (made / "shards" / "shard-00002.h5", target)
+    )
+    assert written.recipe == recipe(PLAN, 4)
+    for name, array in there.arrays.items():
+        assert written.arrays[name].tobytes() == array.tobytes()
     status, _, err = called("--replay", made, 4, "-o", target)
     assert (status, err.count("\n")) == (1, 1)
     assert "--force replaces it" in err
@@ -276,7 +268,6 @@ def test_the_command_replays(
     manifest = json.loads((copy / MANIFEST).read_text())
     manifest["plan"]["seed"] = 9
     (copy / MANIFEST).write_text(json.dumps(manifest))
-    assert called("--replay", copy, 4)[0] == 0
     with h5py.File(copy / "shards" / "shard-00002.h5", "r+") as file:
         file["entry/joints/data"][0, 0, 0] += 1.0
     status, out, err = called("--replay", copy, 4)
@@ -295,13 +286,6 @@ def test_every_product_is_drawn_on_contact_sheets(products: list[str]) -> None:
     assert len(axes) == 1
     drawn = len(axes[0].images) + len(axes[0].lines)
     assert drawn == (5 if products == ["mesh", "joints"] else 1)  # a line for each digit
-
-
-def test_a_contact_sheet_that_was_lost_is_drawn_again(copy: Path) -> None:
-    before = digests(copy)
-    (copy / CONTACT_SHEET).unlink()
-    run(PLAN, copy, device=DEVICE)
-    assert digests(copy) == before
 
 
 def test_the_estimate_is_near_what_is_written(made: Path) -> None:

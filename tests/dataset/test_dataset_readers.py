@@ -14,11 +14,10 @@ import pytest
 from dataset_plans import (
     DEVICE,
     PLAN,
-    light_plan,
 )
 
 import clradar
-from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
+from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe
 from clradar.dataset.shards import labels_of
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.hand import JOINT_NAMES
@@ -119,12 +118,3 @@ def test_without_torch_only_samples_fail(made: Path, monkeypatch: pytest.MonkeyP
     assert len(data) == 5
     with pytest.raises(ClradarError, match="expected PyTorch"):
         data[0]
-
-
-def test_poses_around_letters_have_their_names(tmp_path: Path) -> None:
-    plan = light_plan(
-        samples=3, poses={"kind": "around", "names": ["A", "B"]}, output={"products": ["joints"]}
-    )
-    run(plan, tmp_path / "around", device=DEVICE)
-    data = TorchDataset(tmp_path / "around", ("pose", "sample"))
-    assert [data._values(i)["pose"] for i in range(3)] == [0, 1, 0]

@@ -94,7 +94,7 @@ def test_polynomials_through_as_many_instants_are_exact(count):
     np.testing.assert_allclose(found, times_s ** (count - 1), atol=1e-12 * 5.0 ** (count - 1))
 
 
-@pytest.mark.parametrize("name", [*list(UNSEEN)[2:5:2], *nightly([*UNSEEN][:2] + [*UNSEEN][3::2])])
+@pytest.mark.parametrize("name", [[*UNSEEN][2], *nightly([*UNSEEN][:2] + [*UNSEEN][3:])])
 def test_what_comes_back_between_two_probes_is_seen(name):
     # One Rx beside the Tx, which are close: lengths alias alike for all pairs.
     radar = RADAR.part(slice(10, 13), [0])
@@ -115,6 +115,7 @@ def test_what_comes_back_between_two_probes_is_seen(name):
     assert capture.meta["movement"]["phase_error_db"] <= -50
 
 
+@pytest.mark.slow
 def test_fingers_that_twitch_are_seen():
     radar = RADAR.part([0, 12, 23], slice(None))
     timing = clradar.SweepTiming.in_order(3, 16, step_s=1 / 47)
@@ -165,7 +166,7 @@ def test_parts_of_an_array_warn_of_no_lobes_that_it_has_not():
         )  # fmt: skip
 
 
-@pytest.mark.parametrize("order", ["tx", "frequency"])
+@pytest.mark.parametrize("order", ["tx", *nightly(["frequency"])])
 def test_a_point_that_goes_away_is_shifted_in_the_image_as_theory_says(order):
     # Of the range, because lengths grow over the frequencies; across, because they grow over the
     # Tx, as they do for a point at another angle.
@@ -236,7 +237,7 @@ def test_a_moving_hand_is_in_every_sample_where_it_is_then(kind):
     difference, power, unmoved = 0.0, 0.0, 0.0
     still = clradar.simulate(reference, RADAR, WAVEFORM, settings=settings).data
     with sampled_as(reference):
-        for tx, step in ((0, 3), (5, 0), (12, 9), (23, 15)):
+        for tx, step in ((5, 0), (23, 15)):
             scene = sweep.scene(timing.times_s[tx, 0, step])
             then = clradar.simulate(scene, RADAR, WAVEFORM, settings=settings).data[tx, :, step]
             difference += np.sum(np.abs(capture.data[tx, :, step] - then) ** 2)

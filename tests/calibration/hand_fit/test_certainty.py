@@ -55,6 +55,7 @@ def prior_about(angles_rad: np.ndarray) -> Prior:
     )
 
 
+@pytest.mark.slow
 def test_errors_in_speckle_are_as_large_as_the_covariance_says(fitter):
     """Pictures with exponential speckle, ranges with noise, and a prior that is drawn, too.
 

@@ -122,6 +122,7 @@ def test_a_pixel_that_the_hand_does_not_cover_costs_as_much_as_an_outlier():
     assert uncovered == outlier == pytest.approx(TUKEY_CUTOFF**2 / 12)
 
 
+@pytest.mark.slow
 def test_a_hand_is_found_in_its_own_rendering(hands, aperture):
     """Without speckle: told tips to a fraction of a pixel from 8 degrees off in every angle."""
     model = hands["right"]

@@ -92,7 +92,7 @@ def hands(tmp_path_factory) -> dict[str, HandModel]:
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
-@pytest.mark.parametrize("digit", DIGITS)
+@pytest.mark.parametrize("digit", ["thumb", "ring"])
 def test_a_chain_takes_bones_where_the_skeleton_does(hands, kind, digit):
     model = hands[kind]
     rng = np.random.default_rng(3)

@@ -28,7 +28,7 @@ def measured(hand) -> clradar.Volume:
 def registered(measured, hand) -> Registered:
     rounds, shares = [], []
     result = register(
-        measured, hand, search_deg=15.0, max_rounds=8, callback=rounds.append,
+        measured, hand, search_deg=10.0, max_rounds=8, callback=rounds.append,
         progress=lambda done, total: shares.append(done / total), **RADAR, **RAYS,
     )  # fmt: skip
     return Registered(result, rounds, shares)

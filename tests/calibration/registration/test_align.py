@@ -104,34 +104,18 @@ def original():
     return depth_map(potato)
 
 
-MOTIONS = [
-    motion((0, 0, 0), (0.006, -0.004, 0.005)),
-    motion((15, 0, 0), (0, 0, 0.02)),
-    motion((0, -15, 0), (-0.02, 0, 0)),
-    motion((3, 4, -14), (0.010, 0.014, -0.010)),
-    motion((-9, 9, 8), (-0.011, 0.012, 0.012)),
-]
+MOTION = motion((3, 4, -14), (0.010, 0.014, -0.010))
 
 
-@pytest.fixture(scope="module")
-def aligned(original):
-    return align(depth_map(potato, MOTIONS[3]), original, search_deg=15)
-
-
-@pytest.mark.parametrize("truth", [MOTIONS[2], *nightly([MOTIONS[4]])])
+@pytest.mark.parametrize("truth", [MOTION, *nightly([motion((-9, 9, 8), (-0.011, 0.012, 0.012))])])
 def test_finds_a_known_motion(original, truth):
-    result = align(depth_map(potato, truth), original)
+    measured = depth_map(potato, truth)
+    result = align(measured, original)
     assert_near(result, truth, EXACT_M, EXACT_DEG)
     assert result.converged
     assert result.degenerate_directions == ()
     assert result.inlier_share > 0.95
     assert result.rms_m < EXACT_M
-
-
-def test_direction_and_parts_of_the_transform(original, aligned):
-    truth, result = MOTIONS[3], aligned
-    measured = depth_map(potato, truth)
-    assert_near(result, truth, EXACT_M, EXACT_DEG)
     # The transform carries simulated points onto the measured surface, not the other way round.
     nearest_m = np.linalg.norm(
         moved(result.transform, original.points_m())[:, None] - measured.points_m()[None], axis=2
@@ -141,9 +125,14 @@ def test_direction_and_parts_of_the_transform(original, aligned):
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) > 0
     np.testing.assert_array_equal(result.transform[3], [0, 0, 0, 1])
-    assert result.rotation_deg == pytest.approx(np.sqrt(9 + 16 + 196), abs=EXACT_DEG)
+    turned_deg = np.degrees(Rotation.from_matrix(truth[:3, :3]).magnitude())
+    assert result.rotation_deg == pytest.approx(turned_deg, abs=EXACT_DEG)
     came_from_m = moved(np.linalg.inv(truth), result.centre_m[None])[0]
     np.testing.assert_allclose(result.shift_m, result.centre_m - came_from_m, atol=2 * EXACT_M)
+    shift_mm = 1e3 * np.linalg.norm(result.shift_m)
+    numbers = f"shifted by {shift_mm:.2f} mm", f"turned by {result.rotation_deg:.2f}"
+    for part in (*numbers, "simulated amplitude", "deviation", "Converged"):
+        assert part in result.report()
 
 
 @pytest.mark.parametrize("cut", ["measured", *nightly(["simulated"])])
@@ -161,22 +150,19 @@ def test_one_lacks_a_third(original, cut):
 
 
 def test_clutter_on_one_side_does_not_pull(original):
-    truth = MOTIONS[3]
-    measured = depth_map(potato, truth)
+    measured = depth_map(potato, MOTION)
     depth_m = measured.depth_m.copy()
     depth_m[:6] = 0.36  # a wall behind, which only the measurement shows
     result = align(of_depth(depth_m, measured.x_m), original, search_deg=15)
-    assert_near(result, truth, EXACT_M, EXACT_DEG)
+    assert_near(result, MOTION, EXACT_M, EXACT_DEG)
 
 
 def test_noise_within_the_covariance(original):
     """Residuals of 0.5 mm on each side: the error agrees with the covariance."""
-    truth = MOTIONS[3]
-    measured = depth_map(potato, truth)
-    pair = noisy(measured, 5e-4, 0), noisy(original, 5e-4, 100)
-    result = align(*pair, search_deg=15)
+    measured = depth_map(potato, MOTION)
+    result = align(noisy(measured, 5e-4, 0), noisy(original, 5e-4, 100), search_deg=15)
     assert result.converged
-    off = result.transform @ np.linalg.inv(truth)
+    off = result.transform @ np.linalg.inv(MOTION)
     turn = Rotation.from_matrix(off[:3, :3]).as_rotvec()
     shift_m = moved(off, result.centre_m[None])[0] - result.centre_m
     error = np.concatenate([turn, shift_m])
@@ -186,9 +172,6 @@ def test_noise_within_the_covariance(original):
     assert 0.7 * 5e-4 < result.rms_m < np.sqrt(2) * 5e-4
     np.testing.assert_allclose(result.covariance, result.covariance.T, atol=1e-15)
     assert np.linalg.eigvalsh(result.covariance).min() > 0
-    again = align(*pair, search_deg=15)
-    np.testing.assert_array_equal(again.transform, result.transform)
-    np.testing.assert_array_equal(again.covariance, result.covariance)
 
 
 def test_bright_parts_count_more(original):
@@ -207,7 +190,7 @@ def test_bright_parts_count_more(original):
     assert middle_m < 5e-4
 
 
-@pytest.mark.parametrize("sigma_m", [0.0, 1e-3])
+@pytest.mark.parametrize("sigma_m", [0.0, *nightly([1e-3])])
 def test_unobservable_directions_of_a_plate_do_not_move(sigma_m):
     truth = motion((8, -5, 0), (0.006, -0.004, 0.003))
     measured = noisy(depth_map(plate, truth), sigma_m, 0)
@@ -243,16 +226,9 @@ def test_sphere_moves_without_turning():
     np.testing.assert_allclose(result.transform[:3, 3], shift_m, atol=EXACT_M)
 
 
-def test_report_has_shift_rotation_and_quality(aligned):
-    shift_mm = 1e3 * np.linalg.norm(aligned.shift_m)
-    numbers = f"shifted by {shift_mm:.2f} mm", f"turned by {aligned.rotation_deg:.2f}"
-    for part in (*numbers, "simulated amplitude", "deviation", "Converged"):
-        assert part in aligned.report()
-
-
 def test_an_unfinished_fit_is_reported(original):
     with pytest.warns(clradar.ClradarWarning, match="align: the pose still changed in the last"):
-        result = align(depth_map(potato, MOTIONS[4]), original, max_iterations=1, search_deg=5)
+        result = align(depth_map(potato, MOTION), original, max_iterations=1, search_deg=5)
     assert not result.converged
     assert "NOT converged" in result.report()
     assert result.iterations == 1
@@ -301,6 +277,7 @@ def test_no_overlap():
         align(
             depth_map(lambda p: plate(2.5 * p), motion(shift_m=(-0.05, 0, 0))),
             depth_map(lambda p: plate(2.5 * p), motion(shift_m=(0.05, 0, 0))),
+            search_deg=5,
         )
 
 
@@ -327,6 +304,7 @@ def test_options_are_checked(original, option):
         align(original, original, **option)
 
 
+@pytest.mark.slow
 def test_wide_search_finds_a_quarter_turn(original):
     truth = motion((0, 0, 90), (0.01, 0, 0))
     result = align(depth_map(potato, truth), original, search_deg=180)
@@ -363,7 +341,7 @@ two depth maps are not the same surface moved: see docs/registration-method.md."
 def test_simulated_hands():
     imager = clradar.arrays.qar50()
     array = clradar.AntennaArray(imager.tx_m[::3], imager.rx_m[::3])
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     grid = clradar.VoxelGrid.from_extent(
         (-0.08, 0.08), (-0.1, 0.1), (0.27, 0.34), (2.5e-3, 2.5e-3, 3.5e-3)
     )
@@ -377,11 +355,9 @@ def test_simulated_hands():
         return clradar.backproject(capture, grid, device="pocl")
 
     truth = motion(shift_m=(0.006, -0.004, 0.005))
-    original, shifted = volume(np.eye(4), 0), volume(truth, 1)
-    for pair, expected in ((shifted, original), truth), ((original, shifted), np.linalg.inv(truth)):
-        result = align(*pair, search_deg=5)
-        assert_near(result, expected, VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG)
-        assert result.degenerate_directions == ()
+    result = align(volume(truth, 1), volume(np.eye(4), 0), search_deg=5)
+    assert_near(result, truth, VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG)
+    assert result.degenerate_directions == ()
 
 
 # Records of arrays that something else has written

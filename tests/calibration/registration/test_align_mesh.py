@@ -197,6 +197,7 @@ def seen_of(vertices, faces, alpha, transform):
     return clradar.backproject(capture, grid, device="pocl")
 
 
+@pytest.mark.slow
 def test_sphere_moves_without_turning():
     vertices, faces = sphere(CENTRE_M, 0.025, 3)
     volume = seen_of(vertices, faces, 0.4, motion((0, 0, 0), (0.008, -0.005, 0.003)))

@@ -200,6 +200,7 @@ def run(files, *more):
 def test_command_writes_all(files, hand, registered, capsys, monkeypatch):
     result = registered.result
     monkeypatch.setattr("calibration.register", lambda *_, **__: result)
+    monkeypatch.setattr("clradar.plot.layout.DPI", 40)  # the figure would take most of the time
     status = run(files, "--unit", "mm", "--alpha", "0.3")
     out = capsys.readouterr()
     assert status == 0, out.err

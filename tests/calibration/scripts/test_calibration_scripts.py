@@ -22,7 +22,6 @@ from calibration import (
 from measurement_io import open_capture, open_channels, save_capture
 
 FOLDER = Path(__file__).resolve().parents[3] / "calibration" / "scripts"
-SCRIPTS = ("align", "background", "channels", "sweep")
 
 
 @pytest.fixture
@@ -31,8 +30,13 @@ def start(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
     monkeypatch.syspath_prepend(FOLDER)
     monkeypatch.chdir(tmp_path)
+    # Figures and images of 2 mm voxels would take most of the time.
     for module in ("clradar.plot.layout", "calibration.roughness.figures"):
-        monkeypatch.setattr(f"{module}.DPI", 40)  # figures would take most of the time
+        monkeypatch.setattr(f"{module}.DPI", 40)
+    from_extent = clradar.VoxelGrid.from_extent
+    monkeypatch.setattr(
+        clradar.VoxelGrid, "from_extent", lambda x, y, z, _: from_extent(x, y, z, 4e-3)
+    )
 
     def run(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
         path = FOLDER / f"{name}.py"
