@@ -16,7 +16,7 @@ from clradar.hand import hand_mesh
 from measurement_io import check_file, open_capture, open_volume
 
 COLUMNS = ("alpha_0", "alpha_0.5", "alpha_1", "physical")
-RAYS = {"samples_per_mm2": 1.0, "rays_per_sample": 2}
+RAYS = {"samples_per_mm2": 0.5, "rays_per_sample": 2}
 GRID = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-3)
 
 

@@ -12,6 +12,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from command_line import GRID
+from nightly import nightly
 from systems import posix_only
 
 import clradar
@@ -89,10 +90,14 @@ def test_every_command_with_a_device_takes_all_and_with_a_radar_any(cli, place, 
     ("line", "labels"),
     [
         ("image volume.h5 --png a.png --report a.html", ("drawing", "writing the page")),
-        ("compare volume.h5 volume.h5 --report a.html", ("writing the page",)),
-        ("align volume.h5 volume.h5 -o a.json", ("aligning",)),
         ("inspect recording --check", ("checking",)),
         ("inspect recording --png a.png", ("reading",)),
+        *nightly(
+            [
+                ("compare volume.h5 volume.h5 --report a.html", ("writing the page",)),
+                ("align volume.h5 volume.h5 -o a.json", ("aligning",)),
+            ]
+        ),
     ],
 )
 @pytest.mark.usefixtures("quickly")
