@@ -114,6 +114,7 @@ def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit():
     for capture in (
         object_of([0, 0, 0.3], [0.16, 0.18, 0.03]),
         echoes_of(AT_HAND, walls=[wall]),  # the wall is 10 dB stronger
+        echoes_of(AT_HAND, AT_WALL, amplitudes=[0.3, 1.0]),
         with_noise(echoes_of(AT_HAND), 3.0),
         nothing(),
     ):
