@@ -19,12 +19,12 @@ from rig_files import RigMaker
 
 import clradar
 from clradar.arrays import read_clusters
-from clradar.cli.commands import simulate
-from clradar.cli.commands.simulate import ClusterSteps, Item
-from clradar.cli.groups import files_of
+from clradar.cli import simulations
+from clradar.cli.groups import paths_in, values_of
 from clradar.cli.inputs import ImageInput
 from clradar.cli.options import MaterialOptions, PlacementOptions, SceneOptions, mesh_and_alpha
 from clradar.cli.options.measured import RadarOptions
+from clradar.cli.simulations import ClusterSteps, Item
 from clradar.errors import ClradarError, ClradarWarning, ModelError
 from clradar.files.hashing import sha256_of
 from measurement_io import open_capture, open_recording, open_volume
@@ -176,7 +176,7 @@ def test_materials_of_all_and_of_parts(scene, own):
     assert MaterialOptions().on(scene) is scene
     some = of(material="palm", material_of=["thumb=skin", f"nail={own}:resin"])
     assert names(some.on(scene)) == ["palm", "skin", "resin"]
-    assert files_of(some) == [own]
+    assert paths_in(values_of(some)) == [own]
     alone = of(material_of=["thumb=skin"]).on(scene)
     assert names(alone) == ["perfect conductor", "skin", "perfect conductor"]
     file = of(material=f"{own}:resin").on(scene)
@@ -333,7 +333,7 @@ def test_a_mesh_that_changes_between_clusters_is_refused(cli, walled, monkeypatc
 
     def changing(self: ClusterSteps, item: Item, progress: Any = None) -> str:
         ball(0.015, 0.01, 0, 0.3, subdivisions=1).export("ball.ply")
-        simulate._scenes.clear()  # as in another process
+        simulations._scenes.clear()  # as in another process
         return one(self, item, progress)
 
     monkeypatch.setattr(ClusterSteps, "run", changing)
