@@ -104,12 +104,6 @@ def test_elsewhere_the_tolerance_counts():
     assert "shape" in digests.compare(before, elsewhere(document_of(IMAGE[:4]))).lines[0]
 
 
-def test_results_that_come_or_go_are_differences():
-    whole, none = document_of(IMAGE), {**document_of(IMAGE), "results": {"case": {}}}
-    assert digests.compare(whole, none).lines == ("case/image: is not there any more",)
-    assert digests.compare(none, whole).lines == ("case/image: was not there before",)
-
-
 def test_a_gain_of_a_few_percent_is_found_elsewhere():
     """Of a capture of 6912 numbers whose paths may come and go at random."""
     rng = np.random.default_rng(2)

@@ -9,7 +9,7 @@ import clradar
 from clradar import AntennaArray, MovingBody, MovingHand, MovingScene, RigidMotion, Scene
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import ModelError
-from clradar.hand import hand_mesh, interpolate_poses, pose_by_name
+from clradar.hand import hand_mesh
 from clradar.motion.instants import Piece
 from clradar.tracing.surface_samples import sampled_as
 
@@ -113,26 +113,6 @@ def test_what_comes_back_between_two_probes_is_seen(name):
     # The mirror point wanders on the ball by what its radius is of the distance.
     assert np.abs(np.angle(capture.data / still.data / wanted)).max() < 0.06
     assert capture.meta["movement"]["phase_error_db"] <= -50
-
-
-@pytest.mark.slow
-def test_fingers_that_twitch_are_seen():
-    radar = RADAR.part([0, 12, 23], slice(None))
-    timing = clradar.SweepTiming.in_order(3, 16, step_s=1 / 47)
-    flat, fist = (pose_by_name(name) for name in ("flat", "S"))
-    poses = [flat, interpolate_poses(flat, fist, 0.1), flat]
-    hand = MovingHand([0.53, 0.56, 0.59], poses, edge_length_m=4e-3)
-    moving = MovingScene([hand])
-    settings = clradar.SimulationSettings(estimator="expected", samples_per_mm2=0.05)
-    capture = clradar.simulate_moving(moving, radar, WAVEFORM, timing=timing, settings=settings)
-    sweep = moving.during(0.0, timing.end_s)
-    with sampled_as(sweep.scene(0.5 * timing.end_s)):
-        for time_s in timing.times_s[1, 0, 8:13:2]:
-            then = clradar.simulate(sweep.scene(time_s), radar, WAVEFORM, settings=settings)
-            now = timing.times_s[:, 0] == time_s
-            assert np.array_equal(
-                capture.data.transpose(0, 2, 1)[now], then.data.transpose(0, 2, 1)[now]
-            )
 
 
 def test_skin_that_tears_is_warned_of():

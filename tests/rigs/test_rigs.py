@@ -612,18 +612,6 @@ def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path):
     np.testing.assert_allclose(rig.posed("F").vertices_m, plain.vertices_m, atol=VERTEX_TOLERANCE_M)
 
 
-@pytest.mark.slow
-def test_a_mesh_that_many_nodes_use_counts_each_time(tmp_path):
-    maker = RigMaker()
-    document = maker.build()
-    skinned = document.nodes[-1]
-    assert skinned.skin is not None
-    document.nodes += [skinned] * 1200
-    path = rewritten(document, maker, tmp_path / "hand.glb")
-    with pytest.raises(RigError, match="at most 67108864 numbers, with all uses of them"):
-        read_rig(path)
-
-
 @posix_only
 def test_a_pipe_for_a_buffer_does_not_block(tmp_path):
     document = RigMaker().build()
