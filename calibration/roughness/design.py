@@ -16,6 +16,12 @@ from clradar.model import Scene, checks
 SEEDS = 3
 WHOLE = "all"
 
+Table = tuple[tuple[str, ...], list[list[Any]]]
+"""Names of columns, and rows."""
+
+LIMITS = ("median", "low", "high", "low95", "high95")
+"""Of an `Interval`, in tables."""
+
 Store = MutableMapping[str, dict[str, np.ndarray]]
 """Finished images: name -> arrays. A dict, or a mapping that keeps files."""
 

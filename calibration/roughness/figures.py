@@ -42,6 +42,11 @@ DRAWN = 1e-3
 """Share of its maximum down to which a probability is drawn."""
 
 
+def figure_of(result: Sweep | RoughnessSweep) -> Figure:
+    """Draw the result of a sweep."""
+    return sweep_figure(result) if isinstance(result, Sweep) else roughness_figure(result)
+
+
 def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
     """Draw a sweep over alpha.
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from clradar.files.failures import fail, read_bytes, reading
+from clradar.files.json_text import parse_json
 from clradar.model import Scene, checks
 
 PALM, FINGERS = "palm", "fingers"
+
+LIMIT_BYTES = 2**28
+"""Of a file of regions."""
 
 DIGITS = ("thumb", "index", "middle", "ring", "pinky")
 """Parts of a hand that are fingers; its other part is the palm."""
@@ -87,6 +94,28 @@ class Regions:
         return cls(number[part], tuple(groups))
 
     @classmethod
+    def read(cls, path: Path, scene: Scene) -> Regions:
+        """Regions from a file: a label per face (.npy, .json), or names of parts by region."""
+        expected = "'parts', 'fingers', or a .npy or .json file with a label for each face"
+        content = read_bytes(path, expected, LIMIT_BYTES)
+        with reading(path, expected):
+            if path.suffix.lower() == ".npy":
+                labels: Any = np.load(io.BytesIO(content), allow_pickle=False)
+                if labels.dtype.kind not in "iu":
+                    fail(path, "whole numbers", f"{labels.dtype}")
+            else:
+                labels = parse_json(content.decode("utf-8-sig"))
+            if isinstance(labels, dict):
+                if not all(_all_are(names, str) for names in labels.values()):
+                    fail(path, "lists of names of parts", "something else")
+                return cls.of_parts(scene, labels)
+            if isinstance(labels, list) and not (_all_are(labels, int) or _all_are(labels, str)):
+                fail(path, "a list of whole numbers or of strings", "something else")
+            if np.shape(labels) != (scene.n_faces,):
+                fail(path, f"{scene.n_faces} labels, one per face", f"shape {np.shape(labels)}")
+            return cls.of_labels(labels)
+
+    @classmethod
     def of_fingers(cls, scene: Scene) -> Regions:
         """Palm and fingers of a hand with the parts palm, thumb, index, middle, ring, pinky."""
         names = set(scene.part_names)
@@ -95,3 +124,7 @@ class Regions:
             checks.fail("regions 'fingers'", expected, f"the parts {list(scene.part_names)}")
         present = [name for name in scene.part_names if name in DIGITS]
         return cls.of_parts(scene, {PALM: [PALM], FINGERS: present})
+
+
+def _all_are(values: Any, kind: type) -> bool:
+    return isinstance(values, list) and all(type(value) is kind for value in values)

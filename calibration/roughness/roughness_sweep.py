@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from calibration.roughness.design import (
+    LIMITS,
     SEEDS,
     WHOLE,
     Store,
+    Table,
     check_regions,
     estimable,
     fingerprint,
@@ -85,6 +87,29 @@ class RoughnessSweep:
             gain = self.gain_db.text(1.0, "dB")
             lines.append(f"gain of the measurement over the simulations {gain}")
         return "\n".join(lines)
+
+    def summary(self) -> Table:
+        """Medians of each region, with 68 % of the probability; as text."""
+
+        def cell(interval: Interval, scale: float) -> str:
+            ends = f"{scale * interval.low:.3g} to {scale * interval.high:.3g}"
+            return f"{scale * interval.median:.3g} ({ends})"
+
+        rows = [
+            [one.name, cell(one.roughness_m, 1e3), cell(one.correlation_m, 1e3), cell(one.slope, 1)]
+            for one in self.estimates
+        ]
+        return ("region", "h, mm", "l, mm", "slope"), rows
+
+    def tables(self) -> list[Table]:
+        """The limits of what was estimated of each region, and what the measurement tells."""
+        quantities = ("roughness_m", "correlation_m", "slope")
+        pairs = [(quantity, limit) for quantity in quantities for limit in LIMITS]
+        rows = [
+            [one.name, *(getattr(getattr(one, q), limit) for q, limit in pairs), one.text()]
+            for one in self.estimates
+        ]
+        return [(("region", *map("_".join, pairs), "told"), rows)]
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has."""

@@ -17,9 +17,11 @@ from calibration.roughness.alpha import (
     estimate_alpha,
 )
 from calibration.roughness.design import (
+    LIMITS,
     SEEDS,
     WHOLE,
     Store,
+    Table,
     check_regions,
     estimable,
     fingerprint,
@@ -31,7 +33,7 @@ from calibration.roughness.regions import Regions
 from calibration.roughness.surface_points import surface_points
 from clradar import arrays
 from clradar.backproject import backproject
-from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
+from clradar.compare import METRIC_TABLE, METRICS, Metrics, depth_map_of, metrics_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.jobs.where import Where, open_devices
@@ -109,6 +111,32 @@ class Sweep:
     def report(self) -> str:
         """The estimates and their caveats as text."""
         return "\n".join(report_of("alpha", self.estimates))
+
+    def summary(self) -> Table:
+        """Metrics over alpha, as mean and standard deviation over the seeds; as text."""
+
+        def cell(values: np.ndarray, digits: int) -> str:
+            if not np.isfinite(values).all():
+                return "n/a"
+            spread = f" \N{PLUS-MINUS SIGN} {values.std(ddof=1):.{digits}f}"
+            return f"{values.mean():.{digits}f}{spread if len(values) > 1 else ''}"
+
+        rows = []
+        for i, alpha in enumerate(self.alphas):
+            cells = [cell(m.scale * self.of(m.field)[:, i], m.digits) for m in METRIC_TABLE]
+            rows.append([f"{alpha:g}", *cells, "nearest" if i == self.nearest else ""])
+        return ("alpha", *(one.name for one in METRIC_TABLE), ""), rows
+
+    def tables(self) -> list[Table]:
+        """The metrics of each simulation, and the limits of each region's alpha."""
+        rows = [
+            [float(alpha), seed, *(getattr(self.metrics[k][i], name) for name in METRICS)]
+            for i, alpha in enumerate(self.alphas)
+            for k, seed in enumerate(self.seeds)
+        ]
+        regions = [[r.name, *(getattr(r.interval, n) for n in LIMITS)] for r in self.regions]
+        metrics = ("alpha", "seed", *METRICS), rows
+        return [metrics, (("region", *LIMITS), regions)] if regions else [metrics]
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has; None stands for NaN."""

@@ -1,23 +1,37 @@
-"""The command that runs, for the provenance of what it writes."""
+"""The command that runs: its options, what it reads and may write, for what it writes of that."""
 
 from __future__ import annotations
 
-from collections.abc import Set
-from dataclasses import dataclass
+from collections.abc import Iterable, Set
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 
 @dataclass
 class Call:
-    """The command that runs, its options that count for results, and all that were typed."""
+    """A command, its options that count for results, all that were typed, inputs and outputs."""
 
-    command: str
-    options: dict[str, Any]
-    typed: Set[str]
+    command: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    typed: Set[str] = frozenset()
+    inputs: dict[str, list[Path]] = field(default_factory=dict)  # by option: files and folders
+    force: bool = False
+    read: dict[Path, list[Path]] = field(default_factory=dict)  # of an input: its files
+    digests: dict[Path, str] = field(default_factory=dict)
+
+    @property
+    def paths(self) -> list[Path]:
+        """All inputs, as they were typed."""
+        return [path for paths in self.inputs.values() for path in paths]
+
+    def files_of(self, paths: Iterable[Path]) -> list[Path]:
+        """The files whose content these inputs are, each once."""
+        found = (file for path in paths for file in self.read.get(path, [path]))
+        return [file for file in dict.fromkeys(found) if not file.is_dir()]
 
 
-call = Call("", {}, frozenset())
+call = Call()
 
 
 def plain(value: Any, *, paths: bool = True) -> Any:

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +14,11 @@ import clradar as cl
 from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.groups import wrong_usage
 from clradar.cli.inputs import nothing_to_draw, title_of
-from clradar.cli.outputs import save, save_mesh
+from clradar.cli.outputs import write
 from clradar.compare import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import warn
 from clradar.files.atomic import write_file
-from clradar.files.json_file import write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,17 +94,15 @@ class Comparison:
             for remark in found.remarks:
                 print_line(f"{label}: {remark}")
 
-    def save_figure(self, path: Path, *, force: bool, **options: Any) -> None:
-        """Draw all images side by side; `options` as in `clradar.plot.comparison_figure`."""
-        from clradar.plot import comparison_figure, save_figure
+    def figure(self, **options: Any) -> Figure:
+        """All images side by side; `options` as in `clradar.plot.comparison_figure`."""
+        from clradar.plot import comparison_figure
 
         columns = list(zip(self.labels, self.maps[1:], strict=True))
-        with progress_bar("drawing"):
-            figure = comparison_figure(
-                self.maps[0], columns, metrics=self.metrics,
-                dynamic_range_db=self.dynamic_range_db, **options,
-            )  # fmt: skip
-            save_figure(figure, path, force=force)
+        return comparison_figure(
+            self.maps[0], columns, metrics=self.metrics, dynamic_range_db=self.dynamic_range_db,
+            **options,
+        )  # fmt: skip
 
     def records(self, paths: Sequence[Path]) -> list[dict[str, Any]]:
         """One JSON object for each simulated image, which is in the file of the same position."""
@@ -120,16 +118,15 @@ def write_simulation(
     simulated: tuple[cl.Scene, cl.Capture, cl.Volume],
     compared: Comparison,
     metrics: Mapping[str, Any],
-    origin: Mapping[str, Any],
+    **more: Any,
 ) -> None:
     """Write a placed mesh, its simulation, and both compared with the measurement."""
-    scene, capture, volume = simulated
-    save_mesh(folder / PLACED, scene, force=False)
-    save(folder / CAPTURE, capture, origin, force=False)
-    save(folder / VOLUME, volume, origin, force=False)
-    compared.save_figure(folder / FIGURE, force=False, differences=True)
-    record = {"measured": str(measured), **metrics, **origin}
-    write_json(folder / METRICS, record, force=False)
+    contents = (
+        *simulated, partial(compared.figure, differences=True),
+        {"measured": str(measured), **metrics},
+    )  # fmt: skip
+    for name, content in zip(SIMULATION_FILES, contents, strict=True):
+        write(folder / name, content, **more)
     compared.print()
 
 

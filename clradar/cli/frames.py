@@ -136,6 +136,7 @@ class ProcessOptions(
         "Fit a hand to every frame, each from the one before; the first from here: as --pose of "
         "`clradar fit-hand`.",
         metavar="POSE,...",
+        files=opt.start_files,
     )
     keep_captures: bool = opt.option(
         "Write the cleaned capture of every frame (HDF5).", False, panel="Output", kept=True
@@ -173,9 +174,9 @@ class FrameSteps:
             record["alignment"] = self._alignment(volume, capture, how.mesh)
         name = f"{number:06d}"
         if how.keep_captures:
-            save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin, force=True)
+            save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin)
         if how.keep_volumes:
-            save(self.folder / VOLUMES / f"{name}.h5", volume, self.origin, force=True)
+            save(self.folder / VOLUMES / f"{name}.h5", volume, self.origin)
         self.keep_map(name, image)
         if how.fit_hand is not None:
             from calibration.registration.mesh_pose import DEEPEST_DB  # of fits

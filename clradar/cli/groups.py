@@ -8,7 +8,7 @@ all commands alike: its text, its limits, what it goes with, and that its output
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import Field, field, fields, is_dataclass
 from inspect import Parameter
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from clradar.cli.call import call
+from clradar.cli.call import Call, call
 
 REQUIRED = Parameter.empty
 """The default of an option without which a command is wrong usage."""
@@ -47,6 +47,7 @@ def option(
     panel: str = "",
     kept: bool | None = None,
     writes: bool = False,
+    files: Callable[[Any], list[Path]] | None = None,
     **details: Any,
 ) -> Any:
     """A field that is an option; without `names` ``edge_mm`` is ``--edge-mm``.
@@ -54,14 +55,14 @@ def option(
     `parse` makes a value of its `text`, `check` is of the value that typer makes. It goes with one
     of the options `needs`, where the command has them, and never with those of `without`; one of
     `due` demands it. These are names with blanks between them, or as ``--method=sparse|exact``. The
-    help shows it under the heading `panel`. It `writes` a file that must not be there, and is
-    `kept` among the settings of results, as all are but those of outputs. `details` are those of
-    `typer.Option`.
+    help shows it under the heading `panel`. It `writes` a file that must not be there, or names
+    `files` to read in a value that is no path, and is `kept` among the settings of results, as all
+    are but those of outputs. `details` are those of `typer.Option`.
     """
     known = {
         "default": default, "names": names, "needs": needs, "without": without, "due": due,
         "kind": kind, "parse": parse, "check": check, "text": text, "panel": panel,
-        "kept": panel != "Output" if kept is None else kept, "writes": writes,
+        "kept": panel != "Output" if kept is None else kept, "writes": writes, "files": files,
     }  # fmt: skip
     metadata = {**known, "details": {"help": help, **details}}
     if default is REQUIRED:
@@ -91,6 +92,10 @@ def output_option(
     return option(help, default, *names, panel="Output", writes=not folder, **details)
 
 
+FORCE: Any = option("Replace files that exist.", False, "--force", panel="Output")
+"""Of every command that writes something, unless it has its own."""
+
+
 def option_name(name: str, one: Field[Any]) -> str:
     """The name of the option of a field, or that which help gives an argument."""
     if one.metadata["kind"] is typer.Argument:
@@ -113,6 +118,9 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             panel = getattr(groups[name], "PANEL", "")
         declared |= own
         parameters += [_parameter(n, hints[n], one, panel) for n, one in own.items()]
+    if "force" not in declared and any(map(_is_output, declared.values())):
+        declared["force"] = FORCE
+        parameters.append(_parameter("force", bool, FORCE, ""))
     label = command.__module__.rpartition(".")[2].replace("_", "-")
 
     def run(context: typer.Context, **values: Any) -> Any:
@@ -123,18 +131,36 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             for read in (one.metadata["parse"], one.metadata["check"]):
                 if read is not None and values[name] is not None:
                     values[name] = read(option_name(name, one), values[name])
-        call.command, call.typed = label, typed
-        call.options = {name: values[name] for name, f in declared.items() if f.metadata["kept"]}
+        kept = {name: values[name] for name, one in declared.items() if one.metadata["kept"]}
+        force = bool(values.get("force"))
+        vars(call).update(vars(Call(label, kept, typed, _inputs(declared, values), force)))
         records = {
             name: group(**{one.name: values[one.name] for one in fields(group)})
             for name, group in groups.items()
         }
-        _check_files(declared, values, records.values())
+        if outputs := [values[n] for n, one in declared.items() if one.metadata["writes"]]:
+            from clradar.cli.outputs import check_outputs
+
+            check_outputs(outputs)
         single = {name: values[name] for name in shown.parameters if name not in groups}
         return command(**records, **single)
 
     run.__signature__ = shown.replace(parameters=parameters)  # type: ignore[attr-defined]
     return run
+
+
+def _is_output(one: Field[Any]) -> bool:
+    return one.metadata["writes"] or one.metadata["names"][:1] == ("-o",)
+
+
+def _inputs(declared: dict[str, Field[Any]], values: dict[str, Any]) -> dict[str, list[Path]]:
+    """The files and folders that each option names, but those to write."""
+    found: dict[str, list[Path]] = {}
+    for name, one in declared.items():
+        if values[name] is not None and not _is_output(one):
+            paths = (one.metadata["files"] or paths_in)(values[name])
+            found |= {option_name(name, one): paths} if paths else {}
+    return found
 
 
 def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:
@@ -180,36 +206,12 @@ def _check_together(
                 raise wrong_usage(name, f"expected without {rule}")
 
 
-def _check_files(
-    declared: dict[str, Field[Any]], values: dict[str, Any], records: Iterable[Any]
-) -> None:
-    """Raise unless all files that options name as outputs may be written: not over an input."""
-    outputs = [values[name] for name, one in declared.items() if one.metadata["writes"]]
-    if any(outputs):
-        from clradar.cli.outputs import check_outputs
-
-        inputs = [
-            path
-            for name, one in declared.items()
-            if one.metadata["names"][:1] != ("-o",) and not one.metadata["writes"]
-            for path in _paths_in(values[name])
-        ]
-        inputs += [path for record in records for path in getattr(record, "files", ())]
-        check_outputs(outputs, force=bool(values.get("force")), inputs=inputs)
-
-
-def files_of(*groups: Any) -> list[Path]:
-    """The files that options of groups name, each once; those in their texts by `files`."""
-    paths = [path for group in groups for path in _paths_in(list(values_of(group).values()))]
-    return list(dict.fromkeys([*paths, *(p for one in groups for p in getattr(one, "files", ()))]))
-
-
-def _paths_in(value: Any) -> list[Path]:
+def paths_in(value: Any) -> list[Path]:
     """The paths that a value is, or has in it."""
     if isinstance(value, dict):
         value = list(value.values())
     if isinstance(value, list | tuple):
-        return [path for one in value for path in _paths_in(one)]
+        return [path for one in value for path in paths_in(one)]
     return [value] if isinstance(value, Path) else []
 
 

@@ -1,4 +1,4 @@
-"""Images of large grids or several captures, which ``clradar image`` makes by parts.
+"""Images of ``clradar image``: drawn, and those of large grids or several captures made by parts.
 
 A part is one capture on a piece of the grid; parts are kept in a folder until all are there.
 """
@@ -6,10 +6,10 @@ A part is one capture on a piece of the grid; parts are kept in a folder until a
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -18,14 +18,15 @@ import numpy as np
 
 import clradar as cl
 from clradar.cli import options as opt
-from clradar.cli.console import print_line, progress_bar
-from clradar.cli.inputs import ImageInput, title_of
-from clradar.cli.outputs import provenance, settings_of
+from clradar.cli.call import call
+from clradar.cli.comparison import volume_figure
+from clradar.cli.console import print_line, print_warning, progress_bar
+from clradar.cli.inputs import ImageInput, nothing_to_draw, title_of
+from clradar.cli.outputs import begun, provenance, write
 from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
 from clradar.imaging.several_captures import mean_over_pairs
-from clradar.jobs import Job, Where
-from clradar.jobs.job import KEY, remove
+from clradar.jobs import KEY, Job, Where, remove
 from clradar.jobs.lock import LOCK
 from clradar.model import ImageScale
 from clradar.model.progress import Progress
@@ -53,12 +54,12 @@ def remove_remains(folder: Path) -> None:
         folder.rmdir()
 
 
-def capture_of(path: Path, frames: opt.FrameOptions) -> tuple[cl.Capture, list[Path]]:
-    """A capture and its files; wrong usage if the file is a volume."""
-    found = ImageInput.open(path, frames)
-    if isinstance(found.content, cl.Volume):
+def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
+    """A capture; wrong usage if the file is a volume."""
+    found = ImageInput.open(path, frames).content
+    if isinstance(found, cl.Volume):
         raise opt.wrong_usage("CAPTURE...", f"expected captures, got the volume {path}")
-    return found.content, found.files
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +82,7 @@ class PartSteps:
     def run(self, part: Part, progress: Progress | None = None) -> None:
         """Image a capture on a piece of the grid, and write it."""
         piece, number = part
-        capture, _ = capture_of(self.captures[number], self.frames)
+        capture = capture_of(self.captures[number], self.frames)
         image = cl.backproject(
             capture, self.pieces[piece].grid, check_grid=False, device=self.device,
             progress=progress, **self.imaging,
@@ -170,17 +171,11 @@ class PartedImage:
 
 
 def image_by_parts(
-    steps: PartSteps,
-    samples: cl.Capture,
-    output: Path | None,
-    draw: Callable[[PartedImage, Mapping[str, Any]], None],
-    where: Where,
-    *,
-    force: bool,
+    steps: PartSteps, samples: cl.Capture, files: opt.ImageFiles, where: Where, range_db: float
 ) -> None:
     """Write and draw an image of a large grid, or of several captures.
 
-    `samples` are those of the first capture; `draw` gets the image and its provenance.
+    `samples` are those of the first capture.
     """
     from clradar.imaging.frame_imager import image_meta
     from clradar.imaging.grid_check import warn_of_grid
@@ -188,42 +183,38 @@ def image_by_parts(
     from clradar.imaging.windows import frequency_weights
     from measurement_io.native.records import save_planes
 
-    start_s, opened = perf_counter(), where.first
+    start_s, opened, output = perf_counter(), where.first, files.output
     grid, how, folder = steps.grid, steps.imaging, steps.folder
-    sizes, metas, read, kept = list[int](), list[Any](), list[Path](), KeptCaptures()
+    sizes, metas, kept = list[int](), list[Any](), KeptCaptures()
     for path in steps.captures:
-        capture, found = capture_of(path, steps.frames)
+        capture = capture_of(path, steps.frames)
         sizes.append(capture.data.size)
         metas.append(capture.meta)
         kept.add(capture)
-        read += found
     steps, alone = replace(steps, n_samples=tuple(sizes)), len(sizes) == 1
     weights = frequency_weights(how["window"], samples.waveform.n_freq)
     meta = {**image_meta(device=opened, **how), "capture": samples.meta if alone else metas}
     scale = ImageScale(samples.array, samples.waveform, weights) if samples.absolute else None
     image = PartedImage(steps=steps, meta=meta, scale=scale if alone else None)
-    origin = provenance(read, grid=opt.grid_text(grid))
-    job = Job(
-        folder=folder, work="image", own=(KEY, PARTS, WHOLE), force=force,
-        key=settings_of(
-            origin, origin_m=grid.origin_m.tolist(), spacing_m=grid.spacing_m.tolist(),
-            counts=list(grid.counts), inputs=origin["inputs"], device=opened.describe(),
-        ),
-        resumable=lambda folder: any(folder.glob(f"{PARTS}/*.npy")),
+    text = opt.grid_text(grid)
+    job = begun(
+        folder, "image", (KEY, PARTS, WHOLE), f"{PARTS}/*.npy", origin_m=grid.origin_m.tolist(),
+        spacing_m=grid.spacing_m.tolist(), counts=list(grid.counts), device=opened.describe(),
     )  # fmt: skip
     with job.held():
         _make_parts(job, steps, where)
         warn_of_grid(samples if alone else kept, grid, image, weights, opened)
         whole = folder / WHOLE
         if output is not None:
-            save_planes(whole, image, grid, {**meta, **origin}, image.scale, force=True)
-        draw(image, origin)
+            known = {**meta, **provenance(grid=text)}
+            save_planes(whole, image, grid, known, image.scale, force=True)
+        draw(files, image, steps.captures, range_db, grid=text)
         job.clear([KEY, PARTS])
         if output is not None:
-            with replacing(output, force=force) as temporary:
+            with replacing(output, force=call.force) as temporary:
                 os.replace(whole, temporary)
             took = f"{perf_counter() - start_s:.1f} s on {opened.info.label}"
-            print_line(f"{output}: {opt.grid_text(grid)}, {took}")
+            print_line(f"{output}: {text}, {took}")
     with suppress(OSError):  # it is gone, or holds something else
         folder.rmdir()
 
@@ -242,7 +233,57 @@ def _make_parts(job: Job, steps: PartSteps, where: Where) -> None:
             steps.join(piece)
 
 
-def title_of_captures(captures: Sequence[Path], meta: Mapping[str, Any]) -> str:
-    """The title of an image of one or several captures."""
+def draw(
+    files: opt.ImageFiles,
+    image: cl.Volume | PartedImage,
+    captures: Sequence[Path],
+    range_db: float,
+    **more: Any,
+) -> None:
+    """Write figure and page, as far as they were asked for."""
+    from clradar.model.volume import depth_map_of_planes
+    from clradar.plot.views import thin_view
+    from clradar.report import ReportImage, image_report
+
+    if files.png is None and files.report is None:
+        return
     first, *others = captures
-    return f"{first.name} and {len(others)} more" if others else title_of(first, meta)
+    title = title_of(first, image.meta)
+    if others:
+        title = f"{first.name} and {len(others)} more"
+    shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": files.view, "dbsm": files.dbsm}
+    flat = (files.view or thin_view(image.grid)) == "xy" and files.slice is None
+    volume: cl.Volume | cl.DepthMap
+    if isinstance(image, cl.Volume):
+        volume = image
+    elif flat and not (files.report or files.dbsm):
+        volume = depth_map_of_planes(image, image.grid, range_db)  # without it in memory
+    else:
+        volume = image.volume()
+    if (reason := nothing_to_draw(volume)) is not None:
+        for path in (files.png, files.report):
+            if path is not None:
+                print_warning(f"{path}: not drawn, since the image is {reason}")
+        return
+    figure = partial(volume_figure, volume, title, files.slice, **shown)
+    write(files.png, figure, f"the picture, {range_db:g} dB")
+    if isinstance(volume, cl.Volume):
+        of, origin = ReportImage(title, volume, str(captures[0])), provenance(**more)
+        page = partial(image_report, of, settings=origin, **shown)
+        write(files.report, page, "the image as a page, to be opened in a browser")
+
+
+STOPPED = {
+    "noise": "what is left looks like noise",
+    "change": "it changes no more",
+    "iterations": "no more were asked for",
+}
+"""How an image by iteration ended: `clradar.reconstruct` explains the reasons."""
+
+
+def print_fit(volume: cl.Volume) -> None:
+    """Say how an image by iteration ended."""
+    left_db, count = volume.meta["residual_db"], volume.meta["iterations"]
+    left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
+    reason = STOPPED[volume.meta["stopped"]]
+    print_line(f"{volume.meta['method']}: {count} iterations, {reason}; left: {left}")

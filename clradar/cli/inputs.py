@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,13 @@ import numpy as np
 
 import clradar as cl
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.groups import given, values_of, wrong_usage
+from clradar.cli.groups import given, wrong_usage
 from clradar.cli.options.measured import (
     FrameOptions,
     GridOptions,
     ImagingOptions,
     RadarOptions,
-    recording_files,
+    open_frame,
 )
 
 Content = cl.Volume | cl.Capture
@@ -49,7 +48,7 @@ class ImageInput:
     @classmethod
     def open(cls, path: Path, frames: FrameOptions | None = None) -> ImageInput:
         """Open a file or a folder; a frame can be chosen of a recording only."""
-        from measurement_io import open_capture, open_volume
+        from measurement_io import open_volume
         from measurement_io.native.records import read_header
         from measurement_io.opening import kind_of
 
@@ -57,7 +56,7 @@ class ImageInput:
         native = frames == FrameOptions() and kind_of(path) == "native"
         if native and read_header(path).format == "volume":
             return cls(path, open_volume(path))
-        return cls(path, open_capture(path, **values_of(frames)))
+        return cls(path, open_frame(path, frames))
 
     @property
     def grid(self) -> cl.VoxelGrid | None:
@@ -73,11 +72,6 @@ class ImageInput:
             raise wrong_usage(", ".join(given(options)), text)
         return {"array": self.content.array, "waveform": self.content.waveform}
 
-    @cached_property
-    def files(self) -> list[Path]:
-        """The files whose content this is."""
-        return recording_files(self.path, self.content.meta)
-
     def volume(
         self, grid: cl.VoxelGrid, imaging: ImagingOptions, device: cl.Device | None
     ) -> cl.Volume:
@@ -85,6 +79,20 @@ class ImageInput:
         if isinstance(self.content, cl.Volume):
             return self.content
         return form_image(self.content, grid, imaging, device, f"imaging {self.path.name}")
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOnAccess(Sequence[Any]):
+    """What is read of items, one at a time."""
+
+    items: Sequence[Any]
+    read: Callable[[Any], Any]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.read(self.items[index])
 
 
 def nothing_to_draw(image: cl.Volume | cl.DepthMap) -> str | None:
@@ -141,7 +149,6 @@ class Measurement:
     content: Content
     volume: cl.Volume
     radar: dict[str, Any]
-    files: list[Path]
 
 
 def measurement(
@@ -158,7 +165,7 @@ def measurement(
     if image.grid is not None and voxels.given:
         raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
     volume = image.volume(common_grid(voxels, image, device=device), imaging, device)
-    return Measurement(path, image.content, volume, known, [*image.files, *radar.files])
+    return Measurement(path, image.content, volume, known)
 
 
 def title_of(path: Path, meta: Mapping[str, Any]) -> str:

@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -21,6 +22,7 @@ import numpy as np
 import clradar as cl
 from clradar import __version__
 from clradar.cli.call import call, plain
+from clradar.cli.console import print_line, progress_bar
 from clradar.errors import OutputError
 from clradar.files.atomic import (
     move_folder,
@@ -32,6 +34,8 @@ from clradar.files.atomic import (
     writing,
 )
 from clradar.files.hashing import sha256_of
+from clradar.files.json_file import write_json
+from clradar.jobs import Job
 from clradar.versions import package_versions
 
 if TYPE_CHECKING:
@@ -43,17 +47,15 @@ OWNED_DEPTH = 3
 """Folders above a file that may own it: a recording is three above its frames."""
 
 
-def check_outputs(
-    outputs: Iterable[Path | None], *, force: bool, inputs: Iterable[Path] = ()
-) -> None:
-    """Raise unless every output may be written."""
-    read, written = list(inputs), set()
+def check_outputs(outputs: Iterable[Path | None]) -> None:
+    """Raise unless every output of the command that runs may be written."""
+    written = set()
     wanted = [output for output in outputs if output is not None]
     remove_left(wanted)
     known: dict[Path, bool] = {}
     for output in wanted:
         with writing(output):
-            if any(_same(output, path) for path in read):
+            if any(_same(output, path) for path in call.paths):
                 raise OutputError(f"{output}: is also an input; choose another name")
             place = os.path.realpath(output).casefold()  # case may not count on this disk
             if place in written:
@@ -63,7 +65,7 @@ def check_outputs(
                 raise OutputError(f"{output}: expected a file's name, got a folder")
             _check_place(output, known)
             refuse_special(output)
-            if not force and os.path.lexists(output):
+            if not call.force and os.path.lexists(output):
                 raise OutputError(f"{output}: exists already; --force replaces it")
 
 
@@ -74,22 +76,15 @@ def _same(one: Path, other: Path) -> bool:
     return one.exists() and other.exists() and one.samefile(other)
 
 
-def check_folder(
-    folder: Path,
-    *,
-    force: bool,
-    replaced: Collection[str] | None = None,
-    inputs: Iterable[Path] = (),
-) -> None:
-    """Raise unless a folder is missing or empty, or may be written into with `force`.
+def check_folder(folder: Path, replaced: Collection[str] | None = None) -> None:
+    """Raise unless a folder is missing or empty, or may be written into with --force.
 
-    `replaced` names the only files that `force` may replace, none of which is one of the `inputs`;
-    None: any.
+    `replaced` names the only files that it may replace, none of which is an input; None: any.
     """
-    check_place_of_folder(folder, replaced or (), inputs)
+    check_place_of_folder(folder, replaced or ())
     with writing(folder):
         there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    if there and not force:
+    if there and not call.force:
         raise OutputError(
             f"{folder}: holds files already; choose another folder, or replace an earlier result "
             "with --force"
@@ -101,16 +96,14 @@ def check_folder(
             )
 
 
-def check_place_of_folder(
-    folder: Path, replaced: Collection[str] = (), inputs: Iterable[Path] = ()
-) -> None:
+def check_place_of_folder(folder: Path, replaced: Collection[str] = ()) -> None:
     """Raise unless there is or may be such a folder, with no input among what is `replaced`."""
     with writing(folder):
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
         remove_left([folder])
         _check_place(folder, {})
-        for path in inputs:
+        for path in call.paths:
             if _same(folder, path):
                 raise OutputError(f"{folder}: is also an input; choose another folder")
             place = Path(os.path.realpath(path))
@@ -173,7 +166,7 @@ def made_folder(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def whole_folder(folder: Path, *, force: bool, replaced: Collection[str]) -> Iterator[Path]:
+def whole_folder(folder: Path, replaced: Collection[str]) -> Iterator[Path]:
     """Yield a folder to fill, which becomes `folder` at the end, in place of an earlier result.
 
     A failure leaves everything as it was. `replaced` as in `check_folder`.
@@ -183,14 +176,71 @@ def whole_folder(folder: Path, *, force: bool, replaced: Collection[str]) -> Ite
         made.mkdir()
         yield made
         # Another process may have made it meanwhile.
-        check_folder(folder, force=force, replaced=replaced)
-        if force:
+        check_folder(folder, replaced)
+        if call.force:
             swap_folder(made, folder, temporary / "replaced")
         else:
             move_folder(made, folder)
 
 
-def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) -> Result:
+def begun(
+    folder: Path,
+    work: str,
+    own: Sequence[str],
+    found: str,
+    *,
+    read: Mapping[Path, Sequence[Path]] = MappingProxyType({}),
+    **more: Any,
+) -> Job:
+    """Work in a folder, which goes on with the same options and `more`, and files that hold still.
+
+    Files that fit the pattern `found` are what it can go on with; `own` names what --force removes.
+    `read` has the files of inputs that are not in the provenance.
+    """
+    inputs = {
+        name: [file for path in paths for file in read.get(path) or call.files_of([path])]
+        for name, paths in call.inputs.items()
+    }
+    key = {**plain({**call.options, **more}, paths=False), "clradar": __version__}
+    return Job(
+        folder=folder, work=work, own=own, inputs=inputs, key=key, force=call.force,
+        resumable=lambda at: any(at.glob(found)),
+    )  # fmt: skip
+
+
+def write(
+    path: Path | None, content: Any, text: str = "", *, force: bool = False, **more: Any
+) -> Any:
+    """Write what an option asks for, whole or not at all, and say what it is.
+
+    Without a path it asks for nothing. `content` is, or a function that makes: a capture, a volume,
+    channels or a record, which get the provenance with `more`; a mesh; a figure; or a page. With
+    `force`, or --force, it may replace a file.
+    """
+    if path is None:
+        return None
+    force = force or call.force
+    if callable(content):
+        with progress_bar("writing the page" if path.suffix.startswith(".htm") else "drawing"):
+            content = content()
+    if isinstance(content, Mapping):
+        write_json(path, {**content, **provenance(**more)}, force=force)
+    elif isinstance(content, str):
+        write_file(path, content.encode(), force=force)
+    elif hasattr(content, "savefig"):
+        from clradar.plot import save_figure
+
+        save_figure(content, path, force=force)
+    elif hasattr(content, "faces"):
+        write_file(path, mesh_file(path, content), force=force)
+    else:
+        content = save(path, content, provenance(**more), force=force)
+    if text:
+        print_line(f"{path}: {text}")
+    return content
+
+
+def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool = True) -> Result:
     """Write a capture, a volume or channels with their provenance; return it as written."""
     import measurement_io as io
 
@@ -200,11 +250,14 @@ def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool) 
     return result
 
 
-def provenance(inputs: Iterable[Path], **more: Any) -> dict[str, Any]:
+def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, Any]:
     """The record that goes into the `meta` of a written file: versions, options, digests of inputs.
 
-    The options are those of the command that runs, and `more`.
+    The options are those of the command that runs, and `more`; so are the inputs, if none are
+    given.
     """
+    files = call.files_of(call.paths if inputs is None else inputs)
+    call.digests |= {path: sha256_of(path) for path in files if path not in call.digests}
     return {
         "clradar": __version__,
         "packages": package_versions(),
@@ -212,13 +265,8 @@ def provenance(inputs: Iterable[Path], **more: Any) -> dict[str, Any]:
         "machine": platform.platform(),
         "command": call.command,
         "options": plain({**call.options, **more}),
-        "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in inputs],
+        "inputs": [{"file": path.name, "sha256": call.digests[path]} for path in files],
     }
-
-
-def settings_of(origin: Mapping[str, Any], **more: Any) -> dict[str, Any]:
-    """What results depend on beside the content of files: the key of work that is resumed."""
-    return {**plain({**call.options, **more}, paths=False), "clradar": origin["clradar"]}
 
 
 MESHES = (".ply", ".stl", ".obj", ".off", ".glb")
@@ -241,8 +289,8 @@ def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
     return dict(zip(JOINT_NAMES, known, strict=True))
 
 
-def save_mesh(path: Path, mesh: HandMesh | cl.Scene, *, force: bool) -> None:
-    """Write a mesh whole or not at all, in metres."""
+def mesh_file(path: Path, mesh: HandMesh | cl.Scene) -> bytes:
+    """The content of the file of a mesh, in metres; its name says the format."""
     import trimesh
 
     from clradar.files.meshes.ply_parts import ply_of_parts
@@ -261,7 +309,7 @@ def save_mesh(path: Path, mesh: HandMesh | cl.Scene, *, force: bool) -> None:
     else:
         whole = trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False)
         content = whole.export(file_type=kind)
-    write_file(path, content.encode() if isinstance(content, str) else content, force=force)
+    return content.encode() if isinstance(content, str) else content
 
 
 def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:

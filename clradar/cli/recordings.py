@@ -23,14 +23,13 @@ from clradar.cli.frames import (
     FrameSteps,
     record_file,
 )
-from clradar.cli.inputs import grid_for
+from clradar.cli.inputs import ReadOnAccess, grid_for
 from clradar.cli.outputs import save
 from clradar.compare import METRIC_TABLE
 from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
 from clradar.files.json_file import read_json_object, write_json
-from clradar.jobs import FolderStore, Job, Where, open_devices
-from clradar.jobs.job import KEY, remove
+from clradar.jobs import KEY, FolderStore, Job, Where, open_devices, remove
 from clradar.model.progress import Progress
 
 if TYPE_CHECKING:
@@ -133,7 +132,7 @@ class RecordingWork:
                 room = Frames(steps.how.empty)
                 with progress_bar("averaging"):
                     frames = map(room.capture, room.numbers or ())
-                    save(mean, average_frames(frames), steps.origin, force=True)
+                    save(mean, average_frames(frames), steps.origin)
             steps = replace(steps, how=replace(steps.how, empty=mean))
         store = FolderStore(folder / MAPS)
         if GRID not in store:  # kept: another first frame may be readable when the run is resumed
@@ -174,8 +173,8 @@ class RecordingWork:
         """
         numbers = [int(one["frame"]) for one in records]
         images = KeptImages(
-            numbers, [one["time_us"] for one in records],
-            lambda number: self.steps.map_of(f"{number:06d}-hand"),
+            numbers, lambda number: self.steps.map_of(f"{number:06d}-hand"),
+            [one["time_us"] for one in records],
         )  # fmt: skip
         first = self.source.capture(numbers[0])
         settings = {
@@ -312,22 +311,18 @@ def curves(columns: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
-class KeptImages(Sequence["cl.DepthMap"]):
-    """Depth maps of frames, read on access."""
+class KeptImages(ReadOnAccess):
+    """Depth maps of frames, and their time stamps, which depth maps do not have."""
 
-    frame_numbers: Sequence[int]
     times_us: Sequence[float | None]
-    read: Callable[[int], cl.DepthMap]
 
-    def __len__(self) -> int:
-        return len(self.frame_numbers)
+    @property
+    def frame_numbers(self) -> Sequence[int]:
+        return self.items
 
     def time_us(self, index: int) -> float | None:
-        """The time stamp of a frame, which depth maps do not have."""
+        """The time stamp of a frame."""
         return self.times_us[index]
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.read(self.frame_numbers[index])
 
 
 def fit_frames(

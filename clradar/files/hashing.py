@@ -1,4 +1,4 @@
-"""SHA-256 of files and of arrays."""
+"""SHA-256 of files."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from clradar.files.failures import reading, regular_file_size
 
@@ -54,10 +52,3 @@ def holds_still(path: Path, record: Mapping[str, Any]) -> bool:
 def _system(path: Path) -> list[int]:
     found = os.stat(path)
     return [found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns]
-
-
-def sha256_of_arrays(*arrays: np.ndarray) -> str:
-    """Return the SHA-256 of shapes, types and bytes of arrays."""
-    forms = (str((array.shape, array.dtype)).encode() for array in arrays)
-    contents = (array.tobytes() for array in arrays)
-    return sha256_of_blocks(block for pair in zip(forms, contents, strict=True) for block in pair)

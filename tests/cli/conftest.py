@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from command_line import DENSITY, EDGE_MM, GRID, Cli, exit_status
-from quick_figures import draw_quickly, lay_out_once, seek_no_lobes
+from quick_figures import draw_quickly, lay_out_once, seek_nothing_else
 
 from measurement_io import open_capture, save_recording
 
@@ -26,7 +26,7 @@ def cli(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.
 def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures without content, images without a search for lobes."""
     draw_quickly(monkeypatch)
-    seek_no_lobes(monkeypatch)
+    seek_nothing_else(monkeypatch)
 
 
 @pytest.fixture(scope="session")

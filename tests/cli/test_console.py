@@ -11,6 +11,7 @@ import pytest
 from systems import posix_only
 
 from clradar.cli import console, outputs
+from clradar.cli.call import call
 from clradar.cli.console import progress_bar
 from clradar.compare import METRIC_TABLE
 from clradar.errors import DeviceError, OutputError
@@ -87,20 +88,24 @@ def test_error_lines_are_printable(capsys):
 
 
 @posix_only
-def test_check_outputs_resolves_links(tmp_path):
+def test_check_outputs_resolves_links(tmp_path, monkeypatch):
     read, link, new = (tmp_path / name for name in ("in.h5", "link.h5", "new.h5"))
+    monkeypatch.setattr(call, "force", True)
     read.touch()
     link.symlink_to(read)
-    outputs.check_outputs([None, new], force=False)
+    outputs.check_outputs([None, new])
     for paths, inputs, message in (
         ([link], [read], "also an input"),
         ([tmp_path / ("x" * 5000)], [], "cannot be written"),
         ([new, tmp_path / "NEW.h5"], [], "named twice"),
     ):
+        monkeypatch.setattr(call, "inputs", {"IN": inputs})
         with pytest.raises(OutputError, match=message):
-            outputs.check_outputs(paths, force=True, inputs=inputs)
+            outputs.check_outputs(paths)
+    monkeypatch.setattr(call, "inputs", {"IN": [read]})
+    monkeypatch.setattr(call, "force", False)
     if not (tmp_path / "IN.h5").exists():  # where case counts
-        outputs.check_outputs([tmp_path / "IN.h5"], force=False, inputs=[read])
+        outputs.check_outputs([tmp_path / "IN.h5"])
 
 
 @posix_only

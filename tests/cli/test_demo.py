@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from quick_figures import draw_quickly, seek_no_lobes
+from quick_figures import draw_quickly, seek_nothing_else
 
 import clradar
 from clradar.arrays.array_file import array_text
 from clradar.cli.commands import demo
 from clradar.cli.options.measured import RadarOptions
 from clradar.hand import hand_mesh
-from clradar.hand.flesh import PART_NAMES
 from measurement_io import check_file, open_capture, open_volume
 
 COLUMNS = ("alpha_0", "alpha_0.5", "alpha_1", "physical")
@@ -24,16 +23,16 @@ GRID = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-
 # With so few rays the wrist, which the paper's grid cuts, is as bright as the palm.
 @pytest.mark.filterwarnings("ignore:the grid cuts:clradar.ClradarWarning")
 def test_files_and_metrics_are_those_of_the_library(tmp_path):
-    """With every third antenna, a quarter of the frequencies, and a coarse hand."""
+    """With every sixth antenna, an eighth of the frequencies, and a coarse hand."""
     whole = clradar.arrays.qar50()
-    array = clradar.AntennaArray(whole.tx_m[::3], whole.rx_m[::3])
+    array = clradar.AntennaArray(whole.tx_m[::6], whole.rx_m[::6])
     (tmp_path / "array.toml").write_text(array_text(array))
-    radar = RadarOptions(band=(72, 82, 33), array=str(tmp_path / "array.toml"))
+    radar = RadarOptions(band=(72, 82, 17), array=str(tmp_path / "array.toml"))
     small = tmp_path / "demo"
     small.mkdir()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("clradar.hand.hand_mesh", partial(hand_mesh, edge_length_m=4e-3))
-        seek_no_lobes(patch)
+        seek_nothing_else(patch)
         draw_quickly(patch)
         demo.run_demo(small, radar, GRID, clradar.open_device("pocl"), **RAYS)
     images = {f"{n}_volume.h5" for n in ("measurement", *COLUMNS)}
@@ -49,17 +48,14 @@ def test_files_and_metrics_are_those_of_the_library(tmp_path):
     assert record["clradar"] == clradar.__version__
     assert record["options"]["rays"] == RAYS
     # The measurement has the same materials, but another texture: no pixel of it is predicted.
-    assert record["simulated"][3]["metrics"]["overlap"] > 0.9
+    *of_alphas, of_materials = [s["metrics"]["overlap"] for s in record["simulated"]]
+    assert of_materials > max(of_alphas) + 0.2
     scene = clradar.Scene.from_mesh(small / "hand_f.ply", alpha=0.5)
-    made_of = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
-    for name, again, settings in (
-        ("alpha_0.5", scene, RAYS),
-        ("physical", made_of, {"estimator": "physical"}),
-    ):
-        capture = open_capture(small / f"{name}.h5")
-        radar = (capture.array, capture.waveform)
-        found = clradar.simulate(again, *radar, **settings, seed=0, device="pocl")
-        assert np.array_equal(found.data, capture.data)
+    capture = open_capture(small / "alpha_0.5.h5")
+    found = clradar.simulate(scene, capture.array, capture.waveform, **RAYS, seed=0, device="pocl")
+    assert np.array_equal(found.data, capture.data)
+    made_of = open_capture(small / "physical.h5").meta["scene"]["materials"]
+    assert [record["name"] for record in made_of] == ["skin", "palm"]
 
 
 @pytest.mark.parametrize(

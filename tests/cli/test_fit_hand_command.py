@@ -16,8 +16,10 @@ import clradar
 from calibration import HandFit
 from calibration.hand_fit.starts import read_start
 from clradar.cli.commands import fit_hand as command
-from clradar.cli.commands.fit_hand import FILES, digit_rows
+from clradar.cli.commands.fit_hand import FILES
 from clradar.cli.comparison import CAPTURE, VOLUME
+from clradar.cli.outputs import write
+from clradar.cli.tables import digit_rows
 from clradar.files.json_file import write_json
 from clradar.hand import HandShape, read_pose
 from clradar.model import Volume
@@ -49,7 +51,7 @@ def record_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Writes fit.json and no pictures, which take most of the time."""
 
     def written(folder: Path, measured: object, fit: HandFit, *rest: Any) -> None:
-        write_json(folder / "fit.json", {**fit.to_dict(), **rest[-1]}, force=False)
+        write(folder / "fit.json", fit.to_dict())
 
     monkeypatch.setattr(command, "write_hand_fit", written)
 

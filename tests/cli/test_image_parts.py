@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nightly import nightly
-from quick_figures import draw_quickly, seek_no_lobes
+from quick_figures import draw_quickly, seek_nothing_else
 
 import clradar
 from clradar.cli.images import PartSteps
 from clradar.imaging import fast
 from measurement_io import check_file, open_capture, open_volume, save_capture
 
-GRID = clradar.VoxelGrid.from_extent((-0.099, 0.099), (-0.06, 0.06), (0.9, 0.99), 3e-3)
-OPTIONS = "--x-mm -99:99:3 --y-mm -60:60:3 --z-mm 900:990:3 -o"
-PIECE_VOXELS = 45_000
-"""Of 85 157: two pieces."""
+GRID = clradar.VoxelGrid.from_extent((-0.099, 0.099), (-0.03, 0.03), (0.9, 0.99), 3e-3)
+OPTIONS = "--x-mm -99:99:3 --y-mm -30:30:3 --z-mm 900:990:3 -o"
+PIECE_VOXELS = 23_000
+"""Of 43 617: two pieces."""
 
 
 @pytest.fixture(scope="module")
@@ -38,18 +38,27 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(autouse=True)
 def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fast, "TILE_VOXELS", PIECE_VOXELS)
-    monkeypatch.setattr(fast, "FEW_TERMS", 0)
-    seek_no_lobes(monkeypatch)
-    draw_quickly(monkeypatch)
+    shorten(monkeypatch)
 
 
-def test_the_parts_make_the_image_that_is_formed_in_memory(cli, captures, tmp_path, monkeypatch):
-    opened = [open_capture(path) for path in captures]
-    for some, want in (
-        (captures, clradar.backproject(opened, GRID)),
-        (captures[:1], clradar.backproject(opened[0], GRID, check_grid=False)),
-    ):
+def shorten(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(fast, "TILE_VOXELS", PIECE_VOXELS)
+    patch.setattr(fast, "FEW_TERMS", 0)
+    seek_nothing_else(patch)
+    draw_quickly(patch)
+
+
+@pytest.fixture(scope="module")
+def wanted(captures: list[Path]) -> clradar.Volume:
+    """The image of both captures, formed in memory."""
+    with pytest.MonkeyPatch.context() as patch:
+        shorten(patch)
+        return clradar.backproject([open_capture(path) for path in captures], GRID)
+
+
+def test_the_parts_make_the_image_that_is_formed_in_memory(cli, captures, tmp_path, wanted):
+    single = clradar.backproject(open_capture(captures[0]), GRID, check_grid=False)
+    for some, want in ((captures, wanted), (captures[:1], single)):
         name = f"{len(some)}.h5"
         cli.ok(f"image {' '.join(map(str, some))} {OPTIONS} {name} --png {name}.png")
         assert check_file(name).ok
@@ -59,12 +68,6 @@ def test_the_parts_make_the_image_that_is_formed_in_memory(cli, captures, tmp_pa
         assert volume.meta["capture"] == want.meta["capture"]
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["1.h5", "1.h5.png", "2.h5", "2.h5.png"]
-    # Of one piece.
-    monkeypatch.setattr(fast, "TILE_VOXELS", 2**23)
-    one = clradar.backproject(opened, GRID).data
-    error = np.sqrt(np.mean(np.abs(one - open_volume("2.h5").data) ** 2))
-    # Both are within -50 dB of the sum.
-    assert error < 2 * 10**-2.5 * np.sqrt(np.mean(np.abs(one) ** 2))
 
 
 KILLED = """
@@ -88,7 +91,7 @@ if __name__ == "__main__":
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
 @pytest.mark.parametrize(("last", "kept"), [(3, 2), *nightly([(5, 3)])])
-def test_a_killed_image_resumes(cli, captures, tmp_path, monkeypatch, last, kept):
+def test_a_killed_image_resumes(cli, captures, tmp_path, monkeypatch, wanted, last, kept):
     """Killed while the first piece is joined, and at a part of the second."""
     program = KILLED.format(voxels=PIECE_VOXELS, last=last)
     line = f"image {' '.join(map(str, captures))} {OPTIONS} out.h5"
@@ -104,8 +107,7 @@ def test_a_killed_image_resumes(cli, captures, tmp_path, monkeypatch, last, kept
     )
     assert f"resumes with {kept} of 4 parts done before" in cli.ok(line).out
     assert len(made) == 4 - kept
-    want = clradar.backproject([open_capture(path) for path in captures], GRID)
-    np.testing.assert_array_equal(open_volume("out.h5").data, want.data)
+    np.testing.assert_array_equal(open_volume("out.h5").data, wanted.data)
     assert [path.name for path in tmp_path.iterdir()] == ["out.h5"]
 
 

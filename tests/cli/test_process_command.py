@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 from command_line import GRID as HAND_GRID
-from command_line import Cli, exit_status
+from command_line import Cli, exit_status, worker_here
 from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands
 from PIL import Image
-from quick_figures import seek_no_lobes
+from quick_figures import seek_nothing_else
 from recorder import Recorder, Recording
 
 import calibration
@@ -90,7 +90,7 @@ def processed(recorded: Recording, tmp_path_factory: pytest.TempPathFactory) -> 
     save_channels(place / "channels.h5", channels_of(recorded.recorder))
     save_capture(place / "single.h5", recorded.recorder.frame(0))
     with pytest.MonkeyPatch.context() as patch:
-        seek_no_lobes(patch)
+        seek_nothing_else(patch)
         patch.chdir(place)
         assert exit_status(*COMMAND.split()) == 0
     return place
@@ -211,16 +211,10 @@ def test_a_frame_that_cannot_be_read_costs_no_other_and_places_no_grid(
 
 @pytest.mark.usefixtures("quickly")
 def test_the_workers_of_a_scheduler_make_the_same_files(cli, recorded):
-    distributed = pytest.importorskip("distributed")
+    pytest.importorskip("distributed")
     line = f"process {recorded.folder} --frames 1 {GRID} -o"
-    with distributed.LocalCluster(
-        processes=False,
-        n_workers=1,
-        threads_per_worker=1,
-        dashboard_address=None,
-        resources={"DEVICE": 1},
-    ) as cluster:
-        cli.ok(f"{line} there --scheduler {cluster.scheduler_address}")
+    with worker_here() as address:
+        cli.ok(f"{line} there --scheduler {address}")
     cli.ok(f"{line} here")
     for name in (*RESULTS[:2], "pictures/000000.png"):
         assert Path("here", name).read_bytes() == Path("there", name).read_bytes()
@@ -384,8 +378,9 @@ def test_a_folder_with_hands_table_and_figures(cli, line, tried, monkeypatch):
 
 
 @pytest.mark.usefixtures("quickly")
-def test_an_interrupted_fit_goes_on_where_it_was(cli, line, tried):
+def test_an_interrupted_fit_goes_on_where_it_was(cli, line, tried, monkeypatch):
     """It gives every byte of an uninterrupted one, though the last frame was half written."""
+    monkeypatch.setattr(recordings, "draw_movement", lambda *_: None)
     cli.ok(f"{line} whole")
     tried[:] = [-2]
     assert cli(f"{line} cut").status == 130

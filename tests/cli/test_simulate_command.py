@@ -13,18 +13,18 @@ import pytest
 import trimesh
 import two_devices
 import typer
-from command_line import DENSITY, Cli, group_of
+from command_line import DENSITY, Cli, group_of, worker_here
 from nightly import nightly
 from rig_files import RigMaker
 
 import clradar
 from clradar.arrays import read_clusters
-from clradar.cli.commands import simulate
-from clradar.cli.commands.simulate import ClusterSteps, Item
-from clradar.cli.groups import files_of
+from clradar.cli import simulations
+from clradar.cli.groups import paths_in, values_of
 from clradar.cli.inputs import ImageInput
 from clradar.cli.options import MaterialOptions, PlacementOptions, SceneOptions, mesh_and_alpha
 from clradar.cli.options.measured import RadarOptions
+from clradar.cli.simulations import ClusterSteps, Item
 from clradar.errors import ClradarError, ClradarWarning, ModelError
 from clradar.files.hashing import sha256_of
 from measurement_io import open_capture, open_recording, open_volume
@@ -176,7 +176,7 @@ def test_materials_of_all_and_of_parts(scene, own):
     assert MaterialOptions().on(scene) is scene
     some = of(material="palm", material_of=["thumb=skin", f"nail={own}:resin"])
     assert names(some.on(scene)) == ["palm", "skin", "resin"]
-    assert files_of(some) == [own]
+    assert paths_in(values_of(some)) == [own]
     alone = of(material_of=["thumb=skin"]).on(scene)
     assert names(alone) == ["perfect conductor", "skin", "perfect conductor"]
     file = of(material=f"{own}:resin").on(scene)
@@ -311,12 +311,15 @@ def test_from_clusters_to_one_image(cli, walled):
     cli.fails("demo --array wall.toml", "3 clusters, which simulate and image take")
 
 
-@pytest.mark.parametrize("how", ["--workers 2", *nightly(["--device all"])])
+@pytest.mark.parametrize("how", ["--scheduler", *nightly(["--workers 2", "--device all"])])
 def test_workers_and_devices_make_the_same_files(cli, walled, how):
     pytest.importorskip("distributed")
     cli.ok(f"{walled} here")
     line = f"{walled} there {how}"
-    if "--workers" in how:
+    if how == "--scheduler":
+        with worker_here() as address:
+            cli.ok(f"{line} {address}")
+    elif "--workers" in how:
         cli.ok(line)
     else:  # in a process of its own, which sees the CPU as two devices
         words = [sys.executable, "-m", "clradar", *line.split()]
@@ -330,7 +333,7 @@ def test_a_mesh_that_changes_between_clusters_is_refused(cli, walled, monkeypatc
 
     def changing(self: ClusterSteps, item: Item, progress: Any = None) -> str:
         ball(0.015, 0.01, 0, 0.3, subdivisions=1).export("ball.ply")
-        simulate._scenes.clear()  # as in another process
+        simulations._scenes.clear()  # as in another process
         return one(self, item, progress)
 
     monkeypatch.setattr(ClusterSteps, "run", changing)

@@ -65,13 +65,10 @@ def sparse(path: Path, start: bytes, size: int = 2**40) -> None:
     os.truncate(path, size)
 
 
-BOMB = (2**16, 3 * 2**9)
 PICKLED = np.array([Evil(os.system, "touch owned")], object)
 
 
-def zip_of(path: Path, content: bytes | tuple[int, int], count: int = 1) -> None:
-    if isinstance(content, tuple):
-        content = header(content) + bytes(8 * content[0] * content[1])
+def zip_of(path: Path, content: bytes, count: int = 1) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for i in range(count):
             archive.writestr(f"data{i or ''}.npy", content)
@@ -133,7 +130,8 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "a sparse frame": ("frame.npy", lambda path: sparse(path, frame(b"\x80\x02}."))),
     "a sparse plain array": ("lab.npy", lambda path: sparse(path, header((2**19, 2**18)))),
     "a shape of 2^62": ("lab.npy", header((2**31, 2**31)) + bytes(64)),
-    "a zip bomb": ("lab.npz", lambda path: zip_of(path, BOMB)),
+    "a zip bomb": ("lab.npz", lambda path: zip_of(
+        path, header((94, 94, 2**14)) + bytes(2**26))),
     "members": ("lab.npz", lambda path: zip_of(path, header((1,)) + bytes(8), 11_000)),
     "a pickle in an archive": ("lab.npz", lambda path: np.savez(path, data=PICKLED)),
     "MATLAB of 2^62": ("lab.mat", mat5((2**31 - 1,) * 2, struct.pack("<II", 9, 8) + bytes(8))),

@@ -1,5 +1,7 @@
 """Curved points of faces: the kernels against the reference and against arcs and balls."""
 
+import warnings
+
 import numpy as np
 import pyopencl as cl
 import pytest
@@ -34,7 +36,9 @@ def by_kernel(
     heights = corner_heights(triangles_m, normals)
     flags = ["-cl-std=CL1.2", "-DCLR_WIDTH=1"]
     text = source("common/width.h") + source("common/curved.h") + KERNEL
-    program = cl.Program(device.context, text).build(flags)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Intel's compiler has remarks
+        program = cl.Program(device.context, text).build(flags)
     with Buffers(device) as buffers:
         columns = (triangles_m, heights, normals, weight[:, 1:])
         given = [buffers.upload(np.ascontiguousarray(c, dtype=np.float32)) for c in columns]
@@ -66,13 +70,6 @@ def test_offsets_and_tangents_are_those_of_the_reference(device):
         assert (np.abs(got[:, k + 1] - tangent) <= 2 * tolerance_m).all()
 
 
-def test_signs_of_normals_do_not_matter():
-    triangles_m, normals, weight = drawn(np.random.default_rng(2), 100)
-    signs = np.random.default_rng(3).choice([-1.0, 1.0], (100, 3, 1))
-    points = [reference.curved_points(triangles_m, n, weight) for n in (normals, signs * normals)]
-    np.testing.assert_array_equal(*points)
-
-
 def test_offsets_stay_within_the_face():
     """At most a third of the longest edge times the sine of the largest tilt, whatever normals."""
     triangles_m, normals, weight = drawn(np.random.default_rng(4), 20_000)
@@ -85,21 +82,6 @@ def test_offsets_stay_within_the_face():
     offset = np.linalg.norm(reference.curved_points(triangles_m, normals, weight) - flat, axis=1)
     assert (offset <= bound_m * (1 + 1e-12)).all()
     assert (offset / bound_m).max() > 0.5
-
-
-@pytest.mark.parametrize("turn_deg", [2.0, 10.0, 20.0])
-def test_arcs_are_met_to_fourth_order(turn_deg):
-    """The middle of a strip of a cylinder: R (1 - cos t) off the chord, t half of the turn.
-
-    The offset there is R sin^2 t cos t / 2, which is less by 3 R t^4 / 8 in the limit.
-    """
-    radius_m, t = 0.05, np.radians(turn_deg) / 2
-    angle = np.array([-t, t, t])
-    normals = np.stack([np.sin(angle), np.zeros(3), np.cos(angle)], axis=1)[None]
-    triangle_m = radius_m * normals + np.array([[[0, 0, 0], [0, 0, 0], [0, 0.01, 0]]])
-    middle = reference.curved_points(triangle_m, normals, np.array([[0.5, 0.5, 0.0]]))[0]
-    missing_m = radius_m - middle[2]
-    assert missing_m == pytest.approx(3 * radius_m * t**4 / 8, rel=1.5 * t**2)
 
 
 def test_points_of_a_ball_are_closer_by_the_square_of_the_angle():

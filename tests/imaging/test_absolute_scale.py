@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from nightly import nightly
 
 import clradar
 from clradar import AntennaArray, AntennaPattern, Scene, Waveform
@@ -30,18 +31,17 @@ def square(side_m: float, range_m: float) -> Scene:
     return Scene(side_m / 2 * corners + np.array([0, 0, range_m]), [[0, 2, 1], [0, 3, 2]])
 
 
-@pytest.mark.parametrize("pattern", [None, PATTERN], ids=["isotropic", "patterns"])
-def test_a_plate_far_away_has_the_cross_section_of_its_area(device, pattern):
+def test_a_plate_far_away_has_the_cross_section_of_its_area(device):
     # 4 pi A^2 / lambda^2; 8 m away the corners of 5 cm are 0.08 mm farther, both ways 0.26 rad, and
     # the spread of that over the plate costs less than its square, 0.06 as 0.06 dB.
-    array = AntennaArray([[0, 0, 0]], [[0, 0, 0]], "one", pattern, pattern)
+    array = AntennaArray([[0, 0, 0]], [[0, 0, 0]], "one", PATTERN, PATTERN)
     found = simulated(square(0.05, 8.0), array, device, 2.0).rcs_dbsm([0, 0, 8.0])[0, 0]
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / WAVEFORM.frequencies_hz
     wanted = 10 * np.log10(4 * np.pi * 0.05**4 / wavelength_m**2)
     assert np.abs(found - wanted).max() < 0.06
 
 
-@pytest.mark.parametrize("pattern", [None, PATTERN], ids=["isotropic", "patterns"])
+@pytest.mark.parametrize("pattern", [PATTERN, *nightly([None])])
 def test_a_sphere_has_pi_a_squared_and_its_image_reads_that(device, pattern):
     q = clradar.arrays.qar50()
     array = replace(q.part(*2 * (slice(None, None, 6),)), tx_pattern=pattern, rx_pattern=pattern)

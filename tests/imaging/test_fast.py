@@ -139,8 +139,8 @@ def paper_capture(kind: str) -> Capture:
 @pytest.mark.parametrize(
     ("kind", "tolerance_db"),
     [
-        *[("scatterers", -50.0), ("scatterers", -80.0)],
-        *nightly([("scatterers", db) for db in (-30.0, -65.0)]),
+        ("scatterers", -80.0),
+        *nightly([("scatterers", db) for db in (-30.0, -50.0, -65.0)]),
         *nightly([("noise", db) for db in (-30.0, -50.0, -65.0, -80.0)]),
     ],
 )
@@ -163,7 +163,7 @@ GRIDS = {
 }
 
 
-AT_NIGHT = ("to the aperture's edges and near", "a line")
+AT_NIGHT = ("to the aperture's edges and near", "a line", "off axis", "far away", "a slice")
 
 
 @lru_cache(maxsize=1)
@@ -179,22 +179,6 @@ def half_capture() -> Capture:
 )
 def test_any_grid(device, name, tolerance_db):
     assert error_db(half_capture(), GRIDS[name], device, tolerance_db=tolerance_db) <= tolerance_db
-
-
-def test_corners_and_voxels_next_to_antennas_are_no_worse(device):
-    """Where the error of a few voxels alone could be large: both keep the tolerance."""
-    ring = np.arange(44) * 2 * np.pi / 44
-    ring_m = 0.08 * np.stack([np.cos(ring), np.sin(ring), 0 * ring], axis=1)
-    capture = noise(AntennaArray(ring_m, ring_m[::2]), Waveform.sfcw(60e9, 84e9, 40))
-    grid = extent((-0.098, 0.098), (-0.098, 0.098), (0.02, 0.06), 4e-3)
-    volume = backproject(capture, grid, tolerance_db=-60, device=device)
-    every = np.argwhere(np.ones(grid.shape))[:, ::-1]
-    distance = np.linalg.norm(
-        grid.origin_m + grid.spacing_m * every - ring_m[:, None], axis=-1
-    ).min(axis=0)
-    for at in (grid_corners(grid), every[np.argsort(distance)[:100]]):
-        want = reference.backproject(capture, grid.origin_m + grid.spacing_m * at)
-        assert rms_db(volume.data[at[:, 2], at[:, 1], at[:, 0]] - want, volume.data) <= -60.0
 
 
 def test_far_voxels_get_double_single_phases():
@@ -223,7 +207,7 @@ ARRAYS = {
 }
 
 
-@pytest.mark.parametrize("name", ARRAYS)
+@pytest.mark.parametrize("name", ["in space", *nightly(["a plane", "the same antennas twice"])])
 def test_any_array(device, name):
     waveform = Waveform(np.sort(np.random.default_rng(3).uniform(70e9, 84e9, 21)))
     grid = extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 8e-3)
@@ -237,10 +221,13 @@ def test_pieces_of_a_large_grid_fit_together(device, monkeypatch):
     assert error_db(half_capture(), thin, device) <= -50.0
 
 
-def test_large_arrays_are_imaged_in_parts(device):
-    """More transmitters than a work-item holds, 33 x 33, and 5 receivers."""
-    array = AntennaArray(flat(33), flat(5)[:5])
-    assert [len(a.tx_m) for _, _, a in fast.array_parts(array)] == [544, 545]
+def test_large_arrays_are_imaged_in_parts(device, monkeypatch):
+    """More transmitters than a work-item holds."""
+    large = AntennaArray(flat(33), flat(5)[:5])
+    assert [len(a.tx_m) for _, _, a in fast.array_parts(large)] == [544, 545]
+    monkeypatch.setattr(fast, "MAX_ANTENNAS", 64)
+    array = AntennaArray(flat(11), flat(5)[:5])
+    assert len(list(fast.array_parts(array))) == 2
     grid = extent((-0.01, 0.01), (-0.012, 0.012), (0.2, 0.204), 2e-3)
     capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
     assert error_db(capture, grid, device) <= -50.0

@@ -150,11 +150,10 @@ def test_what_does_not_fit_is_refused(frames):
 def test_grids_of_several_pieces_are_kept_on_the_host(frames, monkeypatch):
     monkeypatch.setattr(fast, "TILE_VOXELS", 20_000)
     with FrameImager(THIRD, SWEEP, GRID) as imager:
-        for frame in frames[:2]:
-            imager.form(frame)
-            alone = clradar.backproject(frame, GRID, check_grid=False)
-            np.testing.assert_array_equal(imager.volume().data, alone.data)
-            np.testing.assert_array_equal(imager.depth_map().depth_m, alone.depth_map().depth_m)
+        imager.form(frames[0])
+        alone = clradar.backproject(frames[0], GRID, check_grid=False)
+        np.testing.assert_array_equal(imager.volume().data, alone.data)
+        np.testing.assert_array_equal(imager.depth_map().depth_m, alone.depth_map().depth_m)
 
 
 def test_a_simulation_is_imaged_where_it_is(device, monkeypatch):

@@ -123,7 +123,10 @@ POINTS_M = {
 }  # fmt: skip
 
 
-AT_NIGHT = ("in a plane", "before, behind and among the antennas", "10 m away")
+AT_NIGHT = (
+    *("in a plane", "before, behind and among the antennas", "10 m away", "one", "on a line"),
+    "metres apart",
+)
 
 
 @pytest.mark.parametrize("tolerance_db", [-70.0, *nightly([-40.0])])

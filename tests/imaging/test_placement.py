@@ -3,6 +3,7 @@
 import re
 import sys
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,8 @@ from clradar.imaging.placement import place_grid
 from clradar.opencl import open_device
 
 QAR50 = clradar.arrays.qar50()
-ARRAY = AntennaArray(QAR50.tx_m[::5], QAR50.rx_m[::5])
-"""19 x 19 of the imager's antennas."""
+ARRAY = AntennaArray(QAR50.tx_m[::6], QAR50.rx_m[::6])
+"""16 x 16 of the imager's antennas."""
 
 DENSE = AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
 """32 x 32, where the side lobes of fewer would count."""
@@ -58,8 +59,12 @@ def with_noise(capture: Capture, level: float, seed: int = 0) -> Capture:
     return Capture(capture.data + level * noise, capture.array, capture.waveform)
 
 
+def nothing() -> Capture:
+    return Capture(np.zeros((16, 16, 128)), ARRAY, SWEEP)
+
+
 def noise_only() -> Capture:
-    return with_noise(Capture(np.zeros((19, 19, 128)), ARRAY, SWEEP), 1.0)
+    return with_noise(nothing(), 1.0)
 
 
 def box_of(grid: VoxelGrid) -> np.ndarray:
@@ -106,28 +111,20 @@ def test_the_grid_is_placed_around_an_echo_anywhere(at_m, array):
 
 def test_the_hand_s_grid_is_that_of_the_paper_to_the_bit():
     wall = Wall([0, 0, 1.5], [0, 0, 1], 3.0)
+    echo = echoes_of(AT_HAND)
     for capture in (
         object_of([0, 0, 0.3], [0.16, 0.18, 0.03]),
         echoes_of(AT_HAND, walls=[wall]),  # the wall is 10 dB stronger
-        echoes_of(AT_HAND, AT_WALL, amplitudes=[0.3, 1.0]),
-        with_noise(echoes_of(AT_HAND), 3.0),
-        Capture(np.zeros((19, 19, 128)), ARRAY, SWEEP),
+        with_noise(echo, 3.0),
+        replace(echo, data=echo.data * np.float32(1e25)),
+        nothing(),
     ):
         assert place_grid(capture) is PAPER_GRID
     few = echoes_of([0, 0, 0.5], waveform=Waveform.sfcw(72e9, 82e9, 4))
     for capture, why in ((noise_only(), "no echo stands out"), (few, "4 frequencies are too few")):
         with pytest.warns(ClradarWarning, match=why):
             assert place_grid(capture) is PAPER_GRID
-    given = GridOptions().grid()
-    assert given.counts == PAPER_GRID.counts
-    assert np.array_equal(given.origin_m, PAPER_GRID.origin_m)
-    assert np.array_equal(given.spacing_m, PAPER_GRID.spacing_m)
-
-
-def test_the_scale_of_samples_places_nothing():
-    capture = echoes_of([0.02, 0.01, 1.2])
-    scaled = Capture(capture.data * np.float32(1e25), capture.array, capture.waveform)
-    np.testing.assert_allclose(box_of(place_grid(scaled)), box_of(place_grid(capture)))
+    assert GridOptions().grid().same_voxels(PAPER_GRID, tolerance_m=0.0)
 
 
 def line_m(length_m: float, count: int, axis: int) -> np.ndarray:
@@ -201,8 +198,7 @@ def test_an_array_on_a_line_gets_one_plane():
 def test_the_direct_coupling_is_no_object():
     coupled = clradar.impair(echoes_of([0, 0, 1.0]), coupling_db=40.0, seed=0)
     low, high = box_of(place_grid(coupled)).T
-    assert low[2] < 1.0 < high[2]
-    assert low[2] > 0.9
+    assert 0.8 < low[2] < 1.0 < high[2]
 
 
 def test_an_object_nearer_than_the_antennas_are_apart_is_no_coupling():
@@ -250,8 +246,8 @@ def test_an_ambiguous_echo_is_placed_where_it_focuses():
 def test_an_echo_beside_the_grid_is_reported(at_m):
     (text,) = warnings_of(with_noise(echoes_of(at_m), 1.0), HAND_BOX, window="hann")
     assert OUTSIDE in text
-    shown = ", ".join(f"{n} {v:.3f}" for n, v in zip("xyz", at_m, strict=True))
-    assert at_m[2] != 1.5 or f"strongest echo, at {shown} m, " in text
+    if at_m[2] == 1.5:
+        assert re.search(r"strongest echo, at x -?0\.00\d, y -?0\.00\d, z 1\.500 m, ", text)
     assert " clradar.place_grid " in text
 
 
@@ -299,25 +295,22 @@ def test_noise_clutter_walls_and_coupling_are_no_reason_to_warn():
         echoes_of(AT_HAND, walls=[Wall([0, 0, 1.5], [0, 0, 1], 3.0)]),
         echoes_of(AT_HAND, AT_WALL, [0.3, 0, 0.9], amplitudes=[0.3, 1.0, 0.5]),
         clradar.impair(echoes_of(AT_HAND), coupling_db=30.0, seed=0),
-        Capture(np.zeros((19, 19, 128)), ARRAY, SWEEP),
+        nothing(),
     ):
         assert warned(capture, HAND_BOX) == []
 
 
-def test_hands_of_any_roughness_are_imaged_in_silence(device):
+@pytest.mark.parametrize(("alpha", "density"), [(0.5, 0.1), *nightly([(0.0, 1)])])
+def test_hands_of_any_roughness_are_imaged_in_silence(device, alpha, density):
     from clradar.hand import hand_mesh
 
-    mesh = hand_mesh("F", 4e-3, device=device)
-    for alpha, samples_per_mm2 in ((0.0, 1), (0.5, 0.2)):
-        scene = clradar.Scene.from_mesh(mesh, alpha=alpha)
-        capture = clradar.simulate(
-            scene, ARRAY, SWEEP, samples_per_mm2=samples_per_mm2, seed=0, device=device
-        )
-        assert place_grid(capture, device=device) is PAPER_GRID
-        assert warned(capture, HAND_BOX, device=device) == []
+    scene = clradar.Scene.from_mesh(hand_mesh("F", 4e-3, device=device), alpha=alpha)
+    capture = clradar.simulate(scene, ARRAY, SWEEP, samples_per_mm2=density, seed=0, device=device)
+    assert place_grid(capture, device=device) is PAPER_GRID
+    assert warned(capture, HAND_BOX, device=device) == []
 
 
-@pytest.mark.parametrize("pose", ["A", *nightly(["S"])])
+@pytest.mark.parametrize("pose", nightly(["A", "S"]))
 def test_a_rough_fist_is_found_where_it_is(pose):
     moved = np.eye(4) + np.outer([0.01, -0.04, 0.004, 0], [0, 0, 0, 1])
     fist = clradar.Scene.from_mesh(clradar.hand.hand_mesh(pose, 4e-3), material="palm")
@@ -391,9 +384,10 @@ def test_searches_of_calibration_do_not_check_their_grids(monkeypatch):
     monkeypatch.setattr(
         sys.modules["clradar.backproject"], "warn_of_grid", lambda *_: asked.append(1)
     )
-    calibration.diagnose(echoes_of([0, 0, 1.0]))
+    few = AntennaArray(QAR50.tx_m[::20], QAR50.rx_m[::20])
+    calibration.diagnose(echoes_of([0, 0, 1.0], array=few, waveform=Waveform.sfcw(72e9, 82e9, 32)))
     assert not asked
-    clradar.backproject(echoes_of(AT_HAND), HAND_BOX)
+    clradar.backproject(echoes_of(AT_HAND, array=few), HAND_BOX)
     assert asked
 
 

@@ -15,8 +15,7 @@ from PIL import Image
 import clradar
 from clradar.errors import MissingPackage
 from clradar.model.material import METAL
-from clradar.plot import image_figure, png_bytes
-from clradar.plot.notebook import MOST_FACES, PICTURE_DPI
+from clradar.plot.notebook import MOST_FACES
 
 NASTY = "<script>alert('x')</script> & \"<b>\""
 
@@ -81,12 +80,6 @@ def test_notebooks_show_a_figure_and_escaped_facts(record):
     assert [fact for fact in facts if fact not in page.text] == []
     assert len(page.pictures) == pictures
     assert page.text.startswith(type(record).__name__)
-
-
-def test_a_figure_of_a_notebook_is_that_of_the_commands():
-    (picture,) = Page(volume()._repr_html_()).pictures
-    with Image.open(io.BytesIO(png_bytes(image_figure(volume()), dpi=PICTURE_DPI))) as image:
-        np.testing.assert_array_equal(picture, np.array(image))
 
 
 def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts():

@@ -229,13 +229,18 @@ def matters(work: str, way: str) -> bool:
 OFTEN_FAILING = ("stochastic", "rough", "fast", "operator")
 """Of which a device is made to fail in every run: by random rays, by points, of images, of both."""
 
+OFTEN = {
+    "little memory": ("synthesize", "stochastic", "expected", "rough", "range", "fast", "operator"),
+    "small pieces": ("synthesize", "expected", "rough", "fast", "operator"),
+    "blocks of Tx": ("expected", "rough"),
+    "a GPU": ("trace", "synthesize", "rough", "exact", "range", "fast", "operator"),
+    "a GPU, groups of 32": ("synthesize",),
+}
+"""What every run does of each way. PoCL compiles each kernel for each size of groups and set of
+options, a third of a second every time; one lane of "expected" is in test_expected.py."""
+
 PAIRS = [(work, way) for work in WORKS for way in WAYS if matters(work, way)]
-# PoCL compiles each kernel for each size of groups and set of options, half a second every time:
-# all works on one lane of a GPU, and three in padded groups and divided launches. The paths of each
-# small tile are read back, which takes long, too; "stochastic" sums the same tiles.
-DIVIDED = [(work, "a GPU, groups of 32") for work in ("synthesize", "exact", "range")]
-OFTEN = ("little memory", "small pieces", "blocks of Tx", "a GPU")
-RARELY = [p for p in PAIRS if p[1] not in OFTEN and p not in DIVIDED] + [("trace", "small pieces")]
+RARELY = [(work, way) for work, way in PAIRS if work not in OFTEN.get(way, ())]
 
 
 @pytest.mark.parametrize(("work", "way"), [p for p in PAIRS if p not in RARELY] + nightly(RARELY))

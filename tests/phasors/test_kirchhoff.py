@@ -6,16 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from nightly import nightly
 from scipy.integrate import trapezoid
 
 import clradar
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import ModelError
 from clradar.model.material_file import material_of
 from clradar.opencl import open_device
 from clradar.phasors.kirchhoff_sum import TOLERANCE_DB
 from clradar.phasors.leg_tables import NODES, reflection_legs
-from clradar.simulation import simulate_alphas
 from clradar.tracing.quadrature import LitPoints, LitQuadrature
 from clradar.tracing.settings import resolve_settings
 
@@ -224,21 +223,6 @@ def test_patterns_of_antennas():
     assert db(got, dense(lit, array, some)) < TOLERANCE_DB
 
 
-def test_double_density_changes_little():
-    """By less than -38 dB from 4 points per mm^2 on, rough or smooth, whatever the mesh."""
-    waveform = clradar.Waveform([77e9])
-    for subdivisions, material in ((3, ROUGH), (4, "metal")):
-        ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.02)
-        scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), material=material)
-        four, eight = (
-            clradar.simulate(
-                scene, ARRAY, waveform, estimator="physical", samples_per_mm2=density
-            ).data
-            for density in (4.0, 8.0)
-        )
-        assert db(four, eight) < -38
-
-
 def test_micro_roughness_damps_and_scatters_what_it_takes():
     """The mean over seeds is exp(-g/2) of the smooth plate, g = 4 k^2 h_u^2, and what is scattered
     has the power of the formula. 32 seeds: the variance of a pair and frequency is known to 25 %,
@@ -297,23 +281,6 @@ def test_micro_roughness_keeps_the_energy(material):
     assert scattered == pytest.approx(lost, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [("rays_per_face", 2), ("max_bounces", 2), ("amplitude", "spreading"), ("rays_per_sample", 4)],
-)
-def test_fields_of_rays_are_refused(field, value):
-    with pytest.raises(ModelError, match=f"{field}: .*estimator='physical'"):
-        clradar.SimulationSettings(estimator="physical", **{field: value})
-
-
-def test_functions_of_rays_refuse_the_estimator():
-    scene = plate(0.01, 0.3)
-    with pytest.raises(ModelError, match=r"trace: estimator: .*clradar[.]simulate"):
-        clradar.trace(scene, ARRAY, estimator="physical")
-    with pytest.raises(ModelError, match=r"simulate_alphas: estimator: .*with_material"):
-        simulate_alphas(scene, ARRAY, WAVEFORM, [0.5], estimator="physical")
-
-
 def test_sparse_points_are_warned_of():
     waveform = clradar.Waveform([77e9])
     for material, density in (("metal", 0.9), (ROUGH, 3.0)):
@@ -322,7 +289,7 @@ def test_sparse_points_are_warned_of():
             clradar.simulate(scene, ARRAY, waveform, estimator="physical", samples_per_mm2=density)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1, *nightly(range(2, 5))])
 def test_drawn_arrays_bands_and_scenes_keep_the_tolerance(seed):
     """From 2 Tx to 100 of lines, planes or clouds of 5 to 60 wavelengths, one frequency to 40 of
     bands of 1 % to 20 %, a ball before a box from a third to three apertures away."""

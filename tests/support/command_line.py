@@ -1,5 +1,7 @@
 """Runs of the command line in the tests' own process."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any, NamedTuple, TypeVar
 
@@ -44,6 +46,18 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> Outcome:
     capsys.readouterr()
     status = exit_status(*arguments)
     return Outcome(status, *capsys.readouterr())
+
+
+@contextmanager
+def worker_here() -> Iterator[str]:
+    """The address of a Dask scheduler whose one worker is a thread of this process."""
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None,
+        resources={"DEVICE": 1},
+    ) as cluster:  # fmt: skip
+        yield str(cluster.scheduler_address)
 
 
 class Cli:

@@ -40,9 +40,10 @@ def lay_out_once(patch: pytest.MonkeyPatch) -> None:
         )
 
 
-def seek_no_lobes(patch: pytest.MonkeyPatch) -> None:
-    """Let images of arrays of few antennas be formed without a search for their grating lobes."""
-    patch.setattr("clradar.imaging.grid_check.warn_of_confusions", lambda *_, **__: None)
+def seek_nothing_else(patch: pytest.MonkeyPatch) -> None:
+    """Let images be formed without a search for grating lobes and for echoes beside the grid."""
+    for name in ("warn_of_confusions", "_echo_outside"):
+        patch.setattr(f"clradar.imaging.grid_check.{name}", lambda *_, **__: None)
 
 
 def draw_quickly(patch: pytest.MonkeyPatch) -> None:

@@ -29,8 +29,8 @@ FULL = clradar.arrays.qar50()
 ARRAY = AntennaArray(FULL.tx_m[::19], FULL.rx_m[::9])
 """5 x 11. The Rx are 27 mm apart, so that no two spheres of 10 mm overlap."""
 
-FEW = AntennaArray(FULL.tx_m[::40], FULL.rx_m[::18])
-"""3 x 6."""
+FEW = AntennaArray(FULL.tx_m[::60], FULL.rx_m[::18])
+"""2 x 6."""
 
 NORMAL = np.array([0.0, 0.0, 1.0])
 
@@ -62,9 +62,9 @@ half of 256 nodes, with either sign; measured below 5e-4."""
 @pytest.mark.parametrize(
     ("alpha", "degrees"),
     [
-        *[(0.2, 70.0), (0.5, 35.0)],
+        (0.2, 70.0),
         *nightly([(0.1, 35.0), (0.2, 0.0), (0.35, 35.0), (0.49, 70.0)]),
-        *nightly([(0.51, 0.0), (0.7, 70.0), (1.0, 35.0)]),
+        *nightly([(0.5, 35.0), (0.51, 0.0), (0.7, 70.0), (1.0, 35.0)]),
     ],
 )
 def test_the_density_is_that_of_the_directions(alpha, degrees):
@@ -152,14 +152,14 @@ ALPHAS = [0.0, 0.05, 0.4999, 1.0, *nightly([1e-4, 0.2, 0.5, 0.5001])]
 def test_probabilities_are_those_of_the_reference(alpha, device):
     scene = Scene(*plate(0.16, 0.3, 4, wavy_m=0.01), alpha)
     found = shares(scene, device, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.02)
-    assert (found > 0).sum() >= (12 if alpha >= 0.05 else 4)
+    assert (found > 0).sum() >= (12 if alpha >= 0.05 else 3)
 
 
 @pytest.mark.parametrize("alpha", [0.3, *nightly([1.0])])
 def test_large_discs_that_the_horizon_of_the_face_cuts(alpha, device):
     """Near a mesh whose normals are not those of its faces. The density has a step in them, which
     four slices hold to 1.5e-2 of a probability, and to 5e-5 in the mean."""
-    scene = Scene(*plate(0.16, 0.15, 5, wavy_m=0.02), alpha)
+    scene = Scene(*plate(0.16, 0.15, 3, wavy_m=0.02), alpha)
     shares(scene, device, 0.02, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.1)
 
 
@@ -168,7 +168,7 @@ def test_large_discs_that_the_horizon_of_the_face_cuts(alpha, device):
     [{"normals": "face", "seed": 2**40 + 3}, {"reception_radius_m": 0.005}],
 )
 def test_settings_reach_the_kernel(arguments, device):
-    shares(Scene(*plate(0.16, 0.3, 4, wavy_m=0.02), 0.3), device, rays_per_face=1, **arguments)
+    shares(Scene(*plate(0.16, 0.3, 3, wavy_m=0.02), 0.3), device, rays_per_face=1, **arguments)
 
 
 # --- the mean of the stochastic estimator over the same samples
@@ -213,8 +213,8 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
 @pytest.mark.parametrize(
     ("name", "alpha"),
     [
-        *[("waves", 0.35), ("waves", 1.0), ("sphere", 0.15)],
-        *nightly(("waves", alpha) for alpha in (0.02, 0.1, 0.2, 0.5, 0.7)),
+        *[("waves", 0.35), ("sphere", 0.15)],
+        *nightly(("waves", alpha) for alpha in (0.02, 0.1, 0.2, 0.5, 0.7, 1.0)),
         *nightly([("plate", 0.6), ("bowl", 0.6)]),
     ],
 )
@@ -222,7 +222,7 @@ def test_the_mean_is_that_of_the_stochastic_estimator(name, alpha, device):
     check_mean(Scene(*MESHES[name], alpha), device)
 
 
-@pytest.mark.parametrize("name", ["waves", "bowl"])
+@pytest.mark.parametrize("name", ["bowl", *nightly(["waves"])])
 def test_without_randomness_both_are_the_same(name, device):
     """alpha = 0: all rays of a sample and Tx are one, so the captures agree but for the rounding of
     sums, 2^-24 of each of their values."""

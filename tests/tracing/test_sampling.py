@@ -78,7 +78,7 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("seed", [0, 7, 2**32 + 7, 2**64 - 1])
+@pytest.mark.parametrize("seed", [0, 2**64 - 1])
 def test_samples_are_those_of_the_reference(name, seed, device):
     scene = scene_of(MESHES[name])
     arguments = {"samples_per_mm2": 0.05, "seed": seed}
@@ -109,7 +109,7 @@ def test_curved_points_are_those_of_the_reference(name, device):
     assert (np.abs(curved - ground).max() == 0) == (name == "soup")
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 1000])
+@pytest.mark.parametrize("count", [1, 5, 1000])
 def test_every_face_gets_rays_per_face_samples(count, device):
     scene = scene_of(MESHES["bowl"])
     face = sampled(scene, device, rays_per_face=count)[3]
@@ -124,12 +124,11 @@ def cells_of_triangle(weight: np.ndarray, rows: int) -> np.ndarray:
     return (a * rows + b) * 2 + downwards
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_single_sample_is_uniform_on_its_face(seed, device):
+def test_a_single_sample_is_uniform_on_its_face(device):
     """One sample on each of 20 000 equal faces: nothing is stratified, so counts are binomial."""
     mesh = plate(0.2, 0.3, 100)
     scene = scene_of(mesh)
-    points, _, _, face, _ = sampled(scene, device, rays_per_face=1, seed=seed)
+    points, _, _, face, _ = sampled(scene, device, rays_per_face=1)
     weight = barycentric(points.astype(float), scene.triangles_m[face])
     rows = 6
     counts = np.unique(cells_of_triangle(weight, rows), return_counts=True)[1]
@@ -232,18 +231,14 @@ def test_random_words_are_those_of_the_published_generator():
     assert reference.philox(counters[1:], 2**64 - 1)[0].tolist() == ones
     digits = np.array([[0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344]], dtype=np.uint64)
     key = 0x299F31D0 << 32 | 0xA4093822
-    assert reference.philox(digits, key)[0].tolist() == [
-        0xD16CFE09,
-        0x94FDCCEB,
-        0x5001E420,
-        0x24126EA1,
-    ]
+    pi = [0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1]
+    assert reference.philox(digits, key)[0].tolist() == pi
 
 
 def test_small_faces_have_samples_in_the_share_of_their_area():
     """On faces of a tenth of a sample each seed takes others, so that no face is left out."""
     scene = scene_of(plate(0.01, 0.3, 20))  # 800 faces of 0.125 mm2
-    seeds, share = 400, 0.8 * 0.125
+    seeds, share = 150, 0.8 * 0.125
     counts = sum(
         samples_per_face(scene, resolve_settings(samples_per_mm2=0.8, seed=seed))
         for seed in range(seeds)

@@ -66,11 +66,15 @@ def test_densities_that_are_not_given(arguments, resolved):
     assert (settings.samples_per_mm2, settings.rays_per_sample) == resolved
 
 
-def test_only_simulate_takes_the_expected_estimator(device):
-    with pytest.raises(ModelError, match=r"trace: estimator: expected .*'stochastic'"):
-        clradar.trace(SCENE, ARRAY, estimator="expected", device=device)
-    with pytest.raises(ModelError, match=r"simulate_alphas: estimator: expected .*'stochastic'"):
-        simulate_alphas(SCENE, ARRAY, WAVEFORM, [0.5], estimator="expected", device=device)
+@pytest.mark.parametrize(
+    ("estimator", "of_paths", "of_alphas"),
+    [("expected", "'stochastic'", "'stochastic'"), ("physical", "simulate", "with_material")],
+)
+def test_only_simulate_takes_estimators_without_rays(estimator, of_paths, of_alphas, device):
+    with pytest.raises(ModelError, match=rf"trace: estimator: .*{of_paths}"):
+        clradar.trace(SCENE, ARRAY, estimator=estimator, device=device)
+    with pytest.raises(ModelError, match=rf"simulate_alphas: estimator: .*{of_alphas}"):
+        simulate_alphas(SCENE, ARRAY, WAVEFORM, [0.5], estimator=estimator, device=device)
 
 
 @pytest.mark.parametrize(
@@ -98,6 +102,13 @@ def test_only_simulate_takes_the_expected_estimator(device):
         ({"seed": -1}, "seed"),
         ({"seed": 2**64}, "seed"),
         ({"estimator": "mean"}, "estimator"),
+        *(
+            ({"estimator": "physical", name: value}, f"{name}: .*estimator='physical'")
+            for name, value in (
+                *[("rays_per_face", 2), ("max_bounces", 2)],
+                *[("amplitude", "spreading"), ("rays_per_sample", 4)],
+            )
+        ),
     ],
 )
 def test_invalid_settings_are_refused(arguments, message, device):
@@ -170,13 +181,7 @@ def test_samples_of_large_scenes_are_as_many_as_can_be_paid_for():
     imager = clradar.arrays.qar50()
     found = SimulationSettings().for_scene(wide, imager, WAVEFORM).resolved()
     assert found.estimator == "expected"
-    corners_m = wide.vertices_m[wide.faces]
-    area_mm2 = (
-        5e5
-        * np.linalg.norm(
-            np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0]), axis=1
-        ).sum()
-    )
+    area_mm2 = 5000.0**2
     assert found.samples_per_mm2 * area_mm2 * 94 * 94 == pytest.approx(2e10, rel=0.05)
     assert found.samples_per_mm2 * found.rays_per_sample == pytest.approx(40)  # the same scale
     few = SimulationSettings(estimator="expected", samples_per_mm2=1.0)

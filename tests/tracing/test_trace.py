@@ -162,17 +162,12 @@ def test_paths_are_those_of_the_reference(name, max_bounces, device):
 
 @pytest.mark.parametrize(
     ("name", "alpha", "arguments"),
-    [
-        ("waves", 0.0, {"normals": "smooth"}),
-        ("box before a plate", 0.2, {"normals": "face"}),
-        ("waves", 0.5, {"crease_deg": 60.0}),
-        ("box before a plate", 1.0, {"crease_deg": 5.0}),
-    ],
-    ids=["smooth", "face", "crease 60", "crease 5"],
+    [("box before a plate", 0.2, {"normals": "face"}), ("waves", 0.0, {"crease_deg": 60.0})],
+    ids=["face", "crease 60"],
 )
 def test_normal_modes_and_alpha(name, alpha, arguments, device):
     scene = SCENES[name].with_alpha(alpha)
-    check_against_reference(scene, device, samples_per_mm2=0.03, max_bounces=2, **arguments)
+    check_against_reference(scene, device, samples_per_mm2=0.015, max_bounces=2, **arguments)
 
 
 @pytest.mark.parametrize("exponent", [2.5, *nightly([0.0, 1.0])])
@@ -184,6 +179,7 @@ def test_spreading_and_antenna_patterns(exponent, device):
         max_bounces=2,
         amplitude="spreading",
         pattern_exponent=exponent,
+        seed=2**64 - 1,
     )
 
 
@@ -204,13 +200,8 @@ def test_rays_per_face(device):
     assert got.statistics.outgoing == got.statistics.visible * 3
 
 
-@pytest.mark.parametrize("seed", [2**64 - 1, *nightly([2**32 + 5])])
-def test_seeds_of_64_bits(seed, device):
-    check_against_reference(SCENES["bowl"], device, samples_per_mm2=0.02, max_bounces=2, seed=seed)
-
-
 @pytest.mark.parametrize(
-    ("n_tx", "n_rx"), [(1, 1), (8, 7), (17, 9), *nightly([(1, 23), (7, 8), (8, 8)])]
+    ("n_tx", "n_rx"), [(1, 1), (17, 9), *nightly([(1, 23), (7, 8), (8, 7), (8, 8)])]
 )
 def test_array_sizes_around_the_group(n_tx, n_rx, device):
     density = 0.02 if n_tx * n_rx > 20 else 0.2
@@ -225,7 +216,7 @@ def test_degenerate_faces_change_nothing(device):
     point = np.repeat(np.arange(5), 3).reshape(-1, 3)
     plain = Scene(vertices, faces, 0.4)
     more = Scene(vertices, np.concatenate([faces, point, faces[:5][:, [0, 1, 1]]]), 0.4)
-    arguments = {"samples_per_mm2": 0.1, "max_bounces": 3, "device": device}
+    arguments = {"samples_per_mm2": 0.05, "max_bounces": 3, "device": device}
     assert same_bits(tracing(plain, ARRAY, **arguments), tracing(more, ARRAY, **arguments))
 
 
@@ -282,27 +273,6 @@ def test_what_is_counted_in_32_bits_stays_below_them(device):
 # --- closed forms and invariants
 
 
-def test_nothing_passes_through_a_wall(device):
-    """A wall larger than the array, close to it, hides all that is behind."""
-    wall = Scene(*plate(0.5, 0.1, 5), 1.0)
-    behind = Scene(*plate(0.2, 0.3, 3), 0.3)
-    both = Scene.combine([wall, behind])
-    arguments = {"samples_per_mm2": 0.05, "max_bounces": 3}
-    with Tracer(both, ARRAY, resolve_settings(**arguments), device) as tracer:
-        n = tracer.n_samples
-        assert n <= tracer._tile_samples
-        tracer._illuminate(0, n)
-        face = tracer._buffers.read(tracer._tile[3], n, np.int32)
-        bits = tracer._buffers.read(tracer._tile[5], (n, 2), np.uint8)
-    hidden = face >= wall.n_faces
-    assert hidden.sum() > 1000
-    assert (bits[hidden] == 0).all()
-    assert np.unpackbits(bits[~hidden]).sum() == 9 * (~hidden).sum()
-    paths, alone = (tracing(s, ARRAY, device=device, **arguments) for s in (both, wall))
-    assert len(alone) > 100
-    np.testing.assert_array_equal(paths.length_m, alone.length_m)
-
-
 @pytest.mark.filterwarnings("ignore:the scene reaches behind")
 def test_antennas_in_a_closed_box_receive_only_from_its_inside(device):
     """Both path segments and all bounces stay in: no path is longer than bounces + 1 diagonals."""
@@ -327,13 +297,13 @@ def test_absorbed_fraction(device):
     probability (1 - cos theta) / 2, at most 1/2; with the face's own normal it never is."""
     scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.02), 1.0)
     tx = AntennaArray([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.01]])
-    arguments = {"samples_per_mm2": 1.0, "rays_per_sample": 16, "device": device}
+    arguments = {"samples_per_mm2": 0.3, "rays_per_sample": 16, "device": device}
     flat = tracing(scene, tx, normals="face", **arguments).statistics
     assert flat.absorbed == 0
     assert flat.absorbed_share == 0
     smooth = tracing(scene, tx, crease_deg=180.0, **arguments).statistics
 
-    settings = resolve_settings(samples_per_mm2=1.0)
+    settings = resolve_settings(samples_per_mm2=0.3)
     counts = samples_per_face(scene, settings)
     corners = corner_normals(scene, "smooth", 180.0)[0]
     point, shading, geometric, _ = reference.sample_surface(scene, counts, corners, 0)

@@ -7,10 +7,9 @@ from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt
-from clradar.cli.console import print_line, print_text, progress_bar
+from clradar.cli.console import print_text, progress_bar
 from clradar.cli.inputs import ImageInput, common_grid
-from clradar.cli.outputs import provenance
-from clradar.files.json_file import write_json
+from clradar.cli.outputs import write
 from clradar.jobs import open_devices
 from clradar.model import checks
 
@@ -40,7 +39,6 @@ def command(
     frames: opt.FrameOptions,
     radar: opt.RadarOptions,
     device: str | None = opt.DEVICE,
-    force: bool = opt.FORCE,
 ) -> None:
     """The 4 x 4 matrix in the JSON file, "transform", moves the simulated object, or the mesh, onto
     the measured one, as `clradar simulate --transform` does. Captures are imaged first. --frame and
@@ -73,8 +71,6 @@ def command(
                 volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
                 **settings, **instrument,
             )  # fmt: skip
-    files = [*images[0].files, path, *radar.files]
-    origin = provenance(files, grid=opt.grid_text(volumes[0].grid))
-    write_json(output, {**result.to_dict(), **origin}, force=force)
     print_text(result.report())
-    print_line(f"{output}: the transform, its covariance and this report")
+    text = "the transform, its covariance and this report"
+    write(output, result.to_dict(), text, grid=opt.grid_text(volumes[0].grid))

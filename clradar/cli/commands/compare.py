@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from clradar.cli import options as opt
 from clradar.cli import parse
 from clradar.cli.comparison import Comparison, figure_labels
-from clradar.cli.console import print_line, progress_bar
+from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput, common_grid, recording_title
-from clradar.cli.outputs import provenance
-from clradar.files.atomic import write_file
-from clradar.files.json_file import write_json
+from clradar.cli.outputs import provenance, write
 from clradar.jobs import open_devices
 
 
@@ -32,7 +31,6 @@ def command(
     depth: opt.DepthMapOptions,
     frames: opt.FrameOptions,
     device: str | None = opt.DEVICE,
-    force: bool = opt.FORCE,
 ) -> None:
     """Captures are imaged first: on the grid of the options, else that of the first volume, else
     around the echoes of MEASURED, whose --frame and --variant are. Metrics: docs/metrics.md.
@@ -54,24 +52,18 @@ def command(
     compared.print()
     recording = recording_title(volumes[0].meta)
     label = f"Measurement: {recording}" if recording else "Measurement"
-    if output is not None:
-        compared.save_figure(output, force=force, differences=True, measured_label=label)
-        print_line(f"{output}: the measurement and {len(simulated)} simulated")
-    if json is None and report is None:
-        return
-    inputs = [file for image in images for file in image.files]
-    origin = provenance(inputs, grid=opt.grid_text(grid))
-    if json is not None:
-        record = {"measured": str(measured), "simulated": compared.records(simulated), **origin}
-        write_json(json, record, force=force)
-        print_line(f"{json}: the metrics, in metres")
-    if report is not None:
+    figure = partial(compared.figure, differences=True, measured_label=label)
+    write(output, figure, f"the measurement and {len(simulated)} simulated")
+    text = opt.grid_text(grid)
+    record = {"measured": str(measured), "simulated": compared.records(simulated)}
+    write(json, record, "the metrics, in metres", grid=text)
+
+    def page() -> str:
         named = zip((label, *labels), volumes, (measured, *simulated), strict=True)
         shown = [ReportImage(name, volume, str(path)) for name, volume, path in named]
-        with progress_bar("writing the page"):
-            page = html_report(
-                shown[0], shown[1:], metrics=compared.metrics, settings=origin,
-                dynamic_range_db=depth.dynamic_range_db,
-            )  # fmt: skip
-        write_file(report, page.encode("utf-8"), force=force)
-        print_line(f"{report}: the comparison as a page, to be opened in a browser")
+        return html_report(
+            shown[0], shown[1:], metrics=compared.metrics, settings=provenance(grid=text),
+            dynamic_range_db=depth.dynamic_range_db,
+        )  # fmt: skip
+
+    write(report, page, "the comparison as a page, to be opened in a browser")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from clradar.cli import options as opt
-from clradar.cli.console import counted, print_line, print_text, print_warning, progress_bar
+from clradar.cli.console import counted, print_line, print_text, progress_bar
 from clradar.cli.outputs import check_outputs, check_place_of_folder
+from clradar.cli.tables import print_replay
 from clradar.errors import ClradarError
 from clradar.jobs import open_devices
 
@@ -51,13 +53,20 @@ def command(
     from clradar.dataset import plan_schema, run
     from clradar.dataset.plan.plan import read_plan
     from clradar.dataset.trial import estimate
+    from clradar.dataset.trial import replay as make_again
 
     if schema:
         print_text(json.dumps(plan_schema(), indent=1))
         return
     if replay is not None:
-        check_outputs([output], force=force)
-        replay_sample(*replay, open_devices(device).infos[0].selector, output, force, rigs)
+        check_outputs([output])
+        folder, index = replay
+        how: dict[str, Any] = {"device": open_devices(device).infos[0].selector, "rigs": rigs or ""}
+        with progress_bar("making the sample"):
+            found = make_again(folder, index, output=output, force=force, **how)
+        if output is not None:
+            print_line(f"{output}: sample {index}, made again")
+        print_replay(folder, index, found)
         return
     if plan is None:
         raise opt.wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
@@ -70,33 +79,11 @@ def command(
     if output is None:
         raise opt.wrong_usage("-o", "expected the folder of the data set, or --dry-run")
     check_place_of_folder(output)
-    where = processes.where(device)
+    where = processes.where(device, files=())
     with progress_bar("samples") as progress:
         result = run(wanted, output, where=where, force=force, retry=retry, progress=progress)
-    there = result.samples - len(result.aside)
-    print_line(f"{output}: {there} of {result.samples} samples, {result.made} of them made now")
+    there = f"{result.samples - len(result.aside)} of {result.samples} samples"
+    print_line(f"{output}: {there}, {result.made} of them made now")
     if result.aside:
         count = counted(len(result.aside), "sample")
         raise ClradarError(f"{output}: {count} set aside; --retry tries again")
-
-
-def replay_sample(
-    folder: Path, index: int, device: str, output: Path | None, force: bool, rigs: Path | None
-) -> None:
-    """Make one sample again and compare it with the stored one."""
-    from clradar.dataset.trial import replay
-
-    with progress_bar("making the sample"):
-        found = replay(folder, index, device=device, output=output, force=force, rigs=rigs or "")
-    if output is not None:
-        print_line(f"{output}: sample {index}, made again")
-    if found.stored_in is None:
-        print_warning(f"sample {index} is not in {folder}: there was nothing to compare with")
-    elif not found.differences:
-        print_line(f"sample {index}: the same bits as in {folder / found.stored_in}")
-    else:
-        for line in found.made_otherwise:
-            print_warning(f"made otherwise then: {line}")
-        print_text("\n".join(found.differences))
-        count = counted(len(found.differences), "difference")
-        raise ClradarError(f"sample {index}: {count} to that in {folder / found.stored_in}")

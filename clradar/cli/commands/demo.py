@@ -4,23 +4,24 @@ Hand Pose Imaging", EuRAD 2023.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt
+from clradar.cli.call import call
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.outputs import check_folder, made_folder, provenance, save, save_mesh, turned
-from clradar.files.json_file import write_json
+from clradar.cli.outputs import check_folder, made_folder, turned, write
 from clradar.jobs import open_devices
 
 TURN_DEG = 25.0
 """At 0 the palm is a mirror, which outshines the fingers by about 15 dB at alpha 0; from
 atan(7 / 30), 13 degrees, on it glints past the aperture's edge."""
 
-PHYSICAL, SNR_DB = "physical", 20.0
+MEASUREMENT, PHYSICAL, SNR_DB = "measurement", "physical", 20.0
 
 
 def command(
@@ -41,7 +42,7 @@ def command(
     The hand is turned by 25 degrees, so that the palm does not outshine the fingers.
     """
     radar.antennas()  # wrong usage is reported before anything is made
-    check_folder(output, force=force)
+    check_folder(output)
     opened = open_devices(device).first
     voxel_m = 1e-3 if full else 2e-3
     grid = cl.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), voxel_m)
@@ -60,42 +61,40 @@ def run_demo(
     from clradar.hand.mesh import DEFAULT_CENTER_M
     from measurement_io import open_capture, save_recording
 
-    mesh = folder / "hand_f.ply"
-    save_mesh(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
+    mesh, physical = folder / "hand_f.ply", {"estimator": PHYSICAL}
+    write(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
-    origin = provenance([mesh], rays=rays, grid=opt.grid_text(grid))
+    call.inputs["hand"] = [mesh]
+    how: dict[str, Any] = {"force": True, "rays": rays, "grid": opt.grid_text(grid)}
     simulated: dict[str, Any] = {
-        f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)
+        MEASUREMENT: (skin, physical, 1),
+        **{f"alpha_{a:g}": (scene.with_alpha(a), rays, 0) for a in (0.0, 0.5, 1.0)},
+        PHYSICAL: (skin, physical, 0),
     }
-    simulated[PHYSICAL] = (skin, {"estimator": PHYSICAL}, 0)
-    measured = folder / "measurement"
     volumes = []
-    for name, (surface, how, seed) in {
-        measured.name: (skin, {"estimator": PHYSICAL}, 1), **simulated
-    }.items():  # fmt: skip
+    for name, (surface, settings, seed) in simulated.items():
         start_s = perf_counter()
         with progress_bar(f"simulating {name}") as progress:
             capture = cl.simulate(
                 surface, radar.antennas(), radar.waveform(), seed=seed, device=device,
-                progress=progress, **how,
+                progress=progress, **settings,
             )  # fmt: skip
-        if name == measured.name:
+        if name == MEASUREMENT:
             noisy = cl.impair(capture, seed=2, snr_db=SNR_DB)
-            save_recording(measured, [noisy], force=True)
-            capture = open_capture(measured)
+            save_recording(folder / name, [noisy], force=True)
+            capture = open_capture(folder / name)
         else:
-            capture = save(folder / f"{name}.h5", capture, origin, force=True)
+            capture = write(folder / f"{name}.h5", capture, **how)
         with progress_bar(f"imaging {name}") as progress:
             image = cl.backproject(capture, grid, device=device, progress=progress)
-        volumes.append(save(folder / f"{name}_volume.h5", image, origin, force=True))
+        volumes.append(write(folder / f"{name}_volume.h5", image, **how))
         print_line(f"{name}: simulated and imaged in {perf_counter() - start_s:.1f} s")
-    paths = [folder / f"{name}_volume.h5" for name in simulated]
+    first, *paths = (Path(f"{name}_volume.h5") for name in simulated)
     compared = Comparison.of(volumes, figure_labels(paths, [v.meta for v in volumes[1:]]))
-    figure = folder / "comparison.png"
-    compared.save_figure(figure, force=True, measured_label="Synthetic measurement")
-    found = compared.records([Path(path.name) for path in paths])
-    record = {"measured": "measurement_volume.h5", "simulated": found, "device": device.describe()}
-    write_json(folder / "metrics.json", {**record, **origin}, force=True)
+    found = {"measured": str(first), "simulated": compared.records(paths)}
+    write(folder / "metrics.json", {**found, "device": device.describe()}, **how)
     compared.print()
-    print_line(f"{figure}: the synthetic measurement beside the simulated images")
+    figure = partial(compared.figure, measured_label="Synthetic measurement")
+    text = "the synthetic measurement beside the simulated images"
+    write(folder / "comparison.png", figure, text, force=True)

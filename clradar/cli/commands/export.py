@@ -9,6 +9,7 @@ from typing import Any
 import clradar as cl
 from clradar.cli import options as opt
 from clradar.cli import parse
+from clradar.cli.call import call
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput
 from clradar.cli.outputs import provenance
@@ -31,7 +32,6 @@ def command(
     depth_map: bool = opt.option("Of a volume its depth map; to .ply it is that anyway.", False),
     depth: opt.DepthMapOptions,
     frames: opt.FrameOptions,
-    force: bool = opt.FORCE,
 ) -> None:
     """A volume goes to .vti (ParaView, VTK: amplitude, and real and imaginary part), its depth map
     to .ply (MeshLab, Blender: a surface with the amplitude as grey), and either of them or a
@@ -48,8 +48,8 @@ def command(
     if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, cl.Capture)):
         content = content.depth_map(depth.dynamic_range_db)
     else:
-        content = replace(content, meta={**content.meta, **provenance(loaded.files)})
+        content = replace(content, meta={**content.meta, **provenance()})
     check_export(output, type(content))
-    export_file(output, content, force=force)
+    export_file(output, content, force=call.force)
     shape = " x ".join(str(n) for n in content.__array__().shape)
     print_line(f"{output}: {type(content).__name__}, {shape}")

@@ -9,7 +9,8 @@ import typer
 
 from clradar.cli import options as opt
 from clradar.cli import parse
-from clradar.cli.console import counted, print_error, print_line, print_text, progress_bar
+from clradar.cli.console import counted, print_error, print_text, progress_bar
+from clradar.cli.outputs import write
 from clradar.errors import MeasurementError
 
 
@@ -33,7 +34,6 @@ def command(
         check=parse.figure,
     ),
     picture: opt.PictureOptions,
-    force: bool = opt.FORCE,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
     from clradar.cli.comparison import figure_of
@@ -71,9 +71,5 @@ def command(
         ) from error
     print_text(json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found))
     if png is not None:
-        from clradar.plot import save_figure
-
         figure = figure_of(file, view=picture.view, plane=picture.slice)
-        if figure is not None:
-            save_figure(figure, png, force=force)
-            print_line(f"{png}: the picture")
+        write(None if figure is None else png, figure, "the picture")

@@ -8,10 +8,9 @@ from secrets import token_hex
 from clradar.cli import options as opt
 from clradar.cli.comparison import figure_labels
 from clradar.cli.frames import RECORDS, Frames, FrameSteps, ProcessOptions
-from clradar.cli.outputs import check_place_of_folder, provenance, settings_of
+from clradar.cli.outputs import begun, check_place_of_folder, provenance
 from clradar.cli.parse import chosen_frames
 from clradar.cli.recordings import OWN_NAMES, RecordingWork
-from clradar.jobs import Job
 
 
 def command(
@@ -30,7 +29,6 @@ def command(
     voxels: opt.GridOptions,
     processes: opt.WorkerOptions,
     device: str | None = opt.DEVICE,
-    force: bool = opt.FORCE,
 ) -> None:
     """Each frame is freed of the empty room (the mean of its frames), gated, corrected, imaged,
     compared and aligned, and a hand is fitted to it, as far as the options ask for it; all images
@@ -40,18 +38,7 @@ def command(
     """
     others = tuple(simulated or ())
     starts = None if how.fit_hand is None else opt.StartNames(how.fit_hand)
-    single = {
-        "--channels": how.channels,
-        "--mesh": how.mesh,
-        "--rig": how.rig,
-        "--mapping": how.mapping,
-    }
-    # Files count by their content, wherever they lie.
-    inputs = {name: [path] for name, path in single.items() if path is not None}
-    inputs["--fit-hand"] = [] if starts is None else starts.files
-    beside = [path for files in inputs.values() for path in files]
-    read = [recording, *others, *beside, *([] if how.empty is None else [how.empty])]
-    check_place_of_folder(output, OWN_NAMES, inputs=read)
+    check_place_of_folder(output, OWN_NAMES)
     source = Frames(recording, how.variant)
     if source.numbers is None:
         raise opt.wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
@@ -59,23 +46,19 @@ def command(
     for frames in compared:
         frames.check_frames(numbers, recording)
     hand = None if starts is None else how.settings(starts)
-    where = processes.where(device, read)
-    origin = provenance(path for path in read[1:] if path.is_file())
-    inputs["RECORDING"] = source.files_of(numbers)
-    inputs["SIMULATED"] = [file for frames in compared for file in frames.files_of(numbers)]
-    inputs["--empty"] = [] if how.empty is None else Frames(how.empty).files_of()
-    key = settings_of(
-        origin, simulated=[path.is_dir() for path in others], numbers=numbers,
-        fit_hand=None if starts is None else starts.names,
-    )  # fmt: skip
+    where = processes.where(device)
+    read = {frames.path: frames.files_of(numbers) for frames in (source, *compared)}
+    if how.empty is not None:
+        read.setdefault(how.empty, Frames(how.empty).files_of())
     steps = FrameSteps(
         source=recording, run_name=token_hex(), folder=output, how=how, simulated=others,
-        grid=voxels.grid(), origin=origin, device=where.first if where.here else None,
+        grid=voxels.grid(), origin=provenance(), device=where.first if where.here else None,
     )  # fmt: skip
     labels = [recording.name or str(recording), *figure_labels(others, [{} for _ in others])]
-    job = Job(
-        folder=output, work="processed recording", own=OWN_NAMES, inputs=inputs, key=key,
-        force=force, resumable=lambda folder: any(folder.glob(f"{RECORDS}/*.json")),
+    job = begun(
+        output, "processed recording", OWN_NAMES, f"{RECORDS}/*.json", read=read, numbers=numbers,
+        simulated=[path.is_dir() for path in others],
+        fit_hand=None if starts is None else starts.names,
     )  # fmt: skip
     RecordingWork(
         source=source, steps=steps, voxels=voxels, numbers=numbers, labels=labels, where=where,

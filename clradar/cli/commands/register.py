@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +10,7 @@ from clradar.cli import comparison, parse
 from clradar.cli import options as opt
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import Measurement, measurement
-from clradar.cli.outputs import check_folder, provenance, whole_folder
-from clradar.files.json_file import write_json
+from clradar.cli.outputs import check_folder, whole_folder, write
 from clradar.jobs import open_devices
 
 if TYPE_CHECKING:
@@ -22,39 +20,23 @@ TRANSFORM = "transform.json"
 FILES = (TRANSFORM, *comparison.SIMULATION_FILES)
 
 
-@dataclass(frozen=True, kw_only=True)
-class RegistrationOptions(opt.UnitOptions, opt.SamplingOptions, opt.SearchOptions):
-    """Search and simulations of a registration."""
-
-    estimator: opt.Estimator | None = opt.option(
-        f"{opt.ESTIMATORS} [default: stochastic, or physical with --material]"
-    )
-    alpha: float | str = opt.alpha_or_fit()
-    seed: int = opt.option("Of the first round; counts up from there.", 0, metavar="N")
-    max_rounds: int = opt.option(
-        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10, metavar="N"
-    )
-
-
 def command(
     *,
     measured: Path = opt.MEASURED,
     mesh: Path = opt.argument("Mesh file, placed anywhere.", opt.REQUIRED, metavar="MESH"),
     output: Path = opt.output_option("New folder.", opt.REQUIRED, metavar="DIR", folder=True),
-    registration: RegistrationOptions,
+    registration: opt.RegistrationOptions,
     made_of: opt.MaterialOptions,
     voxels: opt.GridOptions,
     frames: opt.FrameOptions,
     radar: opt.RadarOptions,
     device: str | None = opt.DEVICE,
-    force: bool = opt.FORCE,
 ) -> None:
     """Writes into DIR the placed mesh, the transform (for `clradar simulate --transform`), the
     simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
     first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
     """
-    read = [mesh, *opt.files_of(made_of)]
-    check_folder(output, force=force, replaced=FILES, inputs=[measured, *read, *radar.files])
+    check_folder(output, FILES)
     how = opt.values_of(registration)
     alpha, unit = how.pop("alpha"), how.pop("unit")
     how["estimator"] = made_of.estimator(registration.estimator)
@@ -66,9 +48,8 @@ def command(
     opened = open_devices(device).first
     found = measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
     result = registered(found, scene, device=opened, **how)
-    origin = provenance([*found.files, *read], grid=opt.grid_text(found.volume.grid))
-    with whole_folder(output, force=force, replaced=FILES) as made:
-        write_registration(made, found, result, origin)
+    with whole_folder(output, FILES) as made:
+        write_registration(made, found, result)
     print_text(result.alignment.report())
     print_line(f"{output}: {', '.join(FILES)}")
 
@@ -90,16 +71,14 @@ def registered(measured: Measurement, scene: cl.Scene, **settings: Any) -> Regis
         return register(measured.volume, scene, **settings, **more)
 
 
-def write_registration(
-    folder: Path, measured: Measurement, result: Registration, origin: dict[str, Any]
-) -> None:
+def write_registration(folder: Path, measured: Measurement, result: Registration) -> None:
     """Write all files of a registration into `folder`."""
+    more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
     rounds = [
         {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
         for r in result.rounds
     ]
-    record = {**result.alignment.to_dict(), "rounds": rounds, **origin}
-    write_json(folder / TRANSFORM, record, force=False)
+    write(folder / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
     alpha, label = result.rounds[-1].alpha, "Simulated"
     if alpha is not None:
         label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
@@ -108,4 +87,4 @@ def write_registration(
     compared = comparison.Comparison.of([measured.volume, result.volume], [label])
     metrics = {"alpha": alpha, "simulated": compared.records([Path(comparison.VOLUME)])}
     simulated = (result.scene, result.capture, result.volume)
-    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, origin)
+    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)

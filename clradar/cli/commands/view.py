@@ -8,6 +8,7 @@ from typing import Any
 import clradar as cl
 from clradar.cli import options as opt
 from clradar.cli import parse
+from clradar.cli.call import call
 from clradar.cli.console import counted, print_line, print_warning
 from clradar.jobs import open_devices
 
@@ -31,7 +32,6 @@ def command(
         metavar="FILE",
         check=parse.page,
     ),
-    force: bool = opt.FORCE,
     port: int = opt.option(
         "Port at 127.0.0.1, or the next free one; 0: any free one.", 8080, min=0, max=65535
     ),
@@ -80,5 +80,5 @@ def command(
         return
     from clradar.view.page_file import write_page
 
-    count = write_page(view, html, force=force, warn=print_warning)
+    count = write_page(view, html, force=call.force, warn=print_warning)
     print_line(f"{html}: {counted(count, 'frame')}, for any browser")

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import clradar as cl
 from clradar.cli import parse
+from clradar.cli.call import call
 from clradar.cli.groups import REQUIRED, argument, option, values_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import VoxelGrid, checks
@@ -30,7 +31,6 @@ DEVICE: Any = option(
     panel="Expert",
     kept=False,
 )
-FORCE: Any = option("Replace files that exist.", False, "--force", panel="Output")
 JSON: Any = option("Print JSON, in metres and hertz.", False, "--json", panel="Output")
 
 
@@ -94,14 +94,28 @@ class WorkerOptions:
         kept=False,
     )
 
-    def where(self, device: str | None, files: Sequence[Path] = ()) -> Where:
-        """Where the work is done; workers of a scheduler have to see the files."""
+    def where(self, device: str | None, files: Sequence[Path] | None = None) -> Where:
+        """Where the work is done; workers of a scheduler have to see the files, or all inputs."""
         from clradar.jobs import Where
 
-        return Where(device, self.workers, self.scheduler, tuple(files))
+        shared = tuple(call.paths if files is None else files)
+        return Where(device, self.workers, self.scheduler, shared)
 
 
-ARRAY_HELP = "Antennas: a .toml file (docs/arrays.md), or qar50, the 94 x 94 imager."
+def array_files(array: str) -> list[Path]:
+    """The file of an array, if it is none that comes along."""
+    from clradar.arrays.instruments import KNOWN
+
+    return [] if array in KNOWN else [Path(array)]
+
+
+array_option = partial(
+    option,
+    "Antennas: a .toml file (docs/arrays.md), or qar50, the 94 x 94 imager.",
+    "qar50",
+    metavar="ARRAY",
+    files=array_files,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,29 +131,24 @@ class RadarOptions:
         parse=parse.band,
     )
 
-    array: str = option(ARRAY_HELP, "qar50", metavar="ARRAY")
+    array: str = array_option()
 
     def waveform(self) -> cl.Waveform:
         """The frequencies, those of the paper without the option."""
         start_ghz, stop_ghz, steps = self.band
         return cl.Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
-    @property
-    def files(self) -> list[Path]:
-        """The file of the array, if there is one."""
-        from clradar.arrays.instruments import KNOWN
-
-        return [] if self.array in KNOWN else [Path(self.array)]
-
     def antennas(self) -> cl.AntennaArray:
         """The array."""
         from clradar.arrays.instruments import KNOWN
 
-        return cl.arrays.read_array(self.array) if self.files else KNOWN[self.array]()
+        own = array_files(self.array)
+        return cl.arrays.read_array(self.array) if own else KNOWN[self.array]()
 
     def clusters(self) -> tuple[cl.AntennaArray, ...]:
         """The arrays of a file of clusters, each of which has a capture of its own; else one."""
-        return cl.arrays.read_clusters(self.array) if self.files else (self.antennas(),)
+        own = array_files(self.array)
+        return cl.arrays.read_clusters(self.array) if own else (self.antennas(),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +159,14 @@ class FrameOptions:
 
     frame: int | None = option("Frame of a recording. [default: 0]", metavar="N")
     variant: Variant | None = option("Variant of a recording's frame. [default: raw]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AntennaOptions:
+    """Files with the positions of antennas; as `measurement_io.open_recording` takes them."""
+
+    rx_file: Path | None = option("Positions of the Rx antennas of a recorded frame.")
+    tx_file: Path | None = option("Positions of the Tx antennas of a recorded frame.")
 
 
 PAPER_GRID_MM = ((-100.0, 100.0, 1.0), (-100.0, 100.0, 1.0), (260.0, 340.0, 1.0))
@@ -280,19 +297,53 @@ class CleaningOptions:
             mask=("dead",) if self.keep_noisy else ("dead", "noisy"),
         )  # fmt: skip
 
+    def steps(self, meta: Any) -> list[str]:
+        """What was done to a capture beside the empty room, as its `meta` has it."""
+        steps = []
+        if self.gate_mm is not None:
+            gate = meta["range_gate"]
+            steps.append(
+                f"gated to {1e3 * gate['near_m']:g} to {1e3 * gate['far_m']:g} mm (inside "
+                f"{gate['passband_db']:+.1f} dB at worst, rejects {gate['rejection_db']:.0f} dB or "
+                f"more beyond {1e3 * gate['edge_m']:.0f} mm from it)"
+            )
+        if self.channels is not None:
+            channels = meta["channels"]
+            steps.append(
+                f"{100 * channels['live_share']:.1f} % of the pairs left, without "
+                f"{len(channels['masked_tx'])} Tx and {len(channels['masked_rx'])} Rx"
+            )
+        return steps
 
-def open_frame(path: Path, frames: FrameOptions) -> tuple[cl.Capture, list[Path]]:
-    """The capture of a file or folder, and the files whose content it is."""
+
+@dataclass(frozen=True, kw_only=True)
+class AverageOptions:
+    """The mean over the frames of recordings."""
+
+    average: bool = option(
+        "Take the coherent mean of all frames of each radar folder.", False, without="--frame"
+    )
+    align_phase: bool = option("First rotate frames to a common phase.", False, needs="--average")
+
+
+def open_frame(path: Path, frames: FrameOptions) -> cl.Capture:
+    """The capture of a file or folder."""
     from measurement_io import open_capture
 
-    capture = open_capture(path, **values_of(frames))
-    return capture, recording_files(path, capture.meta)
+    return noted(path, open_capture(path, **values_of(frames)))
 
 
-def recording_files(path: Path, capture_meta: Any) -> list[Path]:
-    """The files whose content a capture comes from: the frame's, if `path` is a folder."""
-    if not path.is_dir():
-        return [path]
-    source = capture_meta.get("source")
-    frame = Path(source) if isinstance(source, str) else None
-    return [frame] if frame is not None and frame.is_file() else []
+Content = TypeVar("Content", cl.Capture, "cl.Volume | cl.Capture")
+
+
+def noted(path: Path, found: Content) -> Content:
+    """What was opened of an input: if that is a folder, the file of the frame is what was read."""
+    if path.is_dir():
+        call.read.setdefault(path, []).extend(frame_files(found))
+    return found
+
+
+def frame_files(capture: cl.Capture | cl.Volume) -> list[Path]:
+    """The file of the frame that a capture is."""
+    source = capture.meta.get("source")
+    return [Path(source)] if isinstance(source, str) and Path(source).is_file() else []

@@ -13,7 +13,7 @@ import numpy as np
 import clradar as cl
 from clradar.cli import parse
 from clradar.cli.groups import argument, option, values_of, wrong_usage
-from clradar.cli.options.measured import UnitOptions
+from clradar.cli.options.measured import SearchOptions, UnitOptions, alpha_or_fit
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
@@ -257,6 +257,22 @@ class SceneOptions(PlacementOptions, MaterialOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class MotionOptions:
+    """Movement, and frames of it."""
+
+    motion: Path | None = option(
+        "How meshes and hands move, and when each sample is recorded (docs/movement.md).",
+        metavar="MOTION.toml",
+    )
+    frames: int | None = option(
+        "Make a recording of so many frames.", metavar="N", needs="--motion", min=1, max=10_000
+    )
+    rate_hz: float = option(
+        "Frames per second, from time 0 on.", 8.0, needs="--motion", check=parse.positive
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class EstimatorOptions:
     """Estimator of the received field, and its random numbers."""
 
@@ -265,3 +281,17 @@ class EstimatorOptions:
         "expected]",
     )
     seed: int = option("Same seed, same device: same bits.", 0, metavar="N")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
+    """Search and simulations of a registration."""
+
+    estimator: Estimator | None = option(
+        f"{ESTIMATORS} [default: stochastic, or physical with --material]"
+    )
+    alpha: float | str = alpha_or_fit()
+    seed: int = option("Of the first round; counts up from there.", 0, metavar="N")
+    max_rounds: int = option(
+        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10, metavar="N"
+    )

@@ -14,7 +14,7 @@ from calibration import HandFit, fit_hand
 from calibration.hand_fit.hand_model import RiggedHand
 from calibration.hand_fit.result import TIPS
 from calibration.registration.radar import Radar
-from clradar.cli.commands.fit_hand import digit_rows
+from clradar.cli.tables import digit_rows
 from clradar.hand import POSES
 from clradar.rigs import Rig, read_rig
 

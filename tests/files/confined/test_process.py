@@ -189,13 +189,10 @@ def test_a_companion_reads_many_files_and_opens_none(path, tmp_path, companion):
     assert "Too many open files" in message or not process.resource
 
 
-def test_a_companion_that_dies_has_a_successor(path, companion, monkeypatch):
+def test_a_companion_that_dies_has_a_successor(path, companion):
     first = confined.run(probes.content, path, companion=companion)[1]
     assert "crashes" in refused(probes.crash, path, companion=companion)
     assert confined.run(probes.content, path, companion=companion)[1] != first
-    if process.resource:
-        monkeypatch.setattr(confined, "CPU_LIMIT_S", 1)
-        assert "more than 1 s" in refused(probes.loop, path, companion=companion)
     again = pickle.loads(pickle.dumps(companion))
     assert confined.run(probes.content, path, companion=again)[0].size == path.stat().st_size
 

@@ -157,7 +157,7 @@ def test_compound_types(tmp_path, fields, kind):
         assert same_capture(open_with_layout(path, layout(tmp_path, PLAIN)), CAPTURE)
 
 
-@pytest.mark.parametrize("container", CONTAINERS)
+@pytest.mark.parametrize("container", ["npz", "hdf5 gzip", "mat v5", "mat v7.3"])
 @pytest.mark.parametrize("at", [0, 3])
 def test_frames_and_picked_axes(tmp_path, container, at):
     stack = np.stack([np.stack([k * SAMPLES, -k * SAMPLES]) for k in (1, 2, 3)])
@@ -455,11 +455,10 @@ def test_matlab_classes_of_v73(tmp_path):
 # ---- the layouts that ship
 
 
-@pytest.mark.parametrize("container", ["mat v5 deflated", "mat v7.3"])
-def test_example_matlab_struct(tmp_path, container):
+def test_example_matlab_struct(tmp_path):
     rng = np.random.default_rng(0)
     full = rng.standard_normal((96, 96, 128, 2), dtype=np.float32).view(np.complex64)[..., 0]
-    path = write(container, tmp_path / "c", {"rec": {"S": full, "comment": "plate at 30 cm"}})
+    path = write("mat v7.3", tmp_path / "c", {"rec": {"S": full, "comment": "plate at 30 cm"}})
     read = open_capture(path, layout=EXAMPLES / "matlab_struct.toml")
     assert same_bits(read.data, np.ascontiguousarray(full[1:95, 1:95].transpose(1, 0, 2).conj()))
     assert read.array.name == "qar50"

@@ -1,7 +1,5 @@
 """alignment.json and metadata.json: what is read, what is refused, what contradicts itself."""
 
-from pathlib import Path
-
 import maroon_files as files
 import numpy as np
 import pytest
@@ -85,17 +83,6 @@ def test_bad_matrices(tmp_path, value, found):
     message = refusal(read_alignment, path)
     assert "photogrammetry2radar" in message
     assert found in message
-
-
-@pytest.mark.parametrize(
-    "content", [b"", b"[]", b"\xff\xfe", b'{"a": 1, "a": 2}', b'{"a": ' * 100 + b"1" + b"}" * 100]
-)
-@pytest.mark.parametrize("read", [read_alignment, read_metadata])
-def test_bad_files(tmp_path, content, read):
-    path: Path = tmp_path / "alignment.json"
-    path.write_bytes(content)
-    refusal(read, path)
-    refusal(read, tmp_path / "nothing.json")
 
 
 FULL = {

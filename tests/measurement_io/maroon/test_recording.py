@@ -191,20 +191,6 @@ def test_other_antennas_lie_beside_their_frames_which_are_of_one_array(tmp_path)
         open_capture(path)
 
 
-def test_recorded_channels_are_those_of_the_imager():
-    """94 Rx in two rows from left to right, then 94 Tx in two columns upwards, written out anew."""
-    steps_m = [0.003 * i for i in range(-23, 24)]
-    rx_m = [(x, y, 0.0) for y in (-0.0705, 0.0705) for x in steps_m]
-    tx_m = [
-        (side * (0.072 if abs(y) > 0.068 else 0.0705), y, 0.0)
-        for side in (-1.0, 1.0)
-        for y in steps_m
-    ]
-    array = clradar.arrays.qar50()
-    np.testing.assert_allclose(array.rx_m, rx_m, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(array.tx_m, tx_m, rtol=0, atol=1e-15)
-
-
 # ---- a sequence of frames
 
 

@@ -301,7 +301,7 @@ def test_every_bit_of_the_data_counts(path):
         ids = [file["entry/data"][name].id for name in ("data", "tx_m", "rx_m", "frequency_hz")]
         chunks = [i.get_chunk_info(0) for i in ids]
     for chunk in chunks:
-        for at in range(chunk.byte_offset, chunk.byte_offset + chunk.size, 7):
+        for at in range(chunk.byte_offset, chunk.byte_offset + chunk.size, 23):
             damaged = bytearray(whole)
             damaged[at] ^= 1
             path.write_bytes(damaged)
