@@ -228,7 +228,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Something to compute from the shared inputs; if it is `cheap`, the tests compute it, too."""
+    """Something to compute from the shared inputs; if it is not `cheap`, tests do so at night."""
 
     name: str
     compute: Callable[[Works], Values]
@@ -864,7 +864,7 @@ def conventions(works: Works) -> Values:
     }
 
 
-@case(1e-6)
+@case(1e-6, cheap=False)
 def alignment_of_images(works: Works) -> Values:
     """Two depth maps of an ellipsoid, by the host alone, one of them turned and shifted."""
     del works
@@ -888,7 +888,7 @@ def ellipsoid(transform: np.ndarray) -> clradar.DepthMap:
     return clradar.DepthMap(depth_m, 1.0 * (root > 0), axis_m, axis_m, 15.0)
 
 
-@case(FOUND)
+@case(FOUND, cheap=False)
 def registration(works: Works) -> Values:
     """Registration of a small hand by its rendering alone."""
     coarse = calibration.align_mesh(
@@ -1177,7 +1177,7 @@ def data_set(works: Works) -> Values:
     return found
 
 
-@case(POINTS)
+@case(POINTS, cheap=False)
 def data_set_physical(works: Works) -> Values:
     """Samples of a data set of the physical estimator."""
     text = PLAN[: PLAN.index("[alpha]")] + PLAN[PLAN.index("[impairments]") :]
@@ -1199,12 +1199,11 @@ def data_set_physical(works: Works) -> Values:
 def document(
     device: clradar.Device,
     *,
-    cheap: bool = False,
     only: Iterable[str] = (),
     progress: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Compute the named cases, or all, or all `cheap` ones; their digests as JSON."""
-    chosen = [c for c in CASES.values() if (c.cheap or not cheap) and (not only or c.name in only)]
+    """Compute the named cases, or all; their digests as JSON."""
+    chosen = [c for c in CASES.values() if not only or c.name in only]
     results = {}
     # Results without a device option use the same one.
     with (
@@ -1238,14 +1237,11 @@ def main(arguments: list[str] | None = None) -> int:
     action = parser.add_mutually_exclusive_group(required=True)
     action.add_argument("--write", type=Path, metavar="FILE.json")
     action.add_argument("--compare", type=Path, metavar="FILE.json")
-    parser.add_argument("--cheap", action="store_true", help="only what the tests compute")
     parser.add_argument("--only", nargs="+", default=[], choices=list(CASES), metavar="CASE")
     parser.add_argument("--width", type=int, choices=(1, 8), help="lanes, to round otherwise")
     given = parser.parse_args(arguments)
     device = clradar.open_device("pocl", width=given.width)
-    made = document(
-        device, cheap=given.cheap, only=given.only, progress=lambda name: print(name, flush=True)
-    )
+    made = document(device, only=given.only, progress=lambda name: print(name, flush=True))
     if given.write is not None:
         given.write.write_text(text_of(made))
         return 0

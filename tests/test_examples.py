@@ -147,6 +147,7 @@ def test_tutorial_dataset_to_classifier(folder, output_of):
     assert is_picture(folder / "hands.png")
 
 
+@pytest.mark.slow
 def test_tutorial_own_array(folder, output_of):
     lines = output_of("tutorials/7_own_array.py")
     # Half a voxel is 2.5 mm, and c / 2B is 75 mm: a tenth of that for what the array's size does to

@@ -152,9 +152,10 @@ def random_map(n_x: int, n_y: int, step_m: float = 4e-3, first_m: float = -0.1) 
 @pytest.mark.parametrize(
     ("image", "count"),
     [
-        (random_map(51, 51), 4), (random_map(12, 12, 1.8e-4, 12.345), 2),
+        (random_map(51, 51), 4),
         *nightly([(random_map(51, 51), 12), (random_map(51, 51), 1), (FAR.depth_map(), 1),
                   (random_map(51, 1), 1), (random_map(51, 20), 4), (random_map(20, 51), 4),
+                  (random_map(12, 12, 1.8e-4, 12.345), 2),
                   (random_map(12, 12, 1.8e-4, 12.345), 6), (random_map(12, 12, 0.28, 0.0), 6)]),
     ],
 )  # fmt: skip

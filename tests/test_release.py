@@ -155,22 +155,3 @@ def test_contributors_are_sent_to_files_that_exist(page):
     for path in {*links, *named} - own:
         beside = [ROOT / path, ROOT / "measurement_io" / "layouts" / path]
         assert any(one.exists() for one in beside), path
-
-
-def test_contributors_are_sent_to_names_that_exist():
-    """`NAME` of `file.py`, as the recipes have them."""
-    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
-    for names, path in (
-        (("read",), "measurement_io/layouts/contents.py"),
-        (("kind_of", "open_capture", "SUPPORTED"), "measurement_io/opening.py"),
-        (("fail", "reading"), "clradar/files/failures.py"),
-        (("METRIC_TABLE", "Metrics"), "clradar/compare/metrics.py"),
-        (("MEANINGS",), "clradar/report/tables.py"),
-        (("_ALL",), "clradar/model/known_materials.py"),
-        (("test_known_materials",), "tests/model/test_material.py"),
-    ):
-        assert f"`{path}`" in text
-        source = (ROOT / path).read_text("utf-8")
-        for name in names:
-            assert f"`{name}`" in text
-            assert re.search(rf"^(?:def |class )?{name}\b", source, re.MULTILINE), (name, path)

@@ -24,7 +24,7 @@ from clradar.cli.frames import (
     record_file,
 )
 from clradar.cli.inputs import ReadOnAccess, grid_for
-from clradar.cli.outputs import save
+from clradar.cli.outputs import save, write
 from clradar.compare import METRIC_TABLE
 from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
@@ -195,7 +195,6 @@ class RecordingWork:
 
     def _write(self, records: Sequence[dict[str, Any]], fits: Sequence[FrameFit] | None) -> None:
         """Write what is made of all frames, and last the file that marks it as finished."""
-        from clradar.plot import save_figure
         from clradar.plot.frames import FramePictures, curves_figure, write_gif
 
         folder = self.steps.folder
@@ -212,7 +211,7 @@ class RecordingWork:
         title = f"{self.labels[0]}, {counted(len(records), 'frame')}"
         if panels := curves(columns):
             figure = curves_figure(time, panels, "time (s)" if timed else "frame", title)
-            save_figure(figure, folder / FIGURE, force=True)
+            write(folder / FIGURE, figure, force=True)
         shown = [one["frame"] for one in records if one["peak_db"] is not None]
         if shown:
             images = (self.steps.map_of(f"{number:06d}") for number in shown)
@@ -231,8 +230,8 @@ class RecordingWork:
                         progress(i + 1, len(records))
                 step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
                 write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
-        record = {"recording": str(self.source.path), "frames": records, **self.steps.origin}
-        write_json(folder / RESULT, record, force=True)
+        record = {"recording": str(self.source.path), "frames": records}
+        write(folder / RESULT, record, force=True)
 
 
 LEVELS = {"peak dB": "peak_db", "recorded RMS dB": "recorded_db", "cleaned RMS dB": "cleaned_db"}
@@ -362,15 +361,13 @@ def fit_frames(
 
 def draw_movement(folder: Path, images: KeptImages, fits: Sequence[FrameFit], name: str) -> None:
     """Write the figures of the fits."""
-    import clradar.plot as plot
     from calibration.hand_fit.movement_figure import movement_figure, movement_sheet, shown_frames
 
     shown = shown_frames(len(fits))
     pictures = [_picture(images[i]) for i in shown]
-    sheet = movement_sheet([fits[i] for i in shown], pictures)
-    plot.save_figure(sheet, folder / SHEET, force=True)
+    write(folder / SHEET, movement_sheet([fits[i] for i in shown], pictures), force=True)
     title = f"{name}: angles and tips, with one standard deviation"
-    plot.save_figure(movement_figure(fits, title), folder / MOVEMENT, force=True)
+    write(folder / MOVEMENT, movement_figure(fits, title), force=True)
 
 
 def _picture(image: cl.DepthMap) -> Picture | None:

@@ -160,14 +160,14 @@ class Job:
 
 def changed_files(inputs: Mapping[str, Sequence[Path]], known: Any) -> list[str]:
     """Which files hold something else than at their records (`content_record`), in words."""
-    found = []
-    for name in inputs:
-        before = known.get(name, []) if isinstance(known, dict) else []
-        if len(before) != len(inputs[name]):
+    found, known = [], known if isinstance(known, dict) else {}
+    for name in {**inputs, **known}:  # an option that is not given any more, too
+        before, now = known.get(name, []), inputs.get(name, ())
+        if len(before) != len(now):
             files = f"{len(before)} file{'s'[: len(before) != 1]}"
-            found.append(f"{name} of {files}, now of {len(inputs[name])}")
+            found.append(f"{name} of {files}, now of {len(now)}")
             continue
-        for path, record in zip(inputs[name], before, strict=True):
+        for path, record in zip(now, before, strict=True):
             if not holds_still(path, record):
                 found.append(f"{name} '{path}' holds something else now")
     return found

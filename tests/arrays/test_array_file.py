@@ -74,26 +74,6 @@ def test_poses_place_copies_of_a_known_array(tmp_path):
     np.testing.assert_allclose(array.rx_m[188:], turned, atol=1e-15)
 
 
-def test_patterns_are_those_of_the_record(tmp_path):
-    array = read(
-        tmp_path,
-        f"""
-        [[antennas]]
-        {LINE}
-        [tx_pattern]
-        gain_dbi = 5
-        exponent = 1
-        [rx_pattern]
-        angle_deg = [0, 90, 180]
-        field = [1, 0.5, 0]
-        """,
-    )
-    assert array.tx_pattern == clradar.AntennaPattern(gain_dbi=5.0, exponent=1.0)
-    assert array.rx_pattern == clradar.AntennaPattern(
-        angle_deg=np.array([0.0, 90.0, 180.0]), field=np.array([1.0, 0.5, 0.0])
-    )
-
-
 def test_gains_and_boresights_of_single_antennas(tmp_path):
     array = read(
         tmp_path,
@@ -118,6 +98,7 @@ def test_gains_and_boresights_of_single_antennas(tmp_path):
     np.testing.assert_allclose(array.tx_gain, [*1j * level, 1], atol=1e-15)
     np.testing.assert_allclose(array.rx_boresight, np.tile([0.8, 0.6, 0], (4, 1)), atol=1e-15)
     assert array.rx_gain is None
+    assert array.rx_pattern == clradar.AntennaPattern(exponent=2.0)
     assert array.tx_boresight is None  # without a pattern nothing depends on it
     again = array_of(array_record(array), "record", "another")
     assert_same(again, array)

@@ -116,29 +116,6 @@ def test_the_width_in_range_is_that_of_the_band():
     assert found.lobes == ()
 
 
-@pytest.mark.device
-def test_back_projection_shows_a_grating_lobe_at_its_level():
-    """A point's echoes imaged at the lobes that are predicted for it."""
-    tx_m = np.linspace(-0.0275, 0.0275, 12)[:, None] * [1.0, 0.0, 0.0]
-    rx_m = np.linspace(-0.0375, 0.0375, 16)[:, None] * [0.0, 1.0, 0.0]
-    array = clradar.AntennaArray(tx_m, rx_m, name="cross")
-    band = clradar.Waveform.sfcw(60e9, 64e9, 32)
-    point_m = np.array([0.2, 0.0, 1.0])
-    found = array_figures(array, band, point_m, level_db=-3)
-    path_m = np.linalg.norm(tx_m - point_m, axis=1)[:, None] + np.linalg.norm(
-        rx_m - point_m, axis=1
-    )
-    data = np.exp(-2j * np.pi * path_m[:, :, None] * band.frequencies_hz / C)
-    capture = clradar.Capture(data.astype(np.complex64), array, band)
-    assert len(found.lobes) == 3
-    for lobe in found.lobes:
-        x, y, z = lobe.position_m
-        grid = clradar.VoxelGrid.from_extent((x, x), (y, y), (z, z), spacing_m=1e-3)
-        voxel = clradar.backproject(capture, grid, method="exact").data[0, 0, 0]
-        # complex64 data and single precision: 1e-4 of the amplitude.
-        assert 20 * np.log10(abs(voxel)) == pytest.approx(lobe.level_db, abs=2e-3)
-
-
 def test_patterns_lower_the_lobes():
     """cos^1 of each side: the lobe at 60 degrees loses cos 60 of the Rx only, 6.0 dB."""
     hz = 75e9

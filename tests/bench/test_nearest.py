@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from core import nearest
 from core.nearest import NearestHits
 from rays import seen, unit
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
 from clradar import reference
 from clradar.geometry.bvh import error_bound_m
-from clradar.hand import hand_mesh, pose_by_name
 
 DISTANCE_TOLERANCE = 1e-5
 """Relative, which float32 keeps for rays that are not close to grazing; for those see
@@ -167,38 +165,6 @@ def test_nearest_hit_of_axis_parallel_rays_in_the_planes_of_boxes(device):
         check_nearest(Rays(shape, origin + 2 * direction, -direction + 0.0), device)
 
 
-def test_nearest_hit_from_inside_boxes_and_from_faces(device):
-    rng = np.random.default_rng(7)
-    mesh = MESHES["waves"]
-    vertices, faces = mesh
-    weight = rng.dirichlet([1, 1, 1], 3000)
-    corners = vertices[faces][rng.integers(0, len(faces), 3000)]
-    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    origin = np.einsum("ij,ijk->ik", weight, corners) + 1e-4 * normal
-    check_nearest(Rays(mesh, origin, rng.normal(size=(3000, 3))), device)
-
-
-def test_no_hit_where_there_is_nothing(device):
-    rng = np.random.default_rng(8)
-    origin, direction = all_round(rng, 500)
-    empty = (np.zeros((3, 3)), np.array([[0, 1, 2]]))
-    distance, face, _ = Rays(empty, origin, direction).nearest(device)
-    assert (face == -1).all()
-    assert (distance < 0).all()
-
-
-@pytest.mark.parametrize("n_rays", [1, 5, 3001])
-def test_the_order_of_the_rays_changes_no_result(n_rays, device, monkeypatch):
-    rng = np.random.default_rng(12)
-    origin, direction = all_round(rng, n_rays)
-    origin[::7] *= 100  # outside of all boxes
-    rays = Rays(MESHES["soup"], origin, direction)
-    as_given = rays.nearest(device)
-    monkeypatch.setattr(nearest, "CACHE_BYTES", 0)
-    for a, b in zip(as_given, rays.nearest(device), strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
 @pytest.mark.parametrize(
     ("name", "n_tx"),
     [*((name, 19) for name in MESHES), *(("degenerate soup", n_tx) for n_tx in (1, 7, 8, 9))],
@@ -260,60 +226,3 @@ def grazes(triangles, origin, direction, reach_m, delta_m) -> bool:
     third = eu + ev + THIRD_EDGE_ROUNDINGS * size
     within = (u >= -eu) & (v >= -ev) & (u + v <= np.abs(dn) + third)
     return bool((within & (distance > -height) & (distance < reach_m * np.abs(dn) + height)).any())
-
-
-def hand_rays(n_rays: int, seed: int) -> Rays:
-    """From a 14 cm aperture at random points of a hand's bounding box, and bounces off its
-    faces."""
-    rng = np.random.default_rng(seed)
-    mesh = hand_mesh(pose_by_name("F"))
-    low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
-    half = n_rays // 2
-    aperture = np.append(rng.uniform(-0.07, 0.07, (half, 2)), np.zeros((half, 1)), axis=1)
-    at = rng.uniform(low, high, (half, 3))
-    corners = mesh.vertices_m[mesh.faces][rng.integers(0, len(mesh.faces), n_rays - half)]
-    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    off = corners.mean(axis=1) + 1e-4 * normal
-    away = unit(rng.normal(size=normal.shape)) + normal
-    return Rays(
-        (mesh.vertices_m, mesh.faces),
-        np.concatenate([aperture, off]),
-        np.concatenate([at - aperture, away]),
-    )
-
-
-EMBREE_DISAGREE = 2e-6
-"""Share of rays that may get another answer. Ours decides the side of an edge in doubled
-precision, so what is left is Embree's rounding: 2^-24 of 0.3 m, 2e-8 m, along silhouettes some 2 m
-long, out of the 0.04 m^2 that the rays are aimed at, is 1e-6."""
-
-
-@pytest.mark.parametrize(
-    ("n_rays", "seed"), [(10**5, 10), pytest.param(10**6, 11, marks=pytest.mark.slow)]
-)
-def test_nearest_hit_against_embree(n_rays, seed, device):
-    scene_module = pytest.importorskip("embreex.rtcore_scene")
-    construction = pytest.importorskip("embreex.mesh_construction")
-    rays = hand_rays(n_rays, seed)
-    scene = scene_module.EmbreeScene(robust=True)
-    construction.TriangleMesh(scene, rays.triangles)
-    found = scene.run(rays.origin, rays.direction, output=1)
-    face = np.asarray(found["primID"])
-    t = np.where(face >= 0, found["tfar"], -1.0)
-
-    got_t, got, _ = rays.nearest(device)
-    assert (face >= 0).mean() > 0.1
-    agree = (got == face) | (
-        (got >= 0) & (face >= 0) & (np.abs(got_t - t) <= DISTANCE_TOLERANCE * t)
-    )
-    rows = np.flatnonzero(~agree)
-    print(f"{len(rows)} of {n_rays} rays disagree")
-    assert len(rows) <= EMBREE_DISAGREE * n_rays
-
-    # Of those, each one is decided by the exact test: neither answer is off by more than the bound.
-    some = Rays.__new__(Rays)
-    some.triangles = rays.triangles
-    some.origin, some.direction = rays.origin[rows], rays.direction[rows]
-    exact_t, exact = some.brute_force() if len(rows) else (np.zeros(0), np.zeros(0, int))
-    assert not ((exact >= 0) & (got[rows] < 0)).any()
-    check_where_it_is(some, got_t[rows], got[rows], exact_t, exact)

@@ -145,33 +145,3 @@ def test_the_figure_has_a_band():
     line = clradar.VoxelGrid([0, 0, 0.28], [1e-3] * 3, (1, 1, 30))
     with pytest.raises(CompareError, match="two axes to draw, got 1 x 1 pixels"):
         spread_figure(clradar.spread(BALL, ARRAY, WAVEFORM, line, seeds=2, **FEW))
-
-
-@pytest.mark.parametrize("estimator", ["expected", *nightly(["stochastic"])])
-@pytest.mark.parametrize("draw", [0, *nightly([1, 2])])
-def test_deviations_over_seeds_are_the_errors_of_one_seed(estimator, draw):
-    """Against a converged simulation, on drawn bodies whose faces are smaller than a sample."""
-    rng = np.random.default_rng(draw)
-    body = trimesh.creation.icosphere(subdivisions=4, radius=1.0)  # 5 120 faces
-    body.apply_scale(rng.uniform(0.008, 0.015, 3)).apply_transform(
-        trimesh.transformations.random_rotation_matrix(rng.random(3))
-    )
-    body.apply_translation([*rng.uniform(-0.05, 0.05, 2), 0.3])
-    scene = clradar.Scene.from_mesh(body, alpha=rng.uniform(0.3, 0.8))
-    radar = (scene, ARRAY, clradar.Waveform.sfcw(72e9, 82e9, 3))
-    density, seeds, finer = 0.5, 16, 40
-
-    def simulated(density: float, seed: int, rays: int) -> np.ndarray:
-        fields = {"estimator": estimator, "samples_per_mm2": density, "rays_per_sample": rays}
-        data = clradar.simulate(*radar, seed=seed, device="pocl", **fields).data
-        return data.astype(complex) / (density * rays)
-
-    # Of random rays the shot noise of the finer one has to be small, too.
-    exact = simulated(finer * density, 99, 1 if estimator == "expected" else 100)
-    rays = 1 if estimator == "expected" else 10
-    found = np.array([simulated(density, seed, rays) for seed in range(seeds)])
-    variance = found.var(axis=0, ddof=1).mean()
-    bias = (np.abs(found.mean(axis=0) - exact) ** 2).mean() / (variance / seeds)
-    # 1 and the finer one's share of the variance, 16/40 at most, without bias, in the mean of some
-    # tens of independent numbers. Some hundred where the same faces are always left out.
-    assert 0.2 < bias < 4

@@ -112,10 +112,3 @@ def test_an_incomplete_data_set_is_reported(
     assert "not complete: shards 1, 2 are missing" in out
     assert "1 problem found" in err
     assert len(open_dataset(tmp_path).sample) == 3
-
-
-def test_inspect_of_an_empty_folder_mentions_data_sets(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert exit_status("inspect", tmp_path) == 1
-    assert "nor is it a data set, which has manifest.json" in capsys.readouterr().err

@@ -91,7 +91,7 @@ def test_faults_of_readers_are_detected(tmp_path):
             list(FAULTS.values())[number](path)
         raise MeasurementError(f"{path}: expected the seed, got something else")
 
-    limits = {"processor_limit_s": 2.0, "resident_limit_bytes": 50_000_000}
+    limits = {"processor_limit_s": 0.5, "resident_limit_bytes": 50_000_000}
     target = Numbered("input", lambda: [b"seed"], read, bytes, **limits)
     count = 2 * len(FAULTS) + 1
     outcome = harness.run(target, count, keep=tmp_path / "kept")

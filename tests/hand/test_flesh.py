@@ -11,8 +11,7 @@ from clradar.errors import DeviceError
 from clradar.hand import POSES, hand_mesh, posed_skeleton, random_pose, random_shape
 from clradar.hand.flesh import Flesh, grown_flesh
 from clradar.hand.flesh_field import FleshField
-from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M, _right_hand
-from clradar.hand.shape import AVERAGE
+from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
 from clradar.opencl import Buffers
 
 COARSE_M = 3e-3
@@ -87,17 +86,6 @@ def test_nodes_have_the_distance_near_the_surface_and_its_sign_elsewhere(flesh, 
     assert close.sum() > 2_000
     np.testing.assert_allclose(found_m[close], expected_m[close], rtol=0, atol=DISTANCE_TOLERANCE_M)
     assert (np.sign(found_m[~close]) == np.sign(expected_m[~close])).all()
-
-
-def test_vertices_are_as_close_to_the_surface_as_with_float64(device):
-    bones = posed_skeleton(POSES["S"])
-    mesh = _right_hand(POSES["S"], DEFAULT_EDGE_LENGTH_M, AVERAGE, device)
-    own_m = mesh.vertices_m - mesh.joints_m[0] + bones.joints_m[0]
-    off_m = np.abs(distances_m(grown_flesh(bones), own_m))
-    # With distances and gradients in float64 the two steps to the surface leave 5 nm in the median
-    # and 30 nm at the third quartile; more in the folds of a fist, where they have not converged.
-    assert np.percentile(off_m, 50) < 0.1 * DISTANCE_TOLERANCE_M
-    assert np.percentile(off_m, 75) < DISTANCE_TOLERANCE_M
 
 
 # --- nothing else decides

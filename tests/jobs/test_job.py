@@ -116,6 +116,9 @@ def test_inputs_count_by_what_they_hold(tmp_path):
     expected = r"--mesh '.*a\.ply' holds something else"
     with pytest.raises(OutputError, match=expected), job(at, **more).held():
         pass
+    more["inputs"] = {}
+    with pytest.raises(OutputError, match="--mesh of 1 file, now of 0"), job(at, **more).held():
+        pass
 
 
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path):

@@ -17,7 +17,6 @@ from clradar import Volume, VoxelGrid, compare
 from clradar.compare import METRIC_TABLE
 from clradar.errors import CompareError, ModelError
 from clradar.model import DepthMap
-from clradar.plot import comparison_figure
 from clradar.report import ReportImage, html_report, image_report, view_data
 from clradar.report.tables import settings_table
 from clradar.report.view_data import MAX_POINTS, clouds, slice_data
@@ -33,12 +32,12 @@ HOSTILE_META = {
 }
 
 PAGE_BYTES = 3e6
-"""Largest page of the paper's grid, with every pixel of two images a point."""
+"""Largest page of the paper's grid without its figure, with every pixel of two images a point."""
 
 
 @pytest.fixture(autouse=True)
 def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drawing the figure is most of the time; one test does it."""
+    """Drawing the figure is most of the time; `test_report_browser` does it."""
     monkeypatch.setattr("clradar.report.page.comparison_figure", lambda *_, **__: Figure())
 
 
@@ -157,7 +156,6 @@ def test_too_many_points_are_subsampled_and_counted(monkeypatch):
     ones = np.ones((201, 201))
     depths_m = 0.3 + 0.01 * rng.random((2, 201, 201))
     full = [DepthMap(depth_m, ones, axis_m, axis_m) for depth_m in depths_m]
-    monkeypatch.setattr("clradar.report.page.comparison_figure", comparison_figure)
     page = page_of(*full)
     assert len(page) < PAGE_BYTES
     assert page.count(f"{MAX_POINTS // 2} of {201 * 201} points") == 2

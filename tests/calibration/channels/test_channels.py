@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from command_line import run
+from matplotlib.figure import Figure
 from nightly import nightly
 from recorded_targets import DEAD_RX, DEAD_TX, HALF, QAR50, SMALL, Instrument, instrument
 
@@ -84,7 +85,7 @@ def product_error(
 # What is found, and how well ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*FLAT, *nightly(["sphere"])])
 def test_errors_are_those_that_are_reported(kind):
     truth = instrument(2, HALF, dead_tx=DEAD_TX[:1], dead_rx=DEAD_RX)
     found = estimate_channels(truth.record_target(TRUE[kind]), SAID[kind])
@@ -159,16 +160,6 @@ def test_level_of_the_target():
     before = np.abs(truth.record(ideal).data)
     kept = correct(truth.record(ideal), found)
     assert np.log(np.abs(kept.data)).mean() == pytest.approx(np.log(before).mean(), abs=0.01)
-
-
-def test_uneven_frequencies():
-    truth = instrument(seed=7, array=SMALL, n_freq=40)
-    pick = np.sort(np.random.default_rng(0).choice(40, 24, replace=False))
-    frequencies = truth.waveform.frequencies_hz[pick]
-    capture = truth.record_target(TRUE["plate"])
-    part = Capture(capture.data[:, :, pick], SMALL, Waveform(frequencies))
-    found = estimate_channels(part, SAID["plate"])
-    assert np.abs(np.angle(product_error(found, truth, TRUE["plate"]))).max() < 0.1
 
 
 def test_common_delay():
@@ -574,7 +565,8 @@ def folder(tmp_path: Path, truth: Instrument, monkeypatch: pytest.MonkeyPatch) -
 PLATE = ("channels", "plate.h5", "--target", "plate", "--distance-mm", "305")
 
 
-def test_commands(folder, capsys):
+def test_commands(folder, capsys, monkeypatch):
+    monkeypatch.setattr("calibration.channels.figure.channels_figure", lambda *_: Figure())
     status, out, err = run(capsys, *PLATE, "-o", "channels.h5", "--plot", "channels.png")
     assert (status, err) == (0, "")
     for words in ("23 of 24", "plate: distance ", "mm, tilt_x ", "channels.png"):
@@ -582,7 +574,7 @@ def test_commands(folder, capsys):
     channels = open_channels("channels.h5")
     assert channels.meta["command"] == "channels"
     assert channels.meta["inputs"][0]["file"] == "plate.h5"
-    assert (folder / "channels.png").stat().st_size > 10_000
+    assert (folder / "channels.png").read_bytes().startswith(b"\x89PNG")
     status, out, err = run(
         capsys, "clean", "corner.h5", "--channels", "channels.h5", "-o", "corrected.h5"
     )

@@ -18,7 +18,7 @@ from calibration.hand_fit.closed_loop import (
 )
 from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed, fitted_parameters
 from calibration.hand_fit.hand_model import ParametricHand
-from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, SHAPE, stepped
+from calibration.hand_fit.hand_rendering import N_GEOMETRY, SHAPE
 from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.registration.mesh_fit import initial_log_brightness
@@ -56,17 +56,6 @@ def fitter() -> HandFitter:
 def settings(fitter: HandFitter, alpha: float | None) -> LoopSettings:
     radar = Radar(fitter.aperture.array, Waveform.sfcw(72e9, 82e9, 16), fitter.aperture)
     return LoopSettings(radar, alpha, 3, open_device("pocl"))
-
-
-def test_the_difference_of_two_states_takes_one_to_the_other(state):
-    rng = np.random.default_rng(0)
-    step = rng.normal(size=N_GEOMETRY) * 1e-3
-    there = stepped(state, step, CENTRE_M)
-    inside = np.abs(there.angles_rad - state.angles_rad) > 0  # others are at their limits
-    expected = step.copy()
-    expected[ANGLES] *= inside
-    # exp_twist and the shift of the centre differ by half the rotation times the shift, 2e-6.
-    np.testing.assert_allclose(_difference(there, state, CENTRE_M), expected, atol=4e-6)
 
 
 @pytest.fixture

@@ -58,19 +58,6 @@ def test_the_frame_of_the_hand_has_the_wrist_at_its_origin(hands, kind):
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
-def test_samples_return_to_where_they_were_drawn(hands, kind):
-    model, pose = hands[kind], pose_by_name("F")
-    mesh = model.mesh(pose, AVERAGE, 4e-3)
-    normals = mesh.to_trimesh().vertex_normals
-    bones = model.bones(pose, AVERAGE)
-    skin = model.skin(mesh, pose, AVERAGE, mesh.vertices_m, normals)
-    samples = SkinnedSamples.of(mesh.vertices_m, normals, skin, bones)
-    points_m, turned = samples.posed(bones)
-    assert np.abs(points_m - mesh.vertices_m).max() < 1e-12
-    assert (turned * normals).sum(axis=1).min() > 1 - 1e-9
-
-
-@pytest.mark.parametrize("kind", ["right", "left", "rig"])
 def test_samples_follow_the_bones_as_the_mesh_does(hands, kind):
     """A bent finger takes its skin along: 0.5 mm is what blending differs from a mesh made anew,
     where 20 degrees at the knuckle move the tip by 30 mm."""

@@ -37,16 +37,6 @@ def test_the_record_is_strict_json_with_joints_and_angles_by_name(fit):
     assert [basin["deviance"] for basin in record["basins"]] == [100.0, 130.0]
 
 
-def test_joints_that_a_rig_lacks_are_null(fit):
-    joints_m = np.array(fit.joints_m)
-    joints_m[TIPS[0]] = np.nan
-    lacking = replace(fit, joints_m=joints_m)
-    record = json.loads(json.dumps(lacking.to_dict(), allow_nan=False))
-    assert record["joints_m"]["thumb-tip"] is None
-    assert "thumb" not in lacking.report().splitlines()[1]
-    assert not lacking.remarks()
-
-
 def test_the_report_has_tips_and_what_is_not_told(fit):
     lines = fit.report().splitlines()
     assert "fitted from 'L': converged." in lines[0]
@@ -165,8 +155,3 @@ def test_a_broken_fit_is_named(fit, tmp_path, change, said):
         starts_of(tmp_path)
     assert str(caught.value).startswith(f"{tmp_path / 'fit.json'}: ")
     assert said in str(caught.value)
-
-
-def test_a_folder_without_a_fit_is_named(tmp_path):
-    with pytest.raises(MeasurementError, match=r"expected the folder of a fit, which holds fit"):
-        starts_of(tmp_path)

@@ -338,6 +338,7 @@ two depth maps are not the same surface moved: see docs/registration-method.md."
 
 
 @pytest.mark.device
+@pytest.mark.slow
 def test_simulated_hands():
     imager = clradar.arrays.qar50()
     array = clradar.AntennaArray(imager.tx_m[::3], imager.rx_m[::3])

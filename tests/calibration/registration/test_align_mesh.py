@@ -9,10 +9,7 @@ from command_line import exit_status
 from hand_registrations import (
     ARRAY,
     CENTRE_M,
-    POSITION_M,
     RADAR,
-    WAVEFORM,
-    assert_found,
     errors,
     motion,
     truth,
@@ -134,26 +131,6 @@ def test_fit_to_its_own_rendering_is_exact(device):
 # The motion
 
 
-@pytest.mark.slow
-def test_bias_of_a_mirror_is_corrected(hand):
-    """A specular hand is a few glints, and without correction up to some millimetres off."""
-    mirror = hand.transformed(truth()).with_alpha(0.0)
-    capture = clradar.simulate(
-        mirror, ARRAY, WAVEFORM, samples_per_mm2=3.0, rays_per_sample=1, seed=5, device="pocl"
-    )
-    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 2e-3)
-    depth = clradar.backproject(capture, grid, device="pocl").depth_map(20.0)
-    shown: list[tuple[int, int]] = []
-    options = {"search_deg": 15.0, **RADAR}
-    biased = align_mesh(depth, hand, correct_bias=False, **options)
-    result = align_mesh(depth, hand, progress=lambda *at: shown.append(at), **options)
-    assert_found(result.transform)
-    assert errors(result.transform, truth())[0] < errors(biased.transform, truth())[0]
-    shares = [done / total for done, total in shown]
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-
-
 def test_error_is_within_its_covariance(found):
     """Chi squared with six degrees of freedom."""
     motion_off = truth() @ np.linalg.inv(found.transform)
@@ -186,30 +163,6 @@ def test_doubts_are_remarked(found):
 
 
 # Unobservable directions
-
-
-def seen_of(vertices, faces, alpha, transform):
-    capture = clradar.simulate(
-        clradar.Scene(vertices, faces, alpha).transformed(transform), ARRAY, WAVEFORM,
-        samples_per_mm2=2.0, rays_per_sample=2, seed=5, device="pocl",
-    )  # fmt: skip
-    grid = clradar.VoxelGrid.from_extent((-0.05, 0.05), (-0.05, 0.05), (0.25, 0.33), 2e-3)
-    return clradar.backproject(capture, grid, device="pocl")
-
-
-@pytest.mark.slow
-def test_sphere_moves_without_turning():
-    vertices, faces = sphere(CENTRE_M, 0.025, 3)
-    volume = seen_of(vertices, faces, 0.4, motion((0, 0, 0), (0.008, -0.005, 0.003)))
-    result = align_mesh(
-        volume, clradar.Scene(vertices, faces), **RADAR, correct_bias=False, search_deg=5.0,
-        max_iterations=12,
-    )  # fmt: skip
-    assert len(result.degenerate_directions) == 3
-    assert all(name.startswith("the rotation") for name in result.degenerate_directions)
-    assert result.rotation_deg < 0.1
-    moved_m = result.transform[:3, :3] @ CENTRE_M + result.transform[:3, 3] - CENTRE_M
-    assert np.linalg.norm(moved_m - [0.008, -0.005, 0.003]) < POSITION_M
 
 
 # Failures

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from command_line import exit_status
+from matplotlib.figure import Figure
 from nightly import nightly
 from recorded_targets import edge_array
 from scipy import stats
@@ -437,6 +438,8 @@ def test_the_command_passes_its_options_and_writes_what_is_found(files, capsys, 
         return apart[1]
 
     monkeypatch.setattr(calibration, "sweep_roughness", swept_before)
+    # The figure would take most of the time.
+    monkeypatch.setattr("calibration.roughness.figures.roughness_figure", lambda _: Figure())
     command = (*COMMAND, "--correlation-mm", "2,3", "--seeds", "4", "--seed", "7", "--calibrated",
                "--material", "palm", "-o", "out")  # fmt: skip
     assert run(*command) == 0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_line import exit_status as run
 from command_line import group_of
+from matplotlib.figure import Figure
 from nightly import nightly
 from recorded_targets import edge_array
 from shapes import plate, sphere
@@ -77,7 +78,8 @@ def measured() -> clradar.Volume:
 
 @pytest.fixture(scope="module")
 def regional(measured) -> Sweep:
-    return sweep(measured, SCENE, ALPHAS, regions=Regions.of_parts(SCENE), **RADAR, **RAYS)
+    halves = Regions.of_parts(SCENE)
+    return sweep(measured, SCENE, ALPHAS, seeds=2, regions=halves, **RADAR, **RAYS)
 
 
 # --- estimates
@@ -269,8 +271,8 @@ def recorded() -> clradar.Capture:
 def files(recorded, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
-    # The figures are most of the time otherwise.
-    monkeypatch.setattr("calibration.roughness.figures.DPI", 40)
+    # The figure is most of the time otherwise.
+    monkeypatch.setattr("calibration.roughness.figures.sweep_figure", lambda _: Figure())
     save_capture("measured.h5", recorded)
     import trimesh
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from matplotlib.figure import Figure
 from recorded_targets import HALF, SMALL, instrument
 
 import clradar
@@ -30,9 +31,8 @@ def start(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
     monkeypatch.syspath_prepend(FOLDER)
     monkeypatch.chdir(tmp_path)
-    # Figures and images of 2 mm voxels would take most of the time.
-    for module in ("clradar.plot.layout", "calibration.roughness.figures"):
-        monkeypatch.setattr(f"{module}.DPI", 40)
+    # The figure and images of 2 mm voxels would take most of the time.
+    monkeypatch.setattr("calibration.roughness.figures.sweep_figure", lambda _: Figure())
     from_extent = clradar.VoxelGrid.from_extent
     monkeypatch.setattr(
         clradar.VoxelGrid, "from_extent", lambda x, y, z, _: from_extent(x, y, z, 4e-3)
