@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from clradar.files.hashing import sha256_of
+
 
 @dataclass
 class Call:
@@ -29,6 +31,11 @@ class Call:
         """The files whose content these inputs are, each once."""
         found = (file for path in paths for file in self.read.get(path, [path]))
         return [file for file in dict.fromkeys(found) if not file.is_dir()]
+
+    def digests_of(self, files: Iterable[Path]) -> dict[Path, str]:
+        """SHA-256 of files, as they were when it was first asked for: before the work."""
+        self.digests |= {path: sha256_of(path) for path in files if path not in self.digests}
+        return self.digests
 
 
 call = Call()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import Field, field, fields, is_dataclass
 from inspect import Parameter
 from pathlib import Path
@@ -118,7 +119,8 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             panel = getattr(groups[name], "PANEL", "")
         declared |= own
         parameters += [_parameter(n, hints[n], one, panel) for n, one in own.items()]
-    if "force" not in declared and any(map(_is_output, declared.values())):
+    has_output = any(map(_is_output, declared.values()))
+    if "force" not in declared and has_output:
         declared["force"] = FORCE
         parameters.append(_parameter("force", bool, FORCE, ""))
     label = command.__module__.rpartition(".")[2].replace("_", "-")
@@ -142,6 +144,9 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             from clradar.cli.outputs import check_outputs
 
             check_outputs(outputs)
+        if has_output:
+            with suppress(OSError):  # the reader of the file says why
+                call.digests_of(path for path in call.paths if path.is_file())
         single = {name: values[name] for name in shown.parameters if name not in groups}
         return command(**records, **single)
 

@@ -33,7 +33,6 @@ from clradar.files.atomic import (
     write_file,
     writing,
 )
-from clradar.files.hashing import sha256_of
 from clradar.files.json_file import write_json
 from clradar.jobs import Job
 from clradar.versions import package_versions
@@ -257,7 +256,7 @@ def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, A
     given.
     """
     files = call.files_of(call.paths if inputs is None else inputs)
-    call.digests |= {path: sha256_of(path) for path in files if path not in call.digests}
+    digests = call.digests_of(files)
     return {
         "clradar": __version__,
         "packages": package_versions(),
@@ -265,7 +264,7 @@ def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, A
         "machine": platform.platform(),
         "command": call.command,
         "options": plain({**call.options, **more}),
-        "inputs": [{"file": path.name, "sha256": call.digests[path]} for path in files],
+        "inputs": [{"file": path.name, "sha256": digests[path]} for path in files],
     }
 
 

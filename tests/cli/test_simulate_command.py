@@ -98,6 +98,19 @@ def test_simulate_takes_the_materials_of_parts(cli, place):
     assert {record["name"] for record in meta["scene"]["materials"]} == {"palm", "skin"}
 
 
+def test_the_digest_of_an_input_that_changes_meanwhile_is_that_before(cli, place, monkeypatch):
+    simulate, digest = clradar.simulate, sha256_of(place / "hand.ply")
+
+    def changed(*arguments: Any, **given: Any) -> clradar.Capture:
+        Path("hand.ply").unlink()
+        Path("hand.ply").write_bytes(b"another")
+        return simulate(*arguments, **given)
+
+    monkeypatch.setattr(clradar, "simulate", changed)
+    cli.ok("simulate hand.ply -o x.h5 --samples-per-mm2 0.1 --band 72:82:2")
+    assert open_capture("x.h5").meta["inputs"] == [{"file": "hand.ply", "sha256": digest}]
+
+
 def test_alpha_by_mesh_and_by_part(cli, place):
     meshes = ["hand.ply:0.2", "parts.glb"]
     scene = group_of(SceneOptions, meshes=meshes, alpha=["palm-2=0.6", "0.9", "thumb=0"]).load()

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from clradar.cli.console import print_line, print_table
 
-if TYPE_CHECKING:
-    from clradar.opencl import DeviceInfo
-
-COLUMNS = ("", "selector", "name", "platform", "kind", "memory", "units", "works", "good for")
+COLUMNS = ("", "selector", "name", "platform", "kind", "memory", "units", "works")
 
 
 def command() -> None:
@@ -21,9 +16,7 @@ def command() -> None:
     from clradar.opencl.choice import fault, select_devices
     from clradar.opencl.device import INSTALL_HINT, list_devices
 
-    devices = list_devices()
-    chosen: list[DeviceInfo] = []
-    failure = None
+    devices, chosen, failure = list_devices(), [], None
     try:
         chosen = select_devices(None)
     except DeviceError as error:  # printed after the table, which helps to find the cause
@@ -33,7 +26,7 @@ def command() -> None:
         (
             "*" if info in chosen else "", info.selector, info.name, info.platform, info.kind,
             f"{info.memory_bytes / 2**30:.1f} GiB", str(info.compute_units),
-            "no" if faults[info.selector] else "yes", good_for(info),
+            "no" if faults[info.selector] else "yes",
         )
         for info in devices
     ]  # fmt: skip
@@ -56,15 +49,3 @@ def command() -> None:
                 f"another with CLRADAR_DEVICE=..., or {INSTALL_HINT}"
             )
     print_line(f"used: {', '.join(f'{info.selector} {info.label}' for info in chosen)}")
-
-
-def good_for(info: DeviceInfo) -> str:
-    """The use of a device, in a few words."""
-    platform = info.platform.lower()
-    if info.is_interpreter:
-        return "checking kernels"
-    if info.kind == "gpu":
-        return "everything; first choice"
-    if "intel" in platform:
-        return "any x86 CPU"
-    return "any CPU" if "portable computing language" in platform else "untried"
