@@ -136,6 +136,15 @@ def test_small_sizes(n_faces, device):
     check_flat(bvh, triangles)
 
 
+def test_faces_without_area_are_left_out(device):
+    point = np.full((1, 3, 3), 0.3)
+    line = np.array([[[0, 0, 0.3], [0.1, 0, 0.3], [0.2, 0, 0.3]]])
+    real = triangles_of(plate(0.1, 0.3))
+    bvh = build_bvh(np.concatenate([point, real[:1], line, real[1:]]), device)
+    np.testing.assert_array_equal(np.sort(bvh.order), [1, 3])
+    check_tree(bvh, np.concatenate([point, real[:1], line, real[1:]]))
+
+
 def test_only_faces_without_area_make_an_empty_tree(device):
     triangles = np.full((5, 3, 3), 0.1)
     bvh = build_bvh(triangles, device)
@@ -165,6 +174,14 @@ def exponential(n_faces: int, octaves: float) -> np.ndarray:
     scale = 2.0 ** (-np.arange(n_faces) * octaves / n_faces)
     one = np.array([[1.0, 0.0, 0.0], [1.1, 0.0, 0.1], [1.0, 0.1, 0.0]])
     return scale[:, None, None] * one
+
+
+@pytest.mark.parametrize(("n_faces", "octaves"), [(60, 60), (120, 120), (2000, 120), (3000, 20)])
+def test_exponential_spacing_stays_within_the_depth_bound(n_faces, octaves, device):
+    triangles = exponential(n_faces, octaves)
+    bvh = build_bvh(triangles, device)
+    check_tree(bvh, triangles)
+    assert bvh.depth <= module.MEDIAN_BELOW_LEVEL + np.ceil(np.log2(n_faces)) + 1
 
 
 def test_splits_by_count_bound_the_depth_of_an_unbalanced_tree(monkeypatch, device):

@@ -84,6 +84,21 @@ def test_offsets_stay_within_the_face():
     assert (offset / bound_m).max() > 0.5
 
 
+@pytest.mark.parametrize("turn_deg", [2.0, 10.0, 20.0])
+def test_arcs_are_met_to_fourth_order(turn_deg):
+    """The middle of a strip of a cylinder: R (1 - cos t) off the chord, t half of the turn.
+
+    The offset there is R sin^2 t cos t / 2, which is less by 3 R t^4 / 8 in the limit.
+    """
+    radius_m, t = 0.05, np.radians(turn_deg) / 2
+    angle = np.array([-t, t, t])
+    normals = np.stack([np.sin(angle), np.zeros(3), np.cos(angle)], axis=1)[None]
+    triangle_m = radius_m * normals + np.array([[[0, 0, 0], [0, 0, 0], [0, 0.01, 0]]])
+    middle = reference.curved_points(triangle_m, normals, np.array([[0.5, 0.5, 0.0]]))[0]
+    missing_m = radius_m - middle[2]
+    assert missing_m == pytest.approx(3 * radius_m * t**4 / 8, rel=1.5 * t**2)
+
+
 def test_points_of_a_ball_are_closer_by_the_square_of_the_angle():
     """Normals of the ball itself; all that is left over is of fourth order."""
     centre, radius_m = np.array([0.0, 0.0, 0.3]), 0.05

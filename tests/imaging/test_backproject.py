@@ -30,6 +30,9 @@ RANGE_DB = -45.0
 FAST_DB = -50.0
 TOLERANCE_DB = {"exact": EXACT_DB, "range": RANGE_DB, "fast": FAST_DB}
 
+
+C = 299_792_458.0
+
 SHORT = Waveform.sfcw(72e9, 82e9, 11)
 
 
@@ -212,6 +215,103 @@ def test_progress_runs_from_nothing_to_all(device, method):
     assert all(a[0] <= b[0] for a, b in pairwise(seen))
     assert (volume.meta["method"], volume.meta["window"]) == (method, "hann")
     assert volume.meta["device"]["device"] == device.info.name
+
+
+STEP_M = 6.25e-5
+
+
+# All path lengths agree at the target, so the maximum is there. Range profiles may tilt the flat
+# top of the main lobe by their 5e-3, a shift of some 1e-2 of its half width; documented: 0.25 mm.
+PEAK_ERROR_M = 1e-4
+
+
+# The figures below are rounded; interpolating between samples, and range profiles, change a width
+# by some 1e-3 of it, 3 um in x and y, and a side lobe by their 5e-3, 0.04 dB.
+WIDTH_ERROR = 2e-3
+
+
+LOBE_ERROR_DB = 0.06
+
+
+# Of the float64 sum: -3 dB width along x, y and z, mm; the same as samples 0.25 mm apart show it,
+# from the first to the last above -3 dB; and the first side lobe along x and y, dB (the next ones
+# along z are the aperture's and the band's together, 22 mm away).
+FIGURES = {
+    "centre": {"width": (3.797, 3.800, 13.51), "sampled": (3.5, 3.5, 13.5), "lobe": (-13.3, -13.3)},
+    "corner": {"width": (4.108, 4.020, 10.68), "sampled": (4.0, 4.0, 10.5), "lobe": (-13.4, -13.4)},
+}
+
+
+TARGETS_M = {"centre": (0.0, 0.0, 0.3), "corner": (0.07, 0.05, 0.3)}
+
+
+def point_response(target_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Image of a point target: for each frequency a sum over Tx times a sum over Rx, float64."""
+    k = SWEEP.frequencies_hz / C
+    out = np.ones((len(points_m), len(k)), complex)
+    for antennas in (QAR50.tx_m, QAR50.rx_m):
+        changes_m = np.linalg.norm(points_m[:, None] - antennas, axis=2)
+        changes_m -= np.linalg.norm(target_m - antennas, axis=1)
+        for i, row in enumerate(changes_m):
+            out[i] *= np.exp(2j * np.pi * np.outer(row, k)).sum(axis=0)
+    return out.sum(axis=1) / (QAR50.n_tx * QAR50.n_rx * len(k))
+
+
+def half_power_width(at: np.ndarray, amplitude: np.ndarray) -> float:
+    """Width at -3 dB, interpolated."""
+    level = amplitude.max() * 10 ** (-3 / 20)
+    above = np.flatnonzero(amplitude >= level)
+    first, last = above[0], above[-1]
+    left = np.interp(level, amplitude[[first - 1, first]], at[[first - 1, first]])
+    right = np.interp(level, amplitude[[last + 1, last]], at[[last + 1, last]])
+    return float(right - left)
+
+
+def side_lobes_db(amplitude: np.ndarray) -> np.ndarray:
+    """Local maxima beside the main one, decibel, from the left to the right."""
+    inner = amplitude[1:-1]
+    peaks = np.flatnonzero((inner > amplitude[:-2]) & (inner >= amplitude[2:])) + 1
+    peaks = peaks[peaks != amplitude.argmax()]
+    return 20 * np.log10(amplitude[peaks] / amplitude.max())
+
+
+@lru_cache(maxsize=1)
+def echo_of(name: str) -> Capture:
+    return reference.point_targets(QAR50, SWEEP, np.array([TARGETS_M[name]]), np.ones(1))
+
+
+@pytest.mark.parametrize("name", ["corner", *nightly(["centre"])])
+@pytest.mark.parametrize(
+    ("axis", "method"),
+    [
+        *[(0, "exact"), (1, "exact"), (2, "exact"), (0, "range"), (2, "range"), (0, "fast")],
+        *nightly([(1, "range"), (1, "fast"), (2, "fast")]),
+    ],
+)
+def test_point_target_has_its_peak_width_and_side_lobes(device, name, axis, method):
+    target_m = np.array(TARGETS_M[name])
+    # Where every voxel is compared with the closed form, a fourth of them are enough.
+    step = 4 if method == "exact" else 1
+    counts, origin_m = np.ones(3, int), target_m.copy()
+    counts[axis] += 960 // step
+    origin_m[axis] -= 480 * STEP_M
+    grid = VoxelGrid(origin_m, np.full(3, step * STEP_M), tuple(counts))
+    image = backproject(echo_of(name), grid, method=method, device=device).data.ravel()
+    at, amplitude = centres(grid)[:, axis] - target_m[axis], np.abs(image)
+    assert abs(at[amplitude.argmax()]) <= PEAK_ERROR_M
+    width_mm = 1e3 * half_power_width(at, amplitude)
+    assert abs(width_mm / FIGURES[name]["width"][axis] - 1) <= WIDTH_ERROR
+    if method != "fast":  # its error can move a sample at the edge across -3 dB
+        thin = slice(None, None, 4 // step)
+        above = at[thin][amplitude[thin] >= amplitude.max() * 10 ** (-3 / 20)]
+        assert abs(1e3 * np.ptp(above) - FIGURES[name]["sampled"][axis]) <= 1e-6
+    if axis < 2:
+        lobe_db = side_lobes_db(amplitude).max()
+        assert abs(lobe_db - FIGURES[name]["lobe"][axis]) <= LOBE_ERROR_DB
+    if method == "exact":
+        want = point_response(target_m, target_m + at[:, None] * np.eye(3)[axis])
+        assert np.abs(image - want).max() <= 10 ** (EXACT_DB / 20)
+        assert abs(np.abs(want).max() - 1) <= 1e-12  # every term of the sum is 1 at the target
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -99,11 +99,50 @@ def test_reflection_is_that_of_the_boundary_conditions(name):
     assert np.array_equal(gamma, (r_s - r_p) / 2)
 
 
+def test_closed_forms_of_a_half_space():
+    eps = 2.94 - 0.06j
+    own = Material("x", eps)
+    n = np.sqrt(eps)
+    # Normal incidence: (1 - n) / (1 + n). Grazing: r_s = r_p = -1, so that they cancel.
+    assert abs(own.reflection(77e9, 1.0)[0, 0] - (1 - n) / (1 + n)) < ROUNDING
+    r_s, r_p = own.fresnel(77e9, 0.0)
+    assert np.allclose([r_s[0, 0], r_p[0, 0]], -1, rtol=0, atol=1e-5)
+    assert abs(own.reflection(77e9, 0.0)[0, 0]) < 1e-6
+    # Brewster's angle, tan = n, of a lossless one.
+    glass = Material("x", 6.25)
+    r_s, r_p = glass.fresnel(77e9, np.cos(np.arctan(2.5)))
+    assert abs(r_p[0, 0]) < ROUNDING
+    assert r_s[0, 0] == pytest.approx((1 - 6.25) / (1 + 6.25), abs=ROUNDING)
+    # Beyond the critical angle of a thinner medium everything is reflected.
+    thin = Material("x", 0.5)
+    for r in thin.fresnel(77e9, 0.5):
+        assert abs(abs(r[0, 0]) - 1) < ROUNDING
+    # The published value of the table of docs/materials.md: plaster of P.2040-1 at 77 GHz.
+    assert 20 * np.log10(abs(own.reflection(77e9, 1.0)[0, 0])) == pytest.approx(-11.6, abs=0.05)
+
+
 def test_a_conductor_turns_the_field_at_every_angle():
     assert np.array_equal(METAL.reflection(BAND, COSINES), np.full((3, 6), -1))
     # A good conductor comes near it: |1 + r| of copper is 1.4 (f eps_0 pi 4 / sigma)^0.5.
     copper = Material("copper", ColeCole(1.0, sigma_s_per_m=5.8e7))
     assert np.abs(copper.reflection(BAND, 1.0) + 1).max() < 1e-3
+
+
+def test_no_passive_material_reflects_more_than_it_gets():
+    rng = np.random.default_rng(0)
+    cosines = np.concatenate([[0.0, 1e-6, 1e-3, 1.0], rng.random(28)])
+    for _ in range(300):
+
+        def drawn() -> complex:
+            return complex(10 ** rng.uniform(-1, 2), -(10 ** rng.uniform(-6, 3)) * rng.integers(2))
+
+        coating = Coating(10 ** rng.uniform(-6, -2), drawn()) if rng.integers(2) else None
+        kind = {"conductor": True} if rng.integers(3) == 0 else {"permittivity": drawn()}
+        own = Material("x", coating=coating, **kind)
+        r_s, r_p = own.fresnel(rng.uniform(1e9, 9e11, 4), cosines)
+        assert np.abs(r_s).max() < 1 + 1e-9
+        assert np.abs(r_p).max() < 1 + 1e-9
+        assert np.abs(r_s - r_p).max() / 2 < 1 + 1e-9
 
 
 def test_dispersion_is_that_of_the_tables_of_gabriel():

@@ -220,6 +220,22 @@ def test_the_mean_is_that_of_the_stochastic_estimator(name, alpha, device):
     check_mean(Scene(*MESHES[name], alpha), device)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["waves", "bowl"])
+def test_without_randomness_both_are_the_same(name, device):
+    """alpha = 0: all rays of a sample and Tx are one, so the captures agree but for the rounding of
+    sums, 2^-24 of each of their values."""
+    arguments = {"samples_per_mm2": 0.2, "rays_per_sample": 3, "device": device}
+    one, two = (
+        clradar.simulate(
+            Scene(*MESHES[name], 0.0), ARRAY, WAVEFORM, estimator=estimator, **arguments
+        ).data
+        for estimator in ("stochastic", "expected")
+    )
+    assert np.abs(one).max() > 0
+    np.testing.assert_allclose(two, one, rtol=0, atol=2**-22 * np.abs(one).max())
+
+
 def test_the_means_agree_where_rays_are_absorbed(device):
     scene = Scene(*plate(0.2, 0.3, 8, wavy_m=0.03), 0.8)
     check_mean(scene, device, crease_deg=180.0)
@@ -260,6 +276,23 @@ def from_the_plate(scene: Scene, array: AntennaArray, device, **common) -> tuple
         mean += np.bincount(pair[far], amplitude[far], array.n_rx)
     paths = clradar.trace(scene, array, device=device, **common)
     return mean, np.bincount(paths.rx[paths.length_m > 0.55], minlength=array.n_rx)
+
+
+@pytest.mark.slow
+def test_both_estimators_occlude_the_same(device):
+    """A screen before two of four receivers: none of their rays arrives, and those of the others do
+    as if it were not there."""
+    rx = np.array([[-0.06, 0, 0], [-0.04, 0, 0], [0.04, 0, 0], [0.06, 0, 0]])
+    array = AntennaArray([[0.0, 0.1, 0.0]], rx)
+    mirror = Scene(*plate(0.02, 0.3, 1), 0.7)
+    screen = Scene(*box((-0.1, 0.0, 0.05), (0.18, 0.1, 0.01)), 0.7)
+    common = {"rays_per_face": 20, "rays_per_sample": 4000}
+    alone, _ = from_the_plate(mirror, array, device, **common)
+    assert (alone > 100).all()
+    mean, drawn = from_the_plate(Scene.combine([mirror, screen]), array, device, **common)
+    assert (drawn[:2] == 0).all()
+    assert (mean[:2] == 0).all()
+    assert (np.abs(mean - drawn)[2:] <= 4 * np.sqrt(drawn[2:])).all()
 
 
 @pytest.mark.parametrize(("edge_m", "counts"), [(0.0015, True), (-0.0015, False)])
