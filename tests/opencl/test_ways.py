@@ -175,7 +175,7 @@ WAYS: dict[str, Callable[..., Any]] = {
     ),
     "a GPU": of_gpu(1),
     "a GPU, groups of 32": of_gpu(32, launch_work=3e5),
-    "a GPU, groups of 256": of_gpu(256, launch_work=3e6),
+    "a GPU, groups of 256": of_gpu(256, launch_work=1e6),
     "one lane": lambda work: nullcontext(clradar.open_device("pocl", width=1)),
     "one lane, little memory": of_little_memory(1),
 }  # fmt: skip
