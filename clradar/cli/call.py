@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from clradar.files.hashing import sha256_of
+from clradar.files.hashing import content_record
 
 
 @dataclass
@@ -20,7 +20,7 @@ class Call:
     inputs: dict[str, list[Path]] = field(default_factory=dict)  # by option: files and folders
     force: bool = False
     read: dict[Path, list[Path]] = field(default_factory=dict)  # of an input: its files
-    digests: dict[Path, str] = field(default_factory=dict)
+    records: dict[Path, dict[str, Any]] = field(default_factory=dict)  # of files, by content
 
     @property
     def paths(self) -> list[Path]:
@@ -32,10 +32,10 @@ class Call:
         found = (file for path in paths for file in self.read.get(path, [path]))
         return [file for file in dict.fromkeys(found) if not file.is_dir()]
 
-    def digests_of(self, files: Iterable[Path]) -> dict[Path, str]:
-        """SHA-256 of files, as they were when it was first asked for: before the work."""
-        self.digests |= {path: sha256_of(path) for path in files if path not in self.digests}
-        return self.digests
+    def records_of(self, files: Iterable[Path]) -> dict[Path, dict[str, Any]]:
+        """What files held when it was first asked for: before the work (`content_record`)."""
+        self.records |= {path: content_record(path) for path in files if path not in self.records}
+        return self.records
 
 
 call = Call()

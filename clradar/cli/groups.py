@@ -18,6 +18,7 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from clradar.cli.call import Call, call
+from clradar.errors import ClradarError
 
 REQUIRED = Parameter.empty
 """The default of an option without which a command is wrong usage."""
@@ -119,8 +120,8 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             panel = getattr(groups[name], "PANEL", "")
         declared |= own
         parameters += [_parameter(n, hints[n], one, panel) for n, one in own.items()]
-    has_output = any(map(_is_output, declared.values()))
-    if "force" not in declared and has_output:
+    writing = [name for name, one in declared.items() if _is_output(one)]
+    if "force" not in declared and writing:
         declared["force"] = FORCE
         parameters.append(_parameter("force", bool, FORCE, ""))
     label = command.__module__.rpartition(".")[2].replace("_", "-")
@@ -144,9 +145,10 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             from clradar.cli.outputs import check_outputs
 
             check_outputs(outputs)
-        if has_output:
-            with suppress(OSError):  # the reader of the file says why
-                call.digests_of(path for path in call.paths if path.is_file())
+        if any(values[name] is not None for name in writing):
+            for path in filter(Path.is_file, call.paths):
+                with suppress(ClradarError):  # the reader of the file says why
+                    call.records_of([path])
         single = {name: values[name] for name in shown.parameters if name not in groups}
         return command(**records, **single)
 

@@ -33,6 +33,7 @@ from clradar.files.atomic import (
     write_file,
     writing,
 )
+from clradar.files.hashing import holds_still
 from clradar.files.json_file import write_json
 from clradar.jobs import Job
 from clradar.versions import package_versions
@@ -188,18 +189,18 @@ def begun(
     own: Sequence[str],
     found: str,
     *,
-    read: Mapping[Path, Sequence[Path]] = MappingProxyType({}),
+    read: Mapping[str, Sequence[Path]] = MappingProxyType({}),
     **more: Any,
 ) -> Job:
     """Work in a folder, which goes on with the same options and `more`, and files that hold still.
 
     Files that fit the pattern `found` are what it can go on with; `own` names what --force removes.
-    `read` has the files of inputs that are not in the provenance.
+    `read` has the files of options whose inputs are not in the provenance.
     """
-    inputs = {
-        name: [file for path in paths for file in read.get(path) or call.files_of([path])]
-        for name, paths in call.inputs.items()
-    }
+    inputs = {name: read.get(name) or call.files_of(paths) for name, paths in call.inputs.items()}
+    for path, record in call.records.items():
+        if not holds_still(path, record):
+            raise OutputError(f"{path}: changed while it was read; repeat the command")
     key = {**plain({**call.options, **more}, paths=False), "clradar": __version__}
     return Job(
         folder=folder, work=work, own=own, inputs=inputs, key=key, force=call.force,
@@ -256,7 +257,7 @@ def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, A
     given.
     """
     files = call.files_of(call.paths if inputs is None else inputs)
-    digests = call.digests_of(files)
+    records = call.records_of(files)
     return {
         "clradar": __version__,
         "packages": package_versions(),
@@ -264,7 +265,7 @@ def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, A
         "machine": platform.platform(),
         "command": call.command,
         "options": plain({**call.options, **more}),
-        "inputs": [{"file": path.name, "sha256": digests[path]} for path in files],
+        "inputs": [{"file": path.name, "sha256": records[path]["sha256"]} for path in files],
     }
 
 

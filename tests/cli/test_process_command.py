@@ -160,6 +160,16 @@ def test_inputs_count_by_their_content(cli, recorded, processed, copy, done):
 
 
 @pytest.mark.usefixtures("quickly")
+def test_a_folder_in_two_roles_counts_in_each(cli, copy):
+    """Of the recording one frame is processed; its mean, as the empty room, is of all."""
+    line = f"process REC --empty REC --frames 0 {GRID} -o twice"
+    cli.ok(line)
+    last = max(Path("REC").rglob("*.npy"))
+    shutil.copyfile(min(Path("REC").rglob("*.npy")), last)
+    cli.fails(line, f"--empty '{last}' holds something else now")
+
+
+@pytest.mark.usefixtures("quickly")
 def test_variants_of_captures_are_told_by_their_names(cli, recorded):
     names = ("000000.h5", "000001.h5", "000001_emptyfiltered.h5", "notes.h5")
     Path("made").mkdir()

@@ -35,12 +35,6 @@ def test_smooth_normals_are_those_of_the_reference(name, crease_deg):
     np.testing.assert_allclose(faces, expected, rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("crease_deg", [0.0, 30.0, 89.9])
-def test_a_box_keeps_its_sides_flat(crease_deg):
-    corners, faces = corner_normals(Scene(*MESHES["box"]), "smooth", crease_deg)
-    np.testing.assert_allclose(corners, np.repeat(faces[:, None], 3, axis=1), atol=ROUNDING)
-
-
 @pytest.mark.parametrize(("fold_deg", "smooth"), [(29.9, True), (30.1, False)])
 def test_the_crease_angle_decides(fold_deg, smooth):
     a = np.radians(fold_deg)

@@ -8,10 +8,7 @@ from typing import Literal
 from clradar.cli import conversions
 from clradar.cli import options as opt
 from clradar.cli.call import call
-from clradar.cli.outputs import (
-    check_outputs,
-    write,
-)
+from clradar.cli.outputs import check_outputs, write
 
 
 def command(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from clradar.cli import options as opt
 from clradar.cli import parse
@@ -13,9 +12,6 @@ from clradar.cli.outputs import MESHES, joints_record, turned, write
 from clradar.files.json_text import indented
 from clradar.files.toml_file import toml_document
 from clradar.jobs import open_devices
-
-if TYPE_CHECKING:
-    pass
 
 
 def command(

@@ -47,9 +47,10 @@ def command(
         frames.check_frames(numbers, recording)
     hand = None if starts is None else how.settings(starts)
     where = processes.where(device)
-    read = {frames.path: frames.files_of(numbers) for frames in (source, *compared)}
+    read = {"RECORDING": source.files_of(numbers)}
+    read["SIMULATED"] = [file for frames in compared for file in frames.files_of(numbers)]
     if how.empty is not None:
-        read.setdefault(how.empty, Frames(how.empty).files_of())
+        read["--empty"] = Frames(how.empty).files_of()
     steps = FrameSteps(
         source=recording, run_name=token_hex(), folder=output, how=how, simulated=others,
         grid=voxels.grid(), origin=provenance(), device=where.first if where.here else None,

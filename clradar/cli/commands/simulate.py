@@ -51,7 +51,7 @@ def command(
     motion = None if moving.motion is None else cl.read_motion(moving.motion)
     if motion is not None:
         call.inputs["--motion"] = list(motion.files)
-        call.digests_of(motion.files)
+        call.records_of(motion.files)
         simulations.check_output(output, moving, several)  # they are known only now
     kind = scenery.estimator(estimator.estimator)
     if kind == opt.PHYSICAL and scenery.has_alpha:
