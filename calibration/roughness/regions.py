@@ -94,8 +94,9 @@ class Regions:
         return cls(number[part], tuple(groups))
 
     @classmethod
-    def read(cls, path: Path, scene: Scene) -> Regions:
+    def read(cls, path: str | Path, scene: Scene) -> Regions:
         """Regions from a file: a label per face (.npy, .json), or names of parts by region."""
+        path = Path(path)
         expected = "'parts', 'fingers', or a .npy or .json file with a label for each face"
         content = read_bytes(path, expected, LIMIT_BYTES)
         with reading(path, expected):

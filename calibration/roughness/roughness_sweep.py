@@ -103,8 +103,7 @@ class RoughnessSweep:
 
     def tables(self) -> list[Table]:
         """The limits of what was estimated of each region, and what the measurement tells."""
-        quantities = ("roughness_m", "correlation_m", "slope")
-        pairs = [(quantity, limit) for quantity in quantities for limit in LIMITS]
+        pairs = [(q, limit) for q in ("roughness_m", "correlation_m", "slope") for limit in LIMITS]
         rows = [
             [one.name, *(getattr(getattr(one, q), limit) for q, limit in pairs), one.text()]
             for one in self.estimates
