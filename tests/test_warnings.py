@@ -5,8 +5,8 @@ import warnings
 import pytest
 
 from clradar import ClradarWarning
-from clradar.cli.console import printed_warnings
-from clradar.errors import ClradarError, warn
+from clradar.cli.console import print_warning
+from clradar.errors import ClradarError, handled_warnings, warn
 
 OWN_CODE = "def inner(warn): warn('grid clips')\ndef outer(warn): inner(warn)"
 
@@ -25,7 +25,7 @@ def test_it_is_no_error_of_ours():
 
 
 def test_the_command_line_prints_each_warning_once_on_one_line(capsys):
-    with printed_warnings():
+    with handled_warnings(print_warning):
         for text in ("the grid\nclips", "the grid\nclips", "no echo"):
             warn(text)
     lines = capsys.readouterr().err.splitlines()
@@ -33,5 +33,5 @@ def test_the_command_line_prints_each_warning_once_on_one_line(capsys):
 
 
 def test_warnings_of_libraries_are_left_to_python():
-    with pytest.warns(RuntimeWarning, match="overflow"), printed_warnings():
+    with pytest.warns(RuntimeWarning, match="overflow"), handled_warnings(print_warning):
         warnings.warn("overflow", RuntimeWarning, stacklevel=1)

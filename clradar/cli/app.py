@@ -14,9 +14,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from clradar import __version__
-from clradar.cli.console import print_error, print_interrupted, printed_log, printed_warnings
+from clradar.cli.console import print_error, print_interrupted, print_warning, printed_log
 from clradar.cli.groups import expanded
-from clradar.errors import ClradarError
+from clradar.errors import ClradarError, handled_warnings
 from clradar.files import interrupts
 from clradar.versions import require_own
 
@@ -99,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         typed = shell.get("_TYPER_COMPLETE_ARGS") or shell.get("COMP_WORDS", "")
         asked = typed.split()[1:]
     command = typer.main.get_command(_app(_requested(asked), debug))
-    with printed_warnings(), printed_log(debug):
+    with handled_warnings(print_warning), printed_log(debug):
         try:
             status = command.main(args=given, prog_name="clradar", standalone_mode=False)
         except typer.Abort:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TextIO
 
-from clradar.errors import handled_warnings, quoted
+from clradar.errors import quoted
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
@@ -39,11 +39,6 @@ def print_interrupted(text: str) -> None:
 def print_warning(text: object) -> None:
     """Print one line about a result that is probably not as intended."""
     _print(f"clradar: warning: {one_line(text)}", sys.stderr)
-
-
-def printed_warnings() -> AbstractContextManager[None]:
-    """Print every different `ClradarWarning` of the block once, as a line on stderr."""
-    return handled_warnings(print_warning)
 
 
 @contextmanager

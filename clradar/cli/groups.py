@@ -136,21 +136,24 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
                     values[name] = read(option_name(name, one), values[name])
         kept = {name: values[name] for name, one in declared.items() if one.metadata["kept"]}
         force = bool(values.get("force"))
-        vars(call).update(vars(Call(label, kept, typed, _inputs(declared, values), force)))
         records = {
             name: group(**{one.name: values[one.name] for one in fields(group)})
             for name, group in groups.items()
         }
-        if outputs := [values[n] for n, one in declared.items() if one.metadata["writes"]]:
-            from clradar.cli.outputs import check_outputs
-
-            check_outputs(outputs)
-        if any(values[name] is not None for name in writing):
-            for path in filter(Path.is_file, call.paths):
-                with suppress(ClradarError):  # the reader of the file says why
-                    call.records_of([path])
         single = {name: values[name] for name in shown.parameters if name not in groups}
-        return command(**records, **single)
+        vars(call).update(vars(Call(label, kept, typed, _inputs(declared, values), force)))
+        try:
+            if outputs := [values[n] for n, one in declared.items() if one.metadata["writes"]]:
+                from clradar.cli.outputs import check_outputs
+
+                check_outputs(outputs)
+            if any(values[name] is not None for name in writing):
+                for path in filter(Path.is_file, call.paths):
+                    with suppress(ClradarError):  # the reader of the file says why
+                        call.records_of([path])
+            return command(**records, **single)
+        finally:  # the next one of this process has none of its inputs
+            vars(call).update(vars(Call()))
 
     run.__signature__ = shown.replace(parameters=parameters)  # type: ignore[attr-defined]
     return run
@@ -162,12 +165,12 @@ def _is_output(one: Field[Any]) -> bool:
 
 def _inputs(declared: dict[str, Field[Any]], values: dict[str, Any]) -> dict[str, list[Path]]:
     """The files and folders that each option names, but those to write."""
-    found: dict[str, list[Path]] = {}
-    for name, one in declared.items():
-        if values[name] is not None and not _is_output(one):
-            paths = (one.metadata["files"] or paths_in)(values[name])
-            found |= {option_name(name, one): paths} if paths else {}
-    return found
+    named = {
+        option_name(name, one): (one.metadata["files"] or paths_in)(values[name])
+        for name, one in declared.items()
+        if values[name] is not None and not _is_output(one)
+    }
+    return {option: paths for option, paths in named.items() if paths}
 
 
 def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:

@@ -1,13 +1,13 @@
 """Groups of options: the command line they make, and the records that a command receives."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import typer
 from typer.testing import CliRunner
 
-from clradar.cli.call import call, plain
+from clradar.cli.call import Call, call, plain
 from clradar.cli.groups import REQUIRED, argument, expanded, given, option, wrong_usage
 from clradar.cli.options import DEVICE
 
@@ -37,13 +37,13 @@ class Group(Base):
 
 
 def outcome_of(line: str) -> tuple[int, str, list[object]]:
-    """Exit status, output, and the record, device and count that a command received."""
+    """Exit status, output, and what a command received: record, count, device, its call, given."""
     received: list[object] = []
 
     def command(
         *, group: Group, count: int = option("How many.", REQUIRED), device: str | None = DEVICE
     ) -> None:
-        received.extend([group, count, device])
+        received.extend([group, count, device, replace(call), given(group)])
 
     app = typer.Typer(rich_markup_mode=None)
     # The hints of a nested function name classes of this module.
@@ -53,27 +53,27 @@ def outcome_of(line: str) -> tuple[int, str, list[object]]:
 
 
 def test_a_command_receives_records_and_single_options():
-    status, output, received = outcome_of(
-        "a.h5 --edge-mm 2 --size 3 4 --window hann -p palm --part thumb --left --count 7 "
-        "--device pocl --span 1:3 --angle-deg 9"
-    )
+    line = "a.h5 --edge-mm 2 --window hann -p palm --part thumb --angle-deg 9 --left --count 7"
+    status, output, received = outcome_of(f"{line} --device pocl --size 3 4 --span 1:3")
     assert status == 0, output
-    values = {"edge_mm": 2.0, "window": "hann", "parts": ["palm", "thumb"], "left": True}
-    values["angle_deg"] = 9.0
+    values = {"edge_mm": 2.0, "window": "hann", "parts": ["palm", "thumb"], "angle_deg": 9.0}
+    values["left"] = True
     group = Group(source=Path("a.h5"), size=(3.0, 4.0), span=(1, 3), **values)
-    assert received == [group, 7, "pocl"]
+    assert received[:3] == [group, 7, "pocl"]
     # What JSON reads back equal: all options of the command that results depend on.
     rest = {"source": "a.h5", "size": [3.0, 4.0], "span": [1, 3], "count": 7}
     kept = {**values, **rest, "right": False, "other": False}
-    assert plain(call.options) == kept
-    assert plain(call.options, paths=False) == {**kept, "source": None}
+    during = received[3]
+    assert plain(during.options) == kept
+    assert plain(during.options, paths=False) == {**kept, "source": None}
+    assert during.inputs == {"SOURCE": [Path("a.h5")]}
+    assert call == Call()  # the next one begins with none of it
 
 
 def test_defaults_and_what_was_given():
-    status, output, (group, *_) = outcome_of("a.h5 --count 7 --window rect")
-    assert status == 0, output
-    assert given(group) == {"--window": "rect", "SOURCE": Path("a.h5")}
-    status, output, (group, _, device) = outcome_of("a.h5 --count 7")
+    *_, (*_, typed) = outcome_of("a.h5 --count 7 --window rect")
+    assert typed == {"--window": "rect", "SOURCE": Path("a.h5")}
+    status, output, (group, _, device, *_) = outcome_of("a.h5 --count 7")
     assert status == 0, output
     assert (group, device) == (Group(source=Path("a.h5")), None)
     assert given(group) == {"SOURCE": Path("a.h5")}
