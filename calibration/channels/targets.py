@@ -245,6 +245,17 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     -------
     ndarray, shape (n_tx, n_rx, n_freq), complex128
         exp(-j 2 pi f d / c), with d the length of the pair's path; 0 for pairs without an echo.
+
+    Examples
+    --------
+    The path of 0.6 m is one wavelength:
+
+    >>> import clradar
+    >>> import calibration
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+    >>> waveform = clradar.Waveform([299_792_458 / 0.6])
+    >>> calibration.response(calibration.FlatPlate(0.3), array, waveform).round(6)
+    array([[[1.+0.j]]])
     """
     echo = target.echo(array)
     cycles = echo.length_m[:, :, None] * (waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
