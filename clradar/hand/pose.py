@@ -23,12 +23,6 @@ class JointAngles:
     Parameters
     ----------
     flexion_rad, abduction_rad, twist_rad : float, radians
-
-    Examples
-    --------
-    >>> from clradar.hand import JointAngles
-    >>> JointAngles.from_degrees(90.0).flexion_rad
-    1.5707963267948966
     """
 
     flexion_rad: float = 0.0
@@ -37,10 +31,8 @@ class JointAngles:
 
     def __post_init__(self) -> None:
         for name in ANGLES:
-            label = f"JointAngles.{name}_rad"
-            object.__setattr__(
-                self, f"{name}_rad", checks.real(label, getattr(self, f"{name}_rad"))
-            )
+            value = checks.real(f"JointAngles.{name}_rad", getattr(self, f"{name}_rad"))
+            object.__setattr__(self, f"{name}_rad", value)
 
     @classmethod
     def from_degrees(
@@ -134,13 +126,6 @@ def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
 
     A share of 0 gives the angles of `a`, 1 those of `b`, to the last bit. Fingers may penetrate
     each other on the way; `clradar.hand.sampler.overlaps` measures how deep.
-
-    Examples
-    --------
-    >>> from clradar.hand import interpolate_poses, pose_by_name
-    >>> half = interpolate_poses(pose_by_name("flat"), pose_by_name("S"), 0.5)
-    >>> round(half.angles("middle-finger-phalanx-intermediate").degrees()[0])
-    57
     """
     checks.instance("a", a, HandPose)
     checks.instance("b", b, HandPose)

@@ -57,15 +57,7 @@ POSES: Mapping[str, HandPose] = _PackagedPoses()
 
 
 def pose_by_name(name: str) -> HandPose:
-    """Return a pose of `POSES`; in upper or lower case.
-
-    Examples
-    --------
-    >>> from clradar.hand import pose_by_name
-    >>> pose = pose_by_name("f")
-    >>> pose.name, round(pose.angles("index-finger-phalanx-intermediate").degrees()[0])
-    ('F', 79)
-    """
+    """Return a pose of `POSES`; in upper or lower case."""
     wanted = checks.text("pose", name).strip().casefold()
     for known in POSES:
         if known.casefold() == wanted:
@@ -118,13 +110,6 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
 
     Reading it gives the pose again; an angle that is not a decimal number of degrees may come back
     changed by its last bit.
-
-    Examples
-    --------
-    >>> from clradar.hand import pose_by_name, read_pose, write_pose
-    >>> write_pose("letter.json", pose_by_name("W"))
-    >>> read_pose("letter.json") == pose_by_name("W")
-    True
     """
     target = Path(path)
     suffix = target.suffix.lower()
