@@ -6,7 +6,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from clradar.hand.flesh import PART_NAMES, Cone, Flesh, grown_flesh
+from clradar.hand.flesh import PART_NAMES, Cone, grown_flesh
 from clradar.hand.joints import FINGERS, LIMITS_DEG
 from clradar.hand.pose import HandPose, JointAngles
 from clradar.hand.shape import AVERAGE, HandShape

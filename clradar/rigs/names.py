@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -71,7 +71,7 @@ def hands_by_name(path: Path, names: Sequence[str], skin: set[int]) -> list[Foun
     return found
 
 
-def _missing(joints: Iterable[int]) -> list[str]:
+def _missing(joints: Mapping[int, list[int] | int]) -> list[str]:
     return [name for name in REQUIRED if JOINT_INDEX[name] not in joints]
 
 
