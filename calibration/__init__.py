@@ -3,7 +3,7 @@
 # Functions take the names of their modules: `from calibration import align` gives the function.
 from calibration.channels.correction import correct
 from calibration.channels.estimate import estimate_channels
-from calibration.channels.targets import CornerReflector, Echo, FlatPlate, Sphere, Target, response
+from calibration.channels.targets import CornerReflector, FlatPlate, Sphere, response
 from calibration.cleaning import clean
 from calibration.clutter import average_frames, range_gate, subtract_background
 from calibration.conventions import (
@@ -37,7 +37,6 @@ __all__ = [
     "Basin",
     "CornerReflector",
     "Diagnosis",
-    "Echo",
     "FlatPlate",
     "FrameFit",
     "HandFit",
@@ -51,7 +50,6 @@ __all__ = [
     "Score",
     "Sphere",
     "Sweep",
-    "Target",
     "align",
     "align_mesh",
     "apply_convention",

@@ -69,32 +69,33 @@ def average_frames(
     (1+1j)
     (2+0j)
     """
-    groups: list[_Mean] = []
-    alone: list[int] = []
-    worst = (0.0, 0)
     max_loss_db = checks.positive("average_frames: max_loss_db", max_loss_db)
-    count = 0
+    groups: list[_Mean] = []
+    worst, count = (0.0, 0), 0
     for count, capture in enumerate(captures, start=1):
         field = f"average_frames: frame {count - 1}"
         checks.instance(field, capture, Capture)
+        if groups:
+            check_same_radar(field, capture, groups[0].first)
         profiles = delay_profiles(capture)
         for group in groups:
-            check_same_radar(field, capture, group.first)
-            loss_db, delay_bin = group.take(capture, profiles, count - 1, align_phase, max_loss_db)
-            if loss_db <= max_loss_db:
+            phase = _phase_between(capture.data, group.total) if align_phase else 0.0
+            phasor = np.exp(1j * phase)
+            turned = np.complex64(phasor) * profiles
+            loss = averaging_loss_db(turned, group.profiles / np.float32(len(group.numbers)))
+            if loss[0] <= max_loss_db:
+                group.add(capture, turned, phasor, count - 1)
                 break
-            worst = max(worst, (loss_db, delay_bin))
+            worst = max(worst, loss)
         else:
             if len(groups) < MOST_GROUPS:
                 groups.append(_Mean(capture, profiles, count - 1))
-            else:
-                alone.append(count - 1)
     if not groups:
         checks.fail("average_frames", "at least one frame", "none")
     best = max(groups, key=lambda group: len(group.numbers))  # of equal ones the first
     record: dict[str, Any] = {"frames": len(best.numbers), "align_phase": bool(align_phase)}
     if align_phase:
-        record["turned_rad"] = best.rotated_rad
+        record["turned_rad"] = best.turned_rad
     left_out = sorted({*range(count)} - {*best.numbers})
     if left_out:
         record["left_out"] = left_out
@@ -113,28 +114,24 @@ class _Mean:
     """The sum of frames that agree, with what they have in common."""
 
     def __init__(self, capture: Capture, profiles: np.ndarray, number: int) -> None:
-        self.first = capture
+        self.first, self.profiles, self.common = capture, profiles, dict(capture.meta)
         self.total = capture.data.astype(np.complex128)
-        self.common = dict(capture.meta)
-        self.profiles, self.numbers, self.rotated_rad = profiles, [number], [0.0]
+        self.numbers, self.turned_rad = [number], [0.0]
 
-    def take(
-        self, capture: Capture, profiles: np.ndarray, number: int, align_phase: bool, most_db: float
-    ) -> tuple[float, int]:
-        """Add a frame unless it would lose more than `most_db`; `averaging_loss_db` of it."""
-        phase = float(np.angle(_inner(capture.data, self.total))) if align_phase else 0.0
-        phasor = np.exp(1j * phase)
-        own = np.complex64(phasor) * profiles
-        loss_db, delay_bin = averaging_loss_db(own, self.profiles / np.float32(len(self.numbers)))
-        if loss_db <= most_db:
-            self.profiles += own
-            meta = capture.meta
-            self.common = {k: v for k, v in self.common.items() if k in meta and meta[k] == v}
-            self.numbers.append(number)
-            self.rotated_rad.append(phase)
-            for tx in range(len(self.total)):  # no name for a row, which would keep the frame
-                self.total[tx] += phasor * capture.data[tx].astype(np.complex128)
-        return loss_db, delay_bin
+    def add(self, capture: Capture, profiles: np.ndarray, phasor: complex, number: int) -> None:
+        """Add a frame that is turned by a phasor, as its delay profiles are already."""
+        self.profiles += profiles
+        self.total += phasor * capture.data
+        self.common = {
+            k: v for k, v in self.common.items() if k in capture.meta and capture.meta[k] == v
+        }
+        self.numbers.append(number)
+        self.turned_rad.append(float(np.angle(phasor)))
+
+
+def _phase_between(data: np.ndarray, total: np.ndarray) -> float:
+    """The phase, radians, by which data have to be turned to match a sum, in double precision."""
+    return float(np.angle(np.vdot(data.astype(np.complex128), total)))
 
 
 def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "none") -> Capture:
@@ -192,52 +189,42 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
             "or it has a background); take the raw one"
         )
     record: dict[str, Any] = {"scaling": scaling, "empty": dict(empty.meta)}
-    tx_factor = np.ones(capture.array.n_tx, np.complex128)
-    rx_factor = np.ones(capture.array.n_rx, np.complex128)
+    tx, rx = (np.ones(n, complex) for n in (capture.array.n_tx, capture.array.n_rx))
     if scaling != "none":
         if not empty.data.any():
             checks.fail("subtract_background: empty", "something to scale", "zeros only")
-        tx_factor, rx_factor = _fitted(capture, empty, per_channel=scaling == "channel")
-        if scaling == "common":
-            record["factor"] = _real_imaginary(tx_factor[:1])[0]
-        else:
-            record["tx_factor"] = _real_imaginary(tx_factor)
-            record["rx_factor"] = _real_imaginary(rx_factor)
-    data = np.empty(capture.data.shape, np.complex64)
-    for tx, out in enumerate(data):
-        scaled = (tx_factor[tx] * rx_factor)[:, None] * empty.data[tx].astype(np.complex128)
-        out[:] = capture.data[tx] - scaled
-    data.flags.writeable = False
+        tx, rx = _fitted(delay_profiles(capture), delay_profiles(empty), scaling == "channel")
+        of_tx, of_rx = (np.stack([side.real, side.imag], axis=1).tolist() for side in (tx, rx))
+        common = scaling == "common"
+        record |= {"factor": of_tx[0]} if common else {"tx_factor": of_tx, "rx_factor": of_rx}
+    data = capture.data - np.outer(tx, rx)[:, :, None] * empty.data
     meta = {**capture.meta, "background": record}
     return Capture(data, capture.array, capture.waveform, meta)
 
 
 def _fitted(
-    capture: Capture, empty: Capture, *, per_channel: bool
+    measured: np.ndarray, known: np.ndarray, per_channel: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of Tx and Rx that bring the empty capture nearest to the other."""
-    measured, known = delay_profiles(capture), delay_profiles(empty)
-    tx = np.ones(capture.array.n_tx, np.complex128)
-    rx = np.ones(capture.array.n_rx, np.complex128)
-    power_in_bin = np.stack([(np.abs(k) ** 2).mean(axis=0) for k in known]).mean(axis=0)
-    floor = RESIDUAL_FLOOR * float(power_in_bin.mean())
+    """Factors of Tx and Rx that bring the delay profiles of the empty room nearest to others."""
+    tx, rx = (np.ones(n, complex) for n in known.shape[:2])
+    product = known.conj() * measured
+    power = np.abs(known).astype(np.float64) ** 2
+    in_bin = power.mean(axis=(0, 1))
+    floor = RESIDUAL_FLOOR * float(in_bin.mean())
     # Bins without echoes hold noise in place of the background; fitted to, it would pull the
     # factors towards zero. The weakest bin estimates the noise.
-    known_share = (1 - power_in_bin.min() / np.maximum(power_in_bin, floor)).clip(0) ** 2
+    known_share = (1 - in_bin.min() / np.maximum(in_bin, floor)).clip(0) ** 2
     if not known_share.any():
         known_share[:] = 1
     weights = known_share
     for _ in range(ROUNDS):
-        cross = np.stack([(k.conj() * m) @ weights for k, m in zip(known, measured, strict=True)])
-        power = np.stack([np.abs(k) ** 2 @ weights for k in known])
+        cross, strength = product @ weights, power @ weights
         if per_channel:
-            tx, rx = _rank_one_factors(cross, power, tx, rx)
+            tx, rx = _rank_one_factors(cross, strength, tx, rx)
         else:
-            tx = np.full_like(tx, cross.sum() / power.sum())
-        left = np.zeros(len(weights))
-        for m, k, factor in zip(measured, known, tx, strict=True):
-            left += (np.abs(m - (factor * rx)[:, None] * k) ** 2).sum(axis=0)
-        weights = known_share / (left / (len(tx) * len(rx)) + floor)
+            tx = np.full_like(tx, cross.sum() / strength.sum())
+        left = np.abs(measured - np.outer(tx, rx)[:, :, None] * known) ** 2
+        weights = known_share / (left.mean(axis=(0, 1)) + floor)
         weights /= weights.max()
     return tx, rx
 
@@ -249,25 +236,16 @@ def _rank_one_factors(
 
     A channel without power keeps its factor.
     """
+
+    def quotient(above: np.ndarray, below: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+        return np.divide(above, below, out=otherwise.copy(), where=below > 0)
+
     for _ in range(ALTERNATIONS):
-        tx = _quotient(cross @ rx.conj(), power @ np.abs(rx) ** 2, tx)
-        rx = _quotient(cross.T @ tx.conj(), power.T @ np.abs(tx) ** 2, rx)
+        tx = quotient(cross @ rx.conj(), power @ np.abs(rx) ** 2, tx)
+        rx = quotient(cross.T @ tx.conj(), power.T @ np.abs(tx) ** 2, rx)
     # The product leaves one factor between tx and rx free: rx gets an RMS of 1 and mean phase 0.
     between = np.sqrt((np.abs(rx) ** 2).mean()) * np.exp(1j * np.angle(rx.sum()))
     return tx * between, rx / between
-
-
-def _quotient(above: np.ndarray, below: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    return np.divide(above, below, out=otherwise.copy(), where=below > 0)
-
-
-def _inner(a: np.ndarray, b: np.ndarray) -> complex:
-    """sum conj(a) b in double precision, a row at a time."""
-    return complex(sum(np.vdot(x.astype(np.complex128), y) for x, y in zip(a, b, strict=True)))
-
-
-def _real_imaginary(values: np.ndarray) -> list[list[float]]:
-    return np.stack([values.real, values.imag], axis=1).tolist()
 
 
 MOST_LOSS_DB = 30.0
@@ -279,42 +257,37 @@ POWER_FLOOR = 1e-10
 
 def path_lengths_m(waveform: Waveform) -> np.ndarray:
     """Path lengths of the bins of `delay_profiles`, shape (n_freq,), metres."""
-    count = waveform.n_freq
-    path_m = np.arange(count) * SPEED_OF_LIGHT_M_PER_S / max(waveform.span_hz, 1.0)
-    return np.asarray(path_m * ((count - 1) / count if count > 1 else 1.0))
+    n = waveform.n_freq
+    period_m = (n - 1) / n * SPEED_OF_LIGHT_M_PER_S / max(waveform.span_hz, 1.0)
+    return np.asarray(np.arange(n) * period_m)
 
 
 def delay_profiles(capture: Capture) -> np.ndarray:
     """Delay profiles, Hann window, shape (n_tx, n_rx, n_freq), complex64."""
-    waveform = capture.waveform
+    waveform, n = capture.waveform, capture.waveform.n_freq
     offsets_hz = waveform.frequencies_hz - waveform.center_hz
-    count = waveform.n_freq
     cycles = np.outer(offsets_hz, path_lengths_m(waveform)) / SPEED_OF_LIGHT_M_PER_S
     # Without the two zeros at the ends, which would discard samples (all of them for two).
-    window = np.hanning(count + 2)[1:-1]
-    transform = window[:, None] * np.exp(2j * np.pi * cycles) / np.sqrt(count)
-    profiles = np.empty(capture.data.shape, np.complex64)
-    for out, row in zip(profiles, capture.data, strict=True):
-        out[:] = row.astype(np.complex128) @ transform
-    return profiles
+    window = np.hanning(n + 2)[1:-1]
+    transform = window[:, None] * np.exp(2j * np.pi * cycles) / np.sqrt(n)
+    return np.asarray((capture.data @ transform).astype(np.complex64))
 
 
 def averaging_loss_db(one: np.ndarray, other: np.ndarray) -> tuple[float, int]:
     """How much weaker the echoes of two captures are in their mean where they lose most, and where.
 
-    Both are delay profiles, shape (n_tx, n_rx, n_freq); 0 dB where they differ by no more than
-    noise. In bin q with the powers P1 and P2 over all pairs and that of the difference, D, the
-    power of the mean is (P1 + P2)/2 - D/4 of (P1 + P2)/2. Noise is white, so it adds the same to D
-    in every bin: the median over the bins, which echoes that moved fill only a part of. The
-    estimate of D in a bin from n pairs scatters by 1/sqrt(n); six times that is taken for noise,
-    too. A phase difference of phi costs -20 log10(cos(phi/2)) dB: 1 dB at 54 degrees, or 0.29 mm
-    at 77 GHz.
+    Both are delay profiles; 0 dB where they differ by no more than noise. In bin q with the powers
+    P1 and P2 over all pairs and that of the difference, D, the power of the mean is
+    (P1 + P2)/2 - D/4 of (P1 + P2)/2. Noise is white, so it adds the same to D in every bin: the
+    median over the bins, which echoes that moved fill only a part of. The estimate of D in a bin
+    from n pairs scatters by 1/sqrt(n); six times that is taken for noise, too. A phase difference
+    of phi costs -20 log10(cos(phi/2)) dB: 1 dB at 54 degrees, or 0.29 mm at 77 GHz.
     """
-    power = np.zeros(one.shape[-1])
-    difference = np.zeros(one.shape[-1])
-    for a, b in zip(one, other, strict=True):
-        power += (np.abs(a) ** 2 + np.abs(b) ** 2).sum(axis=0, dtype=np.float64)
-        difference += (np.abs(a - b) ** 2).sum(axis=0, dtype=np.float64)
+
+    def powers(profiles: np.ndarray) -> np.ndarray:
+        return np.asarray((np.abs(profiles) ** 2).sum(axis=(0, 1), dtype=np.float64))
+
+    power, difference = powers(one) + powers(other), powers(one - other)
     pairs = one.shape[0] * one.shape[1]
     noise = float(np.median(difference)) * (1 + 6 / math.sqrt(pairs))
     floor = POWER_FLOOR * float(power.max())
@@ -367,12 +340,6 @@ def range_gate(
         ``|<s, G s>| / <s, s>``, and `rejection_db`, the smallest suppression of the RMS of an echo
         beyond the transition bands.
 
-    Raises
-    ------
-    ModelError
-        A single frequency, a window beyond the unambiguous range c / 2 df, or edges that leave
-        nothing to reject.
-
     Examples
     --------
     An echo at 0.15 m is kept, one at 0.4 m is rejected:
@@ -392,12 +359,8 @@ def range_gate(
     """
     checks.instance("range_gate: capture", capture, Capture)
     matrix, record = gate(capture.waveform, near_m, far_m, edge_m, clutter_db)
-    data = np.empty(capture.data.shape, np.complex64)
-    for out, row in zip(data, capture.data, strict=True):
-        out[:] = row.astype(np.complex128) @ matrix.T
-    data.flags.writeable = False
     meta = {**capture.meta, "range_gate": record}
-    return Capture(data, capture.array, capture.waveform, meta)
+    return Capture(capture.data @ matrix.T, capture.array, capture.waveform, meta)
 
 
 def gate(
@@ -423,24 +386,21 @@ def gate(
     """
     if waveform.n_freq < 2:
         checks.fail("range_gate: waveform", "two frequencies or more", "one, which has no range")
-    near = checks.real("range_gate: near_m", near_m)
-    far = checks.real("range_gate: far_m", far_m)
+    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * waveform.span_hz)
+    edge_m = EDGE_CELLS * cell_m if edge_m is None else edge_m
+    given = {"near_m": near_m, "far_m": far_m, "edge_m": edge_m, "clutter_db": clutter_db}
+    given = {name: checks.real(f"range_gate: {name}", value) for name, value in given.items()}
+    near, far, edge, clutter = given.values()
+    period_m = SPEED_OF_LIGHT_M_PER_S / (2 * float(np.diff(waveform.frequencies_hz).max()))
     if not 0 <= near < far:
         checks.fail("range_gate", "0 <= near_m < far_m", f"{near:g} and {far:g}")
-    cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * waveform.span_hz)
-    edge = EDGE_CELLS * cell_m if edge_m is None else checks.real("range_gate: edge_m", edge_m)
     if edge < 0:
         checks.fail("range_gate: edge_m", "a width that is not negative", repr(edge_m))
-    clutter = checks.real("range_gate: clutter_db", clutter_db)
     if not 0 <= clutter <= 100:
         checks.fail("range_gate: clutter_db", "0 to 100 dB", repr(clutter_db))
-    period_m = SPEED_OF_LIGHT_M_PER_S / (2 * float(np.diff(waveform.frequencies_hz).max()))
     if far > period_m:
-        checks.fail(
-            "range_gate: far_m",
-            f"at most {period_m:.4g} m, where ranges start to repeat with these frequency steps",
-            f"{far:g} m",
-        )
+        expected = "where ranges start to repeat with these frequency steps"
+        checks.fail("range_gate: far_m", f"at most {period_m:.4g} m, {expected}", f"{far:g} m")
     if far - near + 2 * edge >= period_m:
         checks.fail(
             "range_gate",
@@ -462,19 +422,15 @@ def gate(
         """Echoes an eighth of a resolution cell apart, before and after the gate, (n_freq, n)."""
         count = int(np.ceil(PROBES_PER_CELL * (high_m - low_m) / cell_m)) + 2
         range_m = np.linspace(low_m, high_m, count)
-        cycles = 2 / SPEED_OF_LIGHT_M_PER_S * np.outer(offsets_hz, range_m)
-        echoes = np.exp(-2j * np.pi * cycles)
+        echoes = np.exp(-4j * np.pi / SPEED_OF_LIGHT_M_PER_S * np.outer(offsets_hz, range_m))
         return echoes, matrix @ echoes
 
-    def amplitude_db(amplitude: Any) -> float:
-        return float(20 * np.log10(max(float(amplitude), 1e-15)))
-
     echoes, kept = responses(near, far)
-    passband_db = amplitude_db(np.abs((echoes.conj() * kept).mean(axis=0)).min())
+    passband = np.abs((echoes.conj() * kept).mean(axis=0)).min()
     _, left = responses(far + edge, period_m + near - edge)
-    rejection_db = -amplitude_db(np.sqrt((np.abs(left) ** 2).mean(axis=0)).max())
-    record = {"near_m": near, "far_m": far, "edge_m": edge, "clutter_db": clutter}
-    return matrix, {**record, "passband_db": passband_db, "rejection_db": rejection_db}
+    rejected = np.sqrt((np.abs(left) ** 2).mean(axis=0)).max()
+    passband_db, left_db = 20 * np.log10(np.maximum([passband, rejected], 1e-15))
+    return matrix, {**given, "passband_db": float(passband_db), "rejection_db": -float(left_db)}
 
 
 def _gram(offsets_hz: np.ndarray, low_m: float, high_m: float, period_m: float) -> np.ndarray:

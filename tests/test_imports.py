@@ -97,7 +97,7 @@ def breaches(importers: list[str], forbidden: list[str]) -> list[str]:
 
 # Of clradar.dataset, in the same order.
 DATASET_LAYERS = (
-    *("plan", "sample", "shards", "folder", "check", "contact_sheet", "runs", "trial", "readers"),
+    *("plan", "sample", "shards", "folder", "check", "contact_sheet", "runs", "readers"),
 )
 
 

@@ -19,11 +19,12 @@ def correct(
     calibration: ChannelCalibration,
     *,
     mask: Collection[str] = MASKS,
-    keep_level: bool = True,
 ) -> Capture:
     """Divide a capture by the responses of its channels.
 
-    a s[tx, rx, n] / (h_tx(f_n) h_rx(f_n)), and 0 for every pair with a masked channel.
+    a s[tx, rx, n] / (h_tx(f_n) h_rx(f_n)), and 0 for every pair with a masked channel. a is 1 over
+    the fraction of pairs that remain, so that a point is as bright as with all pairs in an image,
+    which divides by their total number.
 
     Parameters
     ----------
@@ -32,20 +33,12 @@ def correct(
     calibration : ChannelCalibration
     mask : collection of "dead", "noisy"
         Channels whose pairs are set to 0. Dead ones have to be: they have no gain.
-    keep_level : bool
-        a is 1 over the fraction of pairs that remain, so that a point is as bright as with all
-        pairs in an image, which divides by their total number. Otherwise a = 1.
 
     Returns
     -------
     Capture
         `meta["channels"]` has the masked channels, `live_share`, the fraction of pairs that remain,
         and `factor`, the a above.
-
-    Raises
-    ------
-    CalibrationError
-        Another array or another waveform; the message names the difference.
 
     Examples
     --------
@@ -79,7 +72,7 @@ def correct(
         inverse[side] = np.divide(1.0, response, out=np.zeros_like(response), where=keep[:, None])
         live, every = live * np.count_nonzero(keep), every * len(keep)
     live_share = live / every
-    factor = 1.0 / live_share if keep_level and live_share else 1.0
+    factor = 1.0 / live_share if live_share else 1.0
     data = np.empty_like(capture.data)
     for i, row in enumerate(capture.data):
         data[i] = row * (factor * inverse["tx"][i] * inverse["rx"])
@@ -95,22 +88,19 @@ def correct(
 
 
 def _check_same(capture: Capture, calibration: ChannelCalibration) -> None:
-    ours, theirs = capture.array, calibration.array
     for side in ("tx", "rx"):
-        have, want = getattr(ours, f"{side}_m"), getattr(theirs, f"{side}_m")
-        if len(have) != len(want):
-            raise CalibrationError(
-                f"correct: expected a capture with the {len(want)} {side.title()} of the array "
-                f"that was calibrated ('{theirs.name}'), got {len(have)} ('{ours.name}')"
-            )
-        off_m = np.linalg.norm(have - want, axis=1)
-        if not ours.same_positions(theirs, POSITION_TOLERANCE_M) and off_m.max() > 0:
+        have, want = (getattr(one.array, f"{side}_m") for one in (capture, calibration))
+        differs = f"{len(have)} {side.title()} in place of {len(want)}"
+        if len(have) == len(want):
+            off_m = np.linalg.norm(have - want, axis=1)
+            if off_m.max() <= POSITION_TOLERANCE_M:
+                continue
             worst = int(off_m.argmax())
-            raise CalibrationError(
-                "correct: expected a capture of the array that was calibrated "
-                f"('{theirs.name}'), got another ('{ours.name}'): {side.title()} {worst} is "
-                f"{1e3 * off_m[worst]:.4g} mm away from where it was"
-            )
+            differs = f"{side.title()} {worst} is {1e3 * off_m[worst]:.4g} mm away"
+        raise CalibrationError(
+            "correct: expected a capture of the array that was calibrated "
+            f"('{calibration.array.name}'), got another ('{capture.array.name}'): {differs}"
+        )
     if not capture.waveform.same_frequencies(calibration.waveform):
         have_hz, want_hz = (x.waveform.frequencies_hz for x in (capture, calibration))
         raise CalibrationError(

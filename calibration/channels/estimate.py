@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from calibration.channels.fit import (
     TUKEY_CUTOFF,
     ChannelFit,
-    Prior,
     Samples,
     Side,
     by_channel,
@@ -20,7 +19,7 @@ from calibration.channels.fit import (
 )
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import CalibrationError, warn
+from clradar.errors import CalibrationError, ModelError, warn
 from clradar.model import Capture, ChannelCalibration, ChannelResponse, checks
 from clradar.model.progress import Progress
 
@@ -46,9 +45,6 @@ MAX_OUTLYING = 0.15
 
 QUIET = 1e-3
 """Channels with noise below -60 dB of the echo are never noisy, whatever the others have."""
-
-MOST_DB = 300.0
-"""Of a threshold: twice what the float32 of captures spans between two samples of a channel."""
 
 MIN_CELLS, MAX_CELLS = 1.0, 4.0
 """Half width of a gate in resolution cells 1 / bandwidth. Below the minimum nothing is rejected; at
@@ -77,7 +73,6 @@ def estimate_channels(
     dead_db: float = 20.0,
     noisy_db: float = 6.0,
     max_residual_db: float = -10.0,
-    max_iterations: int = 60,
     progress: Progress | None = None,
 ) -> ChannelCalibration:
     """Estimate gain and delay of every channel, and the pose of the target.
@@ -108,7 +103,6 @@ def estimate_channels(
         five standard deviations of its noise; noisy with this much more noise than the median.
     max_residual_db : float, decibel
         Largest residual energy relative to the echoes', summed over the frequencies of each pair.
-    max_iterations : int
     progress : callable, optional
         Called with (done, total) before every step of the fit, and at its end with the total.
 
@@ -119,17 +113,6 @@ def estimate_channels(
         the level; the first live Tx has phase 0; the delays of Tx and Rx have equal means.
         `meta["outlying_pairs"]` is the share of pairs whose echo differs from that of the model:
         they have nearly no weight.
-
-    Raises
-    ------
-    CalibrationError
-        The target does not explain the capture: wrong target, wrong pose, pure noise, too few live
-        channels, or a fit that does not converge.
-
-    Warns
-    -----
-    ClradarWarning
-        More of the echoes is left than by noise, by 10 dB, and more than -60 dB.
 
     Notes
     -----
@@ -158,31 +141,27 @@ def estimate_channels(
     if not isinstance(getattr(target, "kind", None), str):
         expected = "a FlatPlate, Sphere or CornerReflector"
         checks.fail(f"{name}: target", expected, type(target).__name__)
-    tolerance_m = checks.positive(f"{name}: position_tolerance_m", position_tolerance_m)
-    tolerance_deg = checks.positive(f"{name}: tilt_tolerance_deg", tilt_tolerance_deg)
+    tolerances = {
+        "m": checks.positive(f"{name}: position_tolerance_m", position_tolerance_m),
+        "deg": checks.positive(f"{name}: tilt_tolerance_deg", tilt_tolerance_deg),
+    }
     max_delay_s = checks.positive(f"{name}: max_delay_s", max_delay_s)
     checks.one_of(f"{name}: common_delay", common_delay, COMMON_DELAYS)
-    dead_db = _decibel(f"{name}: dead_db", dead_db)
-    noisy_db = _decibel(f"{name}: noisy_db", noisy_db)
+    dead_db = checks.dynamic_range(f"{name}: dead_db", dead_db)
+    noisy_db = checks.dynamic_range(f"{name}: noisy_db", noisy_db)
     max_residual_db = checks.real(f"{name}: max_residual_db", max_residual_db)
-    max_iterations = checks.whole(f"{name}: max_iterations", max_iterations, 1)
     # A displaced target changes the delay by twice the displacement over c.
-    search_s = max_delay_s + 2 * SEARCHED * tolerance_m / SPEED_OF_LIGHT_M_PER_S
-    _check_waveform(capture, search_s)
+    search_s = max_delay_s + 2 * SEARCHED * tolerances["m"] / SPEED_OF_LIGHT_M_PER_S
+    samples = _samples(capture, gate_m, search_s)
     echo = target.echo(capture.array)
     _check_coverage(echo)
     if not capture.data.any():
         raise CalibrationError(f"{name}: expected an echo, got a capture that is zero everywhere")
-    samples = _samples(capture, gate_m, search_s)
-    by_name = {"m": tolerance_m, "deg": tolerance_deg}
     units = [parameter.rsplit("_", 1)[1] for parameter in target.parameter_names]
-    prior = Prior(
-        np.array([by_name[unit] for unit in units]), bool(refine_position), common_delay == "zero"
-    )
+    tolerance = np.array([tolerances[unit] for unit in units if refine_position])
 
     sides = start(samples, echo, search_s)
-    stds = _gain_stds(samples, echo, *sides)
-    live = [_live(s, std, dead_db) for s, std in zip(sides, stds, strict=True)]
+    live = _live(samples, echo, sides, dead_db)
     for side, alive in zip(("Tx", "Rx"), live, strict=True):
         if np.count_nonzero(alive) < MIN_CHANNELS:
             raise CalibrationError(
@@ -193,26 +172,25 @@ def estimate_channels(
     _check_coverage(target.echo(array))
     part = replace(samples, data=samples.data[np.ix_(*live)])
     tx, rx = (Side(s.gain[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True))
-    found = fit_channels(part, array, target, tx, rx, prior, max_iterations, progress)
-    quality = _quality(found, samples.count, noisy_db, max_residual_db)
-    return _calibration(capture, samples, found, live, quality)
-
-
-def _decibel(field: str, value: float) -> float:
-    decibel = checks.positive(field, value)
-    if decibel > MOST_DB:
-        checks.fail(field, f"at most {MOST_DB:g} dB", f"{decibel:g} dB")
-    return decibel
-
-
-def _check_waveform(capture: Capture, search_s: float) -> None:
-    frequencies_hz = capture.waveform.frequencies_hz
-    if frequencies_hz.size < MIN_FREQUENCIES:
-        checks.fail(
-            "estimate_channels: capture",
-            f"at least {MIN_FREQUENCIES} frequencies, over which delays are slopes of the phase",
-            f"{frequencies_hz.size}",
+    try:
+        found = fit_channels(
+            part, array, target, (tx, rx), tolerance, common_delay == "zero", progress
         )
+    except (ModelError, np.linalg.LinAlgError) as error:
+        raise CalibrationError(
+            f"{name}: the {target.kind} does not explain the capture: its fit leads to an "
+            f"impossible pose, or to channels without an echo ({error})"
+        ) from error
+    return _calibration(capture, samples, found, live, noisy_db, max_residual_db)
+
+
+def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples:
+    """The capture as the fit takes it, gated around the target with `gate_m`."""
+    frequencies_hz = capture.waveform.frequencies_hz
+    n = frequencies_hz.size
+    if n < MIN_FREQUENCIES:
+        expected = f"at least {MIN_FREQUENCIES} frequencies, over which delays are slopes of phase"
+        checks.fail("estimate_channels: capture", expected, f"{n}")
     longest_hz = float(np.diff(frequencies_hz).max())
     if 2 * search_s * longest_hz >= 1:
         checks.fail(
@@ -222,47 +200,18 @@ def _check_waveform(capture: Capture, search_s: float) -> None:
             f"+-{1e12 * search_s:.0f} ps: max_delay_s and the delay of a target that is off by "
             f"{SEARCHED:g} times the tolerance",
         )
-
-
-def _check_coverage(echo: Echo) -> None:
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    few = [np.flatnonzero(echo.seen.sum(axis=axis) < MIN_PAIRS) for axis in (1, 0)]
-    if any(f.size for f in few):
-        raise CalibrationError(
-            "estimate_channels: the target has to give every live channel an echo in at least "
-            f"{MIN_PAIRS} pairs; {few[0].size} Tx and {few[1].size} Rx have fewer whose point of "
-            "reflection lies on it. Use a larger one, or put it elsewhere"
-        )
-    n_tx, n_rx = echo.seen.shape
-    graph = np.zeros((n_tx + n_rx, n_tx + n_rx), dtype=np.int8)
-    graph[:n_tx, n_tx:] = echo.seen
-    parts, _ = connected_components(csr_array(graph), directed=False)
-    if parts > 1:
-        raise CalibrationError(
-            f"estimate_channels: the target's echoes leave the channels in {parts} groups that no "
-            "pair connects. Use a larger one, or put it elsewhere"
-        )
-
-
-def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples:
-    """The capture as the fit takes it, gated around the target with `gate_m`."""
-    frequencies_hz = capture.waveform.frequencies_hz
-    n = frequencies_hz.size
     if gate_m is None:
         return Samples(capture.data, frequencies_hz, np.full(n, 1.0 / n), None)
-    gate_m = checks.positive("estimate_channels: gate_m", gate_m)
+    gate_s = 2 * checks.positive("estimate_channels: gate_m", gate_m) / SPEED_OF_LIGHT_M_PER_S
     least_s = max(search_s, MIN_CELLS / float(np.ptp(frequencies_hz)))
-    if 2 * gate_m / SPEED_OF_LIGHT_M_PER_S < least_s:
+    if gate_s < least_s:
         checks.fail(
             "estimate_channels: gate_m",
             f"at least {least_s * SPEED_OF_LIGHT_M_PER_S / 2:.4g} m, enough for max_delay_s "
             f"and {SEARCHED:g} times the tolerance, and not below the range resolution",
             f"{gate_m:g} m",
         )
-    weight, basis = delay_taper(frequencies_hz, 2 * gate_m / SPEED_OF_LIGHT_M_PER_S)
-    return Samples(capture.data, frequencies_hz, weight, basis)
+    return Samples(capture.data, frequencies_hz, *delay_taper(frequencies_hz, gate_s))
 
 
 def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -270,9 +219,8 @@ def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.nda
 
     The taper with the largest fraction of its energy within the gate, with a sum of 1: the first
     eigenvector of sin(2 pi T (f - f')) / (pi (f - f')), for equal steps the sequence of D. Slepian
-    (doi 10.1002/j.1538-7305.1978.tb02104.x) and D. J. Thomson (doi 10.1109/PROC.1982.12433).
-    A truncated Fourier transform would keep the side lobes that the ends of the band give to echoes
-    elsewhere. The spectra, shape (n_freq, m), are orthonormal and span the gate.
+    (doi 10.1002/j.1538-7305.1978.tb02104.x). A truncated Fourier transform would keep the side
+    lobes of echoes elsewhere. The spectra, shape (n_freq, m), are orthonormal and span the gate.
     """
     half_width_s = min(half_width_s, MAX_CELLS / float(np.ptp(frequencies_hz)))
     apart_hz = frequencies_hz[:, None] - frequencies_hz[None, :]
@@ -281,73 +229,35 @@ def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.nda
     return taper / taper.sum(), vectors[:, values > CONCENTRATED * values[-1]]
 
 
-def _gain_stds(samples: Samples, echo: Echo, tx: Side, rx: Side) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviation of the gain of each channel due to noise."""
-    pairs = pairs_of(samples, echo, tx, rx)
-    noise = by_channel(pairs.scatter, echo.seen)
+def _check_coverage(echo: Echo) -> None:
+    from scipy.sparse.csgraph import connected_components
+
+    few = [np.count_nonzero(echo.seen.sum(axis=axis) < MIN_PAIRS) for axis in (1, 0)]
+    groups, _ = connected_components(echo.seen.astype(int) @ echo.seen.T, directed=False)
+    if any(few) or groups > 1:
+        raise CalibrationError(
+            "estimate_channels: the target has to give every live channel an echo in at least "
+            f"{MIN_PAIRS} pairs, which connect all of them: {few[0]} Tx and {few[1]} Rx have fewer "
+            f"whose point of reflection lies on it, and the Tx are in {groups} groups. Use a "
+            "larger one, or put it elsewhere"
+        )
+
+
+def _live(
+    samples: Samples, echo: Echo, sides: tuple[Side, Side], dead_db: float
+) -> list[np.ndarray]:
+    """Which channels have an echo, by their gain and its standard deviation due to noise."""
+    tx, rx = sides
+    noise = by_channel(pairs_of(samples, echo, tx, rx).scatter, echo.seen)
     strength = echo.seen * samples.count
     reach = (strength @ np.abs(rx.gain) ** 2, strength.T @ np.abs(tx.gain) ** 2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stds = [np.sqrt(n / r) for n, r in zip(noise, reach, strict=True)]
-    return stds[0], stds[1]
-
-
-def _live(side: Side, std: np.ndarray, dead_db: float) -> np.ndarray:
-    gain = np.abs(side.gain)
-    least = float(np.median(gain)) * 10 ** (-dead_db / 20)
-    # The first term is for a channel that is zero everywhere: it has no noise, either.
-    return (gain > 0) & (gain >= least) & (gain > DETECTABLE * std)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Quality:
-    """Noise of the live channels relative to the echo, [Tx, Rx], and what the fit leaves."""
-
-    noise: list[np.ndarray]
-    noisy: list[np.ndarray]
-    outlying: float
-    residual_db: float
-    noise_residual_db: float
-
-
-def _quality(
-    found: ChannelFit, samples_per_pair: float, noisy_db: float, max_residual_db: float
-) -> _Quality:
-    """Goodness of fit; raise if the target does not explain the capture."""
-    pairs, seen, kind = found.pairs, found.echo.seen, found.target.kind
-    typical = float(np.median(pairs.model[seen]))
-    noise = [np.sqrt(power) / typical for power in by_channel(pairs.total, seen)]
-    noisy = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
-    good = seen & ~noisy[0][:, None] & ~noisy[1][None, :]
-    square = np.square(np.abs(pairs.mean - pairs.model))
-    # A few outlying pairs have nearly no weight, and do not invalidate the rest.
-    outlying = good & (square > TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
-    share = np.count_nonzero(outlying) / np.count_nonzero(good)
-    if share > MAX_OUTLYING:
-        raise CalibrationError(
-            f"estimate_channels: the {kind} does not explain the capture: {100 * share:.0f} % of "
-            f"the pairs have another echo, and at most {100 * MAX_OUTLYING:.0f} % may. Another "
-            "target, or another position"
-        )
-    good &= ~outlying
-    echoes = float(np.square(np.abs(pairs.mean[good])).sum())
-    left = float(square[good].sum())
-    by_noise = float(found.noise[good].sum()) / samples_per_pair
-    residual_db, noise_residual_db = (_energy_db(energy / echoes) for energy in (left, by_noise))
-    # Residual beyond noise, relative to the echoes beyond noise.
-    excess_db = _energy_db(max(left - by_noise, 0.0) / max(echoes - by_noise, by_noise, 1e-300))
-    if excess_db > max_residual_db:
-        raise CalibrationError(
-            f"estimate_channels: the {kind} does not explain the capture: {excess_db:.1f} dB of "
-            f"the echoes' energy is left, and at most {max_residual_db:g} dB may be. Another "
-            "target, another position, or other echoes beside it (gate_m)"
-        )
-    if residual_db > max(noise_residual_db + UNEXPLAINED_DB, NEGLIGIBLE_DB):
-        warn(
-            f"estimate_channels: {residual_db - noise_residual_db:.0f} dB more is left than by "
-            "noise: other echoes (gate_m, --gate-mm), or a target that differs from its description"
-        )
-    return _Quality(noise, noisy, share, residual_db, noise_residual_db)
+    live = []
+    for side, power, own in zip(sides, noise, reach, strict=True):
+        gain = np.abs(side.gain)
+        least = float(np.median(gain)) * 10 ** (-dead_db / 20)
+        # The first term is for a channel that is zero everywhere: it has no noise, either.
+        live.append((gain > 0) & (gain >= least) & (gain**2 * own > DETECTABLE**2 * power))
+    return live
 
 
 def _calibration(
@@ -355,52 +265,83 @@ def _calibration(
     samples: Samples,
     found: ChannelFit,
     live: list[np.ndarray],
-    quality: _Quality,
+    noisy_db: float,
+    max_residual_db: float,
 ) -> ChannelCalibration:
     """The fit in the gauge of `estimate_channels`, with dead channels filled in."""
-    mean_log = [float(np.log(np.abs(side.gain)).mean()) for side in (found.tx, found.rx)]
-    first = found.tx.gain[0] / abs(found.tx.gain[0])
-    gain = [
-        side.gain * np.exp(-own_log) * turn
-        for side, own_log, turn in zip(
-            (found.tx, found.rx), mean_log, (first.conj(), first), strict=True
+    pairs, seen = found.pairs, found.echo.seen
+    typical = float(np.median(pairs.model[seen]))
+    noise = [np.sqrt(power) / typical for power in by_channel(pairs.total, seen)]
+    noisy = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
+    good = seen & ~noisy[0][:, None] & ~noisy[1]
+    outlying, residual_db, noise_residual_db = _residual(found, good, samples.count)
+    # Residual beyond noise, relative to the echoes beyond noise.
+    left, by_noise = (10 ** (db / 10) for db in (residual_db, noise_residual_db))
+    excess_db = _decibel(max(left - by_noise, 0.0) / max(1 - by_noise, by_noise, 1e-30))
+    if excess_db > max_residual_db:
+        raise CalibrationError(
+            f"estimate_channels: the {found.target.kind} does not explain the capture: "
+            f"{excess_db:.1f} dB of the echoes' energy is left, and at most {max_residual_db:g} dB "
+            "may be. Another target, another position, or other echoes beside it (gate_m)"
         )
-    ]
+    if residual_db > max(noise_residual_db + UNEXPLAINED_DB, NEGLIGIBLE_DB):
+        warn(
+            f"estimate_channels: {residual_db - noise_residual_db:.0f} dB more is left than by "
+            "noise: other echoes (gate_m, --gate-mm), or a target that differs from its description"
+        )
+    sides = (found.tx, found.rx)
+    mean_log = [float(np.log(np.abs(side.gain)).mean()) for side in sides]
+    first = found.tx.gain[0] / abs(found.tx.gain[0])
     offset_s = (float(found.tx.delay_s.mean()) - float(found.rx.delay_s.mean())) / 2
-    delay_s = [found.tx.delay_s - offset_s, found.rx.delay_s + offset_s]
     # The noise of a dead channel, from its pairs with the live ones of the other side.
     power = samples.power()
     alone = (np.median(power[:, live[1]], axis=1), np.median(power[live[0]], axis=0))
-    typical = float(np.median(found.pairs.model[found.echo.seen]))
-    std = found.phase_std_rad
-    spread = samples.spread_rad_per_s
+    response: dict[str, np.ndarray] = {}
     fields: dict[str, Any] = {}
-    for k, side in enumerate(("tx", "rx")):
-        fields[f"{side}_noise"] = _filled(quality.noise[k], live[k], np.sqrt(alone[k]) / typical)
-        fields[f"dead_{side}"] = np.flatnonzero(~live[k])
-        fields[f"noisy_{side}"] = np.flatnonzero(live[k])[quality.noisy[k]]
-        fields[f"{side}_phase_std_rad"] = _filled(std[k], live[k])
-        fields[f"{side}_delay_std_s"] = _filled(std[k] / spread, live[k])
-    position = zip(found.target.parameter_names, found.target.parameters.tolist(), strict=True)
+    for k, (name, side, sign) in enumerate(zip(("tx", "rx"), sides, (1, -1), strict=True)):
+        turn = first.conj() if sign > 0 else first
+        response[f"{name}_gain"] = _filled(side.gain * np.exp(-mean_log[k]) * turn, live[k])
+        response[f"{name}_delay_s"] = _filled(side.delay_s - sign * offset_s, live[k])
+        std = _filled(found.phase_std_rad[k], live[k])
+        fields[f"{name}_phase_std_rad"] = std
+        fields[f"{name}_delay_std_s"] = std / samples.spread_rad_per_s
+        fields[f"{name}_noise"] = _filled(noise[k], live[k], np.sqrt(alone[k]) / typical)
+        fields[f"dead_{name}"] = np.flatnonzero(~live[k])
+        fields[f"noisy_{name}"] = np.flatnonzero(live[k])[noisy[k]]
+    names, position = found.target.parameter_names, found.target.parameters.tolist()
     return ChannelCalibration(
-        response=ChannelResponse(
-            tx_gain=_filled(gain[0], live[0]),
-            rx_gain=_filled(gain[1], live[1]),
-            tx_delay_s=_filled(delay_s[0], live[0]),
-            rx_delay_s=_filled(delay_s[1], live[1]),
-            reference_hz=samples.reference_hz,
-        ),
+        response=ChannelResponse(**response, reference_hz=samples.reference_hz),
         array=capture.array,
         waveform=capture.waveform,
         target=found.target.kind,
-        target_position=dict(position),
+        target_position=dict(zip(names, position, strict=True)),
         target_covariance=found.covariance,
         target_amplitude=float(np.exp(sum(mean_log))),
-        residual_db=quality.residual_db,
-        noise_residual_db=quality.noise_residual_db,
-        meta={"outlying_pairs": quality.outlying, "capture": dict(capture.meta)},
+        residual_db=residual_db,
+        noise_residual_db=noise_residual_db,
+        meta={"outlying_pairs": outlying, "capture": dict(capture.meta)},
         **fields,
     )
+
+
+def _residual(
+    found: ChannelFit, good: np.ndarray, samples_per_pair: float
+) -> tuple[float, float, float]:
+    """The share of outlying pairs, and energies that are left of the others, and by noise, dB."""
+    square = np.square(np.abs(found.pairs.mean - found.pairs.model))
+    # A few outlying pairs have nearly no weight, and do not invalidate the rest.
+    outlying = good & (square > TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
+    share = np.count_nonzero(outlying) / np.count_nonzero(good)
+    if share > MAX_OUTLYING:
+        raise CalibrationError(
+            f"estimate_channels: the {found.target.kind} does not explain the capture: "
+            f"{100 * share:.0f} % of the pairs have another echo, and at most "
+            f"{100 * MAX_OUTLYING:.0f} % may. Another target, or another position"
+        )
+    good = good & ~outlying
+    echoes = float(np.square(np.abs(found.pairs.mean[good])).sum())
+    left = (float(square[good].sum()), float(found.noise[good].sum()) / samples_per_pair)
+    return share, _decibel(left[0] / echoes), _decibel(left[1] / echoes)
 
 
 def _filled(values: np.ndarray, live: np.ndarray, dead: np.ndarray | None = None) -> np.ndarray:
@@ -410,5 +351,5 @@ def _filled(values: np.ndarray, live: np.ndarray, dead: np.ndarray | None = None
     return every
 
 
-def _energy_db(share: float) -> float:
+def _decibel(share: float) -> float:
     return 10 * float(np.log10(max(share, 1e-30)))

@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import CalibrationError, ModelError
+from clradar.errors import CalibrationError
 from clradar.model import AntennaArray
 from clradar.model.progress import Progress
 
@@ -30,6 +30,9 @@ TUKEY_CUTOFF = 4.685 / np.sqrt(2.0)
 
 LEAST_WEIGHT = 1e-4
 """Of an outlier, relative to any other pair: a channel of outliers alone needs a solution, too."""
+
+MOST_STEPS = 60
+"""Of the fit."""
 
 DELAY_FLOOR_S = 1e-13
 """Smallest prior spread of the delays: 0.03 mm of path."""
@@ -54,11 +57,10 @@ _RANK_ONE = 1e-11  # relative change of gains at which they have converged
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """The samples of a capture, with the weights and spectra of an optional delay gate.
+    """The samples of a capture, shape (n_tx, n_rx, n_freq), and how they are read.
 
-    `data`, shape (n_tx, n_rx, n_freq), complex64; `frequencies_hz` and their `weight`, whose sum is
-    1, shape (n_freq,); `basis`, shape (n_freq, m), orthonormal spectra in which noise is measured,
-    None for all.
+    `weight`, whose sum is 1, are of the frequencies; `basis`, shape (n_freq, m), are orthonormal
+    spectra in which noise is measured, None for all.
     """
 
     data: np.ndarray
@@ -72,9 +74,8 @@ class Samples:
 
     @property
     def offset_rad_per_s(self) -> np.ndarray:
-        """2 pi (f - reference), shape (n_freq,): its weighted sum is zero."""
-        offset: np.ndarray = 2 * np.pi * (self.frequencies_hz - self.reference_hz)
-        return offset
+        """2 pi (f - reference), whose weighted sum is zero."""
+        return np.asarray(2 * np.pi * (self.frequencies_hz - self.reference_hz))
 
     @property
     def spread_rad_per_s(self) -> float:
@@ -86,16 +87,15 @@ class Samples:
         """Effective number of samples: the reciprocal of the summed squared weights."""
         return float(1.0 / (self.weight @ self.weight))
 
-    def projected(self, spectra: np.ndarray) -> np.ndarray:
-        """Coefficients of spectra, shape (n, n_freq), in `basis`."""
-        part: np.ndarray = spectra if self.basis is None else spectra @ self.basis
-        return part
+    def energy(self, spectra: np.ndarray) -> np.ndarray:
+        """Energy of spectra, shape (n, n_freq), in `basis`."""
+        inside = spectra if self.basis is None else spectra @ self.basis
+        return np.asarray((inside.real**2 + inside.imag**2).sum(axis=1))
 
     def power(self) -> np.ndarray:
         """Power of one sample of each pair, shape (n_tx, n_rx)."""
         n = self.frequencies_hz.size if self.basis is None else self.basis.shape[1]
-        rows = (row.astype(np.complex128) for row in self.data)
-        return np.stack([_energy(self.projected(row)) / n for row in rows])
+        return np.stack([self.energy(row.astype(np.complex128)) / n for row in self.data])
 
     def flattened(
         self, length_m: np.ndarray, tx_delay_s: np.ndarray, rx_delay_s: np.ndarray
@@ -108,11 +108,6 @@ class Samples:
             yield row * np.exp(1j * phase)
 
 
-def _energy(spectra: np.ndarray) -> np.ndarray:
-    energy: np.ndarray = (spectra.real**2 + spectra.imag**2).sum(axis=1)
-    return energy
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
     """The channels of one side: complex gain and delay, each of shape (n,)."""
@@ -123,12 +118,11 @@ class Side:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Sufficient statistics of each pair around a trial, each of shape (n_tx, n_rx).
+    """Statistics of each pair around a trial, each of shape (n_tx, n_rx).
 
-    `mean` and `slope`, complex128, of the samples after the trial's phases are removed: the mean
-    over frequency and the projection on nu / rms(nu); `model`, the trial's amplitude, which equals
-    `mean` for a perfect fit; `scatter`, power of one sample beside mean and slope, the noise;
-    `total`, power of one sample beside the trial.
+    After the trial's phases are removed: `mean` over frequency and `slope`, the projection on
+    nu / rms(nu); `model`, the trial's amplitude; `scatter` and `total`, power of one sample beside
+    mean and slope, which is noise, and beside the trial.
     """
 
     mean: np.ndarray
@@ -139,26 +133,11 @@ class Pairs:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prior:
-    """Prior knowledge.
-
-    `tolerance`, shape (n_parameters,), standard deviations of the pose parameters in their units;
-    `refine`, whether the pose is estimated or fixed; `zero_mean`, whether delays scatter about zero
-    or about an unknown common delay.
-    """
-
-    tolerance: np.ndarray
-    refine: bool
-    zero_mean: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ChannelFit:
     """The converged fit, with the target in its estimated pose.
 
-    `noise`, shape (n_tx, n_rx), noise power of one sample, from the channels'; `phase_std_rad` of
-    Tx and of Rx, given the pose; `covariance` of the pose parameters, in their units, 0 if the pose
-    is fixed.
+    `noise`, shape (n_tx, n_rx), is of one sample, from the channels'; `phase_std_rad` of Tx and of
+    Rx, given the pose; `covariance` of the pose in its units, 0 if it is fixed.
     """
 
     tx: Side
@@ -255,41 +234,30 @@ def fit_channels(
     samples: Samples,
     array: AntennaArray,
     target: Target,
-    tx: Side,
-    rx: Side,
-    prior: Prior,
-    max_iterations: int,
+    sides: tuple[Side, Side],
+    tolerance: np.ndarray,
+    zero_mean: bool,
     progress: Progress | None = None,
 ) -> ChannelFit:
     """Refine a start: reduce the capture around it, fit pose and channels, and go on from there.
 
-    Raises
-    ------
-    CalibrationError
-        The target leaves the capture range, or the fit does not settle.
+    `tolerance` are standard deviations of the pose in its units, none where it is fixed; with
+    `zero_mean` delays scatter about zero, else about an unknown common delay.
     """
-    nominal = target.parameters
-    tolerance = prior.tolerance if prior.refine else prior.tolerance[:0]
+    nominal, (tx, rx) = target.parameters, sides
     moved = np.zeros(tolerance.size)
 
     def placed(away: np.ndarray) -> Target:
-        return _placed(target, nominal + away * tolerance) if away.size else target
+        return target.placed(nominal + away * tolerance) if away.size else target
 
-    for iteration in range(max_iterations):
+    for iteration in range(MOST_STEPS):
         if progress is not None:
-            progress(iteration, max_iterations)
+            progress(iteration, MOST_STEPS)
         echo = placed(moved).echo(array)
         pairs = pairs_of(samples, echo, tx, rx)
-        _check_explained(pairs, echo.seen, target)
         noise = _noise(pairs, echo.seen)
         weight = _weights(samples, pairs, noise, echo.seen)
-        try:
-            near = _Channels(samples, pairs, weight, (tx, rx), prior.zero_mean)
-        except np.linalg.LinAlgError as error:
-            raise CalibrationError(
-                f"estimate_channels: the {target.kind} does not explain the capture: where the fit "
-                "leads, some channels have no echo of it"
-            ) from error
+        near = _Channels(samples, pairs, weight, (tx, rx), zero_mean)
 
         def residuals(away: np.ndarray) -> np.ndarray:
             longer_m = placed(away).echo(array).length_m - echo.length_m  # noqa: B023
@@ -317,11 +285,11 @@ def fit_channels(
             break
     else:
         raise CalibrationError(
-            f"estimate_channels: expected a fit that settles within {max_iterations} steps, got "
+            f"estimate_channels: expected a fit that settles within {MOST_STEPS} steps, got "
             f"one that still moves: another target than the {target.kind}, or another position"
         )
     if progress is not None:
-        progress(max_iterations, max_iterations)
+        progress(MOST_STEPS, MOST_STEPS)
     target = placed(moved)
     echo = target.echo(array)
     every = np.zeros((nominal.size, nominal.size))
@@ -331,43 +299,23 @@ def fit_channels(
 
 
 def pairs_of(samples: Samples, echo: Echo, tx: Side, rx: Side) -> Pairs:
-    """Sufficient statistics of each pair, given a trial."""
-    slope = samples.offset_rad_per_s / samples.spread_rad_per_s
-    shapes = np.stack([np.ones_like(slope), slope])
-    inside = samples.projected(shapes)
-    # Mean and slope of each pair, and the inner products of both with the gated samples.
-    expanded = inside if samples.basis is None else inside @ samples.basis.T
-    readers = np.concatenate([shapes * samples.weight, expanded]).T
-    readings = np.empty((*echo.length_m.shape, 4), dtype=np.complex128)
-    energy = np.empty(echo.length_m.shape)
-    for i, row in enumerate(samples.flattened(echo.length_m, tx.delay_s, rx.delay_s)):
-        readings[i] = row @ readers
-        energy[i] = _energy(samples.projected(row))
+    """Statistics of each pair, given a trial."""
+    late = samples.offset_rad_per_s / samples.spread_rad_per_s
     gain = np.outer(tx.gain, rx.gain)
-    model = np.abs(gain)
-    readings *= np.exp(-1j * np.angle(gain))[:, :, None]
-    fitted, read = readings[:, :, :2], readings[:, :, 2:]
-
-    def residual(amplitudes: np.ndarray, k: int) -> np.ndarray:
-        """Energy in the basis after the first k shapes of these amplitudes are subtracted."""
-        taken = np.einsum(
-            "abi,ij,abj->ab", amplitudes, (inside @ inside.T)[:k, :k], amplitudes.conj()
-        )
-        crossed = (amplitudes.conj() * read[:, :, :k]).sum(axis=2)
-        return np.maximum(energy - 2 * crossed.real + taken.real, 0.0)
-
-    # Energy of unit white noise in the basis, as it is and without mean and slope.
-    n = slope.size
-    bare = float(np.square(samples.projected(np.eye(n))).sum())
-    fitting = (shapes * samples.weight).T @ shapes
-    flat = float(np.square(samples.projected(np.eye(n) - fitting)).sum())
-    return Pairs(
-        mean=fitted[:, :, 0],
-        slope=fitted[:, :, 1],
-        model=model,
-        scatter=residual(fitted, 2) / flat,
-        total=residual(model[:, :, None], 1) / bare,
-    )
+    turn, model = np.exp(-1j * np.angle(gain)), np.abs(gain)
+    found = []
+    for i, row in enumerate(samples.flattened(echo.length_m, tx.delay_s, rx.delay_s)):
+        turned = row * turn[i][:, None]
+        mean, slope = turned @ samples.weight, turned @ (samples.weight * late)
+        left = turned - mean[:, None] - slope[:, None] * late
+        beside = turned - model[i][:, None]
+        found.append((mean, slope, samples.energy(left), samples.energy(beside)))
+    mean, slope, scatter, total = (np.stack(rows) for rows in zip(*found, strict=True))
+    # Energy of unit white noise, as it is and without mean and slope.
+    every, shapes = np.eye(late.size), np.stack([np.ones_like(late), late])
+    bare = samples.energy(every).sum()
+    flat = samples.energy(every - (shapes * samples.weight).T @ shapes).sum()
+    return Pairs(mean, slope, model, scatter / flat, total / bare)
 
 
 def _noise(pairs: Pairs, seen: np.ndarray) -> np.ndarray:
@@ -452,25 +400,6 @@ class _Channels:
     def _sums(self, values: np.ndarray) -> np.ndarray:
         weighted = self._weight * values
         return np.concatenate([weighted.sum(axis=1), weighted.sum(axis=0)])
-
-
-def _placed(target: Target, parameters: np.ndarray) -> Target:
-    try:
-        return target.placed(parameters)
-    except ModelError as error:
-        raise CalibrationError(
-            f"estimate_channels: the {target.kind} does not explain the capture: its fit leads to "
-            f"an impossible pose ({error})"
-        ) from error
-
-
-def _check_explained(pairs: Pairs, seen: np.ndarray, target: Target) -> None:
-    left = np.square(np.abs(pairs.mean - pairs.model)[seen]).sum()
-    if not left <= np.square(np.abs(pairs.mean[seen])).sum():
-        raise CalibrationError(
-            f"estimate_channels: the {target.kind} does not explain the capture: subtracting its "
-            "echoes leaves more than there was. Another target, or another position"
-        )
 
 
 def _check_range(

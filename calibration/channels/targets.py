@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -22,58 +22,21 @@ RADIUS_M = (1e-4, 5.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Echo:
-    """The specular path of every pair of antennas via a target.
+    """The specular path of each pair via a target: its length, metres, and whether there is one.
 
-    Attributes
-    ----------
-    length_m : ndarray, shape (n_tx, n_rx), float64, metres
-        Path length; finite where `seen` is False, too.
-    seen : ndarray, shape (n_tx, n_rx), bool
-        Whether the path exists: the specular point lies on the target and faces both antennas.
-
-    Examples
-    --------
-    The plate of 10 cm reflects between the first Tx and the Rx, not between the second and the Rx:
-
-    >>> import clradar
-    >>> import calibration
-    >>> array = clradar.AntennaArray([[0, 0, 0], [0.4, 0, 0]], [[0, 0, 0]])
-    >>> echo = calibration.FlatPlate(0.3, size_m=(0.1, 0.1)).echo(array)
-    >>> echo.length_m[:, 0].round(3).tolist(), echo.seen[:, 0].tolist()
-    ([0.6, 0.721], [True, False])
+    Both have the shape (n_tx, n_rx); lengths are finite where there is no path, too.
     """
 
     length_m: np.ndarray
     seen: np.ndarray
 
 
-class Target(Protocol):
-    """Interface of a calibration target, as `estimate_channels` uses it.
-
-    Attributes
-    ----------
-    kind : str
-    parameter_names : tuple of str
-        Of its pose; a name ends with the unit, "_m" or "_deg".
-    """
-
-    kind: ClassVar[str]
-    parameter_names: ClassVar[tuple[str, ...]]
-
-    @property
-    def parameters(self) -> np.ndarray:
-        """Its pose, in the order and the units of `parameter_names`."""
-
-    def placed(self, parameters: np.ndarray) -> Target:
-        """The same target in another pose; `ModelError` if that is invalid."""
-
-    def echo(self, array: AntennaArray) -> Echo:
-        """The specular path of every pair."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _AtPosition:
-    """A target whose pose is a place in front of the antennas."""
+    """A target whose pose is a place in front of the antennas.
+
+    `parameters` are the pose of a target, in the order and units of `parameter_names`.
+    """
 
     parameter_names: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
 
@@ -203,10 +166,8 @@ class FlatPlate:
     tilt_x_deg, tilt_y_deg : float, degrees
         Positive where the plate is farther away towards +x, +y.
     size_m : (float, float), metres, optional
-        Width (along x) and height of the plate. A pair whose point of reflection is not on it has
-        no echo. None for a plate large enough for all pairs.
-    centre_m : (float, float), metres
-        x and y of the middle of the plate.
+        Width (along x) and height of the plate, with its middle at x = y = 0. A pair whose point of
+        reflection is not on it has no echo. None for a plate large enough for all pairs.
 
     Examples
     --------
@@ -226,7 +187,6 @@ class FlatPlate:
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
     size_m: tuple[float, float] | None = field(default=None, kw_only=True)
-    centre_m: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
 
     def __post_init__(self) -> None:
         distance = checks.positive("FlatPlate.distance_m", self.distance_m)
@@ -243,10 +203,6 @@ class FlatPlate:
             if (size <= 0).any():
                 checks.fail("FlatPlate.size_m", "positive lengths", f"{size.tolist()}")
             object.__setattr__(self, "size_m", (float(size[0]), float(size[1])))
-        centre = checks.read_only("FlatPlate.centre_m", self.centre_m, np.float64, (2,))
-        aside, within = np.abs(centre).max(), (0.0, PLAUSIBLE_RANGE_M[1])
-        check_plausible("FlatPlate.centre_m", "a distance from the axis", aside, within)
-        object.__setattr__(self, "centre_m", (float(centre[0]), float(centre[1])))
 
     @property
     def parameters(self) -> np.ndarray:
@@ -271,12 +227,15 @@ class FlatPlate:
             # From the image of the Tx in the plane straight on to the Rx.
             image = array.tx_m + 2 * h_tx * normal
             point = image[:, None] + share[:, :, None] * (array.rx_m[None] - image[:, None])
-            middle = np.array([*self.centre_m, self.distance_m + slope @ np.array(self.centre_m)])
+            middle = np.array([0.0, 0.0, self.distance_m])
             along_x = np.array([1.0, 0.0, slope[0]]) / np.hypot(1.0, slope[0])
             along_y = np.cross(normal, along_x)
             u, v = (point - middle) @ along_x, (point - middle) @ along_y
             seen = (np.abs(u) <= self.size_m[0] / 2) & (np.abs(v) <= self.size_m[1] / 2)
         return Echo(length_m, seen)
+
+
+Target = FlatPlate | Sphere | CornerReflector
 
 
 def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndarray:
@@ -286,18 +245,6 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     -------
     ndarray, shape (n_tx, n_rx, n_freq), complex128
         exp(-j 2 pi f d / c), with d the length of the pair's path; 0 for pairs without an echo.
-
-    Examples
-    --------
-    The path of 0.6 m is one wavelength at the first frequency, 1.25 at the second:
-
-    >>> import clradar, numpy as np
-    >>> import calibration
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
-    >>> waveform = clradar.Waveform([299_792_458 / 0.6, 1.25 * 299_792_458 / 0.6])
-    >>> samples = calibration.response(calibration.FlatPlate(0.3), array, waveform)[0, 0]
-    >>> [round(float(np.degrees(np.angle(s)))) for s in samples]
-    [0, -90]
     """
     echo = target.echo(array)
     cycles = echo.length_m[:, :, None] * (waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)

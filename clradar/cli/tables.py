@@ -17,7 +17,7 @@ from clradar.errors import ClradarError
 if TYPE_CHECKING:
     from calibration import Diagnosis, HandFit, Hypothesis
     from clradar.arrays import ArrayFigures
-    from clradar.dataset.trial import Replay
+    from clradar.dataset.check import Replay
 
 DIGIT_COLUMNS = (
     "digit", "tip x, y, z (mm)", "sd (mm)", "tip determined", "angles determined", "as in the start"

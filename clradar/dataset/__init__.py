@@ -5,12 +5,12 @@
 `run` makes a data set; ``docs/plans.md`` describes plans and files.
 """
 
+from clradar.dataset.check import replay
 from clradar.dataset.plan.plan import Plan, PlanError, plan_schema, read_plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.readers import TorchDataset, open_dataset
 from clradar.dataset.runs import run
 from clradar.dataset.sample import Sample, make_sample
-from clradar.dataset.trial import replay
 
 __all__ = [
     "Plan",

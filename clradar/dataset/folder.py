@@ -22,7 +22,7 @@ from pydantic import Field
 
 from clradar.dataset.plan.plan import Plan, PlanError, plan_from, plan_record
 from clradar.dataset.plan.recipe import EARLIER_SETTINGS
-from clradar.errors import MeasurementError, OutputError, quoted
+from clradar.errors import MeasurementError, quoted
 from clradar.files.failures import fail, shown
 from clradar.files.json_file import read_json_object, write_json
 from clradar.files.records import OpenRecord, Whole, record_of
@@ -109,13 +109,6 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 def is_dataset(path: Path) -> bool:
     """Return whether a folder is that of a data set."""
     return (path / MANIFEST).is_file() and (path / SHARDS).is_dir()
-
-
-def refuse_own(folder: Path, output: Path) -> None:
-    """Raise `OutputError` if an output would be a file of the data set's own."""
-    place, owner = (Path(os.path.realpath(path)) for path in (output, folder))
-    if place.is_relative_to(owner) and {*place.relative_to(owner).parts[:1]} & {*OWN_NAMES}:
-        raise OutputError(f"{shown(output)}: belongs to the data set; choose another name")
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.dataset.folder import read_manifest, shard_name
+from clradar.dataset.folder import Manifest, read_manifest, shard_name
 from clradar.dataset.plan.plan import plan_record
 from clradar.dataset.shards import ARRAYS, LABELS, arrays_of, labels_of, opened_shard, samples_of
 from clradar.errors import ClradarError, MissingPackage
@@ -29,45 +29,26 @@ NAMES = ("sample", "pose", "handedness", "rig")
 """Labels that are coordinates of the samples."""
 
 
-class _Stored:
-    """The stored samples of a data set: `rows` has the shard and the row of each."""
-
-    def __init__(self, folder: str | os.PathLike[str]) -> None:
-        self.manifest = read_manifest(Path(folder))
-        self.plan = self.manifest.plan
-        self.rows: list[tuple[Path, int]] = []
-        self.samples: list[int] = []
-        for number in sorted(self.manifest.shards):
-            path = Path(folder) / shard_name(number)
-            with opened_shard(path) as file:
-                samples = samples_of(file)
-            self.rows += ((path, row) for row in range(len(samples)))
-            self.samples += samples
-        if not self.samples:
-            fail(Path(folder), "a data set with at least one shard of samples", "none")
-
-    def sequences(self, function: str) -> np.ndarray:
-        """Return the positions of the samples of all whole sequences, shape (n, n_frames)."""
-        if self.plan.movement is None:
-            checks.fail(f"{function}: sequences", "a data set whose plan has [movement]", "none")
-        place = {sample: position for position, sample in enumerate(self.samples)}
-        frames = self.plan.movement.frames
-        firsts = sorted(sample for sample in self.samples if sample % frames == 0)
-        wanted = [range(first, first + frames) for first in firsts]
-        whole = [[place[s] for s in own] for own in wanted if all(s in place for s in own)]
-        return np.array(whole, dtype=np.int64).reshape(-1, frames)
+def _stored(folder: str | os.PathLike[str]) -> tuple[Manifest, dict[Path, int]]:
+    """The manifest of a data set, and its shards with the number of their samples."""
+    manifest = read_manifest(Path(folder))
+    counts = {}
+    for number in sorted(manifest.shards):
+        path = Path(folder) / shard_name(number)
+        with opened_shard(path) as file:
+            counts[path] = len(samples_of(file))
+    if not any(counts.values()):
+        fail(Path(folder), "a data set with at least one shard of samples", "none")
+    return manifest, counts
 
 
-def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> xarray.Dataset:
+def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     """Return a data set with its axes, units and labels.
 
     Parameters
     ----------
     folder : path-like
         A data set, as ``clradar dataset`` writes it, complete or not.
-    sequences : bool
-        Of a data set whose plan has [movement]: along `sequence` and `frame` instead of `sample`;
-        without meshes, and without sequences that lack a frame.
 
     Returns
     -------
@@ -95,16 +76,14 @@ def open_dataset(folder: str | os.PathLike[str], *, sequences: bool = False) -> 
         raise MissingPackage(
             f"open_dataset: expected xarray and dask, got {error}; pip install xarray 'dask[array]'"
         ) from error
-    stored = _Stored(folder)
-    whole = stored.sequences("open_dataset") if sequences else None
-    view = _view([*dict.fromkeys(path for path, _ in stored.rows)])
-    view.attrs = {
-        "complete": int(not stored.manifest.missing),
-        "set_aside": len(stored.manifest.aside),
-        "plan": to_json("plan", plan_record(stored.plan)),
-        "made_with": to_json("made_with", stored.manifest.made_with),
+    manifest, counts = _stored(folder)
+    attributes = {
+        "complete": int(not manifest.missing),
+        "set_aside": len(manifest.aside),
+        "plan": to_json("plan", plan_record(manifest.plan)),
+        "made_with": to_json("made_with", manifest.made_with),
     }
-    return view if whole is None else _sequences(view, whole)
+    return _view([path for path, count in counts.items() if count]).assign_attrs(attributes)
 
 
 def _view(paths: list[Path]) -> xarray.Dataset:
@@ -178,21 +157,6 @@ class _Lazy:
             return _values(file[self.place], key).astype(self.dtype, copy=False)
 
 
-def _sequences(view: xarray.Dataset, whole: np.ndarray) -> xarray.Dataset:
-    """The samples at positions (n, n_frames) along `sequence` and `frame`."""
-    meshes = [name for name in view.variables if str(name).startswith("mesh_")]
-    kept = view.drop_vars([*meshes, "sequence", "frame"]).isel(sample=whole.reshape(-1))
-    numbers = kept["sample"].values.reshape(whole.shape)
-    split = kept.drop_vars("sample").coarsen(sample=whole.shape[1])
-    made = split.construct(sample=("sequence", "frame"))
-    made = made.assign_coords(
-        sample=(("sequence", "frame"), numbers),
-        sequence=numbers[:, 0] // whole.shape[1],
-        frame=np.arange(whole.shape[1]),
-    )
-    return made.assign_attrs(view.attrs)
-
-
 class TorchDataset:
     """Samples as dictionaries of tensors, for `torch.utils.data.DataLoader`.
 
@@ -208,9 +172,6 @@ class TorchDataset:
         `poses`; 0 is right, 1 left), and "sample", its number in the plan.
     transform : callable, optional
         Applied to each dictionary.
-    sequences : bool
-        Of a data set whose plan has [movement]: an item is a sequence, and each value has its
-        frames along a first axis. Sequences that lack a frame are left out.
 
     Attributes
     ----------
@@ -231,13 +192,10 @@ class TorchDataset:
         folder: str | os.PathLike[str],
         names: Sequence[str] = ("max_projection", "pose"),
         transform: Callable[[dict[str, Any]], Any] | None = None,
-        *,
-        sequences: bool = False,
     ) -> None:
-        stored = _Stored(folder)
-        plan, self._rows, self._transform = stored.plan, stored.rows, transform
-        positions = stored.sequences("TorchDataset") if sequences else np.arange(len(stored.rows))
-        self._positions: np.ndarray = positions
+        manifest, counts = _stored(folder)
+        self._rows = [(path, row) for path, count in counts.items() for row in range(count)]
+        self._transform, plan = transform, manifest.plan
         self.poses = tuple(pose.name for pose in plan.poses.poses)
         fields = {**arrays_of(plan.output.products), **labels_of(plan)}
         known = [n for n, own in fields.items() if own.dtype != "text" and not own.ragged]
@@ -250,30 +208,19 @@ class TorchDataset:
         self._places = {name: fields[name].place for name in names}
 
     def __len__(self) -> int:
-        return len(self._positions)
+        return len(self._rows)
 
     def __getitem__(self, position: int) -> Any:
-        """Return the sample or sequence at a position, negative ones from the end."""
+        """Return the sample at a position, negative ones from the end."""
         try:
             import torch
         except ImportError as error:
             raise ClradarError(f"TorchDataset: expected PyTorch, got {error}") from error
-        if not -len(self) <= position < len(self):
-            raise IndexError(f"position {position} of a data set of {len(self)} samples")
-        places = self._positions[position]
-        values = [self._values(int(place)) for place in places.reshape(-1)]
-        sample = {
-            name: torch.as_tensor(np.stack([own[name] for own in values]) if places.ndim else value)
-            for name, value in values[0].items()
-        }
-        return sample if self._transform is None else self._transform(sample)
-
-    def _values(self, place: int) -> dict[str, Any]:
-        path, row = self._rows[place]
-        numbers = {"handedness": ("right", "left"), "pose": self.poses}
+        path, row = self._rows[position]
         with opened_shard(path) as file:
-            found = {name: file[own][row] for name, own in self._places.items()}
-        return {
-            name: numbers[name].index(value.decode()) if name in numbers else np.asarray(value)
-            for name, value in found.items()
-        }
+            sample: Any = {n: np.asarray(file[place][row]) for n, place in self._places.items()}
+        for name, texts in (("handedness", ("right", "left")), ("pose", self.poses)):
+            if name in sample:
+                sample[name] = texts.index(sample[name].item().decode())
+        sample = {name: torch.as_tensor(value) for name, value in sample.items()}
+        return sample if self._transform is None else self._transform(sample)

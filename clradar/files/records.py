@@ -47,10 +47,9 @@ class OpenRecord(FileRecord):
 
 def mistake(expected: str, got: object = None, *, key: Any = "") -> PydanticCustomError:
     """Return what a validator raises; without `got` it is the value, `key` names an inner place."""
-    if got is not None and not isinstance(got, str):
-        got = toml_brief(got)
     if got is not None:  # pydantic refuses half of a surrogate pair, which JSON can hold
-        got = got.encode("utf-8", "backslashreplace").decode()
+        text = got if isinstance(got, str) else toml_brief(got)
+        got = text.encode("utf-8", "backslashreplace").decode()
     return PydanticCustomError(
         "mistake", "{expected}", {"expected": expected, "got": got, "key": key}
     )
@@ -182,10 +181,11 @@ def record_of(
     *,
     place: str = "",
     error: type[ClradarError] = MeasurementError,
+    context: Any = None,
 ) -> Model:
     """Return the record of a parsed table; `source` and `place` are its file and key."""
     try:
-        return model.model_validate(parsed)
+        return model.model_validate(parsed, context=context)
     except ValidationError as found:
         raise_mistakes(mistakes_of(found, model, source, place), error, found)
 

@@ -146,6 +146,10 @@ def test_a_plan_comes_back_from_its_record() -> None:
         ("output.shard_size", 0, "from 1"),
         ("output.compression", 10, "from 0 to 9"),
         ("output", 5, "expected a table or object, got 5"),
+        ("movement", {"frames": 3}, "^plan.toml: samples: .*a multiple of movement.frames, 3, got"),
+        ("movement", {"frames": 1}, ".frames: expected a whole number from 2"),
+        ("movement", {"order": "rx"}, ".order: expected "),
+        ("movement", {"frames": 5, "shift_mm": 3}, ".shift_mm: unknown key"),
     ],
 )
 def test_a_mistake_is_one_line_with_its_key(place: str, value: Any, words: str) -> None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from dataset_plans import DEVICE, tiny
 
 import clradar
-from clradar.dataset import TorchDataset, make_sample, open_dataset, recipe, run
+from clradar.dataset import make_sample, open_dataset, recipe, run
 from clradar.dataset.check import check_dataset
-from clradar.dataset.plan.plan import PlanError, plan_from, plan_record
+from clradar.dataset.plan.plan import plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.dataset.sample import moving_hand, scene_of
 from clradar.hand import JOINT_NAMES
@@ -60,41 +58,17 @@ def test_frames_share_the_draws_of_their_sequence() -> None:
         assert labelled.angles(joint).degrees() == pytest.approx(wanted.angles(joint).degrees())
 
 
-@pytest.mark.parametrize(
-    ("samples", "movement", "said"),
-    [
-        (5, {}, "samples: expected a multiple of movement.frames, 3, got 5"),
-        (6, {"frames": 1}, "movement.frames: expected a whole number from 2"),
-        (6, {"order": "rx"}, "movement.order"),
-        (6, {"shift_mm": 3}, "movement.shift_mm: unknown key"),
-    ],
-)
-def test_mistakes_name_the_key(samples: int, movement: dict[str, object], said: str) -> None:
-    tables = tiny(samples=samples, movement={**MOVEMENT, **movement})
-    with pytest.raises(PlanError, match=said):
-        plan_from(tables, "plan.toml", Path())
-
-
 @pytest.mark.usefixtures("quick_runs")
-def test_readers_give_sequences_along_their_frames(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "moving"
-    run(plan(products=["joints", "mesh"]), folder, device=DEVICE)
-    assert check_dataset(folder).problems == ()
-    flat, view = open_dataset(folder), open_dataset(folder, sequences=True)
+def test_frames_are_read_along_an_axis_of_their_own(tmp_path: Path) -> None:
+    run(plan(products=["joints", "mesh"]), tmp_path / "moving", device=DEVICE)
+    assert check_dataset(tmp_path / "moving").problems == ()
+    flat = open_dataset(tmp_path / "moving")
     assert flat.frame.values.tolist() == [0, 1, 2, 0, 1, 2]
-    assert view.joints.dims == ("sequence", "frame", "joint", "coordinate")
-    assert view.joints.shape == (2, 3, 25, 3)
-    assert np.array_equal(view.joints.values[1, 2], flat.joints.values[5])
-    assert view.sample.values.tolist() == [[0, 1, 2], [3, 4, 5]]
-    wrist_m = view.joints.sel(joint="wrist", sequence=0).values
-    assert wrist_m[2, 2] - wrist_m[0, 2] > 0.01
-    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(as_tensor=np.asarray))
-    data = TorchDataset(folder, ("joints", "frame"), sequences=True)
-    assert len(data) == 2
-    assert data[1]["joints"].shape == (3, 25, 3)
-    assert data[1]["frame"].tolist() == [0, 1, 2]
+    view = flat.set_index(sample=["sequence", "frame"]).unstack("sample")  # as the docs say
+    assert (view.sizes["sequence"], view.sizes["frame"]) == (2, 3)
+    wrist_m = view.joints.sel(joint="wrist", coordinate="z")
+    assert (wrist_m.sel(frame=2) - wrist_m.sel(frame=0)).min() > 0.01
+    assert np.array_equal(view.joints.sel(sequence=1, frame=2), flat.joints[5])
 
 
 def test_a_frame_is_the_moving_hand_at_its_time() -> None:

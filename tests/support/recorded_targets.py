@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import clradar
-from calibration import Target, response
+from calibration import response
+from calibration.channels.targets import Target
 from clradar import AntennaArray, Capture, ChannelResponse, Waveform
 
 SNR_DB = 20.0

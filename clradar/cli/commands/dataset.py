@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from clradar.cli import options as opt
 from clradar.cli.console import counted, print_line, print_text, progress_bar
-from clradar.cli.outputs import check_outputs, check_place_of_folder
+from clradar.cli.outputs import check_place_of_folder
 from clradar.cli.tables import print_replay
 from clradar.errors import ClradarError
 from clradar.jobs import open_devices
@@ -19,9 +18,7 @@ def command(
     plan: Path | None = opt.argument(
         "The plan of the data set, see docs/datasets.md.", metavar="PLAN.toml"
     ),
-    output: Path | None = opt.output_option(
-        "Folder of the data set; with --replay a file to write.", folder=True
-    ),
+    output: Path | None = opt.output_option("Folder of the data set.", folder=True),
     schema: bool = opt.option("Print the JSON schema of plans, for editors, and end.", False),
     dry_run: bool = opt.option(
         "Make one sample, estimate time and space of all, write none.", False
@@ -29,7 +26,7 @@ def command(
     replay: tuple[Path, int] | None = opt.option(
         "Make sample N of a data set again and compare it with the stored one, bit by bit.",
         metavar="DIR N",
-        without="PLAN.toml --dry-run",
+        without="PLAN.toml --dry-run -o",
     ),
     rigs: Path | None = opt.option(
         "Folder of the plan's rig files. [default: the current folder]",
@@ -40,8 +37,7 @@ def command(
     retry: bool = opt.option("Try the samples again that were set aside.", False),
     device: str | None = opt.DEVICE,
     force: bool = opt.option(
-        "Remove the data set that is in the folder, of this plan or another, and begin anew; with "
-        "--replay replace the file.",
+        "Remove the data set that is in the folder, of this plan or another, and begin anew.",
         False,
         panel="Output",
     ),
@@ -51,22 +47,18 @@ def command(
     status is 1 as long as any is.
     """
     from clradar.dataset import plan_schema, run
+    from clradar.dataset.check import estimate
+    from clradar.dataset.check import replay as make_again
     from clradar.dataset.plan.plan import read_plan
-    from clradar.dataset.trial import estimate
-    from clradar.dataset.trial import replay as make_again
 
     if schema:
         print_text(json.dumps(plan_schema(), indent=1))
         return
     if replay is not None:
-        check_outputs([output])
-        folder, index = replay
-        how: dict[str, Any] = {"device": open_devices(device).infos[0].selector, "rigs": rigs or ""}
+        selector = open_devices(device).infos[0].selector
         with progress_bar("making the sample"):
-            found = make_again(folder, index, output=output, force=force, **how)
-        if output is not None:
-            print_line(f"{output}: sample {index}, made again")
-        print_replay(folder, index, found)
+            found = make_again(*replay, device=selector, rigs=rigs or "")
+        print_replay(*replay, found)
         return
     if plan is None:
         raise opt.wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")

@@ -11,7 +11,7 @@ from clradar.cli import parse
 from clradar.cli.groups import REQUIRED, option, values_of
 
 if TYPE_CHECKING:
-    from calibration import Target
+    from calibration.channels.targets import Target
 
 
 @dataclass(frozen=True, kw_only=True)

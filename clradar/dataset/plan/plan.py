@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, PrivateAttr, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, PrivateAttr, model_validator
 
 from clradar.dataset.plan.draws import Draw, Within
 from clradar.dataset.plan.hands import (
@@ -26,7 +26,7 @@ from clradar.dataset.plan.radar import Image, Impairments, RadarPlan, Simulation
 from clradar.errors import MeasurementError
 from clradar.files.failures import shown
 from clradar.files.limits import MAX_LONG_TOML_BYTES
-from clradar.files.records import FileRecord, mistake, mistakes_of, raise_mistakes
+from clradar.files.records import FileRecord, mistake, raise_mistakes, record_of
 from clradar.files.toml_file import read_toml
 from clradar.hand import HandPose
 from clradar.model import Material
@@ -177,10 +177,7 @@ def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
 
     `source` is the name of its file, for messages; names of other files are relative to `folder`.
     """
-    try:
-        plan = Plan.model_validate(dict(parsed), context={"folder": folder})
-    except ValidationError as found:
-        raise_mistakes(mistakes_of(found, Plan, source), PlanError, found)
+    plan = record_of(dict(parsed), Plan, source, error=PlanError, context={"folder": folder})
     plan._folder = folder.absolute()
     contradictions = [
         f"{shown(source)}: {key}: expected {expected}, got {got}"

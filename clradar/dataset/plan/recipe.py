@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from clradar.dataset.plan.draws import Draw, fixed, stream
 from clradar.dataset.plan.hands import Hands, MovementPlan, Poses
 from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.errors import ModelError
 from clradar.files.failures import clean
-from clradar.files.records import mistakes_of, raise_mistakes
+from clradar.files.records import record_of
 from clradar.hand import (
     HandPose,
     HandShape,
@@ -56,28 +56,18 @@ def recipe(plan: Plan, index: int) -> Recipe:
 
 def read_recipe(recipe: Mapping[str, Any] | str | bytes) -> SamplePlan:
     """Return the sample of a recipe or its JSON text; what is a draw in it is drawn."""
-    found: Any = recipe
-    if isinstance(recipe, str | bytes):
-        try:
-            found = json.loads(recipe)
-        except ValueError as error:
-            raise ModelError(
-                f"recipe: expected JSON text of a recipe, got no JSON: {clean(error)}"
-            ) from error
+    try:
+        found: Any = json.loads(recipe) if isinstance(recipe, str | bytes) else recipe
+    except ValueError as error:
+        raise ModelError(f"recipe: expected its JSON text, got no JSON: {clean(error)}") from error
     if not isinstance(found, Mapping):
-        got = type(found).__name__
-        raise ModelError(f"recipe: expected a mapping, or its JSON text, got {got}")
+        checks.fail("recipe", "a mapping, or its JSON text", type(found).__name__)
     content = dict(found)
     version, sample = content.pop("version", VERSION), content.pop("sample", 0)
     if version != VERSION:
-        raise ModelError(
-            f"recipe: expected version {VERSION}, got {version!r}; older ones follow from their "
-            "plan: clradar.dataset.recipe(plan, sample)"
-        )
-    try:
-        plan = Plan.model_validate(content)
-    except ValidationError as error:
-        raise_mistakes(mistakes_of(error, Plan, "recipe"), ModelError, error)
+        older = "older ones follow from their plan: clradar.dataset.recipe(plan, sample)"
+        checks.fail("recipe", f"version {VERSION}", f"{version!r}; {older}")
+    plan = record_of(content, Plan, "recipe", error=ModelError)
     return SamplePlan(plan, checks.whole("recipe: sample", sample, 0))
 
 

@@ -67,13 +67,13 @@ def test_plate_is_the_shortest_path(tilt):
     slope = np.tan(np.radians(tilt))
     size = 0.10
     endless = FlatPlate(0.3, *tilt).echo(FEW)
-    small = FlatPlate(0.3, *tilt, size_m=(size, 3.0), centre_m=(0.01, 0.0)).echo(FEW)
+    small = FlatPlate(0.3, *tilt, size_m=(size, 3.0)).echo(FEW)
     on_plate = np.zeros_like(small.seen)
     for i, tx in enumerate(FEW.tx_m):
         for k, rx in enumerate(FEW.rx_m):
             point = shortest(lambda u: np.array([*u, 0.3 + u @ slope]), np.zeros(2), tx, rx)
             assert abs(endless.length_m[i, k] - path_m(point, tx, rx)) < LENGTH_TOLERANCE_M
-            along = (point[0] - 0.01) * np.hypot(1.0, slope[0])
+            along = point[0] * np.hypot(1.0, slope[0])
             # The plate's x axis is in the plane and upright to y: off it, x is not all.
             along += (point[1] * slope[1]) * slope[0] / np.hypot(1.0, slope[0])
             on_plate[i, k] = abs(along) <= size / 2

@@ -18,13 +18,12 @@ from calibration import (
     CornerReflector,
     FlatPlate,
     Sphere,
-    Target,
     correct,
     estimate_channels,
     response,
 )
-from calibration.channels.estimate import delay_taper
 from calibration.channels.figure import channels_figure
+from calibration.channels.targets import Target
 from clradar import AntennaArray, Capture, ChannelCalibration, Waveform
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError, MeasurementError, ModelError, OutputError
@@ -137,29 +136,26 @@ def test_covariance_of_the_position(kind):
 
 def test_gauge():
     truth = instrument(seed=4, array=SMALL, dead_tx=(0,))
-    found = estimate_channels(truth.record_target(TRUE["plate"]), SAID["plate"])
-    tx, rx = live(found, "tx"), live(found, "rx")
+    ideal = 7.0 * response(TRUE["corner"], SMALL, truth.waveform)
+    capture = truth.record(ideal)
+    found = estimate_channels(capture, TRUE["corner"])
+    alive = {side: live(found, side) for side in ("tx", "rx")}
     assert found.dead_tx.tolist() == [0]
-    for gain in (found.response.tx_gain[tx], found.response.rx_gain[rx]):
+    means, level = {}, 7.0
+    for side, own in alive.items():
+        gain = getattr(found.response, f"{side}_gain")[own]
         assert np.log(np.abs(gain)).mean() == pytest.approx(0.0, abs=1e-12)
-    assert np.angle(found.response.tx_gain[tx[0]]) == pytest.approx(0.0, abs=1e-12)
-    means = [found.response.tx_delay_s[tx].mean(), found.response.rx_delay_s[rx].mean()]
-    assert means[0] == pytest.approx(means[1], abs=1e-18)
+        means[side] = getattr(found.response, f"{side}_delay_s")[own].mean()
+        level *= np.exp(np.log(np.abs(getattr(truth.channels, f"{side}_gain")[own])).mean())
+    assert means["tx"] == pytest.approx(means["rx"], abs=1e-18)
+    assert np.angle(found.response.tx_gain[alive["tx"][0]]) == pytest.approx(0.0, abs=1e-12)
     assert found.response.tx_delay_s[0] == 0
     assert found.response.reference_hz == pytest.approx(77e9)
-
-
-def test_level_of_the_target():
-    truth = instrument(seed=5, array=SMALL)
-    ideal = 7.0 * response(TRUE["corner"], SMALL, truth.waveform)
-    found = estimate_channels(truth.record(ideal), TRUE["corner"])
-    gains = [np.abs(getattr(truth.channels, f"{side}_gain")) for side in ("tx", "rx")]
-    level = 7.0 * np.exp(sum(np.log(gain).mean() for gain in gains))
     assert found.target_amplitude == pytest.approx(level, rel=1e-3)
     # By the mean gain, levels stay.
-    before = np.abs(truth.record(ideal).data)
-    kept = correct(truth.record(ideal), found)
-    assert np.log(np.abs(kept.data)).mean() == pytest.approx(np.log(before).mean(), abs=0.01)
+    kept = np.abs(correct(capture, found).data[1:])
+    shift = np.log(kept).mean() - np.log(np.abs(capture.data[1:])).mean()
+    assert shift == pytest.approx(np.log(24 / 23), abs=0.01)
 
 
 def test_common_delay():
@@ -280,22 +276,6 @@ def test_echoes_beyond_noise_are_a_warning():
         estimate_channels(truth.record(both, snr_db=60.0), SAID["plate"])
 
 
-@pytest.mark.parametrize("cells", [1.5, 4.0, 50.0])
-def test_taper_is_a_window_of_delays(cells):
-    frequencies_hz = Waveform.sfcw(72e9, 82e9, 128).frequencies_hz
-    cell_s = 1 / np.ptp(frequencies_hz)
-    weight, basis = delay_taper(frequencies_hz, cells * cell_s)
-    assert weight.sum() == pytest.approx(1.0)
-    assert (weight >= 0).all()
-    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
-    delays_s = np.linspace(0, 30, 301) * cell_s
-    seen_db = 20 * np.log10(
-        np.abs(np.exp(2j * np.pi * np.outer(delays_s, frequencies_hz)) @ weight)
-    )
-    # The first side lobe of the least concentrated of them, of half width 1.5 cells, has -33 dB.
-    assert seen_db[delays_s > 1.2 * min(cells, 4.0) * cell_s].max() < -32
-
-
 # What is refused ----------------------------------------------------------------------------------
 
 
@@ -370,7 +350,6 @@ def test_plate_too_small_for_all_channels():
         ({"common_delay": "none"}, "'zero', 'free'"),
         ({"gate_m": 0.001}, "gate_m"),
         ({"dead_db": -3}, "positive"),
-        ({"max_iterations": 0}, "whole number"),
         ({"max_residual_db": "low"}, "number"),
     ],
 )
@@ -413,15 +392,12 @@ def test_correction_divides_and_masks(truth, found):
     rx = found.response.rx_response(frequencies_hz)
     tx[[2, 4]], rx[7] = np.inf, np.inf
     want = capture.data / tx[:, None] / rx[None]
-    plain = correct(capture, found, keep_level=False)
-    assert np.abs(plain.data - want).max() < 1e-6 * np.abs(want).max()  # complex64
     level = (24 / 22) * (24 / 23)  # the remaining pairs are scaled to the sum of all
     assert np.abs(corrected.data - level * want).max() < 1e-6 * level * np.abs(want).max()
     record = corrected.meta["channels"]
     assert (record["masked_tx"], record["masked_rx"]) == ([2, 4], [7])
     assert record["live_share"] == pytest.approx(22 / 24 * 23 / 24)
     assert record["factor"] == pytest.approx(level)
-    assert plain.meta["channels"]["factor"] == 1.0
     kept = correct(capture, found, mask=["dead"])
     assert kept.data[4].any()
     assert not kept.data[2].any()
@@ -439,7 +415,7 @@ def test_another_instrument_is_refused(truth, found):
     others = [
         (AntennaArray(tx_m, rx_m), "Tx 5 is 1.5 mm away"),
         (AntennaArray(SMALL.tx_m, rx_m[::-1]), "Rx 0 is"),
-        (AntennaArray(SMALL.tx_m[:-1], rx_m), "24 Tx .* got 23"),
+        (AntennaArray(SMALL.tx_m[:-1], rx_m), "23 Tx in place of 24"),
     ]
     for array, message in others:
         shape = (array.n_tx, array.n_rx, truth.waveform.n_freq)
