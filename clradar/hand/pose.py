@@ -126,6 +126,13 @@ def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
 
     A share of 0 gives the angles of `a`, 1 those of `b`, to the last bit. Fingers may penetrate
     each other on the way; `clradar.hand.sampler.overlaps` measures how deep.
+
+    Examples
+    --------
+    >>> from clradar.hand import POSES, interpolate_poses
+    >>> half = interpolate_poses(POSES["flat"], POSES["S"], 0.5)
+    >>> round(half.angles("middle-finger-phalanx-intermediate").degrees()[0])
+    57
     """
     checks.instance("a", a, HandPose)
     checks.instance("b", b, HandPose)

@@ -57,7 +57,14 @@ POSES: Mapping[str, HandPose] = _PackagedPoses()
 
 
 def pose_by_name(name: str) -> HandPose:
-    """Return a pose of `POSES`; in upper or lower case."""
+    """Return a pose of `POSES`; in upper or lower case.
+
+    Examples
+    --------
+    >>> from clradar.hand import pose_by_name
+    >>> pose_by_name("f").name
+    'F'
+    """
     wanted = checks.text("pose", name).strip().casefold()
     for known in POSES:
         if known.casefold() == wanted:
@@ -110,6 +117,13 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
 
     Reading it gives the pose again; an angle that is not a decimal number of degrees may come back
     changed by its last bit.
+
+    Examples
+    --------
+    >>> from clradar.hand import POSES, read_pose, write_pose
+    >>> write_pose("letter.json", POSES["W"])
+    >>> read_pose("letter.json") == POSES["W"]
+    True
     """
     target = Path(path)
     suffix = target.suffix.lower()

@@ -47,6 +47,13 @@ def random_pose(rng: np.random.Generator) -> HandPose:
     The thumb moves into opposition as it comes to the front. The wrist is within its own range,
     the palm towards the radar. Poses in which digits penetrate by more than `MOST_OVERLAP_M`, or
     the palm by more than `MOST_PALM_OVERLAP_M`, are rejected.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import random_pose
+    >>> random_pose(np.random.default_rng(1)) == random_pose(np.random.default_rng(1))
+    True
     """
     while True:
         pose = _drawn(rng)
@@ -78,6 +85,13 @@ def pose_around(
     limits of the joints. No parts penetrate more than in `random_pose`, or than in `pose` itself.
     Digits are drawn one at a time, six times over, and a draw is kept if it fits between the other
     digits as they are: Metropolis within Gibbs, as whole hands around a fist nearly all penetrate.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import POSES, pose_around
+    >>> pose_around(POSES["L"], np.random.default_rng(1), spread_deg=0.0) == POSES["L"]
+    True
     """
     checks.instance("pose", pose, HandPose)
     spread_deg = checks.real("spread_deg", spread_deg)

@@ -111,6 +111,13 @@ def random_shape(rng: np.random.Generator) -> HandShape:
     Half of the hands are women's. Within a sex length and breadth are normal with a correlation of
     0.6; the fingers' factors have a standard deviation of 0.024, girth one of 0.045. Draws outside
     `ADULT_RANGES` are rejected.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from clradar.hand import random_shape
+    >>> round(1e3 * random_shape(np.random.default_rng(1)).length_m)  # millimetres
+    188
     """
     length, breadth = _POPULATIONS_MM[int(rng.integers(2))]
     rest = np.sqrt(1.0 - _LENGTH_BREADTH_CORRELATION**2)

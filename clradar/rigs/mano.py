@@ -183,6 +183,12 @@ def theta_of_components(
 
     theta = [global, hands_mean + coefficients @ hands_components], of up to as many coefficients as
     the model has components; `global_rad` turns the whole hand, in the model's frame.
+
+    Examples
+    --------
+    >>> from clradar.rigs import theta_of_components
+    >>> theta_of_components(rig, [0.5])[3:6].tolist()
+    [0.5, 0.0, 0.0]
     """
     blend = _blend_of(rig)
     amounts = checks.read_only("coefficients", coefficients, np.float64, (None,), allow_empty=True)
@@ -229,6 +235,13 @@ def theta_of_rotations(rig: Rig, rotations: np.ndarray) -> np.ndarray:
     """Return the pose theta (48,), radians, of absolute rotations (25, 3, 3); inverse of the above.
 
     With `Rig.rotations` of a pose, this is that pose in the parameters of MANO.
+
+    Examples
+    --------
+    >>> from clradar.rigs import rotations_of_theta, theta_of_rotations
+    >>> theta = np.linspace(-0.5, 0.5, 48)
+    >>> bool(np.allclose(theta_of_rotations(rig, rotations_of_theta(rig, theta)), theta))
+    True
     """
     from scipy.spatial.transform import Rotation
 
