@@ -270,7 +270,7 @@ class ArrayFile(FileRecord):
             names = [f"{name}, cluster {i} of {len(placed)}" for i in range(1, len(placed) + 1)]
         return tuple(
             AntennaArray(
-                tx.at_m, rx.at_m, own, *lobes, tx.gain, rx.gain,
+                tx.at_m, rx.at_m, own, lobes[0], lobes[1], tx.gain, rx.gain,
                 lobes[0] and tx.boresight, lobes[1] and rx.boresight,
             )
             for own, (tx, rx) in zip(names, placed, strict=True)
