@@ -16,7 +16,6 @@ import numpy as np
 
 from clradar.backproject import backproject
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import ModelError
 from clradar.model import Capture, DepthMap, Volume, VoxelGrid, checks
 from clradar.model.plausible import place
 from clradar.model.progress import Progress
@@ -63,7 +62,7 @@ MAX_PLANES = 24
 """Along boresight, one plane per cell c / (2 span), of which the window's main lobe has four."""
 
 EXPECTED_WITHIN_M = 0.020
-"""Tolerance s of a known target's position: amplitude is weighted by exp(-distance^2 / 2 s^2)."""
+"""How far a known target may be, along each axis, from where it is expected."""
 
 EXPECTED_MARGIN_DB, EXPECTED_FLOOR_DB = 3.0, -20.0
 """Known target: margin over its mirror image, and level relative to the image's maximum."""
@@ -133,16 +132,7 @@ CHANGES = {
 def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
     """Apply the changes of a hypothesis to a capture, or undo them: each is its own inverse.
 
-    Parameters
-    ----------
-    capture : Capture
-    hypothesis : Hypothesis
-
-    Returns
-    -------
-    Capture
-        Same waveform; where anything changes, the label of the hypothesis is appended to the list
-        ``meta["conventions_applied"]``.
+    Where anything changes, the label is appended to the list ``meta["conventions_applied"]``.
 
     Examples
     --------
@@ -162,10 +152,8 @@ def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
     array, data = capture.array, capture.data
     if hypothesis.swapped:
         if array.n_tx != array.n_rx:
-            raise ModelError(
-                "apply_convention: expected as many Tx as Rx to swap the axes of the data, got "
-                f"{array.n_tx} Tx and {array.n_rx} Rx"
-            )
+            expected = "as many Tx as Rx to swap the axes of the data"
+            checks.fail("apply_convention", expected, f"{array.n_tx} Tx and {array.n_rx} Rx")
         data = data.transpose(1, 0, 2)
     if hypothesis.conjugated:
         data = data.conj()
@@ -185,28 +173,18 @@ class Score:
     Attributes
     ----------
     hypothesis : Hypothesis
-    sharpness : float
-        Sum of ``|V|^4`` over the image, relative to the sharpest. NaN for an impossible hypothesis.
+    relative_db : float
+        10 log10 of the sharpness, the sum of ``|V|^4``, relative to the sharpest.
     peak_m : ndarray, shape (3,), metres
-        Brightest voxel, x, y, z. NaN for an impossible hypothesis.
-    image : DepthMap or None
-        Amplitude over x and y; None for an impossible hypothesis.
+        Brightest voxel, x, y, z.
+    image : DepthMap
+        Amplitude over x and y.
     """
 
     hypothesis: Hypothesis
-    sharpness: float
+    relative_db: float
     peak_m: np.ndarray
-    image: DepthMap | None
-
-    def __post_init__(self) -> None:
-        peak = checks.read_only("Score.peak_m", self.peak_m, np.float64, (3,), finite=False)
-        object.__setattr__(self, "peak_m", peak)
-
-    @property
-    def relative_db(self) -> float:
-        """10 log10 of the sharpness, decibel; NaN for an impossible hypothesis."""
-        with np.errstate(divide="ignore"):
-            return float(10 * np.log10(self.sharpness))
+    image: DepthMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,7 +194,8 @@ class Diagnosis:
     Attributes
     ----------
     scores : tuple of Score
-        In the order of `HYPOTHESES`; none without an echo.
+        In the order of `HYPOTHESES`; of swapped axes where there are as many Tx as Rx. None without
+        an echo.
     candidates : tuple of Hypothesis
         Those that remain, the one with the fewest changes first. They are mirrored where a known
         target says so; without one the image and its mirror image are as good.
@@ -229,16 +208,6 @@ class Diagnosis:
         What to change, in words.
     margin_db : float
         Hypotheses within this of the sharpest remain.
-
-    Examples
-    --------
-    >>> import clradar
-    >>> import calibration
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
-    >>> zero = clradar.Capture([[[0j]]], array, clradar.Waveform([77e9]))
-    >>> found = calibration.diagnose(zero)
-    >>> found.best, found.decided, found.recommendation
-    (None, False, 'Undecidable: the capture is zero everywhere.')
     """
 
     scores: tuple[Score, ...]
@@ -254,13 +223,14 @@ class Diagnosis:
         return self.best is not None and len(self.candidates) == 1
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the images in types that JSON has; None stands for NaN."""
+        """Everything but the images in types that JSON has; None stands for no level at all."""
 
         def named(h: Hypothesis) -> dict[str, Any]:
             return {"label": h.label, **{name: bool(value) for name, value in asdict(h).items()}}
 
-        def finite(value: Any) -> Any:
-            return value if np.isfinite(value).all() else None
+        def scored(s: Score) -> dict[str, Any]:
+            level_db = s.relative_db if np.isfinite(s.relative_db) else None
+            return {**named(s.hypothesis), "relative_db": level_db, "peak_m": s.peak_m.tolist()}
 
         return {
             "best": None if self.best is None else named(self.best),
@@ -269,14 +239,7 @@ class Diagnosis:
             "candidates": [named(h) for h in self.candidates],
             "recommendation": self.recommendation,
             "margin_db": self.margin_db,
-            "hypotheses": [
-                {
-                    **named(s.hypothesis),
-                    "relative_db": finite(s.relative_db),
-                    "peak_m": finite(s.peak_m.tolist()),
-                }
-                for s in self.scores
-            ],
+            "hypotheses": [scored(s) for s in self.scores],
         }
 
 
@@ -309,11 +272,6 @@ def diagnose(
     Returns
     -------
     Diagnosis
-
-    Raises
-    ------
-    ModelError
-        No grid, and a waveform whose range profile cannot find the scene.
 
     Examples
     --------
@@ -354,18 +312,19 @@ def diagnose(
         volumes[h] = max(images, key=_sharpness)
         if progress is not None:
             progress(done, len(possible))
-    sharpness = {h: _sharpness(volume) for h, volume in volumes.items()}
-    top = max(sharpness.values())
-    if top == 0:
+    sharpness = np.array([_sharpness(volume) for volume in volumes.values()])
+    if not sharpness.any():
         return _undecidable("no hypothesis shows anything within the grid")
+    with np.errstate(divide="ignore"):
+        relative_db = 10 * np.log10(sharpness / sharpness.max())
+    scores = tuple(map(_score, possible, relative_db.tolist(), volumes.values()))
     margin_db = max(_margin_db(imaged, own) for own in grids)
-    left = [h for h in possible if sharpness[h] >= top * 10 ** (-margin_db / 10)]
+    left = [score.hypothesis for score in scores if score.relative_db >= -margin_db]
     left.sort(key=lambda h: (h.changes, h))
     mirrored = None
     if expected is not None:
         floor = 10 ** (EXPECTED_FLOOR_DB / 20) * float(np.abs(volumes[left[0]].data).max())
         mirrored = _is_mirrored(apply_convention(capture, left[0]), expected, floor, opened)
-    scores = tuple(_score(h, volumes.get(h), sharpness.get(h, np.nan) / top) for h in HYPOTHESES)
     left = [replace(h, mirrored=bool(mirrored)) for h in left]
     one_frequency = capture.waveform.n_freq == 1
     undecided = len({(h.conjugated, h.reversed and not one_frequency) for h in left}) > 1
@@ -379,16 +338,13 @@ def _undecidable(reason: str) -> Diagnosis:
 
 
 def search_grids(capture: Capture) -> list[VoxelGrid]:
-    """Return coarse grids around the strongest echo beyond the coupling; none without an echo.
+    """Coarse grids around the strongest echo beyond the coupling, the nearer of either sign.
 
-    The echoes of either sign of range, of which the nearer counts; where the waveform is ambiguous
-    below `NEAR_PATH_M` every alias.
+    None without an echo; every alias where the waveform is ambiguous below `NEAR_PATH_M`.
     """
-    if capture.waveform.n_freq < MIN_STEPS:
-        raise ModelError(
-            f"diagnose: expected a grid, since {capture.waveform.n_freq} frequencies (fewer than "
-            f"{MIN_STEPS}) have no range profile that shows where the scene is"
-        )
+    if (n := capture.waveform.n_freq) < MIN_STEPS:
+        expected = f"a grid, since {n} frequencies have no range profile that shows the scene"
+        checks.fail("diagnose", expected, "none")
     found = []
     for sign in (Hypothesis(), Hypothesis(conjugated=True)):
         corrected = apply_convention(capture, sign)
@@ -462,13 +418,10 @@ def _margin_db(capture: Capture, grid: VoxelGrid) -> float:
     return max(MARGIN_DB, float(10 * np.log10(1 + NOISE_SPREADS * np.sqrt(2) * spread)))
 
 
-def _score(h: Hypothesis, volume: Volume | None, relative: float) -> Score:
-    if volume is None:
-        return Score(h, float("nan"), np.full(3, np.nan), None)
+def _score(h: Hypothesis, relative_db: float, volume: Volume) -> Score:
     z, y, x = np.unravel_index(int(np.abs(volume.data).argmax()), volume.data.shape)
-    grid = volume.grid
-    peak_m = np.array([grid.x_m[x], grid.y_m[y], grid.z_m[z]])
-    return Score(h, relative, peak_m, volume.depth_map())
+    peak_m = np.array([volume.grid.x_m[x], volume.grid.y_m[y], volume.grid.z_m[z]])
+    return Score(h, relative_db, peak_m, volume.depth_map())
 
 
 def _is_mirrored(
@@ -476,18 +429,13 @@ def _is_mirrored(
 ) -> bool | None:
     """Whether a known target is at the mirror image of its place; None if neither or both fit."""
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * max(capture.waveform.span_hz, 1.0))
-    half_m = 2 * EXPECTED_WITHIN_M
-    steps_m = [lateral_resolution_m(capture, axis, float(expected_m[2])) / 2 for axis in (0, 1)]
-    spacing_m = np.minimum([*steps_m, cell_m / 2], half_m)
-    half = np.ceil(half_m / spacing_m).astype(int)
-    counts = (int(2 * half[0] + 1), int(2 * half[1] + 1), int(2 * half[2] + 1))
+    cells_m = [lateral_resolution_m(capture, axis, float(expected_m[2])) for axis in (0, 1)]
+    half = np.ceil(2 * EXPECTED_WITHIN_M / np.array([*cells_m, cell_m])).astype(int)
     levels = []
     for at_m in (expected_m, expected_m * MIRROR_X):
-        grid = VoxelGrid(at_m - half * spacing_m, spacing_m, counts)
-        amplitude = np.abs(_image(capture, grid, device).data)
-        z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij", sparse=True)
-        away2 = (x - at_m[0]) ** 2 + (y - at_m[1]) ** 2 + (z - at_m[2]) ** 2
-        levels.append(float((amplitude * np.exp(-away2 / (2 * EXPECTED_WITHIN_M**2))).max()))
+        corner_m, counts = at_m - EXPECTED_WITHIN_M, (2 * half + 1).tolist()
+        grid = VoxelGrid(corner_m, EXPECTED_WITHIN_M / half, tuple(counts))
+        levels.append(float(np.abs(_image(capture, grid, device).data).max()))
     if max(levels) < max(floor, min(levels) * 10 ** (EXPECTED_MARGIN_DB / 20)):
         return None
     return levels[1] > levels[0]

@@ -859,7 +859,7 @@ def conventions(works: Works) -> Values:
     grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.28, 0.33), 5e-3)
     diagnosis = calibration.diagnose(capture, grid=grid, device=works.device)
     return {
-        "sharpness": np.array([score.sharpness for score in diagnosis.scores]),
+        "sharpness": np.array([10 ** (score.relative_db / 10) for score in diagnosis.scores]),
         "peaks": np.array([score.peak_m for score in diagnosis.scores]),
     }
 

@@ -16,12 +16,13 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import map_coordinates
 
 from calibration.roughness.emulator import (
-    SHRINKAGE,
     Fit,
     Interval,
     fit_probability,
     plain,
-    student_log_likelihood,
+    shrunk,
+    student_log_density,
+    whitening,
 )
 from calibration.roughness.surface_points import TILT_EDGES_DEG, SurfacePoints, tilt_bins
 from clradar.model import AntennaArray, DepthMap
@@ -63,6 +64,7 @@ class BrightnessMeter:
     def __init__(self, points: SurfacePoints, region: int | None, array: AntennaArray) -> None:
         mine = np.ones(len(points.region), bool) if region is None else points.region == region
         self._points_m = points.points_m[mine, :2]
+        self.n_points = len(self._points_m)
         self.bins = tilt_bins(points.tilts([array])[0, mine], LEAST_IN_BIN)
         tilts = [f"{TILT_EDGES_DEG[i]:g} to {TILT_EDGES_DEG[i + 1]:g}" for i in self.bins]
         self.names = (
@@ -70,10 +72,6 @@ class BrightnessMeter:
             "contrast",
             *(f"points within {level:g} dB" for level in LEVELS_DB),
         )
-
-    @property
-    def n_points(self) -> int:
-        return len(self._points_m)
 
     def sees(self, image: DepthMap) -> bool:
         """Whether anything of the region is bright."""
@@ -86,9 +84,9 @@ class BrightnessMeter:
         bins = self.bins.values()
         means = [power[own].mean() for own in bins]
         grain = [np.log(power[own]).mean() - np.log(power[own].mean()) for own in bins]
-        counts = [np.count_nonzero(own) for own in bins]
+        contrast = np.average(grain, weights=[np.count_nonzero(own) for own in bins])
         near = [np.count_nonzero(power > power.max() * 10 ** (-level / 10)) for level in LEVELS_DB]
-        return np.array([*np.log(means[:-1]), np.average(grain, weights=counts), *np.log(near)])
+        return np.array([*np.log(means[:-1]), contrast, *np.log(near)])
 
     def displaced(self, image: DepthMap) -> np.ndarray:
         """Return the variance of the statistics by a mesh that is not quite in its place."""
@@ -153,8 +151,7 @@ class AlphaEmulator:
         scaled = (left / np.sqrt(at)).reshape(-1, n)
         covariance = scaled.T @ scaled + 1e-9 * np.eye(n)
         deviation = np.sqrt(np.diag(covariance))
-        correlation = covariance / np.outer(deviation, deviation)
-        correlation = (1 - SHRINKAGE) * correlation + SHRINKAGE * np.eye(n)
+        correlation = shrunk(covariance / np.outer(deviation, deviation))
         variance = own * (1 + 1 / n_seeds) + displaced
         return cls(alphas, mean, variance, without, correlation, freedom)
 
@@ -208,22 +205,15 @@ class AlphaEstimate:
 
     def remarks(self) -> list[str]:
         """Reasons to doubt the estimate, one clause each."""
-        bounded = (self.interval.bounded_below, self.interval.bounded_above)
-        ends = [end for end, is_end in zip(self.alphas[[0, -1]], bounded, strict=True) if is_end]
+        interval, (first, last) = self.interval, self.alphas[[0, -1]]
+        ends = ((first, interval.bounded_below), (last, interval.bounded_above))
         beyond = "alpha may lie beyond {:g}, an end of its range: take a wider range"
         doubts = self.fit.remarks("another pose or shape, several alphas")
-        return [*(beyond.format(end) for end in ends), *doubts]
+        return [*(beyond.format(end) for end, bounded in ends if bounded), *doubts]
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has."""
-        return {
-            "text": self.text(),
-            "alpha": self.interval.to_dict(),
-            "uncertainty": plain(self.uncertainty),
-            **self.fit.to_dict(),
-            "alphas": plain(self.alphas),
-            "probability": plain(self.probability),
-        }
+        return {"text": self.text(), "uncertainty": plain(self.uncertainty), **plain(self)}
 
 
 def estimate_alpha(
@@ -234,10 +224,9 @@ def estimate_alpha(
     first, last = emulator.alphas[[0, -1]]
     alphas = np.linspace(first, last, GRID)
     mean, spread = emulator.at(alphas)
-    likelihood, chi2 = student_log_likelihood(
-        (measured - mean) / spread, emulator.correlation, emulator.freedom
-    )
-    likelihood = likelihood - np.log(spread).sum(axis=-1)
+    scaled = (measured - mean) / spread @ whitening(emulator.correlation)
+    chi2 = np.square(scaled).sum(axis=-1)
+    likelihood = student_log_density(chi2, emulator.freedom) - np.log(spread).sum(axis=-1)
     probability = np.exp(likelihood - likelihood.max())
     probability /= probability.sum()
     ends = probability[[0, -1]] > EDGE_LIKELIHOOD * probability.max()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, MutableMapping, Sequence
+from collections.abc import Iterable, Iterator, MutableMapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from calibration.roughness.regions import Regions
-from clradar.errors import CompareError
+from clradar.errors import CompareError, warn
 from clradar.files.hashing import sha256_of_blocks
 from clradar.model import Scene, checks
 
@@ -24,6 +24,31 @@ LIMITS = ("median", "low", "high", "low95", "high95")
 
 Store = MutableMapping[str, dict[str, np.ndarray]]
 """Finished images: name -> arrays. A dict, or a mapping that keeps files."""
+
+
+class Estimates:
+    """What the results of both sweeps have: `estimates` of the quantity that is `wanted`."""
+
+    __slots__ = ()
+
+    wanted: ClassVar[str]
+    estimates: tuple[Any, ...]
+
+    def remarks(self) -> tuple[str, ...]:
+        """Reasons to doubt the estimates, one clause each."""
+        return tuple(f"{one.name}: {text}" for one in self.estimates for text in one.remarks())
+
+    def report(self) -> str:
+        """The estimates and their caveats as text."""
+        lines = []
+        for one in self.estimates:
+            lines.append(f"{self.wanted} of {one.name}: {one.text()}")
+            lines += [f"  {remark}" for remark in one.remarks()]
+        return "\n".join(lines)
+
+    def warn(self) -> None:
+        for remark in self.remarks():
+            warn(f"sweep: {remark}")
 
 
 def fingerprint(*values: Any) -> str:
@@ -44,12 +69,14 @@ def _blocks(value: Any) -> Iterator[bytes]:
         yield repr(value).encode()
 
 
-def check_regions(function: str, regions: Regions | None, scene: Scene) -> None:
-    if regions is not None:
-        checks.instance(f"{function}: regions", regions, Regions)
-        if len(regions.face) != scene.n_faces:
-            expected = f"{scene.n_faces} faces"
-            checks.fail(f"{function}: regions", expected, f"{len(regions.face)}")
+def check_regions(function: str, regions: Regions | None, scene: Scene) -> tuple[str, ...]:
+    """Return the names of the regions, none of the whole mesh."""
+    if regions is None:
+        return ()
+    checks.instance(f"{function}: regions", regions, Regions)
+    if len(regions.face) != scene.n_faces:
+        checks.fail(f"{function}: regions", f"{scene.n_faces} faces", f"{len(regions.face)}")
+    return regions.names
 
 
 def estimable(what: str, names: Iterable[str], meters: Iterable[Any]) -> None:
@@ -60,17 +87,3 @@ def estimable(what: str, names: Iterable[str], meters: Iterable[Any]) -> None:
                 f"sweep: region '{name}' is too small, or too steep, to tell its {what}: only "
                 f"{meter.n_points} points of it are visible"
             )
-
-
-def remarks_of(estimates: Sequence[Any]) -> tuple[str, ...]:
-    """Reasons to doubt the estimates, one clause each."""
-    return tuple(f"{one.name}: {text}" for one in estimates for text in one.remarks())
-
-
-def report_of(what: str, estimates: Sequence[Any]) -> list[str]:
-    """Lines of the estimates and their caveats."""
-    lines = []
-    for one in estimates:
-        lines.append(f"{what} of {one.name}: {one.text()}")
-        lines += [f"  {remark}" for remark in one.remarks()]
-    return lines

@@ -15,7 +15,7 @@ References
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -94,10 +94,6 @@ class Interval:
         value = f"{scale * self.median:.{digits}f} \N{PLUS-MINUS SIGN} {std:.{digits}f}"
         return f"{value} {unit}".rstrip()
 
-    def to_dict(self) -> dict[str, Any]:
-        """The numbers, and whether they are bounded by the range."""
-        return {name: plain(getattr(self, name)) for name in self.__slots__}
-
 
 def at_ends(values: np.ndarray, probability: np.ndarray) -> tuple[bool, bool]:
     """Whether values, of any order, may lie beyond the lower and the upper end of their range."""
@@ -107,8 +103,10 @@ def at_ends(values: np.ndarray, probability: np.ndarray) -> tuple[bool, bool]:
 
 
 def plain(value: Any) -> Any:
-    """Convert numbers and arrays to JSON types; None stands for NaN."""
-    if isinstance(value, np.ndarray):
+    """Convert records, arrays and numbers to JSON types; None stands for NaN."""
+    if is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray | tuple | list):
         return [plain(item) for item in value]
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
@@ -141,29 +139,20 @@ class Fit:
             f"{self.probability:.1g}): {instead}, or clutter"
         ]
 
-    def to_dict(self) -> dict[str, Any]:
-        columns = (self.measured.tolist(), self.fitted.tolist(), self.spread.tolist())
-        rows = zip(self.statistics, *columns, strict=True)
-        found = {name: {"measured": m, "fitted": f, "spread": s} for name, m, f, s in rows}
-        probability = plain(self.probability)
-        return {"fit_probability": probability, "points": self.n_points, "statistics": found}
-
-
-def student_log_likelihood(
-    scaled: np.ndarray, correlation: np.ndarray, freedom: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the logarithm of Student's density but for a constant, and chi squared.
-
-    `scaled` has shape (..., n): residuals over their standard deviations.
-    """
-    inverse = np.linalg.inv(np.linalg.cholesky(correlation)).T
-    chi2 = np.square(scaled @ inverse).sum(axis=-1)
-    return student_log_density(chi2, freedom), chi2
-
 
 def student_log_density(chi2: np.ndarray, freedom: int) -> np.ndarray:
     """Return the logarithm of Student's density of chi squared, but for a constant."""
     return np.asarray(-0.5 * (freedom + 1) * np.log1p(chi2 / freedom))
+
+
+def whitening(covariance: np.ndarray) -> np.ndarray:
+    """Return what residuals, shape (..., n), are multiplied by: their squares then add up."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)).T)
+
+
+def shrunk(covariance: np.ndarray) -> np.ndarray:
+    """Return a covariance with a share of its diagonal, since few simulations tell it badly."""
+    return (1 - SHRINKAGE) * covariance + SHRINKAGE * np.diag(np.diag(covariance))
 
 
 def fit_probability(chi2: float, n: int, freedom: int) -> float:
@@ -201,8 +190,7 @@ class Emulator:
         freedom = len(statistics) - len(powers)
         trend = _variance_trend(at, left)
         left = left * np.exp(-0.5 * at @ trend)
-        covariance = left.T @ left / freedom
-        covariance = (1 - SHRINKAGE) * covariance + SHRINKAGE * np.diag(np.diag(covariance))
+        covariance = shrunk(left.T @ left / freedom)
         return cls(powers, mean, trend, covariance, np.linalg.pinv(design.T @ design), freedom)
 
     def at(self, height_m: np.ndarray, length_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -230,7 +218,7 @@ class Emulator:
         """
         mean, spread = self.at(height_m, length_m)
         scale = spread / np.sqrt(np.diag(self.covariance))
-        inverse = np.linalg.inv(np.linalg.cholesky(self.covariance)).T
+        inverse = whitening(self.covariance)
         left, gain = (statistics - mean) / scale @ inverse, shift / scale @ inverse
         squares = (left**2).sum(axis=-1), (left * gain).sum(axis=-1), (gain**2).sum(axis=-1)
         own, cross, unit = (square[..., None] for square in squares)

@@ -113,16 +113,9 @@ class RoughnessEstimate:
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has."""
-        intervals = ("roughness_m", "correlation_m", "slope")
         known = ("tells_roughness", "tells_correlation", "tells_slope")
-        arrays = ("heights_m", "lengths_m", "probability")
-        return {
-            "text": self.text(),
-            **{name: getattr(self, name).to_dict() for name in intervals},
-            **{name: getattr(self, name) for name in known},
-            **self.fit.to_dict(),
-            **{name: plain(getattr(self, name)) for name in arrays},
-        }
+        told = {name: plain(getattr(self, name)) for name in known}
+        return {"text": self.text(), **told, **plain(self)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

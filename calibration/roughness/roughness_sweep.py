@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,15 +14,14 @@ from calibration.roughness.design import (
     LIMITS,
     SEEDS,
     WHOLE,
+    Estimates,
     Store,
     Table,
     check_regions,
     estimable,
     fingerprint,
-    remarks_of,
-    report_of,
 )
-from calibration.roughness.emulator import Interval
+from calibration.roughness.emulator import Interval, plain
 from calibration.roughness.millimetres import (
     RegionStatistics,
     RoughnessEstimate,
@@ -32,7 +31,7 @@ from calibration.roughness.regions import Regions
 from calibration.roughness.surface_points import surface_points
 from calibration.roughness.texture import SubApertures, TextureMeter
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
-from clradar.errors import ClradarWarning, CompareError, warn
+from clradar.errors import ClradarWarning, CompareError
 from clradar.jobs.where import Where, open_devices
 from clradar.model import AntennaArray, Capture, Scene, Waveform, checks
 from clradar.model.kirchhoff import check_kirchhoff
@@ -53,7 +52,7 @@ ESTIMATOR = "physical"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RoughnessSweep:
+class RoughnessSweep(Estimates):
     """Result of a sweep over roughness and correlation length.
 
     Attributes
@@ -69,6 +68,8 @@ class RoughnessSweep:
     calibrated : bool
     """
 
+    wanted: ClassVar[str] = "roughness"
+
     estimates: tuple[RoughnessEstimate, ...]
     heights_m: np.ndarray
     lengths_m: np.ndarray
@@ -76,30 +77,10 @@ class RoughnessSweep:
     gain_db: Interval
     calibrated: bool
 
-    def remarks(self) -> tuple[str, ...]:
-        """Reasons to doubt the estimates, one clause each."""
-        return remarks_of(self.estimates)
-
     def report(self) -> str:
         """The estimates and their caveats as text."""
-        lines = report_of("roughness", self.estimates)
-        if not self.calibrated:
-            gain = self.gain_db.text(1.0, "dB")
-            lines.append(f"gain of the measurement over the simulations {gain}")
-        return "\n".join(lines)
-
-    def summary(self) -> Table:
-        """Medians of each region, with 68 % of the probability; as text."""
-
-        def cell(interval: Interval, scale: float) -> str:
-            ends = f"{scale * interval.low:.3g} to {scale * interval.high:.3g}"
-            return f"{scale * interval.median:.3g} ({ends})"
-
-        rows = [
-            [one.name, cell(one.roughness_m, 1e3), cell(one.correlation_m, 1e3), cell(one.slope, 1)]
-            for one in self.estimates
-        ]
-        return ("region", "h, mm", "l, mm", "slope"), rows
+        gain = f"\ngain of the measurement over the simulations {self.gain_db.text(1.0, 'dB')}"
+        return Estimates.report(self) + ("" if self.calibrated else gain)
 
     def tables(self) -> list[Table]:
         """The limits of what was estimated of each region, and what the measurement tells."""
@@ -112,14 +93,9 @@ class RoughnessSweep:
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has."""
-        return {
-            "heights_m": self.heights_m.tolist(),
-            "lengths_m": self.lengths_m.tolist(),
-            "seeds": list(self.seeds),
-            "gain_db": self.gain_db.to_dict(),
-            "calibrated": self.calibrated,
-            "regions": {one.name: one.to_dict() for one in self.estimates},
-        }
+        own = plain(self)
+        del own["estimates"]
+        return {**own, "regions": {one.name: one.to_dict() for one in self.estimates}}
 
 
 @takes_settings
@@ -163,11 +139,6 @@ def sweep_roughness(
     -------
     RoughnessSweep
 
-    Raises
-    ------
-    CompareError
-        The mesh, or a region, is not visible, or too small to be judged.
-
     Warns
     -----
     ClradarWarning
@@ -203,30 +174,32 @@ def sweep_roughness(
     """
     checks.instance("sweep_roughness: measured", measured, Capture)
     checks.instance("sweep_roughness: scene", scene, Scene)
-    heights, lengths = _grid(roughness_m, correlation_m)
+    heights = checks.one_axis("sweep_roughness: roughness_m", roughness_m)
+    lengths = checks.one_axis("sweep_roughness: correlation_m", np.atleast_1d(correlation_m))
+    named = "sweep_roughness: roughness_m", "sweep_roughness: correlation_m"
+    check_plausible(named[0], "lengths", heights, PLAUSIBLE_ROUGHNESS_M)
+    check_plausible(named[1], "lengths", lengths, PLAUSIBLE_CORRELATION_M)
+    if np.count_nonzero(heights) < 3:
+        checks.fail(named[0], "at least three values above 0", f"{heights.tolist()}")
     n_seeds = checks.whole("sweep_roughness: seeds", seeds, 1)
-    n = int(np.count_nonzero(heights)) * len(lengths) * n_seeds
-    if n < LEAST_SIMULATIONS:
+    pairs = [*itertools.product(heights[heights > 0].tolist(), lengths.tolist(), range(n_seeds))]
+    if len(pairs) < LEAST_SIMULATIONS:
         expected = f"at least {LEAST_SIMULATIONS} simulations, heights times lengths times seeds"
-        checks.fail("sweep_roughness", expected, f"{n}; take more of them, or more seeds")
+        checks.fail("sweep_roughness", expected, f"{len(pairs)}; take more of them, or more seeds")
     settings = resolve_settings(settings, **{"estimator": ESTIMATOR, **fields})
     checks.one_of("sweep_roughness: estimator", settings.estimator, (ESTIMATOR,))
-    first = checks.whole("sweep_roughness: seed", settings.seed, 0, 2**64 - n)
-    check_regions("sweep_roughness", regions, scene)
+    first = checks.whole("sweep_roughness: seed", settings.seed, 0, 2**64 - len(pairs))
+    names = check_regions("sweep_roughness", regions, scene) or (WHOLE,)
     devices = open_devices(device)
     devices.check_alike("a sweep")
-    opened = devices.first
-    points = surface_points(scene, regions, measured.array.tx_m.mean(axis=0), opened)
-    apertures = SubApertures.of(measured.array, measured.waveform, points.points_m, opened)
-    radar = measured.array, measured.waveform
-    simulations = _Simulations(scene, *radar, points.points_m, settings)
-    simulations.prepared[opened.info.selector] = apertures
-    own = fingerprint(scene, *radar, heights, lengths, n_seeds, settings)
+    array, waveform = measured.array, measured.waveform
+    points = surface_points(scene, regions, array.tx_m.mean(axis=0), devices.first)
+    apertures = SubApertures.of(array, waveform, points.points_m, devices.first)
+    simulations = _Simulations(scene, array, waveform, points.points_m, settings)
+    own = fingerprint(scene, array, waveform, heights, lengths, n_seeds, settings)
     kept: Store = {} if store is None else store
 
-    def simulate_missing(
-        items: Sequence[tuple[str, float, float, int]], progress: Progress | None = None
-    ) -> None:
+    def simulate_missing(items: Sequence[_Item], progress: Progress | None = None) -> None:
         missing = [item for item in items if item[0] not in kept]
         done = part_of(progress, 1.0 - len(missing) / len(items), 1.0)
         for _, (name, images) in devices.made(simulations, missing, done):
@@ -235,10 +208,8 @@ def sweep_roughness(
     smooth = f"{own}-smooth"
     simulate_missing([(smooth, 0.0, float(lengths[0]), first)])
     tilts = points.tilts(apertures.arrays)
-    names = (WHOLE,) if regions is None else regions.names
     meters = [TextureMeter(points, i, tilts, kept[smooth]["images"]) for i in range(len(names))]
     estimable("roughness", names, meters)
-    pairs = [*itertools.product(heights[heights > 0].tolist(), lengths.tolist(), range(n_seeds))]
     items = [
         (f"{own}-{1e3 * height_m:g}-{1e3 * length_m:g}-{k}", height_m, length_m, first + i)
         for i, (height_m, length_m, k) in enumerate(pairs)
@@ -260,14 +231,13 @@ def sweep_roughness(
     ]  # fmt: skip
     simulated = np.array([(height_m, length_m) for height_m, length_m, _ in pairs])
     estimates, gain_db = estimate_roughness(statistics, *simulated.T, calibrated=calibrated)
-    last = first + n - 1
-    result = RoughnessSweep(tuple(estimates), heights, lengths, (first, last), gain_db, calibrated)
-    for remark in result.remarks():
-        warn(f"sweep: {remark}")
+    ends = (first, first + len(pairs) - 1)
+    result = RoughnessSweep(tuple(estimates), heights, lengths, ends, gain_db, calibrated)
+    result.warn()
     for one in result.estimates:
         if one.tells_roughness and one.tells_correlation:
             found = one.roughness_m.median, one.correlation_m.median
-            check_kirchhoff(_rough(METAL, *found, name=one.name), measured.waveform)
+            check_kirchhoff(_rough(METAL, *found, name=one.name), waveform)
     return result
 
 
@@ -275,49 +245,29 @@ def _rough(material: Material, height_m: float, length_m: float, **other: Any) -
     return replace(material, roughness_rms_m=height_m, correlation_length_m=length_m, **other)
 
 
-def _grid(roughness_m: Any, correlation_m: Any) -> tuple[np.ndarray, np.ndarray]:
-    heights = checks.one_axis("sweep_roughness: roughness_m", roughness_m)
-    lengths = checks.one_axis("sweep_roughness: correlation_m", np.atleast_1d(correlation_m))
-    bounds = {
-        "roughness_m": (heights, PLAUSIBLE_ROUGHNESS_M),
-        "correlation_m": (lengths, PLAUSIBLE_CORRELATION_M),
-    }
-    for name, (values, plausible) in bounds.items():
-        check_plausible(f"sweep_roughness: {name}", "lengths", values, plausible)
-    if np.count_nonzero(heights) < 3:
-        expected = "at least three values above 0"
-        checks.fail("sweep_roughness: roughness_m", expected, f"{heights.tolist()}")
-    return heights, lengths
+_Item = tuple[str, float, float, int]
+"""Name, height, length and seed of a simulation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Simulations:
-    """What is simulated: makes the images of a height, a length and a seed on a device."""
+    """What is simulated: makes the images of an item on a device."""
 
     scene: Scene
     array: AntennaArray
     waveform: Waveform
     points_m: np.ndarray
     settings: SimulationSettings
-    prepared: dict[str, SubApertures] = field(default_factory=dict)
-    """On a device, by its selector: each process has its own."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.scene, self.array, self.waveform, self.points_m, self.settings)
 
     def __call__(
-        self, item: tuple[str, float, float, int], device: Device, progress: Progress
+        self, item: _Item, device: Device, progress: Progress
     ) -> Iterator[tuple[str, np.ndarray]]:
         """Yield the name and the images."""
         name, height_m, length_m, seed = item
-        selector = device.info.selector
-        if selector not in self.prepared:
-            self.prepared[selector] = SubApertures.of(
-                self.array, self.waveform, self.points_m, device
-            )
-        materials = [_rough(own, height_m, length_m) for own in self.scene.materials]
+        radar, materials = (self.array, self.waveform), self.scene.materials
+        rough = tuple(_rough(own, height_m, length_m) for own in materials)
         capture = simulate(
-            replace(self.scene, materials=tuple(materials)), self.array, self.waveform,
+            replace(self.scene, materials=rough), *radar,
             settings=replace(self.settings, seed=seed), device=device,
         )  # fmt: skip
-        yield name, self.prepared[selector].images(capture)
+        yield name, SubApertures.of(*radar, self.points_m, device).images(capture)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,13 +20,12 @@ from calibration.roughness.design import (
     LIMITS,
     SEEDS,
     WHOLE,
+    Estimates,
     Store,
     Table,
     check_regions,
     estimable,
     fingerprint,
-    remarks_of,
-    report_of,
 )
 from calibration.roughness.emulator import Interval
 from calibration.roughness.regions import Regions
@@ -39,7 +38,6 @@ from clradar.errors import CompareError, warn
 from clradar.jobs.where import Where, open_devices
 from clradar.model import (
     AntennaArray,
-    Capture,
     DepthMap,
     Scene,
     Volume,
@@ -63,7 +61,7 @@ MAX_PASSES = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sweep:
+class Sweep(Estimates):
     """Result of a sweep over alpha.
 
     Attributes
@@ -72,27 +70,29 @@ class Sweep:
     seeds : tuple of int
     metrics : tuple of tuple of Metrics
         Against the measurement, [seed][alpha]; NaN if no ray reached a receiver.
-    estimate : AlphaEstimate
-        The alpha of the whole mesh.
+    estimates : tuple of AlphaEstimate
+        The alpha of the whole mesh, `estimate`, then those of the `regions`, if there are any.
     measured : DepthMap
     images : tuple of DepthMap or None
         One per alpha, of the first seed.
-    regions : tuple of AlphaEstimate
-        The alpha of each region, if there were regions.
     """
+
+    wanted: ClassVar[str] = "alpha"
 
     alphas: np.ndarray
     seeds: tuple[int, ...]
     metrics: tuple[tuple[Metrics, ...], ...]
-    estimate: AlphaEstimate
+    estimates: tuple[AlphaEstimate, ...]
     measured: DepthMap
     images: tuple[DepthMap | None, ...]
-    regions: tuple[AlphaEstimate, ...] = ()
 
     @property
-    def estimates(self) -> tuple[AlphaEstimate, ...]:
-        """Of the whole mesh, then of the regions."""
-        return (self.estimate, *self.regions)
+    def estimate(self) -> AlphaEstimate:
+        return self.estimates[0]
+
+    @property
+    def regions(self) -> tuple[AlphaEstimate, ...]:
+        return self.estimates[1:]
 
     @property
     def nearest(self) -> int:
@@ -106,11 +106,8 @@ class Sweep:
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the estimates, one clause each."""
         # One alpha for all is none of several regions'.
-        return remarks_of(self.regions or (self.estimate,))
-
-    def report(self) -> str:
-        """The estimates and their caveats as text."""
-        return "\n".join(report_of("alpha", self.estimates))
+        own = self.regions or (self.estimate,)
+        return tuple(f"{one.name}: {text}" for one in own for text in one.remarks())
 
     def summary(self) -> Table:
         """Metrics over alpha, as mean and standard deviation over the seeds; as text."""
@@ -204,17 +201,6 @@ def sweep(
     -------
     Sweep
 
-    Raises
-    ------
-    CompareError
-        The measured image is zero or has no depth; the mesh lies outside of it, or a region is not
-        visible or too small; or no ray reaches a receiver at all alphas but one.
-
-    Warns
-    -----
-    ClradarWarning
-        Every remark of the result: `Sweep.remarks`.
-
     Notes
     -----
     What is compared are statistics of the brightness (`calibration.roughness.alpha`), whose
@@ -242,15 +228,17 @@ def sweep(
     """
     checks.instance("sweep: measured", measured, Volume)
     checks.instance("sweep: scene", scene, Scene)
-    values = _alphas(alphas)
+    values = checks.one_axis("sweep: alphas", alphas)
+    if len(values) < 2 or values[0] < 0.0 or values[-1] > 1.0:
+        checks.fail("sweep: alphas", "at least two in [0, 1]", f"{values.tolist()}")
     n_seeds = checks.whole("sweep: seeds", seeds, 1)
     if n_seeds == 1 and len(values) < FEWEST_OF_ONE_SEED:
         expected = f"at least two, or {FEWEST_OF_ONE_SEED} alphas"
         checks.fail("sweep: seeds", expected, f"one, of {len(values)} alphas")
     resolved = resolve_settings(settings, **fields)
     first = checks.whole("sweep: seed", resolved.seed, 0, 2**64 - n_seeds)
-    check_regions("sweep", regions, scene)
-    if regions is not None and resolved.max_bounces > 1:
+    names = check_regions("sweep", regions, scene)
+    if names and resolved.max_bounces > 1:
         checks.fail("sweep: max_bounces", "1 where there are regions", resolved.max_bounces)
     radar = arrays.qar50() if array is None else array
     frequencies = Waveform.sfcw(72e9, 82e9, 128) if waveform is None else waveform
@@ -261,28 +249,37 @@ def sweep(
     devices = open_devices(device)
     devices.check_alike("a sweep")
     points = surface_points(scene, regions, radar.tx_m.mean(axis=0), devices.first)
-    names = () if regions is None else regions.names
     meters = [BrightnessMeter(points, i, radar) for i in (None, *range(len(names)))]
     estimable("alpha", (WHOLE, *names), meters)
-    simulations = _Simulations(
+    given = (
         scene, values, tuple(range(first, first + n_seeds)), regions, radar, frequencies,
         measured.grid, method, window, dynamic_range_db, resolved,
     )  # fmt: skip
-    images = _SweepImages(
-        simulations, fingerprint(simulations), devices, {} if store is None else store
-    )
-    images.simulate_missing(progress)
-    whole = images.whole()
+    images = _Images(fingerprint(*given), *given)
+    kept: Store = {} if store is None else store
+    images.simulate_missing(kept, devices, progress)
+    whole = [
+        [images.of(kept, k, (i,) * max(1, len(names))) for i in range(len(values))]
+        for k in range(n_seeds)
+    ]
+    none: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
+    unknown = Metrics(**none, dynamic_range_db=dynamic_range_db)
     result = Sweep(
         alphas=values,
-        seeds=images.of.seeds,
+        seeds=images.seeds,
         metrics=tuple(
-            tuple(_metrics(measured_map, image, dynamic_range_db) for image in row) for row in whole
+            tuple(
+                unknown if image is None else metrics_of(measured_map, image, dynamic_range_db)
+                for image in row
+            )
+            for row in whole
         ),
-        estimate=_estimate(WHOLE, meters[0], measured_map, whole, values),
+        estimates=(
+            _estimate(WHOLE, meters[0], measured_map, whole, values),
+            *_of_regions(names, meters[1:], measured_map, images, kept),
+        ),
         measured=measured_map,
         images=tuple(whole[0]),
-        regions=_of_regions(names, meters[1:], measured_map, images),
     )
     # Of a simulation in place of a measurement.
     estimator = capture_meta(measured.meta).get("settings", {}).get("estimator", ESTIMATOR)
@@ -291,8 +288,7 @@ def sweep(
             f"sweep: the measured image is a simulation by the {estimator} estimator, whose images "
             f"have other statistics than those of the {ESTIMATOR} one that is swept"
         )
-    for remark in result.remarks():
-        warn(f"sweep: {remark}")
+    result.warn()
     return result
 
 
@@ -306,59 +302,69 @@ def _estimate(
     """The alpha of a region, from images [seed][alpha]."""
     if not meter.sees(measured):
         raise CompareError(f"sweep: the measured image is 0 in the region '{name}'")
-    there = {
+    columns = {
         i: [image for image in column if image is not None and meter.sees(image)]
         for i, column in enumerate(zip(*images, strict=True))
     }
-    there = {i: column for i, column in there.items() if len(column) == len(images)}
-    if len(there) < 2:
+    columns = {i: column for i, column in columns.items() if len(column) == len(images)}
+    if len(columns) < 2:
         raise CompareError(
             f"sweep: no ray reaches a receiver from the region '{name}' at all alphas but "
-            f"{len(there)}; look at where the mesh is placed, or take more samples or rays"
+            f"{len(columns)}; look at where the mesh is placed, or take more samples or rays"
         )
-    columns = there.values()
-    statistics = np.array([[meter.measure(image) for image in column] for column in columns])
-    displaced = np.array([[meter.displaced(image) for image in column] for column in columns])
+    found = [
+        [(meter.measure(image), meter.displaced(image)) for image in column]
+        for column in columns.values()
+    ]
+    statistics, displaced = np.moveaxis(np.array(found), 2, 0)
     emulator = AlphaEmulator.fitted(
-        alphas[[*there]], statistics.swapaxes(0, 1), displaced.mean(axis=1)
+        alphas[[*columns]], statistics.swapaxes(0, 1), displaced.mean(axis=1)
     )
     return estimate_alpha(name, meter.names, meter.measure(measured), emulator, meter.n_points)
 
 
 def _of_regions(
-    names: tuple[str, ...], meters: list[BrightnessMeter], measured: DepthMap, images: _SweepImages
+    names: tuple[str, ...],
+    meters: list[BrightnessMeter],
+    measured: DepthMap,
+    images: _Images,
+    store: Store,
 ) -> tuple[AlphaEstimate, ...]:
-    """The alpha of each region, if any, the others at the simulated ones nearest to theirs.
+    """The alpha of each region, the others at the simulated ones nearest to theirs.
 
     With single reflections a capture is the sum over the regions, and so is its image. What the
     others' own uncertainty adds follows from estimates with their neighbours on the grid.
     """
-    alphas = images.of.alphas
+    alphas, n = images.alphas, len(names)
 
     @cache
-    def of_others(region: int, others: tuple[int, ...]) -> AlphaEstimate:
-        along = images.along(others, region)
+    def among(region: int, others: tuple[int, ...]) -> AlphaEstimate:
+        along = [
+            [
+                images.of(store, k, (*others[:region], i, *others[region:]))
+                for i in range(len(alphas))
+            ]
+            for k in range(len(images.seeds))
+        ]
         return _estimate(names[region], meters[region], measured, along, alphas)
 
-    def estimate(region: int, combination: Sequence[int]) -> AlphaEstimate:
-        # Its own place does not count: the last pass, which changes none, has what is needed.
-        return of_others(region, (*combination[:region], 0, *combination[region + 1 :]))
+    def estimate(region: int, at: Sequence[int]) -> AlphaEstimate:
+        return among(region, (*at[:region], *at[region + 1 :]))
 
-    best = [len(alphas) // 2] * len(names)
+    best = [len(alphas) // 2] * n
     for _ in range(MAX_PASSES):
         before = list(best)
-        for region in range(len(names)):
-            alpha = estimate(region, best).alpha
-            best[region] = int(np.argmin(np.abs(alphas - alpha)))
+        for region in range(n):
+            best[region] = int(np.argmin(np.abs(alphas - estimate(region, best).alpha)))
         if best == before:
             break
-    found = [estimate(region, best) for region in range(len(names))]
+    found = [estimate(region, best) for region in range(n)]
     widened = []
     for region, one in enumerate(found):
         variance = 0.0
-        for other in (i for i in range(len(names)) if i != region):
-            step = 1 if best[other] + 1 < len(alphas) else -1
-            moved = [*best[:other], best[other] + step, *best[other + 1 :]]
+        for other in (i for i in range(n) if i != region):
+            moved = list(best)
+            moved[other] += 1 if best[other] + 1 < len(alphas) else -1
             change = estimate(region, moved).alpha - one.alpha
             slope = change / (alphas[moved[other]] - alphas[best[other]])
             off = found[other].alpha - alphas[best[other]]  # the other is simulated at
@@ -370,55 +376,36 @@ def _of_regions(
 
 def _widened(interval: Interval, std: float, ends: np.ndarray) -> Interval:
     factor = math.hypot(interval.std, std) / max(interval.std, 1e-6)
-    own = np.array([interval.low, interval.high, interval.low95, interval.high95])
-    limits = np.clip(interval.median + factor * (own - interval.median), *ends).tolist()
-    low, high, low95, high95 = limits
-    return replace(interval, low=low, high=high, low95=low95, high95=high95)
-
-
-def _alphas(alphas: Any) -> np.ndarray:
-    values = checks.one_axis("sweep: alphas", alphas)
-    if values[0] < 0.0 or values[-1] > 1.0:
-        checks.fail("sweep: alphas", "values in [0, 1]", f"[{values[0]:g}, {values[-1]:g}]")
-    if len(values) < 2:
-        checks.fail("sweep: alphas", "at least two", f"one, {values[0]:g}")
-    return values
+    own = np.array([getattr(interval, limit) for limit in LIMITS])
+    limits = np.clip(own[0] + factor * (own - own[0]), *ends).tolist()
+    return replace(interval, **dict(zip(LIMITS, limits, strict=True)))
 
 
 def check_within_grid(scene: Scene, grid: VoxelGrid) -> None:
     """Raise `CompareError` unless the mesh's box and the volume's overlap."""
     corners_m = scene.vertices_m[np.unique(scene.faces)]
-    axes_m = (grid.x_m, grid.y_m, grid.z_m)
-    apart = [
-        f"{name} {1e3 * low:.4g} to {1e3 * high:.4g} mm"
-        for name, low, high, axis_m in zip(
-            "xyz", corners_m.min(axis=0), corners_m.max(axis=0), axes_m, strict=True
+    mesh_mm = 1e3 * np.stack([corners_m.min(axis=0), corners_m.max(axis=0)], axis=1)
+    grid_mm = 1e3 * np.array([axis_m[[0, -1]] for axis_m in (grid.x_m, grid.y_m, grid.z_m)])
+    apart = (mesh_mm[:, 1] < grid_mm[:, 0]) | (mesh_mm[:, 0] > grid_mm[:, 1])
+    if apart.any():
+        mesh, volume = (
+            ", ".join(f"{n} {a:.4g} to {b:.4g}" for n, (a, b) in zip("xyz", box, strict=True))
+            for box in (mesh_mm, grid_mm)
         )
-        if high < axis_m[0] or low > axis_m[-1]
-    ]
-    if not apart:
-        return
-    ends = ", ".join(
-        f"{name} {1e3 * a[0]:.4g} to {1e3 * a[-1]:.4g}"
-        for name, a in zip("xyz", axes_m, strict=True)
-    )
-    raise CompareError(
-        f"sweep: expected the mesh within the measured volume ({ends} mm), got it at "
-        f"{', '.join(apart)}; place it (--transform), and check the unit it was read in"
-    )
-
-
-def _metrics(measured: DepthMap, image: DepthMap | None, dynamic_range_db: float) -> Metrics:
-    if image is None:
-        unknown: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
-        return Metrics(**unknown, dynamic_range_db=dynamic_range_db)
-    return metrics_of(measured, image, dynamic_range_db)
+        raise CompareError(
+            f"sweep: expected the mesh within the measured volume ({volume} mm), got it at {mesh} "
+            "mm; place it (--transform), and check the unit it was read in"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Simulations:
-    """What is simulated: makes the images of some alphas of one seed on a device."""
+class _Images:
+    """The images of a sweep: makes those of some alphas of one seed on a device.
 
+    A store has depth maps of the whole mesh, or volumes of the regions, by names that begin alike.
+    """
+
+    begin: str
     scene: Scene
     alphas: np.ndarray
     seeds: tuple[int, ...]
@@ -443,40 +430,29 @@ class _Simulations:
         )  # fmt: skip
         for i, of_alpha in zip(indices, captures, strict=True):
             for r, capture in enumerate(of_alpha):
-                yield self.name_of(k, i, r), self._image(capture, device)
+                volume = backproject(
+                    capture, self.grid, method=self.method, window=self.window, check_grid=False,
+                    device=device,
+                )  # fmt: skip
+                found = {"data": volume.data}
+                if self.regions is None:
+                    depth = volume.depth_map(self.dynamic_range_db)
+                    found = {"depth_m": depth.depth_m, "amplitude": depth.amplitude}
+                yield self._name(k, i, r), found
 
-    def _image(self, capture: Capture, device: Device) -> dict[str, np.ndarray]:
-        volume = backproject(
-            capture, self.grid, method=self.method, window=self.window, check_grid=False,
-            device=device,
-        )  # fmt: skip
-        if self.regions is not None:
-            return {"data": volume.data}
-        depth = volume.depth_map(self.dynamic_range_db)
-        return {"depth_m": depth.depth_m, "amplitude": depth.amplitude}
-
-    def name_of(self, k: int, i: int, r: int) -> str:
-        region = "" if self.regions is None else f"-region{r}"
-        return f"seed{k}-alpha{i}{region}"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _SweepImages:
-    """All images of a sweep, in its store: depth maps, or volumes of the regions."""
-
-    of: _Simulations
-    fingerprint: str
-    devices: Where
-    store: Store
-
-    def simulate_missing(self, progress: Progress | None) -> None:
+    def simulate_missing(self, store: Store, devices: Where, progress: Progress | None) -> None:
         """Simulate the images that the store lacks, and store each as soon as it is finished."""
-        n_seeds, n_alphas = len(self.of.seeds), len(self.of.alphas)
+        n_regions = 1 if self.regions is None else len(self.regions.names)
+        n_seeds, n_alphas = len(self.seeds), len(self.alphas)
         missing = [
-            [i for i in range(n_alphas) if not self._is_stored(k, i)] for k in range(n_seeds)
-        ]
+            [
+                i for i in range(n_alphas)
+                if not all(self._name(k, i, r) in store for r in range(n_regions))
+            ]
+            for k in range(n_seeds)
+        ]  # fmt: skip
         # A batch of alphas shares rays, so they are divided no more than the devices need.
-        n_devices = len(self.devices.infos)
+        n_devices = len(devices.infos)
         parts = n_devices // math.gcd(n_devices, n_seeds)
         items = [
             (k, part.tolist())
@@ -484,45 +460,22 @@ class _SweepImages:
             for part in np.array_split(indices, parts)
             if len(part)
         ]
-        done = 1.0 - sum(map(len, missing)) / (n_seeds * n_alphas)
-        rest = part_of(progress, done, 1.0)
-        for _, (name, image) in self.devices.made(self.of, items, rest):
-            self.store[f"{self.fingerprint}-{name}"] = image
+        done = part_of(progress, 1.0 - sum(map(len, missing)) / (n_seeds * n_alphas), 1.0)
+        for _, (name, image) in devices.made(self, items, done):
+            store[name] = image
 
-    def _is_stored(self, k: int, i: int) -> bool:
-        parts = 1 if self.of.regions is None else len(self.of.regions.names)
-        return all(self._name(k, i, r) in self.store for r in range(parts))
+    def of(self, store: Store, k: int, at: tuple[int, ...]) -> DepthMap | None:
+        """The depth map of a seed, with an alpha for each region; None where it is zero."""
+        if self.regions is None:
+            stored = store[self._name(k, at[0], 0)]
+            if not stored["amplitude"].any():
+                return None
+            axes = (self.grid.x_m, self.grid.y_m)
+            return DepthMap(stored["depth_m"], stored["amplitude"], *axes, self.dynamic_range_db)
+        data = np.zeros(self.grid.shape, np.complex64)
+        for r, i in enumerate(at):
+            data += store[self._name(k, i, r)]["data"]
+        return Volume(data, self.grid).depth_map(self.dynamic_range_db) if data.any() else None
 
     def _name(self, k: int, i: int, r: int) -> str:
-        return f"{self.fingerprint}-{self.of.name_of(k, i, r)}"
-
-    def whole(self) -> list[list[DepthMap | None]]:
-        """Depth maps of the whole mesh, [seed][alpha]; None where the image is zero."""
-        indices = range(len(self.of.alphas))
-        return [[self._whole(k, i) for i in indices] for k in range(len(self.of.seeds))]
-
-    def _whole(self, k: int, i: int) -> DepthMap | None:
-        if self.of.regions is not None:
-            return self._sum(k, [i] * len(self.of.regions.names))
-        stored = self.store[self._name(k, i, 0)]
-        if not stored["amplitude"].any():
-            return None
-        axes = (self.of.grid.x_m, self.of.grid.y_m)
-        return DepthMap(stored["depth_m"], stored["amplitude"], *axes, self.of.dynamic_range_db)
-
-    def along(self, combination: Sequence[int], region: int) -> list[list[DepthMap | None]]:
-        """Whole images [seed][alpha] over the alpha of one region, the others fixed."""
-        before, after = combination[:region], combination[region + 1 :]
-        indices = range(len(self.of.alphas))
-        return [
-            [self._sum(k, [*before, i, *after]) for i in indices] for k in range(len(self.of.seeds))
-        ]
-
-    def _sum(self, k: int, combination: Sequence[int]) -> DepthMap | None:
-        """The image of a seed where each region has an alpha of its own."""
-        data = np.zeros(self.of.grid.shape, np.complex64)
-        for r, i in enumerate(combination):
-            data += self.store[self._name(k, i, r)]["data"]
-        return (
-            Volume(data, self.of.grid).depth_map(self.of.dynamic_range_db) if data.any() else None
-        )
+        return f"{self.begin}-seed{k}-alpha{i}-region{r}"

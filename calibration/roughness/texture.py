@@ -84,6 +84,7 @@ class TextureMeter:
     ) -> None:
         self._mine = points.region == region
         self._patch = np.unique(points.patch[self._mine], return_inverse=True)[1].ravel()
+        self.n_points = len(self._patch)
         self._smooth = smooth[:, self._mine].astype(np.complex128)
         self._smooth_power = self._per_patch(np.abs(self._smooth) ** 2)
         self._level = float(np.mean(np.abs(self._smooth) ** 2))
@@ -91,10 +92,6 @@ class TextureMeter:
         ends = [(f"{TILT_EDGES_DEG[i]:g}", f"{TILT_EDGES_DEG[i + 1]:g}") for i in self.bins]
         rest = (f"{REST} {low} to {high} degrees" for low, high in ends)
         self.names = (COHERENT, *rest, CONTRAST, ALIKE)
-
-    @property
-    def n_points(self) -> int:
-        return len(self._patch)
 
     def measure(self, images: np.ndarray) -> np.ndarray:
         """The statistics of images (4, n_points), complex.

@@ -7,37 +7,33 @@
 """
 
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import typer
 
-from calibration import range_gate, subtract_background
-from calibration.scripts.scripting import Force, refuse_existing, run
+from calibration import clean
+from calibration.scripts.scripting import Output, Recorded, run
 from measurement_io import open_capture, save_capture
-
-# "none" subtracts as recorded; "common" and "channel" scale the empty capture first.
-SCALING = "common"
 
 
 def main(
-    capture: Annotated[Path, typer.Argument(help="With the object.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Cleaned capture, .h5.")],
-    empty: Annotated[Path | None, typer.Option(help="Capture without the object.")] = None,
-    near_mm: Annotated[float | None, typer.Option(help="Start of the range window.")] = None,
-    far_mm: Annotated[float | None, typer.Option(help="End of the range window.")] = None,
-    force: Force = False,
+    capture: Recorded,
+    output: Output,
+    empty: Path | None = None,
+    near_mm: float | None = None,
+    far_mm: float | None = None,
 ) -> None:
-    """Subtract the background, then gate in range; at least one of the two."""
+    """Subtract EMPTY, recorded without the object, and keep the ranges from NEAR to FAR."""
     if (near_mm is None) != (far_mm is None) or (empty is None and near_mm is None):
         raise typer.BadParameter("expected --empty, or --near-mm and --far-mm, or all three")
-    refuse_existing(output, force=force)
-    recorded = cleaned = open_capture(capture)
-    if empty is not None:
-        cleaned = subtract_background(cleaned, open_capture(empty), scaling=SCALING)
+    gate = None
     if near_mm is not None and far_mm is not None:
-        cleaned = range_gate(cleaned, near_m=near_mm / 1e3, far_m=far_mm / 1e3)
-    save_capture(output, cleaned, force=force)
+        gate = {"near_m": near_mm / 1e3, "far_m": far_mm / 1e3}
+    recorded = open_capture(capture)
+    # "none" subtracts as recorded; "common" and "channel" scale the empty capture first.
+    room = None if empty is None else open_capture(empty)
+    cleaned = clean(recorded, empty=room, scaling="common", gate=gate)
+    save_capture(output, cleaned)
     left = np.mean(np.abs(cleaned.data) ** 2) / np.mean(np.abs(recorded.data) ** 2)
     print(f"{output}: {10 * np.log10(left):+.1f} dB of power is left")
 

@@ -1,4 +1,4 @@
-"""Shared functions of the scripts: options, one-line errors, output files."""
+"""What the scripts share: their arguments, and errors on one line."""
 
 from __future__ import annotations
 
@@ -9,15 +9,25 @@ from typing import Annotated, Any
 
 import typer
 
+import clradar
 from clradar.errors import ClradarError
 from clradar.files.atomic import refuse_existing
-from clradar.files.json_file import write_json
 
-__all__ = ["Force", "Recorded", "Unit", "refuse_existing", "run", "write_json"]
+# Where the object is: x, y and z in metres, 2 mm voxels. Half a resolution cell is enough here.
+GRID = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 2e-3)
+
+
+def _new(path: Path | None) -> Path | None:
+    if path is not None:
+        refuse_existing(path, force=False)
+    return path
+
 
 Recorded = Annotated[Path, typer.Argument(help="Recorded or simulated capture.")]
-Force = Annotated[bool, typer.Option(help="Replace existing files.")]
+Mesh = Annotated[Path, typer.Argument(help="Mesh of the object.")]
 Unit = Annotated[str, typer.Option(help="Unit of the mesh file: m, cm or mm.")]
+Output = Annotated[Path, typer.Option("-o", "--output", callback=_new, help="New file.")]
+Another = Annotated[Path | None, typer.Option(callback=_new, help="Another new file.")]
 
 
 def run(main: Callable[..., Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -99,10 +98,8 @@ SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at
 def print_scores(result: Diagnosis) -> None:
     """Print one row per hypothesis, the sharpest first."""
     rows = []
-    for score in sorted(result.scores, key=lambda s: -np.nan_to_num(s.relative_db, nan=-np.inf)):
-        h, place = score.hypothesis, "n/a"
-        if score.image is not None:
-            place = ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
+    for score in sorted(result.scores, key=lambda s: -s.relative_db):
+        h, place = score.hypothesis, ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
         row = ["[rx, tx]" if h.swapped else "[tx, rx]", "exp(+j)" if h.conjugated else "exp(-j)"]
         row += ["descending" if h.reversed else "ascending", decibels(score.relative_db), place]
         rows.append([*row, mark_of(result, h)])
@@ -119,8 +116,6 @@ def mark_of(result: Diagnosis, hypothesis: Hypothesis) -> str:
 
 def decibels(relative_db: float) -> str:
     """A level for a table."""
-    if math.isnan(relative_db):
-        return "n/a"
     return f"{relative_db:.1f}" if relative_db > -100 else "< -100"
 
 

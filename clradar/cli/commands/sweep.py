@@ -53,6 +53,7 @@ def command(
     With --roughness-mm it estimates roughness and correlation length in millimetres, of a MESH
     of given --material, by the physical estimator.
     """
+    from calibration import Sweep
     from calibration.roughness.figures import figure_of
     from calibration.roughness.sweep import check_within_grid
     from clradar.compare import depth_map_of
@@ -94,7 +95,8 @@ def command(
             write(output / RESULT, record, force=True, grid=grid)
         job.clear([WORK])
     if not finished:
-        names, rows = result.summary()
-        print_table(names, rows, right=names[:-1] if kind is alphas else ())
+        if isinstance(result, Sweep):
+            names, rows = result.summary()
+            print_table(names, rows, right=names[:-1])
         print_text(result.report())
         print_line(f"{output}: {', '.join(RESULTS)}")

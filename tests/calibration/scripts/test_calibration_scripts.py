@@ -114,7 +114,7 @@ def test_sweep(start, plate_files, tmp_path):
     (tmp_path / "transform.json").write_text(json.dumps(place))
     arguments = (
         "sweep", tmp_path / "capture.h5", tmp_path / "plate.ply", "-o", tmp_path / "sweep.png",
-        "--transform", tmp_path / "transform.json", "--step", 0.5, "--samples-per-mm2", 0.5,
+        "--transform", tmp_path / "transform.json", "--alphas", 3, "--samples-per-mm2", 0.5,
         "--seeds", 2,
     )  # fmt: skip
     done = start(*arguments)
