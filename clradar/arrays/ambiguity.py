@@ -74,7 +74,8 @@ def _candidates(
 
     Of few of the antennas. Nothing where even they would take long.
     """
-    few = [_few(one, max(1, SEARCHED // len(clusters))) for one in clusters]
+    most = max(1, SEARCHED // len(clusters))
+    few = [one.part(_drawn(one.n_tx, most), _drawn(one.n_rx, most)) for one in clusters]
     if search_terms(few, hz, 90.0) > MOST_TERMS:
         return np.empty((0, 3)), np.empty(0), np.zeros(2)
     directions, level, step = response_over_directions(few, hz, at_m, 90.0)
@@ -114,10 +115,6 @@ def _needs_no_search(array: AntennaArray, waveform: Waveform) -> bool:
     """Whether it is one pair, or the 94 x 94 imager up to its band: all lobes below -13 dB."""
     imager = float(waveform.frequencies_hz.max()) <= 82.5e9 and array.same_positions(qar50())
     return imager or array.n_tx * array.n_rx == 1
-
-
-def _few(array: AntennaArray, most: int) -> AntennaArray:
-    return array.part(_drawn(array.n_tx, most), _drawn(array.n_rx, most))
 
 
 def _drawn(count: int, most: int) -> np.ndarray:

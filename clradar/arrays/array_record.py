@@ -135,31 +135,25 @@ class Placed(FileRecord):
         return self
 
 
-def _number_or_list(value: Any) -> Any:
+def _once_or_for_each(value: Any) -> Any:
     if isinstance(value, list):
-        return number_tuple(value, "a list of numbers", ())
+        is_row = not any(isinstance(row, list) for row in value)
+        return number_tuple(value, "a list of numbers", ()) if is_row else row_tuple(value)
     if not is_number(value):
         raise mistake("a finite number, or a list of one for each antenna")
     return value
 
 
-def _row_or_rows(value: Any) -> Any:
-    if isinstance(value, list) and not any(isinstance(row, list) for row in value):
-        return number_tuple(value, "a list of numbers", ())
-    return row_tuple(value)
-
-
-NumberOrList = Annotated[Any, BeforeValidator(_number_or_list)]
-RowOrRows = Annotated[Any, BeforeValidator(_row_or_rows)]
+ForEach = Annotated[Any, BeforeValidator(_once_or_for_each)]
 
 
 class Antennas(Placed):
     """Antennas of one rule, with a gain and a boresight for all of them or for each."""
 
-    gain: RowOrRows = None
-    gain_db: NumberOrList = None
-    phase_deg: NumberOrList = None
-    boresight: RowOrRows = None
+    gain: ForEach = None
+    gain_db: ForEach = None
+    phase_deg: ForEach = None
+    boresight: ForEach = None
     _side: Side = PrivateAttr()
 
     @model_validator(mode="after")
@@ -193,11 +187,6 @@ class Pose(Placed):
     """Copies of all antennas at some positions, turned."""
 
     rotation_deg: Vector = (0.0, 0.0, 0.0)
-
-    def places(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return rotation (3, 3) and position (3,), metres, of each."""
-        turn = Rotation.from_rotvec(self.rotation_deg, degrees=True).as_matrix()
-        return [(turn, at_m) for at_m in self._at_m]
 
 
 class Pattern(FileRecord):
@@ -261,7 +250,12 @@ class ArrayFile(FileRecord):
         return Side.joined(tx), Side.joined(rx)
 
     def _places(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [place for own in self.pose for place in own.places()] or [(np.eye(3), np.zeros(3))]
+        """Rotation (3, 3) and position (3,), metres, of each copy of all antennas."""
+        places = []
+        for pose in self.pose:
+            turn = Rotation.from_rotvec(pose.rotation_deg, degrees=True).as_matrix()
+            places += [(turn, at_m) for at_m in pose._at_m]
+        return places or [(np.eye(3), np.zeros(3))]
 
     def arrays(self, default_name: str) -> tuple[AntennaArray, ...]:
         """Return the arrays: one, or one for each pose."""
@@ -270,17 +264,17 @@ class ArrayFile(FileRecord):
         if self.pairs == ALL:
             placed = [[Side.joined(own) for own in zip(*placed, strict=True)]]
         _warn_of_same_places(name, *placed[0])
-        lobes: list[Any] = [own and own._pattern for own in (self.tx_pattern, self.rx_pattern)]
-        found = []
-        for i, (tx, rx) in enumerate(placed, start=1):
-            own = name if len(placed) == 1 else f"{name}, cluster {i} of {len(placed)}"
-            found.append(
-                AntennaArray(
-                    tx.at_m, rx.at_m, own, lobes[0], lobes[1], tx.gain, rx.gain,
-                    lobes[0] and tx.boresight, lobes[1] and rx.boresight,
-                )
-            )  # fmt: skip
-        return tuple(found)
+        lobes: Any = [own and own._pattern for own in (self.tx_pattern, self.rx_pattern)]
+        names = [name]
+        if len(placed) > 1:
+            names = [f"{name}, cluster {i} of {len(placed)}" for i in range(1, len(placed) + 1)]
+        return tuple(
+            AntennaArray(
+                tx.at_m, rx.at_m, own, lobes[0], lobes[1], tx.gain, rx.gain,
+                lobes[0] and tx.boresight, lobes[1] and rx.boresight,
+            )
+            for own, (tx, rx) in zip(names, placed, strict=True)
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -78,16 +78,16 @@ def array_figures(
 
     Examples
     --------
-    Sixteen receivers 2.5 mm apart at 60 GHz, half a wavelength: no lobe within 60 degrees.
+    Four receivers a wavelength apart: the grating lobes of a focus at broadside are at the horizon.
 
     >>> import numpy as np
     >>> import clradar
-    >>> rx_m = np.arange(16)[:, None] * [2.5e-3, 0, 0]
-    >>> array = clradar.AntennaArray([[0, 0, 0]], rx_m - rx_m.mean(axis=0))
-    >>> band = clradar.Waveform.sfcw(59e9, 61e9, 32)
-    >>> found = clradar.arrays.array_figures(array, band, (0, 0, 1), within_deg=60, level_db=-6)
-    >>> found.lobes, f"{1e3 * found.unambiguous_range_m:.0f} mm"
-    ((), '2323 mm')
+    >>> band = clradar.Waveform.sfcw(60e9, 60e9, 1)
+    >>> rx_m = (np.arange(4)[:, None] - 1.5) * [299_792_458 / 60e9, 0, 0]
+    >>> array = clradar.AntennaArray([[0, 0, 0]], rx_m)
+    >>> found = clradar.arrays.array_figures(array, band, (0, 0, 5), level_db=-6)
+    >>> [(lobe.azimuth_deg, round(lobe.level_db, 1) + 0.0, lobe.grating) for lobe in found.lobes]
+    [(-90.0, 0.0, True), (90.0, 0.0, True)]
     """
     if not isinstance(array, Sequence) or not array:
         checks.instance("array_figures: array", array, AntennaArray)
@@ -100,10 +100,10 @@ def array_figures(
         within_deg = widest_search_deg(array, float(frequencies_hz[len(frequencies_hz) // 2]))
     within = checks.positive("array_figures: within_deg", within_deg)
     level = checks.real("array_figures: level_db", level_db)
-    foremost_m = max(side.antennas_m[:, 2].max() for a in clusters_of(array) for side in a.sides)
+    antennas_m = np.concatenate([s.antennas_m for a in clusters_of(array) for s in a.sides])
+    foremost_m = antennas_m[:, 2].max()
     if focus[2] <= foremost_m:
         checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
-    antennas_m = np.concatenate([s.antennas_m for a in clusters_of(array) for s in a.sides])
     doubt = doubtful_place(0.0, focus, antennas_m)
     if doubt is not None:
         warn(f"the focus is {doubt}")
@@ -116,12 +116,6 @@ def array_figures(
         width_m(array, frequencies_hz, focus, axis, longest_m)
         for axis, longest_m in zip(np.eye(3), (across_m, across_m, along_m), strict=True)
     )
-    return ArrayFigures(
-        focus,
-        (width_x, width_y, width_z),
-        waveform.range_resolution_m,
-        waveform.unambiguous_range_m,
-        found,
-        within,
-        over_directions,
-    )
+    ranges_m = waveform.range_resolution_m, waveform.unambiguous_range_m
+    widths_m = (width_x, width_y, width_z)
+    return ArrayFigures(focus, widths_m, *ranges_m, found, within, over_directions)

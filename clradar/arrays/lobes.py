@@ -57,21 +57,7 @@ class DirectionMap:
 
 @dataclass(frozen=True, slots=True)
 class Lobe:
-    """A direction whose echoes the focused array takes for those of its focus.
-
-    Examples
-    --------
-    Four receivers a wavelength apart: the grating lobes of a focus at broadside are at the horizon.
-
-    >>> import numpy as np
-    >>> import clradar
-    >>> band = clradar.Waveform.sfcw(60e9, 60e9, 1)
-    >>> rx_m = (np.arange(4)[:, None] - 1.5) * [299_792_458 / 60e9, 0, 0]
-    >>> array = clradar.AntennaArray([[0, 0, 0]], rx_m)
-    >>> found = clradar.arrays.array_figures(array, band, (0, 0, 5), level_db=-6)
-    >>> [(lobe.azimuth_deg, round(lobe.level_db, 1) + 0.0, lobe.grating) for lobe in found.lobes]
-    [(-90.0, 0.0, True), (90.0, 0.0, True)]
-    """
+    """A direction whose echoes the focused array takes for those of its focus."""
 
     position_m: np.ndarray
     """Of its maximum, shape (3,)."""

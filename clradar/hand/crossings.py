@@ -17,6 +17,8 @@ def crossing_faces(
     Two triangles intersect if an edge of one meets the other, unless it lies in its plane.
     """
     chosen = np.arange(len(faces)) if among is None else among
+    if not len(chosen):
+        return np.zeros((0, 2), dtype=np.int64)
     corners = faces[chosen]
     triangles_m = vertices_m[corners]
     one, other = _close_pairs(triangles_m)
@@ -61,9 +63,6 @@ def _close_pairs(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs of triangles (N, 3, 3) whose bounding boxes overlap, each pair once."""
     from scipy.spatial import cKDTree
 
-    none = np.zeros(0, dtype=np.int64)
-    if len(triangles_m) < 2:
-        return none, none
     centre_m, radius_m = _bounding_spheres(triangles_m)
     pairs = cKDTree(centre_m).query_pairs(_contact_distance_m(radius_m), output_type="ndarray")
     one, other = pairs.T

@@ -19,8 +19,8 @@ from clradar.hand.joints import JOINT_NAMES
 from clradar.hand.pose import HandPose
 from clradar.hand.pose_file import pose_by_name
 from clradar.hand.shape import AVERAGE, HandShape
-from clradar.hand.skeleton import Skeleton, posed_skeleton
-from clradar.hand.skin import texture_coordinates_m
+from clradar.hand.skeleton import posed_skeleton
+from clradar.hand.skin import Skin, skin_weights
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
@@ -66,16 +66,6 @@ class HandMesh(Record):
     texture_m : array_like, shape (V, 3), float64, metres, optional
         Where each vertex is in the flat right hand, or in the rig at rest: coordinates that stay
         with the skin, in which its roughness is defined. None: `vertices_m`.
-
-    Examples
-    --------
-    >>> from clradar.hand import hand_mesh
-    >>> mesh = hand_mesh("flat", edge_length_m=4e-3)
-    >>> mesh.to_trimesh().is_watertight
-    True
-    >>> thumb = mesh.vertices_m[mesh.faces[mesh.part == mesh.part_names.index("thumb")]]
-    >>> bool((thumb[..., 0] < 0.01).all())  # of a right hand whose palm is towards the radar
-    True
     """
 
     vertices_m: np.ndarray
@@ -96,10 +86,7 @@ class HandMesh(Record):
         for name in ("normals", "texture_m"):
             if getattr(self, name) is not None:
                 self._set_array(name, np.float64, vertices_m.shape)
-        for name, indices, count in (
-            ("faces", faces, len(vertices_m)),
-            ("part", part, len(names)),
-        ):
+        for name, indices, count in (("faces", faces, len(vertices_m)), ("part", part, len(names))):
             low, high = indices.min(), indices.max()
             if low < 0 or high >= count:
                 checks.fail(f"HandMesh.{name}", f"indices in [0, {count - 1}]", f"[{low}, {high}]")
@@ -206,7 +193,10 @@ def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Devi
         vertices_m, faces = _surface(field, spacing_m)
         part = field.nearest_parts(vertices_m[faces].mean(axis=1))
         normals = _unit_vectors(field.gradients(vertices_m))
-    texture_m = texture_coordinates_m(vertices_m, normals, bones, _flat_skeleton(shape))
+    # Where the skin is on the flat hand of the same bones, wrist straight.
+    flat = posed_skeleton(_with_straight_wrist(pose_by_name("flat")), shape)
+    skin = Skin.on(vertices_m, skin_weights(vertices_m, normals, bones), bones)
+    texture_m = skin.posed(flat.frames, flat.joints_m)
     vertices_m = vertices_m @ rotated.frames[0].T
     normals = normals @ rotated.frames[0].T
     centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
@@ -241,11 +231,6 @@ def kept_from_skin(
             at_m = at_m - normal * (field.distances_m(at_m) - wanted_m)[:, None]
         normal = _unit_vectors(field.gradients(at_m))
     return at_m @ turn.T, normal @ turn.T, before_m
-
-
-def _flat_skeleton(shape: HandShape) -> Skeleton:
-    """Return the skeleton whose skin has its own coordinates as texture: "flat", wrist straight."""
-    return posed_skeleton(_with_straight_wrist(pose_by_name("flat")), shape)
 
 
 def _with_straight_wrist(pose: HandPose) -> HandPose:
@@ -298,13 +283,7 @@ def _adjacency(faces: np.ndarray, n: int) -> csr_array:
 
 def _is_closed(adjacency: csr_array) -> bool:
     """Return whether every edge occurs exactly once in each direction."""
-    adjacency.sort_indices()
-    back = adjacency.T.tocsr()
-    back.sort_indices()
-    same = np.array_equal(adjacency.indptr, back.indptr) and np.array_equal(
-        adjacency.indices, back.indices
-    )
-    return bool(same and (adjacency.data == 1.0).all())
+    return bool((adjacency.data == 1.0).all()) and (adjacency != adjacency.T).nnz == 0
 
 
 def _relaxed(

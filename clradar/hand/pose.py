@@ -23,12 +23,6 @@ class JointAngles:
     Parameters
     ----------
     flexion_rad, abduction_rad, twist_rad : float, radians
-
-    Examples
-    --------
-    >>> from clradar.hand import JointAngles
-    >>> JointAngles.from_degrees(90.0).flexion_rad
-    1.5707963267948966
     """
 
     flexion_rad: float = 0.0
@@ -37,10 +31,8 @@ class JointAngles:
 
     def __post_init__(self) -> None:
         for name in ANGLES:
-            label = f"JointAngles.{name}_rad"
-            object.__setattr__(
-                self, f"{name}_rad", checks.real(label, getattr(self, f"{name}_rad"))
-            )
+            value = checks.real(f"JointAngles.{name}_rad", getattr(self, f"{name}_rad"))
+            object.__setattr__(self, f"{name}_rad", value)
 
     @classmethod
     def from_degrees(
@@ -137,8 +129,8 @@ def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
 
     Examples
     --------
-    >>> from clradar.hand import interpolate_poses, pose_by_name
-    >>> half = interpolate_poses(pose_by_name("flat"), pose_by_name("S"), 0.5)
+    >>> from clradar.hand import POSES, interpolate_poses
+    >>> half = interpolate_poses(POSES["flat"], POSES["S"], 0.5)
     >>> round(half.angles("middle-finger-phalanx-intermediate").degrees()[0])
     57
     """

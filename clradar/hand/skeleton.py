@@ -74,16 +74,6 @@ class Skeleton:
         (the side of the nail). A tip has the axes of the last bone.
     thickness : float
         Scale of the flesh around the bones, relative to the average hand.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from clradar.hand import pose_by_name, posed_skeleton
-    >>> bones = posed_skeleton(pose_by_name("F"))
-    >>> knuckle, middle = (bones.joint_m(f"ring-finger-phalanx-{b}")
-    ...                    for b in ("proximal", "intermediate"))
-    >>> round(1e3 * float(np.linalg.norm(middle - knuckle)), 1)  # millimetres, in every pose
-    41.4
     """
 
     joints_m: np.ndarray
@@ -192,12 +182,6 @@ def turning_axes(pose: HandPose, joint: str) -> np.ndarray:
 
     Unit vectors as columns (3, 3), of flexion, abduction and twist, in the axes of the bone
     (`Skeleton.frames`): right-handed rotations about them are growing angles.
-
-    Examples
-    --------
-    >>> from clradar.hand import HandPose
-    >>> turning_axes(HandPose("straight"), "index-finger-phalanx-distal")[:, 0].tolist()
-    [-1.0, 0.0, 0.0]
     """
     angles = pose.angles(joint)
     abduction_sign, twist_sign = _signs(joint)

@@ -131,16 +131,6 @@ def skin_weights(vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton) -
     return of_all
 
 
-def texture_coordinates_m(
-    vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton, flat: Skeleton
-) -> np.ndarray:
-    """Return where points (V, 3) of the skin of a posed hand are in a flat hand of the same bones,
-    metres: coordinates that stay with the skin.
-    """
-    skin = Skin.on(vertices_m, skin_weights(vertices_m, normals, posed), posed)
-    return skin.posed(flat.frames, flat.joints_m)
-
-
 def _distance_m(
     vertices_m: np.ndarray, normals: np.ndarray, bones: Skeleton, bone: str
 ) -> np.ndarray:

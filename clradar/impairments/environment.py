@@ -26,12 +26,6 @@ class Wall:
     amplitude : float
         RMS over the pairs of antennas of its echo, in the units of a capture; negative where the
         reflection reverses the sign.
-
-    Examples
-    --------
-    >>> import clradar
-    >>> clradar.Wall(point_m=(0, 0, 1.2), normal=(0, -3, -4), amplitude=40.0).normal
-    array([ 0. , -0.6, -0.8])
     """
 
     point_m: np.ndarray

@@ -10,30 +10,22 @@ import numpy as np
 
 from clradar.model import Scene, checks
 from clradar.model.record import Record
-from clradar.motion.rigid import RigidMotion, marks_s
+from clradar.motion.rigid import STILL, RigidMotion, moved
 
 
-class BodyInSweep(Protocol):
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyInSweep:
     """A body during one sweep, on the same faces at all times.
 
-    `marks_s` are times between which it goes one way, and turns by no more than an eighth of a
-    turn; none: it stays in its place all the time.
+    Between two of `marks_s` it goes one way, and turns by no more than an eighth of a turn; without
+    any it stays in its place. `scene(time_s)` is the body, `vertices_m(time_s, rows)` are some of
+    its vertices or all, metres. `carried` are the faces of skin that moves with bones, and tears.
     """
 
-    @property
-    def marks_s(self) -> np.ndarray: ...
-
-    def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
-        """Vertices at a time, or those of `rows`, shape (n, 3), metres."""
-
-    def scene(self, time_s: float) -> Scene:
-        """The body at a time."""
-
-    def stretch(self, at_m: np.ndarray) -> float:
-        """By how much skin tears that is carried: 1 % of the faces become longer by this at least.
-
-        Of vertices at some times (n_times, V, 3), the second in the middle of the sweep.
-        """
+    marks_s: np.ndarray
+    scene: Callable[[float], Scene]
+    vertices_m: Callable[[float, Any], np.ndarray]
+    carried: np.ndarray | None = None
 
 
 class Body(Protocol):
@@ -53,51 +45,27 @@ class MovingBody(Record):
         In its place before the motion.
     motion : RigidMotion, optional
         None: it stays.
-
-    Examples
-    --------
-    >>> import clradar, trimesh
-    >>> ball = clradar.Scene.from_mesh(trimesh.creation.icosphere(radius=0.02))
-    >>> away = clradar.RigidMotion.steady(velocity_m_per_s=(0, 0, 1.0))
-    >>> body = clradar.MovingBody(ball, away)
-    >>> print(body.during(0.0, 0.5).scene(0.5).vertices_m[:, 2].mean().round(3))
-    0.5
     """
 
     scene: Scene
-    motion: RigidMotion | None = None
+    motion: Any = None
 
     def __post_init__(self) -> None:
         checks.instance("MovingBody.scene", self.scene, Scene)
-        if self.motion is not None:
-            checks.instance("MovingBody.motion", self.motion, RigidMotion)
+        self._set(motion=STILL if self.motion is None else self.motion)
+        checks.instance("MovingBody.motion", self.motion, RigidMotion)
 
     def during(self, begin_s: float, end_s: float) -> BodyInSweep:
         """Return the body during a sweep."""
-        marks = np.empty(0) if self.motion is None else marks_s(self.motion, begin_s, end_s)
-        return _RigidInSweep(self.scene, self.motion, marks)
+        return BodyInSweep(self.motion.marks_s(begin_s, end_s), self._at, self._vertices_m)
 
-
-@dataclass(frozen=True, slots=True)
-class _RigidInSweep:
-    body: Scene
-    motion: RigidMotion | None
-    marks_s: np.ndarray
-
-    def stretch(self, at_m: np.ndarray) -> float:
-        return 1.0
-
-    def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
-        vertices_m = self.body.vertices_m if rows is None else self.body.vertices_m[rows]
-        if self.motion is None:
-            return vertices_m
+    def _at(self, time_s: float) -> Scene:
         matrix = self.motion.at(time_s)
-        return np.asarray(vertices_m @ matrix[:3, :3].T + matrix[:3, 3])
-
-    def scene(self, time_s: float) -> Scene:
-        matrix = np.eye(4) if self.motion is None else self.motion.at(time_s)
         # The same record, so that what stays has the bits of a simulation without a motion.
-        return self.body if (matrix == np.eye(4)).all() else self.body.transformed(matrix)
+        return self.scene if (matrix == np.eye(4)).all() else self.scene.transformed(matrix)
+
+    def _vertices_m(self, time_s: float, rows: Any) -> np.ndarray:
+        return moved(self.motion.at(time_s), self.scene.vertices_m[rows])
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -31,7 +31,7 @@ from clradar.model import Scene, checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
 from clradar.motion.bodies import BodyInSweep
-from clradar.motion.rigid import PROFILES, RigidMotion, between, increasing, marks_s, pieces
+from clradar.motion.rigid import PROFILES, STILL, RigidMotion, between, increasing, moved, pieces
 from clradar.opencl import Device
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class MovingHand(Record):
     times_s: Any
     poses: Sequence[Any]
     profile: str = "smooth"
-    motion: RigidMotion | None = None
+    motion: Any = None
     center_m: Any = DEFAULT_CENTER_M
     shape: HandShape = AVERAGE
     edge_length_m: float = DEFAULT_EDGE_LENGTH_M
@@ -96,8 +96,8 @@ class MovingHand(Record):
         if len(poses) != len(times_s):
             checks.fail("MovingHand.poses", f"one for each of {len(times_s)} times", len(poses))
         checks.one_of("MovingHand.profile", self.profile, PROFILES)
-        if self.motion is not None:
-            checks.instance("MovingHand.motion", self.motion, RigidMotion)
+        self._set(motion=STILL if self.motion is None else self.motion)
+        checks.instance("MovingHand.motion", self.motion, RigidMotion)
         checks.instance("MovingHand.shape", self.shape, HandShape)
         if self.rig is None:
             self._set(edge_length_m=checked_edge_m(self.edge_length_m))
@@ -126,7 +126,7 @@ class MovingHand(Record):
         """Return the transform (4, 4) from the frame of the hand, whose wrist is the origin."""
         made = np.eye(4)
         made[:3, 3] = self._wrist_m
-        return made if self.motion is None else np.asarray(self.motion.at(time_s) @ made)
+        return np.asarray(self.motion.at(time_s) @ made)
 
     def joints_m(self, time_s: float) -> np.ndarray:
         """Return the joints at a time, shape (25, 3), antenna frame, metres.
@@ -136,7 +136,7 @@ class MovingHand(Record):
         if self.rig is not None:
             return self.mesh(time_s).joints_m
         own_m = posed_skeleton(self.pose(time_s), self.shape).joints_m * self.mirror
-        return _moved_by(self.transform(time_s), own_m)
+        return moved(self.transform(time_s), own_m)
 
     def mesh(self, time_s: float) -> HandMesh:
         """Return the surface at a time, in the antenna frame."""
@@ -151,8 +151,10 @@ class MovingHand(Record):
         poses = self.poses
         ways = pieces(self.times_s, begin_s, end_s)
         found = [times_s for first, *times_s in ways if poses[first] != poses[first + 1]]
-        moved_s = np.empty(0) if self.motion is None else marks_s(self.motion, begin_s, end_s)
-        return _HandInSweep(self, 0.5 * (begin_s + end_s), np.union1d(moved_s, found))
+        marks_s = np.union1d(self.motion.marks_s(begin_s, end_s), found)
+        own = _HandInSweep(self, self.pose(0.5 * (begin_s + end_s)))
+        carried = own.mesh.faces if self.rig is None and len(marks_s) else None
+        return BodyInSweep(marks_s, own.scene, own.vertices_m, carried)
 
     def _posed(self, pose: HandPose) -> HandMesh:
         if self.rig is not None:
@@ -168,45 +170,28 @@ class MovingHand(Record):
         return at_origin.moved(transform[:3, :3], transform[:3, 3])
 
 
-def _moved_by(transform: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    return np.asarray(points_m @ transform[:3, :3].T + transform[:3, 3])
-
-
 @dataclass(frozen=True)
 class _HandInSweep:
     """A hand on the faces that it has in the middle of a sweep."""
 
     hand: MovingHand
-    middle_s: float
-    marks_s: np.ndarray
+    middle: HandPose
 
     @cached_property
-    def _mesh(self) -> HandMesh:
-        return self.hand._posed(self.hand.pose(self.middle_s))
+    def mesh(self) -> HandMesh:
+        return self.hand._posed(self.middle)
 
     @cached_property
     def _skin(self) -> tuple[Skin, np.ndarray]:
         """The skin in the frame of the skeleton, and its distances from the surface, metres."""
-        hand, mesh, pose = self.hand, self._mesh, self.hand.pose(self.middle_s)
-        bones = posed_skeleton(pose, hand.shape)
+        hand, mesh, bones = self.hand, self.mesh, posed_skeleton(self.middle, self.hand.shape)
         assert mesh.normals is not None
         at_m = (mesh.vertices_m - mesh.joints_m[WRIST]) * hand.mirror + bones.joints_m[WRIST]
-        _, _, away_m = kept_from_skin(at_m, None, pose, hand.shape, hand.device)
+        _, _, away_m = kept_from_skin(at_m, None, self.middle, hand.shape, hand.device)
         weights = skin_weights(at_m, mesh.normals * hand.mirror, bones)
         return Skin.on(at_m, weights, bones), away_m
 
-    def stretch(self, at_m: np.ndarray) -> float:
-        if self.hand.rig is not None or not len(self.marks_s):
-            return 1.0
-        corners_m = at_m[:, self._mesh.faces]
-        edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=2), axis=3)
-        longest_m = edges_m.max(axis=2)
-        longer = longest_m / np.maximum(longest_m[1], np.finfo(float).tiny)
-        return max(1.0, float(np.quantile(longer, 0.99, axis=1).max()))
-
-    def _moved(
-        self, pose: HandPose, rows: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _carried(self, pose: HandPose, rows: Any = None) -> tuple[np.ndarray, ...]:
         """Vertices (n, 3), their normals (n, 3) and the joints (25, 3) in a pose.
 
         In the frame of the hand, whose wrist is the origin, metres.
@@ -220,24 +205,24 @@ class _HandInSweep:
         moved_m, normals, _ = kept_from_skin(carried_m, away_m, pose, hand.shape, hand.device)
         wrist_m = bones.joints_m[WRIST]
         own = (moved_m - wrist_m, normals, bones.joints_m - wrist_m)
-        return own[0] * hand.mirror, own[1] * hand.mirror, own[2] * hand.mirror
+        return tuple(vectors * hand.mirror for vectors in own)
 
-    def vertices_m(self, time_s: float, rows: np.ndarray | None = None) -> np.ndarray:
-        hand, pose = self.hand, self.hand.pose(time_s)
-        if rows is None or pose == hand.pose(self.middle_s) or hand.rig is not None:
-            vertices_m = self._mesh_at(time_s).vertices_m
-            return vertices_m if rows is None else vertices_m[rows]
-        return _moved_by(hand.transform(time_s), self._moved(pose, rows)[0])
+    def vertices_m(self, time_s: float, rows: Any) -> np.ndarray:
+        pose = self.hand.pose(time_s)
+        if isinstance(rows, slice) or pose == self.middle or self.hand.rig is not None:
+            return self._mesh_at(time_s).vertices_m[rows]
+        vertices_m, *_ = self._carried(pose, rows)
+        return moved(self.hand.transform(time_s), vertices_m)
 
     def scene(self, time_s: float) -> Scene:
         return Scene.from_mesh(self._mesh_at(time_s), alpha=self.hand.alpha)
 
     def _mesh_at(self, time_s: float) -> HandMesh:
         pose = self.hand.pose(time_s)
-        if pose == self.hand.pose(self.middle_s):
-            return self.hand._placed(self._mesh, time_s)
+        if pose == self.middle:
+            return self.hand._placed(self.mesh, time_s)
         if self.hand.rig is not None:
-            return self.hand._placed(self.hand.rig.posed(pose), time_s)
-        at_m, normals, joints_m = self._moved(pose)
-        moved = replace(self._mesh, vertices_m=at_m, normals=normals, joints_m=joints_m)
-        return self.hand._placed(moved, time_s)
+            return self.hand.mesh(time_s)
+        at_m, normals, joints_m = self._carried(pose)
+        mesh = replace(self.mesh, vertices_m=at_m, normals=normals, joints_m=joints_m)
+        return self.hand._placed(mesh, time_s)

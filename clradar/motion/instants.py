@@ -132,41 +132,35 @@ class Probes:
     @classmethod
     def of(cls, sweep: SceneInSweep, begin_s: float, end_s: float) -> Probes:
         """The vertices of every body that are outermost, and those that move most."""
-        own_marks = [body.marks_s for body in sweep.bodies]
-        marks_s = np.unique(np.concatenate([[begin_s, end_s], *own_marks]))
+        bodies = sweep.bodies
+        marks_s = np.unique(np.concatenate([[begin_s, end_s], *(body.marks_s for body in bodies)]))
         marks_s = marks_s[(marks_s >= begin_s) & (marks_s <= end_s)]
         if len(marks_s) > CHECKED:
             raise too_fast()
         rows, stretch = [], 1.0
-        for body in sweep.bodies:
+        for body in bodies:
             some = np.linspace(0, max(len(body.marks_s) - 1, 0), _SAMPLED_TIMES).astype(int)
             some_s = body.marks_s[some[: len(body.marks_s)]]
             times_s = [begin_s, 0.5 * (begin_s + end_s), end_s, *some_s]
-            at_m = np.stack([body.vertices_m(time_s) for time_s in times_s])
+            at_m = np.stack([body.vertices_m(time_s, slice(None)) for time_s in times_s])
             away_m = np.linalg.norm(at_m - at_m[0], axis=2).max(axis=0)
             outermost = (at_m[1] @ _DIRECTIONS.T).argmax(axis=0)
             rows.append(np.unique([*outermost, *np.argsort(-away_m, kind="stable")[:_FASTEST]]))
-            stretch = max(stretch, body.stretch(at_m))
+            if body.carried is not None:
+                stretch = max(stretch, _stretch(at_m[:, body.carried]))
 
         def placed_m(time_s: float) -> np.ndarray:
-            at_m = [b.vertices_m(time_s, own) for b, own in zip(sweep.bodies, rows, strict=True)]
-            moving = [m.mean(axis=0) for m, own in zip(at_m, own_marks, strict=True) if len(own)]
+            at_m = [b.vertices_m(time_s, own) for b, own in zip(bodies, rows, strict=True)]
+            moving = [m.mean(axis=0) for m, b in zip(at_m, bodies, strict=True) if len(b.marks_s)]
             return np.concatenate([*at_m, [np.mean(moving, axis=0)]])
 
-        moves = any(len(own) for own in own_marks)
+        moves = any(len(body.marks_s) for body in bodies)
         nodes = [Piece.between(*ends, NODES).times_s for ends in pairwise(marks_s)]
         places_m = [[placed_m(t) for t in own] for own in nodes] if moves else []
         return cls(marks_s, np.array(places_m), moves, stretch)
 
-    def at_m(self, times_s: np.ndarray) -> np.ndarray:
-        """Their places, shape (*times_s.shape, n, 3), metres."""
-        return self._at_m(times_s, slice(-1))
-
-    def middle_m(self, times_s: np.ndarray) -> np.ndarray:
-        """Where the middle of what moves is, shape (*times_s.shape, 3), metres."""
-        return self._at_m(times_s, slice(-1, None))[..., 0, :]
-
-    def _at_m(self, times_s: np.ndarray, points: slice) -> np.ndarray:
+    def at_m(self, times_s: np.ndarray, points: slice = slice(-1)) -> np.ndarray:
+        """Places of all points but the middle, or of some, shape (*times_s.shape, n, 3), metres."""
         flat_s = np.ravel(times_s)
         chosen_m = self.places_m[:, :, points]
         number = np.searchsorted(self.marks_s[1:-1], flat_s, side="right")
@@ -177,6 +171,20 @@ class Probes:
             shares = np.stack(list(own.shares(flat_s[here])))
             found_m[here] = np.einsum("kt,kpi->tpi", shares, chosen_m[piece])
         return found_m.reshape(*np.shape(times_s), *found_m.shape[1:])
+
+
+MIDDLE = slice(-1, None)
+"""The last point of `Probes`: the middle of what moves."""
+
+
+def _stretch(corners_m: np.ndarray) -> float:
+    """Return by how much 1 % of the faces become longer at least: faces (n_times, F, 3, 3), of
+    which the second time is that of the mesh.
+    """
+    edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=2), axis=3)
+    longest_m = edges_m.max(axis=2)
+    longer = longest_m / np.maximum(longest_m[1], np.finfo(float).tiny)
+    return max(1.0, float(np.quantile(longer, 0.99, axis=1).max()))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -236,8 +244,7 @@ class Planner:
 
         def phases(at_s: np.ndarray) -> np.ndarray:
             ways_m = _lengths_m(self.probes.at_m(at_s), *ends_m)
-            middle_m = self.probes.middle_m(at_s)[:, None]
-            return np.asarray(k * (ways_m - _lengths_m(middle_m, *ends_m)))
+            return np.asarray(k * (ways_m - _lengths_m(self.probes.at_m(at_s, MIDDLE), *ends_m)))
 
         # Between two marks a body goes one way and turns by no more than an eighth of a turn. So
         # the phases at a few times tell how far they turn, and nothing between them is missed.

@@ -113,16 +113,16 @@ class HandTable(Moving):
         description=f"[[hand.pose]] with time_s and pose, from one to {MAX_PLACES}",
     )  # fmt: skip
     profile: Annotated[str, one_of(*PROFILES)] = "smooth"
-    center_mm: Vector | None = None
+    center_mm: Vector = tuple(1e3 * at_m for at_m in DEFAULT_CENTER_M)
     rig: FileName | None = None
     mapping: FileName | None = None
     rig_unit: NumberOrText | None = None
     rig_hand: Annotated[str | None, one_of("right", "left")] = None
     betas: Numbers | None = None
     handedness: Annotated[str, one_of("right", "left")] = "right"
-    edge_mm: Number | None = None
-    length_mm: Number | None = None
-    breadth_mm: Number | None = None
+    edge_mm: Number = 1e3 * DEFAULT_EDGE_LENGTH_M
+    length_mm: Number = 1e3 * AVERAGE.length_m
+    breadth_mm: Number = 1e3 * AVERAGE.breadth_m
     girth: Number = AVERAGE.girth
     finger_lengths: Annotated[Any, numbers(5)] = AVERAGE.finger_lengths
     _motion: RigidMotion | None = PrivateAttr()
@@ -148,42 +148,30 @@ class HandTable(Moving):
         if self.rig is not None:
             from clradar.rigs import read_rig
 
-            file, unit = folder / self.rig, self.rig_unit
-            mapping = None if self.mapping is None else folder / self.mapping
-            files += [file] if mapping is None else [file, mapping]
-            unit_m = unit if unit is None or isinstance(unit, str) else unit / 1e3
+            unit = self.rig_unit
+            unit = unit if unit is None or isinstance(unit, str) else unit / 1e3
+            file, mapping = folder / self.rig, self.mapping and folder / self.mapping
+            files += [file, Path(mapping)] if mapping else [file]
             rig = read_rig(
-                file, mapping=mapping, handedness=self.rig_hand, betas=self.betas, unit=unit_m
+                file, mapping=mapping, unit=unit, handedness=self.rig_hand, betas=self.betas
             )
-        length_m = _metres(self.length_mm, AVERAGE.length_m)
-        breadth_m = _metres(self.breadth_mm, AVERAGE.breadth_m)
+        size_m = self.length_mm / 1e3, self.breadth_mm / 1e3
         return MovingHand(
             [own.time_s for own in self.pose], poses, self.profile, self._motion,
-            DEFAULT_CENTER_M if self.center_mm is None else [v / 1e3 for v in self.center_mm],
-            HandShape(length_m, breadth_m, self.finger_lengths, self.girth),
-            _metres(self.edge_mm, DEFAULT_EDGE_LENGTH_M), self.handedness, rig,
+            [v / 1e3 for v in self.center_mm], HandShape(*size_m, self.finger_lengths, self.girth),
+            self.edge_mm / 1e3, self.handedness, rig,
         )  # fmt: skip
 
 
-def _metres(length_mm: float | None, default_m: float) -> float:
-    return default_m if length_mm is None else length_mm / 1e3
+_TIME_US = "a time of at least 0 microseconds"
 
 
 class SweepTable(FileRecord):
     """When the samples of a sweep are recorded."""
 
     order: Annotated[str, one_of(*ORDERS)] = "tx"
-    step_us: Annotated[
-        Number, Field(ge=0, lt=1e9, description="a time of at least 0 microseconds")
-    ] = 1e6 * STEP_S
-    cluster_us: (
-        Annotated[Number, Field(ge=0, lt=1e12, description="a time of at least 0 microseconds")]
-        | None
-    ) = None
-
-    @property
-    def step_s(self) -> float:
-        return self.step_us * 1e-6 if "step_us" in self.model_fields_set else STEP_S
+    step_us: Annotated[Number, Field(ge=0, lt=1e9, description=_TIME_US)] = 1e6 * STEP_S
+    cluster_us: Annotated[Number, Field(ge=0, lt=1e12, description=_TIME_US)] | None = None
 
 
 class Motion(FileRecord):
@@ -222,18 +210,14 @@ class Motion(FileRecord):
     def files(self) -> list[Path]:
         return self._files
 
-    def timing(self, array: AntennaArray, waveform: Waveform) -> SweepTiming:
-        """Return when the samples of a sweep of this radar are recorded."""
-        return SweepTiming.in_order(
-            array.n_tx, waveform.n_freq, step_s=self.sweep.step_s, order=self.sweep.order
-        )
-
     def timings(self, clusters: Sequence[AntennaArray], waveform: Waveform) -> list[SweepTiming]:
         """Return when samples are recorded by clusters that take turns, or by the only array."""
-        own = [self.timing(array, waveform) for array in clusters]
-        turn_s = None if self.sweep.cluster_us is None else self.sweep.cluster_us * 1e-6
-        if turn_s is None:
-            turn_s = own[0].end_s - own[0].begin_s + self.sweep.step_s
+        step_s, order, turn_us = self.sweep.step_us / 1e6, self.sweep.order, self.sweep.cluster_us
+        own = [
+            SweepTiming.in_order(array.n_tx, waveform.n_freq, step_s=step_s, order=order)
+            for array in clusters
+        ]
+        turn_s = own[0].end_s - own[0].begin_s + step_s if turn_us is None else turn_us / 1e6
         return [SweepTiming(timing.times_s + i * turn_s) for i, timing in enumerate(own)]
 
     def scene(

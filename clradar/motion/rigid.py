@@ -103,25 +103,29 @@ class RigidMotion(Record):
         made[:3, 3] = self.about_m - made[:3, :3] @ self.about_m + shift_m
         return made
 
+    def marks_s(self, begin_s: float, end_s: float) -> np.ndarray:
+        """Return times of a sweep between which it goes one way; none: it stays in its place.
 
-def marks_s(motion: RigidMotion, begin_s: float, end_s: float) -> np.ndarray:
-    """Return times of a sweep between which a motion goes one way; none: it stays in its place.
+        They are the keys where something may change, and so many between them that the body turns
+        by no more than an eighth of a turn from one to the next: in whatever sweep, it cannot come
+        back to its place between two marks.
+        """
+        found: list[np.ndarray] = []
+        hold = self.beyond == "hold"
+        for first, from_s, to_s in pieces(self.times_s, begin_s, end_s, hold=hold):
+            ends = slice(first, first + 2)
+            if np.ptp(np.c_[self.shifts_m, self.turns_rad][ends], axis=0).any():
+                _, way_rad = _way(*self.turns_rad[ends])
+                share = (to_s - from_s) / (self.times_s[first + 1] - self.times_s[first])
+                turn_rad = float(np.linalg.norm(way_rad)) * STEEPEST[self.profile] * share
+                count = min(np.ceil(turn_rad / (0.25 * np.pi)), MOST_TURNS)
+                found.append(np.linspace(from_s, to_s, int(max(count, 1)) + 1))
+        return np.unique(np.concatenate(found)) if found else np.empty(0)
 
-    They are the keys where something may change, and so many between them that the body turns by
-    no more than an eighth of a turn from one to the next: in whatever sweep, it cannot come back
-    to its place between two marks.
-    """
-    found: list[np.ndarray] = []
-    hold = motion.beyond == "hold"
-    for first, from_s, to_s in pieces(motion.times_s, begin_s, end_s, hold=hold):
-        ends = slice(first, first + 2)
-        if np.ptp(np.c_[motion.shifts_m, motion.turns_rad][ends], axis=0).any():
-            _, way_rad = _way(*motion.turns_rad[ends])
-            share = (to_s - from_s) / (motion.times_s[first + 1] - motion.times_s[first])
-            turn_rad = float(np.linalg.norm(way_rad)) * STEEPEST[motion.profile] * share
-            count = min(np.ceil(turn_rad / (0.25 * np.pi)), MOST_TURNS)
-            found.append(np.linspace(from_s, to_s, int(max(count, 1)) + 1))
-    return np.unique(np.concatenate(found)) if found else np.empty(0)
+
+def moved(matrix: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Return points (n, 3) after a rigid transform (4, 4)."""
+    return np.asarray(points_m @ matrix[:3, :3].T + matrix[:3, 3])
 
 
 def pieces(
@@ -169,3 +173,7 @@ def _way(first_rad: np.ndarray, last_rad: np.ndarray) -> tuple[Rotation, np.ndar
     if across <= 1e-12 * np.linalg.norm(first_rad) * np.linalg.norm(last_rad):
         return first, last_rad - first_rad
     return first, (first.inv() * last).as_rotvec()
+
+
+STILL = RigidMotion([0.0], [(0.0, 0.0, 0.0)])
+"""Of what stays in its place."""

@@ -14,7 +14,7 @@ from clradar.errors import ClradarWarning, warn
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.motion.bodies import MovingScene
-from clradar.motion.instants import Planner, Probes
+from clradar.motion.instants import MIDDLE, Planner, Probes
 from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate
@@ -115,8 +115,7 @@ def simulate_moving(
     sweep = moving.during(begin_s, end_s)
     scene = sweep.scene(0.5 * (begin_s + end_s))
     resolved = merged_settings(settings, **fields).for_scene(scene).resolved()
-    opened = open_device(device)
-    probes = Probes.of(sweep, begin_s, end_s)
+    opened, probes = open_device(device), Probes.of(sweep, begin_s, end_s)
     about = {"start_s": start_s, "sweep_s": end_s - begin_s}
     if not probes.moves:
         still = simulate(
@@ -130,10 +129,8 @@ def simulate_moving(
             "take a shorter sweep or a slower movement"
         )
     warn_of_ambiguity(scene, array, waveform)
-    overhead_tx = _OVERHEAD_TX.get(str(resolved.estimator), 12.0)
-    groups = Planner(probes, array, waveform, times_s, 10.0 ** (tolerance_db / 20.0)).groups(
-        overhead_tx
-    )
+    planner = Planner(probes, array, waveform, times_s, 10.0 ** (tolerance_db / 20.0))
+    groups = planner.groups(_OVERHEAD_TX.get(str(resolved.estimator), 12.0))
     middle = len(groups) // 2
     doubtful_s = groups[middle].doubtful_s
     total = sum(len(group.times_s) * len(group.tx) for group in groups)
@@ -155,7 +152,7 @@ def simulate_moving(
 
     def followed(part: AntennaArray, at_s: np.ndarray) -> np.ndarray:
         """Phasors of an echo of the middle of what moves when each sample is recorded."""
-        at_m = probes.middle_m(at_s)
+        at_m = probes.at_m(at_s, MIDDLE)[..., 0, :]
         to_tx_m = np.linalg.norm(at_m - part.tx_m[:, None, None], axis=3)
         to_rx_m = np.linalg.norm(at_m - part.rx_m[None, :, None], axis=3)
         rate = -2j * np.pi * waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S

@@ -59,7 +59,8 @@ def plain_gltf(
         if mapping is not None:
             hands = [hand_by_mapping(path, names, mapping, mapping_name)]
         else:
-            hands = hands_by_name(path, names, file.skin_joints())
+            skinned = {joint for skin in file.document.skins for joint in skin.joints}
+            hands = hands_by_name(path, names, skinned)
         hand, joints, side = _chosen(path, world, hands, handedness)
         surface, ignored = _surface(file, hand)
         local = np.full((len(JOINT_NAMES), 3, 3), np.nan)
@@ -177,8 +178,8 @@ class _File:
 
     def _buffer(self, what: str, uri: Any, most: int) -> bytes:
         if uri is None:
-            data = self.document.binary_blob()
-            if data is None or what != "buffer 0":
+            data = self.document.binary_blob() if what == "buffer 0" else None
+            if data is None:
                 fail(self.path, f"{what} with data", "neither a uri nor a binary chunk")
             return bytes(data)
         if uri.startswith("data:"):
@@ -242,15 +243,9 @@ class _File:
 
     def _vector(self, what: str, values: Any, count: int) -> np.ndarray:
         numbers = np.array(values, np.float64)
-        if numbers.shape != (count,):
-            fail(self.path, f"{what}: {count} numbers", repr(values))
-        if not np.isfinite(numbers).all():
-            fail(self.path, f"{what}: finite numbers", repr(values))
+        if numbers.shape != (count,) or not np.isfinite(numbers).all():
+            fail(self.path, f"{what}: {count} finite numbers", repr(values))
         return numbers
-
-    def skin_joints(self) -> set[int]:
-        """Return the joints of all skins."""
-        return {joint for skin in self.document.skins for joint in skin.joints}
 
     def skin(self, index: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return a skin's nodes, and for each the matrix from the mesh to the scene at rest."""

@@ -1,12 +1,16 @@
-"""The record of a mapping file: the node of each joint of a rig."""
+"""Mapping files: the node of each joint of a rig; ``docs/rigs.md`` has the format."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
-from clradar.files.records import FileRecord, checked
+from clradar.errors import RigError
+from clradar.files.records import FileRecord, checked, read_record, record_of
 from clradar.hand.pose_record import JointName
 
 Node = Annotated[
@@ -19,3 +23,14 @@ class MappingFile(FileRecord):
     """What a mapping file says: WebXR name = name or number of a node."""
 
     joints: dict[JointName, Node] = Field(description="a table [joints]: WebXR name = node")
+
+
+def nodes_of(
+    mapping: str | os.PathLike[str] | Mapping[str, str | int], rig: Path
+) -> tuple[dict[str, str | int], str]:
+    """Return the node of each joint of a mapping or of its file, and how messages call it."""
+    if isinstance(mapping, Mapping):
+        table = {"joints": dict(mapping)}
+        return record_of(table, MappingFile, rig, error=RigError).joints, "the mapping"
+    path, expected = Path(mapping), "a TOML file with a table [joints]: WebXR name = node"
+    return read_record(path, MappingFile, expected, error=RigError).joints, path.name

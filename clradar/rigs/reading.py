@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clradar.errors import ModelError, RigError, warn
+from clradar.errors import RigError, warn
 from clradar.files.confined import process
 from clradar.files.failures import regular_file_size
 from clradar.files.limits import MAX_RIG_ANSWER_BYTES
@@ -18,7 +18,6 @@ from clradar.model import checks
 from clradar.rigs.anatomy import UNITS_M
 from clradar.rigs.failures import fail, reading
 from clradar.rigs.mano import plain_mano
-from clradar.rigs.names import checked_mapping, read_mapping
 from clradar.rigs.rig import Rig
 
 # White space of JSON, and the mark that some editors put before a text in UTF-8.
@@ -98,23 +97,16 @@ def read_rig(
             checks.fail("mapping", "none for a MANO model, whose joints are known", "one")
         given = [] if betas is None else betas
         amounts = checks.read_only("betas", given, np.float64, (None,), allow_empty=True).tolist()
-        found = process.run(reader, plain_mano, file, amounts, unit, handedness)
-        if "argument" in found:
-            raise ModelError(found["argument"])
-        return Rig.of_plain(found)
+        return Rig.of_plain(process.run(reader, plain_mano, file, amounts, unit, handedness))
     if betas is not None:
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
     if not start.startswith(GLB_MAGIC) and start.lstrip(_BLANKS)[:1] != b"{":
         fail(file, EXPECTED, "something else")
-    name = "the mapping"
-    if mapping is not None and not isinstance(mapping, Mapping):
-        name = Path(mapping).name
-        mapping = read_mapping(Path(mapping))
-    elif mapping is not None:
-        mapping = checked_mapping(file, mapping)
     from clradar.rigs.gltf import plain_gltf
+    from clradar.rigs.mapping_record import nodes_of
 
-    rig = Rig.of_plain(process.run(reader, plain_gltf, file, mapping, name, unit, handedness))
+    nodes, name = (None, "") if mapping is None else nodes_of(mapping, file)
+    rig = Rig.of_plain(process.run(reader, plain_gltf, file, nodes, name, unit, handedness))
     if rig.ignored:
         names = ", ".join(f"'{name}'" for name in rig.ignored)
         warn(f"{file}: the hand does not move these meshes, which are left out: {names}")

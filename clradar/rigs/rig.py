@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -70,21 +70,6 @@ class Rig(Record):
     blend : PoseBlend, optional
     ignored : tuple of str
         Names of meshes of the file that do not belong to the hand.
-
-    Examples
-    --------
-    A hand of one triangle whose vertices are the tips of thumb, index and middle finger.
-
-    >>> import numpy as np
-    >>> from clradar.hand import HandPose, posed_skeleton
-    >>> from clradar.rigs import Rig
-    >>> from clradar.hand.skin import Skin
-    >>> rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
-    >>> skin = Skin([0, 1, 2], tips, np.ones(3), np.zeros((3, 3)))
-    >>> rig = Rig("tips", "right", 1.0, np.eye(3), rest.joints_m, rest.frames, [[0, 1, 2]], skin)
-    >>> thumb_m, index_m, _ = rig.posed("F").vertices_m
-    >>> bool(np.linalg.norm(thumb_m - index_m) < 0.02)  # they touch, below the skin
-    True
     """
 
     label: str
@@ -109,8 +94,7 @@ class Rig(Record):
 
     def plain(self) -> dict[str, Any]:
         """Return the fields in types that a message between processes can hold."""
-        blend = None if self.blend is None else _fields(self.blend)
-        return {**_fields(self), "skin": _fields(self.skin), "blend": blend}
+        return asdict(self, dict_factory=_listed)
 
     @classmethod
     def of_plain(cls, plain: dict[str, Any]) -> Rig:
@@ -196,6 +180,5 @@ class Rig(Record):
         return np.argmax(share[self.faces].sum(axis=1), axis=1).astype(np.int32)
 
 
-def _fields(record: Any) -> dict[str, Any]:
-    values = {field.name: getattr(record, field.name) for field in fields(record)}
-    return {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
+def _listed(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in items}

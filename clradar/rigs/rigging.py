@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from clradar.files.failures import clean
 from clradar.hand import JOINT_NAMES
 from clradar.hand.skin import Skin, by_bone
 from clradar.rigs.anatomy import (
@@ -19,7 +20,7 @@ from clradar.rigs.anatomy import (
     reach,
     rest_frames,
 )
-from clradar.rigs.failures import clean, fail
+from clradar.rigs.failures import fail
 from clradar.rigs.rig import PoseBlend, Rig
 
 WEIGHT_SUM = (0.9, 1.1)
@@ -88,32 +89,26 @@ class Surface:
     @classmethod
     def joined(cls, path: Path, pieces: Sequence[Surface]) -> Surface:
         """Return several surfaces as one, with vertices of the same position and weights merged."""
-        offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)])
+        offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)]).tolist()
         if offsets[-1] > MAX_FILE_VERTICES:
-            fail(path, f"at most {MAX_FILE_VERTICES} vertices", int(offsets[-1]))
-        moved = [
-            replace(piece, faces=piece.faces + offset, vertex=piece.vertex + offset)
-            for piece, offset in zip(pieces, offsets, strict=False)
+            fail(path, f"at most {MAX_FILE_VERTICES} vertices", offsets[-1])
+        columns = [
+            (p.faces + offset, p.vertex + offset, p.joint, p.weight, p.points)
+            for p, offset in zip(pieces, offsets, strict=False)
         ]
-        names = [field.name for field in fields(cls)]
-        return cls(*(np.concatenate([getattr(p, name) for p in moved]) for name in names))._welded()
-
-    def _welded(self) -> Surface:
+        whole = cls(*map(np.concatenate, zip(*columns, strict=True)))
         # Files split vertices at seams of texture and colour.
-        dense = by_bone(self.vertex, self.joint, self.weight[:, None]).toarray()
+        dense = by_bone(whole.vertex, whole.joint, whole.weight[:, None]).toarray()
         _, first, number = np.unique(
-            np.concatenate([self.rest(), dense], axis=1),
+            np.concatenate([whole.rest(), dense], axis=1),
             axis=0, return_index=True, return_inverse=True,
         )  # fmt: skip
         # In the order of the file.
-        order = np.argsort(first)
-        number = np.argsort(order)[number.reshape(-1)]
-        faces = number[self.faces]
-        whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-        rows = np.isin(self.vertex, first)
-        return Surface(
-            faces[whole], number[self.vertex[rows]],
-            self.joint[rows], self.weight[rows], self.points[rows],
+        number = np.argsort(np.argsort(first))[number.reshape(-1)]
+        faces, rows = number[whole.faces], np.isin(whole.vertex, first)
+        return cls(
+            faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)],
+            number[whole.vertex[rows]], whole.joint[rows], whole.weight[rows], whole.points[rows],
         )  # fmt: skip
 
     @property
@@ -153,23 +148,18 @@ def rig_of(
     rest = surface.rest()
     extent, size = float(np.ptp(rest, axis=0).max()), reach(joints)
     if extent > _MAX_EXTENT * size:
-        fail(
-            path,
-            f"a hand, a mesh of at most {_MAX_EXTENT:g} times its length from wrist to finger",
-            f"{extent / size:.3g} times: remove everything but hand and forearm",
-        )
+        most = f"a mesh of at most {_MAX_EXTENT:g} times its length from wrist to finger"
+        got = f"{extent / size:.3g} times: remove everything but hand and forearm"
+        fail(path, f"a hand, {most}", got)
     skinned = (surface.joint != WRIST) & (surface.weight > 0.5)
     if skinned.any():
         at = surface.points[skinned] / surface.weight[skinned, None]
         apart = np.linalg.norm(at - joints[surface.joint[skinned]], axis=1)
         distance = float(np.median(apart)) / size
         if distance > _MAX_DISTANCE:
-            fail(
-                path,
-                "vertices of fingers that mostly lie within "
-                f"{_MAX_DISTANCE:g} hand lengths of their joint",
-                f"{distance:.2g}: are the inverse bind matrices missing, or another skin's?",
-            )
+            near = f"mostly lie within {_MAX_DISTANCE:g} hand lengths of their joint"
+            got = f"{distance:.2g}: are the inverse bind matrices missing, or another skin's?"
+            fail(path, f"vertices of fingers that {near}", got)
     axes = canonical_axes(joints, side)
     wrist = joints[WRIST]
     joints_m = (joints - wrist) @ axes.T * unit_m
@@ -184,18 +174,9 @@ def rig_of(
     if _volume(rest @ axes.T, faces) < 0:  # a mirror in the file, or the one to a right hand
         faces = faces[:, [0, 2, 1]]
     own_m = points_m / surface.weight[:, None] - joints_m[surface.joint]
-    return Rig(
-        label=label,
-        handedness=side,
-        unit_m=unit_m,
-        axes=axes,
-        joints_m=joints_m,
-        frames=frames,
-        faces=faces.astype(np.int32),
-        skin=Skin(surface.vertex, surface.joint, surface.weight, own_m),
-        blend=blend,
-        ignored=ignored,
-    )
+    skin = Skin(surface.vertex, surface.joint, surface.weight, own_m)
+    own = label, side, unit_m, axes, joints_m, frames, faces.astype(np.int32), skin
+    return Rig(*own, blend, ignored)
 
 
 def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:

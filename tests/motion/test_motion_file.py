@@ -60,7 +60,7 @@ def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path):
     assert motion.hands[0].poses[1].name == "bent"
     assert [path.name for path in motion.files] == ["motion.toml", "bent.toml"]
     radar = clradar.AntennaArray([(0, 0, 0), (0.01, 0, 0)], [(0, 0.01, 0)])
-    timing = motion.timing(radar, clradar.Waveform([72e9, 73e9]))
+    (timing,) = motion.timings([radar], clradar.Waveform([72e9, 73e9]))
     assert timing.times_s[:, 0].tolist() == [[0, 1e-6], [2e-6, 3e-6]]
     with pytest.raises(ModelError, match=r"motion.toml: body.mesh: .* got 'ball.ply'"):
         motion.scene({})

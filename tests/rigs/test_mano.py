@@ -130,7 +130,7 @@ def test_the_shape_changes_joints_and_surface(path, model):
     lengths = [np.linalg.norm(r.joints_m[AT[2]] - r.joints_m[AT[1]]) for r in (plain, other)]
     assert lengths[1] == pytest.approx(np.linalg.norm(joints[2] - joints[1]), abs=1e-13)
     assert abs(lengths[1] - lengths[0]) > 1e-4
-    with pytest.raises(ModelError, match="betas: expected at most 10 numbers, got 11"):
+    with pytest.raises(RigError, match=r"RIGHT\.pkl: expected at most 10 betas, got 11"):
         read_rig(path, betas=np.zeros(11))
     with pytest.raises(ModelError, match="betas"):
         read_rig(path, betas=[np.nan])
@@ -153,8 +153,7 @@ def test_fingertips_are_vertices_of_the_released_mesh():
     cut["J_regressor"] = np.linalg.lstsq(places, wanted, rcond=None)[0].T
     rig = mano_rig(Path("m.npz"), checked_fields(Path("m.npz"), cut), [], None, "right")
     assert rig.known[JOINT_NAMES.index("thumb-tip")]
-    for finger, vertex in TIP_VERTICES.items():
-        name = "thumb-tip" if finger == "thumb" else f"{finger}-finger-tip"
+    for name, vertex in TIP_VERTICES.items():
         expected = (cut["v_template"][vertex] - made["J"][0]) @ rig.axes.T
         np.testing.assert_allclose(rig.joints_m[JOINT_NAMES.index(name)], expected, atol=1e-12)
 
@@ -186,7 +185,7 @@ def test_npz_files_are_read(tmp_path, path, model):
         read_rig(file).posed("F").vertices_m, read_rig(path).posed("F").vertices_m
     )
     np.savez(file, **{**model, "J_regressor": np.array(model["J_regressor"], dtype=object)})
-    with pytest.raises(RigError, match="an array 'J_regressor' of numbers, got Object arrays"):
+    with pytest.raises(RigError, match=r"a MANO hand model .*: Object arrays cannot be loaded"):
         read_rig(file)
 
 

@@ -474,7 +474,7 @@ NO_TRIANGLES = "a mesh with triangles that the hand's joints move, got none"
 MANY = "at most 67108864 numbers, with all uses of them"
 PUT = [  # in whose place, what, and what is said of it
     ("nodes[0].children", lambda old: [*old, 5], "one parent of node 5, got "),
-    ("nodes[4].matrix", lambda old: [*old[:3], np.nan, *old[4:]], "matrix of node 4: finite numb"),
+    ("nodes[4].matrix", lambda old: [*old[:3], np.nan, *old[4:]], "matrix of node 4: 16 finite"),
     ("accessors[1].bufferView", 77, r"bufferView of .*: a whole number in \[0, 5\), got 77"),
     ("accessors[1].componentType", 1234, NO_TYPE),
     ("accessors[1].count", lambda old: old + 1, r"primitive 0: POSITION: \d+ elements up to byte"),
