@@ -103,22 +103,17 @@ class BrightnessMeter:
             (places_m[:, axis] - axis_m[0]) / (axis_m[1] - axis_m[0])
             for axis, axis_m in ((1, image.y_m), (0, image.x_m))
         ]
-        read: np.ndarray = map_coordinates(image.amplitude, at, order=1, mode="nearest")
-        return read
+        return np.asarray(map_coordinates(image.amplitude, at, order=1, mode="nearest"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlphaEmulator:
-    """Mean and covariance of statistics over alpha.
-
-    `mean` and `variance`, of a measurement from this mean, and `interpolation`, what the mean would
-    be off by if it was interpolated between the others, have the shape (n_alphas, n_statistics).
-    """
+    """Mean and covariance of statistics over alpha, arrays of shape (n_alphas, n_statistics)."""
 
     alphas: np.ndarray
     mean: np.ndarray
-    variance: np.ndarray
-    interpolation: np.ndarray
+    variance: np.ndarray  # of a measurement from this mean
+    interpolation: np.ndarray  # what the mean would be off by, interpolated between the others
     correlation: np.ndarray
     freedom: int
 
@@ -126,10 +121,9 @@ class AlphaEmulator:
     def fitted(
         cls, alphas: np.ndarray, statistics: np.ndarray, displaced: np.ndarray
     ) -> AlphaEmulator:
-        """Fit to simulations.
+        """Fit to simulations, shape (n_seeds, n_alphas, n_statistics).
 
-        `statistics` has shape (n_seeds, A, n_statistics); `displaced`, shape (A, n_statistics), is
-        their variance by a mesh that is not quite in its place.
+        `displaced` is their variance by a mesh that is not quite in its place.
         """
         n_seeds, n_alphas, n = statistics.shape
         mean = statistics.mean(axis=0)

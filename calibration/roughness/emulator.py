@@ -115,20 +115,14 @@ def plain(value: Any) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """The statistics of a region, measured and simulated.
-
-    `statistics` are their names; `measured`, `fitted` and `spread`, shape (n_statistics,), are of
-    the measurement, and mean and standard deviation of simulations at the best values;
-    `probability` is of a fit as bad as this, or worse, if the measurement were a simulation;
-    `n_points` are the points of the surface that were read.
-    """
+    """The statistics of a region, measured and of simulations at the best values."""
 
     statistics: tuple[str, ...]
     measured: np.ndarray
-    fitted: np.ndarray
-    spread: np.ndarray
-    probability: float
-    n_points: int
+    fitted: np.ndarray  # mean of the simulations
+    spread: np.ndarray  # their standard deviation
+    probability: float  # of a fit as bad as this, or worse, if the measurement were a simulation
+    n_points: int  # of the surface, that were read
 
     def remarks(self, instead: str) -> list[str]:
         """Whether no simulation looks like the measurement, and what it may be instead."""
@@ -165,18 +159,13 @@ def fit_probability(chi2: float, n: int, freedom: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Emulator:
-    """Mean and covariance of statistics over height and length.
+    """Mean and covariance of statistics over height and length."""
 
-    The mean is a polynomial of the logarithms, with the exponents `powers` and a column of `mean`
-    for each statistic; `trend` is the slope of the logarithm of the residuals' variance, of which
-    `covariance` is without; `unscaled` is that of the mean's coefficients over it.
-    """
-
-    powers: np.ndarray
-    mean: np.ndarray
-    trend: np.ndarray
-    covariance: np.ndarray
-    unscaled: np.ndarray
+    powers: np.ndarray  # exponents of a polynomial of their logarithms
+    mean: np.ndarray  # its coefficients, a column for each statistic
+    trend: np.ndarray  # slope of the logarithm of the residuals' variance
+    covariance: np.ndarray  # of the residuals without the trend
+    unscaled: np.ndarray  # that of the mean's coefficients over it
     freedom: int
 
     @classmethod

@@ -116,6 +116,10 @@ def sweep_roughness(
 ) -> RoughnessSweep:
     """Estimate the roughness of a mesh by simulations with several roughnesses.
 
+    What is compared are statistics of images by the four quarters of the aperture, whose mean and
+    covariance over h and l follow from the simulations: docs/sweep-method.md. Every remark of the
+    result is a warning, and an estimate beyond what Kirchhoff's approximation allows.
+
     Parameters
     ----------
     measured : Capture
@@ -134,21 +138,6 @@ def sweep_roughness(
         too. Otherwise its gain is found as well, one for all regions.
     regions, device, store, progress, settings, **fields
         As of `sweep`, of the physical estimator.
-
-    Returns
-    -------
-    RoughnessSweep
-
-    Warns
-    -----
-    ClradarWarning
-        Every remark of the result; and an estimate beyond what Kirchhoff's approximation allows.
-
-    Notes
-    -----
-    Each simulation is imaged at points of the surface from the four quarters of the aperture. What
-    is compared are statistics of these images (`calibration.roughness.texture`), whose mean and
-    covariance over h and l follow from the simulations: docs/sweep-method.md.
 
     Examples
     --------
