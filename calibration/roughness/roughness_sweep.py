@@ -21,7 +21,7 @@ from calibration.roughness.design import (
     estimable,
     fingerprint,
 )
-from calibration.roughness.emulator import Emulator, Interval, plain
+from calibration.roughness.emulator import Emulator, Interval, logarithms, plain, terms
 from calibration.roughness.millimetres import (
     RegionStatistics,
     RoughnessEstimate,
@@ -212,10 +212,11 @@ def sweep_roughness(
     if not image.any():
         raise CompareError("sweep: the measured image is 0 on the whole mesh")
     simulated = np.array([(height_m, length_m) for height_m, length_m, _ in pairs]).T
+    at, powers = logarithms(*simulated), terms(int(np.count_nonzero(heights)), len(lengths))
     statistics = []
     for name, meter in zip(names, meters, strict=True):
         rows = np.stack([meter.measure(kept[item[0]]["images"]) for item in items])
-        emulator, seen = Emulator.fitted(simulated[0], simulated[1], rows), meter.measure(image)
+        emulator, seen = Emulator.fitted(at, powers, rows), meter.measure(image)
         statistics.append(RegionStatistics(name, meter.names, seen, emulator, meter.n_points))
     estimates, gain_db = estimate_roughness(statistics, *simulated, calibrated=calibrated)
     ends = (first, first + len(pairs) - 1)

@@ -10,12 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from calibration.roughness.alpha import (
-    AlphaEmulator,
-    AlphaEstimate,
-    BrightnessMeter,
-    estimate_alpha,
-)
+from calibration.roughness.alpha import AlphaEstimate, BrightnessMeter, estimate_alpha
 from calibration.roughness.design import (
     LIMITS,
     SEEDS,
@@ -288,10 +283,10 @@ def _estimate(
         for column in columns.values()
     ]
     statistics, displaced = np.moveaxis(np.array(found), 2, 0)
-    emulator = AlphaEmulator.fitted(
-        alphas[[*columns]], statistics.swapaxes(0, 1), displaced.mean(axis=1)
-    )
-    return estimate_alpha(name, meter.names, meter.measure(measured), emulator, meter.n_points)
+    return estimate_alpha(
+        name, meter.names, meter.measure(measured), alphas[[*columns]],
+        statistics.swapaxes(0, 1), displaced.mean(axis=1), meter.n_points,
+    )  # fmt: skip
 
 
 def _of_regions(
