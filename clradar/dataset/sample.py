@@ -225,16 +225,15 @@ def recorded_capture(
     """Return the simulated capture of a scene, with the impairments of the plan."""
     plan = drawn.plan
     array, waveform = plan.radar.antennas, plan.radar.waveform
-    found = plan.simulation.settings()
-    settings = {name: getattr(found, name) for name in found.__slots__}
+    settings = plan.simulation.settings()
     if isinstance(scene, MovingHand):
         moving = MovingScene([scene], lambda own: _with_surface(own, plan))
         capture = simulate_moving(
-            moving, array, waveform, timing=_timing(drawn), start_s=drawn.start_s, device=device,
-            **settings,
+            moving, array, waveform, timing=_timing(drawn), start_s=drawn.start_s,
+            settings=settings, device=device,
         )  # fmt: skip
     else:
-        capture = simulate(scene, array, waveform, device=device, **settings)
+        capture = simulate(scene, array, waveform, settings=settings, device=device)
     given = plan.impairments
     if not given.any:
         return capture

@@ -11,7 +11,6 @@ from clradar.plot.figures import image_figure, panels_figure
 from clradar.plot.layout import printable
 from clradar.plot.panels import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
 from clradar.plot.saving import SUFFIXES, png_bytes, save_figure
-from clradar.plot.spread import spread_figure
 from clradar.plot.views import plane_of
 
 __all__ = [
@@ -29,7 +28,6 @@ __all__ = [
     "printable",
     "recording_figure",
     "save_figure",
-    "spread_figure",
 ]
 
 

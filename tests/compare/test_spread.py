@@ -9,8 +9,7 @@ import trimesh
 from nightly import nightly
 
 import clradar
-from clradar.errors import CompareError, ModelError
-from clradar.plot import spread_figure
+from clradar.errors import ModelError
 
 FULL = clradar.arrays.qar50()
 ARRAY = clradar.AntennaArray(FULL.tx_m[::16], FULL.rx_m[::16])
@@ -127,21 +126,3 @@ def test_warnings_come_once():
         clradar.spread(behind, ARRAY, WAVEFORM, GRID, seeds=3, **{**FEW, "samples_per_mm2": 0.1})
     texts = [str(one.message) for one in caught]
     assert len(texts) == len(set(texts))
-
-
-def test_the_figure_has_a_band():
-    found = clradar.spread(BALL, ARRAY, WAVEFORM, GRID, seeds=2, **FEW)
-    figure = spread_figure(found, "A ball")
-    mean, deviation, amplitude, depth, _ = figure.axes
-    assert "2 seeds" in mean.get_title()
-    assert deviation.get_title().startswith("Standard deviation")
-    row = int(np.unravel_index(found.amplitude.argmax(), found.amplitude.shape)[0])
-    drawn = amplitude.lines[0].get_ydata()
-    np.testing.assert_allclose(drawn, found.amplitude[row] / found.amplitude.max())
-    top = found.amplitude[row] + found.amplitude_sd[row]
-    path = amplitude.collections[0].get_paths()[0].vertices
-    assert path[:, 1].max() == pytest.approx(top.max() / found.amplitude.max())
-    assert len(depth.collections) == 1
-    line = clradar.VoxelGrid([0, 0, 0.28], [1e-3] * 3, (1, 1, 30))
-    with pytest.raises(CompareError, match="two axes to draw, got 1 x 1 pixels"):
-        spread_figure(clradar.spread(BALL, ARRAY, WAVEFORM, line, seeds=2, **FEW))

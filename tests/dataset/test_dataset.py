@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -23,7 +22,7 @@ from dataset_plans import (
 from rig_files import RigMaker
 
 import clradar
-from clradar.dataset import PlanError, make_sample, open_dataset, recipe, replay, run
+from clradar.dataset import PlanError, make_sample, open_dataset, read_plan, recipe, replay, run
 from clradar.dataset.check import check_dataset, estimate
 from clradar.dataset.contact_sheet import contact_sheet
 from clradar.dataset.folder import MANIFEST
@@ -173,16 +172,23 @@ def test_bits_do_not_depend_on_the_number_of_threads(
     assert other.stdout == capsys.readouterr().out != ""
 
 
+RIG_PLAN = """samples = 2
+poses.names = ['B']
+hands = { rigs = ['hand.glb'], handedness = 'both' }
+output.products = ['mesh', 'joints']
+"""
+
+
 def test_rigs_are_hands_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    RigMaker().save(tmp_path / "hand.glb")
-    plan_text = "samples = 2\n[poses]\nnames = ['B']\n[hands]\nrigs = ['hand.glb']\n"
-    plan_text += "handedness = 'both'\n[output]\nproducts = ['mesh', 'joints']\n"
-    (tmp_path / "plan.toml").write_text(plan_text)
-    plan = clradar.dataset.read_plan(tmp_path / "plan.toml")  # type: ignore[attr-defined]
-    result = run(plan, tmp_path / "out", device=DEVICE)
-    assert result.aside == ()
+    here, there = tmp_path / "here", tmp_path / "there" / "deep"
+    for folder in (here, there):
+        folder.mkdir(parents=True)
+        RigMaker().save(folder / "hand.glb")
+        (folder / "plan.toml").write_text(RIG_PLAN)
+    plan, moved = (read_plan(folder / "plan.toml") for folder in (here, there))
+    assert run(plan, tmp_path / "out", device=DEVICE).aside == ()
     assert check_dataset(tmp_path / "out").ok
     view = open_dataset(tmp_path / "out")
     assert view.rig.values.tolist() == ["hand.glb"] * 2
@@ -190,43 +196,35 @@ def test_rigs_are_hands_too(
 
     one = recipe(plan, 0)
     sides = [{**one, "hands": {**one["hands"], "handedness": side}} for side in ("right", "left")]
-    hands = (placed_hand(read_recipe(side), DEVICE, rigs=tmp_path) for side in sides)
+    hands = (placed_hand(read_recipe(side), DEVICE, rigs=here) for side in sides)
     place = read_recipe(one).plan.placement
     turn, centre_m = rotation(place.radians), place.metres
     right_m, left_m = ((hand.joints_m - centre_m) @ turn for hand in hands)
     np.testing.assert_allclose(left_m, right_m * [-1.0, 1.0, 1.0], atol=POINT_ERROR_M)
 
     # The folder's name is in none of the bytes.
-    (tmp_path / "else" / "where").mkdir(parents=True)
-    for name in ("plan.toml", "hand.glb"):
-        shutil.copy(tmp_path / name, tmp_path / "else" / "where" / name)
-    moved = clradar.dataset.read_plan(tmp_path / "else" / "where" / "plan.toml")  # type: ignore[attr-defined]
-    run(moved, tmp_path / "else" / "out", device=DEVICE)
-    assert digests(tmp_path / "else" / "out") == digests(tmp_path / "out")
-    assert str(tmp_path) not in (tmp_path / "out" / MANIFEST).read_text()
+    run(moved, tmp_path / "other", device=DEVICE)
+    assert digests(tmp_path / "other") == digests(tmp_path / "out")
     assert run(moved, tmp_path / "out", device=DEVICE).made == 0
 
-    (tmp_path / "hand.glb").rename(tmp_path / "away.glb")
+    (here / "hand.glb").unlink()
     _rig.cache_clear()
-    assert replay(tmp_path / "out", 0, device=DEVICE, rigs=moved.folder).differences == ()
-    monkeypatch.chdir(tmp_path / "else")
-    arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(moved.folder)]
+    monkeypatch.chdir(tmp_path)
+    arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(there)]
     assert exit_status("dataset", "--device", DEVICE, *arguments) == 0
     assert "sample 0: the same bits" in capsys.readouterr().out
     for begun in (
-        lambda: make_sample(recipe(plan, 0), DEVICE),
+        lambda: make_sample(one, DEVICE),
         lambda: replay(tmp_path / "out", 0, device=DEVICE),
         lambda: run(plan, tmp_path / "more", device=DEVICE),
     ):
         with pytest.raises(ModelError, match=r"hand\.glb: expected the file of .* nothing there"):
             begun()
-    (tmp_path / "hand.glb").write_bytes(b"another file")
-    with pytest.raises(ModelError, match="got another"):
-        run(plan, tmp_path / "more", device=DEVICE)
-    with pytest.raises(ModelError, match="expected the file of the plan"):
-        make_sample(recipe(plan, 0), DEVICE, rigs=tmp_path)
+    (here / "hand.glb").write_bytes(b"another file")
+    with pytest.raises(ModelError, match=r"expected the file of the plan .* got another"):
+        make_sample(one, DEVICE, rigs=here)
     with pytest.raises(PlanError, match=r"hands.rigs\[0\]"):
-        clradar.dataset.read_plan(tmp_path / "plan.toml")  # type: ignore[attr-defined]
+        read_plan(here / "plan.toml")
 
 
 # Replay

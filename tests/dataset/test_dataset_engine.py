@@ -23,7 +23,6 @@ from clradar.dataset import run
 from clradar.dataset.runs import STOP_AFTER, ShardMaker
 from clradar.errors import DeviceError, ModelError, OutputError
 from clradar.jobs import Where
-from clradar.jobs.outcome import ATTEMPTS
 from clradar.jobs.workers import Share, own_cores, partition
 from clradar.opencl import DeviceInfo, devices_like
 
@@ -107,30 +106,6 @@ def test_pocl_keeps_to_its_threads() -> None:
 # This process
 
 
-def test_poisoned_samples_are_set_aside_and_tried_again_on_request(
-    undisturbed: dict[str, str], faults: Any, cli: Any, tmp_path: Path
-) -> None:
-    (tmp_path / "plan").mkdir()
-    plan_file, folder = light_file(tmp_path / "plan"), tmp_path / "set"
-    faults(dict.fromkeys((1, 3, 4, 5), "raise"))
-    result = run(LIGHT, folder, device="pocl")
-    assert result.made == SAMPLES - 4
-    assert [a.sample for a in result.aside] == [1, 3, 4, 5]
-    assert {a.attempts for a in result.aside} == {ATTEMPTS}
-    assert result.aside[0].reason == "ValueError: sample 1 is poisoned"
-    faults({})
-    assert run(LIGHT, folder, device="pocl").made == 0  # not without --retry
-    faults({4: "raise"})
-    status, output = cli("dataset", plan_file, "-o", folder, "--retry", "--device", "pocl")
-    assert status == 1
-    assert "sample 4 was set aside after 2 attempts: ValueError: sample 4" in output
-    assert "1 sample set aside; --retry tries again" in output
-    faults({})
-    status, output = cli("dataset", plan_file, "-o", folder, "--retry", "--device", "pocl")
-    assert (status, output) == (0, "")
-    assert digests(folder) == undisturbed
-
-
 def test_a_full_disk_ends_the_run_and_is_no_fault_of_a_sample(
     undisturbed: dict[str, str], cluster: Any, faults: Any, tmp_path: Path
 ) -> None:
@@ -147,18 +122,6 @@ def test_a_device_that_refuses_all_ends_the_run(faults: Any, tmp_path: Path) -> 
     faults(dict.fromkeys(range(40), "device"))
     with pytest.raises(DeviceError, match=f"{STOP_AFTER} samples in a row"):
         run(light_plan(samples=40), tmp_path, device="pocl")
-
-
-def test_two_runs_in_one_folder_are_one_error(tmp_path: Path) -> None:
-    refused = []
-
-    def second(done: int, total: int) -> None:
-        with pytest.raises(OutputError, match="another run of a data set is writing into it"):
-            run(LIGHT, tmp_path, device="pocl")
-        refused.append(done)
-
-    run(light_plan(samples=1), tmp_path, device="pocl", progress=second)
-    assert refused
 
 
 # Several processes
@@ -237,26 +200,19 @@ def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(
 
 
 def test_an_address_without_a_scheduler_is_one_error(
-    cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan_file = light_file(tmp_path)
     monkeypatch.setattr("clradar.jobs.workers.CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense"):
-        status, output = cli("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)
-        assert status == 1
-        assert f"{address}: expected the address of a Dask scheduler" in output
-        assert len(output.splitlines()) == 1
+        arguments = ("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)
+        status, _, err = command_line.run(capsys, *arguments)
+        assert (status, err.count("\n")) == (1, 1)
+        assert f"{address}: expected the address of a Dask scheduler" in err
     assert not (tmp_path / "x").exists()
     # Nor do tracebacks come of a scheduler that is lost later: they go through these.
     for name in ("distributed", "distributed.client", "tornado.application"):
         assert not logging.getLogger(name).isEnabledFor(logging.ERROR), name
-
-
-@pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
-    """Run a command in this process; returns its exit status and its stderr."""
-
-    return lambda *arguments: command_line.run(capsys, *arguments)[::2]
 
 
 def wait_for(condition: Callable[[], bool], limit_s: float = 1800.0) -> None:

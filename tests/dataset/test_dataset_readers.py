@@ -69,14 +69,6 @@ def test_no_data_set_is_one_error(tmp_path: Path) -> None:
         open_dataset(tmp_path)
 
 
-def test_without_xarray_the_error_names_the_extra(
-    made: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(ImportError, match=r"pip install xarray 'dask\[array\]'"):
-        open_dataset(made)
-
-
 @pytest.fixture
 def torch(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stand in for PyTorch, which is too large to be installed for this: of it `as_tensor` is used.
@@ -112,8 +104,11 @@ def test_torch_gets_tensors_and_numbers_of_classes(made: Path) -> None:
         TorchDataset(made, ("mesh",))
 
 
-def test_without_torch_only_samples_fail(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "torch", None)
+def test_what_is_not_installed_is_named(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("xarray", "torch"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ImportError, match=r"pip install xarray 'dask\[array\]'"):
+        open_dataset(made)
     data = TorchDataset(made)
     assert len(data) == 5
     with pytest.raises(ClradarError, match="expected PyTorch"):

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import command_line
 import pytest
-from dataset_plans import DEVICE, LIGHT, digests, light_plan, plan_of
+from dataset_plans import DEVICE, LIGHT, digests, light_file, light_plan, plan_of
 from nightly import nightly
 
 from clradar.dataset import open_dataset, run
@@ -59,24 +60,34 @@ def test_a_kill_between_a_shard_and_the_manifest_loses_nothing(
     assert digests(tmp_path / "killed") == digests(tmp_path / "whole")
 
 
-def test_a_data_set_is_complete_without_samples_that_fail(faults: Any, tmp_path: Path) -> None:
-    # A whole shard, and one of another.
-    aside = [0, 1, 2, 4]
+def test_what_fails_is_set_aside_and_tried_again_on_request(
+    light: Path, faults: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, aside = tmp_path / "set", [0, 1, 2, 4]  # a whole shard, and one of another
     faults(dict.fromkeys(aside, "raise"))
     with pytest.warns(ClradarWarning, match="was set aside after 2 attempts: Value") as caught:
-        result = run(LIGHT, tmp_path, device=DEVICE)
+        result = run(LIGHT, folder, device=DEVICE)
     assert [int(str(w.message).split()[1]) for w in caught] == aside
-    assert [one.sample for one in result.aside] == aside
-    assert read_manifest(tmp_path).aside[4] == POISONED
-    report = check_dataset(tmp_path)
+    assert (result.made, [one.sample for one in result.aside]) == (3, aside)
+    assert read_manifest(folder).aside[4] == POISONED
+    report = check_dataset(folder)
     assert report.ok, report.problems
     assert "set aside, with their reasons in the manifest: 0, 1, 2, 4" in report.checked
-    assert "yes, but for 4 set aside" in str(describe_dataset(tmp_path))
-    assert (tmp_path / CONTACT_SHEET).is_file()
-    assert open_dataset(tmp_path).sample.values.tolist() == [3, 5, 6]
+    assert "yes, but for 4 set aside" in str(describe_dataset(folder))
+    assert (folder / CONTACT_SHEET).is_file()
+    assert open_dataset(folder).sample.values.tolist() == [3, 5, 6]
     faults({})
-    again = run(LIGHT, tmp_path, device=DEVICE)
+    again = run(LIGHT, folder, device=DEVICE)
     assert (again.made, again.aside) == (0, result.aside)
+    retry = ("dataset", light_file(tmp_path), "-o", folder, "--retry", "--device", DEVICE)
+    faults({4: "raise"})
+    status, _, err = command_line.run(capsys, *retry)
+    assert status == 1
+    assert "sample 4 was set aside after 2 attempts: ValueError: sample 4" in err
+    assert "1 sample set aside; --retry tries again" in err
+    faults({})
+    assert command_line.run(capsys, *retry)[::2] == (0, "")
+    assert digests(folder) == digests(light)
 
 
 def test_a_starved_sample_is_warned_of_once_the_data_set_is_there(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from pydantic import AfterValidator
 from pydantic_core import PydanticCustomError, core_schema
 
 from clradar.errors import ClradarError
@@ -148,6 +149,17 @@ class Within:
 
     def _holds(self, least: float, greatest: float) -> bool:
         return self.low <= least <= greatest <= self.high and not (self.above and least == self.low)
+
+
+def holding(expected: str, good: Callable[[Any], bool]) -> AfterValidator:
+    """Return an annotation: of a tuple for which `good` holds."""
+
+    def check(value: tuple[Any, ...]) -> tuple[Any, ...]:
+        if not good(value):
+            raise mistake(expected, list(value))
+        return value
+
+    return AfterValidator(check)
 
 
 def tried(call: Callable[..., Any], *args: Any) -> Any:

@@ -87,16 +87,6 @@ def _of_set(value: Any) -> Any:
     return POSE_SETS[value] if isinstance(value, str) else value
 
 
-def _named(name: str) -> HandPose:
-    pose: HandPose = tried(pose_by_name, name)
-    return pose
-
-
-def _of_file(name: str, info: ValidationInfo) -> HandPose:
-    pose: HandPose = tried(read_pose, folder_of(info) / name)
-    return pose
-
-
 def _of_record(value: Any) -> HandPose:
     if isinstance(value, HandPose):
         return value
@@ -111,8 +101,10 @@ Pose = Annotated[HandPose, PlainValidator(_of_record), WithJsonSchema({"type": "
 _NAMES = WithJsonSchema(
     {"anyOf": [{"enum": list(POSE_SETS)}, {"type": "array", "items": {"type": "string"}}]}
 )
-Named = Annotated[Text, AfterValidator(_named)]
-FromFile = Annotated[Text, AfterValidator(_of_file)]
+Named = Annotated[Text, AfterValidator(lambda name: tried(pose_by_name, name))]
+FromFile = Annotated[
+    Text, AfterValidator(lambda name, info: tried(read_pose, folder_of(info) / name))
+]
 
 
 class Poses(FileRecord):
@@ -203,8 +195,9 @@ class RigFile(FileRecord):
         return found if names is None else {**found, "mapping_sha256": sha256_of(names)}
 
 
-def _of_name(value: Any) -> Any:
-    return {"file": value} if isinstance(value, str) else value
+Rig = Annotated[
+    RigFile, BeforeValidator(lambda value: {"file": value} if isinstance(value, str) else value)
+]
 
 
 class ShapeTable(FileRecord):
@@ -244,7 +237,7 @@ class Hands(FileRecord):
     handedness: str = ""
     shape: Literal["default", "sampled", "list"] | None = None
     shapes: tuple[ShapeTable, ...] = ()
-    rigs: tuple[Annotated[RigFile, BeforeValidator(_of_name)], ...] = ()
+    rigs: tuple[Rig, ...] = ()
     edge_mm: Annotated[float, Within(0.5, 4.0)] = EDGE_MM
 
     @model_validator(mode="after")
@@ -413,12 +406,11 @@ class PartMaterial(FileRecord):
         return replace(self.of, **values)
 
 
-def _of_material(value: Any) -> Any:
-    """A material by itself is one whose lengths are its own."""
-    return value if isinstance(value, dict | PartMaterial) else {UNNAMED: value}
-
-
-Part = Annotated[PartMaterial, BeforeValidator(_of_material)]
+Part = Annotated[
+    PartMaterial,
+    BeforeValidator(lambda v: v if isinstance(v, dict | PartMaterial) else {UNNAMED: v}),
+]
+"""A material by itself is one whose lengths are its own."""
 
 
 class PlanMaterials(ByPart[Part]):

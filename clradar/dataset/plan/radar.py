@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     PlainValidator,
     ValidationInfo,
@@ -20,7 +19,7 @@ from clradar.arrays import read_array
 from clradar.arrays.array_file import array_of, array_record
 from clradar.arrays.instruments import KNOWN
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.dataset.plan.draws import Draw, Within, fixed, tried
+from clradar.dataset.plan.draws import Draw, Within, fixed, holding, tried
 from clradar.dataset.plan.hands import folder_of
 from clradar.files.records import FileRecord, Vector, is_number, mistake, numbers
 from clradar.files.toml_file import choice_text, toml_brief
@@ -46,13 +45,10 @@ Seed = Annotated[int, Within(0, 2**63 - 1)] | None
 Level = Annotated[Draw, Within(-DECIBELS, DECIBELS)]
 
 
-def _different(values: tuple[int, ...]) -> tuple[int, ...]:
-    if len({*values}) != len(values):
-        raise mistake("different channels", list(values))
-    return values
-
-
-Channels = Annotated[tuple[Annotated[int, Within(0, 1023)], ...], AfterValidator(_different)]
+Channels = Annotated[
+    tuple[Annotated[int, Within(0, 1023)], ...],
+    holding("different channels", lambda values: len({*values}) == len(values)),
+]
 
 
 class ChannelErrors(FileRecord):
@@ -72,14 +68,8 @@ class WallPlan(FileRecord):
     """A reflecting wall; see `clradar.Wall`."""
 
     point_mm: Vector = (0.0, 0.0, 1000.0)
-    normal: Vector = (0.0, 0.0, -1.0)
+    normal: Annotated[Vector, holding("a direction", any)] = (0.0, 0.0, -1.0)
     amplitude: Annotated[float, Within(-1e12, 1e12)] = 1.0
-
-    @model_validator(mode="after")
-    def _check(self) -> WallPlan:
-        if not any(self.normal):
-            raise mistake("a direction", list(self.normal), key="normal")
-        return self
 
 
 class Impairments(FileRecord):
@@ -206,22 +196,14 @@ class SimulationPlan(FileRecord):
         return SimulationSettings(**values, reception_radius_m=radius_m)
 
 
-def _positive(steps: tuple[float, ...]) -> tuple[float, ...]:
-    if min(steps) <= 0:
-        raise mistake("a positive step, or three of them", list(steps))
-    return steps
-
-
-def _ascending(ends: tuple[float, ...]) -> tuple[float, ...]:
-    if ends[1] < ends[0]:
-        raise mistake("[first, last] with first <= last", list(ends))
-    return ends
-
-
-Extent = Annotated[tuple[float, ...], numbers(2), AfterValidator(_ascending)]
+Extent = Annotated[
+    tuple[float, ...],
+    numbers(2),
+    holding("[first, last] with first <= last", lambda ends: ends[0] <= ends[1]),
+]
 Steps = Annotated[
     tuple[float, ...],
-    AfterValidator(_positive),
+    holding("a positive step, or three of them", lambda steps: min(steps) > 0),
     numbers(3),
     BeforeValidator(lambda value: [value] * 3 if is_number(value) else value),
     WithJsonSchema({"type": ["number", "array"], "items": {"type": "number"}}),
