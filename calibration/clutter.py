@@ -36,7 +36,7 @@ def average_frames(
     Parameters
     ----------
     captures : iterable of Capture
-        Only one at a time is held, besides the sums.
+        One at a time is held, besides the sums.
     align_phase : bool
         Rotate every frame by the phase that maximises its correlation with the sum of those before
         it, against a drift common to all channels.
@@ -48,13 +48,7 @@ def average_frames(
     -------
     Capture
         With the metadata in which all frames agree, and `meta["average"]`: the number of frames,
-        the phases by which they were rotated, radians, and the frames that were left out, counted
-        from 0.
-
-    Warns
-    -----
-    ClradarWarning
-        Frames that do not agree are left out.
+        the phases by which they were rotated, radians, and those left out, counted from 0.
 
     Examples
     --------
@@ -150,18 +144,11 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
     Capture
         `meta["background"]` holds the factors as [real, imaginary] and the metadata of `empty`.
 
-    Warns
-    -----
-    ClradarWarning
-        An empty room is subtracted from `capture` already, by its metadata.
-
     Notes
     -----
-    The factors minimise ``sum_q w_q |Y_q - u_tx v_rx E_q|^2`` over the delay bins q of both (Hann
-    window over frequency). The object is the disturbance here, so each bin is weighted by the
-    inverse of its residual power, averaged over the pairs, and the fit is repeated (feasible
-    generalised least squares): bins that the object reaches hardly count.
-
+    The factors minimise ``sum_q w_q |Y_q - u_tx v_rx E_q|^2`` over the delay bins q of both. The
+    object is the disturbance here, so each bin is weighted by the inverse of its residual power,
+    averaged over the pairs, and the fit is repeated (feasible generalised least squares).
     The noise of `empty` is added to the result: average many frames without the object.
 
     Examples
@@ -372,17 +359,14 @@ def gate(
 ) -> tuple[np.ndarray, dict[str, float]]:
     """Return the linear map over the frequencies of a pair, (n_freq, n_freq), and its record.
 
-    A window over the inverse Fourier transform treats the band as one period of a periodic signal,
-    and so mixes its two ends. Instead, this is the linear map G with the least mean square error
-    for echoes of every path length d within one period D = c / df::
+    The map G with the least mean square error for echoes of every path length d within one period,
+    the Wiener filter for clutter of that power (E11 of docs/equations.md)::
 
         G = argmin  int p(d) |G a(d) - w(d) a(d)|^2 dd + eps |G|^2,  a(d)_n = exp(-j 2 pi f_n d / c)
           = [int p w a a^H] [int p a a^H + eps I]^-1
 
     Here p = 1, w = 1 in the window, w = 0 and p = 10^(clutter_db / 10) outside, and p = 0.03,
-    w = 1/2 in the transition bands: the Wiener filter for clutter of that power. Every integral has
-    a closed form (a sinc), so the frequency steps may differ; D is then that of the largest. Delays
-    below zero are the end of the period, so mirror images from IQ imbalance are rejected as well.
+    w = 1/2 in the transition bands. Every integral is a sinc, so the frequency steps may differ.
     """
     if waveform.n_freq < 2:
         checks.fail("range_gate: waveform", "two frequencies or more", "one, which has no range")

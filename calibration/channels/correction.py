@@ -15,10 +15,7 @@ POSITION_TOLERANCE_M = 1e-6
 
 
 def correct(
-    capture: Capture,
-    calibration: ChannelCalibration,
-    *,
-    mask: Collection[str] = MASKS,
+    capture: Capture, calibration: ChannelCalibration, *, mask: Collection[str] = MASKS
 ) -> Capture:
     """Divide a capture by the responses of its channels.
 
@@ -29,8 +26,8 @@ def correct(
     Parameters
     ----------
     capture : Capture
-        Of the array and the waveform that were calibrated.
     calibration : ChannelCalibration
+        Of the same array and waveform.
     mask : collection of "dead", "noisy"
         Channels whose pairs are set to 0. Dead ones have to be: they have no gain.
 
@@ -73,9 +70,7 @@ def correct(
         live, every = live * np.count_nonzero(keep), every * len(keep)
     live_share = live / every
     factor = 1.0 / live_share if live_share else 1.0
-    data = np.empty_like(capture.data)
-    for i, row in enumerate(capture.data):
-        data[i] = row * (factor * inverse["tx"][i] * inverse["rx"])
+    data = capture.data * (factor * inverse["tx"][:, None] * inverse["rx"])
     record = {
         "masked_tx": masked["tx"].tolist(),
         "masked_rx": masked["rx"].tolist(),

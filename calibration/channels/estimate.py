@@ -77,6 +77,9 @@ def estimate_channels(
 ) -> ChannelCalibration:
     """Estimate gain and delay of every channel, and the pose of the target.
 
+    A phase or a delay that is the sum of a Tx term and an Rx term may belong to the channels or to
+    the path: docs/channel-calibration.md.
+
     Parameters
     ----------
     capture : Capture
@@ -113,11 +116,6 @@ def estimate_channels(
         the level; the first live Tx has phase 0; the delays of Tx and Rx have equal means.
         `meta["outlying_pairs"]` is the share of pairs whose echo differs from that of the model:
         they have nearly no weight.
-
-    Notes
-    -----
-    docs/channel-calibration.md has the model and its observability: a phase or a delay that is the
-    sum of a Tx term and an Rx term may belong to the channels or to the path.
 
     Examples
     --------
@@ -217,10 +215,9 @@ def _samples(capture: Capture, gate_m: float | None, search_s: float) -> Samples
 def delay_taper(frequencies_hz: np.ndarray, half_width_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Weights over frequency that pass delays up to `half_width_s`, and spectra to measure noise.
 
-    The taper with the largest fraction of its energy within the gate, with a sum of 1: the first
-    eigenvector of sin(2 pi T (f - f')) / (pi (f - f')), for equal steps the sequence of D. Slepian
-    (doi 10.1002/j.1538-7305.1978.tb02104.x). A truncated Fourier transform would keep the side
-    lobes of echoes elsewhere. The spectra, shape (n_freq, m), are orthonormal and span the gate.
+    The taper with the largest fraction of its energy within the gate: the first eigenvector of
+    sin(2 pi T (f - f')) / (pi (f - f')), for equal steps the sequence of D. Slepian (doi
+    10.1002/j.1538-7305.1978.tb02104.x). The spectra, shape (n_freq, m), span the gate.
     """
     half_width_s = min(half_width_s, MAX_CELLS / float(np.ptp(frequencies_hz)))
     apart_hz = frequencies_hz[:, None] - frequencies_hz[None, :]

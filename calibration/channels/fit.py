@@ -31,9 +31,6 @@ TUKEY_CUTOFF = 4.685 / np.sqrt(2.0)
 LEAST_WEIGHT = 1e-4
 """Of an outlier, relative to any other pair: a channel of outliers alone needs a solution, too."""
 
-MOST_STEPS = 60
-"""Of the fit."""
-
 DELAY_FLOOR_S = 1e-13
 """Smallest prior spread of the delays: 0.03 mm of path."""
 
@@ -49,24 +46,20 @@ LEAST_STEP = 1e-5
 CAPTURE_RANGE = 3.0
 """Largest distance of the pose from its nominal one, in units of its tolerance."""
 
+MOST_STEPS = 60
 _DIFFERENCE = 1e-4  # step of the derivative by the pose, in units of the tolerance
 _SCAN_STEPS = 8  # of the search for delays, per resolution cell 1 / bandwidth
-_ALTERNATIONS = 50  # of the gains of Tx and Rx, at most
-_RANK_ONE = 1e-11  # relative change of gains at which they have converged
+_ALTERNATIONS = 50  # of the gains of Tx and Rx
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """The samples of a capture, shape (n_tx, n_rx, n_freq), and how they are read.
-
-    `weight`, whose sum is 1, are of the frequencies; `basis`, shape (n_freq, m), are orthonormal
-    spectra in which noise is measured, None for all.
-    """
+    """The samples of a capture, shape (n_tx, n_rx, n_freq), and how they are read."""
 
     data: np.ndarray
     frequencies_hz: np.ndarray
-    weight: np.ndarray
-    basis: np.ndarray | None
+    weight: np.ndarray  # of the frequencies; their sum is 1
+    basis: np.ndarray | None  # orthonormal spectra for noise, shape (n_freq, m); None for all
 
     @property
     def reference_hz(self) -> float:
@@ -118,36 +111,27 @@ class Side:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Statistics of each pair around a trial, each of shape (n_tx, n_rx).
-
-    After the trial's phases are removed: `mean` over frequency and `slope`, the projection on
-    nu / rms(nu); `model`, the trial's amplitude; `scatter` and `total`, power of one sample beside
-    mean and slope, which is noise, and beside the trial.
-    """
+    """Statistics of each pair, shape (n_tx, n_rx), after a trial's phases are removed."""
 
     mean: np.ndarray
-    slope: np.ndarray
-    model: np.ndarray
-    scatter: np.ndarray
-    total: np.ndarray
+    slope: np.ndarray  # projection on nu / rms(nu)
+    model: np.ndarray  # amplitude of the trial
+    scatter: np.ndarray  # power of one sample beside mean and slope, which is noise
+    total: np.ndarray  # power of one sample beside the trial
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelFit:
-    """The converged fit, with the target in its estimated pose.
-
-    `noise`, shape (n_tx, n_rx), is of one sample, from the channels'; `phase_std_rad` of Tx and of
-    Rx, given the pose; `covariance` of the pose in its units, 0 if it is fixed.
-    """
+    """The converged fit, with the target in its estimated pose."""
 
     tx: Side
     rx: Side
     target: Target
     echo: Echo
     pairs: Pairs
-    noise: np.ndarray
-    phase_std_rad: tuple[np.ndarray, np.ndarray]
-    covariance: np.ndarray
+    noise: np.ndarray  # of one sample, shape (n_tx, n_rx), from the channels'
+    phase_std_rad: tuple[np.ndarray, np.ndarray]  # of Tx and of Rx, given the pose
+    covariance: np.ndarray  # of the pose in its units, 0 if it is fixed
 
 
 def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
@@ -159,9 +143,8 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
     n_tx, n_rx, _ = samples.data.shape
     # Both ends, and a step a little finer than 1 / `_SCAN_STEPS` of a cell.
     band_hz = float(np.ptp(samples.frequencies_hz))
-    delays_s = np.linspace(
-        -search_s, search_s, 2 * int(np.ceil(_SCAN_STEPS * search_s * band_hz)) + 1
-    )
+    half = int(np.ceil(_SCAN_STEPS * search_s * band_hz))
+    delays_s = np.linspace(-search_s, search_s, 2 * half + 1)
     steer = samples.weight[:, None] * np.exp(1j * samples.offset_rad_per_s[:, None] * delays_s)
     tx_power, rx_power = np.zeros((n_tx, delays_s.size)), np.zeros((n_rx, delays_s.size))
     rows = samples.flattened(echo.length_m, np.zeros(n_tx), np.zeros(n_rx))
@@ -183,10 +166,7 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
     mean = np.stack([row @ samples.weight for row in rows])
     # Rows and columns are normalised first, or the SVD would follow a single strong channel.
     tx_level, rx_level = by_channel(np.abs(mean), echo.seen)
-    known = np.where(tx_level > 0, tx_level, np.inf)[:, None] * np.where(
-        rx_level > 0, rx_level, np.inf
-    )
-    right = np.linalg.svd(mean * echo.seen / known)[2][0]
+    right = np.linalg.svd(_ratio(mean * echo.seen, np.outer(tx_level, rx_level)))[2][0]
     tx, rx = rank_one(mean * echo.seen, echo.seen.astype(float), right * rx_level)
     return Side(tx, tx_delay), Side(rx, rx_delay)
 
@@ -198,8 +178,7 @@ def _peaks(delays_s: np.ndarray, power: np.ndarray) -> np.ndarray:
     bend = low - 2 * mid + high
     with np.errstate(divide="ignore", invalid="ignore"):
         shift = np.where(bend < 0, 0.5 * (low - high) / bend, 0.0)
-    peak: np.ndarray = delays_s[at] + np.clip(shift, -1.0, 1.0) * (delays_s[1] - delays_s[0])
-    return peak
+    return np.asarray(delays_s[at] + np.clip(shift, -1.0, 1.0) * (delays_s[1] - delays_s[0]))
 
 
 def rank_one(
@@ -209,13 +188,9 @@ def rank_one(
 
     A channel without weight becomes 0.
     """
-    tx = np.zeros(len(product), complex)
     for _ in range(_ALTERNATIONS):
-        before = tx
         tx = _ratio(product @ rx.conj(), weight @ np.abs(rx) ** 2)
         rx = _ratio(product.T @ tx.conj(), weight.T @ np.abs(tx) ** 2)
-        if np.abs(tx - before).max() <= _RANK_ONE * np.abs(tx).max():
-            break
     return tx, rx
 
 
@@ -333,8 +308,7 @@ def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray
     excess = max(1.0, float(np.median(square[seen])) / np.log(2.0))
     tukey = np.maximum(np.maximum(1.0 - square / excess / TUKEY_CUTOFF**2, 0.0) ** 2, LEAST_WEIGHT)
     information = 2 * samples.count * pairs.model**2 / (noise * excess)
-    weight: np.ndarray = information * tukey * seen
-    return weight
+    return np.asarray(information * tukey * seen)
 
 
 class _Channels:
@@ -365,9 +339,8 @@ class _Channels:
                 centre[part, part] -= 1.0 / len(centre[part])
         variance = float(self._delay @ centre @ self._delay) / len(centre)
         self._prior = centre / np.sqrt(max(variance, (DELAY_FLOOR_S * spread) ** 2))
-        normal = np.block(
-            [[np.diag(weight.sum(axis=1)), weight], [weight.T, np.diag(weight.sum(axis=0))]]
-        )
+        of_tx, of_rx = np.diag(weight.sum(axis=1)), np.diag(weight.sum(axis=0))
+        normal = np.block([[of_tx, weight], [weight.T, of_rx]])
         null = np.concatenate([np.ones(n_tx), -np.ones(n_rx)])  # changes nothing: regularised
         normal += float(np.mean(np.diag(normal))) * np.outer(null, null) / len(null)
         self._of_gains = cho_factor(normal)

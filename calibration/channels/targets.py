@@ -140,12 +140,10 @@ class Sphere(_AtPosition):
         between = np.arctan2(across, tx @ rx.T)
 
         def leg(distance: np.ndarray, angle: np.ndarray) -> np.ndarray:
-            length: np.ndarray = np.sqrt(distance**2 + r**2 - 2 * distance * r * np.cos(angle))
-            return length
+            return np.asarray(np.sqrt(distance**2 + r**2 - 2 * distance * r * np.cos(angle)))
 
         def slope(t: np.ndarray, a: np.ndarray, b: np.ndarray, g: np.ndarray) -> np.ndarray:
-            pull: np.ndarray = a * np.sin(t) / leg(a, t) - b * np.sin(g - t) / leg(b, g - t)
-            return pull
+            return np.asarray(a * np.sin(t) / leg(a, t) - b * np.sin(g - t) / leg(b, g - t))
 
         t = find_root(slope, (np.zeros_like(between), between), args=(a, b, between)).x
         seen = (np.cos(t) > r / a) & (np.cos(between - t) > r / b)
@@ -202,7 +200,6 @@ class FlatPlate:
             size = checks.read_only("FlatPlate.size_m", self.size_m, np.float64, (2,))
             if (size <= 0).any():
                 checks.fail("FlatPlate.size_m", "positive lengths", f"{size.tolist()}")
-            object.__setattr__(self, "size_m", (float(size[0]), float(size[1])))
 
     @property
     def parameters(self) -> np.ndarray:
@@ -227,10 +224,9 @@ class FlatPlate:
             # From the image of the Tx in the plane straight on to the Rx.
             image = array.tx_m + 2 * h_tx * normal
             point = image[:, None] + share[:, :, None] * (array.rx_m[None] - image[:, None])
-            middle = np.array([0.0, 0.0, self.distance_m])
             along_x = np.array([1.0, 0.0, slope[0]]) / np.hypot(1.0, slope[0])
-            along_y = np.cross(normal, along_x)
-            u, v = (point - middle) @ along_x, (point - middle) @ along_y
+            off_m = point - [0.0, 0.0, self.distance_m]
+            u, v = off_m @ along_x, off_m @ np.cross(normal, along_x)
             seen = (np.abs(u) <= self.size_m[0] / 2) & (np.abs(v) <= self.size_m[1] / 2)
         return Echo(length_m, seen)
 
@@ -245,18 +241,25 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     -------
     ndarray, shape (n_tx, n_rx, n_freq), complex128
         exp(-j 2 pi f d / c), with d the length of the pair's path; 0 for pairs without an echo.
+
+    Examples
+    --------
+    The path of 0.6 m is one wavelength:
+
+    >>> import clradar
+    >>> import calibration
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
+    >>> waveform = clradar.Waveform([299_792_458 / 0.6])
+    >>> calibration.response(calibration.FlatPlate(0.3), array, waveform).round(6)
+    array([[[1.+0.j]]])
     """
     echo = target.echo(array)
     cycles = echo.length_m[:, :, None] * (waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
-    phasors: np.ndarray = np.exp(-2j * np.pi * cycles)
-    return phasors * echo.seen[:, :, None]
+    return np.asarray(np.exp(-2j * np.pi * cycles) * echo.seen[:, :, None])
 
 
 def _outside(name: str, what: str, distance_m: float, least_m: float) -> None:
     if not distance_m > least_m:
-        checks.fail(
-            name,
-            f"a target that no antenna touches or is inside of or behind ({what} more than "
-            f"{least_m:g} m away)",
-            f"{distance_m:g} m",
-        )
+        away = f"{what} more than {least_m:g} m away"
+        expected = f"a target that no antenna touches or is inside of or behind ({away})"
+        checks.fail(name, expected, f"{distance_m:g} m")

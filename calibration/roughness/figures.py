@@ -12,7 +12,6 @@ from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
 from calibration.roughness.texture import of_power
 from clradar.compare.metrics import METRIC_TABLE
-from clradar.model import checks
 from clradar.plot.layout import TICK_PT, Extent, label_axes
 from clradar.plot.panels import amplitude_bar, draw_amplitude, draw_frame
 
@@ -47,22 +46,20 @@ def figure_of(result: Sweep | RoughnessSweep) -> Figure:
     return sweep_figure(result) if isinstance(result, Sweep) else roughness_figure(result)
 
 
-def sweep_figure(sweep: Sweep, measured_label: str = "Measurement") -> Figure:
+def sweep_figure(sweep: Sweep) -> Figure:
     """Draw a sweep over alpha.
 
-    The amplitude of the measurement and of at most six alphas of the first seed, the nearest to the
-    estimate among them, in dB below each maximum; below these the similarities and the lengths over
-    alpha, as means over the seeds with bands from the lowest to the highest, the probability of
-    alpha, of the whole and of the regions, and measured and fitted statistics.
+    The amplitude of the measurement and of some alphas of the first seed, in dB below each maximum;
+    below these the metrics over alpha, as means over the seeds with bands from the lowest to the
+    highest, the probability of alpha, of the whole and of the regions, and the fitted statistics.
     """
     from matplotlib.figure import Figure
 
-    checks.instance("sweep_figure: sweep", sweep, Sweep)
     figure = Figure(figsize=(11.0, 4.9), dpi=DPI, facecolor="white", layout="constrained")
     rows: Any = figure.subfigures(2, 1, height_ratios=(0.8, 1.15))
     chosen = shown_alphas(sweep)
     images = [sweep.measured, *(image for i in chosen if (image := sweep.images[i]) is not None)]
-    titles = [measured_label, *(f"{ALPHA} = {sweep.alphas[i]:g}" for i in chosen)]
+    titles = ["Measurement", *(f"{ALPHA} = {sweep.alphas[i]:g}" for i in chosen)]
     panels = rows[0].subplots(1, len(images), sharex=True, sharey=True, squeeze=False)[0]
     extent = Extent.around(images)
     for axes, image, title in zip(panels, images, titles, strict=True):
@@ -97,25 +94,14 @@ def shown_alphas(sweep: Sweep) -> list[int]:
     there = [i for i, image in enumerate(sweep.images) if image is not None]
     if len(there) <= MOST_IMAGES:
         return there
-    chosen = [there[i] for i in np.linspace(0, len(there) - 1, MOST_IMAGES).round().astype(int)]
-    best = sweep.nearest
-    if best not in chosen and best in there:
-        # Instead of the nearest one that is not an end.
-        inner = min(range(1, len(chosen) - 1), key=lambda i: abs(chosen[i] - best))
-        chosen[inner] = best
-    return sorted(chosen)
+    even = np.linspace(0, len(there) - 1, MOST_IMAGES - 1).round().astype(int)
+    return sorted({*(there[i] for i in even), *({sweep.nearest} & {*there})})
 
 
 def roughness_figure(sweep: RoughnessSweep) -> Figure:
-    """Draw a sweep over roughness, a row for each region.
-
-    The probability density of h, with the interval of 68 %; that of h and l together, with lines of
-    equal slope; the measured statistics, in decibels, over the mean and one standard deviation of
-    simulations at the best h and l.
-    """
+    """Draw a sweep over roughness, a row for each region: h, h and l together, and statistics."""
     from matplotlib.figure import Figure
 
-    checks.instance("roughness_figure: sweep", sweep, RoughnessSweep)
     rows = len(sweep.estimates)
     figure = Figure(figsize=(10.6, 3.3 * rows), dpi=DPI, facecolor="white", layout="constrained")
     cells = figure.subplots(rows, 3, squeeze=False, width_ratios=(2.6, 2.4, 3.6))
@@ -147,12 +133,12 @@ def _draw_pair(axes: Axes, one: RoughnessEstimate) -> None:
         return
     likely = np.log10(np.maximum(one.probability / one.probability.max(), DRAWN))
     axes.contourf(height_mm, length_mm, likely.T, 12, cmap="cividis")
-    for slope in (0.05, 0.1, 0.2, 0.4):
-        axes.plot(height_mm, np.sqrt(2) * height_mm / slope, "--", color="white", linewidth=0.6)
-        end_mm = min(height_mm[-1], slope * length_mm[-1] / np.sqrt(2))
-        at = (0.97 * end_mm, 0.97 * np.sqrt(2) * end_mm / slope)
-        axes.annotate(f"{slope:g}", at, color="white", fontsize=TICK_PT, ha="right", va="top")
-    axes.set_ylim(length_mm[0], length_mm[-1])
+    slope = np.sqrt(2) * height_mm / length_mm[:, None]
+    lines = axes.contour(
+        height_mm, length_mm, slope, (0.05, 0.1, 0.2, 0.4), colors="white", linestyles="--",
+        linewidths=0.6,
+    )  # fmt: skip
+    axes.clabel(lines, fontsize=TICK_PT)
     title = "likely pairs; dashed: equal slope"
     label_axes(axes, "roughness h (mm)", "correlation length l (mm)", title)
 

@@ -120,12 +120,12 @@ class RoughnessEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegionStatistics:
-    """What a region's estimate is made from: `measured`, and `simulated`, a row a simulation."""
+    """What a region's estimate is made from: its statistics, and those of simulations."""
 
     name: str
     statistics: tuple[str, ...]
     measured: np.ndarray
-    simulated: np.ndarray
+    emulator: Emulator
     n_points: int
 
     @property
@@ -150,12 +150,10 @@ def estimate_roughness(
     if len(lengths_m) > 1:
         lengths_m = np.geomspace(lengths_m[0], lengths_m[-1], N_LENGTHS)
     high, long = np.meshgrid(heights_m, lengths_m, indexing="ij")
-    emulators = [Emulator.fitted(height_m, length_m, region.simulated) for region in regions]
-    both = list(zip(regions, emulators, strict=True))
 
     def likelihoods(shifts: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each region its likelihood and chi squared, for gains of these logarithms."""
-        return [e.log_likelihood(r.measured, high, long, r.shift, shifts) for r, e in both]
+        return [r.emulator.log_likelihood(r.measured, high, long, r.shift, shifts) for r in regions]
 
     def of_gains(found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """The likelihood of each gain by each region."""
@@ -163,7 +161,7 @@ def estimate_roughness(
 
     shifts = np.zeros(1)
     if not calibrated:
-        off = [(r.measured - e.at(high, long)[0])[..., r.shift > 0] for r, e in both]
+        off = [(r.measured - r.emulator.at(high, long)[0])[..., r.shift > 0] for r in regions]
         least, most = min(o.min() for o in off), max(o.max() for o in off)
         coarse = np.arange(least, most + NATURAL_PER_DB, GAIN_SEARCH_DB * NATURAL_PER_DB)
         best = coarse[np.argmax(of_gains(likelihoods(coarse)).sum(axis=0))]
@@ -173,54 +171,51 @@ def estimate_roughness(
     of_gain = of_gains(found)
     total = of_gain.sum(axis=0)
     estimates = [
-        _estimate(region, emulator, heights_m, lengths_m, shifts, likelihood + total - own, chi2)
-        for (region, emulator), own, (likelihood, chi2) in zip(both, of_gain, found, strict=True)
+        _estimate(region, heights_m, lengths_m, shifts, likelihood + total - own, chi2)
+        for region, own, (likelihood, chi2) in zip(regions, of_gain, found, strict=True)
     ]
     return estimates, Interval.of(shifts / NATURAL_PER_DB, special.softmax(total))
 
 
 def _estimate(
     region: RegionStatistics,
-    emulator: Emulator,
     heights_m: np.ndarray,
     lengths_m: np.ndarray,
     shifts: np.ndarray,
     joint: np.ndarray,
     chi2: np.ndarray,
 ) -> RoughnessEstimate:
+    """The estimate of a region, by its likelihood over heights, lengths and gains of all."""
     i, j, k = (int(index) for index in np.unravel_index(np.argmax(joint), joint.shape))
     probability = np.exp(special.logsumexp(joint, axis=2) - special.logsumexp(joint))
-    if _is_smoother(region, emulator, heights_m[0], lengths_m):
+    if _is_smoother(region, heights_m[0], lengths_m):
         i, k = 0, int(np.argmax(joint[0, j]))
         probability = np.zeros_like(probability)
         probability[0] = 1 / len(lengths_m)
-    mean, spread = emulator.at(heights_m[i], lengths_m[j])
+    mean, spread = region.emulator.at(heights_m[i], lengths_m[j])
     slopes = math.sqrt(2.0) * heights_m[:, None] / lengths_m
     of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
     ends = at_ends(lengths_m, of_lengths) if len(lengths_m) > 1 else (False, False)
     free = len(mean) - 1 - (len(lengths_m) > 1) - (len(shifts) > 1)
+    as_bad = fit_probability(float(chi2[i, j, k]), free, region.emulator.freedom)
+    fitted = mean + shifts[k] * region.shift
     return RoughnessEstimate(
-        name=region.name,
-        roughness_m=Interval.of(heights_m, of_heights, at_ends(heights_m, of_heights)),
-        correlation_m=Interval.of(lengths_m, of_lengths, ends),
-        slope=Interval.of(slopes, probability),
-        heights_m=heights_m,
-        lengths_m=lengths_m,
-        probability=probability,
-        fit=Fit(
-            region.statistics, region.measured, mean + shifts[k] * region.shift, spread,
-            fit_probability(float(chi2[i, j, k]), free, emulator.freedom), region.n_points,
-        ),
-    )  # fmt: skip
+        region.name,
+        Interval.of(heights_m, of_heights, at_ends(heights_m, of_heights)),
+        Interval.of(lengths_m, of_lengths, ends),
+        Interval.of(slopes, probability),
+        heights_m,
+        lengths_m,
+        probability,
+        Fit(region.statistics, region.measured, fitted, spread, as_bad, region.n_points),
+    )
 
 
-def _is_smoother(
-    region: RegionStatistics, emulator: Emulator, lowest_m: float, lengths_m: np.ndarray
-) -> bool:
+def _is_smoother(region: RegionStatistics, lowest_m: float, lengths_m: np.ndarray) -> bool:
     """Whether less power is in the rest than at the lowest height: below it nothing is known."""
     rest = np.array([name.startswith(REST) for name in region.statistics])
     coherent = np.array([name == COHERENT for name in region.statistics])
     weight = rest / np.count_nonzero(rest) - coherent
-    mean, spread = emulator.at(np.full(len(lengths_m), lowest_m), lengths_m)
+    mean, spread = region.emulator.at(np.full(len(lengths_m), lowest_m), lengths_m)
     share = mean @ weight - SMOOTHER_BY * np.sqrt(spread**2 @ weight**2)
     return bool(region.measured @ weight < share.min())

@@ -85,8 +85,8 @@ class Regions:
         if groups is None:
             groups = {name: [name] for name in parts}
         listed = [name for names in groups.values() for name in names]
-        if sorted(listed) != sorted(parts):
-            checks.fail("regions", f"each of the parts {parts} in one region", f"{sorted(listed)}")
+        if sorted(map(repr, listed)) != sorted(map(repr, parts)):
+            checks.fail("regions", f"each of the parts {parts} in one region", f"{listed}")
         number = np.full(len(scene.part_names), -1)
         for i, names in enumerate(groups.values()):
             for name in names:
@@ -102,18 +102,14 @@ class Regions:
         with reading(path, expected):
             if path.suffix.lower() == ".npy":
                 labels: Any = np.load(io.BytesIO(content), allow_pickle=False)
-                if labels.dtype.kind not in "iu":
-                    fail(path, "whole numbers", f"{labels.dtype}")
             else:
                 labels = parse_json(content.decode("utf-8-sig"))
             if isinstance(labels, dict):
-                if not all(_all_are(names, str) for names in labels.values()):
-                    fail(path, "lists of names of parts", "something else")
                 return cls.of_parts(scene, labels)
-            if isinstance(labels, list) and not (_all_are(labels, int) or _all_are(labels, str)):
-                fail(path, "a list of whole numbers or of strings", "something else")
-            if np.shape(labels) != (scene.n_faces,):
-                fail(path, f"{scene.n_faces} labels, one per face", f"shape {np.shape(labels)}")
+            labels = np.asarray(labels)
+            if labels.dtype.kind not in "iuU" or labels.shape != (scene.n_faces,):
+                wanted = f"{scene.n_faces} whole numbers or strings, one per face"
+                fail(path, wanted, f"{labels.dtype} of shape {labels.shape}")
             return cls.of_labels(labels)
 
     @classmethod
@@ -125,7 +121,3 @@ class Regions:
             checks.fail("regions 'fingers'", expected, f"the parts {list(scene.part_names)}")
         present = [name for name in scene.part_names if name in DIGITS]
         return cls.of_parts(scene, {PALM: [PALM], FINGERS: present})
-
-
-def _all_are(values: Any, kind: type) -> bool:
-    return isinstance(values, list) and all(type(value) is kind for value in values)

@@ -21,7 +21,7 @@ from calibration.roughness.design import (
     estimable,
     fingerprint,
 )
-from calibration.roughness.emulator import Interval, plain
+from calibration.roughness.emulator import Emulator, Interval, plain
 from calibration.roughness.millimetres import (
     RegionStatistics,
     RoughnessEstimate,
@@ -222,15 +222,13 @@ def sweep_roughness(
     image = apertures.images(measured)
     if not image.any():
         raise CompareError("sweep: the measured image is 0 on the whole mesh")
-    statistics = [
-        RegionStatistics(
-            name, meter.names, meter.measure(image),
-            np.stack([meter.measure(kept[item[0]]["images"]) for item in items]), meter.n_points,
-        )
-        for name, meter in zip(names, meters, strict=True)
-    ]  # fmt: skip
-    simulated = np.array([(height_m, length_m) for height_m, length_m, _ in pairs])
-    estimates, gain_db = estimate_roughness(statistics, *simulated.T, calibrated=calibrated)
+    simulated = np.array([(height_m, length_m) for height_m, length_m, _ in pairs]).T
+    statistics = []
+    for name, meter in zip(names, meters, strict=True):
+        rows = np.stack([meter.measure(kept[item[0]]["images"]) for item in items])
+        emulator, seen = Emulator.fitted(simulated[0], simulated[1], rows), meter.measure(image)
+        statistics.append(RegionStatistics(name, meter.names, seen, emulator, meter.n_points))
+    estimates, gain_db = estimate_roughness(statistics, *simulated, calibrated=calibrated)
     ends = (first, first + len(pairs) - 1)
     result = RoughnessSweep(tuple(estimates), heights, lengths, ends, gain_db, calibrated)
     result.warn()

@@ -65,12 +65,6 @@ class Cone:
     begin_radius_m: float
     end_radius_m: float
 
-    def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lowest and the highest corner (3,) of the bounding box, metres."""
-        low_m = np.minimum(self.begin_m - self.begin_radius_m, self.end_m - self.end_radius_m)
-        high_m = np.maximum(self.begin_m + self.begin_radius_m, self.end_m + self.end_radius_m)
-        return low_m, high_m
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flesh:
@@ -91,11 +85,11 @@ class Flesh:
 
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and the highest corner (3,) of a box around the flesh, metres."""
-        corners = [cone.bounds_m() for cone in self.cones()]
-        low_m = np.min([low for low, _ in corners], axis=0)
-        high_m = np.max([high for _, high in corners], axis=0)
+        spheres = [(cone.begin_m, cone.begin_radius_m) for cone in self.cones()]
+        spheres += [(cone.end_m, cone.end_radius_m) for cone in self.cones()]
         # Blending adds a little outside the cones themselves; several blends may add up.
-        low_m, high_m = low_m - PALM_BLEND_M, high_m + PALM_BLEND_M
+        low_m = np.min([at_m - radius_m for at_m, radius_m in spheres], axis=0) - PALM_BLEND_M
+        high_m = np.max([at_m + radius_m for at_m, radius_m in spheres], axis=0) + PALM_BLEND_M
         if self.forearm[1] == 1.0:
             low_m[1] = max(low_m[1], -STUB_M - CUT_BLEND_M)
         return low_m, high_m

@@ -50,9 +50,6 @@ def random_stream(seed: int, part: Part, frame: int = 0) -> np.random.Generator:
 GAIN_LIMIT_DB = 300.0
 """complex64 holds amplitudes from -900 to 760 dB, so a signal still fits in."""
 
-WALK_BLOCK = 4096
-"""Frames of a random walk that are drawn at a time; the result does not depend on it."""
-
 MOST_WALKS = 64
 """That are remembered."""
 
@@ -117,12 +114,10 @@ def draw_channels(
             response[checks.whole(f"draw_channels: {name}", channel, 0, count - 1)] = 0
         return response, delay * units[2]
 
-    tx_gain, tx_delay_s = side(
-        array.n_tx, dead_tx, "dead_tx", (Part.TX_GAIN, Part.TX_PHASE, Part.TX_DELAY)
-    )
-    rx_gain, rx_delay_s = side(
-        array.n_rx, dead_rx, "dead_rx", (Part.RX_GAIN, Part.RX_PHASE, Part.RX_DELAY)
-    )
+    tx_parts = Part.TX_GAIN, Part.TX_PHASE, Part.TX_DELAY
+    rx_parts = Part.RX_GAIN, Part.RX_PHASE, Part.RX_DELAY
+    tx_gain, tx_delay_s = side(array.n_tx, dead_tx, "dead_tx", tx_parts)
+    rx_gain, rx_delay_s = side(array.n_rx, dead_rx, "dead_rx", rx_parts)
     return ChannelResponse(tx_gain, rx_gain, tx_delay_s, rx_delay_s, waveform.center_hz)
 
 
@@ -151,12 +146,9 @@ def drift_factors(
         (array.n_rx, Part.RX_PHASE_DRIFT, Part.RX_GAIN_DRIFT),
     ):
         gain = walk(gains, gain_db, count)
-        if np.abs(gain).max() > GAIN_LIMIT_DB:
-            checks.fail(
-                "drift_gain_db",
-                f"a walk within {GAIN_LIMIT_DB:g} dB",
-                f"{np.abs(gain).max():g} dB at frame {frame}",
-            )
+        if (most := np.abs(gain).max()) > GAIN_LIMIT_DB:
+            got = f"{most:g} dB at frame {frame}"
+            checks.fail("drift_gain_db", f"a walk within {GAIN_LIMIT_DB:g} dB", got)
         sides.append(10 ** (gain / 20) * np.exp(1j * walk(phases, phase_rad, count)))
     return sides[0] * np.exp(1j * common), sides[1]
 
@@ -169,20 +161,18 @@ def _walked(seed: int, part: Part, count: int, frame: int) -> np.ndarray:
         done, position, random = _WALKS.pop(key, (0, np.zeros(count), None))
         if random is None or done > frame:
             done, position, random = 0, np.zeros(count), random_stream(seed, part)
-        for start in range(done, frame, WALK_BLOCK):
-            steps = random.standard_normal((min(WALK_BLOCK, frame - start), count))
-            for step in steps:  # one by one: no sum depends on the block size
-                position = position + step
+        for _ in range(done, frame):
+            position = position + random.standard_normal(count)
         _WALKS[key] = (frame, position, random)
         while len(_WALKS) > MOST_WALKS:
             del _WALKS[next(iter(_WALKS))]
         return position
 
 
-def checked_spread(field: str, value: object, limit: float | None = None) -> float:
-    """Return a number from 0 to `limit`."""
+def checked_spread(field: str, value: object, limit: float = np.inf, low: float = 0.0) -> float:
+    """Return a number from `low` to `limit`."""
     number = checks.real(field, value)
-    if number < 0 or (limit is not None and number > limit):
-        top = "" if limit is None else f" and at most {limit:g}"
-        checks.fail(field, f"a number that is not negative{top}", repr(value))
+    if not low <= number <= limit:
+        top = "" if limit == np.inf else f" and at most {limit:g}"
+        checks.fail(field, f"a number of at least {low:g}{top}", repr(value))
     return number

@@ -11,10 +11,11 @@ import numpy as np
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.plausible import place
+from clradar.model.record import Record
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Wall:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Wall(Record):
     """An infinite plane that reflects like a mirror.
 
     Parameters
@@ -33,15 +34,14 @@ class Wall:
     amplitude: float = 1.0
 
     def __post_init__(self) -> None:
-        point = place("Wall.point_m", self.point_m)
-        normal = checks.read_only("Wall.normal", self.normal, np.float64, (3,))
+        amplitude = checks.real("Wall.amplitude", self.amplitude)
+        self._set(point_m=place("Wall.point_m", self.point_m), amplitude=amplitude)
+        normal = self._set_array("normal", np.float64, (3,))
         length = float(np.linalg.norm(normal))
         if not length > 0:
             checks.fail("Wall.normal", "a direction", f"{normal.tolist()}")
-        unit = checks.read_only("Wall.normal", normal / length, np.float64, (3,))
-        object.__setattr__(self, "point_m", point)
-        object.__setattr__(self, "normal", unit)
-        object.__setattr__(self, "amplitude", checks.real("Wall.amplitude", self.amplitude))
+        self._set(normal=normal / length)
+        self._set_array("normal", np.float64, (3,))
 
 
 def room_capture(
@@ -100,20 +100,14 @@ def room_capture(
     planes = list(walls)
     for wall in planes:
         checks.instance("room_capture: walls", wall, Wall)
-    points = checks.read_only(
-        "room_capture: points_m",
-        np.empty((0, 3)) if points_m is None else points_m,
-        np.float64,
-        (None, 3),
-        allow_empty=True,
-    )
-    amplitudes = checks.read_only(
-        "room_capture: point_amplitudes",
-        np.ones(len(points)) if point_amplitudes is None else point_amplitudes,
-        np.complex128,
-        (len(points),),
-        allow_empty=True,
-    )
+
+    def given(name: str, value: Any, default: np.ndarray, dtype: Any, shape: Any) -> np.ndarray:
+        value = default if value is None else value
+        return checks.read_only(f"room_capture: {name}", value, dtype, shape, allow_empty=True)
+
+    points = given("points_m", points_m, np.empty((0, 3)), np.float64, (None, 3))
+    n = len(points)
+    amplitudes = given("point_amplitudes", point_amplitudes, np.ones(n), np.complex128, (n,))
     if not planes and not len(points):
         checks.fail("room_capture", "at least one wall or one point", "none")
 
@@ -146,11 +140,8 @@ def wall_lengths_m(array: AntennaArray, wall: Wall) -> np.ndarray:
     heights = [(side - wall.point_m) @ wall.normal for side in (array.tx_m, array.rx_m)]
     both = np.concatenate(heights)
     if not (both > 0).all() and not (both < 0).all():
-        checks.fail(
-            "room_capture: walls",
-            "all antennas on one side of each wall",
-            f"heights of {1e3 * both.min():g} to {1e3 * both.max():g} mm over one",
-        )
+        got = f"heights of {1e3 * both.min():g} to {1e3 * both.max():g} mm over one"
+        checks.fail("room_capture: walls", "all antennas on one side of each wall", got)
     image = array.tx_m - 2 * heights[0][:, None] * wall.normal
     return np.linalg.norm(image[:, None] - array.rx_m, axis=2)
 

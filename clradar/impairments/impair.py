@@ -118,8 +118,12 @@ def impair(
     """
     checks.instance("impair: capture", capture, Capture)
     n_tx, n_rx = capture.array.n_tx, capture.array.n_rx
-    coupling = None if coupling_db is None else _decibels("coupling_db", coupling_db)
-    snr = None if snr_db is None else _decibels("snr_db", snr_db)
+    coupling, snr = (
+        None
+        if given is None
+        else checked_spread(f"impair: {name}", given, GAIN_LIMIT_DB, -GAIN_LIMIT_DB)
+        for name, given in (("coupling_db", coupling_db), ("snr_db", snr_db))
+    )
     if room is not None:
         checks.instance("impair: room", room, Capture)
         check_same_radar("impair: room", room, capture)
@@ -236,11 +240,8 @@ def _reference_power(capture: Capture, given: float | None, needed: bool) -> flo
         return None
     power = _mean_power(capture)
     if power == 0:
-        checks.fail(
-            "impair: reference_power",
-            "a power, since the capture is zero and decibels are relative to its own",
-            "None",
-        )
+        expected = "a power, since the capture is zero and decibels are relative to its own"
+        checks.fail("impair: reference_power", expected, "None")
     return power
 
 
@@ -254,19 +255,11 @@ def _channel_record(channels: ChannelResponse) -> dict[str, Any]:
     return record
 
 
-def _decibels(name: str, value: Any) -> float:
-    number = checks.real(f"impair: {name}", value)
-    if abs(number) > GAIN_LIMIT_DB:
-        checks.fail(f"impair: {name}", f"decibels within +-{GAIN_LIMIT_DB:g}", repr(value))
-    return number
-
-
 def _per_receiver(name: str, value: Any, count: int, limit: float) -> float | list[float]:
     """Return numbers within +-`limit`: one per receiver, or one where all are equal."""
     field = f"impair: {name}"
-    if checks.is_single(value):
-        value = np.full(count, checks.real(field, value))
-    values = checks.read_only(field, value, np.float64, (count,))
+    given = np.full(count, checks.real(field, value)) if checks.is_single(value) else value
+    values = checks.read_only(field, given, np.float64, (count,))
     if np.abs(values).max() > limit:
         checks.fail(field, f"numbers within +-{limit:g}", f"{np.abs(values).max():g}")
     return float(values[0]) if (values == values[0]).all() else values.tolist()

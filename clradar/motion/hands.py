@@ -65,15 +65,6 @@ class MovingHand(Record):
         Roughness of the whole hand.
     device : Device, str or None
         Where the surface is sampled, see `clradar.open_device`.
-
-    Examples
-    --------
-    A fist that opens within a second.
-
-    >>> from clradar import MovingHand
-    >>> hand = MovingHand([0.0, 1.0], ["S", "flat"], edge_length_m=4e-3)
-    >>> hand.pose(0.5).name, len(hand.mesh(0.5).joints_m)
-    ('S to flat, 0.5', 25)
     """
 
     times_s: Any

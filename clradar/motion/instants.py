@@ -6,8 +6,9 @@ E15 in ``docs/equations.md``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -20,8 +21,8 @@ from clradar.motion.bodies import SceneInSweep
 COUNTS = tuple(sorted({round(2 ** (step / 4)) for step in range(33)}))
 """Numbers of instants that are tried for a piece, 1 to 256."""
 
-GROUPS = tuple(2**step for step in range(11))
-"""Numbers of groups of Tx that are tried."""
+PARTS = tuple(2**step for step in range(11))
+"""Numbers of parts of the Tx that are tried."""
 
 CHECKED = 2**12
 """Most times at which an interpolation is checked: what 256 instants can follow needs fewer."""
@@ -50,12 +51,18 @@ def too_fast() -> ModelError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """Instants of a piece of the time: its Chebyshev points, or the times of all its samples."""
+    """A piece of the time, the Tx that record in it, and the instants at which they are simulated.
+
+    Instants are its Chebyshev points or, `direct`, the times of all its samples. The error is that
+    of the interpolated phasors of probes, relative to their amplitude.
+    """
 
     begin_s: float
     end_s: float
     times_s: np.ndarray
     direct: bool = False
+    tx: Any = ()
+    error: float = 0.0
 
     @classmethod
     def between(cls, begin_s: float, end_s: float, count: int) -> Piece:
@@ -77,42 +84,15 @@ class Piece:
         coefficients[:, 0] *= 0.5
         yield from (np.asarray(chebyshev.chebval(scaled, own)) for own in coefficients)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Group:
-    """Some Tx, and the pieces of the time in which they record, which meet at `cuts_s`.
-
-    The error is that of the interpolated phasors of probes, relative to their amplitude.
-    """
-
-    tx: np.ndarray
-    pieces: tuple[Piece, ...]
-    cuts_s: np.ndarray
-    error: float
-
     @property
-    def times_s(self) -> np.ndarray:
-        """All instants."""
-        return np.concatenate([piece.times_s for piece in self.pieces])
-
-    def shares(self, times_s: np.ndarray) -> Iterator[np.ndarray]:
-        """Yield the share of each instant at some times: of the shape of the times."""
-        number = np.searchsorted(self.cuts_s, times_s, side="right")
-        for own, piece in enumerate(self.pieces):
-            for share in piece.shares(times_s):
-                yield np.where(number == own, share, 0.0)
-
-    @property
-    def doubtful_s(self) -> float | None:
+    def doubtful_s(self) -> float:
         """A time as far as any from instants: what is interpolated there is most in error."""
-        pieces = [piece for piece in self.pieces if not piece.direct]
-        if not pieces:
-            return None
-        piece = max(pieces, key=lambda own: own.end_s - own.begin_s)
-        if len(piece.times_s) == 1:
-            return piece.begin_s
-        middle = len(piece.times_s) // 2
-        return float(0.5 * (piece.times_s[middle - 1] + piece.times_s[middle]))
+        middle = len(self.times_s) // 2
+        return (
+            float(0.5 * (self.times_s[middle - 1] + self.times_s[middle]))
+            if middle
+            else self.begin_s
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,9 +169,9 @@ def _stretch(corners_m: np.ndarray) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Planner:
-    """Divides the Tx into groups that record together, with few instants within a tolerance.
+    """Divides the time of a sweep into pieces, with few instants within a tolerance.
 
-    Samples are recorded at `times_s` (n_tx, n_rx or 1, n_freq); the tolerance is of `Group.error`.
+    Samples are recorded at `times_s` (n_tx, n_rx or 1, n_freq); the tolerance is of `Piece.error`.
     Phases are taken relative to that of the middle of what moves.
     """
 
@@ -201,43 +181,43 @@ class Planner:
     times_s: np.ndarray
     tolerance: float
 
-    def groups(self, overhead_tx: float) -> list[Group]:
-        """Return the groups with the least work; one simulation costs `overhead_tx` and its Tx."""
-        order = np.argsort(self.times_s.mean(axis=(1, 2)), kind="stable")
+    def pieces(self, overhead_tx: float) -> list[Piece]:
+        """Return the pieces with the least work; one simulation costs `overhead_tx` and its Tx."""
         trials = []
-        for parts in sorted({min(parts, self.array.n_tx) for parts in GROUPS}):
-            middle = self._planned(np.array_split(order, parts)[parts // 2])
-            if middle.error <= self.tolerance:
-                tx = overhead_tx + self.array.n_tx / parts
-                trials.append((parts * len(middle.times_s) * tx, parts))
+        for parts in sorted({min(parts, self.array.n_tx) for parts in PARTS}):
+            windows = self._windows(parts)
+            half = len(windows) // 2
+            # One for all: that with the most samples, the middle one of many that have as many.
+            piece = self._fewest(*max(windows[half:] + windows[:half], key=lambda own: len(own[0])))
+            if piece.error <= self.tolerance:
+                each = len(piece.times_s) * (overhead_tx + len(piece.tx))
+                trials.append((len(windows) * each, parts))
         for _, parts in sorted(trials):
-            groups = [self._planned(tx) for tx in np.array_split(order, parts)]
-            if sum(len(group.times_s) for group in groups) > MOST_INSTANTS:
-                break
-            if all(group.error <= self.tolerance for group in groups):
-                return groups
+            pieces = [self._fewest(*window) for window in self._windows(parts)]
+            if sum(len(piece.times_s) for piece in pieces) <= MOST_INSTANTS and all(
+                piece.error <= self.tolerance for piece in pieces
+            ):
+                return pieces
         raise too_fast()
 
-    def _planned(self, tx: np.ndarray) -> Group:
-        """Return the group of these Tx, in pieces between marks, where velocities may jump."""
-        distinct_s = np.unique(self.times_s[tx])
-        marks_s = self.probes.marks_s[1:-1]
-        # Pieces in which no sample is recorded need no instant.
-        own = np.searchsorted(marks_s, distinct_s, side="right")
-        with_samples, first = np.unique(own, return_index=True)
-        pieces, error = [], 0.0
-        for samples_s in np.split(distinct_s, first[1:]):
-            piece, own_error = self._fewest(samples_s, tx)
-            pieces.append(piece)
-            error = max(error, own_error)
-            if error > self.tolerance:
-                break
-        return Group(tx, tuple(pieces), marks_s[with_samples[1:] - 1], error)
+    def _windows(self, parts: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return times of samples and the Tx that record then: from mark to mark, where velocities
+        may jump, and from one of `parts` parts of the Tx to the next.
+        """
+        order = np.argsort(self.times_s.mean(axis=(1, 2)), kind="stable")
+        starts_s = [self.times_s[tx].min() for tx in np.array_split(order, parts)[1:]]
+        cuts_s = np.unique([*self.probes.marks_s[1:-1], *starts_s])
+        number = np.searchsorted(cuts_s, self.times_s, side="right")
+        recorded = (number == own for own in np.unique(number))
+        return [
+            (np.unique(self.times_s[here]), np.flatnonzero(here.any(axis=(1, 2))))
+            for here in recorded
+        ]
 
-    def _fewest(self, samples_s: np.ndarray, tx: np.ndarray) -> tuple[Piece, float]:
-        """Return the fewest instants that are enough for samples at some times, and the error."""
+    def _fewest(self, samples_s: np.ndarray, tx: np.ndarray) -> Piece:
+        """Return the piece of samples at some times with the fewest instants that are enough."""
         begin_s, end_s = (float(time_s) for time_s in samples_s[[0, -1]])
-        direct = Piece(begin_s, end_s, samples_s, direct=True)
+        direct = Piece(begin_s, end_s, samples_s, direct=True, tx=tx)
         tx_m, rx_m = self.array.tx_m[tx], self.array.rx_m
         ends_m = tx_m[_extremes(tx_m)], rx_m[_extremes(rx_m)]
         k = 2 * np.pi * float(self.waveform.frequencies_hz.max()) / SPEED_OF_LIGHT_M_PER_S
@@ -254,7 +234,7 @@ class Planner:
         error, checked_s, true, piece = np.inf, np.empty(0), np.empty(0), direct
         for count in COUNTS:
             if len(samples_s) <= count:
-                return direct, 0.0
+                return direct
             if count < fewest or n_checked > CHECKED:
                 continue
             if len(checked_s) < 4 * count:
@@ -266,7 +246,7 @@ class Planner:
             error = float(np.abs(np.tensordot(shares, known, (0, 0)) - true).max())
             if error <= self.tolerance:
                 break
-        return piece, error
+        return replace(piece, tx=tx, error=error)
 
 
 def _lengths_m(points_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> np.ndarray:

@@ -44,15 +44,6 @@ class RigidMotion(Record):
         Constant velocity between two places, or from rest to rest (`minimum_jerk`).
     beyond : {"hold", "continue"}
         Before the first and after the last place: stay, or go on with the velocity there.
-
-    Examples
-    --------
-    A metre per second away from the radar.
-
-    >>> from clradar import RigidMotion
-    >>> away = RigidMotion.steady(velocity_m_per_s=(0, 0, 1.0))
-    >>> away.at(0.25)[:3, 3].tolist()
-    [0.0, 0.0, 0.25]
     """
 
     times_s: Any

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -75,8 +74,8 @@ def simulate_moving(
     Capture
         Of a scene that does not move during the sweep, with the bits of ``simulate(moving.at(t),
         ...)``. ``meta["movement"]`` has the times, the instants, `phase_error_db`, the error of
-        the phasors of points, and `sample_error_db`, what the samples of one group of Tx differ by
-        from a simulation between its instants; what else is in `meta` is of the first instant.
+        the phasors of points, and `sample_error_db`, what the samples of one piece of the time
+        differ by from a simulation between its instants; what else `meta` has is of the first one.
 
     Warns
     -----
@@ -130,11 +129,11 @@ def simulate_moving(
         )
     warn_of_ambiguity(scene, array, waveform)
     planner = Planner(probes, array, waveform, times_s, 10.0 ** (tolerance_db / 20.0))
-    groups = planner.groups(_OVERHEAD_TX.get(str(resolved.estimator), 12.0))
-    middle = len(groups) // 2
-    doubtful_s = groups[middle].doubtful_s
-    total = sum(len(group.times_s) * len(group.tx) for group in groups)
-    total += 0 if doubtful_s is None else len(groups[middle].tx)
+    pieces = planner.pieces(_OVERHEAD_TX.get(str(resolved.estimator), 12.0))
+    between = [piece for piece in pieces if not piece.direct]
+    tested_piece = between[len(between) // 2] if between else None
+    total = sum(len(piece.times_s) * len(piece.tx) for piece in pieces)
+    total += 0 if tested_piece is None else len(tested_piece.tx)
     done = 0
     meta: dict[str, Any] = {}
 
@@ -158,29 +157,27 @@ def simulate_moving(
         rate = -2j * np.pi * waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
         return np.asarray(np.exp(rate * (to_tx_m + to_rx_m)))
 
-    data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), dtype=np.complex64)
-    for number, group in enumerate(groups):
-        part, own = array.part(group.tx, slice(None)), _of_group(resolved, number)
-        tested_s = doubtful_s if number == middle else None
-        tests = repeat(0.0) if tested_s is None else group.shares(np.full((1, 1, 1), tested_s))
-        recorded_s = times_s[group.tx]
-        added = np.zeros((len(group.tx), array.n_rx, waveform.n_freq), dtype=np.complex128)
+    data = np.zeros((array.n_tx, array.n_rx, waveform.n_freq), dtype=np.complex64)
+    for number, piece in enumerate(pieces):
+        part, own = array.part(piece.tx, slice(None)), _of_piece(resolved, number)
+        recorded_s, doubtful_s = times_s[piece.tx], np.full((1, 1, 1), piece.doubtful_s)
+        added = np.zeros((len(piece.tx), array.n_rx, waveform.n_freq), dtype=np.complex128)
         tested = np.zeros_like(added)
-        for time_s, share, test in zip(
-            group.times_s, group.shares(recorded_s), tests, strict=False
-        ):
+        shares = zip(piece.shares(recorded_s), piece.shares(doubtful_s), strict=True)
+        for time_s, (share, test) in zip(piece.times_s, shares, strict=True):
             samples = simulated(time_s, part, own)
             added += share * samples
             tested += test * samples
-        data[group.tx] = added * followed(part, recorded_s)
-        if tested_s is not None:
-            true = simulated(tested_s, part, own)
+        here = (piece.begin_s <= recorded_s) & (recorded_s <= piece.end_s)
+        data[piece.tx] = np.where(here, added * followed(part, recorded_s), data[piece.tx])
+        if piece is tested_piece:
+            true = simulated(piece.doubtful_s, part, own)
             error = np.linalg.norm(tested - true) / max(np.linalg.norm(true), np.finfo(float).tiny)
             about["sample_error_db"] = _decibels(error)
     about |= {
-        "groups": len(groups),
-        "instants": sum(len(group.times_s) for group in groups),
-        "phase_error_db": _decibels(max(group.error for group in groups)),
+        "pieces": len(pieces),
+        "instants": sum(len(piece.times_s) for piece in pieces),
+        "phase_error_db": _decibels(max(piece.error for piece in pieces)),
     }
     settings_meta = {**meta["settings"], "seed": resolved.seed}
     return Capture(data, array, waveform, {**meta, "settings": settings_meta, "movement": about})
@@ -190,8 +187,8 @@ def _decibels(error: float) -> float:
     return 20.0 * float(np.log10(max(error, 1e-15)))
 
 
-def _of_group(settings: SimulationSettings, number: int) -> SimulationSettings:
-    """The settings of a group: rays of chance are numbered within it, so each has its own seed."""
+def _of_piece(settings: SimulationSettings, number: int) -> SimulationSettings:
+    """The settings of a piece: rays of chance are numbered within it, so each has its own seed."""
     if number == 0 or settings.estimator != "stochastic":
         return settings
     words = np.random.SeedSequence([settings.seed, number]).generate_state(1, np.uint64)

@@ -70,23 +70,17 @@ def check_joints(label: str, joints: np.ndarray) -> None:
         if not known[joint] or joint == WRIST or joint in METACARPALS:
             continue
         if not np.linalg.norm(joints[joint] - joints[parent]) > 1e-6 * reach(joints):
-            raise RigError(
-                f"{label}: expected joints apart from each other, got '{JOINT_NAMES[joint]}' and "
-                f"'{JOINT_NAMES[parent]}' at the same place"
-            )
-    wrist, index, middle, pinky = joints[
-        [WRIST, *(chain[1] for chain in (CHAINS[1], CHAINS[2], CHAINS[4]))]
-    ]
-    normal = np.cross(pinky - index, middle - wrist)
+            got = f"'{JOINT_NAMES[joint]}' and '{JOINT_NAMES[parent]}' at the same place"
+            raise RigError(f"{label}: expected joints apart from each other, got {got}")
+    index, middle, _, pinky = knuckles = joints[[chain[1] for chain in CHAINS[1:]]]
+    normal = np.cross(pinky - index, middle - joints[WRIST])
     if not np.linalg.norm(normal) > 1e-2 * reach(joints) ** 2:
         raise RigError(f"{label}: expected knuckles side by side, got all in line with the wrist")
-    across = _axes(joints)[:, 0]
-    across_m = [float(joints[chain[1]] @ across) for chain in CHAINS[1:]]
-    if not all(a < b for a, b in pairwise(across_m)):
-        order = ", ".join(FINGERS[i] for i in np.argsort(across_m))
+    order = np.argsort(knuckles @ _axes(joints)[:, 0]).tolist()
+    if order != sorted(order):
+        got = f"{', '.join(FINGERS[i] for i in order)}: are the joints named correctly?"
         raise RigError(
-            f"{label}: expected the knuckles in the order {', '.join(FINGERS)}, got {order}: "
-            "are the joints named correctly?"
+            f"{label}: expected the knuckles in the order {', '.join(FINGERS)}, got {got}"
         )
 
 
@@ -123,7 +117,7 @@ def check_side(label: str, joints: np.ndarray, side: str | None) -> str:
             f"{label}: expected a hand whose joints or names tell left from right, or --rig-hand, "
             "got a flat one with its thumb in the plane of the palm"
         )
-    side = "right" if side is None else side
+    side = side or "right"
     if estimated not in (None, side):
         raise RigError(
             f"{label}: expected a {side} hand, got a {estimated} one by the position of its thumb "
@@ -166,9 +160,7 @@ def rest_frames(
     Joints (25, 3), metres, NaN where the rig has none, and the directions (25, 3, 3) of its own
     coordinates are in the canonical frame; `flesh_m` has the centroid of the vertices of each
     digit's last bone, for digits without a tip. The palm, with the finger metacarpals, is one rigid
-    piece at rest: where a rig lets metacarpals begin carries no information on how they are bent. A
-    finger's axes follow from the joint angles of `clradar.hand`; a digit that is bent by more than
-    20 degrees in all, and within 45 degrees of that axis, bends about the normal of its own plane.
+    piece: where a rig lets metacarpals begin does not tell how they are bent.
     """
     known = np.isfinite(joints_m).all(axis=1)
     frames = _reference()[1].copy()

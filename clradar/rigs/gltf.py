@@ -328,20 +328,24 @@ class _File:
         if code is None or n is None:
             found = f"type {entry.type} of component type {entry.componentType}"
             fail(self.path, f"{what}: numbers of a known type", found)
-        dtype, count = np.dtype(code), self.entry(range(2**40), entry.count, f"count of {what}")
+        if entry.sparse is not None:
+            fail(self.path, f"{what}: numbers of a buffer", "sparse ones")
+        dtype, count = np.dtype(code), self._size(f"count of {what}", entry.count)
         self._numbers_left -= count * n
         if self._numbers_left < 0:
             most = f"a mesh of at most {MAX_GLTF_NUMBERS} numbers, with all uses of them"
             fail(self.path, most, f"{count} elements more for {what}")
-        values = np.zeros((count, n), dtype)
-        if entry.bufferView is not None:
+        if entry.bufferView is None:
+            values = np.zeros((count, n), dtype)
+        else:
             values = self._viewed(what, entry, dtype, count, n)
-        if entry.sparse is not None:
-            fail(self.path, f"{what}: numbers of a buffer", "sparse ones")
         if dtype.kind == "f" or not entry.normalized:
             return values
         # glTF 2.0, 3.6.2.2: the most negative signed value means -1, too.
         return np.maximum(values / np.iinfo(dtype).max, -1.0)
+
+    def _size(self, what: str, value: Any) -> int:
+        return self.entry(range(2**40), 0 if value is None else value, what)
 
     def _viewed(
         self, what: str, entry: Any, dtype: np.dtype[Any], count: int, n: int
@@ -349,14 +353,12 @@ class _File:
         """Return the numbers that an accessor has in a buffer view."""
         view = self.entry(self.document.bufferViews, entry.bufferView, f"bufferView of {what}")
         data = self.entry(self._buffers, view.buffer, f"buffer of {what}")
-        size = n * dtype.itemsize
-        stride = view.byteStride or size
-        offsets = [view.byteOffset or 0, entry.byteOffset or 0, view.byteLength, stride]
-        for offset in offsets:
-            self.entry(range(2**40), offset, f"offsets and lengths of {what}")
-        first = offsets[0] + offsets[1]
+        size, about = n * dtype.itemsize, f"offsets and lengths of {what}"
+        stride = self._size(about, view.byteStride) or size
+        begin, length = self._size(about, view.byteOffset), self._size(about, view.byteLength)
+        first = begin + self._size(about, entry.byteOffset)
         last = first + (count - 1) * stride + size
-        have = min(offsets[0] + view.byteLength, len(data))
+        have = min(begin + length, len(data))
         if not size <= stride < 256 or (count and last > have):
             expected = f"{what}: {count} elements up to byte {last} of buffer {view.buffer}"
             fail(self.path, expected, have)

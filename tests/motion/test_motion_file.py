@@ -28,6 +28,9 @@ def test_places_and_turns_are_interpolated():
     assert quarter[:3, :3] @ (1, 0, 0) == pytest.approx((0, 1, 0), abs=1e-12)
     assert quarter @ (0.1, 0, 0, 1) == pytest.approx((0.1, 0, 0.0125, 1))
     assert motion.at(9.0)[:3, 3] == pytest.approx((0, 0.2, 0.1), abs=1e-12)
+    # From rest to rest with the least jerk: 10 t^3 - 15 t^4 + 6 t^5.
+    smooth = RigidMotion([0, 1], [(0, 0, 0), (0, 0, 1)], profile="smooth")
+    assert [smooth.at(t)[2, 3] for t in (0.25, 0.5)] == pytest.approx([53 / 512, 0.5], abs=1e-15)
     both = RigidMotion([0, 1], np.zeros((2, 3)), [(np.pi / 2, 0, 0), (0, np.pi / 2, 0)]).at(0.5)
     # Half of the shortest way: the rotation R with R R = (last) (first)^-1 after the first one.
     first = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])

