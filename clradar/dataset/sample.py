@@ -86,7 +86,7 @@ def make_sample(
     plan, products = drawn.plan, drawn.plan.output.products
     arrays: dict[str, np.ndarray] = {}
     hand = None if plan.movement is None else moving_hand(drawn, device)
-    mesh = placed_hand(drawn, device, rigs) if hand is None else hand.mesh(_middle_s(drawn))
+    mesh = placed_hand(drawn, device, rigs) if hand is None else hand.mesh(drawn.middle_s)
     if "joints" in products:
         arrays["joints"] = mesh.joints_m
     if "mesh" in products:
@@ -153,20 +153,6 @@ def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> Moving
     )  # fmt: skip
 
 
-def _timing(drawn: SamplePlan) -> SweepTiming:
-    radar, movement = drawn.plan.radar, drawn.plan.movement
-    assert movement is not None
-    return SweepTiming.in_order(
-        radar.antennas.n_tx, radar.steps, step_s=movement.step_us * 1e-6, order=movement.order
-    )
-
-
-def _middle_s(drawn: SamplePlan) -> float:
-    """The middle of a frame's sweep."""
-    timing, start_s = _timing(drawn), drawn.start_s
-    return 0.5 * ((timing.begin_s + start_s) + (timing.end_s + start_s))
-
-
 @lru_cache(maxsize=4)
 def _rig(record: RigFile, folder: str) -> Any:
     return record.read(*found_rig(record, Path(folder)))
@@ -225,12 +211,17 @@ def recorded_capture(
     """Return the simulated capture of a scene, with the impairments of the plan."""
     plan = drawn.plan
     array, waveform = plan.radar.antennas, plan.radar.waveform
-    settings = plan.simulation.settings()
+    settings, movement = plan.simulation.settings(), plan.movement
     if isinstance(scene, MovingHand):
+        assert movement is not None
+        step_s = movement.step_us * 1e-6
+        timing = SweepTiming.in_order(
+            array.n_tx, waveform.n_freq, step_s=step_s, order=movement.order
+        )
         moving = MovingScene([scene], lambda own: _with_surface(own, plan))
         capture = simulate_moving(
-            moving, array, waveform, timing=_timing(drawn), start_s=drawn.start_s,
-            settings=settings, device=device,
+            moving, array, waveform, timing=timing, start_s=drawn.start_s, settings=settings,
+            device=device,
         )  # fmt: skip
     else:
         capture = simulate(scene, array, waveform, settings=settings, device=device)

@@ -185,14 +185,19 @@ class SamplePlan:
         return 0.0 if self.plan.movement is None else self.frame / self.plan.movement.rate_hz
 
     @property
+    def middle_s(self) -> float:
+        """The middle of the sweep of its frame, in its sequence."""
+        radar, movement = self.plan.radar, self.plan.movement
+        slots = radar.antennas.n_tx * radar.steps
+        return self.start_s + (0.0 if movement is None else 0.5e-6 * (slots - 1) * movement.step_us)
+
+    @property
     def pose(self) -> HandPose:
         """The pose of a sample; of a frame of a sequence that in the middle of its sweep."""
-        movement, radar = self.plan.movement, self.plan.radar
+        movement = self.plan.movement
         if movement is None or movement.last is None:
             return self.first
-        slots = radar.antennas.n_tx * radar.steps
-        middle_s = self.start_s + 0.5e-6 * (slots - 1) * movement.step_us
-        share = minimum_jerk(min(1.0, middle_s * movement.rate_hz / (movement.frames - 1)))
+        share = minimum_jerk(min(1.0, self.middle_s * movement.rate_hz / (movement.frames - 1)))
         if movement.last == self.first or share in (0.0, 1.0):
             return movement.last if share == 1.0 else self.first
         return interpolate_poses(self.first, movement.last, share)
