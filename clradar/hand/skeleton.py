@@ -80,10 +80,6 @@ class Skeleton:
     frames: np.ndarray
     thickness: float = 1.0
 
-    def turned(self, rotation: np.ndarray) -> Skeleton:
-        """Return the skeleton after a rotation (3, 3) about the origin."""
-        return Skeleton(self.joints_m @ rotation.T, rotation @ self.frames, self.thickness)
-
     def joint_m(self, name: str) -> np.ndarray:
         """Return the centre (3,) of the joint called `name`, metres."""
         return self.joints_m[JOINT_INDEX[name]]
@@ -245,8 +241,11 @@ def posed_skeleton(pose: HandPose, shape: HandShape = AVERAGE) -> Skeleton:
     """
     size = proportions(shape)
     joints_m, frames = [np.zeros(3)], [np.eye(3)]
-    for joints, axes in (_thumb(pose, size), *(_finger(f, pose, size) for f in FINGERS)):
-        joints_m += joints
-        frames += axes
-    bones = Skeleton(np.stack(joints_m), np.stack(frames), size.thickness)
-    return bones.turned(_turn(pose, "wrist")) if "wrist" in pose.joints else bones
+    for chain in (_thumb(pose, size), *(_finger(f, pose, size) for f in FINGERS)):
+        joints_m += chain[0]
+        frames += chain[1]
+    at_m, axes = np.stack(joints_m), np.stack(frames)
+    if "wrist" in pose.joints:
+        turn = _turn(pose, "wrist")
+        at_m, axes = at_m @ turn.T, turn @ axes
+    return Skeleton(at_m, axes, size.thickness)

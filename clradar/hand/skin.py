@@ -80,11 +80,9 @@ class Skin(Record):
         return by_bone(self.point, self.bone, self.weight[:, None])
 
     def of_points(self, chosen: np.ndarray) -> Skin:
-        """Return the skin of some points alone, in their order."""
-        first = np.searchsorted(self.point, chosen)
-        counts = np.searchsorted(self.point, chosen, side="right") - first
-        rows = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-        point = np.repeat(np.arange(len(chosen)), counts)
+        """Return the skin of some points alone, which ascend."""
+        rows = np.isin(self.point, chosen)
+        point = np.searchsorted(chosen, self.point[rows])
         return Skin(point, self.bone[rows], self.weight[rows], self.own_m[rows])
 
     def posed(self, matrices: np.ndarray, origins_m: np.ndarray) -> np.ndarray:

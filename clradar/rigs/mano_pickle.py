@@ -9,7 +9,7 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix
 
 from clradar.files.limits import MAX_SPARSE_ELEMENTS
 from clradar.files.pickles import ARRAYS, Fixed, Names, PickledArray, array_shape, load, refuse
@@ -44,10 +44,6 @@ class ByColumns(_Object):
     """A matrix of scipy in compressed columns."""
 
 
-class ByRows(_Object):
-    """The same in compressed rows."""
-
-
 class Ch(_Object):
     """An object of the package chumpy that holds an array `x`."""
 
@@ -64,7 +60,7 @@ def as_array(value: Any, depth: int = 0) -> np.ndarray:
         if not isinstance(value.value, np.ndarray):
             refuse("an array of objects where numbers are needed")
         return value.value
-    if isinstance(value, ByColumns | ByRows):
+    if isinstance(value, ByColumns):
         return _dense(value)
     if isinstance(value, Ch):
         return as_array(value.state.get("x"), depth + 1)
@@ -82,7 +78,7 @@ def as_array(value: Any, depth: int = 0) -> np.ndarray:
     refuse(f"{type(value).__name__} where an array is needed")
 
 
-def _dense(value: ByColumns | ByRows) -> np.ndarray:
+def _dense(value: ByColumns) -> np.ndarray:
     shape = value.state.get("_shape") or value.state.get("shape")
     parts = [value.state.get(name) for name in ("data", "indices", "indptr")]
     if not isinstance(shape, tuple) or not all(isinstance(p, PickledArray) for p in parts):
@@ -93,8 +89,7 @@ def _dense(value: ByColumns | ByRows) -> np.ndarray:
     if len(shape) != 2 or not all(kinds) or math.prod(shape) > MAX_SPARSE_ELEMENTS:
         refuse("a sparse matrix whose parts do not fit together")
     try:
-        form = csc_matrix if isinstance(value, ByColumns) else csr_matrix
-        matrix = form((data.astype(np.float64), indices, starts), shape)
+        matrix = csc_matrix((data.astype(np.float64), indices, starts), shape)
         matrix.check_format(full_check=True)
     except ValueError:
         refuse("a sparse matrix whose parts do not fit together")
@@ -134,8 +129,7 @@ class _Plain(metaclass=Fixed):
 _BUILTINS = {"object": _Plain, "dict": _Dictionary} | dict.fromkeys(
     ("set", "frozenset", "list", "tuple"), _Listed
 )
-_SPARSE = [(f"{form}_{kind}", form, made) for form, made in (("csc", ByColumns), ("csr", ByRows))
-           for kind in ("matrix", "array")]  # fmt: skip
+_SPARSE = ("scipy.sparse", "scipy.sparse.csc", "scipy.sparse._csc")
 _NAMES: Names = {
     **ARRAYS,
     ("collections", "OrderedDict"): _Dictionary,
@@ -145,9 +139,5 @@ _NAMES: Names = {
     ("copy_reg", "_reconstructor"): _Reconstructor,
     ("copyreg", "_reconstructor"): _Reconstructor,
     **{(m, name): made for m in ("__builtin__", "builtins") for name, made in _BUILTINS.items()},
-    **{
-        (module, name): made
-        for name, form, made in _SPARSE
-        for module in ("scipy.sparse", f"scipy.sparse.{form}", f"scipy.sparse._{form}")
-    },
+    **{(module, f"csc_{kind}"): ByColumns for module in _SPARSE for kind in ("matrix", "array")},
 }
