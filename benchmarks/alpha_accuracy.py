@@ -18,7 +18,7 @@ import numpy as np
 from study import ARRAY, WAVEFORM
 
 import clradar
-from calibration.roughness.alpha import AlphaEmulator, BrightnessMeter, estimate_alpha
+from calibration.roughness.alpha import BrightnessMeter, estimate_alpha
 from calibration.roughness.surface_points import surface_points
 from clradar.hand import hand_mesh
 from clradar.jobs.job import FolderStore
@@ -63,13 +63,12 @@ def main() -> None:
     for case in range(given.cases):
         others = [seed for seed in range(given.cases) if seed != case]
         for chosen in (rng.choice(others, given.seeds, replace=False) for _ in range(DRAWS)):
-            emulator = AlphaEmulator.fitted(
-                ALPHAS[swept],
-                statistics[chosen][:, swept],
-                displaced[chosen][:, swept].mean(axis=0),
-            )
+            of_place = displaced[chosen][:, swept].mean(axis=0)
             for alpha, seen in zip(ALPHAS, measured[case], strict=True):
-                found = estimate_alpha("all", meter.names, seen, emulator, meter.n_points)
+                found = estimate_alpha(
+                    "all", meter.names, seen, ALPHAS[swept], statistics[chosen][:, swept], of_place,
+                    meter.n_points,
+                )  # fmt: skip
                 errors.append(found.alpha - alpha)
                 stds.append(found.uncertainty)
                 # Half a step of the likelihood's grid more: at the ends of the range.

@@ -89,11 +89,6 @@ class Hypothesis:
         The antenna positions are in a frame whose x axis points the other way: an antenna listed
         at x is at -x.
 
-    Examples
-    --------
-    >>> from calibration import Hypothesis
-    >>> Hypothesis(swapped=True, mirrored=True).label
-    'swapped, mirrored'
     """
 
     swapped: bool = False
@@ -389,16 +384,11 @@ def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
 
 def _image(capture: Capture, grid: VoxelGrid, device: Device) -> Volume:
     terms = capture.array.n_tx * capture.array.n_rx * float(np.prod(grid.counts))
-    return backproject(
-        capture,
-        grid,
-        method="fast" if terms >= FAST_FROM_TERMS else "range",
-        # Hann, whose sidelobes fall by 18 dB per octave, against coupling; of few frequencies it
-        # would leave next to nothing.
-        window="hann" if capture.waveform.n_freq >= MIN_STEPS else "rect",
-        check_grid=False,
-        device=device,
-    )
+    method = "fast" if terms >= FAST_FROM_TERMS else "range"
+    # Hann, whose sidelobes fall by 18 dB per octave, against coupling; of few frequencies it would
+    # leave next to nothing.
+    window = "hann" if capture.waveform.n_freq >= MIN_STEPS else "rect"
+    return backproject(capture, grid, method=method, window=window, check_grid=False, device=device)
 
 
 def _sharpness(volume: Volume) -> float:

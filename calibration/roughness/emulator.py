@@ -115,20 +115,14 @@ def plain(value: Any) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """The statistics of a region, measured and simulated.
-
-    `statistics` are their names; `measured`, `fitted` and `spread`, shape (n_statistics,), are of
-    the measurement, and mean and standard deviation of simulations at the best values;
-    `probability` is of a fit as bad as this, or worse, if the measurement were a simulation;
-    `n_points` are the points of the surface that were read.
-    """
+    """The statistics of a region, measured and of simulations at the best values."""
 
     statistics: tuple[str, ...]
     measured: np.ndarray
-    fitted: np.ndarray
-    spread: np.ndarray
-    probability: float
-    n_points: int
+    fitted: np.ndarray  # mean of the simulations
+    spread: np.ndarray  # their standard deviation
+    probability: float  # of a fit as bad as this, or worse, if the measurement were a simulation
+    n_points: int  # of the surface, that were read
 
     def remarks(self, instead: str) -> list[str]:
         """Whether no simulation looks like the measurement, and what it may be instead."""
@@ -138,21 +132,6 @@ class Fit:
             "no simulation has the statistics of the measurement (probability "
             f"{self.probability:.1g}): {instead}, or clutter"
         ]
-
-
-def student_log_density(chi2: np.ndarray, freedom: int) -> np.ndarray:
-    """Return the logarithm of Student's density of chi squared, but for a constant."""
-    return np.asarray(-0.5 * (freedom + 1) * np.log1p(chi2 / freedom))
-
-
-def whitening(covariance: np.ndarray) -> np.ndarray:
-    """Return what residuals, shape (..., n), are multiplied by: their squares then add up."""
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)).T)
-
-
-def shrunk(covariance: np.ndarray) -> np.ndarray:
-    """Return a covariance with a share of its diagonal, since few simulations tell it badly."""
-    return (1 - SHRINKAGE) * covariance + SHRINKAGE * np.diag(np.diag(covariance))
 
 
 def fit_probability(chi2: float, n: int, freedom: int) -> float:
@@ -165,66 +144,60 @@ def fit_probability(chi2: float, n: int, freedom: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Emulator:
-    """Mean and covariance of statistics over height and length.
+    """Mean and covariance of statistics over coordinates in which they are smooth."""
 
-    The mean is a polynomial of the logarithms, with the exponents `powers` and a column of `mean`
-    for each statistic; `trend` is the slope of the logarithm of the residuals' variance, of which
-    `covariance` is without; `unscaled` is that of the mean's coefficients over it.
-    """
-
-    powers: np.ndarray
-    mean: np.ndarray
-    trend: np.ndarray
-    covariance: np.ndarray
-    unscaled: np.ndarray
+    powers: np.ndarray  # exponents of a polynomial of the coordinates
+    mean: np.ndarray  # its coefficients, a column for each statistic
+    trend: np.ndarray  # slope of the logarithm of the residuals' variance
+    covariance: np.ndarray  # of the residuals without the trend
+    unscaled: np.ndarray  # that of the mean's coefficients over it
     freedom: int
 
     @classmethod
-    def fitted(cls, height_m: np.ndarray, length_m: np.ndarray, statistics: np.ndarray) -> Emulator:
-        """Fit to simulations: heights and lengths, shape (n,), statistics (n, n_statistics)."""
-        powers = terms(len(np.unique(height_m)), len(np.unique(length_m)))
-        at = logarithms(height_m, length_m)
+    def fitted(cls, at: np.ndarray, powers: np.ndarray, statistics: np.ndarray) -> Emulator:
+        """Fit to simulations: coordinates, shape (n, n_axes), statistics (n, n_statistics)."""
         design = _design(at, powers)
         mean = np.linalg.lstsq(design, statistics, rcond=None)[0]
         left = statistics - design @ mean
         freedom = len(statistics) - len(powers)
         trend = _variance_trend(at, left)
         left = left * np.exp(-0.5 * at @ trend)
-        covariance = shrunk(left.T @ left / freedom)
+        covariance = left.T @ left / freedom
+        covariance = (1 - SHRINKAGE) * covariance + SHRINKAGE * np.diag(np.diag(covariance))
         return cls(powers, mean, trend, covariance, np.linalg.pinv(design.T @ design), freedom)
 
-    def at(self, height_m: np.ndarray, length_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, at: np.ndarray, variance: np.ndarray | float = 0.0) -> tuple[Any, np.ndarray]:
         """Mean and standard deviation of the statistics, shape (..., n_statistics).
 
-        The deviation is that of a measurement from this mean, which has an error of its own.
+        The deviation is that of a measurement from this mean, which has an error of its own, with
+        a variance for what simulations do not have.
         """
-        at = logarithms(height_m, length_m)
         design = _design(at, self.powers)
         leverage = np.einsum("...i,ij,...j->...", design, self.unscaled, design)[..., None]
-        own = np.exp(0.5 * at @ self.trend) * np.sqrt(np.diag(self.covariance))
-        return design @ self.mean, WIDENED * own * np.sqrt(1.0 + leverage)
+        own = WIDENED**2 * np.exp(at @ self.trend) * np.diag(self.covariance)
+        return design @ self.mean, np.sqrt(own * (1.0 + leverage) + variance)
 
     def log_likelihood(
         self,
         statistics: np.ndarray,
-        height_m: np.ndarray,
-        length_m: np.ndarray,
-        shift: np.ndarray,
-        shifts: np.ndarray,
+        at: np.ndarray,
+        shift: np.ndarray | float = 0.0,
+        shifts: np.ndarray | float = 0.0,
+        variance: np.ndarray | float = 0.0,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Logarithm of the likelihood but for a constant, and chi squared, (..., n_gains) each.
+        """Logarithm of Student's density but for a constant, and chi squared, (..., n_gains) each.
 
         `shift` is what a gain adds to, 1 or 0; `shifts` are the logarithms of gains to try.
         """
-        mean, spread = self.at(height_m, length_m)
+        mean, spread = self.at(at, variance)
         scale = spread / np.sqrt(np.diag(self.covariance))
-        inverse = whitening(self.covariance)
+        inverse = np.linalg.inv(np.linalg.cholesky(self.covariance)).T
         left, gain = (statistics - mean) / scale @ inverse, shift / scale @ inverse
         squares = (left**2).sum(axis=-1), (left * gain).sum(axis=-1), (gain**2).sum(axis=-1)
         own, cross, unit = (square[..., None] for square in squares)
         chi2 = own - 2 * shifts * cross + shifts**2 * unit
-        volume = np.log(scale).sum(axis=-1)[..., None]
-        return student_log_density(chi2, self.freedom) - volume, chi2
+        density = -0.5 * (self.freedom + 1) * np.log1p(chi2 / self.freedom)
+        return density - np.log(scale).sum(axis=-1)[..., None], chi2
 
 
 def logarithms(height_m: np.ndarray, length_m: np.ndarray) -> np.ndarray:

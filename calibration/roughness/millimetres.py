@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from calibration.roughness.emulator import Emulator, Fit, Interval, at_ends, fit_probability, plain
+from calibration.roughness.emulator import (
+    Emulator,
+    Fit,
+    Interval,
+    at_ends,
+    fit_probability,
+    logarithms,
+    plain,
+)
 from calibration.roughness.texture import COHERENT, REST, of_power
 
 KNOWN_SHARE = 0.3
@@ -149,11 +157,11 @@ def estimate_roughness(
     lengths_m = np.unique(length_m)
     if len(lengths_m) > 1:
         lengths_m = np.geomspace(lengths_m[0], lengths_m[-1], N_LENGTHS)
-    high, long = np.meshgrid(heights_m, lengths_m, indexing="ij")
+    at = logarithms(heights_m[:, None], lengths_m)
 
     def likelihoods(shifts: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Of each region its likelihood and chi squared, for gains of these logarithms."""
-        return [r.emulator.log_likelihood(r.measured, high, long, r.shift, shifts) for r in regions]
+        return [r.emulator.log_likelihood(r.measured, at, r.shift, shifts) for r in regions]
 
     def of_gains(found: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """The likelihood of each gain by each region."""
@@ -161,7 +169,7 @@ def estimate_roughness(
 
     shifts = np.zeros(1)
     if not calibrated:
-        off = [(r.measured - r.emulator.at(high, long)[0])[..., r.shift > 0] for r in regions]
+        off = [(r.measured - r.emulator.at(at)[0])[..., r.shift > 0] for r in regions]
         least, most = min(o.min() for o in off), max(o.max() for o in off)
         coarse = np.arange(least, most + NATURAL_PER_DB, GAIN_SEARCH_DB * NATURAL_PER_DB)
         best = coarse[np.argmax(of_gains(likelihoods(coarse)).sum(axis=0))]
@@ -192,7 +200,7 @@ def _estimate(
         i, k = 0, int(np.argmax(joint[0, j]))
         probability = np.zeros_like(probability)
         probability[0] = 1 / len(lengths_m)
-    mean, spread = region.emulator.at(heights_m[i], lengths_m[j])
+    mean, spread = region.emulator.at(logarithms(heights_m[i], lengths_m[j]))
     slopes = math.sqrt(2.0) * heights_m[:, None] / lengths_m
     of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
     ends = at_ends(lengths_m, of_lengths) if len(lengths_m) > 1 else (False, False)
@@ -211,11 +219,11 @@ def _estimate(
     )
 
 
-def _is_smoother(region: RegionStatistics, lowest_m: float, lengths_m: np.ndarray) -> bool:
+def _is_smoother(region: RegionStatistics, lowest_m: np.ndarray, lengths_m: np.ndarray) -> bool:
     """Whether less power is in the rest than at the lowest height: below it nothing is known."""
     rest = np.array([name.startswith(REST) for name in region.statistics])
     coherent = np.array([name == COHERENT for name in region.statistics])
     weight = rest / np.count_nonzero(rest) - coherent
-    mean, spread = region.emulator.at(np.full(len(lengths_m), lowest_m), lengths_m)
+    mean, spread = region.emulator.at(logarithms(lowest_m, lengths_m))
     share = mean @ weight - SMOOTHER_BY * np.sqrt(spread**2 @ weight**2)
     return bool(region.measured @ weight < share.min())

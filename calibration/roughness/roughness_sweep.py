@@ -21,7 +21,7 @@ from calibration.roughness.design import (
     estimable,
     fingerprint,
 )
-from calibration.roughness.emulator import Emulator, Interval, plain
+from calibration.roughness.emulator import Emulator, Interval, logarithms, plain, terms
 from calibration.roughness.millimetres import (
     RegionStatistics,
     RoughnessEstimate,
@@ -116,6 +116,10 @@ def sweep_roughness(
 ) -> RoughnessSweep:
     """Estimate the roughness of a mesh by simulations with several roughnesses.
 
+    What is compared are statistics of images by the four quarters of the aperture, whose mean and
+    covariance over h and l follow from the simulations: docs/sweep-method.md. Every remark of the
+    result is a warning, and an estimate beyond what Kirchhoff's approximation allows.
+
     Parameters
     ----------
     measured : Capture
@@ -134,21 +138,6 @@ def sweep_roughness(
         too. Otherwise its gain is found as well, one for all regions.
     regions, device, store, progress, settings, **fields
         As of `sweep`, of the physical estimator.
-
-    Returns
-    -------
-    RoughnessSweep
-
-    Warns
-    -----
-    ClradarWarning
-        Every remark of the result; and an estimate beyond what Kirchhoff's approximation allows.
-
-    Notes
-    -----
-    Each simulation is imaged at points of the surface from the four quarters of the aperture. What
-    is compared are statistics of these images (`calibration.roughness.texture`), whose mean and
-    covariance over h and l follow from the simulations: docs/sweep-method.md.
 
     Examples
     --------
@@ -223,10 +212,11 @@ def sweep_roughness(
     if not image.any():
         raise CompareError("sweep: the measured image is 0 on the whole mesh")
     simulated = np.array([(height_m, length_m) for height_m, length_m, _ in pairs]).T
+    at, powers = logarithms(*simulated), terms(int(np.count_nonzero(heights)), len(lengths))
     statistics = []
     for name, meter in zip(names, meters, strict=True):
         rows = np.stack([meter.measure(kept[item[0]]["images"]) for item in items])
-        emulator, seen = Emulator.fitted(simulated[0], simulated[1], rows), meter.measure(image)
+        emulator, seen = Emulator.fitted(at, powers, rows), meter.measure(image)
         statistics.append(RegionStatistics(name, meter.names, seen, emulator, meter.n_points))
     estimates, gain_db = estimate_roughness(statistics, *simulated, calibrated=calibrated)
     ends = (first, first + len(pairs) - 1)

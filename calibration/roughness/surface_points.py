@@ -29,28 +29,15 @@ seen at a grazing angle."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfacePoints:
-    """Points of the surface that the aperture's centre sees.
-
-    Attributes
-    ----------
-    points_m : ndarray, shape (n, 3), metres
-    normals : ndarray, shape (n, 3)
-        Unit normals, turned to the aperture.
-    region : ndarray, shape (n,), int
-    patch : ndarray, shape (n,), int
-        Number of the cube that a point is in; cubes of two regions have two numbers.
-    """
+    """Points of the surface that the aperture's centre sees, shape (n, 3) or (n,)."""
 
     points_m: np.ndarray
-    normals: np.ndarray
+    normals: np.ndarray  # of length 1, turned to the aperture
     region: np.ndarray
-    patch: np.ndarray
+    patch: np.ndarray  # number of the cube that a point is in; those of two regions have two
 
     def tilts(self, apertures: list[AntennaArray]) -> np.ndarray:
-        """Angle between the normal and the bisector of Tx and Rx, shape (n_apertures, n), radians.
-
-        Tx and Rx are the centres of each aperture's.
-        """
+        """Angles between normals and bisectors of Tx and Rx, (n_apertures, n), radians."""
         found = []
         for array in apertures:
             bisector = np.zeros_like(self.points_m)
@@ -76,11 +63,6 @@ def surface_points(
 
     One in every cube of `SPACING_M` that the surface passes, so that their number per area hardly
     depends on the surface's direction.
-
-    Raises
-    ------
-    CompareError
-        A region, or the whole mesh, is not visible.
     """
     density = SAMPLES_PER_POINT / (1e3 * SPACING_M) ** 2
     reach_m = float(np.linalg.norm(centre_m)) + 1.0
@@ -93,21 +75,16 @@ def surface_points(
     normals = np.where(away[:, None], -normals, normals)
     cell = _cells(points_m, SPACING_M, np.zeros(len(points_m), int))
     mean_m, normal = _means(points_m, cell), _means(normals, cell)
-    label = np.zeros(len(mean_m), int) if regions is None else _labels(scene, regions, mean_m)
+    label = np.zeros(len(mean_m), int)
     if regions is not None:
+        from scipy.spatial import cKDTree  # the region of the face whose centroid is nearest
+
+        label = regions.face[cKDTree(scene.triangles_m.mean(axis=1)).query(mean_m)[1]]
         hidden = [name for i, name in enumerate(regions.names) if not (label == i).any()]
         if hidden:
             raise CompareError(f"sweep: region '{hidden[0]}' is not visible from the antennas")
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     return SurfacePoints(mean_m, normal, label, _cells(mean_m, PATCH_M, label))
-
-
-def _labels(scene: Scene, regions: Regions, points_m: np.ndarray) -> np.ndarray:
-    """The region of the face whose centroid is nearest."""
-    from scipy.spatial import cKDTree
-
-    _, nearest = cKDTree(scene.triangles_m.mean(axis=1)).query(points_m)
-    return regions.face[nearest]
 
 
 def _cells(points_m: np.ndarray, edge_m: float, label: np.ndarray) -> np.ndarray:

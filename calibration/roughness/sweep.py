@@ -10,12 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from calibration.roughness.alpha import (
-    AlphaEmulator,
-    AlphaEstimate,
-    BrightnessMeter,
-    estimate_alpha,
-)
+from calibration.roughness.alpha import AlphaEstimate, BrightnessMeter, estimate_alpha
 from calibration.roughness.design import (
     LIMITS,
     SEEDS,
@@ -32,7 +27,7 @@ from calibration.roughness.regions import Regions
 from calibration.roughness.surface_points import surface_points
 from clradar import arrays
 from clradar.backproject import backproject
-from clradar.compare import METRIC_TABLE, METRICS, Metrics, depth_map_of, metrics_of
+from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.jobs.where import Where, open_devices
@@ -109,21 +104,6 @@ class Sweep(Estimates):
         own = self.regions or (self.estimate,)
         return tuple(f"{one.name}: {text}" for one in own for text in one.remarks())
 
-    def summary(self) -> Table:
-        """Metrics over alpha, as mean and standard deviation over the seeds; as text."""
-
-        def cell(values: np.ndarray, digits: int) -> str:
-            if not np.isfinite(values).all():
-                return "n/a"
-            spread = f" \N{PLUS-MINUS SIGN} {values.std(ddof=1):.{digits}f}"
-            return f"{values.mean():.{digits}f}{spread if len(values) > 1 else ''}"
-
-        rows = []
-        for i, alpha in enumerate(self.alphas):
-            cells = [cell(m.scale * self.of(m.field)[:, i], m.digits) for m in METRIC_TABLE]
-            rows.append([f"{alpha:g}", *cells, "nearest" if i == self.nearest else ""])
-        return ("alpha", *(one.name for one in METRIC_TABLE), ""), rows
-
     def tables(self) -> list[Table]:
         """The metrics of each simulation, and the limits of each region's alpha."""
         rows = [
@@ -167,6 +147,9 @@ def sweep(
 ) -> Sweep:
     """Simulate a mesh at several alphas and compare each image with a measured one.
 
+    What is compared are statistics of the brightness, whose mean and covariance over alpha follow
+    from the simulations: docs/sweep-method.md. Every remark of the result is a warning.
+
     Parameters
     ----------
     measured : Volume
@@ -196,16 +179,6 @@ def sweep(
         Called with (done, total).
     settings, **fields
         Of `clradar.SimulationSettings`.
-
-    Returns
-    -------
-    Sweep
-
-    Notes
-    -----
-    What is compared are statistics of the brightness (`calibration.roughness.alpha`), whose
-    mean and covariance over alpha follow from the simulations: docs/sweep-method.md. All alphas of
-    a seed share rays and random numbers.
 
     Examples
     --------
@@ -264,23 +237,16 @@ def sweep(
     ]
     none: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
     unknown = Metrics(**none, dynamic_range_db=dynamic_range_db)
-    result = Sweep(
-        alphas=values,
-        seeds=images.seeds,
-        metrics=tuple(
-            tuple(
-                unknown if image is None else metrics_of(measured_map, image, dynamic_range_db)
-                for image in row
-            )
-            for row in whole
-        ),
-        estimates=(
-            _estimate(WHOLE, meters[0], measured_map, whole, values),
-            *_of_regions(names, meters[1:], measured_map, images, kept),
-        ),
-        measured=measured_map,
-        images=tuple(whole[0]),
+
+    def metrics(image: DepthMap | None) -> Metrics:
+        return unknown if image is None else metrics_of(measured_map, image, dynamic_range_db)
+
+    estimates = (
+        _estimate(WHOLE, meters[0], measured_map, whole, values),
+        *_of_regions(names, meters[1:], measured_map, images, kept),
     )
+    compared = tuple(tuple(map(metrics, row)) for row in whole)
+    result = Sweep(values, images.seeds, compared, estimates, measured_map, tuple(whole[0]))
     # Of a simulation in place of a measurement.
     estimator = capture_meta(measured.meta).get("settings", {}).get("estimator", ESTIMATOR)
     if estimator != ESTIMATOR:
@@ -317,10 +283,10 @@ def _estimate(
         for column in columns.values()
     ]
     statistics, displaced = np.moveaxis(np.array(found), 2, 0)
-    emulator = AlphaEmulator.fitted(
-        alphas[[*columns]], statistics.swapaxes(0, 1), displaced.mean(axis=1)
-    )
-    return estimate_alpha(name, meter.names, meter.measure(measured), emulator, meter.n_points)
+    return estimate_alpha(
+        name, meter.names, meter.measure(measured), alphas[[*columns]],
+        statistics.swapaxes(0, 1), displaced.mean(axis=1), meter.n_points,
+    )  # fmt: skip
 
 
 def _of_regions(

@@ -32,14 +32,11 @@ def of_power(statistics: tuple[str, ...]) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SubApertures:
-    """Two halves of the Tx, each with two halves of the Rx: four views of the same surface.
-
-    `pairs` has the indices of the Tx and of the Rx of each, `operators` image the surface's points.
-    """
+    """Two halves of the Tx, each with two halves of the Rx: four views of the same surface."""
 
     arrays: list[AntennaArray]
-    pairs: list[tuple[np.ndarray, np.ndarray]]
-    operators: list[ImagingOperator]
+    pairs: list[tuple[np.ndarray, np.ndarray]]  # indices of the Tx and of the Rx of each
+    operators: list[ImagingOperator]  # image the surface's points
 
     @classmethod
     def of(
@@ -110,14 +107,12 @@ class TextureMeter:
         rest = np.abs(mine - factor[:, self._patch] * self._smooth) ** 2 / self._level
         power = np.abs(mine) ** 2 + 1e-300
         coherent = np.sum(np.abs(product) ** 2) / np.sum(self._smooth_power**2)
-        found = [np.log(coherent + 1e-300)]
-        found += [np.log(rest[bin_].mean() + 1e-300) for bin_ in self.bins.values()]
-        counts = [np.count_nonzero(bin_) for bin_ in self.bins.values()]
-        grain = [np.log(power[b]).mean() - np.log(power[b].mean()) for b in self.bins.values()]
-        amplitude = np.sqrt(power)
-        alike = [np.corrcoef(a, b)[0, 1] for a, b in combinations(amplitude, 2)]
-        found += [np.average(grain, weights=counts), float(np.mean(alike)) if alike else 0.0]
-        return np.array(found)
+        bins = self.bins.values()
+        logarithms = np.log([coherent + 1e-300, *(rest[own].mean() + 1e-300 for own in bins)])
+        grain = [np.log(power[own]).mean() - np.log(power[own].mean()) for own in bins]
+        contrast = np.average(grain, weights=[np.count_nonzero(own) for own in bins])
+        alike = [np.corrcoef(a, b)[0, 1] for a, b in combinations(np.sqrt(power), 2)]
+        return np.array([*logarithms, contrast, np.mean(alike) if alike else 0.0])
 
     def _per_patch(self, values: np.ndarray) -> np.ndarray:
         n = self._patch.max() + 1

@@ -176,7 +176,7 @@ class TorchDataset:
     Attributes
     ----------
     poses : tuple of str
-        Names of the poses by their numbers in "pose".
+        Names of the poses by their numbers in "pose", where they have names.
 
     Examples
     --------
@@ -196,13 +196,10 @@ class TorchDataset:
         manifest, counts = _stored(folder)
         self._rows = [(path, row) for path, count in counts.items() for row in range(count)]
         self._transform, plan = transform, manifest.plan
-        self.poses = tuple(pose.name for pose in plan.poses.poses)
+        self.poses = plan.pose_names
         fields = {**arrays_of(plan.output.products), **labels_of(plan)}
         known = [n for n, own in fields.items() if own.dtype != "text" and not own.ragged]
-        known.append("handedness")
-        named = plan.poses.kind in ("list", "around")
-        if named and (plan.movement is None or plan.movement.poses == "stay"):
-            known.append("pose")
+        known += ["handedness", "pose"] if self.poses else ["handedness"]
         for name in names:
             checks.one_of("TorchDataset: names", name, tuple(known))
         self._places = {name: fields[name].place for name in names}

@@ -15,14 +15,13 @@ from clradar.backproject import backproject
 from clradar.dataset.plan.hands import RigFile
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.errors import ModelError
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.hand import HandMesh, hand_mesh
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
 from clradar.impairments.impair import impair
-from clradar.model import Capture, Scene
+from clradar.model import Capture, Scene, checks
 from clradar.motion.bodies import MovingScene
 from clradar.motion.hands import MovingHand
 from clradar.motion.rigid import RigidMotion
@@ -172,8 +171,7 @@ def found_rig(record: RigFile, folder: Path) -> tuple[Path, Path | None]:
             got = "nothing there"
         except (OSError, ValueError) as error:
             got = f"none that can be read: {clean(error)}"
-        expected = f"the file of the plan (SHA-256 {sha256})"
-        raise ModelError(f"{shown(path)}: expected {expected}, got {got}")
+        checks.fail(shown(path), f"the file of the plan (SHA-256 {sha256})", got)
     file, *mapping = known
     return file, mapping[0] if mapping else None
 

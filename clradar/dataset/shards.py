@@ -23,6 +23,7 @@ from clradar.dataset.plan.recipe import recipe as recipe_of
 from clradar.dataset.sample import Sample
 from clradar.files.atomic import replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
+from clradar.files.json_text import to_json
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 from clradar.jobs.outcome import Aside
 
@@ -60,7 +61,7 @@ class Field:
     dtype: str  # "text" is UTF-8
     units: str | None
     long_name: str
-    value: Callable[[SamplePlan], Any] | None = None  # of a label; "made_with" is given
+    value: Callable[[SamplePlan], Any] | None = None  # of a label that is no JSON
     of: str | None = None  # a table of the plan without which there is no such label
 
     @property
@@ -148,7 +149,7 @@ _LABELS: Sequence[Any] = (
     ("sequence", (), "int64", None, "number of the sequence", lambda s: s.number, "movement"),
     ("frame", (), "int32", None, "number of the frame in it", lambda s: s.frame, "movement"),
     ("time_s", (), "float64", "s", "when the frame begins in it", lambda s: s.start_s, "movement"),
-    ("recipe", (), "text", None, "all that the sample is made of, JSON", lambda s: _json(s.record)),
+    ("recipe", (), "text", None, "all that the sample is made of, JSON"),
     ("made_with", (), "text", None, "versions and device, JSON"),
 )  # fmt: skip
 LABELS = {name: Field(f"entry/labels/{name}", *rest) for name, *rest in _LABELS}
@@ -224,7 +225,7 @@ class ShardWriter:
 
     def fail(self, aside: Aside) -> None:
         """Note that a sample could not be made."""
-        self._failed.append(_json(asdict(aside)))
+        self._failed.append(to_json("aside", asdict(aside)))
 
     def add(self, sample: Sample, made_with: Mapping[str, Any]) -> None:
         """Write a sample, with its versions and device, JSON values."""
@@ -235,9 +236,10 @@ class ShardWriter:
         drawn = read_recipe(sample.recipe)
         if not self._labels:
             self._begin(drawn.plan, sample.arrays)
+        texts = {"recipe": drawn.record, "made_with": made_with}
         for name, values in self._labels.items():
             value = LABELS[name].value
-            values.append(_json(made_with) if value is None else value(drawn))
+            values.append(to_json(name, texts[name]) if value is None else value(drawn))
         for name, first in self._first.items():
             array = sample.arrays[name] if ARRAYS[name].ragged else sample.arrays[name][None]
             data, end = self._file[ARRAYS[name].place], first[-1] + len(array)
@@ -319,10 +321,6 @@ def _describe(made: Any, units: str | None, long_name: str) -> None:
     made.attrs["long_name"] = long_name if own else f"{long_name} ({units})"
     if units is not None:
         made.attrs["units"] = units
-
-
-def _json(value: Mapping[str, Any]) -> str:
-    return json.dumps(value, allow_nan=False)
 
 
 # Reading

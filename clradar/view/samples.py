@@ -43,11 +43,7 @@ class SampleFrames:
         self._chosen = (ALL, ALL)
         self._kept: OrderedDict[int, Sample] = OrderedDict()
         self._names: dict[int, tuple[str, str]] = {}
-        plan = self._manifest.plan
-        named = plan.poses.kind in ("list", "around")
-        self.poses: tuple[str, ...] = ()
-        if named:
-            self.poses = tuple(dict.fromkeys(pose.name for pose in plan.poses.poses))
+        self.poses = self._manifest.plan.pose_names
 
     def frames(self) -> tuple[int, ...]:
         return self._frames

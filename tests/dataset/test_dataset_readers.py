@@ -64,11 +64,6 @@ def test_xarray_reads_lazily(made: Path, tmp_path: Path) -> None:
         view.volume[2].compute()
 
 
-def test_no_data_set_is_one_error(tmp_path: Path) -> None:
-    with pytest.raises(MeasurementError, match="nothing there"):
-        open_dataset(tmp_path)
-
-
 @pytest.fixture
 def torch(monkeypatch: pytest.MonkeyPatch) -> None:
     """Stand in for PyTorch, which is too large to be installed for this: of it `as_tensor` is used.

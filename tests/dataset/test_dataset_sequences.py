@@ -41,6 +41,8 @@ def test_frames_share_the_draws_of_their_sequence() -> None:
     assert [frame.start_s for frame in frames[3:]] == [0.0, 0.1, 0.2]
     for frame in frames:
         assert read_recipe(json.dumps(frame.record)).record == frame.record
+    assert found.pose_names == ()  # each is between two
+    assert plan(movement={**MOVEMENT, "poses": "stay"}).pose_names == ("A", "B", "F")
     recipes = [recipe(found, i) for i in range(6)]
     for key in ("hands", "placement", "alpha", "simulation"):
         assert recipes[3][key] == recipes[5][key] != recipes[0][key]

@@ -9,7 +9,7 @@ from typing import Any
 import clradar as cl
 from clradar.cli import options as opt
 from clradar.cli.comparison import write_csv
-from clradar.cli.console import print_line, print_table, print_text, progress_bar
+from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import measurement
 from clradar.cli.outputs import begun, check_place_of_folder, write
 from clradar.jobs import KEY, FolderStore, open_devices
@@ -53,7 +53,6 @@ def command(
     With --roughness-mm it estimates roughness and correlation length in millimetres, of a MESH
     of given --material, by the physical estimator.
     """
-    from calibration import Sweep
     from calibration.roughness.figures import figure_of
     from calibration.roughness.sweep import check_within_grid
     from clradar.compare import depth_map_of
@@ -95,8 +94,5 @@ def command(
             write(output / RESULT, record, force=True, grid=grid)
         job.clear([WORK])
     if not finished:
-        if isinstance(result, Sweep):
-            names, rows = result.summary()
-            print_table(names, rows, right=names[:-1])
         print_text(result.report())
         print_line(f"{output}: {', '.join(RESULTS)}")

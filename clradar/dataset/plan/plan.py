@@ -149,6 +149,13 @@ class Plan(FileRecord):
         return range(first, min(first + self.output.shard_size, self.samples))
 
     @property
+    def pose_names(self) -> tuple[str, ...]:
+        """Names that poses of samples have; none where they are between two, or random."""
+        stay = self.movement is None or self.movement.poses == "stay"
+        named = stay and self.poses.kind in ("list", "around")
+        return tuple(pose.name for pose in self.poses.poses) if named else ()
+
+    @property
     def keeps_images(self) -> bool:
         return any(product in IMAGES for product in self.output.products)
 
