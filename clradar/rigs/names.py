@@ -31,13 +31,10 @@ class FoundJoints:
 
 
 def side_in(*names: str) -> str | None:
-    """Return the side that names contain as a word, left, right, l or r; None without one.
-
-    A name with words for both sides does not count.
-    """
+    """Return the side that names contain as a word, left, right, l or r; None without one."""
     words = ([word.lower() for word in _WORD.findall(name)] for name in names)
     sides = [{_SIDES[word] for word in own if word in _SIDES} for own in words]
-    found = set().union(*(own for own in sides if len(own) == 1))
+    found = set().union(*(own for own in sides if len(own) == 1))  # not of names with both
     return found.pop() if len(found) == 1 else None
 
 
