@@ -63,12 +63,13 @@ def main() -> None:
     for case in range(given.cases):
         others = [seed for seed in range(given.cases) if seed != case]
         for chosen in (rng.choice(others, given.seeds, replace=False) for _ in range(DRAWS)):
-            of_place = displaced[chosen][:, swept].mean(axis=0)
+            made_of = np.tile(ALPHAS[swept], given.seeds)
+            rows = [
+                array[chosen][:, swept].reshape(len(made_of), -1)
+                for array in (statistics, displaced)
+            ]
             for alpha, seen in zip(ALPHAS, measured[case], strict=True):
-                found = estimate_alpha(
-                    "all", meter.names, seen, ALPHAS[swept], statistics[chosen][:, swept], of_place,
-                    meter.n_points,
-                )  # fmt: skip
+                found = estimate_alpha("all", meter.names, seen, made_of, *rows, meter.n_points)
                 errors.append(found.alpha - alpha)
                 stds.append(found.uncertainty)
                 # Half a step of the likelihood's grid more: at the ends of the range.

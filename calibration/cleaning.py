@@ -35,10 +35,6 @@ def clean(
     mask : collection of str
         Which channels are set to zero, as in `correct`.
 
-    Returns
-    -------
-    Capture
-
     Examples
     --------
     >>> import clradar, numpy as np

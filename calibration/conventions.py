@@ -264,10 +264,6 @@ def diagnose(
     progress : callable, optional
         Called with (done, total) images.
 
-    Returns
-    -------
-    Diagnosis
-
     Examples
     --------
     >>> import calibration, clradar, numpy as np

@@ -161,29 +161,27 @@ def estimate_alpha(
 ) -> AlphaEstimate:
     """Return the alpha of a region whose statistics were measured.
 
-    `simulated` has the shape (n_seeds, n_alphas, n_statistics); `displaced` is the variance at each
-    alpha by a mesh that is not quite in its place.
+    `simulated` are those of simulations with these `alphas`, shape (n, n_statistics), and
+    `displaced` their variance by a mesh that is not quite in its place.
     """
-    n_seeds, n_alphas, n = simulated.shape
-    most = min(MOST_POWER, n_alphas - (1 if n_seeds > 1 else 3))
-    emulator = Emulator.fitted(
-        np.tile(_coordinate(alphas), (n_seeds, 1)),
-        np.arange(most + 1)[:, None],
-        simulated.reshape(-1, n),
-    )
-    tried = np.linspace(alphas[0], alphas[-1], GRID)
+    levels, number = np.unique(alphas, return_inverse=True)
+    most = min(MOST_POWER, len(levels) - 1, len(alphas) - 3)
+    emulator = Emulator.fitted(_coordinate(alphas), np.arange(most + 1)[:, None], simulated)
+    first, last = levels[[0, -1]]
+    tried = np.linspace(first, last, GRID)
     at = _coordinate(tried)
-    by_place = np.stack([np.interp(tried, alphas, column) for column in displaced.T], axis=-1)
+    of_level = [displaced[number == i].mean(axis=0) for i in range(len(levels))]
+    by_place = np.stack([np.interp(tried, levels, one) for one in np.transpose(of_level)], axis=-1)
     variance = NOT_SIMULATED * (FLOOR**2 + by_place)
     found = emulator.log_likelihood(measured, at, variance=variance)
     likelihood, chi2 = (values[:, 0] for values in found)
     probability = special.softmax(likelihood)
     ends = probability[[0, -1]] > EDGE_LIKELIHOOD * probability.max()
     # Beyond 0 and 1 there is nothing.
-    bounded = (bool(ends[0] and alphas[0] > 0), bool(ends[1] and alphas[-1] < 1))
+    bounded = (bool(ends[0] and first > 0), bool(ends[1] and last < 1))
     best = int(np.argmax(likelihood))
     mean, spread = emulator.at(at[best], variance[best])
-    as_bad = fit_probability(float(chi2[best]), n - 1, emulator.freedom)
+    as_bad = fit_probability(float(chi2[best]), len(measured) - 1, emulator.freedom)
     fit = Fit(statistics, measured, mean, spread, as_bad, n_points)
     return AlphaEstimate(name, Interval.of(tried, probability, bounded), tried, probability, fit)
 

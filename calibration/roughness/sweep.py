@@ -268,25 +268,21 @@ def _estimate(
     """The alpha of a region, from images [seed][alpha]."""
     if not meter.sees(measured):
         raise CompareError(f"sweep: the measured image is 0 in the region '{name}'")
-    columns = {
-        i: [image for image in column if image is not None and meter.sees(image)]
-        for i, column in enumerate(zip(*images, strict=True))
-    }
-    columns = {i: column for i, column in columns.items() if len(column) == len(images)}
-    if len(columns) < 2:
+    seen = [
+        (alpha, meter.measure(image), meter.displaced(image))
+        for row in images
+        for alpha, image in zip(alphas, row, strict=True)
+        if image is not None and meter.sees(image)
+    ]
+    simulated, statistics, displaced = (np.array([one[i] for one in seen]) for i in range(3))
+    if (n := len(np.unique(simulated))) < 2:
         raise CompareError(
             f"sweep: no ray reaches a receiver from the region '{name}' at all alphas but "
-            f"{len(columns)}; look at where the mesh is placed, or take more samples or rays"
+            f"{n}; look at where the mesh is placed, or take more samples or rays"
         )
-    found = [
-        [(meter.measure(image), meter.displaced(image)) for image in column]
-        for column in columns.values()
-    ]
-    statistics, displaced = np.moveaxis(np.array(found), 2, 0)
     return estimate_alpha(
-        name, meter.names, meter.measure(measured), alphas[[*columns]],
-        statistics.swapaxes(0, 1), displaced.mean(axis=1), meter.n_points,
-    )  # fmt: skip
+        name, meter.names, meter.measure(measured), simulated, statistics, displaced, meter.n_points
+    )
 
 
 def _of_regions(

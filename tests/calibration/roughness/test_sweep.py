@@ -107,8 +107,10 @@ TENTHS = np.linspace(0.0, 1.0, 11)
 
 
 def estimated(seen, alphas, simulated, displaced=0.0) -> AlphaEstimate:
-    variance = np.full((len(alphas), 3), displaced)
-    return estimate_alpha("all", ("a", "b", "c"), seen, alphas, simulated, variance, 100)
+    rows = simulated.reshape(-1, 3)
+    made = np.tile(alphas, len(simulated))
+    variance = np.full(rows.shape, displaced)
+    return estimate_alpha("all", ("a", "b", "c"), seen, made, rows, variance, 100)
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
