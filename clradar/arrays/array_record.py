@@ -66,12 +66,10 @@ class Cross(FileRecord):
 
     def placed_m(self) -> np.ndarray:
         steps = np.linspace(-self.length_m / 2, self.length_m / 2, self.n)
-        zero = np.zeros(self.n)
-        upright = np.stack([zero, steps, zero], axis=1)
-        if self.n % 2:
-            upright = np.delete(upright, self.n // 2, axis=0)
-        placed = np.concatenate([np.stack([steps, zero, zero], axis=1), upright])
-        return placed + np.array(self.center_m)
+        placed = np.zeros((2 * self.n, 3))
+        placed[: self.n, 0] = placed[self.n :, 1] = steps
+        middle = [self.n + self.n // 2] if self.n % 2 else []
+        return np.delete(placed, middle, axis=0) + np.array(self.center_m)
 
 
 class Plane(FileRecord):
@@ -92,9 +90,7 @@ class Plane(FileRecord):
             np.linspace(-size / 2, size / 2, count) if count > 1 else np.zeros(1)
             for size, count in zip(self.size_m, self.n, strict=True)
         )
-        grid_y, grid_x = np.meshgrid(y, x, indexing="ij")
-        flat = np.stack([grid_x.ravel(), grid_y.ravel(), np.zeros(grid_x.size)], axis=1)
-        return flat + np.array(self.center_m)
+        return np.stack(np.meshgrid(x, y, 0.0), axis=-1).reshape(-1, 3) + np.array(self.center_m)
 
 
 class Ring(FileRecord):

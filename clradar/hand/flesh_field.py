@@ -128,10 +128,8 @@ class FleshField:
             columns = np.zeros((3, n + -n % _PADDED), np.float32)
             columns[:, :n] = (some_m - self._middle_m).T
             n_padded = columns.shape[1]
-            points, result = (
-                self._buffers.borrow(columns),
-                self._buffers.empty(4 * n_rows * n_padded),
-            )
+            points = self._buffers.borrow(columns)
+            result = self._buffers.empty(4 * n_rows * n_padded)
             self._program.launch(
                 name, (n_padded // self._device.width,),
                 np.uint32(n_padded), *self._shape, *self._put, *self._near, points, result,

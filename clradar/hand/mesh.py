@@ -200,10 +200,8 @@ def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Devi
     vertices_m = vertices_m @ rotated.frames[0].T
     normals = normals @ rotated.frames[0].T
     centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
-    return HandMesh(
-        vertices_m - centre_m, faces, rotated.joints_m - centre_m, part,
-        normals=normals, texture_m=texture_m,
-    )  # fmt: skip
+    own = vertices_m - centre_m, faces, rotated.joints_m - centre_m, part
+    return HandMesh(*own, normals=normals, texture_m=texture_m)
 
 
 def kept_from_skin(

@@ -345,7 +345,7 @@ class _File:
         return np.maximum(values / np.iinfo(dtype).max, -1.0)
 
     def _size(self, what: str, value: Any) -> int:
-        return self.entry(range(2**40), 0 if value is None else value, what)
+        return self.entry(range(2**40), value, what)
 
     def _viewed(
         self, what: str, entry: Any, dtype: np.dtype[Any], count: int, n: int
@@ -354,9 +354,11 @@ class _File:
         view = self.entry(self.document.bufferViews, entry.bufferView, f"bufferView of {what}")
         data = self.entry(self._buffers, view.buffer, f"buffer of {what}")
         size, about = n * dtype.itemsize, f"offsets and lengths of {what}"
-        stride = self._size(about, view.byteStride) or size
-        begin, length = self._size(about, view.byteOffset), self._size(about, view.byteLength)
-        first = begin + self._size(about, entry.byteOffset)
+        stride, begin, length, offset = (
+            self._size(about, value or 0)
+            for value in (view.byteStride, view.byteOffset, view.byteLength, entry.byteOffset)
+        )
+        stride, first = stride or size, begin + offset
         last = first + (count - 1) * stride + size
         have = min(begin + length, len(data))
         if not size <= stride < 256 or (count and last > have):

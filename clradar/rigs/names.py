@@ -32,8 +32,9 @@ class FoundJoints:
 
 def side_in(*names: str) -> str | None:
     """Return the side that names contain as a word, left, right, l or r; None without one."""
-    words = (word.lower() for name in names for word in _WORD.findall(name))
-    found = {_SIDES[word] for word in words if word in _SIDES}
+    words = ([word.lower() for word in _WORD.findall(name)] for name in names)
+    sides = [{_SIDES[word] for word in own if word in _SIDES} for own in words]
+    found = set().union(*(own for own in sides if len(own) == 1))  # not of names with both
     return found.pop() if len(found) == 1 else None
 
 
