@@ -31,8 +31,7 @@ DARK = 1e-12
 PLACEMENT_STD_M = 1e-3
 """How well a mesh is taken to be in its place, along x and y each."""
 
-GRID = 1001
-"""Alphas at which the likelihood is computed."""
+GRID = 1001  # alphas at which the likelihood is computed
 
 SMOOTH = 0.07
 """Alphas far below it look like 0."""
