@@ -138,15 +138,12 @@ def test_channel_data_of_a_pair_peak_at_its_range():
     assert place_mm[level_db.argmax()] == pytest.approx(500 * sum(legs_m), abs=10)
 
 
-def test_points_are_where_the_voxels_are_coloured_by_level():
+def test_points_and_voxels_are_those_within_the_range_coloured_by_level():
     cloud = drawn_of((0, 0, 1, 1.0), (2, 1, 2, 0.5), (1, 1, 1, 0.01)).cloud
     np.testing.assert_allclose(cloud.points_m, [[-0.01, 0, 0.31], [0.01, 0.01, 0.32]], atol=1e-7)
     expected = level_colours(np.array([0.0, 20 * np.log10(0.5)]), 20.0)
     np.testing.assert_array_equal(cloud.colours, expected)
     assert not np.array_equal(expected[0], expected[1])
-
-
-def test_voxels_are_those_within_the_range_the_strongest_first():
     volume = drawn_of((0, 0, 0, 1.0), (1, 0, 0, 0.5), (2, 0, 3, 0.2), (1, 1, 1, 0.05)).volume
     assert volume is not None
     at_m = [[-0.01, 0, 0.30], [0, 0, 0.30], [0.01, 0, 0.33]]
