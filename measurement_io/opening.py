@@ -110,13 +110,20 @@ def kind_of(path: Path) -> Kind:
     if form == "npy":
         return "container" if frame_reader.is_plain_array(path) else "frame"
     if form == "hdf5":
-        return "native" if native.is_native(path) else "container"
+        return "container" if native.format_of(path) is None else "native"
     if path.suffix.lower() in FORMATS:
         fail(path, "a capture", "a mesh by its name: simulate it first (clradar simulate)")
     if form is not None:
         return "container"
     size = regular_file_size(path, SUPPORTED)
     fail(path, SUPPORTED, "something else" if size else "an empty file")
+
+
+def is_volume(path: Path) -> bool:
+    """Whether a path is that of a native volume."""
+    with reading(path, SUPPORTED):
+        folder = path.is_dir()
+    return not folder and form_of(path) == "hdf5" and native.format_of(path) == "volume"
 
 
 def open(path: str | os.PathLike[str]) -> Capture | Volume | ChannelCalibration | Recording:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +96,7 @@ def save_planes(
     """Write a volume whose planes are read a few at a time; as `save_volume`."""
     texts = {}
     values = {f"{name}_m": getattr(grid, f"{name}_m") for name in ("x", "y", "z")}
-    values |= {"data": _Rows(planes, grid.shape)}
+    values |= {"data": planes}
     values |= {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
     if scale is not None:
         texts["array_name"] = plain_text("AntennaArray.name", scale.array.name)
@@ -106,17 +105,6 @@ def save_planes(
     text = json_text.to_json("Volume.meta", meta)
     views = _views(planes, grid)
     write(Path(path), "volume", text, texts, values, force=force, views=views)
-
-
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """Planes as what gives an array a few rows at a time."""
-
-    planes: Planes
-    shape: tuple[int, ...]
-
-    def __getitem__(self, rows: slice) -> np.ndarray:
-        return self.planes[rows]
 
 
 def instrument_values(array: AntennaArray, waveform: Waveform) -> dict[str, Any]:
@@ -185,10 +173,11 @@ def read_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Reco
     return found
 
 
-def is_native(path: Path) -> bool:
-    """Whether an HDF5 file is of one of our formats."""
-    found: bool = confined.run(native_contents.is_native, path)
-    return found
+def format_of(path: Path) -> str | None:
+    """Return the format of a native file; None for an HDF5 file of another program."""
+    with reading(path, EXPECTED):
+        found: str | None = confined.run(native_contents.format_of, path)
+        return found
 
 
 def _capture(path: Path, header: NativeHeader, found: native_contents.Contents) -> Capture:
@@ -206,12 +195,6 @@ def _volume(path: Path, header: NativeHeader, found: native_contents.Contents) -
     if WEIGHTS in found:
         scale = ImageScale(*instrument(found), found[WEIGHTS])
     return Volume(_read_only(found["data"]), grid, header.meta, scale)
-
-
-def read_header(path: Path) -> NativeHeader:
-    """Return the header of a native file without reading its data."""
-    with reading(path, EXPECTED):
-        return _header(confined.run(native_contents.read_header, path))
 
 
 def unchecked_datasets(path: Path) -> list[str]:

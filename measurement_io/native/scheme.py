@@ -308,14 +308,11 @@ def _write_dataset(
     shape, kind = value.shape, np.dtype(dtype)
     rows = _rows_per_chunk(shape, kind.itemsize)
     options = {"chunks": (rows, *shape[1:]), "shuffle": True, "fletcher32": True}
-    if isinstance(value, np.ndarray):
-        made = group.create_dataset(name, data=value.astype(kind, copy=False), **options)
-    else:  # a few MiB at a time, by slices of rows
-        made = group.create_dataset(name, shape, kind, **options)
-        chunk_bytes = rows * kind.itemsize * math.prod(shape[1:])
-        step = rows * max(1, _AT_ONCE_BYTES // chunk_bytes)
-        for first in range(0, shape[0], step):
-            made[first : first + step] = value[first : first + step]
+    made = group.create_dataset(name, shape, kind, **options)
+    chunk_bytes = rows * kind.itemsize * math.prod(shape[1:])
+    step = rows * max(1, _AT_ONCE_BYTES // chunk_bytes)
+    for first in range(0, shape[0], step):  # a few MiB at a time
+        made[first : first + step] = value[first : first + step]
     # Viewers write either the long name or the name and the unit.
     made.attrs["long_name"] = long_name if unit is None else f"{long_name} ({unit})"
     if unit is not None:
