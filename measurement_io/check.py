@@ -19,7 +19,7 @@ from measurement_io.maroon import folders
 from measurement_io.maroon.depth_map import read_depth_map, read_frequencies
 from measurement_io.maroon.folders import ranges
 from measurement_io.maroon.frame import first_time_stamp, read_frame_file
-from measurement_io.maroon.inspection import inspect_folders
+from measurement_io.maroon.inspection import Findings, inspect_folders
 from measurement_io.native import records as native
 from measurement_io.native.scheme import SCHEMES
 from measurement_io.opening import SUPPORTED, kind_of
@@ -89,51 +89,45 @@ def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None
     (False, 1)
     """
     source = Path(path)
-    checked: list[str] = []
-    problems: list[str] = []
+    found = Findings()
     try:
         with reading(source, SUPPORTED):
             kind = kind_of(source)
             if kind == "container":
                 raise layout_needed(source)
             if kind == "folder":
-                _check_folder(folders.find_radar_folder(source), checked, problems, progress)
+                _check_folder(folders.find_radar_folder(source), found, progress)
             elif kind == "frame":
                 read_frame_file(source)
-                checked.append("the pickle holds nothing but numbers and text")
-                checked.append("keys, shapes, frequencies and the folder's name agree; finite")
+                found.checked.append("the pickle holds nothing but numbers and text")
+                found.checked.append("keys, shapes, frequencies, the folder's name agree; finite")
             else:
-                _check_native(source, checked, problems)
+                _check_native(source, found)
     except MeasurementError as error:
-        problems.append(str(error))
-    return CheckReport(shown(source), tuple(checked), tuple(problems))
+        found.problems.append(str(error))
+    return CheckReport(shown(source), tuple(found.checked), tuple(found.problems))
 
 
-def _check_native(path: Path, checked: list[str], problems: list[str]) -> None:
+def _check_native(path: Path, found: Findings) -> None:
     header, _ = native.read_native(path)
     noun = SCHEMES[header.format].noun
-    checked.append(f"native: {noun}, version {header.version}, text attributes intact")
-    checked.append("all data read: types, shapes, stored in full, values finite")
+    found.checked.append(f"native: {noun}, version {header.version}, text attributes intact")
+    found.checked.append("all data read: types, shapes, stored in full, values finite")
     unchecked = native.unchecked_datasets(path)
-    problems += [f"{name}: carries no Fletcher-32 checksum" for name in unchecked]
+    found.problems += [f"{name}: carries no Fletcher-32 checksum" for name in unchecked]
     if not unchecked:
-        checked.append("every dataset has its Fletcher-32 checksums and they are right")
+        found.checked.append("every dataset has its Fletcher-32 checksums and they are right")
 
 
-def _check_folder(
-    radar: Path, checked: list[str], problems: list[str], progress: Progress | None
-) -> None:
-    beside = inspect_folders(radar).problems
-    problems += beside
-    if not beside:
-        checked.append("numbering, and what lies beside the frames: all of it agrees")
-    _check_frames(radar, checked, problems, progress)
-    _check_depth_maps(radar, checked, problems)
+def _check_folder(radar: Path, found: Findings, progress: Progress | None) -> None:
+    found.problems += inspect_folders(radar).problems
+    if not found.problems:
+        found.checked.append("numbering, and what lies beside the frames: all of it agrees")
+    _check_frames(radar, found, progress)
+    _check_depth_maps(radar, found)
 
 
-def _check_frames(
-    radar: Path, checked: list[str], problems: list[str], progress: Progress | None
-) -> None:
+def _check_frames(radar: Path, found: Findings, progress: Progress | None) -> None:
     """Read every frame of both variants; list the checks that pass, and the problems."""
     frames = folders.frames(radar)
     waveform: Waveform | None = None
@@ -150,12 +144,14 @@ def _check_frames(
             try:
                 capture = read_frame_file(path, companion=companion)
             except MeasurementError as error:
-                problems.append(str(error))
+                found.problems.append(str(error))
                 continue
             read += 1
             waveform = waveform or capture.waveform
             if not waveform.same_frequencies(capture.waveform):
-                problems.append(f"{clean(path.name)}: other frequencies than the frames before")
+                found.problems.append(
+                    f"{clean(path.name)}: other frequencies than the frames before"
+                )
             named = capture.meta.get("number_of_measurements") if read == 1 else named
             if not capture.data.any():
                 zero.append(number)
@@ -164,20 +160,22 @@ def _check_frames(
             del capture  # before the next one is read
         if not read:
             continue
-        checked.append(f"{read} of {len(files)} {variant} frames read, values finite")
+        found.checked.append(f"{read} of {len(files)} {variant} frames read, values finite")
         if variant == "raw" and named is not None and named != len(files):
-            problems.append(f"the frames name {named} of the recording, {len(files)} are there")
+            found.problems.append(
+                f"the frames name {named} of the recording, {len(files)} are there"
+            )
         if zero:
-            problems.append(f"{variant} frames that are zero everywhere: {ranges(zero)}")
-        _check_stamps(variant, stamps, read, checked, problems)
+            found.problems.append(f"{variant} frames that are zero everywhere: {ranges(zero)}")
+        _check_stamps(variant, stamps, read, found)
     raw, filtered = stamps_us["raw"], stamps_us["emptyfiltered"]
     if other := [n for n, stamp in filtered.items() if raw.get(n, stamp) != stamp]:
-        problems.append(
+        found.problems.append(
             f"emptyfiltered frames with another time stamp than the raw one: {ranges(other)}"
         )
 
 
-def _check_depth_maps(radar: Path, checked: list[str], problems: list[str]) -> None:
+def _check_depth_maps(radar: Path, found: Findings) -> None:
     """Read every depth map; list the checks that pass, and the problems that are new."""
     calibration = radar / folders.CALIBRATION_FILE
     try:
@@ -190,21 +188,19 @@ def _check_depth_maps(radar: Path, checked: list[str], problems: list[str]) -> N
         try:
             read_depth_map(radar, number)
         except MeasurementError as error:
-            if str(error) not in problems:
-                problems.append(str(error))
+            if str(error) not in found.problems:
+                found.problems.append(str(error))
         else:
             good += 1
     if good:
-        checked.append(f"{good} of {len(files)} cached depth read")
+        found.checked.append(f"{good} of {len(files)} cached depth read")
 
 
-def _check_stamps(
-    variant: str, stamps: dict[int, int | float], read: int, checked: list[str], problems: list[str]
-) -> None:
+def _check_stamps(variant: str, stamps: dict[int, int | float], read: int, found: Findings) -> None:
     if not any(stamps.values()):  # none, or zeros where there was no clock
         return
     if len(stamps) < read:
-        problems.append(f"{read - len(stamps)} of {read} {variant} frames have no time stamp")
+        found.problems.append(f"{read - len(stamps)} of {read} {variant} frames have no time stamp")
     if len(stamps) < 2:
         return
     numbers = np.array(sorted(stamps))
@@ -215,16 +211,16 @@ def _check_stamps(
     before = numbers[1:][steps_us <= 0].tolist()
     late = numbers[1:][per_frame_us > LONG_GAP * usual_us].tolist() if usual_us > 0 else []
     if before:
-        problems.append(
+        found.problems.append(
             f"{variant} frames whose time stamp is not after that of the frame before: "
             f"{ranges(before)}"
         )
     if late:
-        problems.append(
+        found.problems.append(
             f"{variant} frames that come late, where {usual_us / 1e3:.6g} ms are usual: "
             f"{ranges(late)}"
         )
     if not before and not late:
-        checked.append(
+        found.checked.append(
             f"time stamps of {variant} frames ascend, {usual_us / 1e3:.6g} ms apart (median)"
         )

@@ -122,7 +122,7 @@ def save_recording(
     if first is None:
         raise ModelError(f"{_NAME}: expected at least one capture, got none")
     checks.instance(f"{_NAME}: captures", first, Capture)
-    name = _radar_folder_name(first.waveform)
+    name = "_".join(map(str, ("radar", *_frequency_entries(first.waveform).values())))
 
     with new_folder(target) as temporary:
         radar = temporary / name
@@ -249,10 +249,6 @@ def _frequency_entries(waveform: Waveform) -> dict[str, float | int]:
         "frequency_high_ghz": high_ghz,
         "frequency_points": waveform.n_freq,
     }
-
-
-def _radar_folder_name(waveform: Waveform) -> str:
-    return "_".join(map(str, ("radar", *_frequency_entries(waveform).values())))
 
 
 def _frame_name(number: int, variant: str) -> str:

@@ -250,8 +250,8 @@ def hand_models() -> list[bytes]:
     return [mano_pickle(model, protocol, python_2) for protocol, python_2 in kinds]
 
 
-def meshes() -> list[bytes]:
-    """An OBJ file of two groups, with what photogrammetry programs write into it."""
+def _obj_meshes() -> list[bytes]:
+    """Two groups, with what photogrammetry programs write, and a single triangle."""
     lines = ["# metres", "mtllib mesh.mtl", "usemtl skin", "vt 0.0 0.0", "vn 0 0 1", "g a"]
     lines += [f"v {x} {y} {z}" for z in (0.0, 0.1) for y in (0.0, 0.2) for x in (0.0, 0.3)]
     lines += ["f 1/1/1 2/1/1 3/1/1", "f 2/1 4/1 3/1", "g b", "f 5//1 6//1 8//1 7//1", "f -1 -2 -3"]
@@ -260,6 +260,8 @@ def meshes() -> list[bytes]:
 
 def named_meshes(ending: str) -> list[bytes]:
     """A small mesh in the forms that a format has to hold one."""
+    if ending == "obj":
+        return _obj_meshes()
     if ending in ("glb", "gltf"):
         nodes = [{"children": [1], "scale": [1, 2, 1]}, {"mesh": 0, "rotation": [0, 0, 0, 1]}]
         document = mesh_files.tetrahedron(nodes=nodes)
