@@ -64,10 +64,8 @@ def main() -> None:
         others = [seed for seed in range(given.cases) if seed != case]
         for chosen in (rng.choice(others, given.seeds, replace=False) for _ in range(DRAWS)):
             made_of = np.tile(ALPHAS[swept], given.seeds)
-            rows = [
-                array[chosen][:, swept].reshape(len(made_of), -1)
-                for array in (statistics, displaced)
-            ]
+            n = len(made_of)
+            rows = [one[chosen][:, swept].reshape(n, -1) for one in (statistics, displaced)]
             for alpha, seen in zip(ALPHAS, measured[case], strict=True):
                 found = estimate_alpha("all", meter.names, seen, made_of, *rows, meter.n_points)
                 errors.append(found.alpha - alpha)
