@@ -193,11 +193,7 @@ def _write_ply(path: Path, depth: DepthMap) -> None:
 
 
 def _triangles(depth: DepthMap) -> np.ndarray:
-    """Return the triangles between neighbouring pixels, shape (n, 3): rows of `points_m`.
-
-    Two for each square of four pixels, with the normal towards the radar, -z; those with a pixel
-    that has no depth, or with a step of more than `STEEPEST` pixels, are left out.
-    """
+    """Return triangles towards the radar between neighbouring pixels, (n, 3) rows of `points_m`."""
     number = np.full(depth.mask.shape, -1)
     number[depth.mask] = np.arange(depth.mask.sum())
     here, right = (slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.meshes.reading import FORMATS
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from measurement_io.layouts.layout import Layout
 
 Kind = Literal["native", "frame", "folder", "container"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 SUPPORTED = (
     "a native HDF5 file, a recorded frame (.npy with a pickled dictionary of xr and fvec), "
     "a folder radar_<low GHz>_<high GHz>_<points>, the <object>/<distance> folder that holds one, "

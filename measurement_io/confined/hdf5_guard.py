@@ -40,15 +40,10 @@ def opened(path: Path, expected: str) -> Iterator[Any]:
         fail(path, expected, "an empty file")
     with reading(path, expected), h5py.File(path, "r") as file:
         forbid_opening()
-        check_sizes(path, file)
+        sizes = file.id.get_create_plist().get_sizes()
+        if tuple(sizes) != (8, 8):  # as h5py writes them
+            fail(path, "an HDF5 file with 8-byte addresses and lengths", f"{sizes}")
         yield file
-
-
-def check_sizes(path: Path, file: Any) -> None:
-    """Raise `MeasurementError` unless the file uses 8-byte addresses and lengths, as h5py does."""
-    sizes = file.id.get_create_plist().get_sizes()
-    if tuple(sizes) != (8, 8):
-        fail(path, "an HDF5 file with 8-byte addresses and lengths", f"{sizes}")
 
 
 def group(path: Path, parent: Any, name: str) -> Any:

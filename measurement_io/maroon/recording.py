@@ -98,10 +98,7 @@ class _Files:
             return None
 
     def waveform(self, variant: str, known: Capture | None = None) -> Waveform:
-        """Return the frequencies of the first frame of a variant that can be read.
-
-        `known` is a frame that was read already.
-        """
+        """Return the frequencies of the first frame of a variant that can be read."""
         failure: MeasurementError | None = None
         for number, path in sorted(self.frames[variant].items()):
             if variant in self._waveforms:

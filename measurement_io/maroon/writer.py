@@ -7,7 +7,7 @@ import math
 import os
 import pickle
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from clradar.files.confined.process import Companion
 from clradar.files.failures import regular_file_size, shown
 from clradar.files.json_text import to_json
 from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform, checks
+from clradar.model.progress import Progress
 from measurement_io.antenna_file import CHANNELS, IMAGING
 from measurement_io.maroon.folders import (
     ALIGNMENT_FILE,
@@ -51,7 +52,6 @@ _OF_THE_FORM = frozenset(
 """Keys of `Capture.meta` that the reader sets anew, or that mean something else in the form."""
 
 _NAME = "save_recording"
-Progress = Callable[[int, int], object]
 
 
 def save_recording(
@@ -77,8 +77,8 @@ def save_recording(
     path : path-like
         The `<object>/<distance>` folder. The folders above it are made where missing.
     captures : iterable of Capture
-        All of one array and waveform; they get the numbers 0, 1, 2 ... Where the iterable has no
-        length, each frame is written twice: it names how many there are.
+        All of one array and waveform; they get the numbers 0, 1, 2 ... Where neither the iterable
+        nor the time stamps have a length, each frame is written twice: it names how many there are.
     variant : {"raw", "emptyfiltered"}
         What `captures` are.
     emptyfiltered : iterable of Capture, optional
@@ -129,7 +129,8 @@ def save_recording(
         (radar / FRAMES_FOLDER).mkdir(parents=True)
         _write_antennas(radar, first.array)
         frames = _Frames(radar, first, timestamps_us, progress)
-        numbers = frames.write(chain([first], iterator), _length(captures), variant)
+        length = _length(captures if timestamps_us is None else timestamps_us)
+        numbers = frames.write(chain([first], iterator), length, variant)
         if emptyfiltered is not None:
             frames.write_beside(emptyfiltered, _length(emptyfiltered), numbers)
         entry = _grid_entry(grid)
@@ -333,10 +334,7 @@ def _is_carried(value: Any) -> bool:
 
 
 def _grid_entry(grid: VoxelGrid | None) -> dict[str, Any]:
-    """Return the entry of a frame in `calibration.json`: a grid alone, in radar space.
-
-    That of a frame without an image is where objects of the dataset are.
-    """
+    """Return the entry of a frame in `calibration.json`: a grid alone, in radar space."""
     if grid is None:
         grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
     axes = (-grid.x_m[::-1], grid.y_m, grid.z_m)

@@ -25,10 +25,7 @@ def format_of(path: Path) -> str | None:
 
 
 def read_if_native(path: Path, kind: str | None) -> Contents | None:
-    """Return the header of a native file of a format, of any without `kind`, and arrays by name.
-
-    None if the root has no format attribute of ours.
-    """
+    """Return header and arrays of a native file of a format, or any; None for another's file."""
     with hdf5_guard.opened(path, EXPECTED) as file:
         if _FORMAT not in file.attrs:
             return None

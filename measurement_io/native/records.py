@@ -27,6 +27,7 @@ from clradar.model import (
 )
 from clradar.model.volume import Planes, depth_map_of_planes
 from measurement_io.confined import reading as confined
+from measurement_io.layouts.lab_file import form_of
 from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
     EXPECTED,
@@ -35,7 +36,6 @@ from measurement_io.native.scheme import (
     WEIGHTS,
     NativeHeader,
     View,
-    check_hdf5,
     plain_text,
     write,
 )
@@ -150,10 +150,7 @@ Record = Capture | Volume | ChannelCalibration
 
 
 def read_if_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Record] | None:
-    """Return header and record of a native file of a format, of any without `kind`.
-
-    None for an HDF5 file of another program; every failure is a `MeasurementError`.
-    """
+    """Return header and record of a native file of a format, or of any; None for another's file."""
     with reading(path, EXPECTED):
         found = confined.run(native_contents.read_if_native, path, kind)
         if found is None:
@@ -166,7 +163,8 @@ def read_if_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, R
 def read_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Record]:
     """As `read_if_native`, of a file that has to be native."""
     noun = "native file" if kind is None else SCHEMES[kind].noun
-    check_hdf5(path, f"a file of {noun}")
+    if form_of(path, f"a file of {noun}") != "hdf5":
+        fail(path, f"a file of {noun} (HDF5)", "no HDF5 file")
     found = read_if_native(path, kind)
     if found is None:
         fail(path, noun, "an HDF5 file of another program, without the attribute clradar_format")

@@ -20,8 +20,6 @@ import numpy as np
 
 from clradar.errors import ModelError
 from clradar.files.atomic import refuse_existing, replacing, require_space
-from clradar.files.failures import fail, reading, regular_file_size
-from measurement_io.confined import hdf5_guard
 
 VERSION = 3
 """The newest that is read. Files are written as version 1 where that holds all there is: version 2
@@ -206,15 +204,6 @@ class NativeHeader:
     version: int
     created: str
     meta: dict[str, Any]
-
-
-def check_hdf5(path: Path, expected: str) -> None:
-    """Raise `MeasurementError` unless a path is a regular file that starts as HDF5 does."""
-    size = regular_file_size(path, expected)
-    with reading(path, expected), open(path, "rb") as raw:
-        magic = raw.read(len(hdf5_guard.HDF5_MAGIC))
-    if magic != hdf5_guard.HDF5_MAGIC:
-        fail(path, f"{expected} (HDF5)", f"{size} bytes that are no HDF5 file")
 
 
 def plain_text(field: str, value: str) -> str:
