@@ -28,7 +28,7 @@ from clradar.files.atomic import (
 from clradar.files.confined.process import Companion
 from clradar.files.failures import regular_file_size, shown
 from clradar.files.json_text import to_json
-from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform, checks
+from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
 from measurement_io.antenna_file import CHANNELS, IMAGING
 from measurement_io.maroon.folders import (
@@ -64,7 +64,6 @@ def save_recording(
     metadata: Mapping[str, Any] | None = None,
     alignment: Mapping[str, Any] | None = None,
     meshes: Iterable[str | os.PathLike[str]] = (),
-    grid: VoxelGrid | None = None,
     progress: Progress | None = None,
     force: bool = False,
 ) -> Path:
@@ -91,8 +90,6 @@ def save_recording(
         Content of `metadata.json` and `alignment.json`, in types that JSON knows.
     meshes : iterable of path-like
         Files to be copied to `photogrammetry/`.
-    grid : VoxelGrid, optional
-        What `calibration.json` names as the grid of the frames; 20 x 20 x 40 cm if not given.
     progress : callable, optional
         Called with (frames written, frames in all) after each frame; in all is 0 if not known.
     force : bool
@@ -133,8 +130,7 @@ def save_recording(
         numbers = frames.write(chain([first], iterator), length, variant)
         if emptyfiltered is not None:
             frames.write_beside(emptyfiltered, _length(emptyfiltered), numbers)
-        entry = _grid_entry(grid)
-        _write_calibration(radar / CALIBRATION_FILE, first.waveform, len(numbers), entry)
+        _write_calibration(radar / CALIBRATION_FILE, first.waveform, len(numbers))
         for beside, content in ((METADATA_FILE, metadata), (ALIGNMENT_FILE, alignment)):
             if content is not None:
                 text = json.dumps(json.loads(to_json(f"{_NAME}: {beside}", content)), indent=2)
@@ -333,18 +329,17 @@ def _is_carried(value: Any) -> bool:
     return isinstance(value, str) or (isinstance(value, int) and abs(value) < 2**64)
 
 
-def _grid_entry(grid: VoxelGrid | None) -> dict[str, Any]:
-    """Return the entry of a frame in `calibration.json`: a grid alone, in radar space."""
-    if grid is None:
-        grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
-    axes = (-grid.x_m[::-1], grid.y_m, grid.z_m)
-    ends = {"bb_min": 0, "bb_max": -1}
-    box = {name: [float(axis[i]) for axis in axes] for name, i in ends.items()}
-    return {"volume": {**box, "grid_size": list(grid.counts)}}
+_GRID = {
+    "bb_min": [-0.1, -0.1, 0.2],
+    "bb_max": [0.1, 0.1, 0.6000000000000001],
+    "grid_size": [201, 201, 201],
+}
+"""Of a frame without an image, in radar space: where objects of the dataset are."""
 
 
-def _write_calibration(path: Path, waveform: Waveform, n_frames: int, entry: Any) -> None:
-    content = {**_frequency_entries(waveform), **{f"{n:06d}": entry for n in range(n_frames)}}
+def _write_calibration(path: Path, waveform: Waveform, n_frames: int) -> None:
+    entries = {f"{n:06d}": {"volume": _GRID} for n in range(n_frames)}
+    content = {**_frequency_entries(waveform), **entries}
     write_file(path, (json.dumps(content, indent=2) + "\n").encode("ascii"), force=False)
 
 
