@@ -155,7 +155,7 @@ def _check_frames(radar: Path, found: Findings, progress: Progress | None) -> No
             named = capture.meta.get("number_of_measurements") if read == 1 else named
             if not capture.data.any():
                 zero.append(number)
-            if (stamp := first_time_stamp(capture)) is not None:
+            if (stamp := first_time_stamp(capture.meta)) is not None:
                 stamps[number] = stamp
             del capture  # before the next one is read
         if not read:
