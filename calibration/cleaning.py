@@ -43,8 +43,8 @@ def clean(
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> frame, room = (clradar.Capture(np.full((1, 1, 16), v), array, waveform) for v in (3, 1))
     >>> found = calibration.clean(frame, empty=room)
-    >>> found.data[0, 0, 0], list(found.meta)
-    (np.complex64(2+0j), ['background'])
+    >>> complex(found.data[0, 0, 0]), list(found.meta)
+    ((2+0j), ['background'])
     """
     if empty is not None:
         capture = subtract_background(capture, empty, scaling=scaling)

@@ -134,7 +134,7 @@ class Alignment:
     @property
     def rotation_vector(self) -> np.ndarray:
         """Axis times angle of the rotation, shape (3,), radians."""
-        return Rotation.from_matrix(self.transform[:3, :3]).as_rotvec()
+        return Rotation.from_matrix(self.transform[:3, :3].copy()).as_rotvec()
 
     @property
     def shift_m(self) -> np.ndarray:

@@ -27,7 +27,7 @@ def rotation_about(rotation: Rotation, from_m: np.ndarray, to_m: np.ndarray) -> 
 def orthonormal(transform: np.ndarray) -> np.ndarray:
     """A 4x4 matrix with its rotation orthonormalised against accumulated rounding."""
     clean = np.array(transform)
-    clean[:3, :3] = Rotation.from_matrix(transform[:3, :3]).as_matrix()
+    clean[:3, :3] = Rotation.from_matrix(clean[:3, :3]).as_matrix()
     return clean
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import ClassVar, TypeAlias
 
 from clradar.model import Capture, Scene
 from clradar.model.known_materials import KNOWN
@@ -20,22 +20,6 @@ KEPT_CAPTURES = 8
 """Of simulations, 9 MB each for the 94 x 94 imager."""
 
 
-class Beside(Protocol):
-    """A second capture or volume for every frame, one of `labels`, simulated or read."""
-
-    @property
-    def labels(self) -> tuple[str, ...]: ...
-
-    @property
-    def simulates(self) -> bool: ...
-
-    def key(self, wish: Wish, content: Content) -> Hashable:
-        """Return what the second one depends on; None if there is none beside this content."""
-
-    def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
-        """Return the second one."""
-
-
 @dataclass(frozen=True)
 class Others:
     """Other captures, volumes or recordings beside a source.
@@ -45,19 +29,21 @@ class Others:
 
     source: Source
     others: tuple[Source, ...]
-    simulates: bool = False
+    simulates: ClassVar[bool] = False
 
     @property
     def labels(self) -> tuple[str, ...]:
         return tuple(other.name for other in self.others)
 
     def key(self, wish: Wish, content: Content) -> Hashable:
+        """Return what the second one depends on."""
         other = self.others[wish.other]
         frames, others = self.source.frames(), other.frames()
         along = len(frames) == len(others) and wish.frame in frames
         return wish.other, others[frames.index(wish.frame) if along else 0]
 
     def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
+        """Return the second one."""
         key = self.key(wish, content)
         assert isinstance(key, tuple)
         return self.others[wish.other].read(key[1])
@@ -69,11 +55,12 @@ class Simulation:
 
     scene: Scene
     device: Device | None = None
-    labels: tuple[str, ...] = ("simulation",)
-    simulates: bool = True
+    labels: ClassVar[tuple[str, ...]] = ("simulation",)
+    simulates: ClassVar[bool] = True
     _kept: OrderedDict[Hashable, Capture] = field(default_factory=OrderedDict)
 
     def key(self, wish: Wish, content: Content) -> Hashable:
+        """Return what the simulation depends on; None if there is none beside this content."""
         if not isinstance(content, Capture):
             return None  # which radar recorded it is not known
         radar: list[Hashable] = [side.pattern for side in content.array.sides]
@@ -86,6 +73,7 @@ class Simulation:
         return surface, hash((*radar, content.waveform.frequencies_hz.tobytes()))
 
     def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
+        """Return the simulated capture."""
         assert isinstance(content, Capture)
         key = self.key(wish, content)
         if key not in self._kept:
@@ -101,3 +89,7 @@ class Simulation:
                 self._kept.popitem(last=False)
         self._kept.move_to_end(key)
         return self._kept[key]
+
+
+Beside: TypeAlias = Others | Simulation
+"""A second capture or volume for every frame, one of `labels`, read or simulated."""

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from clradar.compare import clipped_db
 from clradar.model import DepthMap, Volume, VoxelGrid
-from clradar.plot import AMPLITUDE_BACKGROUND
-from clradar.plot.panels import amplitude_scale, colours_of
+from clradar.plot import DEPTH_BACKGROUND
+from clradar.plot.panels import amplitude_scale, depth_scale, difference_scale
 from clradar.view.wish import Place
 
 MAX_VOXELS_DRAWN = 60_000
 """Voxels of one frame, strongest first: 9 bytes each go over the wire."""
 
-SECOND_WEAK, SECOND_STRONG = np.array([0, 70, 90]), np.array([150, 255, 255])
-"""Colours of the second image at the end of the dynamic range, and at its maximum."""
+SECOND_COLOURS = ("#00465a", "#96ffff")
+"""Of the second image at the end of the dynamic range, and at its maximum: no level of a first one
+has such."""
 
 REACH = 2.0
 """A click hits what is within so many voxels of its ray."""
@@ -141,8 +143,7 @@ def points_of(image: DepthMap, dynamic_range_db: float, second: bool = False) ->
     steps_m = [float(np.diff(a).min()) for a in (image.x_m, image.y_m) if len(a) > 1]
     colours = np.empty((0, 3), np.uint8)
     if image.mask.any():
-        level_db = clipped_db(image)[image.mask]
-        colours = amplitude_colours(level_db, dynamic_range_db, second)
+        colours = level_colours(clipped_db(image)[image.mask], dynamic_range_db, second)
     return Cloud(image.points_m().astype(np.float32), colours, min(steps_m, default=1e-3))
 
 
@@ -160,7 +161,8 @@ def voxels_of(
     z, y, x = np.unravel_index(seen, amplitude.shape)
     points_m = np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1).astype(np.float32)
     level_db = 20 * np.log10(amplitude.ravel()[seen] / (peak or 1.0))
-    colours = amplitude_colours(level_db, dynamic_range_db, second)
+    level_db = np.maximum(level_db, -dynamic_range_db)  # which rounding can be below
+    colours = level_colours(level_db, dynamic_range_db, second)
     return Cloud(points_m, colours, float(grid.spacing_m.max()))
 
 
@@ -183,35 +185,34 @@ def clicked_m(
 
 def amplitude_pixels(amplitude: np.ndarray, peak: float, dynamic_range_db: float) -> np.ndarray:
     """Return the colours of amplitudes relative to a peak, shape (..., 3), uint8."""
-    pixels = blank(amplitude.shape, AMPLITUDE_BACKGROUND)
-    if peak > 0.0:
-        seen = amplitude >= peak * 10 ** (-dynamic_range_db / 20)
-        level_db = 20 * np.log10(amplitude[seen] / peak)
-        pixels[seen] = amplitude_colours(level_db, dynamic_range_db)
-    return pixels
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level_db = 20 * np.log10(amplitude / peak)
+    return level_colours(level_db, dynamic_range_db)
 
 
-def amplitude_colours(
+def level_colours(
     level_db: np.ndarray, dynamic_range_db: float, second: bool = False
 ) -> np.ndarray:
-    """Return the colour of levels below the maximum, shape (n, 3), uint8."""
-    return _amplitude_colours(second)[scale_index(1 + level_db / dynamic_range_db)]
+    """Return the colours of levels below the maximum, shape (..., 3), uint8."""
+    return colours_on("second" if second else "amplitude", level_db, -dynamic_range_db, 0.0)
+
+
+def colours_on(scale: str, values: np.ndarray, first: float, last: float) -> np.ndarray:
+    """Return the colours of values on a scale with these ends, of NaN that of nothing; uint8."""
+    colours: np.ndarray = scale_of(scale)((values - first) / (last - first), bytes=True)
+    return colours[..., :3]
 
 
 @cache
-def _amplitude_colours(second: bool) -> np.ndarray:
-    """Those of a second image are from dark to light cyan, which no level of a first one has."""
-    share = np.linspace(0, 1, 256)[:, None]
-    cyan = np.round((1 - share) * SECOND_WEAK + share * SECOND_STRONG).astype(np.uint8)
-    return cyan if second else colours_of(amplitude_scale())
+def scale_of(name: str) -> Any:
+    """Return the colours of amplitudes, of those of a second image, of depths, or of differences in
+    depth.
+    """
+    from matplotlib.colors import LinearSegmentedColormap
 
-
-def blank(shape: tuple[int, ...], colour: str) -> np.ndarray:
-    """Return pixels of one colour, "#rrggbb"; shape (..., 3), uint8."""
-    rgb = np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
-    return np.broadcast_to(rgb, (*shape, 3)).copy()
-
-
-def scale_index(share: np.ndarray) -> np.ndarray:
-    """Return where on a scale of 256 colours shares of it are."""
-    return np.clip(np.round(255 * share), 0, 255).astype(np.uint8)
+    if name == "amplitude":
+        return amplitude_scale()
+    if name == "second":
+        return LinearSegmentedColormap.from_list(name, SECOND_COLOURS)
+    scale = depth_scale() if name == "depth" else difference_scale()
+    return scale.with_extremes(bad=DEPTH_BACKGROUND)

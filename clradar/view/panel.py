@@ -16,9 +16,9 @@ from clradar.view.beside import MATERIALS, Beside
 from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.playing import Player
 from clradar.view.samples import ALL, SampleFrames
-from clradar.view.session import Session, Shown
-from clradar.view.sources import Source
-from clradar.view.wish import LAYOUTS, SIDES, Wish, escaped, extents_mm, grid_mm
+from clradar.view.scene import SceneView
+from clradar.view.session import Session, Shown, View
+from clradar.view.wish import LAYOUTS, SIDES, escaped, extents_mm, grid_mm
 
 FOLLOWED_S = 1.0
 """Between two drawings of the channels of frames that are followed."""
@@ -27,23 +27,15 @@ FOLLOWED_S = 1.0
 class Panel:
     """Controls of a view."""
 
-    def __init__(
-        self,
-        server: Any,
-        source: Source,
-        wish: Wish,
-        beside: Beside | None = None,
-        mesh: Any = None,
-    ) -> None:
-        gui = server.gui
-        self.gui, self._source, self._beside, self._mesh = gui, source, beside, mesh
+    def __init__(self, server: Any, view: View, scene: SceneView) -> None:
+        gui, source, wish, beside = server.gui, view.source, view.wish, view.beside
+        self.gui, self._source, self._beside, self._scene = gui, source, beside, scene
         self._samples = source if isinstance(source, SampleFrames) else None
         self._acts: dict[int, Callable[[], None]] = {}
         self.state = gui.add_markdown("")
         self.pace = gui.add_markdown("", visible=source.grows)
         self.frame = gui.add_slider("Frame" if self._samples is None else "Sample", 0, 1, 1, 0)
         self.play = gui.add_checkbox("Play", source.grows)
-        self.rate = gui.add_slider("Most per second", 1, 30, 1, 10, visible=False)
         self.follow_frames(wish.frame)
         self.layout = gui.add_dropdown("Layout", LAYOUTS, initial_value=wish.layout)
         self.range_db = gui.add_slider(
@@ -55,11 +47,13 @@ class Panel:
             if len(beside.labels) > 1:
                 self.other = gui.add_dropdown("Beside", numbered(beside.labels))
             self.metrics = gui.add_markdown("")
-        if mesh is not None:
+        if scene.mesh is not None:
             self.mesh = gui.add_checkbox("Mesh", True)
         self._tabs = gui.add_tab_group()
         self._tabs_of_captures = False
         self._shows: list[Callable[[Shown], None]] = []
+        if view.truth is not None:
+            self._add_truth()
 
     def on(self, control: Any, act: Callable[[], None]) -> None:
         """Call `act` when a user changes a control."""
@@ -101,15 +95,11 @@ class Panel:
 
             return gone
 
-        def set_rate() -> None:
-            player.per_second = between(self.rate.value, 1.0, 30.0)
-
         self.on(self.range_db, lambda: session.change(dynamic_range_db=float(self.range_db.value)))
         self.on(self.voxels, lambda: session.change(voxels=bool(self.voxels.value)))
         self.on(self.layout, lambda: session.change(layout=one_of(self.layout.value, LAYOUTS)))
         self.on(self.frame, go(self._choose_frame))
         self.on(self.play, lambda: player.play(bool(self.play.value)))
-        self.on(self.rate, set_rate)
         self.key("L", "Layout", lambda: session.change(layout=_next(session.wish.layout, LAYOUTS)))
         self.key("V", "Points or voxels", lambda: self.toggle(self.voxels))
         if self._source.grows or len(self._source.frames()) > 1:
@@ -125,9 +115,9 @@ class Panel:
         if self._beside is not None:
             keys.append("B shows both, measured, simulated in turn")
             self._connect_beside(self._beside)
-        if self._mesh is not None:
+        if self._scene.mesh is not None:
             keys.append("M shows the mesh")
-            self.on(self.mesh, lambda: setattr(self._mesh, "visible", bool(self.mesh.value)))
+            self.on(self.mesh, lambda: setattr(self._scene.mesh, "visible", self.mesh.value))
             self.key("M", "Mesh", lambda: self.toggle(self.mesh))
         self.gui.add_markdown(f"Keys: {', '.join(keys)}.")
 
@@ -147,7 +137,7 @@ class Panel:
         if isinstance(shown.content, Capture) and not self._tabs_of_captures:
             self._tabs_of_captures = True
             with self._tabs.add_tab("Channels"):
-                self._shows.append(ChannelsTab(self, self._session, shown.content).show)
+                self._add_channels(shown.content)
             with self._tabs.add_tab("Settings"):
                 if self._beside is not None and self._beside.simulates:
                     self._add_simulation()
@@ -168,7 +158,6 @@ class Panel:
         frames, grows = self._source.frames(), self._source.grows
         assign(self.frame, "visible", len(frames) > 1)
         assign(self.play, "visible", len(frames) > 1 or grows)
-        assign(self.rate, "visible", len(frames) > 1 and not grows)
         assign(self.pace, "visible", grows)
         assign(self.frame, "max", max(1, len(frames) - 1))
         assign(self.frame, "value", max(0, bisect_right(frames, frame) - 1))
@@ -215,6 +204,20 @@ class Panel:
             assign(values, "content", typeset("\n\n".join(lines)))
 
         self.on(place, typed)
+        self._shows.append(show)
+
+    def _add_truth(self) -> None:
+        """Add what a frame was made of, and whether it is drawn."""
+        with self.gui.add_folder("Truth"):
+            drawn = self.gui.add_checkbox("Shown", True)
+            text = self.gui.add_markdown("")
+
+        def show(_: Shown) -> None:
+            truth = self._scene.truth
+            lines = ("not known of this frame",) if truth is None else truth.lines
+            assign(text, "content", "\n\n".join(map(escaped, lines)))
+
+        self.on(drawn, lambda: self._scene.show_truth(bool(drawn.value)))
         self._shows.append(show)
 
     def _add_imaging(self, grid: VoxelGrid) -> None:
@@ -272,51 +275,47 @@ class Panel:
         self.on(pose, choose)
         self.on(hand, choose)
 
-
-class ChannelsTab:
-    """Channel data of all pairs, and of a chosen one."""
-
-    def __init__(self, panel: Panel, session: Session, capture: Capture) -> None:
-        gui, array, wish = panel.gui, capture.array, session.wish
+    def _add_channels(self, capture: Capture) -> None:
+        """Add the channel data of all pairs, and of a chosen one."""
+        gui, session, array = self.gui, self._session, capture.array
         # The end of a slider has to be above its begin.
-        self._tx = gui.add_slider("Tx", 0, max(1, array.n_tx - 1), 1, wish.tx)
-        self._rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, wish.rx)
-        panel.on(self._tx, lambda: session.change(tx=int(self._tx.value)))
-        panel.on(self._rx, lambda: session.change(rx=int(self._rx.value)))
-        self._overview: Any = None
-        self._curves: dict[str, Any] = {}
-        self._gui, self._folder = gui, gui.add_folder("Pair")
-        self._shown: tuple[Any, int, int] = (None, 0, 0)
-        self._drawn_s = -math.inf
+        tx = gui.add_slider("Tx", 0, max(1, array.n_tx - 1), 1, session.wish.tx)
+        rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, session.wish.rx)
+        self.on(tx, lambda: session.change(tx=int(tx.value)))
+        self.on(rx, lambda: session.change(rx=int(rx.value)))
+        overview: Any = None
+        curves: dict[str, Any] = {}
+        last: tuple[Any, int, int] = (None, 0, 0)
+        drawn_s = -math.inf
+        folder = gui.add_folder("Pair")
 
-    def show(self, shown: Shown) -> None:
-        """Show the data of a capture, unless they are shown already."""
-        content, tx, rx = shown.content, shown.wish.tx, shown.wish.rx
-        if not isinstance(content, Capture):
-            return
-        if self._shown[0] is content and self._shown[1:] == (tx, rx):
-            return
-        if shown.wish.quick and time.monotonic() - self._drawn_s < FOLLOWED_S:
-            return
-        self._drawn_s = time.monotonic()
-        self._shown = (content, tx, rx)
-        for control, n in ((self._tx, content.array.n_tx), (self._rx, content.array.n_rx)):
-            assign(control, "max", max(1, n - 1))
-        overview = overview_picture(content, tx, rx).pixels
-        with self._folder:
-            if self._overview is None:
-                self._overview = self._gui.add_image(overview, jpeg_quality=90)
-            else:
-                self._overview.image = overview
-            for name, (x_name, x, y) in pair_curves(content, tx, rx).items():
-                if name in self._curves:
-                    self._curves[name].data = (x, y)
-                    continue
-                self._curves[name] = self._gui.add_uplot(
-                    (x, y), ({"label": x_name}, {"label": name, "stroke": "#35a0e0", "width": 1}),
-                    title=f"{name} over {x_name}", scales={"x": {"time": False}},
-                    legend={"show": True}, aspect=1.6,
-                )  # fmt: skip
+        def show(shown: Shown) -> None:
+            nonlocal overview, last, drawn_s
+            content, pair = shown.content, (shown.wish.tx, shown.wish.rx)
+            if not isinstance(content, Capture) or (last[0] is content and last[1:] == pair):
+                return
+            if shown.wish.quick and time.monotonic() - drawn_s < FOLLOWED_S:
+                return
+            drawn_s, last = time.monotonic(), (content, *pair)
+            for control, n in ((tx, content.array.n_tx), (rx, content.array.n_rx)):
+                assign(control, "max", max(1, n - 1))
+            pixels = overview_picture(content, *pair).pixels
+            with folder:
+                if overview is None:
+                    overview = gui.add_image(pixels, jpeg_quality=90)
+                else:
+                    overview.image = pixels
+                for name, (x_name, x, y) in pair_curves(content, *pair).items():
+                    if name in curves:
+                        curves[name].data = (x, y)
+                        continue
+                    line = {"label": name, "stroke": "#35a0e0", "width": 1}
+                    curves[name] = gui.add_uplot(
+                        (x, y), ({"label": x_name}, line), title=f"{name} over {x_name}",
+                        scales={"x": {"time": False}}, legend={"show": True}, aspect=1.6,
+                    )  # fmt: skip
+
+        self._shows.append(show)
 
 
 def assign(control: Any, name: str, value: Any) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,16 +15,9 @@ from clradar.errors import CompareError
 from clradar.model import Capture, DepthMap
 from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import hann, profile_transform
-from clradar.plot import DEPTH_BACKGROUND, depth_limits_mm
-from clradar.plot.panels import (
-    BELOW_MAXIMUM,
-    DEPTH_MM,
-    amplitude_scale,
-    colours_of,
-    depth_scale,
-    difference_scale,
-)
-from clradar.view.drawn import Drawn, amplitude_pixels, blank, nearest, scale_index
+from clradar.plot import depth_limits_mm
+from clradar.plot.panels import BELOW_MAXIMUM, DEPTH_MM
+from clradar.view.drawn import Drawn, amplitude_pixels, colours_on, nearest, scale_of
 from clradar.view.wish import Place
 
 SIZE_INCHES, DPI = (3.8, 3.3), 140
@@ -56,15 +49,12 @@ class Axis(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """A colour bar: its name and ends, and the scale that it has, one of `SCALES`."""
+    """A colour bar: its name and ends, and the scale that it has, as of `scale_of`."""
 
     name: str
     first: float
     last: float
     scale: str
-
-
-SCALES = {"amplitude": amplitude_scale, "depth": depth_scale, "difference": difference_scale}
 
 
 Box: TypeAlias = tuple[int, int, int, int]
@@ -120,7 +110,7 @@ def _projection(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
 
 def _depth(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
     if not image.mask.any():
-        pixels = blank(image.mask.shape, DEPTH_BACKGROUND)
+        pixels = colours_on("depth", image.depth_m, 0.0, 1.0)
         return _in_radar_view("Depth: nothing above zero", pixels, image, None, marked)
     low, high = depth_limits_mm([image])
     low = DEPTH_STEP_MM * np.floor(low / DEPTH_STEP_MM)
@@ -128,7 +118,7 @@ def _depth(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
     unit = unit_for(low / 1e3, high / 1e3)
     near, far = (unit.per_m / 1e3 * end for end in (low, high))
     bar = Bar(f"z ({unit.name})", near, far, "depth")
-    pixels = _scaled(unit.per_m * image.depth_m, bar)
+    pixels = colours_on("depth", unit.per_m * image.depth_m, near, far)
     return _in_radar_view("Depth", pixels, image, bar, marked)
 
 
@@ -136,22 +126,9 @@ def _difference(first: DepthMap, second: DepthMap) -> Picture:
     """Draw where the second image is nearer or farther than the first."""
     check_same_pixels(first, second)
     bar = Bar("simulated - measured (mm)", -DEPTH_MM, DEPTH_MM, "difference")
-    pixels = _scaled(1e3 * (second.depth_m - first.depth_m), bar)
+    difference_mm = 1e3 * (second.depth_m - first.depth_m)
+    pixels = colours_on("difference", difference_mm, -DEPTH_MM, DEPTH_MM)
     return _in_radar_view("Difference in depth", pixels, first, bar, None)
-
-
-def _scaled(values: np.ndarray, bar: Bar) -> np.ndarray:
-    """Return the colours of values on the scale of a bar; of NaN that of nothing."""
-    pixels = blank(values.shape, DEPTH_BACKGROUND)
-    known = np.isfinite(values)
-    share = (values[known] - bar.first) / (bar.last - bar.first)
-    pixels[known] = _colours(bar.scale)[scale_index(share)]
-    return pixels
-
-
-@cache
-def _colours(scale: str) -> np.ndarray:
-    return colours_of(SCALES[scale]())
 
 
 def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
@@ -282,7 +259,7 @@ def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndar
     """Return axes without an image, and where it goes: drawn once, not for every frame."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import ListedColormap, Normalize
+    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
     figure = Figure(SIZE_INCHES, DPI, facecolor=PAPER, layout="constrained")
@@ -294,8 +271,7 @@ def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndar
     )  # fmt: skip
     panels = [axes]
     if bar is not None:
-        colours = ListedColormap(_colours(bar.scale) / 255)
-        drawn = ScalarMappable(Normalize(bar.first, bar.last), colours)
+        drawn = ScalarMappable(Normalize(bar.first, bar.last), scale_of(bar.scale))
         panels.append(figure.colorbar(drawn, ax=axes, label=bar.name, shrink=0.9).ax)
         if bar.scale == "depth":
             panels[1].invert_yaxis()  # near is above

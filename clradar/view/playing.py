@@ -21,6 +21,9 @@ WINDOW = 30
 QUIET_S = 1.0
 """Without a new frame: the last one is imaged anew, as accurately as others."""
 
+PLAYED_HZ = 10.0
+"""At most, of frames that do not come by themselves."""
+
 RETRY_S = 1.0
 """After a folder could not be read."""
 
@@ -99,7 +102,6 @@ class Player:
         on_pace: Callable[[str], None],
         refuse: Callable[[str], None],
     ) -> None:
-        self.per_second = 10.0
         self.pace = Pace()
         self._session, self._source = session, source
         self._growing = source if isinstance(source, Growing) else None
@@ -222,7 +224,7 @@ class Player:
             start_s = time.monotonic()
             self._session.step(1)
             self._session.settle()
-            left_s = 1 / self.per_second - (time.monotonic() - start_s)
+            left_s = 1 / PLAYED_HZ - (time.monotonic() - start_s)
             with self._changed:
                 self._changed.wait_for(
                     lambda: self._closed.is_set() or not self._playing, timeout=max(0.0, left_s)

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from clradar.model import Scene
 from clradar.model.length_unit import unit_for
 from clradar.view.drawn import Drawn, clicked_m
 from clradar.view.pictures import SIZE_INCHES, Picture, image_pictures, slice_pictures
-from clradar.view.session import Shown
-from clradar.view.truth import UNITS_PER_M
+from clradar.view.session import Shown, View
+from clradar.view.truth import UNITS_PER_M, Truth, draw_truth
 from clradar.view.wish import LAYOUTS, Place
 
 BOX_COLOUR = (128, 128, 128)
@@ -57,16 +56,21 @@ class _PictureInScene:
 
 
 class SceneView:
-    """Draws results into the scene of a viser server."""
+    """Draws results into the scene of a viser server, with mesh and truth of a view."""
 
-    def __init__(self, server: Any) -> None:
+    def __init__(self, server: Any, view: View) -> None:
         self._server = server
+        self.mesh: Any = None
+        """Handle of viser, if there is a mesh."""
+        self.truth: Truth | None = None
+        """That of the frame which is shown, if it is known."""
+        self._truth_of, self._truth_nodes, self._truth_visible = view.truth, list[Any](), True
+        self._frame = -1
         self._ends_m: np.ndarray | None = None
         self._clouds: dict[str, tuple[Any, Drawn]] = {}
         """Handles of viser, and what they show."""
         self._pictures: dict[str, _PictureInScene] = {}
         self._marks: list[Any] = []
-        self._mesh: Any = None
         self._layout = LAYOUTS[-1]
         self._drawn_for: tuple[Any, ...] = ()
         self._view = (np.zeros(3), 1.0, 1.0, 0.0)
@@ -80,6 +84,12 @@ class SceneView:
             "/shader", points=np.zeros((2, 3), np.float32), colors=np.zeros((2, 3), np.uint8),
             position=(0.0, 0.0, -1e6),
         )  # fmt: skip
+        if view.mesh is not None:
+            self.mesh = server.scene.add_mesh_simple(
+                "/mesh", vertices=(UNITS_PER_M * view.mesh.vertices_m).astype(np.float32),
+                faces=view.mesh.faces.astype(np.uint32), color=MESH_COLOUR, opacity=0.4,
+                side="double", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
         server.on_client_connect(self._connect)
 
     def show(self, shown: Shown, *, pictures: bool = True) -> None:
@@ -100,9 +110,25 @@ class SceneView:
         self._draw_pictures(shown, layout, moved=changed or layout != self._layout)
         if changed or layout != self._layout:
             self._layout = layout
-            for mark in (*self._marks, *filter(None, (self._mesh,))):
+            for mark in (*self._marks, *filter(None, (self.mesh,))):
                 mark.visible = layout != "2-D"
             self._look(layout)
+        if shown.wish.frame != self._frame:
+            self._frame = shown.wish.frame
+            self._draw_truth()
+
+    def _draw_truth(self) -> None:
+        for node in self._truth_nodes:
+            node.remove()
+        self.truth = None if self._truth_of is None else self._truth_of(self._frame)
+        self._truth_nodes = [] if self.truth is None else draw_truth(self._server.scene, self.truth)
+        self.show_truth(self._truth_visible)
+
+    def show_truth(self, visible: bool) -> None:
+        """Show the truth of this frame and others, or hide it."""
+        self._truth_visible = visible
+        for node in self._truth_nodes:
+            node.visible = visible
 
     def _draw_cloud(self, name: str, drawn: Drawn, shape: str, visible: bool) -> None:
         last = self._clouds.get(name)
@@ -122,15 +148,6 @@ class SceneView:
             visible=visible,
         )
         self._clouds[name] = (handle, drawn)
-
-    def draw_mesh(self, scene: Scene) -> Any:
-        """Draw a mesh, half transparent, and return its handle of viser."""
-        self._mesh = self._server.scene.add_mesh_simple(
-            "/mesh", vertices=(UNITS_PER_M * scene.vertices_m).astype(np.float32),
-            faces=scene.faces.astype(np.uint32), color=MESH_COLOUR, opacity=0.4, side="double",
-            cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
-        return self._mesh
 
     def on_click(self, act: Callable[[Place], None], shown: Callable[[], Shown | None]) -> None:
         """Let a click on a picture, a point or a voxel call this with its place, metres."""

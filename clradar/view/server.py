@@ -22,8 +22,7 @@ from clradar.view.playing import Player
 from clradar.view.scene import SceneView
 from clradar.view.session import Session, Shown, View
 from clradar.view.sources import FixedFrames, Source, StreamFrames
-from clradar.view.truth import Truth, draw_truth
-from clradar.view.wish import Wish, escaped
+from clradar.view.wish import Wish
 
 INSTALL = "pip install viser"
 
@@ -85,20 +84,13 @@ class Page:
     player: Player
 
     def __init__(self, server: Any, view: View) -> None:
-        self._server, self._source, self._truth = server, view.source, view.truth
+        self._server, self._source = server, view.source
         self._shown: Shown | None = None
-        self._truth_nodes: list[Any] = []
         server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         server.gui.main_panel.dock_right()  # beside the scene, instead of upon it
         server.gui.main_panel.set_width(PANEL_PX)
-        self._scene = SceneView(server)
-        drawn_mesh = None if view.mesh is None else self._scene.draw_mesh(view.mesh)
-        self.panel = Panel(server, view.source, view.wish, view.beside, drawn_mesh)
-        if view.truth is not None:
-            with server.gui.add_folder("Truth"):
-                self._truth_drawn = server.gui.add_checkbox("Shown", True)
-                self._truth_text = server.gui.add_markdown("")
-            self.panel.on(self._truth_drawn, self._set_truth_visible)
+        self._scene = SceneView(server, view)
+        self.panel = Panel(server, view, self._scene)
 
     def connect(self, session: Session, player: Player) -> None:
         """Turn what is changed or clicked into wishes."""
@@ -113,24 +105,8 @@ class Page:
         with self._server.atomic():
             self._scene.show(shown)
             self.panel.show(shown)
-            if self._truth is not None and (
-                self._shown is None or self._shown.wish.frame != shown.wish.frame
-            ):
-                self._show_truth(self._truth(shown.wish.frame))
         self._shown = shown
         self.player.shown(shown)
-
-    def _show_truth(self, truth: Truth | None) -> None:
-        for node in self._truth_nodes:
-            node.remove()
-        self._truth_nodes = [] if truth is None else draw_truth(self._server.scene, truth)
-        lines = ("not known of this frame",) if truth is None else truth.lines
-        self._truth_text.content = "\n\n".join(map(escaped, lines))
-        self._set_truth_visible()
-
-    def _set_truth_visible(self) -> None:
-        for node in self._truth_nodes:
-            node.visible = bool(self._truth_drawn.value)
 
     def busy(self, text: str) -> None:
         """Say what is being done; while frames are followed it would come and go with each."""

@@ -65,32 +65,17 @@ def _truth_of(record: Mapping[str, Any] | None) -> Truth | None:
     """Return joints and poses of a frame."""
     if record is None:
         return None
-    hands = [one for one in record.get("hands", [record]) if isinstance(one, Mapping)]
-    joints = [_joints_m(one.get("joints_m")) for one in hands]
-    known = [one for one in joints if one is not None]
-    lines = [f"pose {one['pose']}" for one in hands if isinstance(one.get("pose"), str)]
-    bodies = record.get("bodies")
-    for name, matrix in bodies.items() if isinstance(bodies, Mapping) else ():
-        lines.append(f"{name} at {_place_text(matrix)}")
-    return Truth(None, None, np.concatenate(known) if known else None, tuple(lines))
-
-
-def _joints_m(record: Any) -> np.ndarray | None:
-    if not isinstance(record, Mapping):
-        return None
-    try:
-        places = [record.get(name) or [np.nan] * 3 for name in JOINT_NAMES]
-        return np.array(places, np.float64).reshape(len(JOINT_NAMES), 3)
-    except (TypeError, ValueError):
-        return None
-
-
-def _place_text(matrix: Any) -> str:
-    try:
-        x, y, z = 1e3 * np.array(matrix, np.float64)[:3, 3]
-    except (TypeError, ValueError, IndexError):
-        return "a place that cannot be read"
-    return f"({x:.1f}, {y:.1f}, {z:.1f}) mm"
+    with suppress(AttributeError, IndexError, TypeError, ValueError):  # not as it is written
+        hands = record.get("hands", [record])
+        joints = [one["joints_m"] for one in hands if one.get("joints_m")]
+        places = [[one.get(name) or [np.nan] * 3 for name in JOINT_NAMES] for one in joints]
+        joints_m = np.array(places, np.float64).reshape(-1, 3) if places else None
+        lines = [f"pose {one['pose']}" for one in hands if one.get("pose")]
+        for name, matrix in record.get("bodies", {}).items():
+            x, y, z = 1e3 * np.array(matrix, np.float64)[:3, 3]
+            lines.append(f"{name} at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+        return Truth(None, None, joints_m, tuple(lines))
+    return None
 
 
 def draw_truth(scene: Any, truth: Truth) -> list[Any]:

@@ -132,7 +132,6 @@ FILE_OUTPUTS = (
     "diagnose in.h5 -o {}.png --force",
     "diagnose in.h5 --json {} --force",
     "diagnose in.h5 --fix-to {} --force",
-    "dataset --replay in.h5 0 -o {} --force",
     "compare in.h5 in.json -o {}.png --force",
     "compare in.h5 in.json --json {} --force",
     "compare in.h5 in.json --report {}.html --force",

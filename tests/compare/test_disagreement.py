@@ -66,21 +66,21 @@ def test_the_brightest_object_is_missing_though_the_overlap_is_good():
     )
 
 
-def test_the_metrics_are_said_to_disagree():
-    metrics = Metrics(0.86, 0.56, 0.7, 0.46, 1e-3, 1e-3, 9e-3)
-    assert metrics.misleading
-    (remark,) = metrics.remarks
-    assert remark == (
-        "the metrics disagree: overlap 0.86, but dB correlation 0.56 and mask IoU 0.46"
-    )
-    deeper = Metrics(0.32, 0.995, 0.99, 0.91, 5e-3, 3.7e-3, 3.8e-3)
-    assert not deeper.misleading  # a low overlap misleads nobody
-    assert deeper.remarks == (
-        "the metrics disagree: overlap 0.32, but dB correlation 0.99, which does not see depth; "
-        "the depth RMSE is 5.0 mm",
-    )
-    undefined = Metrics(0.9, float("nan"), 0.7, 0.4, 1e-3, 1e-3, 1e-3)
-    assert undefined.remarks == ()
+@pytest.mark.parametrize(
+    ("values", "misleading", "remark"),
+    [
+        ((0.86, 0.56, 0.7, 0.46), True, "0.86, but dB correlation 0.56 and mask IoU 0.46"),
+        # A low overlap misleads nobody.
+        ((0.32, 0.995, 0.99, 0.91), False, "0.32, but dB correlation 0.99, which does not see "
+         "depth; the depth RMSE is 5.0 mm"),
+        ((0.9, float("nan"), 0.7, 0.4), False, None),
+    ],
+)  # fmt: skip
+def test_the_metrics_are_said_to_disagree(values, misleading, remark):
+    metrics = Metrics(*values, 5e-3, 1e-3, 9e-3)
+    assert metrics.misleading == misleading
+    expected = () if remark is None else (f"the metrics disagree: overlap {remark}",)
+    assert metrics.remarks == expected
 
 
 @pytest.mark.filterwarnings("ignore:compare. an overlap of:clradar.ClradarWarning")

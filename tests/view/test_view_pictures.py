@@ -5,25 +5,26 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from fronts import frames, volume
 
 import clradar
 from calibration import CornerReflector, response
 from clradar.errors import ModelError
-from clradar.view.drawn import Drawn, Flat, amplitude_colours, clicked_m, voxels_of
+from clradar.view.drawn import Drawn, Flat, clicked_m, level_colours, scale_of, voxels_of
 from clradar.view.pictures import (
     Picture,
-    _colours,
     image_pictures,
     overview_picture,
     pair_curves,
     slice_pictures,
 )
 from clradar.view.scene import SceneView
-from clradar.view.wish import grid_mm
+from clradar.view.session import View
+from clradar.view.wish import Wish, grid_mm
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
 
-STRONGEST = amplitude_colours(np.zeros(1), 20.0)[0]
+STRONGEST = level_colours(np.zeros(1), 20.0)[0]
 
 
 def drawn_of(*voxels: tuple[int, int, int, float], grid: clradar.VoxelGrid = GRID) -> Drawn:
@@ -97,7 +98,7 @@ def test_a_click_takes_the_point_that_its_ray_meets_first():
 def test_the_difference_is_brown_where_the_simulation_is_farther():
     first, second = (drawn_of((0, 0, z, 1.0), (1, 0, 1, 1.0)) for z in (1, 2))
     picture = image_pictures(first, second, first, None)["difference"]
-    scale = _colours("difference")
+    scale = scale_of("difference")(np.arange(256), bytes=True)[:, :3].astype(int)
     assert scale[255, 0] > scale[255, 2] + 100
     assert scale[128].min() > 250
     assert lit(picture, scale[255]) == [near(-10, 0)]
@@ -137,15 +138,12 @@ def test_channel_data_of_a_pair_peak_at_its_range():
     assert place_mm[level_db.argmax()] == pytest.approx(500 * sum(legs_m), abs=10)
 
 
-def test_points_are_where_the_voxels_are_coloured_by_level():
+def test_points_and_voxels_are_those_within_the_range_coloured_by_level():
     cloud = drawn_of((0, 0, 1, 1.0), (2, 1, 2, 0.5), (1, 1, 1, 0.01)).cloud
     np.testing.assert_allclose(cloud.points_m, [[-0.01, 0, 0.31], [0.01, 0.01, 0.32]], atol=1e-7)
-    expected = amplitude_colours(np.array([0.0, 20 * np.log10(0.5)]), 20.0)
+    expected = level_colours(np.array([0.0, 20 * np.log10(0.5)]), 20.0)
     np.testing.assert_array_equal(cloud.colours, expected)
     assert not np.array_equal(expected[0], expected[1])
-
-
-def test_voxels_are_those_within_the_range_the_strongest_first():
     volume = drawn_of((0, 0, 0, 1.0), (1, 0, 0, 0.5), (2, 0, 3, 0.2), (1, 1, 1, 0.05)).volume
     assert volume is not None
     at_m = [[-0.01, 0, 0.30], [0, 0, 0.30], [0.01, 0, 0.33]]
@@ -177,7 +175,7 @@ class Browser:
 
 
 def test_a_camera_is_aimed_anew_when_its_scene_gets_another_shape():
-    view = SceneView(MagicMock())
+    view = SceneView(MagicMock(), View(source=frames(volume()), wish=Wish()))
     view._ends_m = np.array([[-0.1, 0.1], [-0.1, 0.1], [0.26, 0.34]])
     view._view = (np.zeros(3), 4.0, 2.0, 0.0)
     browser = Browser(aspect=4 / 3)

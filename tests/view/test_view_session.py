@@ -68,7 +68,8 @@ def test_closing_ends_what_is_being_imaged():
     assert not front.shown
 
 
-def test_playing_waits_for_every_frame_and_stops():
+def test_playing_waits_for_every_frame_and_stops(monkeypatch):
+    monkeypatch.setattr("clradar.view.playing.PLAYED_HZ", 1e6)
     enough = threading.Event()
 
     class Steps:
@@ -85,7 +86,6 @@ def test_playing_waits_for_every_frame_and_stops():
     steps = Steps()
     ignore: Any = lambda _: None  # noqa: E731
     player = Player(steps, CAPTURES, ignore, ignore, ignore)  # type: ignore[arg-type]
-    player.per_second = 1e6
     player.start()
     player.play(True)
     enough.wait()
