@@ -47,7 +47,7 @@ test-lowest: $(VENV)-lowest/.installed
 
 # 100 000 mutated files for every reader: some hours.
 fuzz: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -m slow --timeout 14400 tests/fuzz
+	PYTHONPATH=tests:tests/support $(BIN)/python -m fuzz --seed 1
 
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
 memcheck: $(VENV)-memcheck/.installed

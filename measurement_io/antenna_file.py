@@ -58,10 +58,7 @@ def antenna_array(
     tx_file: str | os.PathLike[str] | None,
     recorded: Path | None = None,
 ) -> AntennaArray:
-    """Return `qar50()` with the positions of the files that are named, if any.
-
-    Without these it is the array of the file `recorded`, if there is one (`docs/arrays.md`).
-    """
+    """Return `qar50()` with the positions of the files; without these the array of `recorded`."""
     known = arrays.qar50()
     if rx_file is None and tx_file is None:
         if recorded is not None and recorded.exists():

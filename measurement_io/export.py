@@ -172,52 +172,28 @@ def _write_vti(path: Path, volume: Volume) -> None:
         file.write(_VTI_END)
 
 
-# ---- depth maps as surfaces (G. Turk, "The PLY Polygon File Format", 1994)
-
-_PLY_TYPES = {"<f8": "double", "<f4": "float", "u1": "uchar"}
-_VERTEX = (
-    *((name, "<f8") for name in "xyz"),
-    ("amplitude", "<f4"),
-    *((name, "u1") for name in ("red", "green", "blue")),
-)
-_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])
+# ---- depth maps as surfaces
 
 
 def _write_ply(path: Path, depth: DepthMap) -> None:
     """Write the pixels that have a depth as vertices, and triangles that face the radar."""
+    import trimesh
+
     points_m = depth.points_m()
     if not len(points_m):
         checks.fail("export_file: record", "a depth map with a depth, for a .ply file", "none")
     amplitude = depth.amplitude[depth.mask]
     level_db = 20 * np.log10(amplitude / amplitude.max())
     grey = np.round(255 * np.clip(1 + level_db / depth.dynamic_range_db, 0, 1)).astype(np.uint8)
-    columns = (*points_m.T, amplitude, grey, grey, grey)
-    vertices = np.empty(len(points_m), list(_VERTEX))
-    for (name, _), column in zip(_VERTEX, columns, strict=True):
-        vertices[name] = column
-    corners = _triangles(depth)
-    faces = np.empty(len(corners), _FACE)
-    faces["count"], faces["vertices"] = 3, corners
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        "comment metres: x to the right of a person who faces the radar, y up, z away from it",
-        f"element vertex {len(vertices)}",
-        *(f"property {_PLY_TYPES[code]} {name}" for name, code in _VERTEX),
-        f"element face {len(faces)}",
-        "property list uchar int vertex_indices",
-        "end_header\n",
-    ]
-    with open(path, "xb") as file:
-        file.write("\n".join(header).encode("ascii") + vertices.tobytes() + faces.tobytes())
+    mesh = trimesh.Trimesh(
+        points_m, _triangles(depth), process=False, vertex_colors=np.stack([grey] * 3, axis=1),
+        vertex_attributes={"amplitude": amplitude.astype(np.float32)},
+    )  # fmt: skip
+    path.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
 
 
 def _triangles(depth: DepthMap) -> np.ndarray:
-    """Return the triangles between neighbouring pixels, shape (n, 3): rows of `points_m`.
-
-    Two for each square of four pixels, with the normal towards the radar, -z; those with a pixel
-    that has no depth, or with a step of more than `STEEPEST` pixels, are left out.
-    """
+    """Return triangles towards the radar between neighbouring pixels, (n, 3) rows of `points_m`."""
     number = np.full(depth.mask.shape, -1)
     number[depth.mask] = np.arange(depth.mask.sum())
     here, right = (slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))

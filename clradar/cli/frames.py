@@ -189,7 +189,7 @@ class FrameSteps:
         from measurement_io.maroon.frame import first_time_stamp
 
         capture = _opened(self.source, self.how.variant, self.run_name).capture(number)
-        record = {"time_us": first_time_stamp(capture), "recorded_db": _rms_db(capture)}
+        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": _rms_db(capture)}
         room = self.how.empty
         empty = None if room is None else _opened(room, None, self.run_name).capture(0)
         capture = self.how.cleaned(capture, empty)

@@ -49,12 +49,10 @@ class ImageInput:
     def open(cls, path: Path, frames: FrameOptions | None = None) -> ImageInput:
         """Open a file or a folder; a frame can be chosen of a recording only."""
         from measurement_io import open_volume
-        from measurement_io.native.records import read_header
-        from measurement_io.opening import kind_of
+        from measurement_io.opening import is_volume
 
         frames = frames or FrameOptions()
-        native = frames == FrameOptions() and kind_of(path) == "native"
-        if native and read_header(path).format == "volume":
+        if frames == FrameOptions() and is_volume(path):
             return cls(path, open_volume(path))
         return cls(path, open_frame(path, frames))
 

@@ -21,10 +21,7 @@ from clradar.files.interrupts import postponed
 
 @contextmanager
 def replacing(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary name in the target's folder; on success sync it and rename it to `path`.
-
-    The folder has to exist. With `force` a file is replaced, a folder never.
-    """
+    """Yield a temporary name in the target's folder; on success sync it and rename it to `path`."""
     target = Path(path)
     refuse_existing(target, force=force)
     temporary = _temporary(target)
@@ -51,10 +48,7 @@ def writing(target: Path, other: type[Exception] = ValueError) -> Iterator[None]
 
 
 def _put(temporary: Path, target: Path, *, force: bool) -> None:
-    """Give the file its name; without `force` in one step that fails where the name is taken.
-
-    Somebody else may have made the target meanwhile, even after it was looked for.
-    """
+    """Give the file its name; without `force` in one step that fails where the name is taken."""
     refuse_existing(target, force=force)
     if not force:
         with suppress(OSError):  # the name is taken, or the file system has no hard links
@@ -187,10 +181,7 @@ def _sync(path: Path) -> None:
 
 @contextmanager
 def new_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`, for the caller to fill and to move from.
-
-    The folders above are made where missing; what is left of the temporary one is removed.
-    """
+    """Yield a temporary folder beside `path`, for the caller to fill and to move from."""
     target = Path(path).absolute()
     temporary = _temporary(target)
     with writing(target):

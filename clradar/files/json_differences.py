@@ -13,10 +13,7 @@ SHOWN = 60
 
 
 def differences(before: Any, now: Any, name: str = "") -> list[str]:
-    """Return as text how two values of JSON differ, one line per setting.
-
-    Short lists are shown whole, of long ones the entries that differ.
-    """
+    """Return as text how two values of JSON differ, one line per setting."""
     if before == now:
         return []
     texts = str(before), str(now)

@@ -26,8 +26,6 @@ def read_json_object(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, value: object, *, force: bool) -> None:
-    """Write strict JSON (no NaN), indented, whole or not at all.
-
-    Names of files that are no UTF-8 are written with JSON's escapes.
-    """
+    """Write strict JSON (no NaN), indented, whole or not at all."""
+    # Names of files may be no UTF-8.
     write_file(path, indented(value).encode("utf-8", "backslashreplace"), force=force)

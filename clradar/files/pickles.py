@@ -190,10 +190,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 def load(content: bytes, names: Names, kind: str, offset: int = 0) -> Any:
-    """Return the value of the one pickle that reaches from `offset` to the end.
-
-    It may use `names` (`ARRAYS` and others); `kind` is what needs no other, for messages: "frame".
-    """
+    """Return the value of the one pickle that reaches from `offset` to the end."""
     stream = io.BytesIO(content)
     stream.seek(offset)
     _check(stream, kind)

@@ -22,10 +22,7 @@ def visible(name: str) -> bool:
 
 
 class WatchedFolder:
-    """Files of a folder whose names count, looked at when asked.
-
-    It works where a system tells nothing of changes.
-    """
+    """Files of a folder whose names count, looked at when asked."""
 
     def __init__(self, folder: Path, accepts: Callable[[str], bool] = visible) -> None:
         self.folder = folder

@@ -18,8 +18,7 @@ from clradar.model import Capture, Volume
 from clradar.view.drawn import Flat
 from measurement_io import open_capture, open_volume
 from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
-from measurement_io.native.records import read_header
-from measurement_io.opening import kind_of
+from measurement_io.opening import is_volume, kind_of
 
 Content: TypeAlias = Capture | Volume | Flat
 
@@ -99,9 +98,7 @@ def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Sou
 
 def read_file(path: Path) -> Capture | Volume:
     """Read a capture, a recorded frame or a volume; errors as `measurement_io.open_capture`."""
-    if kind_of(path) == "native" and read_header(path).format == "volume":
-        return open_volume(path)
-    return open_capture(path)
+    return open_volume(path) if is_volume(path) else open_capture(path)
 
 
 class FolderFrames:

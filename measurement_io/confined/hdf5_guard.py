@@ -9,7 +9,7 @@ library itself does wrong on damaged files is why all this runs in a confined pr
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 
 from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading, regular_file_size
-from clradar.files.limits import MAX_JSON_BYTES
+from clradar.files.limits import MAX_CHUNK_BYTES, MAX_JSON_BYTES
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 SHUFFLE, FLETCHER32, DEFLATE, LZF = 2, 3, 1, 32000
@@ -27,6 +27,8 @@ SHUFFLE, FLETCHER32, DEFLATE, LZF = 2, 3, 1, 32000
 _FILTER_NAMES = {SHUFFLE: "shuffle", FLETCHER32: "Fletcher-32", DEFLATE: "gzip", LZF: "LZF"}
 CHECKING_FILTERS = (SHUFFLE, FLETCHER32)
 """Filters that neither shrink nor inflate."""
+
+_WHOLE: Mapping[int, int] = {}
 
 
 @contextmanager
@@ -38,15 +40,10 @@ def opened(path: Path, expected: str) -> Iterator[Any]:
         fail(path, expected, "an empty file")
     with reading(path, expected), h5py.File(path, "r") as file:
         forbid_opening()
-        check_sizes(path, file)
+        sizes = file.id.get_create_plist().get_sizes()
+        if tuple(sizes) != (8, 8):  # as h5py writes them
+            fail(path, "an HDF5 file with 8-byte addresses and lengths", f"{sizes}")
         yield file
-
-
-def check_sizes(path: Path, file: Any) -> None:
-    """Raise `MeasurementError` unless the file uses 8-byte addresses and lengths, as h5py does."""
-    sizes = file.id.get_create_plist().get_sizes()
-    if tuple(sizes) != (8, 8):
-        fail(path, "an HDF5 file with 8-byte addresses and lengths", f"{sizes}")
 
 
 def group(path: Path, parent: Any, name: str) -> Any:
@@ -83,7 +80,7 @@ def array(
     size = path.stat().st_size
     if nbytes > size:
         fail(path, f"{place} to fit into the file's {size} bytes", f"shape {have}: {nbytes} bytes")
-    _check_stored(path, place, found, nbytes)
+    check_stored(path, place, found)
     content = found[()].astype(dtype, copy=False)
     content.flags.writeable = False
     return content
@@ -168,18 +165,32 @@ def hard_linked(path: Path, parent: Any, name: str) -> Any:
     return parent[name]
 
 
-def _check_stored(path: Path, place: str, found: Any, nbytes: int) -> None:
+def check_stored(path: Path, place: str, found: Any, pick: Mapping[int, int] = _WHOLE) -> None:
+    """Raise unless all that will be read is in the file: HDF5 would fill in the rest.
+
+    Of the axes in `pick` one index is read.
+    """
     if found.chunks is None:
-        have = found.id.get_storage_size()
-        if have < nbytes:
-            fail(path, f"{nbytes} bytes stored for {place}", f"{have}")
+        need, have = found.size * found.dtype.itemsize, found.id.get_storage_size()
+        if have < need:
+            fail(path, f"{need} bytes stored for {place}", f"{have}")
         return
-    if any(c > n for c, n in zip(found.chunks, found.shape, strict=True)):
-        fail(path, f"{place} in chunks no larger than itself", f"chunks {found.chunks}")
-    sizes = zip(found.shape, found.chunks, strict=True)
-    need = math.prod(-(-n // c) for n, c in sizes)
-    if found.id.get_num_chunks() != need:
-        fail(path, f"{need} chunks stored for {place}", f"{found.id.get_num_chunks()}")
+    chunk_bytes = math.prod(found.chunks) * found.dtype.itemsize
+    if chunk_bytes > MAX_CHUNK_BYTES:
+        expected = f"{place} in chunks of at most {MAX_CHUNK_BYTES} bytes"
+        fail(path, expected, f"{chunk_bytes} bytes")
+    rows = {axis: index // found.chunks[axis] * found.chunks[axis] for axis, index in pick.items()}
+    per_axis = [-(-n // c) for n, c in zip(found.shape, found.chunks, strict=True)]
+    need = math.prod(1 if axis in pick else n for axis, n in enumerate(per_axis))
+    have = 0
+
+    def count(chunk: Any) -> None:
+        nonlocal have
+        have += all(chunk.chunk_offset[axis] == row for axis, row in rows.items())
+
+    found.id.chunk_iter(count)
+    if have != need:
+        fail(path, f"{need} chunks stored for {place}", f"{have}")
 
 
 def _place(parent: Any, name: str) -> str:

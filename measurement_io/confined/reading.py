@@ -34,22 +34,9 @@ def run(
 ) -> Any:
     """Call `function(path, *arguments)` in a confined process and return its result.
 
-    Parameters
-    ----------
-    function : callable
-        As of `clradar.files.confined.process.run`.
-    path : Path
-    *arguments
-        What JSON can hold.
-    most_bytes : int, optional
-        Most bytes of arrays that may come back; eight times the file's size if not given.
-    expected, library, modules : str, str, tuple of str
-        As of `clradar.files.confined.process.Reader`.
-    mapped_bytes : int
-        Of the file that are mapped into memory, which takes none.
-    copies : int
-        Of what comes back, or of the file, that may be in memory at a time.
-    companion : Companion, optional
+    At most `most_bytes` of arrays come back, eight times the file's size if not given; `copies` of
+    them, or of the file, may be in memory at a time, without the `mapped_bytes`, which take none.
+    All else is as of `clradar.files.confined.process.Reader` and `run`.
     """
     size = regular_file_size(path, expected)
     inflated = 0 if most_bytes is None else most_bytes

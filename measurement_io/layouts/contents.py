@@ -21,7 +21,6 @@ from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading
 from clradar.files.limits import (
     MAX_ARRAY_BYTES,
-    MAX_CHUNK_BYTES,
     MAX_KEYS,
     MAX_LOADED_BYTES,
     MAX_NESTING,
@@ -382,33 +381,9 @@ class _Hdf5:
         _check_size(self.path, key, shape, found.dtype.itemsize, pick)
         if self.matlab:
             pick = {found.ndim - 1 - axis: index for axis, index in pick.items()}
-        self._check_stored(key, found, pick)
+        hdf5_guard.check_stored(self.path, _place(key), found, pick)
         content = np.asarray(found[tuple(pick.get(a, slice(None)) for a in range(found.ndim))])
         return content.transpose() if self.matlab else content
-
-    def _check_stored(self, name: str, found: Any, pick: Pick) -> None:
-        """Raise unless all that will be read is in the file: HDF5 would fill in the rest."""
-        if found.chunks is None:
-            need, have = found.size * found.dtype.itemsize, found.id.get_storage_size()
-            if have < need:
-                fail(self.path, f"{need} bytes stored for {_place(name)}", f"{have}")
-            return
-        chunk_bytes = math.prod(found.chunks) * found.dtype.itemsize
-        if chunk_bytes > MAX_CHUNK_BYTES:
-            expected = f"{_place(name)} in chunks of at most {MAX_CHUNK_BYTES} bytes"
-            fail(self.path, expected, f"{chunk_bytes} bytes")
-        rows = {a: index // found.chunks[a] * found.chunks[a] for a, index in pick.items()}
-        per_axis = [-(-n // c) for n, c in zip(found.shape, found.chunks, strict=True)]
-        need = math.prod(1 if axis in pick else n for axis, n in enumerate(per_axis))
-        have = 0
-
-        def count(chunk: Any) -> None:
-            nonlocal have
-            have += all(chunk.chunk_offset[axis] == row for axis, row in rows.items())
-
-        found.id.chunk_iter(count)
-        if have != need:
-            fail(self.path, f"{need} chunks stored for {_place(name)}", f"{have}")
 
 
 def _matlab_class(found: Any) -> bytes | None:

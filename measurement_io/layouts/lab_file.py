@@ -30,10 +30,10 @@ _LIBRARIES = {
 """Form -> what reads it, and the modules that it needs."""
 
 
-def form_of(path: Path) -> str | None:
+def form_of(path: Path, expected: str = EXPECTED) -> str | None:
     """Return the form of a file by its first bytes, a key of `_LIBRARIES`; None for another one."""
-    regular_file_size(path, EXPECTED)
-    with reading(path, EXPECTED), open(path, "rb") as file:
+    regular_file_size(path, expected)
+    with reading(path, expected), open(path, "rb") as file:
         start = file.read(_HDF5_OFFSETS[-1] + len(HDF5_MAGIC))
     if any(start[at : at + len(HDF5_MAGIC)] == HDF5_MAGIC for at in _HDF5_OFFSETS):
         return "hdf5"

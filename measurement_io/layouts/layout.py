@@ -186,10 +186,7 @@ class AntennaLayout(FileRecord):
 
 
 class FrameOfReference(FileRecord):
-    """How the file's positions become those of the antenna frame: unit, origin, then mirror.
-
-    `columns` are the coordinates of the columns of a `key`, of `values` or of a `file`.
-    """
+    """How the file's positions become those of the antenna frame: unit, origin, then mirror."""
 
     unit: Annotated[str, one_of(*LENGTH_UNITS_PER_M)] | None = None
     origin: Vector = (0.0, 0.0, 0.0)

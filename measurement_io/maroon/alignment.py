@@ -88,11 +88,6 @@ class SensorAlignment:
             given[source, target] = checks.transform(f"{self.path}: {source}2{target}", matrix)
         object.__setattr__(self, "given", MappingProxyType(given))
 
-    @property
-    def sensors(self) -> tuple[str, ...]:
-        """Names of the frames of reference that the file knows, sorted."""
-        return tuple(sorted({name for pair in self.given for name in pair}))
-
     def transform(self, source: str, target: str) -> np.ndarray:
         """Return the 4 x 4 matrix from `source` to `target`, in the units of the two.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import reprlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -62,15 +63,12 @@ def is_plain_array(path: Path) -> bool:
 
 def read_time_stamp(path: Path, companion: Companion | None = None) -> int | float | None:
     """Return the time stamp of a frame, microseconds: the first of several, None if it has none."""
-    return _first(_dictionary(path, companion, "timestamp_us").get("timestamp_us"))
+    return first_time_stamp(_dictionary(path, companion, "timestamp_us"))
 
 
-def first_time_stamp(capture: Capture) -> int | float | None:
-    """Return the time stamp of a frame that was read, as `read_time_stamp`."""
-    return _first(capture.meta.get("timestamp_us"))
-
-
-def _first(stamps: Any) -> int | float | None:
+def first_time_stamp(meta: Mapping[str, Any]) -> int | float | None:
+    """Return the time stamp of a frame's `meta`, as `read_time_stamp`."""
+    stamps = meta.get("timestamp_us")
     if isinstance(stamps, list):
         stamps = stamps[0] if stamps else None
     return stamps if isinstance(stamps, int | float) else None

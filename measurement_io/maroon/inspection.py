@@ -36,9 +36,10 @@ Record = TypeVar("Record")
 
 @dataclass(slots=True)
 class Findings:
-    """What an inspection finds."""
+    """What an inspection finds, and what a check finds right."""
 
     facts: list[Fact] = field(default_factory=list)
+    checked: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
 

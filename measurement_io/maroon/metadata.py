@@ -37,20 +37,6 @@ class MaskBox(FileRecord):
     z_min_m: Number | None = None
     z_max_m: Number | None = None
 
-    def mirrored(self) -> MaskBox:
-        """Return the box under x -> -x: from radar space to the antenna frame, or back."""
-        low, high = (None if x is None else -x for x in (self.x_max_m, self.x_min_m))
-        return self.model_copy(update={"x_min_m": low, "x_max_m": high})
-
-    @property
-    def bounds_m(self) -> tuple[tuple[float | None, float | None], ...]:
-        """(minimum, maximum) along x, y and z, as the file has them."""
-        return (
-            (self.x_min_m, self.x_max_m),
-            (self.y_min_m, self.y_max_m),
-            (self.z_min_m, self.z_max_m),
-        )
-
 
 class RecordingMetadata(FileRecord):
     """The content of `metadata.json`; keys that are not listed here are in `model_extra`.
@@ -80,7 +66,11 @@ class RecordingMetadata(FileRecord):
     @property
     def mask_bb_antenna(self) -> MaskBox | None:
         """The box in the antenna frame."""
-        return None if self.mask_bb is None else self.mask_bb.mirrored()
+        box = self.mask_bb
+        if box is None:
+            return None
+        low, high = (None if x is None else -x for x in (box.x_max_m, box.x_min_m))
+        return box.model_copy(update={"x_min_m": low, "x_max_m": high})
 
     def distance_problem(self, folder_name: str) -> str | None:
         """Return how the distance contradicts a folder's name 30, 40 or 50; None if it does not."""

@@ -98,10 +98,7 @@ class _Files:
             return None
 
     def waveform(self, variant: str, known: Capture | None = None) -> Waveform:
-        """Return the frequencies of the first frame of a variant that can be read.
-
-        `known` is a frame that was read already.
-        """
+        """Return the frequencies of the first frame of a variant that can be read."""
         failure: MeasurementError | None = None
         for number, path in sorted(self.frames[variant].items()):
             if variant in self._waveforms:
@@ -276,7 +273,18 @@ class Recording(Sequence[Capture]):
         alignment = self.alignment
         if alignment is None:
             fail(self._files.distance, f"{ALIGNMENT_FILE}, to place the mesh with", "none")
-        return placed_mesh(self._files.distance, name, alignment).with_alpha(alpha)
+        meshes = mesh_files(self._files.distance)
+        if name not in meshes:
+            there = clean(", ".join(sorted(meshes))) or "no mesh"
+            fail(self._files.distance / MESH_FOLDER, f"the mesh {clean(name)}.obj", there)
+        matrix = alignment.to_antenna("photogrammetry")
+        try:
+            scene = Scene.from_mesh(meshes[name], transform=matrix)
+        except MeshError as error:
+            raise MeasurementError(str(error)) from error
+        parts = scene.part_names if len(scene.part_names) > 1 else (name,)
+        turn = -1 if np.linalg.det(matrix[:3, :3]) < 0 else 1
+        return replace(scene, faces=scene.faces[:, ::turn], part_names=parts).with_alpha(alpha)
 
     def depth_map(self, index: int) -> DepthMap:
         """Return the depth map that lies beside the frame at a position, in the antenna frame.
@@ -304,27 +312,3 @@ def mesh_files(distance: Path) -> dict[str, Path]:
         if not folder.is_dir():
             return {}
     return {p.stem: p for p in folders.entries(folder) if p.suffix == ".obj"}
-
-
-def placed_mesh(distance: Path, name: str, alignment: SensorAlignment) -> Scene:
-    """Return a mesh of an `<object>/<distance>` folder in the antenna frame.
-
-    See `Recording.scene`.
-    """
-    meshes = mesh_files(distance)
-    if name not in meshes:
-        there = clean(", ".join(sorted(meshes))) or "no mesh"
-        fail(distance / MESH_FOLDER, f"the mesh {clean(name)}.obj", there)
-    matrix = alignment.to_antenna("photogrammetry")
-    scene = _read_mesh(meshes[name], matrix)
-    if np.linalg.det(matrix[:3, :3]) < 0:
-        scene = replace(scene, faces=scene.faces[:, ::-1])
-    return scene
-
-
-def _read_mesh(path: Path, matrix: np.ndarray) -> Scene:
-    try:
-        scene = Scene.from_mesh(path, transform=matrix)
-    except MeshError as error:
-        raise MeasurementError(str(error)) from error
-    return scene if len(scene.part_names) > 1 else replace(scene, part_names=(path.stem,))

@@ -7,7 +7,7 @@ import math
 import os
 import pickle
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,8 @@ from clradar.files.atomic import (
 from clradar.files.confined.process import Companion
 from clradar.files.failures import regular_file_size, shown
 from clradar.files.json_text import to_json
-from clradar.model import AntennaArray, Capture, VoxelGrid, Waveform, checks
+from clradar.model import AntennaArray, Capture, Waveform, checks
+from clradar.model.progress import Progress
 from measurement_io.antenna_file import CHANNELS, IMAGING
 from measurement_io.maroon.folders import (
     ALIGNMENT_FILE,
@@ -51,7 +52,6 @@ _OF_THE_FORM = frozenset(
 """Keys of `Capture.meta` that the reader sets anew, or that mean something else in the form."""
 
 _NAME = "save_recording"
-Progress = Callable[[int, int], object]
 
 
 def save_recording(
@@ -64,7 +64,6 @@ def save_recording(
     metadata: Mapping[str, Any] | None = None,
     alignment: Mapping[str, Any] | None = None,
     meshes: Iterable[str | os.PathLike[str]] = (),
-    grid: VoxelGrid | None = None,
     progress: Progress | None = None,
     force: bool = False,
 ) -> Path:
@@ -77,8 +76,8 @@ def save_recording(
     path : path-like
         The `<object>/<distance>` folder. The folders above it are made where missing.
     captures : iterable of Capture
-        All of one array and waveform; they get the numbers 0, 1, 2 ... Where the iterable has no
-        length, each frame is written twice: it names how many there are.
+        All of one array and waveform; they get the numbers 0, 1, 2 ... Where neither the iterable
+        nor the time stamps have a length, each frame is written twice: it names how many there are.
     variant : {"raw", "emptyfiltered"}
         What `captures` are.
     emptyfiltered : iterable of Capture, optional
@@ -91,8 +90,6 @@ def save_recording(
         Content of `metadata.json` and `alignment.json`, in types that JSON knows.
     meshes : iterable of path-like
         Files to be copied to `photogrammetry/`.
-    grid : VoxelGrid, optional
-        What `calibration.json` names as the grid of the frames; 20 x 20 x 40 cm if not given.
     progress : callable, optional
         Called with (frames written, frames in all) after each frame; in all is 0 if not known.
     force : bool
@@ -122,18 +119,18 @@ def save_recording(
     if first is None:
         raise ModelError(f"{_NAME}: expected at least one capture, got none")
     checks.instance(f"{_NAME}: captures", first, Capture)
-    name = _radar_folder_name(first.waveform)
+    name = "_".join(map(str, ("radar", *_frequency_entries(first.waveform).values())))
 
     with new_folder(target) as temporary:
         radar = temporary / name
         (radar / FRAMES_FOLDER).mkdir(parents=True)
         _write_antennas(radar, first.array)
         frames = _Frames(radar, first, timestamps_us, progress)
-        numbers = frames.write(chain([first], iterator), _length(captures), variant)
+        length = _length(captures if timestamps_us is None else timestamps_us)
+        numbers = frames.write(chain([first], iterator), length, variant)
         if emptyfiltered is not None:
             frames.write_beside(emptyfiltered, _length(emptyfiltered), numbers)
-        entry = _grid_entry(grid)
-        _write_calibration(radar / CALIBRATION_FILE, first.waveform, len(numbers), entry)
+        _write_calibration(radar / CALIBRATION_FILE, first.waveform, len(numbers))
         for beside, content in ((METADATA_FILE, metadata), (ALIGNMENT_FILE, alignment)):
             if content is not None:
                 text = json.dumps(json.loads(to_json(f"{_NAME}: {beside}", content)), indent=2)
@@ -251,10 +248,6 @@ def _frequency_entries(waveform: Waveform) -> dict[str, float | int]:
     }
 
 
-def _radar_folder_name(waveform: Waveform) -> str:
-    return "_".join(map(str, ("radar", *_frequency_entries(waveform).values())))
-
-
 def _frame_name(number: int, variant: str) -> str:
     return f"{number:06d}.npy" if variant == "raw" else f"{number:06d}_{variant}.npy"
 
@@ -336,21 +329,17 @@ def _is_carried(value: Any) -> bool:
     return isinstance(value, str) or (isinstance(value, int) and abs(value) < 2**64)
 
 
-def _grid_entry(grid: VoxelGrid | None) -> dict[str, Any]:
-    """Return the entry of a frame in `calibration.json`: a grid alone, in radar space.
-
-    That of a frame without an image is where objects of the dataset are.
-    """
-    if grid is None:
-        grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.2, 0.6), (1e-3, 1e-3, 2e-3))
-    axes = (-grid.x_m[::-1], grid.y_m, grid.z_m)
-    ends = {"bb_min": 0, "bb_max": -1}
-    box = {name: [float(axis[i]) for axis in axes] for name, i in ends.items()}
-    return {"volume": {**box, "grid_size": list(grid.counts)}}
+_GRID = {
+    "bb_min": [-0.1, -0.1, 0.2],
+    "bb_max": [0.1, 0.1, 0.6000000000000001],
+    "grid_size": [201, 201, 201],
+}
+"""Of a frame without an image, in radar space: where objects of the dataset are."""
 
 
-def _write_calibration(path: Path, waveform: Waveform, n_frames: int, entry: Any) -> None:
-    content = {**_frequency_entries(waveform), **{f"{n:06d}": entry for n in range(n_frames)}}
+def _write_calibration(path: Path, waveform: Waveform, n_frames: int) -> None:
+    entries = {f"{n:06d}": {"volume": _GRID} for n in range(n_frames)}
+    content = {**_frequency_entries(waveform), **entries}
     write_file(path, (json.dumps(content, indent=2) + "\n").encode("ascii"), force=False)
 
 

@@ -18,17 +18,14 @@ Contents = dict[str, Any]
 _FORMAT = "clradar_format"
 
 
-def is_native(path: Path) -> bool:
-    """Whether the root of an HDF5 file has our format attribute."""
+def format_of(path: Path) -> str | None:
+    """Return our format attribute of the root of an HDF5 file, if it has one."""
     with hdf5_guard.opened(path, "a readable HDF5 file") as file:
-        return _FORMAT in file.attrs
+        return hdf5_guard.text(path, file, _FORMAT) if _FORMAT in file.attrs else None
 
 
 def read_if_native(path: Path, kind: str | None) -> Contents | None:
-    """Return the header of a native file of a format, of any without `kind`, and arrays by name.
-
-    None if the root has no format attribute of ours.
-    """
+    """Return header and arrays of a native file of a format, or any; None for another's file."""
     with hdf5_guard.opened(path, EXPECTED) as file:
         if _FORMAT not in file.attrs:
             return None
@@ -52,12 +49,6 @@ def _array(path: Path, data: Any, dataset: Dataset, lengths: dict[str, int]) -> 
         if isinstance(name, str) and lengths.setdefault(name, length) != length:
             fail(path, f"as many rows as columns in {dataset.name}", f"shape {found.shape}")
     return found
-
-
-def read_header(path: Path) -> Contents:
-    """Return the root's attributes."""
-    with hdf5_guard.opened(path, EXPECTED) as file:
-        return _header(path, file, None)[0]
 
 
 def unchecked_datasets(path: Path) -> list[str]:

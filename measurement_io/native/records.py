@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from clradar.model import (
 )
 from clradar.model.volume import Planes, depth_map_of_planes
 from measurement_io.confined import reading as confined
+from measurement_io.layouts.lab_file import form_of
 from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
     EXPECTED,
@@ -36,7 +36,6 @@ from measurement_io.native.scheme import (
     WEIGHTS,
     NativeHeader,
     View,
-    check_hdf5,
     plain_text,
     write,
 )
@@ -97,7 +96,7 @@ def save_planes(
     """Write a volume whose planes are read a few at a time; as `save_volume`."""
     texts = {}
     values = {f"{name}_m": getattr(grid, f"{name}_m") for name in ("x", "y", "z")}
-    values |= {"data": _Rows(planes, grid.shape)}
+    values |= {"data": planes}
     values |= {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
     if scale is not None:
         texts["array_name"] = plain_text("AntennaArray.name", scale.array.name)
@@ -106,17 +105,6 @@ def save_planes(
     text = json_text.to_json("Volume.meta", meta)
     views = _views(planes, grid)
     write(Path(path), "volume", text, texts, values, force=force, views=views)
-
-
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """Planes as what gives an array a few rows at a time."""
-
-    planes: Planes
-    shape: tuple[int, ...]
-
-    def __getitem__(self, rows: slice) -> np.ndarray:
-        return self.planes[rows]
 
 
 def instrument_values(array: AntennaArray, waveform: Waveform) -> dict[str, Any]:
@@ -162,10 +150,7 @@ Record = Capture | Volume | ChannelCalibration
 
 
 def read_if_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Record] | None:
-    """Return header and record of a native file of a format, of any without `kind`.
-
-    None for an HDF5 file of another program; every failure is a `MeasurementError`.
-    """
+    """Return header and record of a native file of a format, or of any; None for another's file."""
     with reading(path, EXPECTED):
         found = confined.run(native_contents.read_if_native, path, kind)
         if found is None:
@@ -178,17 +163,19 @@ def read_if_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, R
 def read_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Record]:
     """As `read_if_native`, of a file that has to be native."""
     noun = "native file" if kind is None else SCHEMES[kind].noun
-    check_hdf5(path, f"a file of {noun}")
+    if form_of(path, f"a file of {noun}") != "hdf5":
+        fail(path, f"a file of {noun} (HDF5)", "no HDF5 file")
     found = read_if_native(path, kind)
     if found is None:
         fail(path, noun, "an HDF5 file of another program, without the attribute clradar_format")
     return found
 
 
-def is_native(path: Path) -> bool:
-    """Whether an HDF5 file is of one of our formats."""
-    found: bool = confined.run(native_contents.is_native, path)
-    return found
+def format_of(path: Path) -> str | None:
+    """Return the format of a native file; None for an HDF5 file of another program."""
+    with reading(path, EXPECTED):
+        found: str | None = confined.run(native_contents.format_of, path)
+        return found
 
 
 def _capture(path: Path, header: NativeHeader, found: native_contents.Contents) -> Capture:
@@ -206,12 +193,6 @@ def _volume(path: Path, header: NativeHeader, found: native_contents.Contents) -
     if WEIGHTS in found:
         scale = ImageScale(*instrument(found), found[WEIGHTS])
     return Volume(_read_only(found["data"]), grid, header.meta, scale)
-
-
-def read_header(path: Path) -> NativeHeader:
-    """Return the header of a native file without reading its data."""
-    with reading(path, EXPECTED):
-        return _header(confined.run(native_contents.read_header, path))
 
 
 def unchecked_datasets(path: Path) -> list[str]:

@@ -20,8 +20,6 @@ import numpy as np
 
 from clradar.errors import ModelError
 from clradar.files.atomic import refuse_existing, replacing, require_space
-from clradar.files.failures import fail, reading, regular_file_size
-from measurement_io.confined import hdf5_guard
 
 VERSION = 3
 """The newest that is read. Files are written as version 1 where that holds all there is: version 2
@@ -208,15 +206,6 @@ class NativeHeader:
     meta: dict[str, Any]
 
 
-def check_hdf5(path: Path, expected: str) -> None:
-    """Raise `MeasurementError` unless a path is a regular file that starts as HDF5 does."""
-    size = regular_file_size(path, expected)
-    with reading(path, expected), open(path, "rb") as raw:
-        magic = raw.read(len(hdf5_guard.HDF5_MAGIC))
-    if magic != hdf5_guard.HDF5_MAGIC:
-        fail(path, f"{expected} (HDF5)", f"{size} bytes that are no HDF5 file")
-
-
 def plain_text(field: str, value: str) -> str:
     """Return a string that HDF5 can hold; `ModelError` for one that it cannot."""
     try:
@@ -308,14 +297,11 @@ def _write_dataset(
     shape, kind = value.shape, np.dtype(dtype)
     rows = _rows_per_chunk(shape, kind.itemsize)
     options = {"chunks": (rows, *shape[1:]), "shuffle": True, "fletcher32": True}
-    if isinstance(value, np.ndarray):
-        made = group.create_dataset(name, data=value.astype(kind, copy=False), **options)
-    else:  # a few MiB at a time, by slices of rows
-        made = group.create_dataset(name, shape, kind, **options)
-        chunk_bytes = rows * kind.itemsize * math.prod(shape[1:])
-        step = rows * max(1, _AT_ONCE_BYTES // chunk_bytes)
-        for first in range(0, shape[0], step):
-            made[first : first + step] = value[first : first + step]
+    made = group.create_dataset(name, shape, kind, **options)
+    chunk_bytes = rows * kind.itemsize * math.prod(shape[1:])
+    step = rows * max(1, _AT_ONCE_BYTES // chunk_bytes)
+    for first in range(0, shape[0], step):  # a few MiB at a time
+        made[first : first + step] = value[first : first + step]
     # Viewers write either the long name or the name and the unit.
     made.attrs["long_name"] = long_name if unit is None else f"{long_name} ({unit})"
     if unit is not None:

@@ -10,7 +10,6 @@ from typing import Any
 import h5py
 import layout_files
 import maroon_files
-import maroon_products
 import mesh_files
 import numpy as np
 import trimesh
@@ -132,30 +131,20 @@ def alignments() -> list[bytes]:
 
 
 def metadata() -> list[bytes]:
-    """metadata.json, full and with a box that lacks bounds and has two in the wrong order."""
-    full = {
-        "calibration": "c",
-        "calibration_fine": 1,
-        "distance_meters": 0.3,
-        "mask_erosion": 2,
-        "labels": ["a"],
-        "mask_bb": {"xmin": -0.1, "xmax": 0.1, "zmin": 0.5, "zmax": 0.2},
-        "empty_measurement": "empty",
-    }
-    return [json.dumps(tree).encode() for tree in (full, {"mask_bb": {"ymin": 0}}, {})]
+    """metadata.json, as saved and with a box that lacks bounds and has two in the wrong order."""
+    box = {"xmin": -0.1, "xmax": 0.1, "zmin": 0.5, "zmax": 0.2}
+    tree = {"mask_bb": box, "empty_measurement": "empty", "mask_erosion": 2}
+    return [*frozen("recording/30/metadata.json"), json.dumps(tree).encode(), b"{}"]
 
 
 RADAR = "radar_72.0_82.0_2"
+_IMAGES = ("depth/000000.png", "maxproj/000000.png")
 
 
 def products() -> dict[str, bytes]:
     """The files of one small recorded image, in its radar folder."""
-    with TemporaryDirectory() as name:
-        radar = maroon_files.write_recording(Path(name), n_frames=1, n_freq=2)
-        image = maroon_products.scene([(0.02, 0, 0.3, 900)], (4, 3, 5))
-        maroon_products.write_products(radar, 0, image)
-        wanted = ("calibration.json", "depth/000000.png", "maxproj/000000.png")
-        return {f"{RADAR}/{path}": (radar / path).read_bytes() for path in wanted}
+    names = [f"{RADAR}/{name}" for name in ("calibration.json", *_IMAGES)]
+    return dict(zip(names, frozen(*(f"recording/30/{name}" for name in names)), strict=True))
 
 
 LAYOUT = b"""
@@ -250,8 +239,8 @@ def hand_models() -> list[bytes]:
     return [mano_pickle(model, protocol, python_2) for protocol, python_2 in kinds]
 
 
-def meshes() -> list[bytes]:
-    """An OBJ file of two groups, with what photogrammetry programs write into it."""
+def _obj_meshes() -> list[bytes]:
+    """Two groups, with what photogrammetry programs write, and a single triangle."""
     lines = ["# metres", "mtllib mesh.mtl", "usemtl skin", "vt 0.0 0.0", "vn 0 0 1", "g a"]
     lines += [f"v {x} {y} {z}" for z in (0.0, 0.1) for y in (0.0, 0.2) for x in (0.0, 0.3)]
     lines += ["f 1/1/1 2/1/1 3/1/1", "f 2/1 4/1 3/1", "g b", "f 5//1 6//1 8//1 7//1", "f -1 -2 -3"]
@@ -260,6 +249,8 @@ def meshes() -> list[bytes]:
 
 def named_meshes(ending: str) -> list[bytes]:
     """A small mesh in the forms that a format has to hold one."""
+    if ending == "obj":
+        return _obj_meshes()
     if ending in ("glb", "gltf"):
         nodes = [{"children": [1], "scale": [1, 2, 1]}, {"mesh": 0, "rotation": [0, 0, 0, 1]}]
         document = mesh_files.tetrahedron(nodes=nodes)

@@ -36,7 +36,6 @@ from measurement_io import (
     read_metadata,
 )
 from measurement_io.antenna_file import read_antenna_file
-from measurement_io.maroon.recording import placed_mesh
 
 Mutator = Callable[[bytes, random.Random], bytes]
 Seeds = Callable[[], list[bytes]]
@@ -148,10 +147,6 @@ def _mesh(ending: str, form: Format) -> Target:
     return Target(f"mesh.{ending}", files, Scene.from_mesh, Scene, form, **few)
 
 
-def _placed(path: Path) -> object:
-    return placed_mesh(path.parents[1], "mesh", read_alignment(path.parents[1] / "alignment.json"))
-
-
 def _rig(name: str, rig_seeds: Seeds, form: Format) -> Target:
     read = partial(read_rig, handedness="right", unit="m")
     return Target(name, rig_seeds, read, Rig, form, error=RigError, short_run=30)
@@ -194,10 +189,8 @@ TARGETS = {
         lambda path: read_depth_map(path.parents[1], 0), DepthMap, _PNG, seeds.products,
     ),
     "antennas": Target("Rx.dat", seeds.antenna_files, read_antenna_file, np.ndarray, _text()),
-    "mesh_obj": Target(
-        "photogrammetry/mesh.obj", seeds.meshes, _placed, Scene,
-        _text(b"f 1 2 3\n", b"f 99999999999 1 2\n", b"v 0 0 0\n", b"mtllib "),
-        lambda: {"alignment.json": seeds.alignments()[0]}, short_run=30,
+    "mesh_obj": _mesh(
+        "obj", _text(b"f 1 2 3\n", b"f 99999999999 1 2\n", b"v 0 0 0\n", b"mtllib ")
     ),
     "mesh_glb": _mesh("glb", _GLB),
     "mesh_gltf": _mesh("gltf", _GLTF),

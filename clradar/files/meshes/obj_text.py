@@ -50,10 +50,7 @@ def _fail_face(path: Path, line: str) -> NoReturn:
 
 
 def _counted_from_the_first(path: Path, text: str) -> str:
-    """Return the text with corners that are counted back from their line replaced.
-
-    trimesh counts them back from the end of the file.
-    """
+    """Replace corners that are counted back from their line: trimesh does from the file's end."""
     lines = text.split("\n")
     counts = {"v": 0, "vt": 0, "vn": 0}
     for at, line in enumerate(lines):

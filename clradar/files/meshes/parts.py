@@ -12,9 +12,6 @@ from clradar.errors import MeshError
 from clradar.files.failures import clean, fail
 from clradar.files.limits import MAX_MESH_FACES, MAX_MESH_PARTS, MAX_MESH_VERTICES
 
-_IDENTITY_TOLERANCE = 1e-8
-"""As in trimesh: transforms so close to the identity leave the vertices as they are."""
-
 
 @dataclass(frozen=True, slots=True)
 class Piece:
@@ -91,8 +88,7 @@ def placed(label: str, vertices: np.ndarray, matrix: Any) -> np.ndarray:
         fail(label, "a mesh whose transforms are 4 x 4 numbers", got, error=MeshError)
     if not np.isfinite(given).all():
         fail(label, "a mesh with finite transforms", "NaN or infinite ones", error=MeshError)
-    if np.abs(given - np.eye(4)).max() < _IDENTITY_TOLERANCE:
-        return vertices
-    stack = np.column_stack((vertices, np.ones(len(vertices))))
-    moved: np.ndarray = np.dot(given, stack.T).T[:, :3]
+    import trimesh
+
+    moved: np.ndarray = trimesh.transform_points(vertices, given)
     return moved

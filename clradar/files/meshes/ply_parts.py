@@ -36,10 +36,7 @@ def ply_of_parts(
     names: Sequence[str],
     texture_m: np.ndarray | None = None,
 ) -> bytes:
-    """The content of a PLY file with vertices and faces in this order, coordinates in float32.
-
-    `part` has the index into `names` of each face.
-    """
+    """The content of a PLY file with vertices and faces in this order, coordinates in float32."""
     import trimesh
 
     mesh = trimesh.Trimesh(vertices_m, faces, process=False)
@@ -74,11 +71,7 @@ def _property(scene: Any, element: str, name: str) -> np.ndarray:
 
 
 def with_parts(parts: Parts, scene: Any, content: bytes) -> Parts:
-    """The parts of a PLY file's mesh as trimesh has read it in one part.
-
-    They are those of a property "part" of whole numbers of its faces; one without a name in the
-    file's content is named by its number.
-    """
+    """The parts of a PLY file's mesh as trimesh has read it in one part."""
     numbers = _property(scene, "face", PROPERTY)
     # Polygons that were cut into triangles have fewer numbers than there are faces.
     if numbers.dtype.kind not in "iu" or len(numbers) != len(parts.faces):

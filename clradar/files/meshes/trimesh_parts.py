@@ -20,11 +20,7 @@ from clradar.files.meshes.ply_parts import with_parts, with_texture
 
 
 def parts_of(label: str, mesh: Any, *, limited: bool = False, backwards: bool = False) -> Parts:
-    """Return the parts of a `trimesh.Trimesh` or `trimesh.Scene`; `limited`: the limits of files
-    hold.
-
-    `backwards`: the last part comes first, as trimesh reads the groups of an OBJ file.
-    """
+    """Return the parts of a `trimesh` mesh or scene, `limited` as files, `backwards` as OBJ."""
     import trimesh
 
     if isinstance(mesh, trimesh.Trimesh):
