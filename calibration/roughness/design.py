@@ -19,8 +19,7 @@ WHOLE = "all"
 Table = tuple[tuple[str, ...], list[list[Any]]]
 """Names of columns, and rows."""
 
-LIMITS = ("median", "low", "high", "low95", "high95")
-"""Of an `Interval`, in tables."""
+LIMITS = ("median", "low", "high", "low95", "high95")  # of an `Interval`, in tables
 
 Store = MutableMapping[str, dict[str, np.ndarray]]
 """Finished images: name -> arrays. A dict, or a mapping that keeps files."""
@@ -42,7 +41,8 @@ class Estimates:
         """The estimates and their caveats as text."""
         lines = []
         for one in self.estimates:
-            lines.append(f"{self.wanted} of {one.name}: {one.text()}")
+            of = f" of {one.name}" * (one.name != WHOLE)
+            lines.append(f"{self.wanted}{of}: {one.text()}")
             lines += [f"  {remark}" for remark in one.remarks()]
         return "\n".join(lines)
 

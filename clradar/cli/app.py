@@ -98,7 +98,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if "_CLRADAR_COMPLETE" in shell:  # of what is typed there
         typed = shell.get("_TYPER_COMPLETE_ARGS") or shell.get("COMP_WORDS", "")
         asked = typed.split()[1:]
-    command = typer.main.get_command(_app(_requested(asked), debug))
+    # The first argument that is no option: those before it have no values.
+    requested = next((a for a in asked if not a.startswith("-")), None)
+    command = typer.main.get_command(_app(requested, debug))
     with handled_warnings(print_warning), printed_log(debug):
         try:
             status = command.main(args=given, prog_name="clradar", standalone_mode=False)
@@ -127,11 +129,6 @@ def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:
     end = given.index("--") if "--" in given else len(given)
     kept = [a for a in given[:end] if a != "--debug"]
     return kept + given[end:], len(kept) < end
-
-
-def _requested(arguments: Sequence[str]) -> str | None:
-    """The subcommand: the first argument that is no option; the options have no values."""
-    return next((a for a in arguments if not a.startswith("-")), None)
 
 
 def _app(requested: str | None, debug: bool) -> typer.Typer:

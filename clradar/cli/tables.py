@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import clradar as cl
 from clradar.cli.console import counted, print_line, print_table, print_text, print_warning
+from clradar.compare import METRIC_TABLE
 from clradar.errors import ClradarError
 
 if TYPE_CHECKING:
     from calibration import Diagnosis, HandFit, Hypothesis
+    from calibration.roughness.design import Estimates
     from clradar.arrays import ArrayFigures
     from clradar.dataset.check import Replay
 
@@ -90,6 +93,21 @@ def print_channels(channels: cl.ChannelCalibration) -> None:
         std = scale * channels.target_std[name]
         parts.append(f"{what} {scale * value:.3f} ± {std:.3f} {shown}")
     print_line(f"{channels.target}: {', '.join(parts)}")
+
+
+def print_sweep(result: Estimates) -> None:
+    """Print the metrics of each alpha, if that is swept, as means over the seeds; the estimates."""
+    from calibration import Sweep
+
+    if isinstance(result, Sweep):
+        means = {one.field: result.of(one.field).mean(axis=0) for one in METRIC_TABLE}
+        rows = []
+        for i, alpha in enumerate(result.alphas):
+            at: Any = SimpleNamespace(**{name: values[i] for name, values in means.items()})
+            nearest = "nearest" if i == result.nearest else ""
+            rows.append([f"{alpha:g}", *(one.text(at) for one in METRIC_TABLE), nearest])
+        print_table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
+    print_text(result.report())
 
 
 SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clradar.errors import CompareError
-from clradar.model import DepthMap, Volume
+from clradar.model import DepthMap, Volume, checks
 
 SAME_PIXEL_TOLERANCE_M = 1e-7
 """Pixel centres closer than this are the same, as in `VoxelGrid.same_voxels`."""
@@ -44,6 +44,20 @@ def clipped_db(image: DepthMap) -> np.ndarray:
     # Clipped before the logarithm, which has no value at 0, and after it, because of its rounding.
     level_db = 20.0 * np.log10(np.maximum(amplitude / amplitude.max(), floor))
     return np.clip(level_db, -image.dynamic_range_db, 0.0)
+
+
+def cut_pair(
+    name: str,
+    measured: Volume | DepthMap,
+    simulated: Volume | DepthMap,
+    dynamic_range_db: float,
+) -> tuple[DepthMap, DepthMap]:
+    """Return the depth maps of two images on the same pixels; errors of the range have `name`."""
+    dynamic_range_db = checks.dynamic_range(f"{name}: dynamic_range_db", dynamic_range_db)
+    first = depth_map_of(measured, dynamic_range_db, "measured image")
+    second = depth_map_of(simulated, dynamic_range_db, "simulated image")
+    check_same_pixels(first, second)
+    return first, second
 
 
 def check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:

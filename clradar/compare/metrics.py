@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from clradar.compare.images import check_same_pixels, clipped_db, depth_map_of
+from clradar.compare.images import clipped_db, cut_pair
 from clradar.compare.unmatched import UnmatchedObject, disagreement_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
-from clradar.model import DepthMap, Volume, checks
+from clradar.model import DepthMap, Volume
 from clradar.model.record import Record
 from clradar.overlap import overlap
 
@@ -280,10 +280,7 @@ def metrics_of(
     measured: Volume | DepthMap, simulated: Volume | DepthMap, dynamic_range_db: float
 ) -> Metrics:
     """Return what `compare` returns, without its warning: of simulations that are to differ."""
-    dynamic_range_db = checks.dynamic_range("compare: dynamic_range_db", dynamic_range_db)
-    first = depth_map_of(measured, dynamic_range_db, "measured image")
-    second = depth_map_of(simulated, dynamic_range_db, "simulated image")
-    check_same_pixels(first, second)
+    first, second = cut_pair("compare", measured, simulated, dynamic_range_db)
     values = {one.field: one.value(first, second) for one in METRIC_TABLE}
     unmatched = disagreement_of(first, second)
     return Metrics(

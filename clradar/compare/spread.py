@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -134,16 +134,15 @@ def spread(
     seed_images = _SeedImages(scene, array, waveform, grid, base, faults, imaging)
     devices = open_devices(device)
     devices.check_alike("a spread")
-    total = _Accumulated(grid, dynamic_range_db)
-    for _, volume in devices.made(seed_images, range(count), progress):
-        total.add(volume)
     estimator = str(base.for_scene(scene, array, waveform).resolved().estimator)
     rough = any(m.roughness_rms_m > 0 or m.micro_roughness_rms_m > 0 for m in scene.materials)
     causes = [VARIES[estimator]] if estimator != "physical" or rough else []
     if faults is not None:
         causes.append("noise")
     varies = " and ".join(causes) or "nothing"
-    return total.result(tuple(range(base.seed, base.seed + count)), varies)
+    volumes = (volume for _, volume in devices.made(seed_images, range(count), progress))
+    used = tuple(range(base.seed, base.seed + count))
+    return _accumulated(volumes, grid, dynamic_range_db, used, varies)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,51 +193,44 @@ class _Running:
             return np.where(self.count > 1, np.sqrt(self.squares / (self.count - 1.0)), np.nan)
 
 
-class _Accumulated:
-    """What is kept of the images so far: nothing of it grows with their number."""
-
-    def __init__(self, grid: VoxelGrid, dynamic_range_db: float) -> None:
-        self._dynamic_range_db = dynamic_range_db
-        self._first: Volume | None = None
-        self._mean = np.zeros(grid.shape, np.complex128)
-        self._varying = self._power = 0.0
-        self._amplitude, self._depth = _Running(grid.shape[1:]), _Running(grid.shape[1:])
-        self._n = 0
-
-    def add(self, volume: Volume) -> None:
-        if self._first is None:
-            self._first = volume
-        self._n += 1
+def _accumulated(
+    volumes: Iterable[Volume],
+    grid: VoxelGrid,
+    dynamic_range_db: float,
+    seeds: tuple[int, ...],
+    varies: str,
+) -> Spread:
+    """Return the spread of images that come one at a time, of which no more is kept."""
+    mean = np.zeros(grid.shape, np.complex128)
+    amplitude, depth = _Running(grid.shape[1:]), _Running(grid.shape[1:])
+    varying = power = 0.0
+    first: Volume | None = None
+    for n, volume in enumerate(volumes, 1):
+        first = volume if first is None else first
         # Slice by slice: no temporary of the volume's size in double precision.
-        for single, mean in zip(volume.data, self._mean, strict=True):
+        for single, its_mean in zip(volume.data, mean, strict=True):
             data = single.astype(np.complex128)
-            away = data - mean
-            mean += away / self._n
-            self._varying += float(np.vdot(away, data - mean).real)
-            self._power += float(np.vdot(data, data).real)
-        amplitude = volume.max_projection()
-        self._amplitude.add(amplitude.astype(np.float64), np.ones(amplitude.shape, bool))
-        if amplitude.any():
-            depth = volume.depth_map(self._dynamic_range_db)
-            self._depth.add(np.nan_to_num(depth.depth_m), depth.mask)
-
-    def result(self, seeds: tuple[int, ...], varies: str) -> Spread:
-        assert self._first is not None
-        share = 0.0
-        if self._power > 0.0:
-            share = self._varying / (self._n - 1) / (self._power / self._n)
-        meta = {**self._first.meta, "spread": {"seeds": list(seeds), "varies": varies}}
-        mean = self._mean.astype(np.complex64)
-        depth = self._depth
-        return Spread(
-            mean=Volume(mean, self._first.grid, meta, self._first.scale),
-            amplitude=self._amplitude.mean,
-            amplitude_sd=self._amplitude.deviation(),
-            depth_m=np.where(depth.count > 0, depth.mean, np.nan),
-            depth_sd_m=depth.deviation(),
-            depth_count=depth.count,
-            seeds=seeds,
-            varying_share=min(1.0, max(0.0, share)),
-            varies=varies,
-            dynamic_range_db=self._dynamic_range_db,
-        )
+            away = data - its_mean
+            its_mean += away / n
+            varying += float(np.vdot(away, data - its_mean).real)
+            power += float(np.vdot(data, data).real)
+        projection = volume.max_projection()
+        amplitude.add(projection.astype(np.float64), np.ones(projection.shape, bool))
+        if projection.any():
+            depth_map = volume.depth_map(dynamic_range_db)
+            depth.add(np.nan_to_num(depth_map.depth_m), depth_map.mask)
+    assert first is not None
+    share = varying / (len(seeds) - 1) / (power / len(seeds)) if power > 0.0 else 0.0
+    meta = {**first.meta, "spread": {"seeds": list(seeds), "varies": varies}}
+    return Spread(
+        mean=Volume(mean.astype(np.complex64), first.grid, meta, first.scale),
+        amplitude=amplitude.mean,
+        amplitude_sd=amplitude.deviation(),
+        depth_m=np.where(depth.count > 0, depth.mean, np.nan),
+        depth_sd_m=depth.deviation(),
+        depth_count=depth.count,
+        seeds=seeds,
+        varying_share=min(1.0, max(0.0, share)),
+        varies=varies,
+        dynamic_range_db=dynamic_range_db,
+    )

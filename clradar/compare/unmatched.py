@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from clradar.compare.images import check_same_pixels, depth_map_of
+from clradar.compare.images import cut_pair
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.model import DepthMap, Volume, checks
+from clradar.model import DepthMap, Volume
 
 NEAR_M = 6e-3
 """Distance across boresight within which an object of the other image is the same one, metres.
@@ -104,11 +104,7 @@ def disagreement(
     across boresight and 10 mm along it, with 1 % of its image's energy at least: a displacement of
     a few millimetres, another seed or another alpha leave none.
     """
-    dynamic_range_db = checks.dynamic_range("disagreement: dynamic_range_db", dynamic_range_db)
-    first = depth_map_of(measured, dynamic_range_db, "measured image")
-    second = depth_map_of(simulated, dynamic_range_db, "simulated image")
-    check_same_pixels(first, second)
-    return disagreement_of(first, second)
+    return disagreement_of(*cut_pair("disagreement", measured, simulated, dynamic_range_db))
 
 
 def disagreement_of(measured: DepthMap, simulated: DepthMap) -> Disagreement:

@@ -112,13 +112,12 @@ class _Part:
 
     def coarser(self, factor: int) -> _Part:
         """The maxima of blocks of `factor` voxels along each axis that has as many."""
-        factors = [min(factor, n) for n in self.codes.shape]
-        spare = [(0, -n % f) for n, f in zip(self.codes.shape, factors, strict=True)]
-        padded = np.pad(self.codes, spare)
-        shape = [m for n, f in zip(padded.shape, factors, strict=True) for m in (n // f, f)]
+        from skimage.measure import block_reduce
+
+        factors = tuple(min(factor, n) for n in self.codes.shape)
         by_axis = np.array(factors[::-1])
         return _Part(
-            padded.reshape(shape).max(axis=(1, 3, 5)),
+            block_reduce(self.codes, factors, np.max),
             self.origin_mm + (by_axis - 1) / 2 * self.step_mm,
             by_axis * self.step_mm,
         )

@@ -7,7 +7,7 @@ import secrets
 import socket
 from collections.abc import Coroutine, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -145,17 +145,9 @@ class Gate:
             await writer.drain()
             return
         # viser ends a connection after each answer but that of a websocket: one head is all.
-        inner = socket.socket()
-        inner.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        inner.setblocking(False)
-        with ExitStack() as on_failure:
-            on_failure.callback(inner.close)
-            await self._loop.sock_connect(inner, self._target)
-            from_viser, to_viser = await asyncio.open_connection(sock=inner, limit=BUFFER_BYTES)
-            on_failure.pop_all()
-        outer = writer.get_extra_info("socket")
-        outer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-        for one in (writer, to_viser):
+        from_viser, to_viser = await asyncio.open_connection(*self._target, limit=BUFFER_BYTES)
+        for one, buffer in ((to_viser, socket.SO_RCVBUF), (writer, socket.SO_SNDBUF)):
+            one.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, buffer, BUFFER_BYTES)
             one.transport.set_write_buffer_limits(BUFFER_BYTES)
         to_viser.write(head)
         ways = ((reader, to_viser), (from_viser, writer))

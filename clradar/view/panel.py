@@ -1,4 +1,4 @@
-"""The panel in the browser: controls that become wishes, tabs, and lines of state."""
+"""The page in the browser: its scene, controls that become wishes, tabs, and lines of state."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
+from clradar.compare import METRIC_TABLE
 from clradar.model import Capture, VoxelGrid
 from clradar.model.length_unit import unit_for
 from clradar.plot.layout import typeset
@@ -20,16 +21,23 @@ from clradar.view.scene import SceneView
 from clradar.view.session import Session, Shown, View
 from clradar.view.wish import LAYOUTS, SIDES, escaped, extents_mm, grid_mm
 
+PANEL_PX = 350.0
+
 FOLLOWED_S = 1.0
 """Between two drawings of the channels of frames that are followed."""
 
 
 class Panel:
-    """Controls of a view."""
+    """Controls of a view beside its scene; shows the results of a session."""
 
-    def __init__(self, server: Any, view: View, scene: SceneView) -> None:
+    def __init__(self, server: Any, view: View) -> None:
         gui, source, wish, beside = server.gui, view.source, view.wish, view.beside
-        self.gui, self._source, self._beside, self._scene = gui, source, beside, scene
+        gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
+        gui.main_panel.dock_right()  # beside the scene, instead of upon it
+        gui.main_panel.set_width(PANEL_PX)
+        self._scene = scene = SceneView(server, view)
+        self._server, self.gui, self._source, self._beside = server, gui, source, beside
+        self._shown: Shown | None = None
         self._samples = source if isinstance(source, SampleFrames) else None
         self._acts: dict[int, Callable[[], None]] = {}
         self.state = gui.add_markdown("")
@@ -43,7 +51,7 @@ class Panel:
         )
         self.voxels = gui.add_checkbox("Voxels", wish.voxels)
         if beside is not None:
-            self.side = gui.add_dropdown("Show", tuple(SIDES))
+            self.side = gui.add_dropdown("Show", SIDES)
             if len(beside.labels) > 1:
                 self.other = gui.add_dropdown("Beside", numbered(beside.labels))
             self.metrics = gui.add_markdown("")
@@ -85,7 +93,10 @@ class Panel:
 
     def connect(self, session: Session, player: Player) -> None:
         """Turn changes of the controls into wishes."""
-        self._session = session
+        self._session, self._player = session, player
+        self._scene.on_click(
+            lambda at_m: self.attempt(lambda: session.change(at_m=at_m)), lambda: self._shown
+        )
         keys = ["L changes the layout", "V shows voxels"]
 
         def go(act: Callable[[], None]) -> Callable[[], None]:
@@ -122,18 +133,24 @@ class Panel:
         self.gui.add_markdown(f"Keys: {', '.join(keys)}.")
 
     def _connect_beside(self, beside: Beside) -> None:
-        session, sides = self._session, tuple(SIDES.values())
-        self.on(self.side, lambda: session.change(side=SIDES[self.side.value]))
+        session = self._session
+        self.on(self.side, lambda: session.change(side=one_of(self.side.value, SIDES)))
         self.key(
-            "B", "Both, measured, simulated",
-            lambda: session.change(side=_next(session.wish.side, sides)),
-        )  # fmt: skip
+            "B", ", ".join(SIDES), lambda: session.change(side=_next(session.wish.side, SIDES))
+        )
         if len(beside.labels) > 1:
             labels = numbered(beside.labels)
             self.on(self.other, lambda: session.change(other=labels.index(self.other.value)))
 
     def show(self, shown: Shown) -> None:
-        """Show the state of a result."""
+        """Draw a result, and its state."""
+        with self._server.atomic():
+            self._scene.show(shown)
+            self._show_state(shown)
+        self._shown = shown
+        self._player.shown(shown)
+
+    def _show_state(self, shown: Shown) -> None:
         if isinstance(shown.content, Capture) and not self._tabs_of_captures:
             self._tabs_of_captures = True
             with self._tabs.add_tab("Channels"):
@@ -148,8 +165,7 @@ class Panel:
         self.follow_frames(shown.wish.frame)
         assign(self.layout, "value", shown.wish.layout)
         if self._beside is not None:
-            label = next(label for label, side in SIDES.items() if side == shown.wish.side)
-            assign(self.side, "value", label)
+            assign(self.side, "value", shown.wish.side)
             assign(self.metrics, "content", metrics_text(shown))
         assign(self.state, "content", state_text(shown, self._source.label(shown.wish.frame)))
 
@@ -167,9 +183,21 @@ class Panel:
         if frames:
             self._session.change(frame=frames[min(int(self.frame.value), len(frames) - 1)])
 
+    def following(self, on: bool) -> None:
+        """Show that there are other frames, and whether the newest is followed."""
+        if self._source.grows:
+            assign(self.play, "value", on)
+        if self._shown is not None:
+            self.follow_frames(self._shown.wish.frame)
+
+    def paced(self, text: str) -> None:
+        """Show rate, latency and losses of followed frames."""
+        assign(self.pace, "content", text)
+
     def busy(self, text: str) -> None:
-        """Say what is being done."""
-        self.state.content = f"*{text} …*"
+        """Say what is being done; while frames are followed it would come and go with each."""
+        if self._shown is None or not self._source.grows:
+            self.state.content = f"*{text} …*"
 
     def refuse(self, text: str) -> None:
         """Say why a wish is not carried out."""
@@ -351,11 +379,7 @@ def metrics_text(shown: Shown) -> str:
     """Return the agreement of two images, in a line of Markdown."""
     if shown.second is None or shown.metrics is None:
         return ""
-    values = {"overlap": shown.metrics.overlap, "dB correlation": shown.metrics.db_correlation}
-    return ", ".join(
-        f"{name} {'n/a' if math.isnan(value) else f'**{value:.3f}**'}"
-        for name, value in values.items()
-    )
+    return ", ".join(f"{one.name} **{one.text(shown.metrics)}**" for one in METRIC_TABLE[:2])
 
 
 def state_text(shown: Shown, label: str) -> str:

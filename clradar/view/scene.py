@@ -99,9 +99,9 @@ class SceneView:
         changed = self._ends_m is None or not np.allclose(ends_m, self._ends_m, atol=1e-6)
         if changed:
             self._draw_box(ends_m)
-        drawn = [("/image", shown.first, "simulated")]
+        drawn = [("/image", shown.first, "Simulated")]
         if shown.second is not None:
-            drawn.append(("/simulated", shown.second, "measured"))
+            drawn.append(("/simulated", shown.second, "Measured"))
         elif self._clouds.pop("/simulated", None) is not None:
             self._server.scene.remove_by_name("/simulated")
         for name, one, hidden in drawn:

@@ -17,16 +17,13 @@ from clradar.errors import ClradarError
 from clradar.model import Capture, Scene, Volume, VoxelGrid
 from clradar.opencl import Device, open_device
 from clradar.view.gate import HOST, Gate, hidden_host, listen
-from clradar.view.panel import Panel, assign
+from clradar.view.panel import Panel
 from clradar.view.playing import Player
-from clradar.view.scene import SceneView
-from clradar.view.session import Session, Shown, View
+from clradar.view.session import Session, View
 from clradar.view.sources import FixedFrames, Source, StreamFrames
 from clradar.view.wish import Wish
 
 INSTALL = "pip install viser"
-
-PANEL_PX = 350.0
 
 QUIET = ("websockets.server", "asyncio")
 """Logs of what others send: a message that makes no sense is no fault of this program."""
@@ -78,69 +75,19 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
             logging.getLogger(name).removeHandler(silent)
 
 
-class Page:
-    """Shows the results of a session."""
-
-    player: Player
-
-    def __init__(self, server: Any, view: View) -> None:
-        self._server, self._source = server, view.source
-        self._shown: Shown | None = None
-        server.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
-        server.gui.main_panel.dock_right()  # beside the scene, instead of upon it
-        server.gui.main_panel.set_width(PANEL_PX)
-        self._scene = SceneView(server, view)
-        self.panel = Panel(server, view, self._scene)
-
-    def connect(self, session: Session, player: Player) -> None:
-        """Turn what is changed or clicked into wishes."""
-        self.player = player
-        self.panel.connect(session, player)
-        self._scene.on_click(
-            lambda at_m: self.panel.attempt(lambda: session.change(at_m=at_m)), lambda: self._shown
-        )
-
-    def show(self, shown: Shown) -> None:
-        """Draw a result."""
-        with self._server.atomic():
-            self._scene.show(shown)
-            self.panel.show(shown)
-        self._shown = shown
-        self.player.shown(shown)
-
-    def busy(self, text: str) -> None:
-        """Say what is being done; while frames are followed it would come and go with each."""
-        if self._shown is None or not self._source.grows:
-            self.panel.busy(text)
-
-    def refuse(self, text: str) -> None:
-        """Say why a wish is not carried out."""
-        self.panel.refuse(text)
-
-    def following(self, on: bool) -> None:
-        """Show that there are other frames, and whether the newest is followed."""
-        if self._source.grows:
-            assign(self.panel.play, "value", on)
-        if self._shown is not None:
-            self.panel.follow_frames(self._shown.wish.frame)
-
-
 @contextmanager
 def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
     """Serve a view during the block, and yield its port and session."""
     with running(view.source.name, port) as (server, served):
-        page = Page(server, view)
-        session = Session(view, page)
-        player = Player(
-            session, view.source, page.following,
-            lambda text: assign(page.panel.pace, "content", text), page.refuse,
-        )  # fmt: skip
+        panel = Panel(server, view)
+        session = Session(view, panel)
+        player = Player(session, view.source, panel.following, panel.paced, panel.refuse)
         try:
-            page.connect(session, player)
+            panel.connect(session, player)
             if view.source.frames():
                 session.change()
             else:
-                page.busy("waiting for a first frame")
+                panel.busy("waiting for a first frame")
             player.start()
             yield served, session
         finally:

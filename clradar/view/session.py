@@ -60,7 +60,7 @@ class Shown:
     @property
     def chosen(self) -> Drawn:
         """The one whose images are shown."""
-        if self.second is not None and self.wish.side == "simulated":
+        if self.second is not None and self.wish.side == "Simulated":
             return self.second
         return self.first
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeAlias, runtime_checkable
@@ -116,22 +117,21 @@ class FolderFrames:
         self._path, self._read_file = path, read_file
         self._is_recording, self._folder = _watched(path, variant)
         self._lock = threading.Lock()
-        self._paths: dict[int, Path] = {}
-        self._came_s: dict[int, float] = {}
-        self._frames: tuple[int, ...] = ()
+        self._files: dict[int, tuple[Path, float]] = {}
+        """With when they came; replaced, never changed, since others read it meanwhile."""
         self._last: dict[int, Capture | Volume] = {}
         self._count, self._changed_s = 0, time.perf_counter()
         self._take_in()
         time.sleep(LOOK_S)  # a file is complete once it is the same in two looks
         self._take_in()
-        if not self._frames and not watch:
+        if not self._files and not watch:
             fail(path, f"a recording, or files ({', '.join(SUFFIXES)}) in the folder", "none")
 
     def frames(self) -> tuple[int, ...]:
-        return self._frames
+        return tuple(self._files)
 
     def label(self, frame: int) -> str:
-        path = self._paths.get(frame)
+        path, _ = self._files.get(frame, (None, 0.0))
         if path is None:
             return "a file that is gone"
         number = frame_file(path).frame if self._is_recording else None
@@ -141,7 +141,7 @@ class FolderFrames:
         last = self._last  # the newest is read ahead, while the one before is imaged
         if frame in last:
             return last[frame]
-        path = self._paths.get(frame)
+        path, _ = self._files.get(frame, (None, 0.0))
         if path is None:
             fail(self._path, "the file of a frame", "none: it is gone, or not there yet")
         try:
@@ -149,18 +149,17 @@ class FolderFrames:
         except ClradarError:
             # Half-written, perhaps: once it has changed it comes again, under another number.
             with self._lock:
-                self._paths.pop(frame, None)
-                self._frames = tuple(self._paths)
+                self._files = {n: file for n, file in self._files.items() if n != frame}
             raise
         self._last = {**dict(list(last.items())[-1:]), frame: content}
         return content
 
     def came_s(self, frame: int) -> float:
-        return self._came_s.get(frame, time.perf_counter())
+        return self._files.get(frame, (None, time.perf_counter()))[1]
 
     def look(self) -> bool:
         """Wait a while, take in new, rewritten and removed files; whether the frames are others."""
-        frames, count = self._frames, self._count
+        frames, count = self.frames(), self._count
         if time.perf_counter() - self._changed_s > 10 * REST_S:
             time.sleep(REST_S)
             self._take_in()
@@ -171,28 +170,26 @@ class FolderFrames:
             self.grows, self._changed_s = True, time.perf_counter()
         # Where a look takes long, as over a network, there are fewer.
         time.sleep(min(2.0, 4 * (time.perf_counter() - begun_s)))
-        return self._frames != frames
+        return self.frames() != frames
 
     def _take_in(self) -> None:
         found = self._folder.changes()
         names = {path.name for path in found}
-        behind_s = time.time() - time.perf_counter()
+        now_s = time.perf_counter()
+        behind_s = time.time() - now_s
         with self._lock:
-            self._paths = {
-                number: path
-                for number, path in self._paths.items()
+            files = {
+                number: (path, came_s)
+                for number, (path, came_s) in self._files.items()
                 if path.name not in names and self._folder.is_there(path.name)
             }
             for path in found:
-                self._paths[self._count] = path
-                try:
-                    written_s = path.stat().st_mtime - behind_s
-                except OSError:  # gone again
-                    written_s = time.perf_counter()
-                self._came_s[self._count] = min(written_s, time.perf_counter())
+                came_s = now_s
+                with suppress(OSError):  # gone again
+                    came_s = min(now_s, path.stat().st_mtime - behind_s)
+                files[self._count] = path, came_s
                 self._count += 1
-            self._came_s = {n: at_s for n, at_s in self._came_s.items() if n in self._paths}
-            self._frames = tuple(self._paths)
+            self._files = files
 
 
 def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:

@@ -20,8 +20,8 @@ BY_ALPHA = "by \N{GREEK SMALL LETTER ALPHA}"
 
 LAYOUTS = ("2-D and 3-D", "2-D", "3-D")
 
-SIDES = {"Both": "both", "Measured": "measured", "Simulated": "simulated"}
-"""By their labels, in the order in which the key B goes through them."""
+SIDES = ("Both", "Measured", "Simulated")
+"""In the order in which the key B goes through them."""
 
 LIVE_VOXELS = 500_000
 """Of the grid at the start: 2 mm on the paper's extent has 418 241."""
@@ -57,7 +57,7 @@ class Wish:
     at_m: Place | None = None
     tx: int = 0
     rx: int = 0
-    side: str = "both"
+    side: str = SIDES[0]
     other: int = 0
     alpha: float = 0.5
     material: str = BY_ALPHA

@@ -54,7 +54,7 @@ class Front:
     def wishes(self) -> list[Wish]:
         return [shown.wish for shown in self.shown]
 
-    def plays(self, session: Session, source: Any) -> Player:
+    def plays(self, session: Any, source: Any) -> Player:
         self.player = Player(session, source, lambda _: None, lambda _: None, self.said.append)
         return self.player
 

@@ -22,6 +22,7 @@ import clradar
 import clradar.view
 from calibration import CornerReflector, response
 from clradar.view import server
+from clradar.view.panel import Panel
 from clradar.view.session import Shown, View
 from clradar.view.wish import Wish
 from measurement_io import save_capture, save_recording
@@ -192,9 +193,9 @@ def test_a_server_that_stops_leaves_no_thread():
 
 def test_an_iterable_is_shown_until_its_error(monkeypatch):
     """Ten lines of a lab: a generator that ends with an error once a frame was seen."""
-    seen, draw = threading.Event(), server.Page.show
+    seen, draw = threading.Event(), Panel.show
 
-    def drawn(self: server.Page, shown: Shown) -> None:
+    def drawn(self: Panel, shown: Shown) -> None:
         draw(self, shown)
         seen.set()
 
@@ -203,6 +204,6 @@ def test_an_iterable_is_shown_until_its_error(monkeypatch):
             yield volume()
         raise RuntimeError("the radar was switched off")
 
-    monkeypatch.setattr(server.Page, "show", drawn)
+    monkeypatch.setattr(Panel, "show", drawn)
     with pytest.raises(RuntimeError, match="switched off"):
         clradar.view.show(measured(), title="lab", port=0)

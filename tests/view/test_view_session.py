@@ -5,14 +5,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from fronts import GRID, SlowImager, capture, changed, frames, session_of, volume
+from fronts import GRID, Front, SlowImager, capture, changed, frames, session_of, volume
 
 import clradar
 from clradar.errors import MeasurementError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.view import beside
 from clradar.view.beside import MATERIALS, Others, Simulation
-from clradar.view.playing import Player
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import BY_ALPHA, QUICK_DB, Wish
 
@@ -84,8 +83,7 @@ def test_playing_waits_for_every_frame_and_stops(monkeypatch):
                 enough.set()
 
     steps = Steps()
-    ignore: Any = lambda _: None  # noqa: E731
-    player = Player(steps, CAPTURES, ignore, ignore, ignore)  # type: ignore[arg-type]
+    player = Front().plays(steps, CAPTURES)
     player.start()
     player.play(True)
     enough.wait()

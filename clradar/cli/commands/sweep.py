@@ -9,9 +9,10 @@ from typing import Any
 import clradar as cl
 from clradar.cli import options as opt
 from clradar.cli.comparison import write_csv
-from clradar.cli.console import print_line, print_text, progress_bar
+from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import measurement
 from clradar.cli.outputs import begun, check_place_of_folder, write
+from clradar.cli.tables import print_sweep
 from clradar.jobs import KEY, FolderStore, open_devices
 from clradar.versions import package_versions
 
@@ -94,5 +95,5 @@ def command(
             write(output / RESULT, record, force=True, grid=grid)
         job.clear([WORK])
     if not finished:
-        print_text(result.report())
+        print_sweep(result)
         print_line(f"{output}: {', '.join(RESULTS)}")

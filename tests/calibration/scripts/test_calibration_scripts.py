@@ -119,7 +119,7 @@ def test_sweep(start, plate_files, tmp_path):
     )  # fmt: skip
     done = start(*arguments)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("alpha of all: 0.")
+    assert done.stdout.startswith("alpha: 0.")
     assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
     done = start(*arguments)
     assert done.returncode == 1
