@@ -327,6 +327,12 @@ def range_gate(
         ``|<s, G s>| / <s, s>``, and `rejection_db`, the smallest suppression of the RMS of an echo
         beyond the transition bands.
 
+    Raises
+    ------
+    ModelError
+        A single frequency, a window beyond the unambiguous range c / 2 df, or edges that leave
+        nothing to reject.
+
     Examples
     --------
     An echo at 0.15 m is kept, one at 0.4 m is rejected:

@@ -264,6 +264,11 @@ def diagnose(
     progress : callable, optional
         Called with (done, total) images.
 
+    Raises
+    ------
+    ModelError
+        No grid, and a waveform whose range profile cannot find the scene.
+
     Examples
     --------
     >>> import calibration, clradar, numpy as np

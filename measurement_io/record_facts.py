@@ -12,13 +12,7 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import clean
-from clradar.model import (
-    AntennaArray,
-    Capture,
-    ChannelCalibration,
-    Volume,
-    Waveform,
-)
+from clradar.model import AntennaArray, Capture, ChannelCalibration, Volume, Waveform
 from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import MIN_STEPS, echo_profile
 from clradar.model.resolution import lateral_resolution_m

@@ -37,6 +37,11 @@ def correct(
         `meta["channels"]` has the masked channels, `live_share`, the fraction of pairs that remain,
         and `factor`, the a above.
 
+    Raises
+    ------
+    CalibrationError
+        Another array or another waveform; the message names the difference.
+
     Examples
     --------
     >>> import clradar

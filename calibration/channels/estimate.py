@@ -117,6 +117,12 @@ def estimate_channels(
         `meta["outlying_pairs"]` is the share of pairs whose echo differs from that of the model:
         they have nearly no weight.
 
+    Raises
+    ------
+    CalibrationError
+        The target does not explain the capture: wrong target, wrong pose, pure noise, too few live
+        channels, or a fit that does not converge.
+
     Examples
     --------
     A Tx of twice the gain, and 6 degrees ahead:

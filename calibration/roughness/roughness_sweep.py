@@ -139,6 +139,11 @@ def sweep_roughness(
     regions, device, store, progress, settings, **fields
         As of `sweep`, of the physical estimator.
 
+    Raises
+    ------
+    CompareError
+        The mesh, or a region, is not visible, or too small to be judged.
+
     Examples
     --------
     A plate, measured with another seed than the simulations':

@@ -180,6 +180,12 @@ def sweep(
     settings, **fields
         Of `clradar.SimulationSettings`.
 
+    Raises
+    ------
+    CompareError
+        The measured image is zero or has no depth; the mesh lies outside of it, or a region is not
+        visible or too small; or no ray reaches a receiver at all alphas but one.
+
     Examples
     --------
     A ball, simulated with another seed in place of a measurement:

@@ -127,8 +127,7 @@ Number = Annotated[float, checked("a finite number", is_number, float)]
 Whole = Annotated[int, BeforeValidator(_whole)]
 Text = Annotated[str, text("text")]
 NumberOrText = Annotated[
-    float | str,
-    checked("a number or text", lambda v: is_number(v) or _is_text(v), lambda v: v),
+    float | str, checked("a number or text", lambda v: is_number(v) or _is_text(v), lambda v: v)
 ]
 Rows = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(row_tuple)]
 Numbers = Annotated[

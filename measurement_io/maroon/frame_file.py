@@ -12,11 +12,7 @@ import numpy as np
 
 from clradar.files.confined.process import file_bytes, forbid_opening
 from clradar.files.failures import clean, fail, reading
-from clradar.files.limits import (
-    MAX_FRAME_BYTES,
-    MAX_PNG_BYTES,
-    MAX_TIME_STAMPS,
-)
+from clradar.files.limits import MAX_FRAME_BYTES, MAX_PNG_BYTES, MAX_TIME_STAMPS
 from clradar.files.pickles import ARRAYS, PickledArray, UnsafePickle, load
 
 EXPECTED = "a recorded frame (a .npy file with a pickled dictionary)"

@@ -149,7 +149,7 @@ def test_instances_are_counted_before_they_are_made(tmp_path, monkeypatch, name,
     nodes: list[dict[str, Any]] = [{"children": list(range(1, 11))}]
     path = written(tmp_path, nodes=nodes + [{"mesh": 0}] * 10)
     scene = trimesh.load_scene(path, process=False)
-    monkeypatch.setattr(trimesh_parts, "placed", lambda *_: pytest.fail("made"))
+    monkeypatch.setattr(trimesh, "transform_points", lambda *_: pytest.fail("made"))
     monkeypatch.setattr(f"clradar.files.meshes.parts.{name}", most)
     with pytest.raises(MeshError, match=text):
         trimesh_parts.parts_of(str(path), scene, limited=True)

@@ -12,11 +12,7 @@ from clradar.files.failures import clean, fail, read_bytes, reading
 from clradar.files.json_differences import differences
 from clradar.files.json_file import read_json, read_json_object, write_json
 from clradar.files.json_text import parse_object, to_json
-from clradar.files.limits import (
-    MAX_JSON_DEPTH,
-    MAX_MESSAGE_CHARACTERS,
-    MAX_TOML_LINE_CHARACTERS,
-)
+from clradar.files.limits import MAX_JSON_DEPTH, MAX_MESSAGE_CHARACTERS, MAX_TOML_LINE_CHARACTERS
 from clradar.files.toml_file import parse_toml, read_toml, toml_brief, toml_document
 from measurement_io import read_alignment
 

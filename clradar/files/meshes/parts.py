@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -78,17 +77,3 @@ def check_counts(label: str, *, parts: int = 0, vertices: int = 0, faces: int = 
         if count > most:
             wanted = f"a mesh of at most {most} {name}: simplify or join them"
             fail(label, wanted, f"{count}", error=MeshError)
-
-
-def placed(label: str, vertices: np.ndarray, matrix: Any) -> np.ndarray:
-    """Return vertices (n, 3) transformed by a 4 x 4 matrix."""
-    given = np.asarray(matrix)
-    if given.shape != (4, 4) or given.dtype.kind not in "iuf":
-        got = f"shape {given.shape} of {given.dtype}"
-        fail(label, "a mesh whose transforms are 4 x 4 numbers", got, error=MeshError)
-    if not np.isfinite(given).all():
-        fail(label, "a mesh with finite transforms", "NaN or infinite ones", error=MeshError)
-    import trimesh
-
-    moved: np.ndarray = trimesh.transform_points(vertices, given)
-    return moved

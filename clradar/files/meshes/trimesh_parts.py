@@ -15,7 +15,7 @@ from clradar.errors import MeshError
 from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading
 from clradar.files.meshes import gltf_document, obj_text
-from clradar.files.meshes.parts import Parts, Piece, check_counts, placed
+from clradar.files.meshes.parts import Parts, Piece, check_counts
 from clradar.files.meshes.ply_parts import with_parts, with_texture
 
 
@@ -41,7 +41,7 @@ def parts_of(label: str, mesh: Any, *, limited: bool = False, backwards: bool = 
             faces = sum(len(geometry.faces) for _, geometry, _ in instances)
             check_counts(label, parts=len(instances), vertices=vertices, faces=faces)
         pieces = (
-            Piece(name, placed(label, geometry.vertices, matrix), np.asarray(geometry.faces))
+            Piece(name, trimesh.transform_points(geometry.vertices, matrix), geometry.faces)
             for name, geometry, matrix in instances
         )
         return Parts.joined(label, pieces)

@@ -99,9 +99,7 @@ def read_all(path: Path) -> None:
 
 @linux_only
 @pytest.mark.parametrize(
-    "action",
-    [external_link, external_storage, virtual_dataset],
-    ids=lambda action: action.__name__,
+    "action", [external_link, external_storage, virtual_dataset], ids=lambda action: action.__name__
 )
 def test_nothing_else_is_opened(path, watch, action):
     change(path, action)

@@ -111,11 +111,7 @@ def edit(path: Path, **changes: object) -> None:
 CONTRADICTIONS = {
     "gap": (
         lambda radar: (radar / "calibrated_data" / "000001.npy").unlink(),
-        [
-            "without a gap: 0, 2",
-            "emptyfiltered frames without a raw frame: 1",
-            " 3 ",
-        ],
+        ["without a gap: 0, 2", "emptyfiltered frames without a raw frame: 1", " 3 "],
     ),
     "no frames": (
         lambda radar: [p.unlink() for p in (radar / "calibrated_data").iterdir()],
