@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import ClassVar, TypeAlias
@@ -57,7 +56,8 @@ class Simulation:
     device: Device | None = None
     labels: ClassVar[tuple[str, ...]] = ("simulation",)
     simulates: ClassVar[bool] = True
-    _kept: OrderedDict[Hashable, Capture] = field(default_factory=OrderedDict)
+    _kept: dict[Hashable, Capture] = field(default_factory=dict)
+    """The last ones that were used, the newest last."""
 
     def key(self, wish: Wish, content: Content) -> Hashable:
         """Return what the simulation depends on; None if there is none beside this content."""
@@ -76,19 +76,20 @@ class Simulation:
         """Return the simulated capture."""
         assert isinstance(content, Capture)
         key = self.key(wish, content)
-        if key not in self._kept:
+        capture = self._kept.pop(key, None)
+        if capture is None:
             if wish.material == BY_ALPHA:
                 scene, estimator = self.scene.with_alpha(wish.alpha), None
             else:
                 scene, estimator = self.scene.with_material(KNOWN[wish.material]), "physical"
-            self._kept[key] = simulate(
+            capture = simulate(
                 scene, content.array, content.waveform,
                 estimator=estimator, seed=0, device=self.device, progress=progress,
             )  # fmt: skip
-            while len(self._kept) > KEPT_CAPTURES:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(key)
-        return self._kept[key]
+            if len(self._kept) == KEPT_CAPTURES:
+                del self._kept[next(iter(self._kept))]
+        self._kept[key] = capture
+        return capture
 
 
 Beside: TypeAlias = Others | Simulation

@@ -25,7 +25,7 @@ SIZE_INCHES, DPI = (3.8, 3.3), 140
 
 PAPER, INK = "#1f1f1f", "#d8d8d8"
 
-MARK_COLOUR = "#35d0e0"
+MARK_COLOUR = (53, 208, 224)
 
 OVERVIEW_DB = 40.0
 """Range of the overview of all pairs."""
@@ -246,11 +246,10 @@ def _picture(
             for value, axis in zip(marked, (across, up), strict=True)
         )
         column, row = next(shares), next(shares)
-        colour = bytes.fromhex(MARK_COLOUR[1:])
         if 0 <= column < 1:
-            drawn[top:bottom, left + int(column * (right - left))] = list(colour)
+            drawn[top:bottom, left + int(column * (right - left))] = MARK_COLOUR
         if 0 < row <= 1:
-            drawn[bottom - 1 - int(row * (bottom - top - 1)), left:right] = list(colour)
+            drawn[bottom - 1 - int(row * (bottom - top - 1)), left:right] = MARK_COLOUR
     return Picture(drawn, box, across, up, to_m)
 
 

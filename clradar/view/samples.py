@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +41,8 @@ class SampleFrames:
             fail(folder, "a data set with at least one sample", "none")
         self._looked_s = time.perf_counter()
         self._chosen = (ALL, ALL)
-        self._kept: OrderedDict[int, Sample] = OrderedDict()
-        self._names: dict[int, tuple[str, str]] = {}
+        self._sample = lru_cache(KEPT_SAMPLES)(self._read_sample)
+        self._pose_and_hand = lru_cache(None)(self._drawn_pose_and_hand)
         self.poses = self._manifest.plan.pose_names
 
     def frames(self) -> tuple[int, ...]:
@@ -108,24 +108,19 @@ class SampleFrames:
     def _is_chosen(self, frame: int) -> bool:
         if self._chosen == (ALL, ALL):
             return True
-        if frame not in self._names:
-            drawn = SamplePlan(self._manifest.plan, frame)
-            self._names[frame] = (drawn.pose.name, drawn.plan.hands.handedness)
-        return all(
-            wanted in (ALL, found)
-            for wanted, found in zip(self._chosen, self._names[frame], strict=True)
-        )
+        pairs = zip(self._chosen, self._pose_and_hand(frame), strict=True)
+        return all(wanted in (ALL, found) for wanted, found in pairs)
 
-    def _sample(self, frame: int) -> Sample:
-        if frame not in self._kept:
-            place = self._manifest.place_of(frame)
-            if place is None:
-                fail(self._folder, f"sample {frame}", "none that is stored")
-            self._kept[frame], _ = read_sample(self._folder / place, frame, self._manifest.plan)
-            while len(self._kept) > KEPT_SAMPLES:
-                self._kept.popitem(last=False)
-        self._kept.move_to_end(frame)
-        return self._kept[frame]
+    def _drawn_pose_and_hand(self, frame: int) -> tuple[str, str]:
+        drawn = SamplePlan(self._manifest.plan, frame)
+        return drawn.pose.name, drawn.plan.hands.handedness
+
+    def _read_sample(self, frame: int) -> Sample:
+        place = self._manifest.place_of(frame)
+        if place is None:
+            fail(self._folder, f"sample {frame}", "none that is stored")
+        sample, _ = read_sample(self._folder / place, frame, self._manifest.plan)
+        return sample
 
 
 def _lines(drawn: SamplePlan) -> tuple[str, ...]:

@@ -256,9 +256,8 @@ class Imagers:
 
     def close(self) -> None:
         """Free the device's memory."""
-        for _, imager in self._kept:
-            imager.close()
-        self._kept = []
+        while self._kept:
+            self._kept.pop()[1].close()
 
     def form(self, capture: Capture, wish: Wish, progress: Callable[[int, int], None]) -> Volume:
         """Return the image of a capture on the wish's grid: the bits of `backproject`."""

@@ -40,11 +40,8 @@ class Source(Protocol):
     to be shown.
     """
 
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def grows(self) -> bool: ...
+    name: str
+    grows: bool
 
     def frames(self) -> tuple[int, ...]:
         """Return the numbers of the frames to go through, ascending; they may change."""
@@ -67,7 +64,7 @@ class Growing(Source, Protocol):
         """Return when a frame came, by `time.perf_counter`."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class FixedFrames:
     """A source whose frames do not change: 0, 1, ... with these labels, at least one."""
 
