@@ -104,6 +104,7 @@ from clradar.files.atomic import replacing
 from clradar.jobs.lock import held, scratch_folder
 
 tempfile.tempdir = os.getcwd()
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs behind a shell ignores it
 send = lambda: os.kill(os.getpid(), signal.SIG{name})
 
 class Lost:
