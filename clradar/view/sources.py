@@ -10,23 +10,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeAlias, runtime_checkable
 
+import measurement_io
 from clradar.dataset.folder import is_dataset
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.files.failures import fail
 from clradar.files.watched_folder import WatchedFolder, visible
 from clradar.model import Capture, Volume
 from clradar.view.drawn import Flat
-from measurement_io import open_capture, open_volume
 from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
-from measurement_io.opening import is_volume, kind_of
+from measurement_io.opening import kind_of
 
 Content: TypeAlias = Capture | Volume | Flat
 
 SUFFIXES = (".h5", ".hdf5", ".nxs", ".npy")
 
 LOOK_S, REST_S = 0.02, 0.5
-"""Between two looks at a folder while files come, and once none has come for ten times the
-second."""
+"""Between looks at a folder while files come, and once none came for ten times the second."""
 
 KEPT_BYTES = 256 * 2**20
 """Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
@@ -95,7 +94,8 @@ def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Sou
 
 def read_file(path: Path) -> Capture | Volume:
     """Read a capture, a recorded frame or a volume; errors as `measurement_io.open_capture`."""
-    return open_volume(path) if is_volume(path) else open_capture(path)
+    found = measurement_io.open(path)  # kind and content in one confined process
+    return found if isinstance(found, Capture | Volume) else measurement_io.open_capture(path)
 
 
 class FolderFrames:
