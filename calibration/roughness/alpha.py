@@ -164,7 +164,7 @@ def estimate_alpha(
     `displaced` their variance by a mesh that is not quite in its place.
     """
     levels, number = np.unique(alphas, return_inverse=True)
-    most = min(MOST_POWER, len(levels) - 1, len(alphas) - 3)
+    most = max(0, min(MOST_POWER, len(levels) - 1, len(alphas) - 3))
     emulator = Emulator.fitted(_coordinate(alphas), np.arange(most + 1)[:, None], simulated)
     first, last = levels[[0, -1]]
     tried = np.linspace(first, last, GRID)

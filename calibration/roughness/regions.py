@@ -106,8 +106,9 @@ class Regions:
                 labels = parse_json(content.decode("utf-8-sig"))
             if isinstance(labels, dict):
                 return cls.of_parts(scene, labels)
+            mixed = isinstance(labels, list) and len(set(map(type, labels))) > 1
             labels = np.asarray(labels)
-            if labels.dtype.kind not in "iuU" or labels.shape != (scene.n_faces,):
+            if mixed or labels.dtype.kind not in "iuU" or labels.shape != (scene.n_faces,):
                 wanted = f"{scene.n_faces} whole numbers or strings, one per face"
                 fail(path, wanted, f"{labels.dtype} of shape {labels.shape}")
             return cls.of_labels(labels)

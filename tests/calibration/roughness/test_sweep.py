@@ -445,16 +445,14 @@ def test_a_file_of_regions(tmp_path, monkeypatch):
     assert [r.names for r in made] == [("0", "1"), ("left", "right"), ("one", "two"), ("0", "1")]
     for regions, flip in zip(made, (0, 0, 1, 0), strict=True):
         assert np.array_equal(regions.face, SCENE.part ^ flip)
-    for text in ("[0, 1]", "[0.5, 1]", '{"one": ["left"]}', '{"one": "left"}', "7", "{"):
+    mixed = json.dumps(["0", *labels[1:]])
+    for text in ("[0, 1]", "[0.5, 1]", mixed, '{"one": ["left"]}', '{"one": "left"}', "7", "{"):
         (tmp_path / "bad.json").write_text(text)
         with pytest.raises(ValueError, match=r"bad\.json"):
             RegionOptions(regions="bad.json").read(SCENE)
     np.save("bad.npy", np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(ValueError, match=r"bad\.npy"):
         RegionOptions(regions="bad.npy").read(SCENE)
-
-
-# --- the figure
 
 
 def test_the_figure_shows_images_curves_and_probabilities(regional):
