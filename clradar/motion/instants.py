@@ -87,12 +87,10 @@ class Piece:
     @property
     def doubtful_s(self) -> float:
         """A time as far as any from instants: what is interpolated there is most in error."""
+        if len(self.times_s) == 1:
+            return self.begin_s
         middle = len(self.times_s) // 2
-        return (
-            float(0.5 * (self.times_s[middle - 1] + self.times_s[middle]))
-            if middle
-            else self.begin_s
-        )
+        return float(0.5 * (self.times_s[middle - 1] + self.times_s[middle]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

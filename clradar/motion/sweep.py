@@ -161,6 +161,9 @@ def simulate_moving(
     for number, piece in enumerate(pieces):
         part, own = array.part(piece.tx, slice(None)), _of_piece(resolved, number)
         recorded_s, doubtful_s = times_s[piece.tx], np.full((1, 1, 1), piece.doubtful_s)
+        here = (piece.begin_s <= recorded_s) & (recorded_s <= piece.end_s)
+        # Lagrange's polynomials grow beyond all bounds outside of their piece.
+        recorded_s = np.where(here, recorded_s, piece.begin_s)
         added = np.zeros((len(piece.tx), array.n_rx, waveform.n_freq), dtype=np.complex128)
         tested = np.zeros_like(added)
         shares = zip(piece.shares(recorded_s), piece.shares(doubtful_s), strict=True)
@@ -168,7 +171,6 @@ def simulate_moving(
             samples = simulated(time_s, part, own)
             added += share * samples
             tested += test * samples
-        here = (piece.begin_s <= recorded_s) & (recorded_s <= piece.end_s)
         data[piece.tx] = np.where(here, added * followed(part, recorded_s), data[piece.tx])
         if piece is tested_piece:
             true = simulated(piece.doubtful_s, part, own)
