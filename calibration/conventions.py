@@ -88,7 +88,6 @@ class Hypothesis:
     mirrored : bool
         The antenna positions are in a frame whose x axis points the other way: an antenna listed
         at x is at -x.
-
     """
 
     swapped: bool = False

@@ -24,6 +24,7 @@ from calibration.hand_fit.hand_shape_vector import SHAPE_NAMES
 from calibration.hand_fit.hand_state import FITTED_ANGLES, HandState
 from calibration.hand_fit.prior import Prior
 from calibration.registration.mesh_fit import SMOOTH
+from calibration.registration.rigid_motion import moved
 
 COVARIANCE_RATIO = 1.2
 """Errors in simulations relative to the standard deviations of the measurement alone: residuals are
@@ -231,8 +232,7 @@ def with_spread(
 
 def joints_at(fitter: HandFitter, state: HandState) -> np.ndarray:
     """Joints in the antenna frame, (25, 3), metres."""
-    joints_m = fitter.model.joints_m(state.pose, state.shape)
-    return joints_m @ state.transform[:3, :3].T + state.transform[:3, 3]
+    return moved(state.transform, fitter.model.joints_m(state.pose, state.shape))
 
 
 def _without_negative(matrix: np.ndarray) -> np.ndarray:

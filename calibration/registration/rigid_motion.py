@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-
-def moved(transform: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Apply a 4x4 `transform` to `points_m`, shape (n, 3), metres."""
-    return points_m @ transform[:3, :3].T + transform[:3, 3]
+from clradar.motion.rigid import moved as moved
 
 
 def moved_back(transform: np.ndarray, point_m: np.ndarray) -> np.ndarray:
