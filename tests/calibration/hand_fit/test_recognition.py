@@ -77,8 +77,8 @@ def test_the_digits_that_are_cut_are_named():
     (remark,) = doubts(fit, depth)
     assert "are the tips of: pinky (" in remark
     joints_m = np.array(fit.joints_m)
-    joints_m[24] = np.nan  # a rig without a tip is not cut
-    assert doubts(made_up_fit("B", joints_m=joints_m), depth) == ()
+    joints_m[4] = np.nan  # a rig without a tip is not cut
+    assert doubts(made_up_fit("B", joints_m=joints_m), image_to(0.14)) == ()
     near = VoxelGrid.from_extent((-0.14, 0.14), (-0.14, 0.14), (0.32, 0.4), 20e-3)
     (remark,) = doubts(fit, Volume(np.zeros(near.shape, np.complex64), near))
     assert "thumb, index, middle, ring, pinky (" in remark
