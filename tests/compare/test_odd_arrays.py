@@ -102,9 +102,7 @@ def test_a_result_or_one_clear_error(name):
     assert_used(name, USES, volume(NOISE))
 
 
-@pytest.mark.parametrize(
-    "name", ["all decades", *nightly(name for name in IMAGES if name != "all decades")]
-)
+@pytest.mark.parametrize("name", nightly(IMAGES))
 def test_drawings_or_one_clear_error(name, monkeypatch):
     monkeypatch.setattr("clradar.report.page.FIGURE_DPI", 10)
     assert_used(name, DRAWN)
