@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from command_line import exit_status
 from hand_registrations import ARRAY, RADAR, WAVEFORM, assert_found, truth
+from matplotlib.figure import Figure
 
 import clradar
 from calibration import register
@@ -145,7 +146,8 @@ def run(files, *more):
 def test_command_writes_all(files, hand, registered, capsys, monkeypatch):
     result = registered.result
     monkeypatch.setattr("calibration.register", lambda *_, **__: result)
-    monkeypatch.setattr("clradar.plot.layout.DPI", 40)  # the figure would take most of the time
+    # The figure would take most of the time.
+    monkeypatch.setattr("clradar.plot.comparison_figure", lambda *_, **__: Figure())
     status = run(files, "--unit", "mm", "--alpha", "0.3")
     out = capsys.readouterr()
     assert status == 0, out.err
@@ -165,7 +167,7 @@ def test_command_writes_all(files, hand, registered, capsys, monkeypatch):
     assert "The mesh is shifted by" in out.out
     capture, volume = open_capture(folder / "capture.h5"), open_volume(folder / "volume.h5")
     assert capture.meta["options"]["alpha"] == 0.3
-    assert volume.grid.counts == (101, 101, 41)
+    assert volume.grid.counts == (81, 81, 33)
     metrics = json.loads((folder / "metrics.json").read_text())
     assert -1.0 <= metrics["simulated"][0]["metrics"]["db_correlation"] <= 1.0
 
