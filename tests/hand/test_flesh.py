@@ -2,8 +2,14 @@
 
 import numpy as np
 import pytest
-from flesh_fields import digits, distances_m, gradients, rows
-from flesh_reference import cone_distance_m, part_distances_m
+from flesh_reference import (
+    cone_distance_m,
+    digits,
+    distances_m,
+    gradients,
+    part_distances_m,
+    rows,
+)
 from nightly import nightly
 
 import clradar

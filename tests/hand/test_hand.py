@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from flesh_fields import distances_m, gradients
+from flesh_reference import distances_m, gradients
 from nightly import nightly
 from trimesh.creation import icosphere
 
