@@ -74,7 +74,7 @@ def test_the_field_is_that_of_the_reference(flesh, device):
 
 
 def test_nodes_have_the_distance_near_the_surface_and_its_sign_elsewhere(flesh, device):
-    spacing_m = 3.5e-3
+    spacing_m = 5e-3
     with Buffers(device) as buffers:
         field = FleshField(flesh, spacing_m, buffers)
         found_m, first_m = field.node_distances_m(), field.first_m

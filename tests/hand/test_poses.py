@@ -290,10 +290,10 @@ def test_poses_around_a_letter_deviate_as_asked_and_penetrate_no_more_than_it():
 
 
 def test_a_pose_around_another_follows_from_the_generator_and_the_spread():
-    fist = POSES["S"]
-    one, same = (pose_around(fist, np.random.default_rng(7)) for _ in range(2))
+    letter = POSES["F"]
+    one, same = (pose_around(letter, np.random.default_rng(7)) for _ in range(2))
     assert one == same
-    assert one != fist
-    assert pose_around(fist, np.random.default_rng(7), 0.0) == fist
+    assert one != letter
+    assert pose_around(letter, np.random.default_rng(7), 0.0) == letter
     with pytest.raises(ModelError, match="spread_deg"):
-        pose_around(fist, np.random.default_rng(7), 46)
+        pose_around(letter, np.random.default_rng(7), 46)
