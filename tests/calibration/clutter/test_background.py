@@ -357,6 +357,17 @@ def test_the_command_takes_files_and_single_frames(run, recording, tmp_path):
     status, _, err = run(recording.folder, *given)
     assert status == 0
     assert "subtracted already" in err
+    status, _, err = run(empty, "--average", "-o", tmp_path / "mean.h5")
+    assert status == 2
+    assert "radar folder" in err
+
+
+def test_frames_that_are_missing_are_left_out_of_the_mean(run, tmp_path):
+    made = Recorder(waveform=Waveform.sfcw(72e9, 82e9, 3), walls=())
+    gap = made.write(tmp_path, n_frames=3, missing=1, emptyfiltered=False)
+    status, _, err = run(gap.folder, "--average", "-o", tmp_path / "gap.h5")
+    assert status == 0
+    assert "2 of 3 frames are there" in err
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,7 @@ def test_starts_by_name_file_pose_and_several(tmp_path, monkeypatch):
     [
         ("ZZ", "pose: expected one of 'flat', 'A'"),
         ([], "pose: expected at least one, got none"),
+        (3, "pose: expected a name, a pose, an earlier fit, or several, got int"),
         (["F", 3], "pose: expected a name, a pose file, a HandPose or a HandFit, got int"),
     ],
 )
