@@ -1,7 +1,5 @@
 """Verification of data sets: `clradar inspect`, with and without --check."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -22,27 +20,27 @@ SHARD = "shards/shard-00001.h5"
 Damage = Callable[[Path], Any]
 
 
-def test_a_whole_data_set_has_no_problems(made: Path) -> None:
+def test_a_whole_data_set_has_no_problems(made):
     report = check_dataset(made)
     assert report.ok, report.problems
     assert "3 shards, 3 by their SHA-256: samples in order" in report.checked
     assert describe_dataset(made).values["samples"] == {"stored": 5, "plan": 5}
 
 
-def manifest(**values: Any) -> Damage:
+def manifest(**values):
     """Return a damage: some values of the manifest are others."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         content = json.loads((folder / MANIFEST).read_text())
         (folder / MANIFEST).write_text(json.dumps({**content, **values}))
 
     return damage
 
 
-def changed(place: str, value: Callable[[np.ndarray], np.ndarray] | None) -> Damage:
+def changed(place, value):
     """Return a damage: an array of shard 1 is changed or gone, and the manifest has no SHA-256."""
 
-    def damage(folder: Path) -> None:
+    def damage(folder):
         manifest(sha256={})(folder)
         with h5py.File(folder / SHARD, "r+") as file:
             if value is None:
@@ -53,12 +51,12 @@ def changed(place: str, value: Callable[[np.ndarray], np.ndarray] | None) -> Dam
     return damage
 
 
-def with_nan(array: np.ndarray) -> np.ndarray:
+def with_nan(array):
     array[1].flat[0] = np.nan
     return array
 
 
-def unknown(damage: Damage) -> Damage:
+def unknown(damage):
     """Return a damage of a shard without a SHA-256."""
     return lambda folder: (manifest(sha256={})(folder), damage(folder))
 
@@ -89,16 +87,14 @@ ASIDE = {"sample": 2, "reason": "why", "attempts": 2}
         (changed("entry/mesh/vertices", with_nan), "mesh_vertices: expected finite"),
     ],
 )
-def test_damage_is_found(copy: Path, damage: Damage, words: str) -> None:
+def test_damage_is_found(copy, damage, words):
     damage(copy)
     report = check_dataset(copy)
     assert not report.ok
     assert any(words in line for line in report.problems), report.problems
 
 
-def test_an_incomplete_data_set_is_reported(
-    faults: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_incomplete_data_set_is_reported(faults, tmp_path, capsys):
     faults({4: "stop"})
     with pytest.raises(KeyboardInterrupt):
         run(LIGHT, tmp_path, device=DEVICE)

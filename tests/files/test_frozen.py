@@ -7,7 +7,6 @@ ever changed; whoever changes what is written adds a folder.
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -41,22 +40,22 @@ OTHERS = (
 )
 
 
-def folders_with(name: str) -> pytest.MarkDecorator:
+def folders_with(name):
     """Try a test with each folder that holds a file: a folder has what was new when it was made."""
     found = [path for path in FROZEN if (path / name).exists()]
     return pytest.mark.parametrize("frozen", found, ids=lambda path: path.name)
 
 
-def counted(*shape: int) -> np.ndarray:
+def counted(*shape):
     n = np.arange(np.prod(shape)).reshape(shape)
     return (n + 1 - 1j * n).astype(np.complex64)
 
 
-def check_meta(meta: Any) -> None:
+def check_meta(meta):
     assert dict(meta) == {"seed": 7, "note": "frozen", "list": [1, 2.5, None, True]}
 
 
-def check_radar(array: clradar.AntennaArray, waveform: clradar.Waveform, patterns: bool) -> None:
+def check_radar(array, waveform, patterns):
     n = np.arange(15).reshape(5, 3) / 100
     assert (array.name, array.has_patterns) == ("frozen", patterns)
     np.testing.assert_array_equal(array.tx_m, n[:3])

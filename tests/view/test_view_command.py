@@ -68,7 +68,7 @@ def test_without_viser_the_error_says_what_to_install(monkeypatch):
 
 
 def test_the_address_is_of_this_machine_alone(monkeypatch):
-    def nameless() -> str:
+    def nameless():
         raise KeyError("getpwuid(): uid not found: 4711")
 
     monkeypatch.setattr("getpass.getuser", nameless)

@@ -5,7 +5,6 @@ import logging
 import socket
 import sys
 import threading
-from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
 
@@ -23,14 +22,12 @@ VIEW = View(source=frames(volume()), wish=Wish())
 
 
 @pytest.fixture(scope="module")
-def port() -> Iterator[int]:
+def port():
     with serving(VIEW, 8500) as (port, _):
         yield port
 
 
-def connected(
-    port: int, *headers: str, upgrade: bool = True, version: str = viser.__version__
-) -> socket.socket:
+def connected(port, *headers, upgrade=True, version=viser.__version__):
     """A connection that has sent a request."""
     key = base64.b64encode(bytes(16)).decode()
     lines = ["GET / HTTP/1.1", *headers]
@@ -40,13 +37,13 @@ def connected(
     return sent(port, "\r\n".join([*lines, "", ""]).encode())
 
 
-def sent(port: int, data: bytes) -> socket.socket:
+def sent(port, data):
     connection = socket.create_connection(("127.0.0.1", port))
     connection.sendall(data)
     return connection
 
 
-def status(connection: socket.socket) -> int:
+def status(connection):
     with closing(connection):
         return int(connection.makefile("rb").readline().split()[1])
 
@@ -119,7 +116,7 @@ def test_a_port_in_use_is_passed_over():
             assert number < port < number + 100
 
 
-def messages(browser: Any) -> list[dict[str, Any]]:
+def messages(browser):
     """The messages that the next of viser's packets holds."""
     import msgspec.msgpack
     import zstandard
@@ -131,7 +128,7 @@ def messages(browser: Any) -> list[dict[str, Any]]:
     return found
 
 
-def browser_at(port: int) -> Any:
+def browser_at(port):
     from websockets.sync.client import connect
 
     protocol: Any = f"viser-v{viser.__version__}"
@@ -139,7 +136,7 @@ def browser_at(port: int) -> Any:
 
 
 @contextmanager
-def halting_link(port: int) -> Iterator[tuple[int, threading.Event]]:
+def halting_link(port):
     """The port of a link that passes on what the server at `port` sends while the event is set."""
     passing, always = threading.Event(), threading.Event()
     passing.set()
@@ -147,7 +144,7 @@ def halting_link(port: int) -> Iterator[tuple[int, threading.Event]]:
     with socket.create_server(("127.0.0.1", 0)) as entrance:
         link = socket.create_connection(("127.0.0.1", port))
 
-        def pass_on(source: socket.socket, target: socket.socket, when: threading.Event) -> None:
+        def pass_on(source, target, when):
             try:
                 while block := source.recv(2**16):
                     when.wait()
@@ -155,7 +152,7 @@ def halting_link(port: int) -> Iterator[tuple[int, threading.Event]]:
             except OSError:
                 pass  # the test has ended
 
-        def run() -> None:
+        def run():
             browser, _ = entrance.accept()
             threading.Thread(target=pass_on, args=(browser, link, always), daemon=True).start()
             pass_on(link, browser, passing)
@@ -170,7 +167,7 @@ def halting_link(port: int) -> Iterator[tuple[int, threading.Event]]:
 
 
 def test_a_link_that_does_not_keep_up_gets_fewer_frames():
-    def frames_until(browser: Any, last: str) -> int:
+    def frames_until(browser, last):
         """How many frames come until the last one has."""
         count = 0
         while True:

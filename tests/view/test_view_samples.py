@@ -1,9 +1,5 @@
 """Data sets in the live view: an index of thousands, one sample read at a time, its truth."""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from dataset_plans import plan_of
@@ -23,7 +19,7 @@ from clradar.view.sources import open_source
 DEPTH_M = 0.31
 
 
-def arrays_of(made: dict[str, Any], products: Sequence[str]) -> dict[str, np.ndarray]:
+def arrays_of(made, products):
     """Products of a sample that is bright in one pixel, by its number."""
     ny, nx = read_recipe(made).plan.image.grid.shape[1:]
     depth = np.full((ny, nx), np.nan, np.float32)
@@ -42,7 +38,7 @@ def arrays_of(made: dict[str, Any], products: Sequence[str]) -> dict[str, np.nda
     return {name: array for name, array in found.items() if name.partition("_")[0] in products}
 
 
-def data_set(folder: Path, *products: str, count: int = 12, size: int = 5) -> Path:
+def data_set(folder, *products, count=12, size=5):
     """Write a data set in shards; of sample 6 it is told why there is none."""
     plan = plan_of(
         samples=count,
@@ -62,7 +58,7 @@ def data_set(folder: Path, *products: str, count: int = 12, size: int = 5) -> Pa
 
 
 @pytest.fixture(scope="module")
-def letters(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def letters(tmp_path_factory):
     return data_set(tmp_path_factory.mktemp("view") / "letters", "joints", "mesh")
 
 
@@ -70,7 +66,7 @@ def test_samples_are_read_when_they_are_looked_at(letters, monkeypatch):
     read: list[tuple[str, int]] = []
     read_sample = samples.read_sample
 
-    def counted(path: Path, sample: int, plan: Any) -> Any:
+    def counted(path, sample, plan):
         read.append((path.name, sample))
         return read_sample(path, sample, plan)
 
