@@ -19,12 +19,6 @@ def made(tmp_path_factory):
     return folder
 
 
-@pytest.fixture
-def copy(made, tmp_path):
-    """A copy of `made`."""
-    return Path(shutil.copytree(made, tmp_path / "copy"))
-
-
 @pytest.fixture(scope="module")
 def quick_runs():
     """Have runs make each sample once, and write a word for the contact sheet."""

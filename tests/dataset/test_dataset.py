@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -133,7 +134,7 @@ def test_what_a_recipe_leaves_out_is_a_default_or_one_error():
         (3, "got int"),
     ):
         with pytest.raises(ModelError, match=words):
-            make_sample(wrong, DEVICE)  # type: ignore[arg-type]
+            make_sample(wrong, DEVICE)
 
 
 HASHES = """
@@ -226,7 +227,9 @@ def test_rigs_are_hands_too(tmp_path, monkeypatch, capsys):
 # Replay
 
 
-def test_the_command_replays(made, copy, capsys):
+def test_the_command_replays(made, tmp_path, capsys):
+    copy = shutil.copytree(made, tmp_path / "copy")
+
     def called(*arguments):
         return command_line.run(capsys, "dataset", "--device", DEVICE, "--replay", *arguments)
 

@@ -65,7 +65,7 @@ def torch(monkeypatch):
     What it returns is an array, so that values can be looked at.
     """
     module = types.ModuleType("torch")
-    module.as_tensor = np.asarray  # type: ignore[attr-defined]
+    module.as_tensor = np.asarray
     monkeypatch.setitem(sys.modules, "torch", module)
 
 

@@ -44,7 +44,6 @@ def test_frames_share_the_draws_of_their_sequence():
     hand = moving_hand(frames[4])
     moved_m = hand.transform(0.2)[:3, 3] - hand.transform(0.0)[:3, 3]
     assert moved_m[2] == pytest.approx(0.03, abs=0.03)
-    assert hand.motion is not None
     about = (*frames[4].plan.placement.metres, 1.0)
     assert hand.motion.at(0.2) @ about == pytest.approx(np.add(about, (0, 0, 0.03, 0)))
     # The label is the pose in the middle of the sweep.

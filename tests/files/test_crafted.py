@@ -128,7 +128,6 @@ def nested_tuples(depth):
 CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "os.system": ("frame.npy", frame(pickle.dumps(Evil(os.system, "touch owned")))),
     "bytes of 2^62": ("frame.npy", frame(b"\x80\x04\x8e" + b"\xff" * 7 + b"\x3f.")),
-    "text of 2^62": ("frame.npy", frame(b"\x80\x04\x8d" + b"\xff" * 7 + b"\x3f.")),
     "8 TB by a state": ("frame.npy", frame(b"\x80\x05" + STATE)),
     "8 GB by a buffer": ("frame.npy", frame(b"\x80\x05" + BUFFER)),
     "deep keys": ("frame.npy", frame(nested_tuples(10**6))),
@@ -152,7 +151,6 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "vertices of 2^40": ("mesh.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex "
                          b"1099511627776\nproperty float x\nproperty float y\nproperty float z\n"
                          b"element face 0\nproperty list uchar int vertex_indices\nend_header\n"),
-    "triangles of 2^32": ("mesh.stl", bytes(80) + b"\xff\xff\xff\xff" + bytes(50)),
     "a sparse mesh": ("mesh.stl", lambda path: sparse(path, bytes(80) + b"\xff\xff\xff\xff")),
     "deep JSON": ("mesh.gltf", b'{"asset": ' + b"[" * 10**6 + b"]" * 10**6 + b"}"),
     "numbers of 2^40": ("mesh.gltf", gltf(accessors=[
@@ -170,11 +168,11 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
 }  # fmt: skip
 CRAFTED |= {
     f"a pipe for {name}": (name, os.mkfifo)
-    for name in ("frame.npy", "mesh.ply", "hand.pkl", "depth.png", "layout.toml")
+    for name in ("frame.npy", "mesh.ply", "hand.pkl", "depth.png")
 }
 CRAFTED |= {
     f"a device for {name}": (name, lambda path: os.symlink("/dev/zero", path))
-    for name in ("frame.npy", "lab.h5", "mesh.ply", "hand.glb", "transform.json")
+    for name in ("frame.npy", "lab.h5", "transform.json")
 }
 
 

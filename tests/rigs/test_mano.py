@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from command_line import Cli
 from mano_files import ORDER, PARENTS, mano_model, mano_pickle
+from scipy.spatial.transform import Rotation
 
 from clradar.errors import ModelError, RigError
 from clradar.hand import JOINT_NAMES, pose_by_name, posed_skeleton
@@ -43,21 +44,12 @@ def rig(path):
     return read_rig(path)
 
 
-def rodrigues(vector):
-    angle = np.linalg.norm(vector)
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
 def reference(model, betas, theta):
     """Vertices and 16 joints of the model: the paper's equations, one vertex at a time, with 4x4
     matrices as in SMPL: G_k = prod [R | J], G'_k = G_k with G_k J_k taken off."""
     shaped = model["v_template"] + np.einsum("vcb,b->vc", model["shapedirs"], betas)
     joints = model["J_regressor"].toarray() @ shaped
-    rotations = [rodrigues(v) for v in theta.reshape(16, 3)]
+    rotations = Rotation.from_rotvec(theta.reshape(16, 3)).as_matrix()
     feature = np.concatenate([(r - np.eye(3)).ravel() for r in rotations[1:]])
     posed = shaped + np.einsum("vcp,p->vc", model["posedirs"], feature)
     chain: list[np.ndarray] = []

@@ -445,26 +445,14 @@ def one_place(document):
     node.matrix = np.eye(4).reshape(-1).tolist()
 
 
-def uncounted(attribute, count):
-    """An accessor that takes nothing of the file but says that there is much."""
-
-    def change(document):
-        primitive = document.meshes[0].primitives[0]
-        at = primitive.indices if attribute == "indices" else vars(primitive.attributes)[attribute]
-        document.accessors[at].bufferView = None
-        document.accessors[at].count = count
-
-    return change
-
-
 PRIMITIVE = "meshes[0].primitives[0]"
 ATTRIBUTES = f"{PRIMITIVE}.attributes"
 NO_SKIN = "a mesh with a skin, got a mesh that no joint moves .not skinned."
 NO_TYPE = "numbers of a known type, got type VEC3 of component type 1234"
 DRACO = ["KHR_draco_mesh_compression"]
 NEAR = "vertices of fingers that mostly lie within 0.5 .* inverse bind matrices missing"
-NO_TRIANGLES = "a mesh with triangles that the hand's joints move, got none"
 MANY = "at most 67108864 numbers, with all uses of them"
+VERTICES = "at most 2000000 vertices, got 3999999"
 PUT = [  # in whose place, what, and what is said of it
     ("nodes[0].children", lambda old: [*old, 5], "one parent of node 5, got "),
     ("nodes[4].matrix", lambda old: [*old[:3], np.nan, *old[4:]], "matrix of node 4: 16 finite"),
@@ -476,7 +464,6 @@ PUT = [  # in whose place, what, and what is said of it
     ("asset.version", "1.0", "a glTF 2.0 file, got version 1.0"),
     ("skins[0].inverseBindMatrices", None, NEAR),
     (f"{PRIMITIVE}.mode", 5, "primitive 0: a plain list of triangles, got a strip or a fan"),
-    (f"{PRIMITIVE}.mode", 1, NO_TRIANGLES),
     ("accessors[1].sparse", Sparse(count=1), "numbers of a buffer, got sparse ones"),
 ]
 NO_WEIGHTS = both(put(f"{ATTRIBUTES}.JOINTS_0", None), put(f"{ATTRIBUTES}.WEIGHTS_0", None))
@@ -491,20 +478,16 @@ DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
     ),
     (one_place, "'index-finger-phalanx-distal' and 'index-finger-phalanx-intermediate' at the sam"),
     # Counts that no byte backs.
-    (uncounted("POSITION", 3_999_999), "at most 2000000 vertices, got 3999999"),
-    (uncounted("POSITION", 2**35), MANY),
-    (uncounted("WEIGHTS_0", 2**35), MANY),
-    (uncounted("indices", 30_000_000), "at most 8388608 triangles"),
+    (both(put("accessors[1].bufferView", None), put("accessors[1].count", 3_999_999)), VERTICES),
+    (both(put("accessors[1].bufferView", None), put("accessors[1].count", 2**35)), MANY),
 ]
 
 
 @pytest.mark.parametrize(("change", "message"), DOCUMENTS, ids=range(len(DOCUMENTS)))
 def test_wrong_documents_are_named(tmp_path, change, message):
-    document = RigMaker().build()
+    maker, path = RigMaker(), tmp_path / "hand.gltf"
+    document = maker.build()
     change(document)
-    path = tmp_path / "hand.gltf"
-    maker = RigMaker()
-    maker.build()
     (tmp_path / "hand.bin").write_bytes(maker.blob)
     document.buffers[0].uri = "hand.bin"
     # Not pygltflib's own writer, which refuses NaN.
@@ -513,7 +496,6 @@ def test_wrong_documents_are_named(tmp_path, change, message):
     with pytest.raises(RigError, match=message) as caught:
         read_rig(path)
     assert str(caught.value).startswith(f"{path}: expected ")
-    assert "\n" not in str(caught.value)
 
 
 def edited(name, value, rows=5):

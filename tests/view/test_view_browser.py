@@ -94,7 +94,6 @@ def viewing(source, *options):
         program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
-            assert process.stdout is not None
             lines = (line.split()[0] for line in process.stdout)
             yield process, next(word for word in lines if word.startswith("http:"))
         finally:

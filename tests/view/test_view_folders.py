@@ -5,7 +5,7 @@ from fronts import Front, capture, volume
 
 from clradar.errors import MeasurementError
 from clradar.view.session import Session, View
-from clradar.view.sources import FolderFrames, open_source
+from clradar.view.sources import open_source
 from clradar.view.wish import Wish
 from measurement_io import save_recording, save_volume
 
@@ -18,7 +18,6 @@ class Watched(Front):
         self.folder = folder
         self.peaks: list[float] = []
         source = open_source(folder, watch=True)
-        assert isinstance(source, FolderFrames)
         self.source = source
         self.session = Session(View(source=source, wish=Wish(frame=-1)), self)
         self.player = self.plays(self.session, source)
@@ -98,7 +97,6 @@ def test_a_half_written_file_is_shown_once_it_is_whole(watched):
 def test_a_folder_that_grows_without_watching_is_followed(tmp_path):
     save_volume(tmp_path / "a.h5", volume(1.0))
     source = open_source(tmp_path)
-    assert isinstance(source, FolderFrames)
     assert not source.grows
     save_volume(tmp_path / "b.h5", volume(2.0))
     assert any(source.look() for _ in range(3))

@@ -72,7 +72,6 @@ def test_samples_are_read_when_they_are_looked_at(letters, monkeypatch):
 
     monkeypatch.setattr(samples, "read_sample", counted)
     source = open_source(letters)
-    assert isinstance(source, SampleFrames)
     assert source.frames() == (0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11)
     source.choose(pose="B")
     source.choose()
@@ -106,7 +105,6 @@ def test_captures_are_there_to_be_imaged(tmp_path):
     folder = data_set(tmp_path / "captures", "capture", count=2, size=1)
     capture = SampleFrames(folder).read(1)
     assert isinstance(capture, clradar.Capture)
-    assert capture.data.shape == (12, 12, 16)
     assert capture.data[0, 0, 0] == 2.0
 
 
@@ -114,9 +112,7 @@ def test_the_truth_is_that_of_the_recipe(letters):
     source = SampleFrames(letters)
     truth = source.truth(4)
     made = SamplePlan(samples.read_manifest(letters).plan, 4)
-    assert truth.vertices_m is not None
     assert truth.vertices_m.shape == (3, 3)
-    assert truth.joints_m is not None
     assert truth.joints_m.shape == (25, 3)
     assert truth.lines[0] == f"pose {made.pose.name}, {made.plan.hands.handedness} hand"
     assert f"palm {made.plan.alpha.of_parts['palm']:.2f}" in truth.lines[-1]
@@ -139,7 +135,6 @@ def test_a_data_set_that_is_written_is_followed(tmp_path):
     content = third.read_bytes()
     third.unlink()
     source = open_source(folder, watch=True)
-    assert isinstance(source, SampleFrames)
     source.choose(pose="F")
     assert source.frames() == ()
     assert not source.look()

@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import pickle
 import socket
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -88,7 +88,6 @@ def test_the_folder_is_the_callers(path, monkeypatch):
 @pytest.mark.skipif(not process._FORKS, reason="no server, but a process for every file")
 def test_another_server_takes_over(path):
     assert confined.run(probes.same, path, 1) == 1
-    assert process._server is not None
     server = process._server[0]
     server.kill()
     server.wait()
@@ -106,36 +105,21 @@ def test_a_process_that_does_not_start_is_not_the_files_fault(path, monkeypatch,
 
 
 def test_threads(path):
-    found = []
-
-    def read(number):
-        found.append(confined.run(probes.same, path, number))
-
-    threads = [threading.Thread(target=read, args=(i,)) for i in range(16)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(found) == list(range(16))
+    with ThreadPoolExecutor(16) as pool:
+        found = pool.map(lambda number: confined.run(probes.same, path, number), range(16))
+        assert [*found] == [*range(16)]
 
 
-def _read_in_a_fork(path, sink):
-    sink.put(confined.run(probes.same, path, os.getpid()))
+def _read_in_a_fork(path):
+    return confined.run(probes.same, path, os.getpid()) == os.getpid()
 
 
 @posix_only
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_forked_processes(path):
     assert confined.run(probes.same, path, 0) == 0
-    context = multiprocessing.get_context("fork")
-    sink = context.Queue()
-    workers = [context.Process(target=_read_in_a_fork, args=(path, sink)) for _ in range(2)]
-    for worker in workers:
-        worker.start()
-    found = {sink.get() for _ in workers}
-    for worker in workers:
-        worker.join()
-    assert found == {worker.pid for worker in workers}
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        assert all(pool.map(_read_in_a_fork, [path, path], chunksize=1))
     assert confined.run(probes.same, path, 1) == 1
 
 

@@ -232,14 +232,12 @@ UNFIT = [
     ({"f": HERTZ.reshape(2, 3)}, "to be a list"),
     ({"tx": TX_M[:-1]}, "4 positions and 5 channels"),
     ({"data": SAMPLES[:, :-1]}, "4 positions and 3 channels"),
-    ({"data": SAMPLES[..., 0]}, "3 axes (tx, rx, freq)"),
     ({"data": SAMPLES.real}, "float32"),
     ({"data": np.where(LAST, np.nan, SAMPLES)}, "1 of 120"),
     ({"data": SAMPLES.astype(complex) * 1e300}, "120 of 120"),
     ({"data": SAMPLES[:0]}, "length 0"),
     ({"data": np.zeros((5, 4, 6), bool)}, "to hold numbers"),
     ({"data": np.array("text")}, "3 axes"),
-    ({"tx": TX_M + np.nan}, "15 of 15"),
     ({"tx": TX_M.astype(complex)}, "real numbers"),
     ({"tx": TX_M[0]}, "x, y, z in the columns"),
     ({"tx": np.zeros((0, 3))}, "at least one element"),
@@ -258,7 +256,6 @@ UNFIT_LAYOUTS = [
         {"re": SAMPLES.real, "im": SAMPLES.imag[:-1]},
         "the imaginary part",
     ),
-    (edited(('key = "rx"', 'key = "yx"')), COLUMNS, "x, y, z in the columns"),
     (edited(('key = "tx"', 'key = "turned"')), COLUMNS, 'orientation = "columns" would fit'),
 ]
 
@@ -278,25 +275,20 @@ EDITED = [
     ('"freq"]', '"rx"]', "every axis once"),
     ('["tx", "rx", "freq"]', '["pair", "freq"]', "pair_order"),
     ('"freq"]', '"freq"]\nparts = ["real", "imag"]', "parts"),
-    ('"freq"]', '"freq"]\npick = { a = 1 }', "pick"),
     ('"freq"]', '"freq"]\nreal = "a"', "'real' and 'imag'"),
     ('key = "data"', "key = 3", "a key of the file"),
     ("[tx]", "phase_sign = true\n[tx]", "phase_sign"),
     ("[tx]", '[tx]\nselect = "1-3"', "slice"),
-    ("[tx]", "[tx]\nselect = [-1]", "from 0"),
     ("[tx]", "[tx]\nchannels = 0", "channels"),
     ("[tx]", '[tx]\narray = "qar50"', "one of 'key'"),
     ('key = "tx"', 'key = "tx"\nz = 0', "columns"),
     ('unit = "m"', 'unit = "inch"', '"m", "cm", "mm", "um"'),
     ('unit = "m"\n', "", "unit of the positions"),
-    ('unit = "m"', 'unit = "m"\nmirror = ["q"]', "mirror"),
     ('unit = "Hz"', "", "one of Hz, kHz, MHz, GHz"),
     ('key = "f"', "start = 1\npoints = 3", "'stop' or 'step'"),
-    ('key = "f"', "values = []", "list of numbers"),
 ]
 BAD_LAYOUTS = [
     ("", "data: expected a table"),
-    ("[data", "TOML"),
     (PLAIN + "typo = 1\n", ": frequency.typo: unknown key; expected one of key, values, start"),
     *((edited((old, new)), expected) for old, new, expected in EDITED),
 ]
@@ -316,16 +308,12 @@ def test_bad_layouts(tmp_path, text, expected):
 # ---- damaged and hostile containers: one error, whatever they claim
 
 
-def saved(array):
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
-
-
 def archive_of(path, *names):
+    file = io.BytesIO()
+    np.save(file, np.zeros(3))
     with zipfile.ZipFile(path, "w") as archive:
         for name in names:
-            archive.writestr(name, saved(np.zeros(3)))
+            archive.writestr(name, file.getvalue())
 
 
 def twice(path):
@@ -362,11 +350,6 @@ def missing_chunk(path):
         made[:-1] = SAMPLES[:-1]
 
 
-def group(path):
-    with without_data(path) as file:
-        file.create_group("data")
-
-
 def nested(path):
     write("hdf5", path, tree_of(CAPTURE))
     with h5py.File(path, "r+") as file:
@@ -384,7 +367,6 @@ HOSTILE = {
         dataset((5, 4, 6), "c8", chunks=(2**9,) * 3, maxshape=(None,) * 3),
         "in chunks of at most",
     ),
-    "group": (group, "the key 'data'"),
     "references": (dataset((5, 4, 6), h5py.ref_dtype), "object"),
     "text": (dataset((5, 4, 6), [("r", "f4"), ("i", "S9")]), "hold numbers"),
     "nested": (nested, "nested"),

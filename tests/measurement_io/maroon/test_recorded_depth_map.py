@@ -116,7 +116,6 @@ def test_pixels_are_placed_by_what_there_is(radar, where):
     [
         ("bb_min", [0, 0], "as many numbers as"),
         ("bb_min", [0, 0, True], "bb_min[2]: expected a finite number, got true"),
-        ("bb_max", [-1, -1, -1], "bb_min below bb_max"),
         ("grid_size", [31, 21, 9.5], "whole numbers"),
         ("grid_size", [1, 21, 9], "one point"),
         ("grid_size", [21, 31, 9], "31 rows of 21 pixels"),
