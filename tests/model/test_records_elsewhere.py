@@ -4,7 +4,6 @@ import base64
 import io
 import json
 import sys
-from dataclasses import replace
 from html.parser import HTMLParser
 from typing import Any
 
@@ -15,7 +14,7 @@ from PIL import Image
 import clradar
 from clradar.errors import MissingPackage
 from clradar.model.material import METAL
-from clradar.plot.notebook import MOST_FACES
+from clradar.plot import notebook
 
 NASTY = "<script>alert('x')</script> & \"<b>\""
 
@@ -82,7 +81,7 @@ def test_notebooks_show_a_figure_and_escaped_facts(record):
     assert page.text.startswith(type(record).__name__)
 
 
-def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts():
+def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts(monkeypatch):
     image = clradar.DepthMap(np.full((11, 11), 0.3), np.eye(11), np.arange(11.0), np.arange(11.0))
     text = Page(clradar.compare(image, image)._repr_html_()).text
     assert "overlap1.000" in text
@@ -91,12 +90,10 @@ def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts():
     page = Page(dark._repr_html_())
     assert page.pictures == []
     assert "strongest voxel0" in page.text
-    many = replace(
-        SCENE, faces=np.zeros((MOST_FACES + 1, 3), np.int32), part=0, alpha=0.5, material=0
-    )
-    page = Page(many._repr_html_())
+    monkeypatch.setattr(notebook, "MOST_FACES", 0)
+    page = Page(SCENE._repr_html_())
     assert page.pictures == []
-    assert f"faces{MOST_FACES + 1}" in page.text
+    assert "faces1" in page.text
     assert METAL._repr_html_() is None  # a notebook then shows its text
 
 
@@ -105,9 +102,7 @@ def test_numpy_takes_records_for_their_arrays():
     assert np.asarray(image) is image.data or np.shares_memory(np.asarray(image), image.data)
     assert np.abs(capture()).shape == (2, 3, 4)
     np.testing.assert_array_equal(image.depth_map(), image.depth_map().depth_m)
-    copied = np.array(image)
-    copied[0, 0, 0] = 1  # the record stays as it is
-    assert image.data[0, 0, 0] == 0
+    assert not np.shares_memory(np.array(image), image.data)
     assert np.asarray(image, np.complex128).dtype == np.complex128
 
 
