@@ -84,7 +84,7 @@ def test_offsets_stay_within_the_face():
     assert (offset / bound_m).max() > 0.5
 
 
-@pytest.mark.parametrize("turn_deg", [2.0, 10.0, 20.0])
+@pytest.mark.parametrize("turn_deg", [2.0, 20.0])
 def test_arcs_are_met_to_fourth_order(turn_deg):
     """The middle of a strip of a cylinder: R (1 - cos t) off the chord, t half of the turn.
 
