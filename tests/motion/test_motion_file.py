@@ -75,7 +75,6 @@ def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path):
         ("", r"motion.toml: body: expected \[\[body\]\] or \[\[hand\]\]"),
         ("[[body]]\nvelocty_mm_per_s = [0, 0, 1]", r"did you mean 'velocity_mm_per_s'"),
         ("[[body]]\nabout_mm = [0, 0, 1]", r"body\[0\].place: expected either"),
-        ("[[body]]\nvelocity_mm_per_s = [0, 1]", r"velocity_mm_per_s: expected a list of 3"),
         ("[[body]]\nplace = [{ shift_mm = [0, 0, 1] }]", r"place\[0\].time_s: expected a time"),
         ("[[body]]\nplace = [{ time_s = 1 }, { time_s = 1 }]", r"body\[0\].*times that increase"),
         ("[[body]]\nturn_deg_per_s = [0, 0, 1]\nbeyond = 'hold'", r"beyond: expected \[\[place"),
@@ -85,7 +84,6 @@ def test_a_file_has_bodies_hands_and_the_order_of_switching(tmp_path):
         ("[[hand]]\nedge_mm = 0\npose = [{ time_s = 0, pose = 'A' }]", r"hand\[0\].*edge_length_m"),
         ("[[hand]]\nrig = 'x.glb'\ngirth = 1\npose = [{ time_s = 0, pose = 'A' }]", "girth.*rig"),
         ("sweep.cluster_us = -1\n[[hand]]\npose = [{ time_s = 0, pose = 'A' }]", "cluster_us"),
-        ("sweep.step_us = -1\n[[hand]]\npose = [{ time_s = 0, pose = 'A' }]", "sweep.step_us"),
     ],
 )  # fmt: skip
 def test_mistakes_name_the_file_and_the_key(tmp_path, text, said):

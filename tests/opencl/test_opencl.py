@@ -1,7 +1,6 @@
 """The device layer: which device, builds and memory."""
 
 import gc
-import math
 import os
 import re
 import subprocess
@@ -9,7 +8,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from importlib.metadata import PackagePath
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,23 +35,8 @@ from clradar.opencl import device as device_module
 from clradar.opencl import program as program_module
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.choice import default_device
-from clradar.opencl.double_single import hi_lo
 from clradar.opencl.self_test import self_test
 from clradar.opencl.sources import source
-
-# The polynomials err by at most 1.1e-7 over a cycle (Cephes); reducing x to a quadrant is exact,
-# and its product with 2 pi rounds once more (6e-8 of at most pi/4).
-SINE_ERROR = 2e-7
-
-
-# The fraction of a cycle is below 1 and rounds to 2^-25 there; so does the correction term, which
-# is below half a cycle up to 2^22 cycles. In cycles; 6e-8 of them are 4e-7 rad.
-CYCLE_ERROR = 2.0**-24
-
-
-# A dual holds 48 bits. The correction term of dual_length, up to 2^-24 of the length, is a sum of
-# some twenty float32 operations, each good to 2^-24.
-LENGTH_ERROR = 20 * 2.0**-48
 
 # Which device ------------------------------------------------------------------------------------
 
@@ -217,15 +200,11 @@ def test_environment_chooses_for_every_function(device, monkeypatch):
     assert known is open_device(known) is open_device(device.info.selector)
     assert device.info == known.info in list_devices()
     monkeypatch.setenv("CLRADAR_DEVICE", "no such device")
-    capture = clradar.Capture(
-        np.ones((1, 1, 1)),
-        clradar.AntennaArray(np.zeros((1, 3)), np.zeros((1, 3))),
-        clradar.Waveform([1e9]),
-    )
-    grid = clradar.VoxelGrid.from_extent((0, 0), (0, 0), (1, 1), 1)
+    paths = clradar.Paths([0], [0], [0.6], [1.0], [1], 1, 1)
+    given = (paths, clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]]), clradar.Waveform([1e9]))
     with pytest.raises(DeviceError, match="CLRADAR_DEVICE: expected one of the devices here"):
-        clradar.backproject(capture, grid)
-    assert clradar.backproject(capture, grid, device=device).meta["device"]["device"]
+        clradar.synthesize(*given)
+    assert clradar.synthesize(*given, device=device).meta["device"]["device"]
 
 
 @pytest.mark.parametrize(
@@ -378,13 +357,6 @@ def test_a_large_buffer_on_a_cpu_is_numpys_memory(device, monkeypatch):
         monkeypatch.setattr(np, "empty", refuse)
         with pytest.raises(DeviceError, match=r"could not be allocated .*no more of it"):
             buffers.empty(values.nbytes)
-
-
-def test_a_write_beyond_the_buffer_is_an_error(device):
-    with Buffers(device) as buffers:
-        buffer = buffers.empty(64)
-        with pytest.raises(DeviceError, match=re.escape(device.info.label)):
-            buffers.write(buffer, np.zeros(1000))
 
 
 def test_all_buffers_of_a_device_share_its_budget(small):
@@ -562,15 +534,6 @@ def test_options_reach_the_kernel(device, kernel_text):
             np.testing.assert_allclose(buffers.read(buffer, 7, np.float32), want, rtol=2e-7)
 
 
-def test_programs_are_built_once_per_options(device, kernel_text):
-    kernel_text(KERNEL)
-    one = build(device, "scale.cl", Options())
-    kernel_text("no OpenCL at all")
-    assert build(device, "scale.cl", Options()) is one
-    with pytest.raises(DeviceError, match="does not build"):
-        build(device, "scale.cl", Options(offset=2))
-
-
 def test_a_damaged_cache_of_pyopencl_is_no_error(device, kernel_text, monkeypatch):
     """What another processor has left there does not load: "INVALID_BINARY"."""
 
@@ -590,11 +553,6 @@ def test_a_build_error_has_device_options_and_log(device, kernel_text):
     assert message.startswith(f"device {device.info.label}: broken.cl does not build (")
     for part in ("-DCLR_FACTOR=2", "-DCLR_NEGATE=1", "CLRADAR_DEVICE=", "no_such_name"):
         assert part in message  # options, what to do, the compiler's log
-
-
-def test_a_kernel_without_its_option_does_not_build(device):
-    with pytest.raises(DeviceError, match=r"CLR_WIDTH .* is missing"):
-        build(device, "synthesize.cl", Options())
 
 
 @pytest.mark.parametrize(
@@ -619,137 +577,6 @@ def test_a_launch_that_fails_names_device_kernel_and_remedy(
         pytest.raises(DeviceError, match=f"^device {label}: .*{words}.*{error}.*CLRADAR_DEVICE="),
     ):
         program.launch("scale", (7,), buffers.zeros(28))
-
-
-TEST_KERNELS = """
-__kernel void sines(__global const float *x, __global float *out) {
-    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
-    realw cosine, sine;
-    cos_sin_cycles(LOADW(x + i), &cosine, &sine);
-    STOREW(cosine, out + i);
-    STOREW(sine, out + n + i);
-}
-
-/* in: length hi, lo, wavenumber hi, lo; out: cycles(), and what plain float32 gives. */
-__kernel void fractions(__global const float *in, __global float *out) {
-    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
-    dual length;
-    length.hi = LOADW(in + i);
-    length.lo = LOADW(in + n + i);
-    const wavenumber k = make_wavenumber(LOADW(in + 2 * n + i), LOADW(in + 3 * n + i));
-    STOREW(cycles(length, k), out + i);
-    const realw product = length.hi * k.hi;
-    STOREW(product - rint(product), out + n + i);
-}
-
-/* in: two points as x, y, z hi and then lo; out: hi, lo, and what plain float32 gives. */
-__kernel void lengths(__global const float *in, __global float *out) {
-    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
-#define AT(k) LOADW(in + (k) * n + i)
-    const dual x = dual_difference(AT(0), AT(3), AT(6), AT(9));
-    const dual y = dual_difference(AT(1), AT(4), AT(7), AT(10));
-    const dual z = dual_difference(AT(2), AT(5), AT(8), AT(11));
-    const dual length = dual_length(x, y, z);
-    STOREW(length.hi, out + i);
-    STOREW(length.lo, out + n + i);
-    STOREW(sqrt(x.hi * x.hi + y.hi * y.hi + z.hi * z.hi), out + 2 * n + i);
-}
-"""
-
-
-@dataclass(frozen=True)
-class PhaseOptions:
-    width: int
-
-
-@pytest.fixture(params=[1, 8], ids=["one lane", "eight lanes"])
-def compute(
-    device: clradar.Device, request: pytest.FixtureRequest, kernel_text: Callable
-) -> Callable[[str, np.ndarray, int], np.ndarray]:
-    """Run one of the kernels above: input of shape (rows, n), output of shape (n_out, n)."""
-    kernel_text(source("common/phase.h") + TEST_KERNELS)
-    program = build(device, "phase test", PhaseOptions(request.param))
-
-    def run(name: str, rows: np.ndarray, n_out: int) -> np.ndarray:
-        n = rows.shape[1]
-        padded = np.pad(rows, ((0, 0), (0, -n % 8)), mode="edge").astype(np.float32)
-        total = padded.shape[1]
-        with Buffers(device) as buffers:
-            out = buffers.empty(4 * n_out * total)
-            program.launch(name, (total // request.param,), buffers.upload(padded), out)
-            return buffers.read(out, (n_out, total), np.float32)[:, :n].astype(np.float64)
-
-    return run
-
-
-def test_sine_and_cosine_of_cycles(compute):
-    eighths = np.arange(-8, 9) / 8
-    x = np.concatenate(
-        [
-            np.linspace(-1, 1, 20011),
-            eighths,
-            np.nextafter(eighths, 1, dtype=np.float32),
-            np.nextafter(eighths, -1, dtype=np.float32),
-            [-0.0, 1e-30, -1e-45],
-        ]
-    ).astype(np.float32)
-    cosine, sine = compute("sines", x[None], 2)
-    phase_cycles = x.astype(np.float64)
-    assert np.abs(cosine - np.cos(2 * np.pi * phase_cycles)).max() <= SINE_ERROR
-    assert np.abs(sine - np.sin(2 * np.pi * phase_cycles)).max() <= SINE_ERROR
-
-
-def exact_fraction(length: tuple[float, float], k: tuple[float, float]) -> float:
-    """Fraction of a cycle of (hi + lo) * (hi + lo), in exact arithmetic."""
-    product = (Fraction(length[0]) + Fraction(length[1])) * (Fraction(k[0]) + Fraction(k[1]))
-    return float(product - round(product))
-
-
-def cycle_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distance on the circle, in cycles."""
-    return np.abs((a - b + 0.5) % 1 - 0.5)
-
-
-@pytest.mark.parametrize(("longest_m", "highest_hz"), [(1.5, 82e9), (2.0**22 / 1001, 3e11)])
-def test_cycles_keeps_the_carrier_where_float32_loses_it(compute, longest_m, highest_hz):
-    rng = np.random.default_rng(7)
-    length = rng.uniform(0.01, 1, 4001) * longest_m
-    k = rng.uniform(0.5, 1, 4001) * highest_hz / 299_792_458.0
-    rows = np.stack([*hi_lo(length), *hi_lo(k)]).astype(np.float32)
-    got, naive = compute("fractions", rows, 2)
-    pairs = rows.astype(np.float64)
-    want = np.array([exact_fraction((c[0], c[1]), (c[2], c[3])) for c in pairs.T])
-    assert np.abs(got).max() <= 1  # what cos_sin_cycles takes
-    assert cycle_distance(got, want).max() <= CYCLE_ERROR
-    # And against the float64 numbers that hi and lo represent, which float64 multiplies to 2^-53.
-    rounding = longest_m * highest_hz / 299_792_458.0 * 2.0**-47
-    phase_cycles = length * k
-    assert (
-        cycle_distance(got, phase_cycles - np.round(phase_cycles)).max() <= CYCLE_ERROR + rounding
-    )
-    # Plain float32 loses half a unit in the last place of the length: it must fail this test.
-    assert cycle_distance(naive, want).max() > 10 * CYCLE_ERROR
-
-
-def test_lengths_keep_what_float32_loses(compute):
-    rng = np.random.default_rng(11)
-    a = rng.uniform(-0.1, 0.1, (3, 5003))
-    b = rng.uniform(-0.1, 0.1, (3, 5003)) + np.array([[0.0], [0.0], [0.3]])
-    a[:, :5], b[:, :5] = 0.0, 0.0
-    b[0, 1] = 0.3  # along an axis
-    b[:, 2] = [3e-4, 4e-4, 0]  # a voxel beside an antenna
-    b[:, 3] = [30.0, 40.0, 1e-6]
-    b[:, 4] = [1e-6, 1e-6, 1e-6]
-    rows = np.concatenate([*hi_lo(a), *hi_lo(b)])
-    hi, lo, naive = compute("lengths", rows, 3)
-    parts = rows.astype(np.float64)
-    difference = (parts[0:3] - parts[6:9]) + (parts[3:6] - parts[9:12])
-    want = np.array([math.hypot(*d) for d in difference.T])
-    assert hi[0] == lo[0] == 0.0  # both at one point
-    # Two coordinates nearly cancel where the difference is small, so relative to their size.
-    scale = np.maximum(want, np.abs(parts[0:3]).max(axis=0))
-    assert (np.abs(hi + lo - want)[1:] / scale[1:]).max() <= LENGTH_ERROR
-    assert np.median(np.abs(naive - want)[5:] / want[5:]) > 1000 * LENGTH_ERROR
 
 
 @pytest.mark.parametrize(

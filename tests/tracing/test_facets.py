@@ -45,24 +45,6 @@ def test_sagitta_of_a_sphere_is_that_of_its_chords():
     np.testing.assert_allclose(facet_sagitta_m(mesh.triangles, found), expected, rtol=0.1)
 
 
-def arc(turn_deg: float, radius_m: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
-    """A face of a cylinder whose first edge turns by so much, and its exact normals."""
-    angle = np.radians([-turn_deg / 2, turn_deg / 2, turn_deg / 2])
-    normals = np.stack([np.sin(angle), np.zeros(3), np.cos(angle)], axis=1)
-    return (radius_m * normals + [[0, 0, 0], [0, 0, 0], [0, 0.01, 0]])[None], normals[None]
-
-
-@pytest.mark.parametrize("turn_deg", [4.0, 30.0])
-def test_what_is_left_of_arcs(turn_deg):
-    """The middle of an edge, where curved points of an arc are the farthest off."""
-    triangle_m, normals = arc(turn_deg)
-    middle = reference.curved_points(triangle_m, normals, np.array([[0.5, 0.5, 0.0]]))[0]
-    expected = 0.05 - np.hypot(middle[0], middle[2])
-    # The next order, which is left out: some t^2 of it.
-    squared = np.radians(turn_deg / 2) ** 2
-    assert curved_error_m(triangle_m, normals)[0] == pytest.approx(expected, rel=2 * squared)
-
-
 def test_balls_are_warned_of_where_curved_points_are_off_by_an_eighth_of_the_wavelength():
     """Icospheres of 80 faces whose edges are 0.58 radii: 0.6 % of the radius is left."""
     for radius_m, expected in ((0.12, 0), (0.24, 1)):
