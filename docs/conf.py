@@ -39,6 +39,8 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 # "Attributes" become fields of their class: descriptions of their own would be given twice.
 napoleon_use_ivar = True
+# One entry for parameters that are described together.
+napoleon_use_param = False
 napoleon_use_rtype = False
 napoleon_custom_sections = [("Warns", "params_style")]
 
@@ -80,6 +82,7 @@ sphinx_gallery_conf = {
 }
 
 html_theme = "furo"
+html_static_path, html_css_files = ["static"], ["code.css"]
 html_title = f"clradar {release}"
 html_show_sphinx = False
 html_copy_source = False

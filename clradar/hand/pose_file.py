@@ -36,7 +36,7 @@ class _PackagedPoses(Mapping[str, HandPose]):
     _NAMES = ("flat", *LETTERS, *DIGITS)
 
     def __getitem__(self, name: str) -> HandPose:
-        return _packaged()[name]
+        return _packaged(name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._NAMES)
@@ -45,11 +45,17 @@ class _PackagedPoses(Mapping[str, HandPose]):
         return len(self._NAMES)
 
 
+_PACKAGED = resources.files("clradar.hand").joinpath("poses.toml")
+
+
 @cache
-def _packaged() -> dict[str, HandPose]:
-    file = resources.files("clradar.hand").joinpath("poses.toml")
-    tables = parse_toml(file.read_text("utf-8"))
-    return {k: pose_of_table({"name": k, **v}, Path(str(file))) for k, v in tables.items()}
+def _tables() -> dict[str, Any]:
+    return parse_toml(_PACKAGED.read_text("utf-8"))
+
+
+@cache
+def _packaged(name: str) -> HandPose:
+    return pose_of_table({"name": name, **_tables()[name]}, Path(str(_PACKAGED)))
 
 
 POSES: Mapping[str, HandPose] = _PackagedPoses()

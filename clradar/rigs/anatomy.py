@@ -147,7 +147,7 @@ def canonical_axes(joints: np.ndarray, side: str) -> np.ndarray:
     canonical frame.
     """
     mirror = np.diag([-1.0 if side == "left" else 1.0, 1.0, 1.0])
-    reference = _reference()[0]
+    reference = reference_hand()[0]
     # The offset of the same axes in the hand of this package is constant and removed.
     return _axes(reference) @ _axes(joints @ mirror).T @ mirror
 
@@ -163,7 +163,7 @@ def rest_frames(
     piece: where a rig lets metacarpals begin does not tell how they are bent.
     """
     known = np.isfinite(joints_m).all(axis=1)
-    frames = _reference()[1].copy()
+    frames = reference_hand()[1].copy()
     for chain in CHAINS:
         bones = [joint for joint in chain[:-1] if joint not in METACARPALS]
         along = [_unit(joints_m[b] - joints_m[a]) for a, b in pairwise(bones)]
@@ -208,7 +208,7 @@ def _finger_axis(joint: int, along: np.ndarray) -> np.ndarray:
     Solves along = R Rz(abduction) Rx(-flexion) y for the two angles, where R is the frame of that
     finger with all angles 0.
     """
-    base = _reference()[1][joint]
+    base = reference_hand()[1][joint]
     x, y, _ = base.T @ along
     if np.hypot(x, y) < np.sin(np.deg2rad(5.0)):  # bent by a right angle: abduction is unobservable
         x, y = 0.0, 1.0
@@ -221,7 +221,7 @@ def _thumb_axis(along: np.ndarray) -> np.ndarray:
 
     The twist of a straight thumb is unobservable from its joints.
     """
-    frame = _reference()[2]
+    frame = reference_hand()[2]
     cross, cosine = np.cross(frame[:, 1], along), float(frame[:, 1] @ along)
     axis = frame[:, 0]
     if cosine < -0.99:
@@ -245,7 +245,7 @@ def _axes(joints: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _reference() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def reference_hand() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return joints and frames of the hand with all angles 0, and the thumb's frame when flat."""
     straight = posed_skeleton(HandPose("straight"))
     thumb = posed_skeleton(pose_by_name("flat")).frames[CHAINS[0][0]]

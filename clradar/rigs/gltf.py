@@ -24,7 +24,7 @@ from clradar.files.limits import (
     MAX_MESH_NODES,
 )
 from clradar.files.meshes.gltf_document import EXPECTED, GLB_MAGIC, bytes_beside, check_document
-from clradar.hand import JOINT_NAMES, pose_by_name
+from clradar.hand import JOINT_NAMES
 from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, check_side
 from clradar.rigs.failures import fail, file_bytes, reading
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
@@ -50,7 +50,6 @@ def plain_gltf(
     The rest pose is that of the file's nodes, as viewers show it; the skin is that of the bind pose
     of the inverse bind matrices, which may differ.
     """
-    pose_by_name("flat")  # rigs need it; once the file is read, no other can be opened
     content = file_bytes(path, EXPECTED)
     # Overflows are checked for where the numbers are used.
     with reading(path, EXPECTED), np.errstate(over="ignore", invalid="ignore"):

@@ -22,7 +22,6 @@ import numpy as np
 from clradar.files.confined.process import forbid_opening
 from clradar.files.limits import MAX_MESH_BYTES
 from clradar.files.pickles import UnsafePickle
-from clradar.hand import pose_by_name
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, check_side
@@ -77,7 +76,6 @@ def plain_mano(
     path: Path, betas: list[float], unit: str | float | None, handedness: str | None
 ) -> dict[str, Any]:
     """Return the rig of a MANO model, in plain types; called in the confined process."""
-    pose_by_name("flat")  # rigs need it; once the file is read, no other can be opened
     content = file_bytes(path, "a MANO model")
     forbid_opening()
     with reading(path, EXPECTED):

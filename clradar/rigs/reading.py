@@ -91,7 +91,8 @@ def read_rig(
     size = regular_file_size(file, EXPECTED, error=RigError)
     with reading(file, EXPECTED), open(file, "rb") as opened:
         start = opened.read(64)
-    reader = confined_reader(EXPECTED, size, MAX_RIG_ANSWER_BYTES, RigError)
+    needed = ("clradar.rigs.anatomy:reference_hand",)  # which reads the poses of the package
+    reader = confined_reader(EXPECTED, size, MAX_RIG_ANSWER_BYTES, RigError, needed)
     if start.startswith(b"PK\x03\x04") or _is_pickle(file, start):
         if mapping is not None:
             checks.fail("mapping", "none for a MANO model, whose joints are known", "one")

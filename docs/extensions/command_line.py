@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -18,6 +19,13 @@ CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--?[a-zA-Z][\w-]*|docs/[\w-]+\.md)")
 LIST = re.compile(r" <list\[\w+\]>$")
 PAGE = re.compile(r"docs/([\w-]+)\.md")
 
+SHARED = 3
+"""So many commands that have an option make it one that is described once."""
+
+TITLE = "Options of several commands"
+
+Record = tuple[str, str]
+
 
 class CommandLine(SphinxDirective):
     """Documents the program and each of its subcommands in a section of its own."""
@@ -27,15 +35,22 @@ class CommandLine(SphinxDirective):
     def run(self) -> list[nodes.Node]:
         """Return the sections."""
         root = context_of()
+        contexts = {name: context_of(name) for name in COMMANDS}
+        count = Counter(one for context in contexts.values() for one in records(context))
+        shared = [one for one, n in count.items() if n >= SHARED and one[0].startswith("-")]
+        common = nodes.section(ids=["clradar-common"], names=["common options"])
+        common += nodes.title("", TITLE)
+        common += definitions(shared)
         return [
             nodes.paragraph("", "", *words(help_of(root.command))),
-            *parameters(root),
-            *(section(name, context_of(name)) for name in COMMANDS),
+            definitions(records(root)),
+            *(section(name, context, shared) for name, context in contexts.items()),
+            common,
         ]
 
 
-def section(name: str, context: Any) -> nodes.section:
-    """A subcommand: what it does, how it is called, and what each option means."""
+def section(name: str, context: Any, shared: list[Record]) -> nodes.section:
+    """A subcommand: what it does, how it is called, and what each option of its own means."""
     made = nodes.section(ids=[f"clradar-{name}"], names=[name])
     made += nodes.title("", name)
     for text in help_of(context.command).split("\n\n"):
@@ -43,20 +58,29 @@ def section(name: str, context: Any) -> nodes.section:
     pieces = " ".join(context.command.collect_usage_pieces(context))
     usage = f"clradar {name} {pieces}"
     made += nodes.literal_block(usage, usage, language="text")
-    made += parameters(context)
+    rows = records(context)
+    made += definitions(one for one in rows if one not in shared)
+    also = [names.split(", ")[-1].split(" ")[0] for names, text in rows if (names, text) in shared]
+    link = nodes.reference("", TITLE, refid="clradar-common")
+    made += nodes.paragraph("", "", link, *words(f": {', '.join(also)}."))
     return made
 
 
-def parameters(context: Any) -> list[nodes.Node]:
+def records(context: Any) -> list[Record]:
+    """Names and help of arguments and options."""
+    found = (p.get_help_record(context) for p in context.command.get_params(context))
+    return [one for one in found if one is not None]
+
+
+def definitions(rows: Iterable[Record]) -> nodes.definition_list:
     """A definition list of arguments and options, as in the help."""
-    rows = [p.get_help_record(context) for p in context.command.get_params(context)]
     items = []
-    for names, text in filter(None, rows):
+    for names, text in rows:
         shown = LIST.sub("...", names)
         term = nodes.term("", "", nodes.literal(shown, shown))
         body = nodes.definition("", nodes.paragraph("", "", *words(" ".join(text.split()))))
         items.append(nodes.definition_list_item("", term, body))
-    return [nodes.definition_list("", *items)]
+    return nodes.definition_list("", *items)
 
 
 def help_of(command: Any) -> str:

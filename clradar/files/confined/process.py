@@ -93,7 +93,8 @@ class Reader:
 
     `expected` and `library` are words for messages ("a readable HDF5 file", "the HDF5 library");
     `memory_bytes` is on top of what the process has when it starts, `most_bytes` limits the arrays
-    that come back, and `modules` are imported before the fork: later it can open no file.
+    that come back, and `modules` are imported, and functions ("module:name") called, before the
+    fork: later it can open no file.
     """
 
     expected: str
@@ -359,8 +360,11 @@ def serve_many() -> None:
 def _import_all(request: dict[str, Any]) -> None:
     for encoding in _ENCODINGS:
         codecs.lookup(encoding)  # loads it
-    for name in (request["module"], *request["modules"], *_LATE):
-        importlib.import_module(name)
+    for item in (request["module"], *request["modules"], *_LATE):
+        name, _, function = item.partition(":")
+        module = importlib.import_module(name)
+        if function:
+            getattr(module, function)()
 
 
 def _answer(request: dict[str, Any], link: wire.Link) -> None:
