@@ -9,6 +9,7 @@ from clradar.arrays.ambiguity import ghosts
 from clradar.arrays.point_spread import response
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S as C
 from clradar.errors import ModelError
+from clradar.plot.array import array_figure
 
 FAR_M = 20.0
 
@@ -45,6 +46,13 @@ def test_a_line_far_away_has_the_width_and_the_sidelobes_of_theory():
     expected_db = 20 * np.log10(levels.max())
     assert [own.level_db for own in found.lobes] == pytest.approx(2 * [expected_db], abs=0.01)
     assert not any(own.grating for own in found.lobes)
+
+
+def test_the_virtual_aperture_is_drawn_in_the_unit_of_its_axes():
+    array, band = line(8, 6e-3), clradar.Waveform.sfcw(77e9, 77e9, 1)
+    shown = array_figure(array, band, array_figures(array, band, (0, 0, 1))).axes[1]
+    assert shown.get_xlabel().endswith("x (mm)")
+    assert np.ptp(shown.lines[0].get_xdata()) == pytest.approx(21.0)
 
 
 def test_a_lobe_along_y_has_no_azimuth():

@@ -121,6 +121,7 @@ def test_silence_has_an_empty_image(device):
         ({"sparsity_db": -20}, "sparsity_db: expected none with method='least-squares'"),
         ({"method": "sparse", "damping_db": 0}, "damping_db: expected none with method='sparse'"),
         ({"method": "sparse", "sparsity_db": 0}, "sparsity_db: expected below 0 dB"),
+        ({"damping_db": 1e6}, "damping_db: expected within 1000 dB"),
         ({"iterations": 0}, "iterations: expected a whole number"),
     ],
 )

@@ -141,6 +141,7 @@ REFUSED = {
     "[x]\npermittivity = { real = 3 }": "a table with eps_inf, with a, or with frequency_hz",
     "[x]\npermittivity = { eps_inf = 3, pole = 1 }": "x.permittivity.pole: unknown key; expected "
     "one of eps_inf, poles, sigma_s_per_m (did you mean 'poles'?)",
+    "[x]\npermittivity = { eps_inf = 3, poles = 1 }": "x.permittivity.poles: expected a list of",
     "[x]\npermittivity = { eps_inf = 3, poles = ['ab'] }": "x.permittivity.poles[0]: expected (del",
     "[x]\npermittivity = { frequency_hz = [70, 80], permittivity = [3, 3] }": "did you mean 70 to "
     "80 GHz",
@@ -173,9 +174,11 @@ def test_mistakes_name_the_file_and_the_key(tmp_path, text):
 def test_files_that_are_none(tmp_path):
     for name, content, words in (
         ("x.txt", b"", r"ends in \.toml or \.json"),
+        ("x.json", b"[]", "list where a JSON object"),
         ("x.json", b'{"x": {"conductor": true}, "x": {}}', "the key 'x' twice"),
         ("x.json", b'{"x": 1}', "x: expected a table or object, got 1"),
         ("x.toml", b"\xff", "UnicodeDecodeError"),
+        ("x.toml", b"#" * (MAX_TOML_BYTES + 1), "of at most"),
         ("gone/x.toml", None, "nothing there"),
     ):
         path = tmp_path / name

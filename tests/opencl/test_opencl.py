@@ -359,6 +359,14 @@ def test_a_large_buffer_on_a_cpu_is_numpys_memory(device, monkeypatch):
             buffers.empty(values.nbytes)
 
 
+def test_a_write_beyond_the_buffer_is_an_error(device):
+    with (
+        Buffers(device) as buffers,
+        pytest.raises(DeviceError, match=re.escape(device.info.label)),
+    ):
+        buffers.write(buffers.empty(64), np.zeros(1000))
+
+
 def test_all_buffers_of_a_device_share_its_budget(small):
     with Buffers(small) as first, Buffers(small) as second:
         first.empty(3000)

@@ -230,7 +230,7 @@ OFTEN_FAILING = ("stochastic", "rough", "fast")
 """Of which a device is made to fail in every run: by random rays, by points, of images."""
 
 OFTEN = {
-    "little memory": ("stochastic", "expected", "rough", "range", "fast"),
+    "little memory": ("synthesize", "stochastic", "expected", "rough", "range", "fast"),
     "small pieces": ("synthesize", "expected", "rough", "fast", "operator"),
     "blocks of Tx": ("expected", "rough"),
     "a GPU": ("trace", "synthesize", "rough", "exact", "range", "fast", "operator"),
