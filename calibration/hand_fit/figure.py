@@ -157,5 +157,5 @@ def draw_skeleton(axes: Axes, fit: HandFit, unit: LengthUnit) -> None:
     axes.plot(*joints[told].T, label="joint", **dots)
     axes.plot(
         *joints[~told].T, markerfacecolor=axes.get_facecolor(), markeredgewidth=0.8,
-        label="joint with an angle that the measurement does not tell", **dots,
+        label="joint with an angle that is not determined", **dots,
     )  # fmt: skip

@@ -35,14 +35,18 @@ class Estimates:
 
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the estimates, one clause each."""
-        return tuple(f"{one.name}: {text}" for one in self.estimates for text in one.remarks())
+        # One value for the whole mesh is none of several regions'.
+        own = [one for one in self.estimates if one.name != WHOLE] or self.estimates
+        return tuple(f"{self._name_of(one)}: {text}" for one in own for text in one.remarks())
+
+    def _name_of(self, one: Any) -> str:
+        return self.wanted if one.name == WHOLE else f"{self.wanted} of {one.name}"
 
     def report(self) -> str:
         """The estimates and their caveats as text."""
         lines = []
         for one in self.estimates:
-            of = f" of {one.name}" * (one.name != WHOLE)
-            lines.append(f"{self.wanted}{of}: {one.text()}")
+            lines.append(f"{self._name_of(one)}: {one.text()}")
             lines += [f"  {remark}" for remark in one.remarks()]
         return "\n".join(lines)
 

@@ -98,12 +98,6 @@ class Sweep(Estimates):
         """One metric of all simulations, shape (K, A)."""
         return np.array([[getattr(m, metric) for m in row] for row in self.metrics])
 
-    def remarks(self) -> tuple[str, ...]:
-        """Reasons to doubt the estimates, one clause each."""
-        # One alpha for all is none of several regions'.
-        own = self.regions or (self.estimate,)
-        return tuple(f"{one.name}: {text}" for one in own for text in one.remarks())
-
     def tables(self) -> list[Table]:
         """The metrics of each simulation, and the limits of each region's alpha."""
         rows = [

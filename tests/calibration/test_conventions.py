@@ -69,16 +69,14 @@ def with_data(capture: Capture, data: np.ndarray) -> Capture:
 def made(name: str, array: AntennaArray) -> Capture:
     if name == "one point":
         return reference.point_targets(array, SHORT, [[0.03, -0.05, 0.3]], [1.0])
-    if name == "five points in noise of 0 dB":
+    if name == "points in noise of 0 dB":
         clean = points(array, 5)
         return with_data(clean, clean.data + noise(clean))
-    if name == "three points and coupling":
-        clean = points(array, 3)
-        return with_data(clean, clean.data + coupling(clean) + 0.3 * noise(clean))
-    raise AssertionError(name)
+    clean = points(array, 3)
+    return with_data(clean, clean.data + coupling(clean) + 0.3 * noise(clean))
 
 
-SCENES = ("one point", "five points in noise of 0 dB", "three points and coupling")
+SCENES = ("one point", "points in noise of 0 dB", "points and coupling")
 
 
 ALL = [Hypothesis(*flags) for flags in product((False, True), repeat=4)]
@@ -124,13 +122,6 @@ def test_undoing_gives_the_capture_of_the_definition(h):
     assert np.abs(fixed.data[..., at] - want).max() <= ROUNDING
 
 
-def test_axes_of_different_length_cannot_be_swapped():
-    with pytest.raises(ModelError, match="5 Tx and 4 Rx"):
-        apply_convention(points(scattered(5, 4), 1), Hypothesis(swapped=True))
-    with pytest.raises(ModelError, match="True or False"):
-        Hypothesis(swapped=2)
-
-
 # --- diagnoses
 
 
@@ -147,7 +138,6 @@ def test_axes_of_different_length_cannot_be_swapped():
 def test_an_array_without_symmetry_leaves_the_mirror_image_only(h, scene, device):
     result = diagnose(apply_convention(made(scene, scattered(16, 16)), h), device=device)
     assert result.candidates == (unmirrored(h),)
-    assert result.best == unmirrored(h)
     assert result.decided
     assert not result.mirror_known
     assert "only a known target tells" in result.recommendation
@@ -184,27 +174,25 @@ def test_the_whole_imager_under_all(h, scene, device):
 
 def test_unequal_numbers_of_antennas_rule_swapped_axes_out(device):
     h = Hypothesis(reversed=True)
-    result = diagnose(apply_convention(made("one point", scattered(16, 14)), h), device=device)
+    result = diagnose(apply_convention(made("one point", scattered(12, 10)), h), device=device)
     assert result.candidates == (h,)
     assert [score.hypothesis.swapped for score in result.scores] == [False] * 4
 
 
 @pytest.mark.parametrize(
-    ("waveform", "h"),
+    ("waveform", "h", "candidates"),
     [
-        (Waveform([77e9]), Hypothesis(conjugated=True)),
-        (Waveform.sfcw(76e9, 78e9, 3), Hypothesis(reversed=True)),
+        (Waveform([77e9]), Hypothesis(conjugated=True), 2),  # a single one has no order
+        # 2 GHz resolve ranges 15 cm apart, and tell signs, but no order.
+        (Waveform.sfcw(76e9, 78e9, 3), Hypothesis(reversed=True), None),
     ],
 )
-def test_few_frequencies_need_a_grid(waveform, h, device):
-    """A single one has no order; 2 GHz resolve ranges 15 cm apart, and tell signs, but no order."""
-    capture = reference.point_targets(scattered(16, 16), waveform, [[0.03, -0.05, 0.3]], [1.0])
+def test_few_frequencies_need_a_grid(waveform, h, candidates, device):
+    capture = reference.point_targets(scattered(12, 12), waveform, [[0.03, -0.05, 0.3]], [1.0])
     grid = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (4e-3, 4e-3, 2e-2))
     result = diagnose(apply_convention(capture, h), grid=grid, device=device)
     assert h in result.candidates
-    if waveform.n_freq == 1:
-        assert result.best == h
-        assert set(result.candidates) == {Hypothesis(False, True, r) for r in (False, True)}
+    assert candidates is None or (result.best, len(result.candidates)) == (h, candidates)
     with pytest.raises(ModelError, match=f"a grid, since {waveform.n_freq} frequencies"):
         diagnose(capture, device=device)
 
@@ -240,59 +228,58 @@ def test_where_both_orders_are_alike_neither_is_chosen(device):
     assert {(c.conjugated, c.reversed) for c in result.candidates} == {(True, False), (True, True)}
 
 
-@pytest.mark.parametrize("array", [scattered(16, 16), *nightly([THIN])], ids=["scattered", "thin"])
-def test_what_is_undecidable_is_said_to_be(array, device):
+def test_what_is_undecidable_is_said_to_be(device):
+    array = scattered(12, 12)
     one = made("one point", array)
     zero = with_data(one, 0 * one.data)
     rng = np.random.default_rng(1)
-    tx, rx = (np.exp(2j * np.pi * rng.random(n)) for n in (array.n_tx, array.n_rx))
+    tx, rx = (np.exp(2j * np.pi * rng.random(12)) for _ in range(2))
     captures = {
         "zero": zero,
         "coupling in noise": with_data(one, coupling(one) + noise(one)),
         "channels without calibration": with_data(one, one.data * tx[:, None, None] * rx[:, None]),
         "a pair of antennas": made("one point", AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])),
-        **{f"noise {seed}": with_data(zero, noise(zero, seed)) for seed in range(2)},
+        "noise": with_data(zero, noise(zero)),
     }
     for name, capture in captures.items():
         result = diagnose(capture, device=device)
-        assert result.best is None, name
-        assert not result.decided, name
+        assert (result.best, result.decided) == (None, False), name
         assert result.recommendation.startswith("Undecidable"), name
-        if name == "channels without calibration":
-            assert "not calibrated" in result.recommendation
+        assert "not calibrated" in result.recommendation or not name.startswith("channels")
 
 
 # --- expected positions, grids
 
 
-@pytest.mark.parametrize("mirror", [True, *nightly([False])])
-def test_a_known_target_decides_the_mirror(mirror, device):
-    h = Hypothesis(conjugated=True, mirrored=mirror)
-    capture = apply_convention(made("one point", scattered(16, 16)), h)
+def test_a_known_target_decides_the_mirror(device):
+    h = Hypothesis(conjugated=True, mirrored=True)
+    capture = apply_convention(made("one point", scattered(12, 12)), h)
     near = diagnose(capture, expected_m=(0.035, -0.06, 0.31), device=device)
     assert near.candidates == (h,)
     assert near.decided
     assert near.mirror_known
-
-
-def test_a_place_that_is_its_own_mirror_image_or_empty_decides_nothing(device):
-    capture = made("one point", scattered(16, 16))
+    # Its own mirror image, and a place where nothing is.
     for place in ((0.0, -0.05, 0.3), (0.05, 0.2, 0.6)):
         other = diagnose(capture, expected_m=place, device=device)
-        assert other.candidates == (Hypothesis(),)
+        assert other.candidates == (unmirrored(h),)
         assert not other.mirror_known
         assert "does not tell" in other.recommendation
 
 
-@pytest.mark.parametrize(("place", "message"), [((0, 0, -0.3), "z > 0"), ((0, 0.3), "shape")])
-def test_invalid_positions(place, message, device):
-    with pytest.raises(ModelError, match=message):
-        diagnose(made("one point", scattered(16, 16)), expected_m=place, device=device)
+def test_wrong_arguments(device):
+    capture = made("one point", scattered(5, 4))
+    for place, message in (((0, 0, -0.3), "z > 0"), ((0, 0.3), "shape")):
+        with pytest.raises(ModelError, match=message):
+            diagnose(capture, expected_m=place, device=device)
+    with pytest.raises(ModelError, match="5 Tx and 4 Rx"):
+        apply_convention(capture, Hypothesis(swapped=True))
+    with pytest.raises(ModelError, match="True or False"):
+        Hypothesis(swapped=2)
 
 
 def test_peaks_and_images_are_those_of_each_hypothesis(device):
     h = Hypothesis(reversed=True)
-    result = diagnose(apply_convention(made("one point", scattered(16, 16)), h), device=device)
+    result = diagnose(apply_convention(made("one point", scattered(12, 12)), h), device=device)
     (score,) = (score for score in result.scores if score.hypothesis == h)
     grid_m = 0.01  # half the diagonal of a voxel of the coarse grid, generously
     assert score.relative_db == 0
@@ -309,7 +296,7 @@ def test_peaks_and_images_are_those_of_each_hypothesis(device):
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Path:
     monkeypatch.setenv("CLRADAR_DEVICE", device.info.selector)
     h = Hypothesis(swapped=True, conjugated=True, mirrored=True)
-    wrong = apply_convention(made("one point", scattered(16, 16)), h)
+    wrong = apply_convention(made("one point", scattered(12, 12)), h)
     save_capture(tmp_path / "wrong.h5", Capture(wrong.data, wrong.array, wrong.waveform))
     save_capture(tmp_path / "zero.h5", Capture(0 * wrong.data, wrong.array, wrong.waveform))
     return tmp_path
@@ -327,21 +314,15 @@ def test_command(files, capsys, monkeypatch):
     assert status == 0
     assert "exp(+j 2 pi f d / c)" in out
     assert "the axes are [rx, tx, freq]" in out
-    assert (files / "all.png").read_bytes().startswith(b"\x89PNG")
     ((rows, _),) = drawn
     assert sum(map(len, rows)) == 8
     record = json.loads((files / "all.json").read_text())
-    assert record["decided"]
     assert record["best"]["label"] == "swapped, conjugated, mirrored"
     assert len(record["hypotheses"]) == 8
-    assert record["inputs"][0]["file"] == "wrong.h5"
-    right, want = open_capture(fixed), made("one point", scattered(16, 16))
+    right, want = open_capture(fixed), made("one point", scattered(12, 12))
     assert np.array_equal(right.data, want.data)
     assert np.array_equal(right.array.tx_m, want.array.tx_m)
     assert right.meta["conventions_applied"] == ["swapped, conjugated, mirrored"]
-    assert right.meta["command"] == "diagnose"
-    assert run("diagnose", wrong, "--fix-to", fixed) == 1  # exists
-    capsys.readouterr()
     assert run("diagnose", wrong, "--fix-to", fixed, "--force") == 0
     captured = capsys.readouterr()
     assert "the mirror image cannot be ruled out" in captured.err
@@ -356,4 +337,3 @@ def test_command_on_undecidable_captures(files, capsys):
     assert not (files / "none.png").exists()
     assert run("diagnose", files / "zero.h5", "--fix-to", files / "fixed.h5") == 1
     assert not (files / "fixed.h5").exists()
-    assert run("diagnose", files / "wrong.h5", "--expect-mm", "1,2") == 2

@@ -47,19 +47,16 @@ def depths(value: float) -> np.ndarray:
 
 
 IMAGES: dict[str, Callable[[], Volume | DepthMap]] = {
-    "twice beyond float32": lambda: spike(2e38),
     "at the end of float32": lambda: spike(3.4e38),
     "parts that fit, modulus that does not": lambda: spike(3e38 + 3e38j),
     "alternating ends": lambda: volume(np.where(np.indices(NOISE.shape).sum(0) % 2, 3e38, -3e38)),
     "denormals": lambda: volume(NOISE * 1e-44),
     "one voxel": lambda: volume(np.where(NOISE[0, 0, 0] == NOISE, 1.0, 0.0)),
     "far away": lambda: volume(NOISE, 1e300),
-    "huge steps": lambda: volume(NOISE, 0.0, 1e305),
     "steps of 16 m": lambda: volume(NOISE, 0.0, 16.0),
     "tiny steps": lambda: volume(NOISE, 0.3, 1e-300),
     "a depth of 1e300 m": lambda: depth_map(depth_m=depths(1e300)),
     "a depth of 100 km": lambda: depth_map(depth_m=depths(1e5)),
-    "a denormal depth": lambda: depth_map(depth_m=depths(1e-320)),
     "all decades": lambda: depth_map(amplitude=10.0 ** RNG.uniform(-45, 38, (N, N))),
     "no depth": lambda: depth_map(depth_m=np.full((N, N), np.nan)),
     "axis over all numbers": lambda: depth_map(x_m=np.linspace(-1, 1, N) * 1.7e308),
@@ -105,9 +102,7 @@ def test_a_result_or_one_clear_error(name):
     assert_used(name, USES, volume(NOISE))
 
 
-@pytest.mark.parametrize(
-    "name", ["all decades", *nightly(name for name in IMAGES if name != "all decades")]
-)
+@pytest.mark.parametrize("name", nightly(IMAGES))
 def test_drawings_or_one_clear_error(name, monkeypatch):
     monkeypatch.setattr("clradar.report.page.FIGURE_DPI", 10)
     assert_used(name, DRAWN)

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from nightly import nightly
 
 import clradar
 from clradar.errors import ModelError
@@ -20,7 +19,7 @@ BALL = clradar.Scene.from_mesh(
     alpha=0.6,
 )
 FEW: dict[str, Any] = {
-    "samples_per_mm2": 5, "rays_per_sample": 16, "estimator": "stochastic", "device": "pocl",
+    "samples_per_mm2": 2, "rays_per_sample": 16, "estimator": "stochastic", "device": "pocl",
 }  # fmt: skip
 
 pytestmark = pytest.mark.filterwarnings(
@@ -28,22 +27,14 @@ pytestmark = pytest.mark.filterwarnings(
 )
 
 
-def images(count: int, impairments: dict[str, Any] | None = None) -> list[clradar.Volume]:
-    found = []
-    for seed in range(7, 7 + count):
-        capture = clradar.simulate(BALL, ARRAY, WAVEFORM, seed=seed, **FEW)
-        if impairments is not None:
-            capture = clradar.impair(capture, seed=seed - 7, **impairments)
-        found.append(clradar.backproject(capture, GRID, device="pocl"))
-    return found
-
-
-@pytest.mark.parametrize("impairments", [{"snr_db": 10.0}, *nightly([None])])
-def test_moments_are_those_of_all_images_at_once(impairments):
-    found = clradar.spread(
-        BALL, ARRAY, WAVEFORM, GRID, seeds=5, seed=7, impairments=impairments, **FEW
-    )
-    volumes = images(5, impairments)
+def test_moments_are_those_of_all_images_at_once():
+    noise = {"snr_db": 10.0}
+    found = clradar.spread(BALL, ARRAY, WAVEFORM, GRID, seeds=5, seed=7, impairments=noise, **FEW)
+    volumes = []
+    for i in range(5):
+        capture = clradar.simulate(BALL, ARRAY, WAVEFORM, seed=7 + i, **FEW)
+        noisy = clradar.impair(capture, seed=i, **noise)
+        volumes.append(clradar.backproject(noisy, GRID, device="pocl"))
     data = np.array([v.data for v in volumes]).astype(complex)
     amplitude = np.array([v.max_projection() for v in volumes]).astype(float)
     depth = np.array([v.depth_map(15.0).depth_m for v in volumes])
@@ -63,8 +54,7 @@ def test_moments_are_those_of_all_images_at_once(impairments):
     varying = (np.abs(data - data.mean(axis=0)) ** 2).sum() / 4
     assert found.varying_share == pytest.approx(varying / (np.abs(data) ** 2).sum() * 5, rel=1e-9)
     assert found.seeds == (7, 8, 9, 10, 11)
-    noise = "" if impairments is None else " and noise"
-    assert found.varies == f"shot noise of random rays{noise}"
+    assert found.varies == "shot noise of random rays and noise"
     assert list(found.mean.meta["spread"]["seeds"]) == [7, 8, 9, 10, 11]
     assert found.to_depth_map().amplitude.max() == np.float32(found.amplitude.max())
 
@@ -108,7 +98,6 @@ def test_what_has_no_roughness_does_not_vary():
     [
         ({"seeds": 1}, "spread: seeds: expected a whole number in"),
         ({"seeds": 2, "impairments": {"snr": 3}}, "spread: impairments: expected settings of"),
-        ({"dynamic_range_db": -3}, "spread: dynamic_range_db"),
         ({"seed": 2**64 - 1, "seeds": 2}, "seed"),
     ],
 )

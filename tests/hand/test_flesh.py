@@ -38,7 +38,7 @@ def points_around(flesh: Flesh, count: int) -> np.ndarray:
     return np.random.default_rng(5).uniform(low_m, high_m, (count, 3))
 
 
-@pytest.fixture(params=["F", "S", "1001", *nightly(["1002"])])
+@pytest.fixture(params=["F", "1001", *nightly(["S", "1002"])])
 def flesh(request: pytest.FixtureRequest) -> Flesh:
     return flesh_of(request.param)
 
@@ -47,8 +47,8 @@ def flesh(request: pytest.FixtureRequest) -> Flesh:
 
 
 def test_the_field_is_that_of_the_reference(flesh, device):
-    points_m = points_around(flesh, 20_001)
-    expected_m, few_m = distances_m(flesh, points_m), points_m[:4_003]
+    points_m = points_around(flesh, 8_001)
+    expected_m, few_m = distances_m(flesh, points_m), points_m[:2_003]
     with Buffers(device) as buffers:
         field = FleshField(flesh, DEFAULT_EDGE_LENGTH_M, buffers)
         found_m, part = field.distances_m(points_m), field.nearest_parts(points_m)
@@ -86,9 +86,6 @@ def test_nodes_have_the_distance_near_the_surface_and_its_sign_elsewhere(flesh, 
     assert close.sum() > 2_000
     np.testing.assert_allclose(found_m[close], expected_m[close], rtol=0, atol=DISTANCE_TOLERANCE_M)
     assert (np.sign(found_m[~close]) == np.sign(expected_m[~close])).all()
-
-
-# --- nothing else decides
 
 
 def test_a_device_that_is_missing_or_too_small_is_an_error(device):

@@ -51,7 +51,6 @@ def measured_m(shape: HandShape) -> tuple[float, float]:
         HandShape(),
         HandShape(length_m=0.165, breadth_m=0.0734),
         HandShape(length_m=0.2106, breadth_m=0.0976, girth=0.93),
-        HandShape(length_m=0.18, breadth_m=0.09, girth=1.08),
         HandShape(finger_lengths=(1.0, 0.95, 1.05, 1.03, 0.97)),
     ],
 )
@@ -116,8 +115,6 @@ def test_random_hands_are_adults_and_follow_from_the_generator_alone():
     ("arguments", "message"),
     [
         ({"length_m": 187.0}, r"HandShape.length_m: .* in \[0.12, 0.26\] m, got 187 m"),
-        ({"breadth_m": 0.05}, "HandShape.breadth_m"),
-        ({"girth": 1.5}, "HandShape.girth"),
         ({"girth": "thick"}, "HandShape.girth: expected a number"),
         ({"finger_lengths": (1.0, 1.0)}, r"HandShape.finger_lengths: expected shape \(5,\)"),
         ({"finger_lengths": (1.0, 1.0, 1.0, 1.0, 2.0)}, "HandShape.finger_lengths"),

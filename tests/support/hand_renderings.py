@@ -1,16 +1,31 @@
 """Pictures of hands as the fit renders them, to be fitted."""
 
+from typing import Any
+
 import numpy as np
 
-from calibration.hand_fit.hand_model import HandModel
+from calibration.hand_fit.descent import HandFitter, fitted_parameters
+from calibration.hand_fit.hand_model import HandModel, ParametricHand
 from calibration.hand_fit.hand_rendering import HandRendering
 from calibration.hand_fit.hand_state import HandState
 from calibration.registration.mesh_fit import initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage
-from clradar import DepthMap
+from clradar import DepthMap, arrays
 from clradar.hand import HandPose, HandShape
 from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
+
+APERTURE = Aperture(arrays.qar50(), 77e9)
+TIPS = [4, 9, 14, 19, 24]
+
+
+def fitter_on(
+    depth: DepthMap, model: HandModel | None = None, *, shape: bool = False, **options: Any
+) -> HandFitter:
+    """A fit of the right hand, or of a model, to an image."""
+    model = ParametricHand("right", "pocl") if model is None else model
+    fitted = fitted_parameters(shape)
+    return HandFitter(model, depth, APERTURE, open_device("pocl"), fitted, **options)
 
 
 def state_of(pose: HandPose, model: HandModel, shape: HandShape = AVERAGE) -> HandState:
@@ -20,9 +35,7 @@ def state_of(pose: HandPose, model: HandModel, shape: HandShape = AVERAGE) -> Ha
     return HandState(pose, shape, transform)
 
 
-def rendered_depth(
-    model: HandModel, state: HandState, aperture: Aperture, step_m: float = 2e-3
-) -> DepthMap:
+def rendered_depth(model: HandModel, state: HandState, step_m: float = 2e-3) -> DepthMap:
     """The picture that the rendering itself has of a hand, 0.22 m wide."""
     n = int(0.11 / step_m)
     axis_m = np.arange(-n, n + 1) * step_m
@@ -32,7 +45,7 @@ def rendered_depth(
         blank = MeasuredImage(
             axis_m, axis_m, np.ones_like(x), np.full_like(x, median_m), (step_m, step_m)
         )
-        picture = HandRendering(model, blank, aperture, open_device("pocl"))
+        picture = HandRendering(model, blank, APERTURE, open_device("pocl"))
         picture.draw_surface(state, seed=7)
         power, range_m = picture.render(state, initial_log_brightness())
         lit = power > 1e-2 * power.max()

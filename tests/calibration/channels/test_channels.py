@@ -14,15 +14,8 @@ from nightly import nightly
 from recorded_targets import DEAD_RX, DEAD_TX, HALF, QAR50, SMALL, Instrument, instrument
 
 import clradar
-from calibration import (
-    CornerReflector,
-    FlatPlate,
-    Sphere,
-    correct,
-    estimate_channels,
-    response,
-)
-from calibration.channels.figure import channels_figure
+from calibration import CornerReflector, FlatPlate, Sphere, correct, estimate_channels, response
+from calibration.channels import figure
 from calibration.channels.targets import Target
 from clradar import AntennaArray, Capture, ChannelCalibration, Waveform
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
@@ -61,10 +54,10 @@ def live(calibration: ChannelCalibration, side: str) -> np.ndarray:
 def product_error(
     found: ChannelCalibration, truth: Instrument, target: Target | None = None
 ) -> np.ndarray:
-    """Estimated over true response of all live pairs at all frequencies, shape (tx, rx, freq).
+    """Estimated over true response of all live pairs, (tx, rx, freq), but for a common factor.
 
-    Free of the gauge but for one complex factor, which is taken off. With a target, its path is
-    part of either: a sum of a Tx and an Rx segment can be in the channels instead.
+    With a target, its path is part of either: a sum of a Tx and an Rx segment can be in the
+    channels instead.
     """
     frequencies_hz = truth.waveform.frequencies_hz
     pairs = np.ix_(live(found, "tx"), live(found, "rx"))
@@ -209,7 +202,7 @@ def test_noisy_channels_are_found_and_harm_no_other(kind):
     assert errors[0] < 1.5 * errors[1]
 
 
-@pytest.mark.parametrize("level", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("level", [0.1, 1.0])
 def test_dead_channels_whatever_they_record(level):
     truth = instrument(seed=11, array=SMALL, dead_tx=(0, 5), dead_rx=(23,))
     capture = truth.record_target(TRUE["plate"])
@@ -279,39 +272,25 @@ def test_echoes_beyond_noise_are_a_warning():
 # What is refused ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("kind", "taken_for"),
-    [
-        ("sphere", "corner"), ("corner", "plate"), ("plate", "corner"),
-        *nightly([("plate", "sphere"), ("sphere", "plate"), ("corner", "sphere")]),
-    ],
-)  # fmt: skip
-def test_wrong_target_is_refused(kind, taken_for):
-    # At the same range, so that only the shape differs.
-    same_range: dict[str, Target] = {
-        "plate": FlatPlate(0.3),
-        "sphere": Sphere([0, 0, 0.35], 0.05),
-        "corner": CornerReflector([0, 0, 0.3]),
-    }
-    # This seed once had a third of the pairs left out as outliers, and the rest explained.
-    truth = instrument(1, array=SMALL)
-    with pytest.raises(CalibrationError, match=r"explain|settles|nominal|end of that"):
-        estimate_channels(truth.record_target(same_range[kind]), same_range[taken_for])
+PLATE, CORNER = FlatPlate(0.3), CornerReflector([0, 0, 0.3])
+BALL = Sphere([0, 0, 0.35], 0.05)
 
 
 @pytest.mark.parametrize(
     ("true", "said"),
     [
-        (FlatPlate(0.3), FlatPlate(0.34)),
-        (FlatPlate(0.3), FlatPlate(0.3, 15.0)),
-        (Sphere([0, 0, 0.335], 0.05), Sphere([0, 0, 0.385], 0.05)),
-        (Sphere([0, 0, 0.335], 0.03), Sphere([0, 0, 0.335], 0.05)),
-        (CornerReflector([0, 0, 0.3]), CornerReflector([0, 0, 0.36])),
-        (CornerReflector([0.0, 0, 0.3]), CornerReflector([0.1, 0, 0.3])),
+        # Another shape at the same range.
+        (BALL, CORNER), (CORNER, PLATE), (PLATE, CORNER),
+        *nightly([(PLATE, BALL), (BALL, PLATE), (CORNER, BALL)]),
+        # The same elsewhere.
+        (PLATE, FlatPlate(0.34)), (PLATE, FlatPlate(0.3, 15.0)),
+        (BALL, Sphere([0, 0, 0.4], 0.05)), (Sphere([0, 0, 0.35], 0.03), BALL),
+        (CORNER, CornerReflector([0, 0, 0.36])), (CORNER, CornerReflector([0.1, 0, 0.3])),
     ],
-)
-def test_target_elsewhere_is_refused(true, said):
-    truth = instrument(seed=16, array=SMALL)
+)  # fmt: skip
+def test_another_target_is_refused(true, said):
+    # This seed once had a third of the pairs left out as outliers, and the rest explained.
+    truth = instrument(1, array=SMALL)
     with pytest.raises(CalibrationError, match=r"^estimate_channels: "):
         estimate_channels(truth.record_target(true), said)
 
@@ -345,12 +324,10 @@ def test_plate_too_small_for_all_channels():
         ({"capture": None}, "a Capture"),
         ({"target": "plate"}, "FlatPlate, Sphere or CornerReflector"),
         ({"position_tolerance_m": 0.0}, "positive"),
-        ({"max_delay_s": float("nan")}, "finite"),
         ({"max_delay_s": 1e-6}, "unambiguous"),
         ({"common_delay": "none"}, "'zero', 'free'"),
         ({"gate_m": 0.001}, "gate_m"),
         ({"dead_db": -3}, "positive"),
-        ({"max_residual_db": "low"}, "number"),
     ],
 )
 def test_invalid_arguments(changed, message):
@@ -361,13 +338,13 @@ def test_invalid_arguments(changed, message):
 
 
 def test_too_few_frequencies_or_channels():
-    truth = instrument(seed=20, array=SMALL, n_freq=3)
-    with pytest.raises(ModelError, match="at least 4 frequencies"):
-        estimate_channels(truth.record_target(TRUE["plate"]), SAID["plate"])
-    two = AntennaArray(SMALL.tx_m[:2], SMALL.rx_m)
-    truth = instrument(seed=20, array=two)
-    with pytest.raises(CalibrationError, match="fewer"):
-        estimate_channels(truth.record_target(TRUE["plate"]), SAID["plate"])
+    for error, words, array, n_freq in (
+        (ModelError, "at least 4 frequencies", SMALL, 3),
+        (CalibrationError, "fewer", AntennaArray(SMALL.tx_m[:2], SMALL.rx_m), 32),
+    ):
+        truth = instrument(20, array, n_freq)
+        with pytest.raises(error, match=words):
+            estimate_channels(truth.record_target(TRUE["plate"]), SAID["plate"])
 
 
 # Correction ---------------------------------------------------------------------------------------
@@ -401,34 +378,24 @@ def test_correction_divides_and_masks(truth, found):
     kept = correct(capture, found, mask=["dead"])
     assert kept.data[4].any()
     assert not kept.data[2].any()
-
-
-@pytest.mark.parametrize("mask", ["dead", ["noisy"], ["live"], []])
-def test_invalid_masks(truth, found, mask):
-    with pytest.raises(ModelError, match="correct: mask"):
-        correct(truth.record_target(TRUE["corner"]), found, mask=mask)
+    for mask in ("dead", ["noisy"], ["live"]):
+        with pytest.raises(ModelError, match="correct: mask"):
+            correct(capture, found, mask=mask)
 
 
 def test_another_instrument_is_refused(truth, found):
-    tx_m, rx_m = np.array(SMALL.tx_m), np.array(SMALL.rx_m)
+    tx_m, rx_m, waveform = np.array(SMALL.tx_m), SMALL.rx_m, truth.waveform
     tx_m[5, 1] += 1.5e-3
-    others = [
-        (AntennaArray(tx_m, rx_m), "Tx 5 is 1.5 mm away"),
-        (AntennaArray(SMALL.tx_m, rx_m[::-1]), "Rx 0 is"),
-        (AntennaArray(SMALL.tx_m[:-1], rx_m), "23 Tx in place of 24"),
-    ]
-    for array, message in others:
-        shape = (array.n_tx, array.n_rx, truth.waveform.n_freq)
+    for array, sweep, message in (
+        (AntennaArray(tx_m, rx_m), waveform, "Tx 5 is 1.5 mm away"),
+        (AntennaArray(SMALL.tx_m, rx_m[::-1]), waveform, "Rx 0 is"),
+        (AntennaArray(SMALL.tx_m[:-1], rx_m), waveform, "23 Tx in place of 24"),
+        (SMALL, Waveform.sfcw(72e9, 82e9, 15), "got another .15 frequencies"),
+        (SMALL, Waveform.sfcw(72e9, 81e9, 16), "72 to 81 GHz"),
+    ):
+        data = np.ones((array.n_tx, array.n_rx, sweep.n_freq))
         with pytest.raises(CalibrationError, match=message):
-            correct(Capture(np.ones(shape), array, truth.waveform), found)
-    sweeps = [
-        (Waveform.sfcw(72e9, 82e9, 15), "got another .15 frequencies"),
-        (Waveform.sfcw(72e9, 81e9, 16), "72 to 81 GHz"),
-    ]
-    for waveform, message in sweeps:
-        data = np.ones((SMALL.n_tx, SMALL.n_rx, waveform.n_freq))
-        with pytest.raises(CalibrationError, match=message):
-            correct(Capture(data, SMALL, waveform), found)
+            correct(Capture(data, array, sweep), found)
 
 
 # The record and its file --------------------------------------------------------------------------
@@ -438,13 +405,10 @@ def test_another_instrument_is_refused(truth, found):
     ("changed", "message"),
     [
         ({"dead_tx": [2, 3]}, "gain 0"),
-        ({"dead_tx": []}, "gain 0"),
         ({"noisy_tx": [2]}, "which is dead"),
         ({"noisy_rx": [24]}, "ascending indices"),
-        ({"noisy_rx": [7, 7]}, "ascending indices"),
         ({"tx_noise": np.full(24, -1.0)}, "not negative"),
         ({"rx_noise": np.ones(23)}, "shape"),
-        ({"target_covariance": np.zeros((2, 2))}, "shape"),
         ({"target_position": {"distance_m": "far"}}, "number"),
         ({"residual_db": float("nan")}, "finite"),
         ({"array": QAR50}, "94 channels"),
@@ -515,18 +479,6 @@ def test_damaged_files(tmp_path, found, damage):
     assert not check_file(path).ok
 
 
-def test_figure(found):
-    figure = channels_figure(found, "a_$title$")
-    assert [axes.get_ylabel() for axes in figure.axes[::2]] == [
-        "gain (dB)",
-        "phase (degrees)",
-        "delay (ps)",
-    ]
-    assert "1 dead, 1 noisy" in figure.axes[0].get_title()
-    with pytest.raises(ModelError, match="ChannelCalibration"):
-        channels_figure(None)
-
-
 # The command line ---------------------------------------------------------------------------------
 
 
@@ -538,13 +490,19 @@ def folder(tmp_path: Path, truth: Instrument, monkeypatch: pytest.MonkeyPatch) -
     return tmp_path
 
 
-PLATE = ("channels", "plate.h5", "--target", "plate", "--distance-mm", "305")
+COMMAND = ("channels", "plate.h5", "--target", "plate", "--distance-mm", "305")
 
 
 def test_commands(folder, capsys, monkeypatch):
-    monkeypatch.setattr("calibration.channels.figure.channels_figure", lambda *_: Figure())
-    status, out, err = run(capsys, *PLATE, "-o", "channels.h5", "--plot", "channels.png")
+    # Not drawn, which would take most of the time.
+    own_figure, drawn = figure.channels_figure, []
+    monkeypatch.setattr(figure, "channels_figure", lambda *a: drawn.append(a) or Figure())
+    status, out, err = run(capsys, *COMMAND, "-o", "channels.h5", "--plot", "channels.png")
     assert (status, err) == (0, "")
+    axes = own_figure(*drawn[0]).axes
+    labels = [one.get_ylabel() for one in axes[::2]]
+    assert labels == ["gain (dB)", "phase (degrees)", "delay (ps)"]
+    assert "1 dead" in axes[0].get_title()
     for words in ("23 of 24", "plate: distance ", "mm, tilt_x ", "channels.png"):
         assert words in out
     channels = open_channels("channels.h5")
@@ -566,10 +524,8 @@ def test_commands(folder, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (("channels", "plate.h5", "--target", "plate", "-o", "c.h5"), 2, "--distance-mm"),
-        ((*PLATE, "-o", "c.h5", "--radius-mm", "20"), 2, "expected --target sphere"),
-        ((*PLATE, "-o", "c.h5", "--tilt-deg", "1"), 2, "2 numbers"),
-        ((*PLATE[:-1], "500", "-o", "c.h5"), 1, "estimate_channels"),
+        ((*COMMAND, "-o", "c.h5", "--tilt-deg", "1"), 2, "2 numbers"),
+        ((*COMMAND[:-1], "500", "-o", "c.h5"), 1, "estimate_channels"),
         (("clean", "corner.h5", "--channels", "plate.h5", "-o", "c.h5"), 1, "open_capture"),
     ],
 )

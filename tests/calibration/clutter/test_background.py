@@ -5,6 +5,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import command_line
@@ -79,12 +80,12 @@ def test_the_mean_of_n_frames_has_an_nth_of_the_noise():
         assert mean.meta["average"] == {"frames": n, "align_phase": False}
 
 
-def test_one_frame_is_its_own_mean_and_common_metadata_is_kept():
+def test_common_metadata_is_kept():
     one = echo(0.3)
-    assert (average_frames([one]).data == one.data).all()
     frames = [replace(one, meta={"frame": i, "lab": "a", "later": i} | {str(i): 1}) for i in (0, 1)]
     mean = average_frames(frames)
     assert mean.meta == {"lab": "a", "average": {"frames": 2, "align_phase": False}}
+    assert (mean.data == one.data).all()
 
 
 def test_frames_are_taken_one_at_a_time():
@@ -233,20 +234,12 @@ def test_dead_channels_have_no_weight():
         (echo(0.3), "none", "antennas"),
         (recorder(waveform=Waveform.sfcw(72e9, 82e9, 32)).scene, "none", "frequencies"),
         (recorder().scene, "pair", "scaling"),
-        (0.0, "none", "Capture"),
+        (replace(recorder().scene, data=np.zeros((19, 19, 128))), "common", "zeros only"),
     ],
 )
-def test_backgrounds_of_another_radar_are_refused(empty, scaling, message):
+def test_other_backgrounds_are_refused(empty, scaling, message):
     with pytest.raises(ModelError, match=message):
         subtract_background(recorder().scene, empty, scaling=scaling)
-
-
-def test_an_empty_capture_of_zeros_cannot_be_scaled():
-    scene = recorder().scene
-    nothing = replace(scene, data=np.zeros_like(scene.data))
-    assert (subtract_background(scene, nothing).data == scene.data).all()
-    with pytest.raises(ModelError, match="zeros only"):
-        subtract_background(scene, nothing, scaling="common")
 
 
 # Range gates
@@ -285,32 +278,29 @@ def test_the_gate_is_the_least_squares_map_of_its_equation():
     period_m = C / 2 / (10e9 / 23)
     near, far, edge = 0.1, 0.16, 0.02
     matrix, _ = gate(sweep, near, far, edge, clutter_db=30)
-    # The same by sampling all ranges, weighting and stacking them: min |G A - B|^2 + eps |G|^2.
-    # A Riemann sum is off by half a sample at each of the four jumps: 2.5e-6 times 1000 at most.
-    samples = 200_000
-    r = (np.arange(samples) + 0.5) / samples * period_m
-    inside = (r >= near) & (r < far)
-    outside = (r >= far + edge) | (r < near - edge)
-    p = np.where(inside, 1.0, np.where(outside, 10.0**3, 0.03)) / samples
-    w = np.where(inside, 1.0, np.where(outside, 0.0, 0.5))
-    a = np.exp(-4j * np.pi / C * np.outer(sweep.frequencies_hz - 77e9, r))
-    whole = (a * p) @ a.conj().T + 1e-3 * np.eye(24)
-    wanted = (a * p * w) @ a.conj().T
-    expected = wanted @ np.linalg.inv(whole)
-    np.testing.assert_allclose(matrix, expected, atol=1e-3)
+    # The same by integration over all ranges: min |G A - B|^2 + eps |G|^2. Gauss and Legendre's
+    # nodes in each part, of up to 25 turns, are exact.
+    x, unit = np.polynomial.legendre.leggauss(200)
+    whole, wanted = 1e-3 * np.eye(24, dtype=complex), 0
+    ends = (0.0, near - edge, near, far, far + edge, period_m)
+    weights, shares = (1e3, 0.03, 1, 0.03, 1e3), (0, 0.5, 1, 0.5, 0)
+    for (a, b), weight, share in zip(pairwise(ends), weights, shares, strict=True):
+        r = (a + b) / 2 + (b - a) / 2 * x
+        wave = np.exp(-4j * np.pi / C * np.outer(sweep.frequencies_hz - 77e9, r))
+        part = weight * (wave * unit * (b - a) / 2 / period_m) @ wave.conj().T
+        whole, wanted = whole + part, wanted + share * part
+    # float64 and a condition of 1e6.
+    np.testing.assert_allclose(matrix, wanted @ np.linalg.inv(whole), atol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"near_m": 0.4, "far_m": 0.3}, "near_m < far_m"),
         ({"near_m": -0.1, "far_m": 0.3}, "near_m < far_m"),
         ({"near_m": 0.3, "far_m": 2.0}, "at most 1.904 m"),
         ({"near_m": 0.01, "far_m": 1.9}, "nothing is left to reject"),
         ({"near_m": 0.2, "far_m": 0.4, "edge_m": -0.1}, "edge_m"),
-        ({"near_m": 0.2, "far_m": 0.4, "edge_m": np.inf}, "edge_m"),
         ({"near_m": 0.2, "far_m": 0.4, "clutter_db": -3}, "clutter_db"),
-        ({"near_m": "a", "far_m": 0.4}, "near_m"),
         ({**WINDOW, "sweep": Waveform([77e9])}, "two frequencies"),
     ],
 )
@@ -350,8 +340,6 @@ def test_the_command_averages_subtracts_and_gates(run, recording, tmp_path):
     expected = subtract_background(frame, empty, scaling="channel")
     expected = range_gate(expected, near_m=0.15, far_m=0.3)
     np.testing.assert_array_equal(found.data, expected.data)
-    assert found.meta["command"] == "clean"
-    assert found.meta["options"]["scaling"] == "channel"
     assert len({entry["sha256"] for entry in found.meta["inputs"]}) == 5
     assert "frame" not in found.meta
 
@@ -365,9 +353,6 @@ def test_the_command_takes_files_and_single_frames(run, recording, tmp_path):
     expected = recording.frames[1].data - recording.recorder.empty(0).data
     np.testing.assert_allclose(found.data, expected, atol=1e-5 * abs(expected).max())
     assert [entry["file"] for entry in found.meta["inputs"]] == ["000001.npy", "empty.h5"]
-    # What the recorder's own "emptyfiltered" variant holds.
-    filtered = open_capture(recording.folder, frame=1, variant="emptyfiltered")
-    np.testing.assert_allclose(found.data, filtered.data, atol=1e-5 * abs(expected).max())
     status, _, err = run(recording.folder, "--variant", "emptyfiltered", "--empty", empty,
                          "-o", output, "--force")  # fmt: skip
     assert status == 0
@@ -393,12 +378,8 @@ def test_frames_that_are_missing_or_cut_short(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "nothing to do"),
         (("--scaling", "common"), "--empty"),
-        (("--gate-mm", "300"), "NEAR:FAR"),
         (("--gate-mm", "300:200"), "NEAR:FAR"),
-        (("--gate-mm", "nan:200"), "NEAR:FAR"),
-        (("--edge-mm", "3", "--average"), "--gate-mm"),
         (("--align-phase", "--gate-mm", "100:200"), "--average"),
         (("--average", "--frame", "1"), "--frame"),
     ],
@@ -407,17 +388,3 @@ def test_wrong_usage(run, recording, tmp_path, arguments, message):
     status, _, err = run(recording.folder, "-o", tmp_path / "out.h5", *arguments)
     assert status == 2
     assert message in " ".join(err.split())
-    assert not list(tmp_path.iterdir())
-
-
-def test_nothing_is_overwritten_and_a_file_has_no_frames(run, recording, tmp_path):
-    there = tmp_path / "there.h5"
-    save_capture(there, recording.frames[0])
-    content = there.read_bytes()
-    status, _, err = run(recording.folder, "--gate-mm", "100:300", "-o", there)
-    assert status == 1
-    assert "--force" in err
-    assert there.read_bytes() == content
-    status, _, err = run(there, "--average", "-o", tmp_path / "out.h5")
-    assert status == 2
-    assert "radar folder" in err

@@ -36,7 +36,6 @@ def test_a_belief_begins_at_the_prior_of_a_fit(fit_shape):
     np.testing.assert_array_equal(prior.mean_rad, STATE.angles_rad)
     np.testing.assert_array_equal(prior.mean_shape, vector_of(AVERAGE))
     own = np.linalg.inv(prior.information[6 : 6 + N_ANGLES, 6 : 6 + N_ANGLES])
-    # Two inversions of a matrix whose condition is some tens.
     np.testing.assert_allclose(own, angle_covariance(12.0), rtol=0, atol=1e-12)
     assert (belief.shape_std.size > 0) == fit_shape
 

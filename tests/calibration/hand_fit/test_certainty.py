@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_renderings import rendered_depth, state_of
+from hand_renderings import TIPS, fitter_on, rendered_depth, state_of
 
 from calibration.hand_fit.agreement import range_ratio, smoothed_ratio
 from calibration.hand_fit.certainty import (
@@ -16,19 +16,16 @@ from calibration.hand_fit.certainty import (
     leaving_untold,
     with_spread,
 )
-from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_rendering import ANGLES, N_PARAMETERS, stepped
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, HandState, pose_with
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.range_scatter import RANGE_STD_M, range_scatter_m, roughness_m
 from calibration.registration.mesh_fit import initial_log_brightness
-from calibration.registration.mesh_rendering import Aperture, MeasuredImage
-from clradar import arrays
+from calibration.registration.mesh_rendering import MeasuredImage
 from clradar.hand import pose_by_name
-from clradar.opencl import open_device
 
-TIPS = [4, 9, 14, 19, 24]
 STEP_M = 4e-3
 """Pixels are about a resolution cell then: their noise is independent."""
 
@@ -38,9 +35,8 @@ N_DRAWS = 6
 @pytest.fixture(scope="module")
 def fitter() -> HandFitter:
     """Of a bent hand without limits near, in its own rendering."""
-    aperture, model = Aperture(arrays.qar50(), 77e9), ParametricHand("right", "pocl")
-    depth = rendered_depth(model, truth(), aperture, STEP_M)
-    return HandFitter(model, depth, aperture, open_device("pocl"), fitted_parameters(False))
+    model = ParametricHand("right", "pocl")
+    return fitter_on(rendered_depth(model, truth(), STEP_M), model)
 
 
 def truth() -> HandState:
@@ -117,17 +113,20 @@ def test_what_is_not_told_has_the_mean_of_the_prior_given_the_rest(fitter):
     assert leaving_untold(fitter, contradicted, prior, known, seed=0) is contradicted
 
 
-def test_the_pattern_of_the_samples_is_no_information(fitter):
+@pytest.fixture(scope="module")
+def known(fitter) -> Information:
+    """At the truth."""
+    state = truth()
+    found = Fitted(state, initial_log_brightness(), 0.0, 0.0)
+    return information_at(fitter, found, prior_about(state.angles_rad), 0)
+
+
+def test_the_pattern_of_the_samples_is_no_information(fitter, known):
     """Products of two surfaces have less than the squares of one, but for the noise of samples, and
     tell all of an open hand."""
-    state = truth()
-    prior = prior_about(state.angles_rad)
-    found = Fitted(state, initial_log_brightness(), 0.0, 0.0)
-    known = information_at(fitter, found, prior, 0)
     assert known.told().all()
-    picture = fitter.picture(FINE)
-    picture.draw_surface(state, 0)
-    slopes = fitter.linearised(state, found.log_brightness, FINE)[1]
+    fitter.picture(FINE).draw_surface(truth(), 0)
+    slopes = fitter.linearised(truth(), initial_log_brightness(), FINE)[1]
     single = (slopes**2).sum(axis=1)[ANGLES]
     shared = COVARIANCE_RATIO**2 * np.diag(known.measured)[ANGLES]
     assert (shared < 1.08 * single).all()
@@ -152,27 +151,22 @@ def test_averaged_residuals_have_the_variance_of_independent_ones():
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.12)
 
 
-def test_a_hand_whose_ranges_disagree_is_uncertain(fitter):
+def test_a_hand_whose_ranges_disagree_is_uncertain(fitter, known):
     """The true state is as certain as information says, one with bent fingers is not."""
     state, picture = truth(), fitter.picture(FINE)
     prior = prior_about(state.angles_rad)
+    assert known.widening == 1.0
     bent = state.with_angles(state.angles_rad + np.radians(20.0))
-    widenings = []
-    for there in (state, bent):
-        picture.draw_surface(there)
-        brightness = fitter.scaled(there, initial_log_brightness(), FINE)
-        found = Fitted(there, brightness, 0.0, 0.0)
-        known = information_at(fitter, found, prior, 0)
-        assert known.widening == pytest.approx(
-            max(1.0, range_ratio(picture, picture.render(there, brightness))), rel=0.2
-        )
-        widenings.append(known.widening)
-    assert widenings[0] == 1.0
-    assert widenings[1] > 4.0
+    picture.draw_surface(bent)
+    brightness = fitter.scaled(bent, initial_log_brightness(), FINE)
+    found = Fitted(bent, brightness, 0.0, 0.0)
+    of_bent = information_at(fitter, found, prior, 0)
+    ratio = range_ratio(picture, picture.render(bent, brightness))
+    assert of_bent.widening == pytest.approx(ratio, rel=0.2)
+    assert of_bent.widening > 4.0
     narrow, wide = (
-        certainty(fitter, found, prior, 0, replace(known, widening=w)) for w in (1.0, 4.0)
+        certainty(fitter, found, prior, 0, replace(of_bent, widening=w)) for w in (1.0, 4.0)
     )
-    assert wide.joint_std_m == pytest.approx(2.0 * narrow.joint_std_m)
     assert wide.angle_std_rad == pytest.approx(2.0 * narrow.angle_std_rad)
     assert wide.covariance == pytest.approx(4.0 * narrow.covariance)
     assert wide.untold == narrow.untold

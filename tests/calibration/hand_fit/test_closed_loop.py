@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hand_renderings import state_of
 
 from calibration.hand_fit import closed_loop
 from calibration.hand_fit.closed_loop import (
@@ -23,39 +24,32 @@ from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.registration.mesh_fit import initial_log_brightness
 from calibration.registration.radar import Radar
-from clradar import AntennaArray, DepthMap, Waveform, arrays
+from clradar import DepthMap, Waveform, arrays
 from clradar.hand import pose_by_name
-from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
 
 CENTRE_M = np.array([0.01, 0.0, 0.3])
 
+RADAR = Radar.of(
+    "test",
+    arrays.qar50().part(slice(None, None, 8), slice(None, None, 8)),
+    Waveform.sfcw(72e9, 82e9, 16),
+)
 NOTHING_MISSED = Missed(*np.zeros((2, N_GEOMETRY, 625)))
 
 
 @pytest.fixture
 def state() -> HandState:
-    transform = np.eye(4)
-    transform[:3, 3] = [0.0, -0.09, 0.3]
-    return HandState(pose_by_name("B"), AVERAGE, transform)
+    return state_of(pose_by_name("B"), ParametricHand("right", "pocl"))
 
 
 @pytest.fixture
 def fitter() -> HandFitter:
-    """On a blank image of few pixels."""
-    q = arrays.qar50()
-    array = AntennaArray(q.tx_m[::8], q.rx_m[::8])
-    radar = Radar.of("test", array, Waveform.sfcw(72e9, 82e9, 16))
+    """On a blank image of few pixels, by few antennas."""
     axis_m = np.arange(-12, 13) * 8e-3
     depth = DepthMap(np.full((25, 25), 0.3), np.ones((25, 25)), axis_m, axis_m, 20.0)
-    model = ParametricHand("right", "pocl")
-    parameters = fitted_parameters(True)
-    return HandFitter(model, depth, radar.aperture, open_device("pocl"), parameters, (FINE,))
-
-
-def settings(fitter: HandFitter, alpha: float | None) -> LoopSettings:
-    radar = Radar(fitter.aperture.array, Waveform.sfcw(72e9, 82e9, 16), fitter.aperture)
-    return LoopSettings(radar, alpha, 3, open_device("pocl"))
+    model, device = ParametricHand("right", "pocl"), open_device("pocl")
+    return HandFitter(model, depth, RADAR.aperture, device, fitted_parameters(True), (FINE,))
 
 
 @pytest.fixture
@@ -76,7 +70,7 @@ def loop(monkeypatch, fitter, state):
     prior = Prior.about(state, angle_covariance())
 
     def run(alpha: float | None, progress=None):
-        given = settings(fitter, alpha)
+        given = LoopSettings(RADAR, alpha, 3, open_device("pocl"))
         return close_loop(fitter, found, prior, NOTHING_MISSED, given, progress), calls
 
     return run, bias
@@ -101,7 +95,7 @@ def test_a_round_simulates_the_hand_and_finds_it_where_it_is(fitter, state):
     """With its few antennas the image is poor: the fit to it stays within some millimetres."""
     found = Fitted(state, initial_log_brightness(), 0.0, 0.0)
     prior = Prior.about(state, angle_covariance())
-    given = settings(fitter, None)
+    given = LoopSettings(RADAR, None, 3, open_device("pocl"))
     one = closed_loop._round(
         fitter, fitter.depth, state, 0.5, found, prior, NOTHING_MISSED, given, CENTRE_M
     )

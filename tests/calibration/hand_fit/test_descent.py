@@ -4,45 +4,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hand_renderings import rendered_depth, state_of
-from rig_files import RigMaker
+from hand_renderings import TIPS, fitter_on, rendered_depth, state_of
 from scipy.spatial import KDTree
 
 from calibration.hand_fit.descent import (
     COARSE,
     FINE,
-    HandFitter,
-    fitted_parameters,
 )
-from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_state import angles_of, pose_with
 from calibration.hand_fit.misfit import deviance_map, misfit
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.skinned import SkinnedSamples
 from calibration.registration.mesh_fit import POWER_FLOOR, TUKEY_CUTOFF, initial_log_brightness
-from calibration.registration.mesh_rendering import Aperture, MeasuredImage
-from clradar import arrays
+from calibration.registration.mesh_rendering import MeasuredImage
 from clradar.hand import pose_by_name
 from clradar.hand.shape import AVERAGE
-from clradar.opencl import open_device
-from clradar.rigs import read_rig
-
-TIPS = [4, 9, 14, 19, 24]
-
-
-@pytest.fixture(scope="module")
-def aperture() -> Aperture:
-    return Aperture(arrays.qar50(), 77e9)
-
-
-@pytest.fixture(scope="module")
-def hands(tmp_path_factory) -> dict[str, HandModel]:
-    file = RigMaker(edge_length_m=4e-3).save(tmp_path_factory.mktemp("rig") / "rig.glb")
-    return {
-        "right": ParametricHand("right", "pocl"),
-        "left": ParametricHand("left", "pocl"),
-        "rig": RiggedHand(read_rig(file)),
-    }
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
@@ -110,15 +86,15 @@ def test_a_pixel_that_the_hand_does_not_cover_costs_as_much_as_an_outlier():
 
 
 @pytest.mark.slow
-def test_a_hand_is_found_in_its_own_rendering(hands, aperture):
+def test_a_hand_is_found_in_its_own_rendering(hands):
     """Without speckle: told tips to a fraction of a pixel from 8 degrees off in every angle."""
     model = hands["right"]
     truth = state_of(pose_by_name("flat"), model)
     rng = np.random.default_rng(3)
     truth = truth.with_angles(truth.angles_rad + np.radians(8.0) * rng.normal(size=23))
-    depth = rendered_depth(model, truth, aperture)
+    depth = rendered_depth(model, truth)
     start = state_of(pose_by_name("flat"), model)
-    fitter = HandFitter(model, depth, aperture, open_device("pocl"), fitted_parameters(False))
+    fitter = fitter_on(depth, model)
     prior = Prior.about(start, angle_covariance())
     found = fitter.descend(start, initial_log_brightness(), prior, (COARSE, FINE))
     true_m = model.joints_m(truth.pose, AVERAGE) + truth.transform[:3, 3]

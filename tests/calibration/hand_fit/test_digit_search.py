@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rig_files import RigMaker
+from hand_renderings import fitter_on
 
 from calibration.hand_fit.basins import beside
 from calibration.hand_fit.certainty import joints_at
@@ -12,11 +12,9 @@ from calibration.hand_fit.descent import (
     LEVELS,
     Fitted,
     HandFitter,
-    fitted_parameters,
 )
 from calibration.hand_fit.digit_chain import DigitChain
 from calibration.hand_fit.digit_search import DigitSearch
-from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
 from calibration.hand_fit.hand_state import (
     ANGLES_OF_DIGIT,
     HIGHEST_RAD,
@@ -28,12 +26,10 @@ from calibration.hand_fit.layers import HandSkin, LayeredRendering, on_digit
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.result import DIGITS, TIPS
 from calibration.registration.mesh_fit import POWER_FLOOR, initial_log_brightness
-from calibration.registration.mesh_rendering import Aperture
-from clradar import DepthMap, arrays
+from clradar import DepthMap
 from clradar.hand import pose_by_name
 from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
-from clradar.rigs import read_rig
 
 PLACE = np.array([[1, 0, 0, 0.0], [0, 1, 0, -0.09], [0, 0, 1, 0.3], [0, 0, 0, 1]])
 NOMINAL = HandState(pose_by_name("B"), AVERAGE, PLACE)
@@ -48,25 +44,19 @@ def bent() -> HandState:
     return NOMINAL.with_angles(angles)
 
 
-def fitter_on(depth: DepthMap) -> HandFitter:
-    model, aperture = ParametricHand("right", "pocl"), Aperture(arrays.qar50(), 77e9)
-    fitted = fitted_parameters(shape=False)
-    return HandFitter(model, depth, aperture, open_device("pocl"), fitted, LEVELS)
-
-
 @pytest.fixture(scope="module")
 def fitter(bent) -> HandFitter:
     """On the picture that the rendering itself has of the hand with the bent finger."""
     axis_m = np.arange(-55, 56) * 2e-3
     blank = DepthMap(np.full((111, 111), 0.3), np.ones((111, 111)), axis_m, axis_m, 20.0)
-    picture = fitter_on(blank).picture(FINE)
+    picture = fitter_on(blank, levels=LEVELS).picture(FINE)
     picture.draw_surface(bent, seed=7)
     power, range_m = picture.render(bent, initial_log_brightness())
     x, y = np.meshgrid(axis_m, axis_m)
     lit = power > 1e-2 * power.max()
     depth_m = np.where(lit, np.sqrt(np.maximum(range_m**2 - x**2 - y**2, 0.0)), np.nan)
     amplitude = np.sqrt(power / power.max())
-    return fitter_on(DepthMap(depth_m, amplitude, axis_m, axis_m, 20.0))
+    return fitter_on(DepthMap(depth_m, amplitude, axis_m, axis_m, 20.0), levels=LEVELS)
 
 
 def brightness_on(fitter: HandFitter, state: HandState) -> np.ndarray:
@@ -77,18 +67,6 @@ def brightness_on(fitter: HandFitter, state: HandState) -> np.ndarray:
 @pytest.fixture(scope="module")
 def skin(fitter) -> HandSkin:
     return HandSkin(fitter.model, NOMINAL.pose, AVERAGE, open_device("pocl"))
-
-
-@pytest.fixture(scope="module")
-def hands(tmp_path_factory) -> dict[str, HandModel]:
-    """A rig that is stretched along each axis, too."""
-    turn = np.diag([1.05, 0.95, 1.02])
-    maker = RigMaker(turn=turn, local_turns=False, edge_length_m=4e-3)
-    return {
-        "right": ParametricHand("right", "pocl"),
-        "left": ParametricHand("left", "pocl"),
-        "rig": RiggedHand(read_rig(maker.save(tmp_path_factory.mktemp("rig") / "rig.glb"))),
-    }
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])

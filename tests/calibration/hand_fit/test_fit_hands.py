@@ -45,11 +45,8 @@ def test_a_lost_hand_is_noticed_and_found_again():
     assert "1.30, and was 0.90" in fit.notes[0]
     assert fitting.calls.count(("search", 4)) == 1
     assert [fit.how for fit, _ in outcome[5:]] == 3 * [FOLLOWED]
-    before, after = outcome[3][1], outcome[4][1]
-    assert before is not None
-    assert after is not None
-    alone = outcome[0][1].belief.shape_std
-    assert (after.belief.shape_std < alone).all()  # the shape is not forgotten
+    alone, after = outcome[0][1].belief.shape_std, outcome[4][1].belief.shape_std
+    assert (after < alone).all()  # the shape is not forgotten
 
 
 @pytest.mark.parametrize(
@@ -113,7 +110,7 @@ def test_no_hand_at_all_is_an_error():
         run(MadeUp(), [None, None])
 
 
-@pytest.mark.parametrize("at", [1, 4, 5])
+@pytest.mark.parametrize("at", [1, 4])
 def test_going_on_after_a_track_gives_the_same(at):
     """Through the arrays that a folder keeps, bit by bit."""
     fitting = MadeUp(misfits={4: 390.0})
@@ -145,6 +142,10 @@ def test_the_record_of_a_frame_is_json_that_is_read_again():
     again = FrameFit.from_dict(fit.to_dict(), Path("000000.json"))
     assert np.array_equal(again.joints_m, fit.joints_m)
     assert np.array_equal(again.joint_std_m, fit.joint_std_m)
+    record = fit.to_dict()
+    for broken in ({k: v for k, v in record.items() if k != "joints_m"}, {**record, "angles": 3}):
+        with pytest.raises(MeasurementError, match=r"000000\.json: expected the record of"):
+            FrameFit.from_dict(broken, Path("000000.json"))
 
 
 def test_wrong_arguments():
@@ -161,13 +162,6 @@ def test_wrong_arguments():
             fit_hands([dark, dark], **{"pose": "F", "device": "pocl", **options})
     with pytest.raises(CompareError, match="no hand in any other frame"):
         list(fit_hands([dark, dark], "F", device="pocl"))
-
-
-def test_a_damaged_record_names_its_file():
-    record = run(MadeUp(), [0])[0][0].to_dict()
-    for broken in ({k: v for k, v in record.items() if k != "joints_m"}, {**record, "angles": 3}):
-        with pytest.raises(MeasurementError, match=r"000000\.json: expected the record of"):
-            FrameFit.from_dict(broken, Path("000000.json"))
 
 
 @pytest.mark.parametrize("gap", [1, 3])

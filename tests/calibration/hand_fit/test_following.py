@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hand_renderings import rendered_depth, state_of
+from hand_renderings import APERTURE, rendered_depth, state_of
 
 from calibration.hand_fit.belief import Belief
 from calibration.hand_fit.fit_hands import FRAME_S
@@ -12,23 +12,19 @@ from calibration.hand_fit.hand_shape_vector import SHAPE_STD
 from calibration.hand_fit.result import TIPS
 from calibration.hand_fit.track import Track
 from calibration.registration.mesh_fit import initial_log_brightness
-from calibration.registration.mesh_rendering import Aperture
-from clradar import arrays
 from clradar.hand import interpolate_poses, pose_by_name
 from clradar.opencl import open_device
 
 
 def follower_of(*, fit_shape: bool) -> Follower:
     device = open_device("pocl")
-    return Follower(
-        ParametricHand("right", device), Aperture(arrays.qar50(), 77e9), device, fit_shape, 0
-    )
+    return Follower(ParametricHand("right", device), APERTURE, device, fit_shape, 0)
 
 
 def test_a_frame_is_followed_from_the_one_before():
     """The index finger has bent, and all tips are found within a pixel."""
     follower = follower_of(fit_shape=False)
-    model, aperture = follower.model, follower.aperture
+    model = follower.model
     flat, other = pose_by_name("flat"), pose_by_name("F")
     before, now = (state_of(interpolate_poses(flat, other, s), model) for s in (0.0, 0.15))
     joints_m, true_m = (
@@ -39,7 +35,7 @@ def test_a_frame_is_followed_from_the_one_before():
         0, 0, 0.0, "right", before, joints_m, initial_log_brightness(), belief, np.eye(4), 0.125,
         (1.0,),
     )  # fmt: skip
-    found = follower.follow(rendered_depth(model, now, aperture), track, FRAME_S)
+    found = follower.follow(rendered_depth(model, now), track, FRAME_S)
     tips = list(TIPS)
     assert np.linalg.norm(found.joints_m - true_m, axis=1)[tips].max() < 2e-3
     # The tip of the index, which bends.
@@ -55,7 +51,7 @@ def test_a_frame_is_followed_from_the_one_before():
 def test_a_frame_tells_of_the_shape():
     follower = follower_of(fit_shape=True)
     truth = state_of(pose_by_name("flat"), follower.model)
-    depth = rendered_depth(follower.model, truth, follower.aperture)
+    depth = rendered_depth(follower.model, truth)
     belief = Belief.of_start(truth, 12.0, True)
     found = follower.settle(depth, truth, initial_log_brightness(), belief)
     assert found.belief.known.stop == 31

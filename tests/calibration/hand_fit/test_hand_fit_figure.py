@@ -3,31 +3,22 @@
 from typing import Any
 
 import numpy as np
-import pytest
-from hand_fits import UNTOLD, made_up_fit
+from hand_fits import made_up_fit
 from matplotlib.colors import to_hex
 from matplotlib.patches import Ellipse
 
 from calibration.hand_fit.figure import OTHERS, hand_fit_figure
 from calibration.hand_fit.result import TIPS
 from clradar import DepthMap
-from clradar.hand import JOINT_NAMES
-
-
-@pytest.fixture(scope="module")
-def measured() -> DepthMap:
-    """A slanted square: what is measured has no part in what is drawn over it."""
-    axis_m = np.linspace(-0.12, 0.12, 13)
-    amplitude = (np.abs(axis_m) < 0.05) * (np.abs(axis_m) < 0.05)[:, None] * 1.0
-    depth_m = np.where(amplitude > 0, 0.3 + 0.1 * axis_m, np.nan)
-    return DepthMap(depth_m, amplitude, axis_m, axis_m, 15.0)
 
 
 def points(lines: list[Any]) -> np.ndarray:
     return np.concatenate([line.get_xydata() for line in lines])
 
 
-def test_joints_tips_and_outline_are_where_the_hand_is(measured):
+def test_joints_tips_and_outline_are_where_the_hand_is():
+    axis_m = np.linspace(-0.12, 0.12, 13)
+    measured = DepthMap(np.full((13, 13), 0.3), np.ones((13, 13)), axis_m, axis_m, 15.0)
     covariance_m2 = np.tile(np.diag([1e-6, 4e-6, 9e-6]), (25, 1, 1))
     fit = made_up_fit(joint_covariance_m2=covariance_m2)
     amplitude, depth, *_ = hand_fit_figure(measured, fit).axes
@@ -48,15 +39,3 @@ def test_joints_tips_and_outline_are_where_the_hand_is(measured):
         box_mm = 1e3 * fit.scene.vertices_m[:, :2]
         assert np.allclose(outline_mm.min(axis=0), box_mm.min(axis=0), atol=0.5)
         assert np.allclose(outline_mm.max(axis=0), box_mm.max(axis=0), atol=0.5)
-
-
-def test_what_is_not_told_is_hollow_and_dashed(measured):
-    fit = made_up_fit()
-    depth = hand_fit_figure(measured, fit).axes[1]
-    (hollow,) = (line for line in depth.lines if "does not tell" in str(line.get_label()))
-    untold = [JOINT_NAMES.index(name.split()[0]) for name in sorted(UNTOLD, reverse=True)]
-    assert np.allclose(hollow.get_xydata(), 1e3 * fit.joints_m[untold, :2])
-    dashed = [line for line in depth.lines if line.is_dashed()]
-    assert len(dashed) == len(UNTOLD)
-    bones_mm = 1e3 * np.concatenate([fit.joints_m[[joint, joint + 1], :2] for joint in untold])
-    assert np.allclose(points(dashed), bones_mm)

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_renderings import rendered_depth, state_of
+from hand_renderings import fitter_on, rendered_depth, state_of
 
-from calibration.hand_fit.descent import FINE, Fitted, HandFitter, fitted_parameters
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_rendering import N_GEOMETRY, N_PARAMETERS, SHAPE, stepped
 from calibration.hand_fit.hand_shape_vector import vector_of
@@ -15,8 +15,6 @@ from calibration.hand_fit.meshed_anew import missed_slopes, settled
 from calibration.hand_fit.misfit import misfit
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.registration.mesh_fit import cell_pixels, initial_log_brightness
-from calibration.registration.mesh_rendering import Aperture
-from clradar import arrays
 from clradar.hand import pose_by_name
 from clradar.opencl import open_device
 
@@ -32,10 +30,8 @@ def truth() -> HandState:
 
 @pytest.fixture(scope="module")
 def fitter(truth) -> HandFitter:
-    aperture, model = Aperture(arrays.qar50(), 77e9), ParametricHand("right", "pocl")
-    depth = rendered_depth(model, truth, aperture)
-    fitted = fitted_parameters(True)
-    return HandFitter(model, depth, aperture, open_device("pocl"), fitted, (FINE,))
+    model = ParametricHand("right", "pocl")
+    return fitter_on(rendered_depth(model, truth), model, shape=True, levels=(FINE,))
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from hand_renderings import rendered_depth, state_of
 
 from calibration import HandFit, fit_hand
 from calibration.hand_fit.hand_model import ParametricHand
-from calibration.registration.radar import Radar
 from clradar import DepthMap
 from clradar.errors import ClradarWarning, CompareError
 from clradar.hand import POSES
@@ -19,8 +18,7 @@ pytestmark = pytest.mark.slow
 def seen(letter: str) -> DepthMap:
     """The rendering's own picture of a letter."""
     hand = ParametricHand("right", "pocl")
-    aperture = Radar.of("test", None, None).aperture
-    return rendered_depth(hand, state_of(POSES[letter], hand), aperture)
+    return rendered_depth(hand, state_of(POSES[letter], hand))
 
 
 def fitted(depth: DepthMap, start: str) -> HandFit:

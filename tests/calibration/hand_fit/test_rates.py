@@ -4,37 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_renderings import rendered_depth, state_of
+from hand_renderings import TIPS, fitter_on, rendered_depth, state_of
 from nightly import nightly
-from rig_files import RigMaker
 
 from calibration.hand_fit.bone_rates import bone_rates
-from calibration.hand_fit.descent import BRIGHTNESS, MIDDLE, HandFitter, fitted_parameters
-from calibration.hand_fit.hand_model import HandModel, ParametricHand, RiggedHand
+from calibration.hand_fit.descent import BRIGHTNESS, MIDDLE, fitted_parameters
+from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_rendering import N_GEOMETRY, SHAPE, stepped
 from calibration.hand_fit.hand_state import HandState
 from calibration.registration.mesh_fit import initial_log_brightness
-from calibration.registration.mesh_rendering import Aperture
-from clradar import arrays
 from clradar.hand import pose_by_name
 from clradar.hand.pose import HandPose, JointAngles
 from clradar.hand.shape import AVERAGE
-from clradar.opencl import open_device
-from clradar.rigs import read_rig
 
 KINDS = ("right", "left", "rig")
-TIPS = [4, 9, 14, 19, 24]  # they carry no skin, their axes have no meaning
 CENTRE_M = np.array([0.01, -0.02, 0.3])
-
-
-@pytest.fixture(scope="module")
-def hands(tmp_path_factory) -> dict[str, HandModel]:
-    file = RigMaker(edge_length_m=4e-3).save(tmp_path_factory.mktemp("rig") / "rig.glb")
-    return {
-        "right": ParametricHand("right", "pocl"),
-        "left": ParametricHand("left", "pocl"),
-        "rig": RiggedHand(read_rig(file)),
-    }
 
 
 def bent() -> HandState:
@@ -53,6 +37,7 @@ def test_rates_of_bones_are_differences(hands, kind):
     def bones_at(changed: HandState):
         return model.bones(changed.pose, changed.shape).moved(changed.transform)
 
+    # Tips carry no skin, and their axes have no meaning.
     rates = bone_rates(model, state, bones_at(state), CENTRE_M)
     for k, away in enumerate(step * np.eye(N_GEOMETRY)):
         ahead, behind = (bones_at(stepped(state, sign * away, CENTRE_M)) for sign in (1, -1))
@@ -80,11 +65,10 @@ def test_rates_at_the_limits_of_a_shape_are_those_of_one_side(hands):
 
 @pytest.mark.parametrize("kind", ["right", "rig", *nightly(["left"])])
 def test_derivatives_are_differences_of_renderings(hands, kind):
-    model, aperture = hands[kind], Aperture(arrays.qar50(), 77e9)
-    state = bent()
-    depth = rendered_depth(model, state, aperture)
+    model, state = hands[kind], bent()
     wanted = fitted_parameters(model.has_shape)
-    fitter = HandFitter(model, depth, aperture, open_device("pocl"), wanted, (MIDDLE,))
+    depth = rendered_depth(model, state, 4e-3)
+    fitter = fitter_on(depth, model, shape=model.has_shape, levels=(MIDDLE,))
     picture = fitter.picture(MIDDLE)
     picture.draw_surface(state)
     brightness = initial_log_brightness()

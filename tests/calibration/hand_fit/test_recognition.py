@@ -16,7 +16,7 @@ from calibration.hand_fit.recognition import (
     doubts,
 )
 from calibration.hand_fit.result import DOUBTFUL_LIKENESS, DOUBTFUL_OVERLAP
-from clradar import AntennaArray, Capture, DepthMap, Volume, VoxelGrid, Waveform, arrays
+from clradar import Capture, DepthMap, Volume, VoxelGrid, Waveform, arrays
 from clradar.errors import CompareError
 from clradar.hand import HandShape
 
@@ -27,28 +27,19 @@ def image_to(end_m: float) -> Volume:
     return Volume(np.zeros(grid.shape, np.complex64), grid)
 
 
-def test_a_dark_volume_is_refused_by_one_line_about_the_hand():
-    with pytest.raises(CompareError, match=r"^could not fit the hand, because .*0 everywhere"):
-        fit_hand(image_to(0.14), "F", device="pocl")
+def test_images_without_signal_are_refused_by_one_line_about_the_hand():
+    array = arrays.qar50().part(slice(None, None, 24), slice(None, None, 24))
+    silent = np.zeros((array.n_tx, array.n_rx, 8), np.complex64)
+    for dark in (image_to(0.14), Capture(silent, array, Waveform.sfcw(72e9, 82e9, 8))):
+        with pytest.raises(CompareError, match=r"^could not fit the hand, because [^\n]*$"):
+            fit_hand(dark, "F", device="pocl")
 
 
-def test_a_capture_without_signal_is_refused_by_one_line_about_the_hand():
-    q = arrays.qar50()
-    array = AntennaArray(q.tx_m[::24], q.rx_m[::24])
-    waveform = Waveform.sfcw(72e9, 82e9, 8)
-    silent = np.zeros((len(array.tx_m), len(array.rx_m), 8), np.complex64)
-    with pytest.raises(CompareError, match=r"^could not fit the hand, because [^\n]*$"):
-        fit_hand(Capture(silent, array, waveform), "F", device="pocl")
-
-
-@pytest.mark.parametrize("likeness", [0.1, -0.2, float("nan")])
-def test_noise_is_refused(likeness):
-    with pytest.raises(CompareError, match=r"correlate by .* 0.60 is the least"):
-        check_likeness(likeness)
+def test_what_is_no_hand_is_refused():
+    for likeness in (0.1, float("nan")):
+        with pytest.raises(CompareError, match=r"correlate by .* 0.60 is the least"):
+            check_likeness(likeness)
     check_likeness(0.7)
-
-
-def test_a_simulation_that_overlaps_like_another_object_is_refused_with_advice():
     with pytest.raises(CompareError, match=r"from 'F', it overlaps .* by 0.52, .*pose='all'"):
         check_overlap(0.52, "F")
     check_overlap(MIN_OVERLAP, "F")
@@ -85,15 +76,12 @@ def test_the_digits_that_are_cut_are_named():
     depth = DepthMap(np.full((15, 15), 0.3), np.ones((15, 15)), x_m, axis_m, 20.0)
     (remark,) = doubts(fit, depth)
     assert "are the tips of: pinky (" in remark
+    joints_m = np.array(fit.joints_m)
+    joints_m[4] = np.nan  # a rig without a tip is not cut
+    assert doubts(made_up_fit("B", joints_m=joints_m), image_to(0.14)) == ()
     near = VoxelGrid.from_extent((-0.14, 0.14), (-0.14, 0.14), (0.32, 0.4), 20e-3)
     (remark,) = doubts(fit, Volume(np.zeros(near.shape, np.complex64), near))
     assert "thumb, index, middle, ring, pinky (" in remark
-
-
-def test_a_rig_without_a_tip_is_not_cut():
-    joints_m = np.array(made_up_fit().joints_m)
-    joints_m[4] = np.nan
-    assert doubts(made_up_fit(joints_m=joints_m), image_to(0.14)) == ()
 
 
 def test_an_unusual_shape_is_remarked_where_it_was_fitted():

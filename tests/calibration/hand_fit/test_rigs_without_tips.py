@@ -13,7 +13,6 @@ from mano_files import mano_model, mano_pickle
 from calibration import HandFit, fit_hand
 from calibration.hand_fit.hand_model import RiggedHand
 from calibration.hand_fit.result import TIPS
-from calibration.registration.radar import Radar
 from clradar.cli.tables import digit_rows
 from clradar.hand import POSES
 from clradar.rigs import Rig, read_rig
@@ -69,12 +68,12 @@ def test_the_result_says_that_there_are_no_tips():
 def test_a_mano_model_is_fitted(tmp_path, side):
     """To the rendering's own picture of a pose 8 degrees off the letter in one joint."""
     rig = mano(tmp_path, side)
-    hand, radar = RiggedHand(rig), Radar.of("test", None, None)
+    hand = RiggedHand(rig)
     state = state_of(POSES["L"], hand)
     angles = state.angles_rad
     angles[5] += np.radians(8.0)  # the knuckle of the index finger
     true = state.with_angles(angles)
-    depth = rendered_depth(hand, true, radar.aperture)
+    depth = rendered_depth(hand, true)
     fit = fit_hand(depth, "L", rig=rig, closed_loop=False, device="pocl")
     assert fit.handedness == side
     assert fit.shape is None

@@ -24,14 +24,12 @@ FLOAT32_M = 1e-7
 """A vertex in a PLY file is a float32 in metres: 2^-24 of 0.4 m is 2.4e-8."""
 
 
-@pytest.mark.parametrize(("share", "enough"), [(0.49, False), (0.51, True)])
-def test_half_of_a_measurement_has_to_be_the_mesh(measured, monkeypatch, share, enough):
-    monkeypatch.setattr(closed_loop, "overlap", lambda one, other: share)
-    if enough:
-        assert closed_loop._checked_overlap(measured.depth_map(), measured) == share
-    else:
-        with pytest.raises(CompareError, match=r"by 0\.49, and 0\.50 is the least"):
-            closed_loop._checked_overlap(measured.depth_map(), measured)
+def test_half_of_a_measurement_has_to_be_the_mesh(measured, monkeypatch):
+    monkeypatch.setattr(closed_loop, "overlap", lambda one, other: 0.49)
+    with pytest.raises(CompareError, match=r"by 0\.49, and 0\.50 is the least"):
+        closed_loop._checked_overlap(measured.depth_map(), measured)
+    monkeypatch.setattr(closed_loop, "overlap", lambda one, other: 0.51)
+    assert closed_loop._checked_overlap(measured.depth_map(), measured) == 0.51
 
 
 def test_registers_a_hand(measured, hand, registered):
@@ -40,8 +38,6 @@ def test_registers_a_hand(measured, hand, registered):
     assert result.converged
     assert result.alignment.converged
     assert result.alignment.degenerate_directions == ()
-    assert result.alignment.inlier_share > 0.6
-    assert result.alignment.moved == "mesh"
     assert result.rounds == tuple(seen)
     assert seen[-1].moved_m < TOLERANCE_M
     assert all(step.moved_m >= TOLERANCE_M for step in seen[:-1])
@@ -109,17 +105,21 @@ def test_too_few_rounds_to_find_alpha_are_a_warning(measured, hand, monkeypatch)
     warned = pytest.warns(clradar.ClradarWarning, match="max_rounds is 6, and alpha is found in 7")
     with warned, pytest.raises(CompareError, match="located"):
         register(measured, hand, fit_alpha=True, max_rounds=6, **RADAR)
-    with pytest.raises(CompareError, match="located"):
-        register(measured, hand, fit_alpha=True, max_rounds=7, **RADAR)
-    with pytest.raises(CompareError, match="located"):
-        register(measured, hand, max_rounds=2, **RADAR)
+    for enough in ({"fit_alpha": True, "max_rounds": 7}, {"max_rounds": 2}):
+        with pytest.raises(CompareError, match="located"):
+            register(measured, hand, **enough, **RADAR)
 
 
 @pytest.mark.parametrize(
-    "option", [{"tolerance_m": 0.0}, {"max_rounds": 0}, {"seed": -1}, {"waveform": 77e9}]
+    ("option", "words"),
+    [
+        ({"tolerance_m": 0.0}, "tolerance_m"),
+        ({"max_rounds": 0}, "max_rounds"),
+        ({"fit_alpha": True, "estimator": "physical"}, "fit_alpha: expected False with estimator="),
+    ],
 )
-def test_options_are_checked(measured, hand, option):
-    with pytest.raises(ModelError, match=next(iter(option))):
+def test_options_are_checked(measured, hand, option, words):
+    with pytest.raises(ModelError, match=words):
         register(measured, hand, device="pocl", **option)
 
 
@@ -149,11 +149,6 @@ def test_registers_a_hand_of_materials_by_its_physical_simulation():
     assert result.capture.meta["settings"]["estimator"] == "physical"
     assert {own.name for own in result.scene.materials} == {"palm", "skin"}
     np.testing.assert_array_equal(result.scene.texture_m, hand.texture_m)
-
-
-def test_alpha_is_not_fitted_to_physical_simulations(measured, hand):
-    with pytest.raises(ModelError, match="fit_alpha: expected False with estimator='physical'"):
-        register(measured, hand, fit_alpha=True, estimator="physical", **RADAR)
 
 
 @pytest.mark.parametrize(
@@ -207,7 +202,6 @@ def test_command_writes_all(files, hand, registered, capsys, monkeypatch):
     assert placed.part_names == hand.part_names
     assert np.array_equal(placed.part, hand.part)
     record = json.loads((folder / "transform.json").read_text())
-    assert record["command"] == "register"
     assert len(record["rounds"]) == len(result.rounds)
     assert "The mesh is shifted by" in out.out
     capture, volume = open_capture(folder / "capture.h5"), open_volume(folder / "volume.h5")
@@ -215,10 +209,6 @@ def test_command_writes_all(files, hand, registered, capsys, monkeypatch):
     assert volume.grid.counts == (101, 101, 41)
     metrics = json.loads((folder / "metrics.json").read_text())
     assert -1.0 <= metrics["simulated"][0]["metrics"]["db_correlation"] <= 1.0
-    assert (folder / "comparison.png").read_bytes().startswith(b"\x89PNG")
-    # A second time into the same folder is refused before any work.
-    assert run(files, "--unit", "mm") == 1
-    assert "--force" in capsys.readouterr().err
 
 
 def test_command_registers_materials(files, capsys, monkeypatch):

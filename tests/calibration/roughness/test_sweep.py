@@ -1,15 +1,14 @@
 """Sweeps over alpha: estimates, shared random numbers, and the same bits after an interruption."""
 
-import inspect
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from command_line import exit_status as run
 from command_line import group_of
 from matplotlib.figure import Figure
-from nightly import nightly
 from recorded_targets import edge_array
 from shapes import plate, sphere
 
@@ -19,11 +18,9 @@ from calibration.roughness.alpha import AlphaEstimate, BrightnessMeter, estimate
 from calibration.roughness.figures import MOST_IMAGES, shown_alphas, sweep_figure
 from calibration.roughness.surface_points import surface_points
 from clradar.cli.commands import sweep as command
-from clradar.cli.groups import expanded
 from clradar.cli.options import AlphaOptions, RegionOptions
-from clradar.compare import Metrics, compare
 from clradar.errors import ClradarWarning, CompareError, ModelError
-from clradar.hand import hand_mesh
+from clradar.hand.flesh import PART_NAMES
 from clradar.simulation import simulate_alphas
 from clradar.tracing.stochastic import Tracer
 from measurement_io import save_capture
@@ -55,14 +52,14 @@ COMPLEX64_SUM = 4 * 2.0**-24
 """Two captures and their sum are rounded to float32 each, real and imaginary part."""
 
 
-def _two_plates() -> clradar.Scene:
-    vertices, faces = plate(0.05, 0.3, 12, wavy_m=3e-3)
-    sides = [clradar.Scene(vertices + np.array([x, 0, 0]), faces) for x in (-0.03, 0.03)]
+def two_plates() -> clradar.Scene:
+    vertices_m, faces = plate(0.05, 0.3, 12, wavy_m=3e-3)
+    sides = [clradar.Scene(vertices_m + np.array([x_m, 0, 0]), faces) for x_m in (-0.03, 0.03)]
     both = clradar.Scene.combine(sides)
     return clradar.Scene(both.vertices_m, both.faces, 0.5, both.part, ("left", "right"))
 
 
-SCENE = _two_plates()
+SCENE = two_plates()
 
 
 def image_of(scene: clradar.Scene, seed: int, **rays) -> clradar.Volume:
@@ -196,20 +193,11 @@ def test_another_estimator_in_place_of_a_measurement_is_warned_of():
         sweep(expected, SCENE, [0.1, 0.4], seeds=2, **RADAR, **FEW)
 
 
-def test_simulations_that_are_to_differ_are_no_reason_to_warn(monkeypatch):
-    monkeypatch.setattr(Metrics, "misleading", True)
-    measured = image_of(SCENE, 0, **FEW)
-    with pytest.warns(ClradarWarning, match="misleading"):
-        compare(measured, measured)
-    assert len(sweep(measured, SCENE, [0.0, 1.0], seeds=2, **FEW, **RADAR).metrics[0]) == 2
-
-
 # --- rays and random numbers are shared
 
 
-@pytest.mark.parametrize("max_bounces", [2, *nightly([1])])
-def test_shared_visibility_gives_the_bits_of_simulate(max_bounces, device):
-    rays = {**FEW, "max_bounces": max_bounces, "seed": 5}
+def test_shared_visibility_gives_the_bits_of_simulate(device):
+    rays = {**FEW, "max_bounces": 2, "seed": 5}
     made = [c for (c,) in simulate_alphas(SCENE, ARRAY, WAVEFORM, ALPHAS, device=device, **rays)]
     for alpha, capture in zip(ALPHAS, made, strict=True):
         alone = clradar.simulate(SCENE.with_alpha(alpha), ARRAY, WAVEFORM, device=device, **rays)
@@ -269,11 +257,7 @@ def files(recorded, tmp_path, monkeypatch):
     # The figure is most of the time otherwise.
     monkeypatch.setattr("calibration.roughness.figures.sweep_figure", lambda _: Figure())
     save_capture("measured.h5", recorded)
-    import trimesh
-
-    mesh = trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False)
-    mesh.export("plates.ply")
-    np.save("labels.npy", SCENE.part)
+    trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False).export("plates.ply")
     return tmp_path
 
 
@@ -310,18 +294,12 @@ def test_an_interrupted_command_resumes_to_the_same_files(files, capsys, monkeyp
     assert all(resumed[name] == whole[name] for name in command.RESULTS)
     assert not (files / "interrupted" / command.WORK).exists()
     assert {"SSIM", "alpha:", "0.2", "0.4"} <= set(capsys.readouterr().out.split())
-    assert run(*COMMAND, "-o", "whole") == 0
-    assert "finished before" in capsys.readouterr().out
-
     record = json.loads((files / "whole" / command.RESULT).read_text())
-    assert record["command"] == "sweep"
     assert record["alphas"] == [0.2, 0.4]
-    assert len(record["metrics"]) == 2
     lines = (files / "whole" / command.TABLE).read_text().splitlines()
     assert lines[0].startswith("alpha,seed,overlap,")
     assert len(lines) == 1 + 2 * 2
-
-    # Other settings are refused by name, and --force begins anew.
+    # Other settings are refused by name.
     assert run(*COMMAND, "--rays-per-sample", "3", "--seed", "4", "-o", "whole") == 1
     error = capsys.readouterr().err
     assert "rays_per_sample 2, now 3" in error
@@ -336,28 +314,27 @@ def somewhere() -> clradar.Volume:
     return clradar.Volume(np.random.default_rng(0).standard_normal(GRID.shape), GRID)
 
 
+EMPTY = clradar.Volume(np.zeros(GRID.shape), GRID)
+
+
 @pytest.mark.parametrize(
-    ("arguments", "options", "error", "words"),
+    ("change", "error", "words"),
     [
-        ((clradar.Volume(np.zeros(GRID.shape), GRID), SCENE, ALPHAS), {}, CompareError, "measured"),
-        ((somewhere(), SCENE.transformed(np.diag([1e3, 1e3, 1e3, 1])), ALPHAS), {}, CompareError,
-         "unit"),
-        ((somewhere(), SCENE, [0.5]), {}, ModelError, "at least two"),
-        ((somewhere(), SCENE, [0.5, 1.5]), {}, ModelError, r"\[0, 1\]"),
-        ((somewhere(), SCENE, ALPHAS[::-1]), {}, ModelError, "ascending"),
-        ((somewhere(), SCENE, ALPHAS[:4]), {"seeds": 1}, ModelError, "five|5 alphas"),
-        ((somewhere(), SCENE, ALPHAS), {"seeds": 0}, ModelError, "seeds"),
-        ((somewhere(), SCENE, ALPHAS), {"rays_per_sample": 0}, ModelError, "rays_per_sample"),
-        ((somewhere(), SCENE, ALPHAS), {"regions": Regions.of_parts(SCENE), "max_bounces": 2},
-         ModelError, "max_bounces"),
-        ((somewhere(), SCENE, ALPHAS), {"regions": Regions.of_labels([0, 1])}, ModelError, "faces"),
-        (("volume.h5", SCENE, ALPHAS), {}, ModelError, "measured"),
-        ((somewhere(), SCENE, ALPHAS), {"waveform": 77e9}, ModelError, "waveform"),
+        ({"measured": EMPTY}, CompareError, "measured"),
+        ({"scene": SCENE.transformed(np.diag([1e3, 1e3, 1e3, 1]))}, CompareError, "unit"),
+        ({"alphas": [0.5]}, ModelError, "at least two"),
+        ({"alphas": [0.5, 1.5]}, ModelError, r"\[0, 1\]"),
+        ({"alphas": ALPHAS[::-1]}, ModelError, "ascending"),
+        ({"alphas": ALPHAS[:4], "seeds": 1}, ModelError, "5 alphas"),
+        ({"regions": Regions.of_parts(SCENE), "max_bounces": 2}, ModelError, "max_bounces"),
+        ({"regions": Regions.of_labels([0, 1])}, ModelError, "faces"),
+        ({"waveform": 77e9}, ModelError, "waveform"),
     ],
-)  # fmt: skip
-def test_wrong_arguments_are_refused_before_any_work(arguments, options, error, words):
+)
+def test_wrong_arguments_are_refused_before_any_work(change, error, words):
+    given = {"measured": somewhere(), "scene": SCENE, "alphas": ALPHAS, **change}
     with pytest.raises(error, match=words):
-        sweep(*arguments, device="pocl", progress=lambda *_: pytest.fail("work"), **options)
+        sweep(**given, device="pocl", progress=lambda *_: pytest.fail("work"))
 
 
 @pytest.mark.filterwarnings("ignore:no ray reached:clradar.ClradarWarning")
@@ -374,46 +351,21 @@ def test_a_mesh_that_no_ray_comes_back_from_is_an_error():
 @pytest.mark.parametrize(
     ("more", "status", "words"),
     [
-        (["--alpha", "1:0:0.1"], 2, "FIRST below LAST"),
         (["--alpha", "0:1.5:0.5"], 2, "[0, 1]"),
         (["--alpha", "0:1:0.3"], 2, "0:0.9:0.3"),
         (["--alpha", "0.5"], 2, "at least two"),
         (["--alpha", "0:1:1e-9"], 2, "at most"),
-        (["--alpha", "rough"], 2, "FIRST:LAST:STEP"),
         (["--band", "70:82:9"], 2, "its antennas and frequencies"),
         (["--regions", "parts", "--max-bounces", "2"], 2, "--regions"),
         (["--regions", "parts"], 1, "at least two"),
-        (["--regions", "fingers"], 1, "a hand with the parts"),
         (["--regions", "none.json"], 1, "none.json"),
-        (["--regions", "measured.h5"], 1, "measured.h5"),
         (["--unit", "mm"], 1, "unit"),
     ],
 )
 def test_wrong_usage_leaves_nothing(files, capsys, more, status, words):
     assert run(*COMMAND, "-o", "out", *more) == status
-    error = " ".join(capsys.readouterr().err.replace("│", " ").split())
-    assert words in error
-    assert "Traceback" not in error
+    assert words in " ".join(capsys.readouterr().err.replace("│", " ").split())
     assert not (files / "out").exists()
-
-
-def test_unsuitable_measurements_leave_nothing(files, capsys):
-    empty = clradar.Capture(np.zeros((20, 20, 16)), ARRAY, WAVEFORM)
-    save_capture("empty.h5", empty)
-    assert run("sweep", "empty.h5", *COMMAND[2:], "-o", "out") == 1
-    assert "got 0 everywhere" in capsys.readouterr().err
-    away = np.eye(4)
-    away[2, 3] = 1.0
-    (files / "away.json").write_text(json.dumps(away.tolist()))
-    assert run(*COMMAND, "--transform", "away.json", "-o", "out") == 1
-    assert "within the measured volume" in capsys.readouterr().err
-    assert not (files / "out").exists()
-
-
-def test_the_command_has_the_defaults_of_the_function():
-    ours, its = (inspect.signature(f).parameters for f in (expanded(command.command), sweep))
-    for name in ("seeds", "seed", "method", "window", "dynamic_range_db"):
-        assert ours[name].default == its[name].default
 
 
 def test_alphas_are_rounded_as_typed():
@@ -425,11 +377,14 @@ def test_alphas_are_rounded_as_typed():
 
 
 def test_fingers_are_all_but_the_palm():
-    hand = hand_mesh("flat", 4e-3)
-    scene = clradar.Scene(hand.vertices_m, hand.faces, 0.5, hand.part, hand.part_names)
-    found = Regions.of_fingers(scene)
+    part = np.array([0, 1, 5, 0, 2, 3, 4])
+    faces = np.array([[0, 1, 2]] * 7)
+    hand = clradar.Scene(np.eye(3), faces, 0.5, part, PART_NAMES)
+    found = Regions.of_fingers(hand)
     assert found.names == ("palm", "fingers")
-    assert np.array_equal(found.face, np.asarray(hand.part) > 0)
+    assert found.face.tolist() == [0, 1, 1, 0, 1, 1, 1]
+    with pytest.raises(ModelError, match="a hand with the parts"):
+        Regions.of_fingers(SCENE)
 
 
 def test_a_file_of_regions(tmp_path, monkeypatch):
@@ -455,15 +410,11 @@ def test_a_file_of_regions(tmp_path, monkeypatch):
         RegionOptions(regions="bad.npy").read(SCENE)
 
 
-def test_the_figure_shows_images_curves_and_probabilities(regional):
-    figure = sweep_figure(regional)
-    titles = [axes.get_title() for axes in figure.axes]
+def test_the_figure_shows_images_and_probabilities(regional):
+    titles = [axes.get_title() for axes in sweep_figure(regional).axes]
     shown = [f"\N{GREEK SMALL LETTER ALPHA} = {a:g}" for a in ALPHAS]
     assert titles[:7] == ["Measurement", *shown]
-    (likely,) = (axes for axes in figure.axes if axes.get_title().startswith("probability"))
-    assert [text.get_text().split(":")[0] for text in likely.get_legend().get_texts()] == [
-        "all", "left", "right",
-    ]  # fmt: skip
+    assert any(title.startswith("probability") for title in titles)
 
 
 def test_at_most_six_images_with_the_nearest_among_them(regional):
