@@ -59,7 +59,7 @@ def test_words_are_the_field_s_own():
     listed = re.compile(rf"\b({'|'.join(words)})\b", re.IGNORECASE)
     texts = [
         re.sub(r"```.*?```|`[^`]*`", "", page.read_text("utf-8"), flags=re.DOTALL)
-        for page in (ROOT / "README.md", *DOCS.glob("*.md"))
+        for page in (ROOT / "README.md", *DOCS.glob("*.md"), *ROOT.glob("examples/tutorials/*.py"))
     ]
     printed = [line for line in texts_of_code().split("\n") if " " in line]
     found = [match[0] for text in (*texts, *printed) for match in listed.finditer(text)]

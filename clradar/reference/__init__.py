@@ -122,21 +122,6 @@ def curved_points(
     return 0.5 * flat + 0.5 * np.einsum("sk,ksa->sa", weight, np.array(projections))
 
 
-def curved_tangents(
-    triangles_m: np.ndarray, corner_normals: np.ndarray, weight: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the curved points by the weights of corners 1 and 2, shape (n, 3) each.
-
-    Central differences, which are exact for the quadratic functions that the points are.
-    """
-    found = []
-    for step in ([-0.5, 0.5, 0.0], [-0.5, 0.0, 0.5]):
-        ahead, behind = weight + np.array(step), weight - np.array(step)
-        one, other = (curved_points(triangles_m, corner_normals, w) for w in (ahead, behind))
-        found.append(one - other)
-    return found[0], found[1]
-
-
 def sample_weights(counts: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Barycentric coordinates, shape (n, 3), and faces of samples, `counts` of them per face."""
     face = np.repeat(np.arange(len(counts)), counts)

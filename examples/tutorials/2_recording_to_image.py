@@ -45,27 +45,13 @@ print(measurement_io.describe("lab.npz"))
 # A layout is written once for a program, and then read with every file of it. :doc:`/layouts` has
 # all settings.
 
-Path("lab.toml").write_text(
-    """
-[data]
-real = "s_real"
-imag = "s_imag"
-axes = ["freq", "tx", "rx"]
-
-[tx]
-key = "tx_mm"
-
-[rx]
-key = "rx_mm"
-
-[antennas]
-unit = "mm"
-
-[frequency]
-key = "f_ghz"
-unit = "GHz"
-"""
-)
+Path("lab.toml").write_text("""
+data = { real = "s_real", imag = "s_imag", axes = ["freq", "tx", "rx"] }
+tx.key = "tx_mm"
+rx.key = "rx_mm"
+antennas.unit = "mm"
+frequency = { key = "f_ghz", unit = "GHz" }
+""")
 capture = measurement_io.open_capture("lab.npz", layout="lab.toml")
 print(capture.array.n_tx, "x", capture.array.n_rx, "antennas,", capture.waveform.n_freq, "steps")
 

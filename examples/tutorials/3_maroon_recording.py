@@ -69,23 +69,18 @@ print(measurement_io.describe(folder))
 recording = measurement_io.open_recording(folder)
 for capture in recording[:3]:
     print(f"frame {capture.meta['frame']} at {capture.meta['timestamp_us']} us")
-
-# %%
-# The image of the first one, where ``place_grid`` finds something:
-
+# The image of the first one, where something is found:
 measured = clradar.backproject(recording[0], clradar.place_grid(recording[0]))
 
 # %%
 # Its mesh
 # --------
 # ``scene`` reads the mesh of the photogrammetry and brings it into the frame of the antennas. So
-# it can be simulated with the antennas and frequencies of the recording, and held against the
+# it can be simulated with the antennas and frequencies of the recording, and compared with the
 # measurement.
 
-if "mesh_masked" in recording.mesh_names:
-    scene = recording.scene("mesh_masked", alpha=0.3)
-else:
-    scene = recording.scene(alpha=0.3)
+name = "mesh_masked" if "mesh_masked" in recording.mesh_names else "mesh"
+scene = recording.scene(name, alpha=0.3)
 capture = clradar.simulate(scene, recording.array, recording.waveform)
 simulated = clradar.backproject(capture, measured.grid)
 agreement = clradar.compare(measured, simulated)

@@ -13,7 +13,7 @@ there, and see what is left.
 # with noise of a hundredth of its power. Every second antenna is enough here, and a quarter of
 # the work.
 
-import numpy as np
+import trimesh
 
 import calibration
 import clradar
@@ -32,9 +32,7 @@ recorded = clradar.impair(clean, snr_db=20, seed=1)
 # --------
 # What a scanner gives of the same hand lies 4 mm to the side and 3 mm too high here.
 
-shift = np.eye(4)
-shift[:2, 3] = 4e-3, 3e-3
-mesh = hand.transformed(shift)
+mesh = hand.transformed(trimesh.transformations.translation_matrix([4e-3, 3e-3, 0]))
 
 # %%
 # Both as images

@@ -26,45 +26,22 @@ from sklearn.svm import SVC
 import clradar
 from clradar.dataset import read_plan, run
 
-Path("plan.toml").write_text(
-    """
+Path("plan.toml").write_text("""
 seed = 1
 samples = 28
-
-[poses]
-names = ["A", "B"]
-
-[hands]
-handedness = "both"
-shape = "sampled"
-edge_mm = 4
-
-[placement]
-x_mm = { uniform = [-10, 10] }
-y_mm = { uniform = [-10, 10] }
-z_mm = { uniform = [290, 310] }
-
-[alpha]
-palm = { uniform = [0.3, 0.8] }
-others = { uniform = [0.2, 0.7] }
-
-[impairments]
-snr_db = { uniform = [0, 20] }
-
-[radar]
-every = 3
-steps = 32
-
-[simulation]
-samples_per_mm2 = 0.1
-
-[image]
-step_mm = 5
-
-[output]
-products = ["max_projection", "depth_map"]
-"""
-)
+poses.names = ["A", "B"]
+hands = { handedness = "both", shape = "sampled", edge_mm = 4 }
+placement.x_mm = { uniform = [-10, 10] }
+placement.y_mm = { uniform = [-10, 10] }
+placement.z_mm = { uniform = [290, 310] }
+alpha.palm = { uniform = [0.3, 0.8] }
+alpha.others = { uniform = [0.2, 0.7] }
+impairments.snr_db = { uniform = [0, 20] }
+radar = { every = 3, steps = 32 }
+simulation.samples_per_mm2 = 0.1
+image.step_mm = 5
+output.products = ["max_projection", "depth_map"]
+""")
 
 # %%
 # The data set

@@ -31,9 +31,8 @@ array = clradar.AntennaArray(
 # 24 to 26 GHz in 41 steps; they need not be equal. What that resolves:
 
 waveform = clradar.Waveform(np.linspace(24e9, 26e9, 41))
-c = 299_792_458
-print(f"in depth: c / 2B = {1e3 * c / (2 * 2e9):.0f} mm")
-print(f"without ambiguity up to c / 2 df = {c / (2 * 50e6):.1f} m")
+print(f"in depth: c / 2B = {1e3 * waveform.range_resolution_m:.0f} mm")
+print(f"without ambiguity up to c / 2 df = {waveform.unambiguous_range_m:.1f} m")
 
 # %%
 # Two metal balls

@@ -57,11 +57,8 @@ print(f"skin: {loss_db:.1f} dB by its reflection, read {volume.rcs_dbsm().max():
 # its contrast, the standard deviation of the power over its mean, goes towards 1. The surface
 # itself is drawn: another seed is another plate.
 
-x, y = np.meshgrid(np.linspace(-0.04, 0.04, 33), np.linspace(-0.04, 0.04, 33))
-vertices = np.stack([x.ravel(), y.ravel(), np.full(x.size, 0.3)], axis=1)
-corner = (np.arange(32)[:, None] * 33 + np.arange(32)).ravel()
-faces = [[corner, corner + 33, corner + 1], [corner + 1, corner + 33, corner + 34]]
-plate = trimesh.Trimesh(vertices, np.concatenate([np.stack(f, axis=1) for f in faces]))
+corners = [(x, y, 0.3) for x in (-0.04, 0.04) for y in (-0.04, 0.04)]
+plate = trimesh.Trimesh(corners, [(0, 1, 2), (1, 3, 2)])
 
 panels = []
 for height_mm in (0.0, 0.2, 0.5):

@@ -55,8 +55,7 @@ for digit, off, std in zip(digits, off_m, found.tip_std_m, strict=True):
 # -----------
 # The hand that was found, simulated, beside the measurement.
 
-again = clradar.simulate(found.scene, **radar)
-simulated = clradar.backproject(again, grid)
+simulated = clradar.backproject(clradar.simulate(found.scene, **radar), grid)
 agreement = clradar.compare(measured, simulated)
 figure = comparison_figure(measured, [("the fit, simulated", simulated)], metrics=[agreement])
 save_figure(figure, "hand_from_capture.png", force=True)

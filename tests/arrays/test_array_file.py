@@ -139,10 +139,8 @@ def test_clusters_are_arrays_of_their_own(tmp_path):
     ("text", "words"),
     [
         ("", r"tx: expected \[\[tx\]\] or \[\[antennas\]\]"),
-        (f"[[tx]]\n{LINE}", r"rx: expected \[\[rx\]\]"),
         ("[[antennas]]\n", "antennas\\[0\\]: expected one of points_m, line.* got none"),
         (f"[[antennas]]\n{LINE}\npoints_m = [[0, 0, 0]]", "got points_m and line"),
-        (f"[[antennas]]\n{LINE}\nangle = 3", "angle: unknown key"),
         (f"antenas = 1\n[[antennas]]\n{LINE}", "antenas: unknown key.*did you mean 'antennas'"),
         ("[[antennas]]\nline = { first_m = [0, 0, 0], n = 3 }", "line.last_m: expected .*metres"),
         ("[[antennas]]\nring = { radius_m = -1, n = 3 }", "radius_m: expected a length above 0"),
@@ -156,7 +154,6 @@ def test_clusters_are_arrays_of_their_own(tmp_path):
         ('copy_of = "qar50"\npose = 3', r"pose: expected tables \[\[pose\]\]"),
         (f"[[antennas]]\n{LINE}\ngain_db = [1, 2]", "gain_db: expected one number, or one for"),
         (f"[[antennas]]\n{LINE}\nboresight = [0, 1]", "boresight: expected one row of 3 num"),
-        (f"[[antennas]]\n{LINE}\nboresight = [[0, 1, 0]]", "boresight: expected one row of 3"),
         (f"[[antennas]]\n{LINE}\nboresight = [0, 1, 0]", r"tx: expected \[tx_pattern\]"),
         (f"[[antennas]]\n{LINE}\ngain = [1, 0]\ngain_db = 3", "no gain_db and no phase_deg"),
         ('copy_of = "qar50"\npairs = "some"', "pairs: expected one of .all., .cluster."),

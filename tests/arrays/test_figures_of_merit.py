@@ -50,8 +50,7 @@ def test_a_line_far_away_has_the_width_and_the_sidelobes_of_theory():
 
 def test_the_virtual_aperture_is_drawn_in_the_unit_of_its_axes():
     array, band = line(8, 6e-3), clradar.Waveform.sfcw(77e9, 77e9, 1)
-    figure = array_figure(array, band, array_figures(array, band, (0, 0, 1)))
-    shown = figure.axes[1]
+    shown = array_figure(array, band, array_figures(array, band, (0, 0, 1))).axes[1]
     assert shown.get_xlabel().endswith("x (mm)")
     assert np.ptp(shown.lines[0].get_xdata()) == pytest.approx(21.0)
 
@@ -88,11 +87,11 @@ def test_a_lobe_next_to_the_horizon_is_not_at_it():
     assert [own.level_db for own in lobes] == pytest.approx([0.0, 0.0], abs=1e-3)
 
 
-@pytest.mark.parametrize(("hz", "wavelengths"), [(24e9, 1.2), (140e9, 2)])
-def test_arrays_at_other_bands_have_the_lobes_and_the_range_of_theory(hz, wavelengths):
+def test_arrays_of_a_band_have_the_lobes_and_the_range_of_theory():
     """A band of 2 %: sin = lambda / d at its middle, and the level of the sum over the band of the
     array factors there, which the lobe's own range makes as large as it can be."""
-    spacing_m, n = wavelengths * C / hz, 8
+    hz, wavelengths, n = 24e9, 1.2, 8
+    spacing_m = wavelengths * C / hz
     band = clradar.Waveform.sfcw(0.99 * hz, 1.01 * hz, 16)
     found = array_figures(line(n, spacing_m), band, (0, 0, FAR_M), level_db=-3)
     strongest = found.lobes[0]
@@ -124,16 +123,14 @@ def test_patterns_lower_the_lobes():
         rows.tx_m, rows.rx_m, rx_pattern=clradar.AntennaPattern(gain_dbi=3.0, exponent=1.0)
     )
     band = clradar.Waveform.sfcw(hz, hz, 1)
-    for array, level_db in ((rows, 0.0), (rx_only, 20 * np.log10(0.5))):
-        lobes = array_figures(array, band, (0, 0, FAR_M), level_db=-7).lobes
-        assert [own.level_db for own in lobes] == pytest.approx(2 * [level_db], abs=0.1)
+    lobes = array_figures(rx_only, band, (0, 0, FAR_M), level_db=-7).lobes
+    assert [own.level_db for own in lobes] == pytest.approx(2 * [20 * np.log10(0.5)], abs=0.1)
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"focus_m": (0, 0, -1)}, "focus_m: expected z above 0 m"),
-        ({"focus_m": (0, 0)}, "focus_m: expected shape"),
         ({"within_deg": 91}, "within_deg up to 90"),
         ({"level_db": 0}, "level_db below 0"),
         ({"array": wall(100, 4.0), "within_deg": 90}, "antennas times directions"),
@@ -178,7 +175,7 @@ def test_clusters_count_by_their_pairs():
 
 def test_clusters_have_the_lobes_of_their_pitch_below_the_pattern_of_each():
     """sin = m lambda / (2 pitch), since Tx and Rx are shifted; the level is one cluster's own."""
-    n, pitch_m, hz = 4, 60e-3, 77e9
+    n, pitch_m, hz = 3, 60e-3, 77e9
     band = clradar.Waveform.sfcw(hz, hz, 1)
     focus_m = (0.0, 0.0, 100.0)
     found = array_figures(clusters(n, pitch_m), band, focus_m, level_db=-7)

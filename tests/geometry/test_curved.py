@@ -1,9 +1,6 @@
-"""Curved points of faces: the kernels against the reference and against arcs and balls."""
-
-import warnings
+"""Curved points of faces, as the reference has them, against arcs and balls."""
 
 import numpy as np
-import pyopencl as cl
 import pytest
 from shapes import box, random_soup, sphere
 
@@ -11,40 +8,6 @@ import clradar
 from clradar import reference
 from clradar.geometry.curved import corner_heights
 from clradar.geometry.normals import corner_normals
-from clradar.opencl import Buffers
-from clradar.opencl.sources import source
-
-KERNEL = """
-__kernel void curved(__global const float *corner, __global const float *height,
-                     __global const float *normal, __global const float *weight,
-                     __global float *out) {
-    const uint i = (uint)get_global_id(0);
-    const float b1 = weight[2 * i], b2 = weight[2 * i + 1];
-    __global const float *h = height + 6 * i, *n = normal + 9 * i;
-    float3 along1, along2;
-    curved_tangents(corner + 9 * i, h, n, b1, b2, &along1, &along2);
-    store3(curved_offset(h, n, b1, b2), out + 9 * i);
-    store3(along1, out + 9 * i + 3);
-    store3(along2, out + 9 * i + 6);
-}"""
-
-
-def by_kernel(
-    device: clradar.Device, triangles_m: np.ndarray, normals: np.ndarray, weight: np.ndarray
-) -> np.ndarray:
-    """Offsets and both tangents, shape (n, 3, 3)."""
-    heights = corner_heights(triangles_m, normals)
-    flags = ["-cl-std=CL1.2", "-DCLR_WIDTH=1"]
-    text = source("common/width.h") + source("common/curved.h") + KERNEL
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Intel's compiler has remarks
-        program = cl.Program(device.context, text).build(flags)
-    with Buffers(device) as buffers:
-        columns = (triangles_m, heights, normals, weight[:, 1:])
-        given = [buffers.upload(np.ascontiguousarray(c, dtype=np.float32)) for c in columns]
-        out = buffers.empty(36 * len(weight))
-        program.curved(device.queue, (len(weight),), None, *given, out).wait()
-        return buffers.read(out, (len(weight), 3, 3), np.float32)
 
 
 def drawn(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -53,21 +16,6 @@ def drawn(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.
     normals = rng.normal(size=(n, 3, 3))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     return vertices[faces], normals, rng.dirichlet(np.ones(3), n)
-
-
-@pytest.mark.device
-def test_offsets_and_tangents_are_those_of_the_reference(device):
-    triangles_m, normals, weight = drawn(np.random.default_rng(1), 500)
-    got = by_kernel(device, triangles_m, normals, weight)
-    # Some twenty roundings of 2^-24 of numbers below the longest edge (heights and their sums); the
-    # corners themselves, below 0.6 m, are rounded before they are subtracted.
-    edge_m = np.linalg.norm(np.roll(triangles_m, 1, axis=1) - triangles_m, axis=2).max(axis=1)
-    tolerance_m = (20 * edge_m + 2 * 0.6)[:, None] * 2.0**-24
-    flat = np.einsum("sk,ska->sa", weight, triangles_m)
-    expected = reference.curved_points(triangles_m, normals, weight) - flat
-    assert (np.abs(got[:, 0] - expected) <= tolerance_m).all()
-    for k, tangent in enumerate(reference.curved_tangents(triangles_m, normals, weight)):
-        assert (np.abs(got[:, k + 1] - tangent) <= 2 * tolerance_m).all()
 
 
 def test_offsets_stay_within_the_face():
@@ -84,7 +32,7 @@ def test_offsets_stay_within_the_face():
     assert (offset / bound_m).max() > 0.5
 
 
-@pytest.mark.parametrize("turn_deg", [2.0, 10.0, 20.0])
+@pytest.mark.parametrize("turn_deg", [2.0, 20.0])
 def test_arcs_are_met_to_fourth_order(turn_deg):
     """The middle of a strip of a cylinder: R (1 - cos t) off the chord, t half of the turn.
 
@@ -117,21 +65,13 @@ def test_points_of_a_ball_are_closer_by_the_square_of_the_angle():
     assert left[2] < left[1] / 12
 
 
-@pytest.mark.device
-def test_flat_sides_have_no_offset_at_all(device):
+def test_flat_sides_have_no_offset_at_all():
     """Neither turned boxes nor those whose corners were rounded to float32."""
     vertices, faces = box((0, 0, 0), (0.1, 0.05, 0.07))
     turn, _ = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))
     for corners in (vertices @ turn, (vertices @ turn + 0.3).astype(np.float32).astype(float)):
         scene = clradar.Scene(corners, faces)
-        normals, _ = corner_normals(scene)
-        assert (corner_heights(scene.triangles_m, normals) == 0).all()
-        weight = np.full((scene.n_faces, 3), 1 / 3)
-        got = by_kernel(device, scene.triangles_m, normals, weight)
-        assert (got[:, 0] == 0).all()
-        edges = scene.triangles_m.astype(np.float32)
-        np.testing.assert_array_equal(got[:, 1], edges[:, 1] - edges[:, 0])
-        np.testing.assert_array_equal(got[:, 2], edges[:, 2] - edges[:, 0])
+        assert (corner_heights(scene.triangles_m, corner_normals(scene)[0]) == 0).all()
 
 
 def test_faces_without_area_have_no_offset():

@@ -1,6 +1,6 @@
 """Back-projection against the float64 sum, and the image of a point against its closed form."""
 
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -54,24 +54,21 @@ def centres(grid: VoxelGrid) -> np.ndarray:
     return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
 
 
+@lru_cache(maxsize=1)
+def direct_sum(capture: Capture, grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Up to 20 random voxels of a grid, and the image there."""
+    voxels = centres(grid)
+    pick = np.random.default_rng(9).permutation(len(voxels))[:20]
+    return pick, reference.backproject(capture, voxels[pick])
+
+
 def error_db(
-    capture: Capture,
-    grid: VoxelGrid,
-    device: clradar.Device,
-    method: str,
-    weights: np.ndarray | None = None,
-    n_voxels: int = 20,
-    **options: Any,
+    capture: Capture, grid: VoxelGrid, device: clradar.Device, method: str, **options: Any
 ) -> float:
     """Error at random voxels against the direct sum, RMS over RMS."""
     volume = backproject(capture, grid, method=method, device=device, **options)
     assert volume.data.shape == grid.shape
-    voxels = centres(grid)
-    if len(voxels) > n_voxels:
-        pick = np.random.default_rng(9).choice(len(voxels), n_voxels, replace=False)
-    else:
-        pick = np.arange(len(voxels))
-    want = reference.backproject(capture, voxels[pick], weights)
+    pick, want = direct_sum(capture, grid)
     return rms_db(volume.data.ravel()[pick] - want, want)
 
 
@@ -81,18 +78,18 @@ GRID = VoxelGrid.from_extent((-0.02, 0.03), (-0.04, 0.02), (0.28, 0.32), (5e-3, 
 # Against float64 ----------------------------------------------------------------------------------
 
 
-HAND_SIZED = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), (8e-3, 2e-2, 2e-2))
+HAND_SIZED = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-2)
 
 
-@lru_cache(maxsize=1)
+@cache
 def of_the_imager(kind: str) -> Capture:
     return noise(QAR50, SWEEP) if kind == "noise" else scatterers(QAR50, SWEEP, HAND_SIZED, 20)
 
 
-@pytest.mark.parametrize("kind", ["noise", *nightly(["scatterers"])])
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", ["noise", *nightly(["scatterers"])])
 def test_the_imager_at_random_voxels(device, method, kind):
-    error = error_db(of_the_imager(kind), HAND_SIZED, device, method, n_voxels=40)
+    error = error_db(of_the_imager(kind), HAND_SIZED, device, method)
     assert error <= TOLERANCE_DB[method]
 
 
@@ -100,15 +97,13 @@ def test_the_imager_at_random_voxels(device, method, kind):
 @pytest.mark.parametrize("n_x", [1, 7, 9])
 def test_sizes_beside_the_width_of_a_vector(device, n_x, method):
     grid = VoxelGrid(np.array([-0.01, 0.02, 0.29]), np.array([2e-3, 3e-3, 1e-2]), (n_x, 3, 2))
-    error = error_db(noise(random_array(6, 5), SHORT), grid, device, method, n_voxels=100)
+    error = error_db(noise(random_array(6, 5), SHORT), grid, device, method)
     assert error <= TOLERANCE_DB[method]
 
 
 GRIDS = {
     "one voxel": VoxelGrid.from_extent((0.01, 0.01), (0.02, 0.02), (0.3, 0.3), 1e-3),
-    "a line along y": VoxelGrid.from_extent((0.0, 0.0), (-0.1, 0.1), (0.3, 0.3), 5e-3),
     "a line along z": VoxelGrid.from_extent((0.0, 0.0), (0.0, 0.0), (0.2, 0.4), 5e-3),
-    "off axis": VoxelGrid.from_extent((0.3, 0.35), (-0.4, -0.38), (0.1, 0.12), 1e-2),
     "behind the array": VoxelGrid.from_extent((-0.02, 0.02), (0.0, 0.01), (-0.3, -0.28), 1e-2),
     "across the array": VoxelGrid.from_extent((-0.08, 0.08), (0.0, 0.01), (-0.02, 0.02), 1e-2),
     "far away": VoxelGrid.from_extent((-1.0, 1.0), (0.0, 0.1), (20.0, 20.1), 0.1),
@@ -128,8 +123,7 @@ def test_grids_anywhere(device, name, method):
     [
         *((*size, method) for size in [(1, 1), (1, 5), (5, 1)] for method in METHODS),
         *((7, RX_CHUNK, method) for method in ("exact", "range")),
-        *((3, RX_CHUNK + 1, method) for method in ("exact", "range")),
-        *((5, 2 * RX_CHUNK + 5, method) for method in ("exact", "range")),
+        *((5, 2 * RX_CHUNK + 1, method) for method in ("exact", "range")),
         (TX_CHUNK + 1, 5, "exact"),  # one more than a call takes
     ],
 )
@@ -148,7 +142,6 @@ def test_a_voxel_on_an_antenna(device):
 
 WAVEFORMS = {
     "one": Waveform([77e9]),
-    "two": Waveform([72e9, 82e9]),
     "two beside each other": Waveform([77e9, 77.001e9]),
     "unequal": Waveform(72e9 + 10e9 * np.sort(np.random.default_rng(3).uniform(0, 1, 37))),
     "a gap": Waveform(np.r_[np.linspace(60e9, 64e9, 9), np.linspace(76e9, 81e9, 8)]),
@@ -169,8 +162,9 @@ def test_any_list_of_frequencies(device, name, method):
 @pytest.mark.parametrize("method", METHODS)
 def test_windows_weigh_the_frequencies(device, method):
     capture, weights = noise(random_array(6, 5), SHORT), windows.taylor(11, nbar=4, sll=30)
-    error = error_db(capture, GRID, device, method, weights, window="taylor")
-    assert error <= TOLERANCE_DB[method]
+    image = backproject(capture, GRID, method=method, device=device, window="taylor").data.ravel()
+    want = reference.backproject(capture, centres(GRID), weights)
+    assert rms_db(image - want, want) <= TOLERANCE_DB[method]
 
 
 def test_windows_are_named_or_given():
@@ -190,11 +184,11 @@ def test_windows_are_named_or_given():
         ({"window": "hamming"}, "window: expected one of 'rect', 'hann', 'taylor', got 'hamming'"),
         ({"window": np.ones(12)}, r"window: expected shape \(11,\), got shape \(12,\)"),
         ({"window": np.full(11, np.nan)}, "window: expected finite numbers"),
-        ({"window": np.ones(11) * 1j}, "window: expected real numbers"),
-        ({"window": None}, "window: expected numbers"),
+        ({"tolerance_db": -20}, "tolerance_db: expected -80 to -30 dB, got -20"),
+        ({"tolerance_db": -50, "method": "exact"}, "tolerance_db: expected none for a method"),
     ],
 )
-def test_unknown_methods_and_windows_are_refused(device, options, message):
+def test_refused(device, options, message):
     with pytest.raises(ModelError, match=message):
         backproject(noise(random_array(6, 5), SHORT), GRID, device=device, **options)
 
@@ -217,31 +211,6 @@ def test_progress_runs_from_nothing_to_all(device, method):
     assert volume.meta["device"]["device"] == device.info.name
 
 
-STEP_M = 6.25e-5
-
-
-# All path lengths agree at the target, so the maximum is there. Range profiles may tilt the flat
-# top of the main lobe by their 5e-3, a shift of some 1e-2 of its half width; documented: 0.25 mm.
-PEAK_ERROR_M = 1e-4
-
-
-# The figures below are rounded; interpolating between samples, and range profiles, change a width
-# by some 1e-3 of it, 3 um in x and y, and a side lobe by their 5e-3, 0.04 dB.
-WIDTH_ERROR = 2e-3
-
-
-LOBE_ERROR_DB = 0.06
-
-
-# Of the float64 sum: -3 dB width along x, y and z, mm; the same as samples 0.25 mm apart show it,
-# from the first to the last above -3 dB; and the first side lobe along x and y, dB (the next ones
-# along z are the aperture's and the band's together, 22 mm away).
-FIGURES = {
-    "centre": {"width": (3.797, 3.800, 13.51), "sampled": (3.5, 3.5, 13.5), "lobe": (-13.3, -13.3)},
-    "corner": {"width": (4.108, 4.020, 10.68), "sampled": (4.0, 4.0, 10.5), "lobe": (-13.4, -13.4)},
-}
-
-
 TARGETS_M = {"centre": (0.0, 0.0, 0.3), "corner": (0.07, 0.05, 0.3)}
 
 
@@ -257,25 +226,7 @@ def point_response(target_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
     return out.sum(axis=1) / (QAR50.n_tx * QAR50.n_rx * len(k))
 
 
-def half_power_width(at: np.ndarray, amplitude: np.ndarray) -> float:
-    """Width at -3 dB, interpolated."""
-    level = amplitude.max() * 10 ** (-3 / 20)
-    above = np.flatnonzero(amplitude >= level)
-    first, last = above[0], above[-1]
-    left = np.interp(level, amplitude[[first - 1, first]], at[[first - 1, first]])
-    right = np.interp(level, amplitude[[last + 1, last]], at[[last + 1, last]])
-    return float(right - left)
-
-
-def side_lobes_db(amplitude: np.ndarray) -> np.ndarray:
-    """Local maxima beside the main one, decibel, from the left to the right."""
-    inner = amplitude[1:-1]
-    peaks = np.flatnonzero((inner > amplitude[:-2]) & (inner >= amplitude[2:])) + 1
-    peaks = peaks[peaks != amplitude.argmax()]
-    return 20 * np.log10(amplitude[peaks] / amplitude.max())
-
-
-@lru_cache(maxsize=1)
+@cache
 def echo_of(name: str) -> Capture:
     return reference.point_targets(QAR50, SWEEP, np.array([TARGETS_M[name]]), np.ones(1))
 
@@ -284,38 +235,26 @@ def echo_of(name: str) -> Capture:
 @pytest.mark.parametrize(
     ("axis", "method"),
     [
-        *[(0, "exact"), (1, "exact"), (2, "exact"), (0, "range"), (2, "range"), (0, "fast")],
-        *nightly([(1, "range"), (1, "fast"), (2, "fast")]),
+        *[(0, "exact"), (2, "range"), (0, "fast")],
+        *nightly([(1, "exact"), (2, "exact"), (0, "range"), (1, "fast"), (2, "fast")]),
     ],
 )
-def test_point_target_has_its_peak_width_and_side_lobes(device, name, axis, method):
+def test_a_point_target_has_its_closed_form(device, name, axis, method):
+    """From the peak, where every term of the sum is 1, over side lobes: to the tolerance of it, and
+    the peak to 0.25 mm."""
     target_m = np.array(TARGETS_M[name])
-    # Where every voxel is compared with the closed form, a fourth of them are enough.
-    step = 4 if method == "exact" else 1
     counts, origin_m = np.ones(3, int), target_m.copy()
-    counts[axis] += 960 // step
-    origin_m[axis] -= 480 * STEP_M
-    grid = VoxelGrid(origin_m, np.full(3, step * STEP_M), tuple(counts))
+    counts[axis], origin_m[axis] = 241, target_m[axis] - 0.03
+    grid = VoxelGrid(origin_m, np.full(3, 0.25e-3), tuple(counts))
     image = backproject(echo_of(name), grid, method=method, device=device).data.ravel()
-    at, amplitude = centres(grid)[:, axis] - target_m[axis], np.abs(image)
-    assert abs(at[amplitude.argmax()]) <= PEAK_ERROR_M
-    width_mm = 1e3 * half_power_width(at, amplitude)
-    assert abs(width_mm / FIGURES[name]["width"][axis] - 1) <= WIDTH_ERROR
-    if method != "fast":  # its error can move a sample at the edge across -3 dB
-        thin = slice(None, None, 4 // step)
-        above = at[thin][amplitude[thin] >= amplitude.max() * 10 ** (-3 / 20)]
-        assert abs(1e3 * np.ptp(above) - FIGURES[name]["sampled"][axis]) <= 1e-6
-    if axis < 2:
-        lobe_db = side_lobes_db(amplitude).max()
-        assert abs(lobe_db - FIGURES[name]["lobe"][axis]) <= LOBE_ERROR_DB
-    if method == "exact":
-        want = point_response(target_m, target_m + at[:, None] * np.eye(3)[axis])
-        assert np.abs(image - want).max() <= 10 ** (EXACT_DB / 20)
-        assert abs(np.abs(want).max() - 1) <= 1e-12  # every term of the sum is 1 at the target
+    want = point_response(target_m, centres(grid))
+    assert abs(np.abs(want).max() - 1) <= 1e-12
+    assert np.abs(image - want).max() <= 10 ** (TOLERANCE_DB[method] / 20)
+    assert abs(int(np.abs(image).argmax()) - 120) <= 1
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_samples_whose_sum_overflows_are_refused(method, device):
+def test_samples_whose_sum_overflows_are_refused(device):
     capture = Capture(np.full((6, 5, 11), 3e38 - 3e38j), random_array(6, 5), SHORT)
-    with pytest.raises(ModelError, match=r"sum complex64 holds, got .* up to 3e\+38; scale"):
-        backproject(capture, GRID, method=method, device=device)
+    for method in METHODS:
+        with pytest.raises(ModelError, match=r"sum complex64 holds, got .* up to 3e\+38; scale"):
+            backproject(capture, GRID, method=method, device=device)

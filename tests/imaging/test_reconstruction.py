@@ -75,7 +75,7 @@ def test_least_squares_stop_where_noise_is_left(device):
     assert gradient < 1.01 * np.linalg.norm(rest) * np.sqrt(a.shape[1])
 
 
-def test_sparse_images_meet_the_conditions_of_the_minimum(device):
+def test_sparse_images_meet_the_conditions_of_the_minimum(device, monkeypatch):
     capture = capture_of([[0, 0, 0.3], [6e-3, 2e-3, 0.3]], [1, 1j], 0.1, device)
     a, s = matrix(GRID), capture.data.ravel()
     threshold = 10 ** (-20 / 20) * np.abs(a.conj().T @ s).max()
@@ -89,18 +89,10 @@ def test_sparse_images_meet_the_conditions_of_the_minimum(device):
     assert np.abs(gradient[on] / (rho[on] / np.abs(rho[on])) / threshold - 1).max() < 0.2
     assert np.abs(gradient).max() < 1.2 * threshold
     assert np.count_nonzero(rho) < rho.size / 4
-    again = reconstruct(capture, GRID, device, method="sparse", sparsity_db=-20, iterations=2000)
-    assert np.array_equal(again.data, image.data)
-
-
-def test_steps_that_are_too_long_are_halved(device, monkeypatch):
-    capture = capture_of([[0, 0, 0.3], [6e-3, 2e-3, 0.3]], [1, 1j], 0.1, device)
-    options = {"method": "sparse", "sparsity_db": -20, "iterations": 1000}
-    wanted = reconstruct(capture, GRID, device, **options)
+    # Steps that are too long are halved: they stop elsewhere, and diverge to residuals above 0 dB.
     monkeypatch.setattr("clradar.imaging.reconstruction.NORM_MARGIN", 0.1)
-    found = reconstruct(capture, GRID, device, **options)
-    # Other steps stop elsewhere; steps that diverge have residuals above 0 dB.
-    assert found.meta["residual_db"] == pytest.approx(wanted.meta["residual_db"], abs=0.3)
+    found = reconstruct(capture, GRID, device, method="sparse", sparsity_db=-20, iterations=1000)
+    assert found.meta["residual_db"] == pytest.approx(image.meta["residual_db"], abs=0.3)
 
 
 def test_progress_and_the_limit_of_iterations(device):
@@ -112,15 +104,14 @@ def test_progress_and_the_limit_of_iterations(device):
     )  # fmt: skip
     assert seen == [(1, 3), (2, 3), (3, 3)]
     assert (image.meta["iterations"], image.meta["stopped"]) == (3, "iterations")
-    assert not image.absolute
 
 
-@pytest.mark.parametrize("method", ["least-squares", "sparse"])
-def test_silence_has_an_empty_image(device, method):
+def test_silence_has_an_empty_image(device):
     silence = Capture(np.zeros((12, 12, 6)), ARRAY, WAVEFORM)
-    image = reconstruct(silence, GRID, device, method=method)
-    assert not image.data.any()
-    assert image.meta["residual_db"] is None
+    for method in ("least-squares", "sparse"):
+        image = reconstruct(silence, GRID, device, method=method)
+        assert not image.data.any()
+        assert image.meta["residual_db"] is None
 
 
 @pytest.mark.parametrize(

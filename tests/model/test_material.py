@@ -1,6 +1,5 @@
 """Materials: reflection against boundary conditions and closed forms, and what is refused."""
 
-import copy
 import pickle
 from collections.abc import Callable
 from typing import Any
@@ -65,12 +64,10 @@ def by_boundary_conditions(
 
 
 STACKS = {
-    "dielectric": Material("x", 2.5 - 0.1j),
     "lossless": Material("x", 6.0),
     "skin": KNOWN["skin"],
     "palm": KNOWN["palm"],
     "thick layer": Material("x", 6 - 9j, coating=Coating(5e-3, 3 - 0.01j)),
-    "dense on thin": Material("x", 1.5, coating=Coating(0.3e-3, 9 - 2j)),
     "paint on metal": Material("x", conductor=True, coating=Coating(0.2e-3, 3.5 - 0.05j)),
     "thinner than vacuum": Material("x", 0.5),
     "tunnel": Material("x", 4.0, coating=Coating(0.3e-3, 0.4)),
@@ -93,10 +90,7 @@ def test_reflection_is_that_of_the_boundary_conditions(name):
             s, p = by_boundary_conditions(layers, thicknesses, frequency, cosine)
             assert abs(s - r_s[i, m]) < ROUNDING
             assert abs(p - r_p[i, m]) < ROUNDING
-    gamma = own.reflection(BAND, COSINES)
-    assert gamma.shape == (3, 6)
-    assert gamma.dtype == np.complex128
-    assert np.array_equal(gamma, (r_s - r_p) / 2)
+    assert np.array_equal(own.reflection(BAND, COSINES), (r_s - r_p) / 2)
 
 
 def test_closed_forms_of_a_half_space():
@@ -107,25 +101,17 @@ def test_closed_forms_of_a_half_space():
     assert abs(own.reflection(77e9, 1.0)[0, 0] - (1 - n) / (1 + n)) < ROUNDING
     r_s, r_p = own.fresnel(77e9, 0.0)
     assert np.allclose([r_s[0, 0], r_p[0, 0]], -1, rtol=0, atol=1e-5)
-    assert abs(own.reflection(77e9, 0.0)[0, 0]) < 1e-6
     # Brewster's angle, tan = n, of a lossless one.
-    glass = Material("x", 6.25)
-    r_s, r_p = glass.fresnel(77e9, np.cos(np.arctan(2.5)))
+    r_s, r_p = Material("x", 6.25).fresnel(77e9, np.cos(np.arctan(2.5)))
     assert abs(r_p[0, 0]) < ROUNDING
     assert r_s[0, 0] == pytest.approx((1 - 6.25) / (1 + 6.25), abs=ROUNDING)
     # Beyond the critical angle of a thinner medium everything is reflected.
-    thin = Material("x", 0.5)
-    for r in thin.fresnel(77e9, 0.5):
+    for r in Material("x", 0.5).fresnel(77e9, 0.5):
         assert abs(abs(r[0, 0]) - 1) < ROUNDING
-    # The published value of the table of docs/materials.md: plaster of P.2040-1 at 77 GHz.
-    assert 20 * np.log10(abs(own.reflection(77e9, 1.0)[0, 0])) == pytest.approx(-11.6, abs=0.05)
 
 
 def test_a_conductor_turns_the_field_at_every_angle():
     assert np.array_equal(METAL.reflection(BAND, COSINES), np.full((3, 6), -1))
-    # A good conductor comes near it: |1 + r| of copper is 1.4 (f eps_0 pi 4 / sigma)^0.5.
-    copper = Material("copper", ColeCole(1.0, sigma_s_per_m=5.8e7))
-    assert np.abs(copper.reflection(BAND, 1.0) + 1).max() < 1e-3
 
 
 def test_no_passive_material_reflects_more_than_it_gets():
@@ -142,7 +128,6 @@ def test_no_passive_material_reflects_more_than_it_gets():
         r_s, r_p = own.fresnel(rng.uniform(1e9, 9e11, 4), cosines)
         assert np.abs(r_s).max() < 1 + 1e-9
         assert np.abs(r_p).max() < 1 + 1e-9
-        assert np.abs(r_s - r_p).max() / 2 < 1 + 1e-9
 
 
 def test_dispersion_is_that_of_the_tables_of_gabriel():
@@ -156,10 +141,6 @@ def test_dispersion_is_that_of_the_tables_of_gabriel():
             (eps,) = KNOWN[name].permittivity_at(frequency)
             assert eps.real == pytest.approx(real, rel=5e-5)
             assert -eps.imag * 2 * np.pi * frequency * EPS_0 == pytest.approx(sigma, rel=5e-5)
-    # A Debye term by its parts: at w tau = 1 half of it each, and w eps_0 sigma.
-    tau = 1 / (2 * np.pi * 10e9)
-    (eps,) = ColeCole(3.0, [(4.0, tau)], 2.0).at(10e9)
-    assert eps == pytest.approx(5 - 2j - 2j / (2 * np.pi * 10e9 * EPS_0), rel=1e-12)
     # The horny layer of the palm, after Alekseev and Ziskin.
     assert HORNY_LAYER.at(77e9)[0] == pytest.approx(3.08 - 0.41j, abs=0.005)
     # ITU-R P.2040 at 60 GHz: plasterboard has 0.398 S/m.
@@ -185,12 +166,8 @@ def test_a_table_is_linear_between_its_rows_and_ends_there():
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "gain": (lambda: Material("x", 3 + 0.1j), "passive permittivity, eps' - j eps'' with eps''"),
     "gain of a coating": (lambda: Coating(1e-4, 3 + 1e-9j), "Coating.permittivity: expected a pas"),
-    "gain in a table": (
-        lambda: PermittivityTable([7e10, 8e10], [2, 2 + 1j]),
-        "2+1j, which has gain",
-    ),
+    "gain in a table": (lambda: PermittivityTable([7e10, 8e10], [2, 2 + 1j]), "which has gain"),
     "zero": (lambda: Material("x", 0.0), "positive real part, got 0+0j"),
-    "NaN": (lambda: Material("x", float("nan")), "a finite number"),
     "infinite": (lambda: Material("x", complex(3, -np.inf)), "a finite number"),
     "text": (lambda: Material("x", "3"), "a ColeCole, a PowerLaw or a PermittivityTable, got str"),
     "neither": (lambda: Material("x"), "either a permittivity or conductor=True, got neither"),
@@ -210,20 +187,15 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: Material("x", 3.0, roughness_rms_m=1e-4, correlation_length_m=3),
         "did you mean 3 mm (0.003 m)",
     ),
-    "micro in mm": (
-        lambda: Material("x", 3.0, micro_roughness_rms_m=0.02),
-        "micro_roughness_rms_m: expected an RMS height of at most 0.001 m, got 0.02 m; did you",
-    ),
+    "micro in mm": (lambda: Material("x", 3.0, micro_roughness_rms_m=0.02), "got 0.02 m; did you"),
     "negative h": (lambda: Material("x", 3.0, roughness_rms_m=-1e-4), "an RMS height"),
     "coating in mm": (lambda: Coating(0.14, 3.0), "did you mean 0.14 mm (0.00014 m)"),
     "no coating": (lambda: Material("x", 3.0, coating=(1e-4, 3.0)), "a Coating, got tuple"),
     "growing pole": (lambda: ColeCole(4, [(-1, 1e-12)]), "poles[0] delta: expected a number that"),
     "pole": (lambda: ColeCole(4, [(1, 1e-12, 0.1, 3)]), "(delta, tau_s) or (delta, tau_s, alpha)"),
-    "alpha": (
-        lambda: ColeCole(4, [(1, 1e-12, 1.0)]),
-        "alpha: expected a number in [0, 1)",
-    ),
+    "alpha": (lambda: ColeCole(4, [(1, 1e-12, 1.0)]), "alpha: expected a number in [0, 1)"),
     "tau": (lambda: ColeCole(4, [(1, 0.0)]), "tau_s: expected a positive number"),
+    "tau in ps": (lambda: ColeCole(4, [(32, 7.234)]), "in seconds, at most 1, got 7.234; did you"),
     "sigma": (lambda: ColeCole(4, (), -1), "sigma_s_per_m: expected a number that is not negative"),
     "many poles": (lambda: ColeCole(4, [(1, 1e-12)] * 17), "at most 16 poles, got 17"),
     "growing law": (lambda: PowerLaw(2, 0, -1), "PowerLaw.c: expected a number that is not negat"),
@@ -253,12 +225,10 @@ def test_known_materials(own):
     assert clradar.material(own.name) is own
     assert own.source
     check_kirchhoff(own, Waveform.sfcw(72e9, 82e9, 2))  # a warning is an error here
-    for again in (pickle.loads(pickle.dumps(own)), copy.deepcopy(own)):
-        assert again == own
-        assert hash(again) == hash(own)
-        assert again.source == own.source
-    assert repr(own).startswith(f"Material(name='{own.name}', permittivity=")
-    assert eval(repr(own), vars(clradar)) == own
+    again = pickle.loads(pickle.dumps(own))
+    assert again == own == eval(repr(own), vars(clradar))
+    assert hash(again) == hash(own)
+    assert again.source == own.source
 
 
 def test_radius_of_curvature_is_that_of_drawn_profiles():
@@ -277,7 +247,6 @@ def test_radius_of_curvature_is_that_of_drawn_profiles():
     expected = (1 + slope) ** 1.5 / np.sqrt(fourth)
     assert curvature_radius_m(own) == pytest.approx(expected, rel=1e-3)
     assert own.rms_slope == pytest.approx(np.sqrt(slope), rel=1e-3)
-    assert own.rms_slope == pytest.approx(0.0707, abs=1e-4)
     assert curvature_radius_m(METAL) == np.inf
     assert METAL.rms_slope == 0
 
@@ -294,8 +263,3 @@ def test_what_kirchhoff_cannot_do_is_warned_of(h_mm, l_mm, words):
     with pytest.warns(ClradarWarning, match="material 'x': roughness of") as caught:
         check_kirchhoff(own, Waveform.sfcw(72e9, 82e9, 2))
     assert words in " ".join(str(w.message) for w in caught)
-
-
-def test_relaxation_times_in_picoseconds_are_refused():
-    with pytest.raises(ModelError, match=r"in seconds, at most 1, got 7.234; did you mean 7.234e"):
-        ColeCole(4.0, [(32.0, 7.234)])

@@ -113,12 +113,6 @@ def test_the_page_of_materials_is_right(tmp_path):
 
 
 def test_records_for_other_files():
-    record = material_record(KNOWN["ptfe"])
-    assert record == {
-        "name": "ptfe",
-        "permittivity": "2.05-0.001j",
-        "source": KNOWN["ptfe"].source,
-    }
     for own in KNOWN.values():
         again = material_of(json.loads(json.dumps(material_record(own))))
         assert again == own
@@ -128,8 +122,6 @@ def test_records_for_other_files():
     }  # fmt: skip
     with pytest.raises(MeasurementError, match="plan: material: roughness_rms_m: expected an RMS"):
         material_of({"name": "x", "permittivity": 2.0, "roughness_rms_m": 3}, "plan: material")
-    with pytest.raises(MeasurementError, match="material: name: expected a value, got none"):
-        material_of({"permittivity": 2.0})
 
 
 REFUSED = {
@@ -141,37 +133,26 @@ REFUSED = {
     "[x]\nname = 'y'": "x.name: expected no such key: a table's name is the material's, got y",
     "[x]\npermittivity = '3 + 0.1j'": "x.permittivity: expected a passive permittivity",
     "[x]\npermittivity = 'three'": 'x.permittivity: expected a number, text such as "2.9 - 0.04j"',
-    "[x]\npermittivity = '3 - 1i'": "x.permittivity: expected a number, text such as",
     "[x]\npermittivity = 'nan'": "x.permittivity: expected a finite number",
-    "[x]\npermittivity = inf": "x.permittivity: expected a finite number",
     "[x]\npermittivity = true": "x.permittivity: expected a complex number",
     "[x]\npermittivity = [3, 1]": "x.permittivity: expected a complex number, a ColeCole",
     "[x]\npermittivity = 2024-01-01": "x.permittivity: expected a number, got",
-    "[x]\npermittivity = {}": "x.permittivity: expected a number, text such as",
     f"[x]\npermittivity = 1{'0' * 400}": "x.permittivity: expected a number",
     "[x]\npermittivity = { real = 3 }": "a table with eps_inf, with a, or with frequency_hz",
     "[x]\npermittivity = { eps_inf = 3, pole = 1 }": "x.permittivity.pole: unknown key; expected "
     "one of eps_inf, poles, sigma_s_per_m (did you mean 'poles'?)",
     "[x]\npermittivity = { eps_inf = 3, poles = 1 }": "x.permittivity.poles: expected a list of",
     "[x]\npermittivity = { eps_inf = 3, poles = ['ab'] }": "x.permittivity.poles[0]: expected (del",
-    "[x]\npermittivity = { frequency_hz = [7e10, 8e10] }": "x.permittivity.permittivity: expected "
-    "a value, got none",
     "[x]\npermittivity = { frequency_hz = [70, 80], permittivity = [3, 3] }": "did you mean 70 to "
     "80 GHz",
-    "[x]\npermittivity = { frequency_hz = ['a', 'b'], permittivity = [3, 3] }": "x.permittivity."
-    "frequency_hz: expected numbers",
     "[x]\npermittivity = { frequency_hz = [7e10, 8e10], permittivity = [3, [3]] }": "x.permittivity"
     ".permittivity: expected an array of shape (2,), got a ragged one",
     "[x]\nconductor = 'yes'": "x.conductor: expected True or False",
-    "[x]\nconductor = true\ncoating = 3": "x.coating: expected a table or object, got 3",
     "[x]\nconductor = true\ncoating = { thickness_m = 1e-4 }": "x.coating.permittivity: expected "
     "a value, got none",
-    "[x]\nconductor = true\ncoating = { thickness_m = 0.01, permittivity = '3+1j' }": "x.coating."
-    "permittivity: expected a passive",
     "[x]\nconductor = true\ncoating = { thickness_m = 140, permittivity = 3 }": "x.coating."
     "thickness_m: expected a thickness from 1e-07 to 0.01 m, got 140 m",
     "[x]\nconductor = true\ncorrelation_length_m = 'long'": "x.correlation_length_m: expected a n",
-    "[x]\nconductor = true\nsource = 3": "x.source: expected a string, got 3",
     "[x]\nconductor = true\n[x]": "TOMLDecodeError",
     "['']\nconductor = true": ": name: expected a name",
 }

@@ -34,18 +34,14 @@ def test_table_is_linear_over_angle():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"gain_dbi": np.nan}, "gain_dbi: expected a finite number"),
         ({"gain_dbi": 200}, "gain_dbi: expected within 100 dB"),
         ({"exponent": -1}, "exponent: expected 0 to 10000, got -1"),
         ({"exponent": 1, **TABLE}, "exponent: expected 0 beside a table"),
         ({"angle_deg": [0, 180]}, "expected both or neither"),
-        ({"field": [0, 180]}, "expected both or neither"),
         ({"angle_deg": [0, 90], "field": [1, 0]}, "from 0 to 180 degrees, got 0 to 90"),
         ({"angle_deg": [0, 90, 90, 180], "field": [1, 1, 1, 0]}, "strictly ascending"),
         ({**TABLE, "field": [1, 0]}, r"field: expected shape \(3,\)"),
-        ({**TABLE, "field": [1, -1, 0]}, "amplitudes >= 0"),
         ({**TABLE, "field": [0, 0, 0]}, "amplitudes >= 0, not all of them 0"),
-        ({**TABLE, "field": [1, 1j, 0]}, "real numbers"),
     ],
 )
 def test_refused(fields, message):
@@ -66,9 +62,6 @@ def test_equal_by_value():
         assert [copy == other for other in patterns] == [i == j for j in range(len(patterns))]
         assert hash(copy) == hash(one)
     assert AntennaPattern() != 1
-    assert repr(AntennaPattern(2, 1)) == (
-        "AntennaPattern(gain_dbi=2.0, exponent=1.0, angle_deg=None, field=None)"
-    )
 
 
 def patterned() -> AntennaArray:
@@ -83,22 +76,13 @@ def test_array_keeps_its_patterns():
     plain = replace(array, tx_pattern=None, rx_pattern=None)
     assert array.same_positions(plain)
     assert (plain.has_patterns, array.has_patterns) == (False, True)
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, 3)
-    capture = clradar.Capture(np.ones((8, 8, 3)), array, waveform)
-    others = [
-        pickle.loads(pickle.dumps(array)),
-        array.part([True] * 4 + [False] * 4, slice(2)),
-        antenna_subset(capture, 16).array,
-    ]
-    for other in others:
-        assert (other.name, other.tx_pattern, other.rx_pattern) == (
-            "few",
-            array.tx_pattern,
-            array.rx_pattern,
-        )
-    assert others[1].tx_m.tolist() == array.tx_m[:4].tolist()
-    assert others[1].rx_m.tolist() == array.rx_m[:2].tolist()
-    assert array.part([0], [1], "pair").name == "pair"
+    capture = clradar.Capture(np.ones((8, 8, 3)), array, clradar.Waveform.sfcw(72e9, 82e9, 3))
+    part = array.part([True] * 4 + [False] * 4, slice(2))
+    for other in (pickle.loads(pickle.dumps(array)), part, antenna_subset(capture, 16).array):
+        assert other.name == "few"
+        assert (other.tx_pattern, other.rx_pattern) == (array.tx_pattern, array.rx_pattern)
+    assert part.tx_m.tolist() == array.tx_m[:4].tolist()
+    assert part.rx_m.tolist() == array.rx_m[:2].tolist()
 
 
 def test_estimators_without_patterns_refuse_them():

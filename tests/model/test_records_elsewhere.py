@@ -1,21 +1,17 @@
 """Records in numpy, xarray and notebooks."""
 
-import base64
-import io
 import json
+import re
 import sys
-from dataclasses import replace
-from html.parser import HTMLParser
-from typing import Any
+from html import unescape
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import clradar
 from clradar.errors import MissingPackage
 from clradar.model.material import METAL
-from clradar.plot.notebook import MOST_FACES
+from clradar.plot import notebook
 
 NASTY = "<script>alert('x')</script> & \"<b>\""
 
@@ -35,29 +31,14 @@ def capture() -> clradar.Capture:
     return clradar.Capture(data, array, clradar.Waveform.sfcw(72e9, 82e9, 4), {"seed": 1})
 
 
-class Page(HTMLParser):
-    """The tags of a page, its pictures, and its text."""
+class Page:
+    """The tags of a page, its text, and how many pictures it has."""
 
     def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.pictures: list[np.ndarray] = []
-        self.text = ""
-        self.feed(text)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: Any) -> None:
-        self.tags.append(tag)
-        for name, value in attrs:
-            assert not name.startswith("on")
-            if name == "src":
-                kind, content = value.split(",")
-                assert kind == "data:image/png;base64"
-                with Image.open(io.BytesIO(base64.b64decode(content))) as image:
-                    self.pictures.append(np.array(image))
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
+        assert not re.search(r"<[^>]* on\w+=", text)
+        self.tags = set(re.findall(r"<(\w+)", text))
+        self.pictures = text.count("data:image/png;base64,")
+        self.text = unescape(re.sub(r"<[^>]*>", "", text))
 
 
 SCENE = clradar.Scene(np.eye(3), [[0, 1, 2]], part_names=(NASTY,))
@@ -75,28 +56,26 @@ SHOWN = {
 @pytest.mark.parametrize("record", SHOWN, ids=lambda record: type(record).__name__)
 def test_notebooks_show_a_figure_and_escaped_facts(record):
     page = Page(record._repr_html_())
-    assert set(page.tags) <= {"div", "strong", "table", "tr", "th", "td", "img"}
+    assert page.tags <= {"div", "strong", "table", "tr", "th", "td", "img"}
     *facts, pictures = SHOWN[record]
     assert [fact for fact in facts if fact not in page.text] == []
-    assert len(page.pictures) == pictures
+    assert page.pictures == pictures
     assert page.text.startswith(type(record).__name__)
 
 
-def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts():
+def test_metrics_have_a_table_and_what_cannot_be_drawn_has_facts(monkeypatch):
     image = clradar.DepthMap(np.full((11, 11), 0.3), np.eye(11), np.arange(11.0), np.arange(11.0))
     text = Page(clradar.compare(image, image)._repr_html_()).text
     assert "overlap1.000" in text
     assert "depth RMSE (mm)0.00" in text
     dark = clradar.Volume(np.zeros(volume().grid.shape), volume().grid)
     page = Page(dark._repr_html_())
-    assert page.pictures == []
+    assert page.pictures == 0
     assert "strongest voxel0" in page.text
-    many = replace(
-        SCENE, faces=np.zeros((MOST_FACES + 1, 3), np.int32), part=0, alpha=0.5, material=0
-    )
-    page = Page(many._repr_html_())
-    assert page.pictures == []
-    assert f"faces{MOST_FACES + 1}" in page.text
+    monkeypatch.setattr(notebook, "MOST_FACES", 0)
+    page = Page(SCENE._repr_html_())
+    assert page.pictures == 0
+    assert "faces1" in page.text
     assert METAL._repr_html_() is None  # a notebook then shows its text
 
 
@@ -105,9 +84,7 @@ def test_numpy_takes_records_for_their_arrays():
     assert np.asarray(image) is image.data or np.shares_memory(np.asarray(image), image.data)
     assert np.abs(capture()).shape == (2, 3, 4)
     np.testing.assert_array_equal(image.depth_map(), image.depth_map().depth_m)
-    copied = np.array(image)
-    copied[0, 0, 0] = 1  # the record stays as it is
-    assert image.data[0, 0, 0] == 0
+    assert not np.shares_memory(np.array(image), image.data)
     assert np.asarray(image, np.complex128).dtype == np.complex128
 
 

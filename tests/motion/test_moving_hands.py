@@ -47,7 +47,6 @@ def test_joints_are_those_of_the_mesh(side):
         (["A", "none.toml"], {}, MeasurementError, "none.toml"),
         (["A", "B"], {"profile": "fast"}, ModelError, "profile"),
         (["A", "B"], {"edge_length_m": 0.1}, ModelError, "edge_length_m"),
-        (["A", "B"], {"center_m": (0, 0)}, ModelError, "center_m"),
         (["A", "B"], {"motion": 1}, ModelError, "MovingHand.motion"),
     ],
 )

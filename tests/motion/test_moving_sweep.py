@@ -9,7 +9,6 @@ import clradar
 from clradar import AntennaArray, MovingBody, MovingHand, MovingScene, RigidMotion, Scene
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import ModelError
-from clradar.hand import hand_mesh
 from clradar.motion.instants import Piece
 from clradar.tracing.surface_samples import sampled_as
 
@@ -60,22 +59,11 @@ def test_a_moving_point_has_the_phase_of_its_way_at_every_tx_and_frequency(veloc
     assert np.abs(turned).max() < 0.06
 
 
-def tremor(per_s: float, n_keys: int, profile: str = "linear") -> RigidMotion:
-    times_s = np.linspace(0.0, 1.0, n_keys)
-    sine = np.cos if profile == "smooth" else np.sin
-    shifts_m = 1e-3 * sine(2 * np.pi * per_s * times_s)[:, None] * [0.0, 0.0, 1.0]
-    return RigidMotion(times_s, shifts_m, profile=profile)
-
-
 ONE_MM = np.array([0.0, 0.0, 1e-3])
 # What is where it was at the ends of the sweep, at its eighths, and at its twelfths.
 UNSEEN = {
-    "tremor of 16 Hz, from rest to rest": tremor(16, 33, "smooth"),
     "twitch": RigidMotion([0.53, 0.56, 0.59], [0 * ONE_MM, 3 * ONE_MM, 0 * ONE_MM]),
     "twitch of the first Tx": RigidMotion([0.01, 0.03, 0.05], [0 * ONE_MM, 3 * ONE_MM, 0 * ONE_MM]),
-    "8 turns": RigidMotion.steady(
-        turn_rad_per_s=(0, 16 * np.pi, 0), about_m=POINT_M - [1e-3, 0, 0]
-    ),
     "a whole turn between two keys": RigidMotion(
         [0.4, 0.5], np.zeros((2, 3)), [[0, 0, 0], [0, 2 * np.pi, 0]], POINT_M - [3e-3, 0, 0]
     ),
@@ -85,7 +73,7 @@ UNSEEN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("count", [1, 2, 5, 12])
+@pytest.mark.parametrize("count", [1, 5, 12])
 def test_polynomials_through_as_many_instants_are_exact(count):
     piece, times_s = Piece.between(2.0, 5.0, count), np.linspace(2.0, 5.0, 31)
     found = sum(
@@ -94,7 +82,7 @@ def test_polynomials_through_as_many_instants_are_exact(count):
     np.testing.assert_allclose(found, times_s ** (count - 1), atol=1e-12 * 5.0 ** (count - 1))
 
 
-@pytest.mark.parametrize("name", [[*UNSEEN][2], *nightly([*UNSEEN][:2] + [*UNSEEN][3:])])
+@pytest.mark.parametrize("name", [[*UNSEEN][1], *nightly([*UNSEEN][:1] + [*UNSEEN][2:])])
 def test_what_comes_back_between_two_probes_is_seen(name):
     # One Rx beside the Tx, which are close: lengths alias alike for all pairs.
     radar = RADAR.part(slice(10, 13), [0])
@@ -202,15 +190,9 @@ def test_frames_without_duration_are_the_frames_of_a_still_hand(side):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["turning", "closing"])
-def test_a_moving_hand_is_in_every_sample_where_it_is_then(kind):
-    if kind == "turning":
-        turn = RigidMotion.steady(turn_rad_per_s=(0, 2.0, 0), about_m=(0, 0, 0.3))
-        body = MovingBody(Scene.from_mesh(hand_mesh("F", edge_length_m=4e-3)), turn)
-        moving = MovingScene([body])
-    else:
-        moving = MovingScene([MovingHand([-0.2, 0.2], ["S", "flat"], edge_length_m=4e-3)])
-    timing = clradar.SweepTiming.in_order(24, 16, step_s=20e-6 if kind == "closing" else 60e-6)
+def test_a_moving_hand_is_in_every_sample_where_it_is_then():
+    moving = MovingScene([MovingHand([-0.2, 0.2], ["S", "flat"], edge_length_m=4e-3)])
+    timing = clradar.SweepTiming.in_order(24, 16, step_s=20e-6)
     settings = clradar.SimulationSettings(estimator="expected", samples_per_mm2=0.2)
     capture = clradar.simulate_moving(moving, RADAR, WAVEFORM, timing=timing, settings=settings)
     sweep = moving.during(0.0, timing.end_s)

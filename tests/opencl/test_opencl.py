@@ -1,7 +1,6 @@
 """The device layer: which device, builds and memory."""
 
 import gc
-import math
 import os
 import re
 import subprocess
@@ -9,7 +8,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from importlib.metadata import PackagePath
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,23 +35,8 @@ from clradar.opencl import device as device_module
 from clradar.opencl import program as program_module
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.choice import default_device
-from clradar.opencl.double_single import hi_lo
 from clradar.opencl.self_test import self_test
 from clradar.opencl.sources import source
-
-# The polynomials err by at most 1.1e-7 over a cycle (Cephes); reducing x to a quadrant is exact,
-# and its product with 2 pi rounds once more (6e-8 of at most pi/4).
-SINE_ERROR = 2e-7
-
-
-# The fraction of a cycle is below 1 and rounds to 2^-25 there; so does the correction term, which
-# is below half a cycle up to 2^22 cycles. In cycles; 6e-8 of them are 4e-7 rad.
-CYCLE_ERROR = 2.0**-24
-
-
-# A dual holds 48 bits. The correction term of dual_length, up to 2^-24 of the length, is a sum of
-# some twenty float32 operations, each good to 2^-24.
-LENGTH_ERROR = 20 * 2.0**-48
 
 # Which device ------------------------------------------------------------------------------------
 
@@ -116,22 +99,10 @@ EVERYTHING = (OCLGRIND, POCL, INTEL, CARD, CARD_2)
 @pytest.mark.parametrize(
     ("wanted", "chosen"),
     [
-        ("pocl", POCL),
-        (" PoCL ", POCL),
-        ("Portable Computing Language", POCL),
-        ("intel", INTEL),
-        ("nvidia", CARD),
-        ("a100", CARD_2),
-        ("oclgrind", OCLGRIND),
-        ("gpu", CARD),
-        ("cpu", POCL),
-        ("3:1", CARD_2),
-        ("3", CARD),
-        ("0:0", OCLGRIND),
-        ("portable:xeon", POCL),
-        ("nvidia:a100", CARD_2),
+        (" PoCL ", POCL), ("Portable Computing Language", POCL), ("a100", CARD_2), ("gpu", CARD),
+        ("cpu", POCL), ("3:1", CARD_2), ("3", CARD), ("0:0", OCLGRIND), ("nvidia:a100", CARD_2),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("variable", ["CLRADAR_DEVICE", "PYOPENCL_CTX"])
 def test_a_device_is_chosen_by_name_kind_or_index(machine, monkeypatch, variable, wanted, chosen):
     machine(*EVERYTHING)
@@ -147,12 +118,9 @@ WHY = r"self_test.cl does not build \(error: unknown target CPU 'generic'\)"
 @pytest.mark.parametrize(
     ("wanted", "failing", "chosen"),
     [
-        (None, (CARD,), CARD_2),
         (None, (CARD, CARD_2), INTEL),
-        (None, (CARD, CARD_2, INTEL), POCL),
         ("gpu", (CARD,), CARD_2),
         ("cpu", (POCL,), INTEL),
-        ("nvidia", (CARD,), CARD_2),
     ],
 )
 def test_of_several_devices_the_first_that_works_is_used_and_the_others_are_named_once(
@@ -163,12 +131,10 @@ def test_of_several_devices_the_first_that_works_is_used_and_the_others_are_name
         monkeypatch.setenv("CLRADAR_DEVICE", wanted)
     with pytest.warns(clradar.ClradarWarning) as caught:
         assert default_device() == chosen
-    texts = [str(one.message) for one in caught]
-    for info, text in zip(failing, texts, strict=True):
+    for info, one in zip(failing, caught, strict=True):
         start = re.escape(f"device {info.selector} {info.label}")
         instead = re.escape(f"{chosen.label} is used instead")
-        assert re.match(f"{start} {WHY}; {instead}", text)
-        assert "\n" not in text
+        assert re.fullmatch(f"{start} {WHY}; {instead}.*", str(one.message))  # one line
     assert default_device() == chosen  # without a word
 
 
@@ -193,27 +159,20 @@ def test_all_devices_are_those_that_would_be_used(machine, monkeypatch):
     twice = replace(POCL, selector="1:1")
     machine(POCL, twice)
     assert choice.select_devices("all") == [POCL, twice]
-    machine(POCL, twice, INTEL)
-    assert choice.select_devices("all") == [INTEL]
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
-    assert choice.select_devices(None) == [INTEL]
+    assert choice.select_devices(None) == [POCL, twice]
     monkeypatch.delenv("CLRADAR_DEVICE")
     machine(*EVERYTHING, failing=(CARD, CARD_2))
     with pytest.warns(clradar.ClradarWarning, match="is used instead"):
         assert choice.select_devices("all") == [INTEL]
 
 
-@pytest.mark.parametrize("wanted", ["vivante", "7:0", "1:3", "", ":", "gpu", "intel", "1:0:0"])
+@pytest.mark.parametrize("wanted", ["vivante", "7:0", "1:3", "", ":", "gpu", "1:0:0"])
 def test_an_absent_device_is_an_error_that_lists_what_there_is(machine, wanted):
     machine(OCLGRIND, POCL)
-    with pytest.raises(DeviceError) as caught:
+    here = re.escape(f"one of the devices here (0:0 {OCLGRIND.label}; 1:0 {POCL.label})")
+    with pytest.raises(DeviceError, match=f"device: expected {here}.*got {wanted!r}.*pip install"):
         open_device(wanted)
-    message = str(caught.value)
-    assert message.startswith("device: expected one of the devices here (0:0 Oclgrind Simulator [")
-    assert f"1:0 {POCL.name} [{POCL.platform}]" in message
-    assert f"got {wanted!r}" in message
-    assert "clradar devices" in message
-    assert "pip install 'pyopencl[pocl]'" in message
 
 
 def test_a_machine_with_nothing_but_the_checker_has_no_default(machine):
@@ -241,15 +200,11 @@ def test_environment_chooses_for_every_function(device, monkeypatch):
     assert known is open_device(known) is open_device(device.info.selector)
     assert device.info == known.info in list_devices()
     monkeypatch.setenv("CLRADAR_DEVICE", "no such device")
-    capture = clradar.Capture(
-        np.ones((1, 1, 1)),
-        clradar.AntennaArray(np.zeros((1, 3)), np.zeros((1, 3))),
-        clradar.Waveform([1e9]),
-    )
-    grid = clradar.VoxelGrid.from_extent((0, 0), (0, 0), (1, 1), 1)
+    paths = clradar.Paths([0], [0], [0.6], [1.0], [1], 1, 1)
+    given = (paths, clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]]), clradar.Waveform([1e9]))
     with pytest.raises(DeviceError, match="CLRADAR_DEVICE: expected one of the devices here"):
-        clradar.backproject(capture, grid)
-    assert clradar.backproject(capture, grid, device=device).meta["device"]["device"]
+        clradar.synthesize(*given)
+    assert clradar.synthesize(*given, device=device).meta["device"]["device"]
 
 
 @pytest.mark.parametrize(
@@ -257,7 +212,6 @@ def test_environment_chooses_for_every_function(device, monkeypatch):
     [
         ({"device": 3}, DeviceError, r"expected a clradar\.Device, a string or None, got int"),
         ({"memory_limit_bytes": 0}, ModelError, "a whole number >= 1, got 0"),
-        ({"memory_limit_bytes": 0.5}, ModelError, "a whole number >= 1, got 0.5"),
         ({"width": 4}, ModelError, "1 or 8 lanes per work-item, got 4"),
     ],
 )
@@ -270,10 +224,8 @@ def test_a_memory_limit_only_lowers_the_budget(device):
     assert device.budget_bytes == int(device.info.memory_bytes * device_module.MEMORY_SHARE)
     small = open_device(device.info.selector, memory_limit_bytes=10**6)
     assert small.budget_bytes == small.max_buffer_bytes == 10**6
-    assert (
-        open_device(device.info.selector, memory_limit_bytes=10**18).budget_bytes
-        == device.budget_bytes
-    )
+    large = open_device(device.info.selector, memory_limit_bytes=10**18)
+    assert large.budget_bytes == device.budget_bytes
     with pytest.raises(DeviceError, match="for which they are settled"):
         open_device(device, memory_limit_bytes=10**6)
 
@@ -342,8 +294,7 @@ def test_borrowed_is_the_arrays_own_memory_on_a_cpu(small):
             np.testing.assert_array_equal(got, view)
 
 
-@pytest.mark.parametrize("fails", [False, True])
-def test_buffers_are_freed_when_the_block_ends(small, fails):
+def test_buffers_are_freed_when_the_block_ends(small, monkeypatch):
     released = []
 
     class Recorded(cl.Buffer):
@@ -351,20 +302,9 @@ def test_buffers_are_freed_when_the_block_ends(small, fails):
             released.append(self)
             super().release()
 
-    class OnPurposeError(Exception):
-        pass
-
-    buffers = Buffers(small)
-    held: list[Any] = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cl, "Buffer", Recorded)
-        try:
-            with buffers:
-                held += [buffers.empty(100), buffers.upload(np.ones(3))]
-                if fails:
-                    raise OnPurposeError
-        except OnPurposeError:
-            assert fails
+    monkeypatch.setattr(cl, "Buffer", Recorded)
+    with Buffers(small) as buffers:
+        held = [buffers.empty(100), buffers.upload(np.ones(3))]
     assert released == held
     assert buffers.used_bytes == 0
     for use in (
@@ -378,17 +318,15 @@ def test_buffers_are_freed_when_the_block_ends(small, fails):
         buffers.empty(16)
 
 
-@pytest.mark.parametrize("request_bytes", [4097, 2**50])
-def test_an_allocation_beyond_the_budget_names_device_and_remedy(small, request_bytes):
+def test_an_allocation_beyond_the_budget_names_device_and_remedy(small):
+    label = re.escape(small.info.label)
     with Buffers(small) as buffers:
         buffers.empty(1024)
-        with pytest.raises(DeviceError) as caught:
-            buffers.empty(request_bytes - 1024)
-        message = str(caught.value)
-        assert message.startswith(f"device {small.info.label}: a buffer of ")
-        assert "does not fit" in message
-        assert "make the problem smaller" in message
-        assert "CLRADAR_DEVICE=" in message
+        for size in (4097 - 1024, 2**50):
+            with pytest.raises(
+                DeviceError, match=rf"^device {label}: a buffer of .*does not fit.*CLRADAR_DEVICE="
+            ):
+                buffers.empty(size)
         assert buffers.used_bytes == 1024
         buffers.empty(3072)  # exactly full
 
@@ -397,14 +335,11 @@ def test_an_allocation_that_the_driver_refuses_names_device_and_remedy(device, m
     def refuse(*_: Any) -> None:
         raise cl.MemoryError("MEM_OBJECT_ALLOCATION_FAILURE")
 
+    said = "1.0 MiB could not be allocated .*MEM_OBJECT_ALLOCATION_FAILURE.*CLRADAR_DEVICE="
     with Buffers(device) as buffers:
         monkeypatch.setattr(cl, "Buffer", refuse)
-        with pytest.raises(DeviceError) as caught:
+        with pytest.raises(DeviceError, match=f"^device {re.escape(device.info.label)}: {said}"):
             buffers.empty(2**20)
-    message = str(caught.value)
-    assert message.startswith(f"device {device.info.label}: 1.0 MiB could not be allocated")
-    assert "MEM_OBJECT_ALLOCATION_FAILURE" in message
-    assert "CLRADAR_DEVICE=" in message
 
 
 def test_a_large_buffer_on_a_cpu_is_numpys_memory(device, monkeypatch):
@@ -425,10 +360,11 @@ def test_a_large_buffer_on_a_cpu_is_numpys_memory(device, monkeypatch):
 
 
 def test_a_write_beyond_the_buffer_is_an_error(device):
-    with Buffers(device) as buffers:
-        buffer = buffers.empty(64)
-        with pytest.raises(DeviceError, match=re.escape(device.info.label)):
-            buffers.write(buffer, np.zeros(1000))
+    with (
+        Buffers(device) as buffers,
+        pytest.raises(DeviceError, match=re.escape(device.info.label)),
+    ):
+        buffers.write(buffers.empty(64), np.zeros(1000))
 
 
 def test_all_buffers_of_a_device_share_its_budget(small):
@@ -486,22 +422,20 @@ def test_threads_that_use_a_device_at_once_get_their_own_results(device):
 
     def simulated(i: int) -> bytes:
         scene = clradar.Scene(corners + 0.002 * i, [[0, 1, 2]], 1.0)
-        fields = {
-            "estimator": ("expected", "stochastic")[i % 2],
-            "rays_per_face": 50,
-            "reception_radius_m": 0.1,
-        }
-        return clradar.simulate(scene, array, waveform, device=device, **fields).data.tobytes()
+        return clradar.simulate(
+            scene, array, waveform, estimator=("expected", "stochastic")[i % 2], rays_per_face=50,
+            reception_radius_m=0.1, device=device,
+        ).data.tobytes()  # fmt: skip
 
     expected = [simulated(i) for i in range(6)]
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     try:
         with ThreadPoolExecutor(4) as pool:
-            found = list(pool.map(simulated, list(range(6)) * 8))
+            found = list(pool.map(simulated, list(range(6)) * 4))
     finally:
         sys.setswitchinterval(interval)
-    assert found == expected * 8
+    assert found == expected * 4
 
 
 FORK = """
@@ -608,15 +542,6 @@ def test_options_reach_the_kernel(device, kernel_text):
             np.testing.assert_allclose(buffers.read(buffer, 7, np.float32), want, rtol=2e-7)
 
 
-def test_programs_are_built_once_per_options(device, kernel_text):
-    kernel_text(KERNEL)
-    one = build(device, "scale.cl", Options())
-    kernel_text("no OpenCL at all")
-    assert build(device, "scale.cl", Options()) is one
-    with pytest.raises(DeviceError, match="does not build"):
-        build(device, "scale.cl", Options(offset=2))
-
-
 def test_a_damaged_cache_of_pyopencl_is_no_error(device, kernel_text, monkeypatch):
     """What another processor has left there does not load: "INVALID_BINARY"."""
 
@@ -634,22 +559,15 @@ def test_a_build_error_has_device_options_and_log(device, kernel_text):
         build(device, "broken.cl", Options(negate=True))
     message = str(caught.value)
     assert message.startswith(f"device {device.info.label}: broken.cl does not build (")
-    for option in ("-cl-std=CL1.2", "-DCLR_FACTOR=2", "-DCLR_OFFSET=1", "-DCLR_NEGATE=1"):
-        assert option in message
-    assert "CLRADAR_DEVICE=" in message
-    assert "no_such_name" in message  # the compiler's log
-
-
-def test_a_kernel_without_its_option_does_not_build(device):
-    with pytest.raises(DeviceError, match=r"CLR_WIDTH .* is missing"):
-        build(device, "synthesize.cl", Options())
+    for part in ("-DCLR_FACTOR=2", "-DCLR_NEGATE=1", "CLRADAR_DEVICE=", "no_such_name"):
+        assert part in message  # options, what to do, the compiler's log
 
 
 @pytest.mark.parametrize(
     ("error", "words"),
     [
         (cl.MemoryError("OUT_OF_RESOURCES"), "out of memory in kernel scale of scale.cl"),
-        (cl.LogicError("INVALID_WORK_ITEM"), "kernel scale of scale.cl failed over (7,) items"),
+        (cl.LogicError("INVALID_WORK_ITEM"), r"kernel scale of scale.cl failed over \(7,\) items"),
     ],
 )
 def test_a_launch_that_fails_names_device_kernel_and_remedy(
@@ -661,148 +579,12 @@ def test_a_launch_that_fails_names_device_kernel_and_remedy(
     kernel_text(KERNEL)
     program = build(device, "scale.cl", Options())
     monkeypatch.setattr(cl, "enqueue_nd_range_kernel", fail)
-    with Buffers(device) as buffers:
-        buffer = buffers.zeros(28)
-        with pytest.raises(DeviceError) as caught:
-            program.launch("scale", (7,), buffer)
-    message = str(caught.value)
-    assert message.startswith(f"device {device.info.label}: ")
-    assert words in message
-    assert str(error) in message
-    assert "CLRADAR_DEVICE=" in message
-
-
-TEST_KERNELS = """
-__kernel void sines(__global const float *x, __global float *out) {
-    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
-    realw cosine, sine;
-    cos_sin_cycles(LOADW(x + i), &cosine, &sine);
-    STOREW(cosine, out + i);
-    STOREW(sine, out + n + i);
-}
-
-/* in: length hi, lo, wavenumber hi, lo; out: cycles(), and what plain float32 gives. */
-__kernel void fractions(__global const float *in, __global float *out) {
-    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
-    dual length;
-    length.hi = LOADW(in + i);
-    length.lo = LOADW(in + n + i);
-    const wavenumber k = make_wavenumber(LOADW(in + 2 * n + i), LOADW(in + 3 * n + i));
-    STOREW(cycles(length, k), out + i);
-    const realw product = length.hi * k.hi;
-    STOREW(product - rint(product), out + n + i);
-}
-
-/* in: two points as x, y, z hi and then lo; out: hi, lo, and what plain float32 gives. */
-__kernel void lengths(__global const float *in, __global float *out) {
-    const size_t i = get_global_id(0) * CLR_WIDTH, n = get_global_size(0) * CLR_WIDTH;
-#define AT(k) LOADW(in + (k) * n + i)
-    const dual x = dual_difference(AT(0), AT(3), AT(6), AT(9));
-    const dual y = dual_difference(AT(1), AT(4), AT(7), AT(10));
-    const dual z = dual_difference(AT(2), AT(5), AT(8), AT(11));
-    const dual length = dual_length(x, y, z);
-    STOREW(length.hi, out + i);
-    STOREW(length.lo, out + n + i);
-    STOREW(sqrt(x.hi * x.hi + y.hi * y.hi + z.hi * z.hi), out + 2 * n + i);
-}
-"""
-
-
-@dataclass(frozen=True)
-class PhaseOptions:
-    width: int
-
-
-@pytest.fixture(params=[1, 8], ids=["one lane", "eight lanes"])
-def compute(
-    device: clradar.Device, request: pytest.FixtureRequest, kernel_text: Callable
-) -> Callable[[str, np.ndarray, int], np.ndarray]:
-    """Run one of the kernels above: input of shape (rows, n), output of shape (n_out, n)."""
-    kernel_text(source("common/phase.h") + TEST_KERNELS)
-    program = build(device, "phase test", PhaseOptions(request.param))
-
-    def run(name: str, rows: np.ndarray, n_out: int) -> np.ndarray:
-        n = rows.shape[1]
-        padded = np.pad(rows, ((0, 0), (0, -n % 8)), mode="edge").astype(np.float32)
-        total = padded.shape[1]
-        with Buffers(device) as buffers:
-            out = buffers.empty(4 * n_out * total)
-            program.launch(name, (total // request.param,), buffers.upload(padded), out)
-            return buffers.read(out, (n_out, total), np.float32)[:, :n].astype(np.float64)
-
-    return run
-
-
-def test_sine_and_cosine_of_cycles(compute):
-    eighths = np.arange(-8, 9) / 8
-    x = np.concatenate(
-        [
-            np.linspace(-1, 1, 20011),
-            eighths,
-            np.nextafter(eighths, 1, dtype=np.float32),
-            np.nextafter(eighths, -1, dtype=np.float32),
-            [-0.0, 1e-30, -1e-45],
-        ]
-    ).astype(np.float32)
-    cosine, sine = compute("sines", x[None], 2)
-    phase_cycles = x.astype(np.float64)
-    assert np.abs(cosine - np.cos(2 * np.pi * phase_cycles)).max() <= SINE_ERROR
-    assert np.abs(sine - np.sin(2 * np.pi * phase_cycles)).max() <= SINE_ERROR
-
-
-def exact_fraction(length: tuple[float, float], k: tuple[float, float]) -> float:
-    """Fraction of a cycle of (hi + lo) * (hi + lo), in exact arithmetic."""
-    product = (Fraction(length[0]) + Fraction(length[1])) * (Fraction(k[0]) + Fraction(k[1]))
-    return float(product - round(product))
-
-
-def cycle_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distance on the circle, in cycles."""
-    return np.abs((a - b + 0.5) % 1 - 0.5)
-
-
-@pytest.mark.parametrize(
-    ("longest_m", "highest_hz"), [(1.5, 82e9), (20.0, 300e9), (2.0**22 / 1001, 3e11)]
-)
-def test_cycles_keeps_the_carrier_where_float32_loses_it(compute, longest_m, highest_hz):
-    rng = np.random.default_rng(7)
-    length = rng.uniform(0.01, 1, 4001) * longest_m
-    k = rng.uniform(0.5, 1, 4001) * highest_hz / 299_792_458.0
-    rows = np.stack([*hi_lo(length), *hi_lo(k)]).astype(np.float32)
-    got, naive = compute("fractions", rows, 2)
-    pairs = rows.astype(np.float64)
-    want = np.array([exact_fraction((c[0], c[1]), (c[2], c[3])) for c in pairs.T])
-    assert np.abs(got).max() <= 1  # what cos_sin_cycles takes
-    assert cycle_distance(got, want).max() <= CYCLE_ERROR
-    # And against the float64 numbers that hi and lo represent, which float64 multiplies to 2^-53.
-    rounding = longest_m * highest_hz / 299_792_458.0 * 2.0**-47
-    phase_cycles = length * k
-    assert (
-        cycle_distance(got, phase_cycles - np.round(phase_cycles)).max() <= CYCLE_ERROR + rounding
-    )
-    # Plain float32 loses half a unit in the last place of the length: it must fail this test.
-    assert cycle_distance(naive, want).max() > 10 * CYCLE_ERROR
-
-
-def test_lengths_keep_what_float32_loses(compute):
-    rng = np.random.default_rng(11)
-    a = rng.uniform(-0.1, 0.1, (3, 5003))
-    b = rng.uniform(-0.1, 0.1, (3, 5003)) + np.array([[0.0], [0.0], [0.3]])
-    a[:, :5], b[:, :5] = 0.0, 0.0
-    b[0, 1] = 0.3  # along an axis
-    b[:, 2] = [3e-4, 4e-4, 0]  # a voxel beside an antenna
-    b[:, 3] = [30.0, 40.0, 1e-6]
-    b[:, 4] = [1e-6, 1e-6, 1e-6]
-    rows = np.concatenate([*hi_lo(a), *hi_lo(b)])
-    hi, lo, naive = compute("lengths", rows, 3)
-    parts = rows.astype(np.float64)
-    difference = (parts[0:3] - parts[6:9]) + (parts[3:6] - parts[9:12])
-    want = np.array([math.hypot(*d) for d in difference.T])
-    assert hi[0] == lo[0] == 0.0  # both at one point
-    # Two coordinates nearly cancel where the difference is small, so relative to their size.
-    scale = np.maximum(want, np.abs(parts[0:3]).max(axis=0))
-    assert (np.abs(hi + lo - want)[1:] / scale[1:]).max() <= LENGTH_ERROR
-    assert np.median(np.abs(naive - want)[5:] / want[5:]) > 1000 * LENGTH_ERROR
+    label = re.escape(device.info.label)
+    with (
+        Buffers(device) as buffers,
+        pytest.raises(DeviceError, match=f"^device {label}: .*{words}.*{error}.*CLRADAR_DEVICE="),
+    ):
+        program.launch("scale", (7,), buffers.zeros(28))
 
 
 @pytest.mark.parametrize(
@@ -826,11 +608,8 @@ def test_a_device_that_changes_exact_arithmetic_is_refused(
             with pytest.raises(DeviceError) as caught:
                 build(device, "depth.cl", options)
             message = str(caught.value)
-            assert message.startswith(
-                f"device {device.info.label}, driver {device.info.version}: expected "
-            )
+            assert message.startswith(f"device {device.info.label}, driver {device.info.version}: ")
             assert wrong in message
-            assert "another version of the driver" in message
     assert list(build(device, "depth.cl", options).kernels) == ["strongest_along_z"]
 
 

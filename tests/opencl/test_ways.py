@@ -93,8 +93,8 @@ WORKS: dict[str, Work] = {
     ],
     "stochastic": simulated("stochastic", samples_per_mm2=0.05, max_bounces=2),
     "expected": simulated("expected", samples_per_mm2=0.05),
-    "physical": simulated("physical", SCENE.with_material("metal"), samples_per_mm2=0.5),
-    "rough": simulated("physical", SCENE.with_material(ROUGH), samples_per_mm2=0.5),
+    "physical": simulated("physical", SCENE.with_material("metal"), samples_per_mm2=0.15),
+    "rough": simulated("physical", SCENE.with_material(ROUGH), samples_per_mm2=0.15),
     "exact": imaged(COARSE, "exact"),
     "range": imaged(COARSE, "range"),
     "fast": imaged(COARSE, "fast"),
@@ -119,7 +119,7 @@ OTHER_TOLERANCE = 300 * 2.0**-24
 
 MEMORY_BYTES = {
     **{"trace": 500_000, "synthesize": 60_000, "stochastic": 900_000, "expected": 500_000},
-    **{"physical": 4_000_000, "rough": 4_000_000, "exact": 60_000, "range": 120_000},
+    **{"physical": 1_500_000, "rough": 1_500_000, "exact": 60_000, "range": 120_000},
     **{"fast": 400_000, "fast, fine": 600_000, "frames": 8_000_000, "operator": 4_000_000},
     "hand": 200_000,
 }
@@ -226,11 +226,11 @@ def matters(work: str, way: str) -> bool:
     return way != "small pieces" or work not in NOT_DIVIDED
 
 
-OFTEN_FAILING = ("stochastic", "rough", "fast", "operator")
-"""Of which a device is made to fail in every run: by random rays, by points, of images, of both."""
+OFTEN_FAILING = ("stochastic", "rough", "fast")
+"""Of which a device is made to fail in every run: by random rays, by points, of images."""
 
 OFTEN = {
-    "little memory": ("synthesize", "stochastic", "expected", "rough", "range", "fast", "operator"),
+    "little memory": ("synthesize", "stochastic", "expected", "rough", "range", "fast"),
     "small pieces": ("synthesize", "expected", "rough", "fast", "operator"),
     "blocks of Tx": ("expected", "rough"),
     "a GPU": ("trace", "synthesize", "rough", "exact", "range", "fast", "operator"),
@@ -286,7 +286,7 @@ def test_after_a_device_failed_in_the_middle_all_is_free_and_the_next_call_works
         assert largest_error(WORKS[work](device), whole) == 0
 
 
-@pytest.mark.parametrize("most", [1, 100, 640, 5000, 12345, 10**9])
+@pytest.mark.parametrize("most", [1, 640, 12345, 10**9])
 @pytest.mark.parametrize("size", [(64,), (320, 7), (16, 12, 9), (1, 1, 33)])
 def test_parts_have_every_item_once_in_whole_groups(size, most):
     group = (16, 4, 1)[: len(size)] if size[0] > 1 else (1, 1, 1)

@@ -217,26 +217,10 @@ def test_patterns_of_antennas():
     assert db(got, dense(lit, array, some)) < TOLERANCE_DB
 
 
-@pytest.mark.slow
-def test_double_density_changes_little():
-    """By less than -38 dB from 4 points per mm^2 on, rough or smooth, whatever the mesh."""
-    waveform = clradar.Waveform([77e9])
-    for subdivisions, material in ((3, ROUGH), (4, "metal")):
-        ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=0.02)
-        scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), material=material)
-        four, eight = (
-            clradar.simulate(
-                scene, ARRAY, waveform, estimator="physical", samples_per_mm2=density
-            ).data
-            for density in (4.0, 8.0)
-        )
-        assert db(four, eight) < -38
-
-
 def test_micro_roughness_damps_and_scatters_what_it_takes():
     """The mean over seeds is exp(-g/2) of the smooth plate, g = 4 k^2 h_u^2, and what is scattered
-    has the power of the formula. 24 seeds: the variance of a pair and frequency is known to 29 %,
-    and 24 pairs and frequencies, of which some are alike, give about 7 %."""
+    has the power of the formula. 16 seeds: the variance of a pair and frequency is known to 35 %,
+    and 24 pairs and frequencies, of which some are alike, give about 9 %."""
     rms_m = 0.15e-3
     waveform = clradar.Waveform([72e9, 82e9])
     array = clradar.AntennaArray(ARRAY.tx_m[::6], ARRAY.rx_m[::8])
@@ -248,7 +232,7 @@ def test_micro_roughness_damps_and_scatters_what_it_takes():
         clradar.simulate(
             rough, array, waveform, estimator="physical", samples_per_mm2=1.5, seed=seed
         ).data
-        for seed in range(24)
+        for seed in range(16)
     ])  # fmt: skip
     k = 2 * np.pi * waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
     g = 4 * (k * rms_m) ** 2
@@ -277,9 +261,9 @@ def test_micro_roughness_damps_and_scatters_what_it_takes():
     assert data.var(axis=0).mean() == pytest.approx(power.mean(), rel=0.15)
 
 
-@pytest.mark.parametrize("material", [SKIN, clradar.material("palm"), clradar.METAL])
-def test_micro_roughness_keeps_the_energy(material):
+def test_micro_roughness_keeps_the_energy():
     """What the incoherent part sends to all directions is what the mirror direction lost."""
+    material = clradar.material("palm")
     micro = replace(material, micro_roughness_rms_m=0.2e-3)
     table = reflection_legs([micro], np.array([77e9]))[0, 0]
     cosine = np.linspace(0, 1, NODES) ** 2
@@ -299,7 +283,7 @@ def test_sparse_points_are_warned_of():
             clradar.simulate(scene, ARRAY, waveform, estimator="physical", samples_per_mm2=density)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *nightly(range(2, 5))])
+@pytest.mark.parametrize("seed", [0, *nightly(range(1, 5))])
 def test_drawn_arrays_bands_and_scenes_keep_the_tolerance(seed):
     """From 2 Tx to 100 of lines, planes or clouds of 5 to 60 wavelengths, one frequency to 40 of
     bands of 1 % to 20 %, a ball before a box from a third to three apertures away."""

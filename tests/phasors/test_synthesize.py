@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import clradar
 from clradar import AntennaArray, Paths, Scene, Waveform, reference, synthesize
 from clradar.errors import ModelError
-from clradar.phasors.length_blocks import EDGE_PHASE_RAD, MOMENTS, NARROWEST_HZ, length_blocks
+from clradar.phasors.length_blocks import EDGE_PHASE_RAD, MOMENTS, length_blocks
 
 C_M_PER_S = 299_792_458.0
 
@@ -62,9 +62,7 @@ def assert_sums(paths: Paths, array: AntennaArray, waveform: Waveform, device: A
 
 WAVEFORMS = {
     "one": Waveform([77e9]),
-    "two": Waveform([72e9, 82e9]),
     "seven": Waveform.sfcw(72e9, 82e9, 7),
-    "eight": Waveform.sfcw(72e9, 82e9, 8),
     "nine": Waveform.sfcw(72e9, 82e9, 9),
     "prime": Waveform.sfcw(72e9, 82e9, 127),
     "unequal": Waveform(72e9 + 10e9 * np.sort(np.random.default_rng(3).uniform(0, 1, 37))),
@@ -83,22 +81,21 @@ def test_random_paths_against_float64(lanes, name):
     assert np.abs(found - want).max() <= 1e-4 * np.abs(want).max()
 
 
-@pytest.mark.parametrize("longest_m", [1e-3, 1.0, 100.0])
-def test_one_path_per_pair_keeps_its_phase(lanes, longest_m):
+@pytest.mark.parametrize("longest_m", [1.0, 100.0])
+def test_one_path_per_pair_keeps_its_phase(device, longest_m):
     array, waveform = make_array(40, 50), Waveform([72e9, 77.7e9, 82e9])
     length = np.random.default_rng(2).uniform(0.001, 1, 2000) * longest_m
     tx, rx = (index.ravel() for index in np.indices((40, 50)))
     paths = Paths(tx, rx, length, np.ones(2000), np.ones(2000, int), 40, 50)
-    data = synthesize(paths, array, waveform, device=lanes).data
+    data = synthesize(paths, array, waveform, device=device).data
     want = reference.synthesize(paths, array, waveform)
     assert np.abs(data - want).max() <= PHASOR_ERROR
     # A plain float32 length must fail the same tolerance.
     short = synthesize(
         Paths(tx, rx, length.astype(np.float32), np.ones(2000), np.ones(2000, int), 40, 50),
-        array, waveform, device=lanes,
+        array, waveform, device=device,
     ).data  # fmt: skip
-    if longest_m >= 1:
-        assert np.abs(short - want).max() > 10 * PHASOR_ERROR
+    assert np.abs(short - want).max() > 10 * PHASOR_ERROR
 
 
 def test_strong_paths_that_cancel_leave_the_weak_one(device):
@@ -131,53 +128,38 @@ def test_paths_of_another_array_are_refused(device):
         synthesize(paths, make_array(4, 3), Waveform([1e9]), device=device)
 
 
-def test_meta_names_the_device_and_keeps_the_callers(device):
-    array = make_array(1, 1)
-    paths = Paths([0], [0], [0.6], [1], [1], 1, 1)
-    capture = synthesize(paths, array, Waveform([77e9]), device=device, meta={"note": "mine"})
-    assert capture.meta["note"] == "mine"
-    assert capture.meta["device"]["device"] == device.info.name
-
-
 def box_scene(alpha: float) -> Scene:
     mesh = trimesh.creation.box(extents=(0.06, 0.05, 0.02))
     mesh.apply_translation([0.01, 0.0, 0.3])
     return Scene.from_mesh(mesh, alpha=alpha)
 
 
-SETTINGS = [
-    {"samples_per_mm2": 0.5, "rays_per_sample": 3, "seed": 11},
-    {"rays_per_face": 2000, "max_bounces": 2, "amplitude": "spreading", "normals": "face"},
-]
-
-
-@pytest.mark.parametrize("settings", SETTINGS)
-def test_simulate_is_trace_and_synthesize_to_the_bit(device, settings):
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"samples_per_mm2": 0.5, "rays_per_sample": 3, "seed": 11},
+        {"rays_per_face": 2000, "max_bounces": 2, "amplitude": "spreading", "normals": "face"},
+    ],
+)
+def test_simulate_is_trace_and_synthesize_to_the_bit_and_says_what_it_did(device, settings):
     full = clradar.arrays.qar50()
     array = AntennaArray(full.tx_m[::9], full.rx_m[::10])
-    waveform = Waveform.sfcw(72e9, 82e9, 9)
-    scene = box_scene(0.5)
+    waveform, scene = Waveform.sfcw(72e9, 82e9, 9), box_scene(0.5)
     paths = clradar.trace(scene, array, device=device, **settings)
     assert len(paths) > 1000
-    want = synthesize(paths, array, waveform, device=device).data
-    capture = clradar.simulate(scene, array, waveform, device=device, **settings)
-    np.testing.assert_array_equal(capture.data, want)
+    want = synthesize(paths, array, waveform, device=device, meta={"note": "mine"})
+    assert want.meta["note"] == "mine"
+    seen: list[tuple[int, int]] = []
+    capture = clradar.simulate(
+        scene, array, waveform, device=device, progress=lambda *step: seen.append(step), **settings
+    )
+    np.testing.assert_array_equal(capture.data, want.data)
     assert capture.meta["rays"]["paths"] == len(paths)
     assert capture.meta["kind"] == "simulated"
-    for name, value in settings.items():
-        assert capture.meta["settings"][name] == value
+    assert capture.meta["device"]["device"] == device.info.name
+    assert settings.items() <= capture.meta["settings"].items()
     assert capture.meta["scene"]["sha256"] == scene.digest()
-
-
-@pytest.mark.filterwarnings("ignore:.* received no ray", "ignore:no ray reached")
-def test_simulate_reports_progress(device):
-    seen: list[tuple[int, int]] = []
-    clradar.simulate(
-        box_scene(1.0), make_array(2, 2), Waveform([77e9]), rays_per_face=10, device=device,
-        progress=lambda done, total: seen.append((done, total)),
-    )  # fmt: skip
-    assert seen
-    assert seen[-1] == (120, 120)
+    assert seen[-1][0] == seen[-1][1]
     assert all(a[0] <= b[0] for a, b in pairwise(seen))
 
 
@@ -188,7 +170,6 @@ MOMENT_ERROR = 2.0e-7 + 2.0**-25 * np.exp(EDGE_PHASE_RAD)
 
 BANDS = {
     "one": Waveform([77e9]),
-    "two": Waveform([72e9, 82e9]),
     "equal": Waveform.sfcw(72e9, 82e9, 16),
     "unequal": Waveform(72e9 + 10e9 * np.array([0, 1e-6, 0.001, 0.5, 0.51, 0.98, 1])),
     "octaves": Waveform.sfcw(10e9, 90e9, 33),
@@ -207,25 +188,6 @@ def test_moments_make_the_phasor_everywhere_in_a_block(name):
     kappa = (waveform.frequencies_hz - waveform.center_hz) / C_M_PER_S
     want = np.exp(-2j * np.pi * kappa * x / blocks.per_half_block)
     assert np.abs(got - want).max() <= MOMENT_ERROR
-
-
-@pytest.mark.parametrize("name", BANDS)
-def test_blocks_are_as_long_as_the_band_allows(name):
-    waveform = BANDS[name]
-    blocks = length_blocks(waveform)
-    edge_rad = np.pi * waveform.span_hz / C_M_PER_S * blocks.block_m / 2
-    # Rounded to float32, and shorter only for a narrow band.
-    assert edge_rad <= EDGE_PHASE_RAD * (1 + 2.0**-23)
-    if waveform.span_hz >= NARROWEST_HZ:
-        assert edge_rad >= EDGE_PHASE_RAD * (1 - 2.0**-23)
-    assert blocks.block_m == np.float32(blocks.block_m)
-    assert blocks.per_half_block == np.float32(2 / blocks.block_m)
-    np.testing.assert_allclose(
-        blocks.table[MOMENTS].astype(float) + blocks.table[MOMENTS + 1],
-        (waveform.frequencies_hz - waveform.center_hz) / C_M_PER_S,
-        rtol=2.0**-47,
-    )
-    assert blocks.longest_m * waveform.frequencies_hz[-1] / C_M_PER_S == pytest.approx(2**21)
 
 
 @st.composite
@@ -252,15 +214,12 @@ def test_any_paths_and_frequencies(case, width):
     assert_sums(*case, clradar.open_device("pocl", width=width))
 
 
-@pytest.mark.parametrize("name", BANDS)
-@pytest.mark.parametrize("longest_m", [0.8, 30.0])
-def test_evicted_blocks(device, name, longest_m):
+@pytest.mark.parametrize("name", ["equal", "octaves"])
+def test_evicted_blocks(device, name):
     array, waveform = make_array(2, 3), BANDS[name]
-    paths = random_paths(4000, array, 1, longest_m)
-    assert_sums(paths, array, waveform, device)
+    assert_sums(random_paths(4000, array, 1, 30.0), array, waveform, device)
     blocks = length_blocks(waveform)
-    if name in ("equal", "octaves") and longest_m == 30.0:
-        assert longest_m / blocks.block_m > 50 * blocks.n_slots
+    assert 30.0 / blocks.block_m > 50 * blocks.n_slots
 
 
 def test_lengths_at_the_ends_of_blocks_and_numbers(device):

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from core import meshes
-from shapes import bowl, plate
+from shapes import bowl
 
 import clradar
 from clradar.hand import hand_mesh
@@ -54,7 +54,6 @@ def test_every_antenna_is_in_one_slot_and_in_its_boxes(name):
 SCENES = {
     "hand": None,  # made where it is used, since that takes a device
     "bowl": clradar.Scene(*bowl(40, 80)),
-    "waves": clradar.Scene(*plate(0.2, 0.3, 60, wavy_m=0.03)),
     # Fine enough that groups and rays are traced apart from their bundle.
     "fine ball": meshes.ball(201, 200),
 }

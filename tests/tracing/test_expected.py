@@ -1,4 +1,4 @@
-"""The expected estimator: its density, its probabilities, and the mean of the stochastic one."""
+"""The expected estimator: its probabilities, and the mean of the stochastic one."""
 
 from collections.abc import Iterator
 
@@ -29,68 +29,6 @@ ARRAY = AntennaArray(FULL.tx_m[::19], FULL.rx_m[::9])
 
 FEW = AntennaArray(FULL.tx_m[::40], FULL.rx_m[::18])
 """3 x 6."""
-
-NORMAL = np.array([0.0, 0.0, 1.0])
-
-
-def mirrored(degrees: float) -> np.ndarray:
-    return np.array([np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))])
-
-
-# --- the density, in the reference
-
-
-def outgoing(n: int, t_m: np.ndarray, alpha: float, seed: int) -> np.ndarray:
-    """Random outgoing directions as the model draws them, shape (n, 3)."""
-    r = np.random.default_rng(seed).normal(size=(n, 3))
-    t_d = NORMAL + r / np.linalg.norm(r, axis=1, keepdims=True)
-    t_d /= np.linalg.norm(t_d, axis=1, keepdims=True)
-    t_c = alpha * t_d + (1 - alpha) * t_m
-    return t_c / np.linalg.norm(t_c, axis=1, keepdims=True)
-
-
-CHI_SQUARE_P = 1e-3
-"""Seeds are fixed; a correct program fails with this probability per case when they change."""
-
-QUADRATURE = 2e-3
-"""Of all directions: the face's horizon is a step, whose position on each of 64 circles is known to
-half of 256 nodes, with either sign; measured below 5e-4."""
-
-
-@pytest.mark.parametrize(
-    ("alpha", "degrees"),
-    [
-        (0.2, 70.0),
-        *nightly([(0.1, 35.0), (0.2, 0.0), (0.35, 35.0), (0.49, 70.0)]),
-        *nightly([(0.5, 35.0), (0.51, 0.0), (0.7, 70.0), (1.0, 35.0)]),
-    ],
-)
-def test_the_density_is_that_of_the_directions(alpha, degrees):
-    """Counted in disjoint discs and in all: it integrates to one, less what is absorbed."""
-    t_m, face = mirrored(degrees), np.array([0.2, -0.1, 1.0])
-    face /= np.linalg.norm(face)
-    n = 200_000
-    t_c = outgoing(n, t_m, alpha, seed=1)
-    t_c = t_c[t_c @ face > 0]
-    everywhere = reference.disc_probability(t_m, np.pi, NORMAL, face, t_m, alpha, nodes=64)
-    assert abs(everywhere - len(t_c) / n) <= 4 * np.sqrt(0.25 / n) + QUADRATURE
-
-    k = np.arange(150)
-    height, azimuth = (k + 0.5) / 150, k * np.pi * (3 - np.sqrt(5))
-    ring = np.sqrt(1 - height**2)
-    axes = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), height], axis=1)
-    half_angle = 0.07  # less than half of the least distance of two: disjoint
-    share = np.array(
-        [reference.disc_probability(a, half_angle, NORMAL, face, t_m, alpha, 24) for a in axes]
-    )
-    found = (t_c @ axes.T > np.cos(half_angle)).sum(axis=0)
-    often = n * share >= 20
-    assert often.sum() >= 3
-    observed = np.append(found[often], n - found[often].sum())
-    wanted = np.append(n * share[often], n * (1 - share[often].sum()))
-    statistic = ((observed - wanted) ** 2 / wanted).sum()
-    assert chi2.sf(statistic, len(wanted) - 1) > CHI_SQUARE_P
-
 
 # --- the probabilities of the kernel against the reference
 
@@ -143,7 +81,7 @@ def shares(scene: Scene, device, tolerance: float = SHARE_TOLERANCE, **arguments
     return found
 
 
-ALPHAS = [0.0, 0.05, 0.4999, 1.0, *nightly([1e-4, 0.2, 0.5, 0.5001])]
+ALPHAS = [0.0, 0.05, 0.4999, *nightly([1e-4, 0.2, 0.5, 0.5001, 1.0])]
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -153,23 +91,22 @@ def test_probabilities_are_those_of_the_reference(alpha, device):
     assert (found > 0).sum() >= (12 if alpha >= 0.05 else 4)
 
 
-@pytest.mark.parametrize("alpha", [0.3, *nightly([1.0])])
-def test_large_discs_that_the_horizon_of_the_face_cuts(alpha, device):
+def test_large_discs_that_the_horizon_of_the_face_cuts(device):
     """Near a mesh whose normals are not those of its faces. The density has a step in them, which
     four slices hold to 1.5e-2 of a probability, and to 5e-5 in the mean."""
-    scene = Scene(*plate(0.16, 0.15, 3, wavy_m=0.02), alpha)
+    scene = Scene(*plate(0.16, 0.15, 3, wavy_m=0.02), 0.3)
     shares(scene, device, 0.02, rays_per_face=1, crease_deg=180.0, reception_radius_m=0.1)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [{"normals": "face", "seed": 2**40 + 3}, {"reception_radius_m": 0.005}],
-)
-def test_settings_reach_the_kernel(arguments, device):
-    shares(Scene(*plate(0.16, 0.3, 3, wavy_m=0.02), 0.3), device, rays_per_face=1, **arguments)
+def test_settings_reach_the_kernel(device):
+    settings = {"normals": "face", "seed": 2**40 + 3, "reception_radius_m": 0.005}
+    shares(Scene(*plate(0.16, 0.3, 3, wavy_m=0.02), 0.3), device, rays_per_face=1, **settings)
 
 
 # --- the mean of the stochastic estimator over the same samples
+
+CHI_SQUARE_P = 1e-3
+"""Seeds are fixed; a correct program fails with this probability per case when they change."""
 
 
 MESHES = {
@@ -201,7 +138,6 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
     assert often.sum() >= 10
     z = (found - mean)[often] / np.sqrt(variance[often])
     statistic = float((z**2).sum())
-    print(f"chi2 {statistic:.1f} of {len(z)}, {found.sum()} of {mean.sum():.1f}")
     assert chi2.sf(statistic, len(z)) > CHI_SQUARE_P
     # Five standard deviations of at most 5; and of the total, whose variance is no larger.
     assert (np.abs(found - mean)[~often] <= 5 * np.sqrt(5)).all()
@@ -211,29 +147,13 @@ def check_mean(scene: Scene, device, rays: int = 1500, **arguments) -> None:
 @pytest.mark.parametrize(
     ("name", "alpha"),
     [
-        *[("waves", 0.35), ("sphere", 0.15)],
+        ("waves", 0.35),
         *nightly(("waves", alpha) for alpha in (0.02, 0.1, 0.2, 0.5, 0.7, 1.0)),
-        *nightly([("plate", 0.6), ("bowl", 0.6)]),
+        *nightly([("sphere", 0.15), ("plate", 0.6), ("bowl", 0.6)]),
     ],
 )
 def test_the_mean_is_that_of_the_stochastic_estimator(name, alpha, device):
     check_mean(Scene(*MESHES[name], alpha), device)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["waves", "bowl"])
-def test_without_randomness_both_are_the_same(name, device):
-    """alpha = 0: all rays of a sample and Tx are one, so the captures agree but for the rounding of
-    sums, 2^-24 of each of their values."""
-    arguments = {"samples_per_mm2": 0.2, "rays_per_sample": 3, "device": device}
-    one, two = (
-        clradar.simulate(
-            Scene(*MESHES[name], 0.0), ARRAY, WAVEFORM, estimator=estimator, **arguments
-        ).data
-        for estimator in ("stochastic", "expected")
-    )
-    assert np.abs(one).max() > 0
-    np.testing.assert_allclose(two, one, rtol=0, atol=2**-22 * np.abs(one).max())
 
 
 def test_the_means_agree_where_rays_are_absorbed(device):
@@ -243,8 +163,7 @@ def test_the_means_agree_where_rays_are_absorbed(device):
     assert lost.statistics.absorbed_share > 0.01
 
 
-@pytest.mark.parametrize("exponent", [1.5, *nightly([0.0])])
-def test_amplitudes_with_spreading_and_patterns(exponent, device):
+def test_amplitudes_with_spreading_and_patterns(device):
     """A small patch, for which the amplitude of each pair is one number."""
     centre, size_m = np.array([0.02, -0.01, 0.25]), 1e-3
     corners = centre + size_m * np.array([[0, 0, 0], [1, 0.1, 0.2], [0, 1, -0.1]])
@@ -252,12 +171,12 @@ def test_amplitudes_with_spreading_and_patterns(exponent, device):
     common = {"rays_per_face": 4, "estimator": "expected", "device": device}
     unit = clradar.simulate(scene, ARRAY, WAVEFORM, **common).data
     spread = clradar.simulate(
-        scene, ARRAY, WAVEFORM, amplitude="spreading", pattern_exponent=exponent, **common
+        scene, ARRAY, WAVEFORM, amplitude="spreading", pattern_exponent=1.5, **common
     ).data
     out, back = centre - ARRAY.tx_m, ARRAY.rx_m - centre
     r1, r2 = np.linalg.norm(out, axis=1), np.linalg.norm(back, axis=1)
     cosines = (out[:, 2] / r1)[:, None] * (-back[:, 2] / r2)
-    weight = cosines**exponent / (r1[:, None] * r2)
+    weight = cosines**1.5 / (r1[:, None] * r2)
     # Both segments and their cosines change by the patch's 1 mm in 0.25 m, once per exponent.
     np.testing.assert_allclose(
         np.abs(spread) / np.abs(unit), weight[..., None] + 0 * np.abs(unit), rtol=0.02
@@ -278,23 +197,6 @@ def from_the_plate(scene: Scene, array: AntennaArray, device, **common) -> tuple
     return mean, np.bincount(paths.rx[paths.length_m > 0.55], minlength=array.n_rx)
 
 
-@pytest.mark.slow
-def test_both_estimators_occlude_the_same(device):
-    """A screen before two of four receivers: none of their rays arrives, and those of the others do
-    as if it were not there."""
-    rx = np.array([[-0.06, 0, 0], [-0.04, 0, 0], [0.04, 0, 0], [0.06, 0, 0]])
-    array = AntennaArray([[0.0, 0.1, 0.0]], rx)
-    mirror = Scene(*plate(0.02, 0.3, 1), 0.7)
-    screen = Scene(*box((-0.1, 0.0, 0.05), (0.18, 0.1, 0.01)), 0.7)
-    common = {"rays_per_face": 20, "rays_per_sample": 4000}
-    alone, _ = from_the_plate(mirror, array, device, **common)
-    assert (alone > 100).all()
-    mean, drawn = from_the_plate(Scene.combine([mirror, screen]), array, device, **common)
-    assert (drawn[:2] == 0).all()
-    assert (mean[:2] == 0).all()
-    assert (np.abs(mean - drawn)[2:] <= 4 * np.sqrt(drawn[2:])).all()
-
-
 @pytest.mark.parametrize(("edge_m", "counts"), [(0.0015, True), (-0.0015, False)])
 def test_a_receiver_hidden_in_part_counts_by_its_centre(edge_m, counts, device):
     """The approximation: an edge across the sphere's disc hides a third or two thirds of it, and
@@ -312,15 +214,7 @@ def test_a_receiver_hidden_in_part_counts_by_its_centre(edge_m, counts, device):
     assert abs(share - (0.69 if counts else 0.31)) < 0.05, share
 
 
-# --- independence of tiles, memory and lanes
-
-
-def tracks(device, array: AntennaArray = ARRAY, **arguments) -> np.ndarray:
-    scene = Scene(*MESHES["waves"], 0.3)
-    return clradar.simulate(
-        scene, array, WAVEFORM, samples_per_mm2=0.02, estimator="expected", device=device,
-        **arguments,
-    ).data  # fmt: skip
+# --- one lane
 
 
 LANES_TOLERANCE = 1e-4
@@ -328,12 +222,18 @@ LANES_TOLERANCE = 1e-4
 decide where a horizon cuts a disc and are magnified by up to a disc's 1/0.03 there."""
 
 
-@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (3, 8), (2, 23)])
+@pytest.mark.parametrize(("n_tx", "n_rx"), [(1, 1), (2, 23)])
 def test_one_lane_gives_the_same(n_tx, n_rx, device):
     rng = np.random.default_rng(n_rx)
     low, high = [-0.07, -0.07, 0.0], [0.07, 0.07, 0.01]
     array = AntennaArray(rng.uniform(low, high, (n_tx, 3)), rng.uniform(low, high, (n_rx, 3)))
-    one, eight = (tracks(clradar.open_device(device.info.selector, width=w), array) for w in (1, 8))
+    one, eight = (
+        clradar.simulate(
+            Scene(*MESHES["waves"], 0.3), array, WAVEFORM, samples_per_mm2=0.02,
+            estimator="expected", device=clradar.open_device(device.info.selector, width=width),
+        ).data
+        for width in (1, 8)
+    )  # fmt: skip
     assert np.abs(eight).max() > 0
     assert np.abs(one - eight).max() <= LANES_TOLERANCE * np.abs(eight).max()
 

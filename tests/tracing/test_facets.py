@@ -1,6 +1,7 @@
 """Faces that are too coarse for the curved surface that they stand for."""
 
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import trimesh
 import clradar
 from clradar import ClradarWarning, Scene, SimulationSettings, reference
 from clradar.geometry.normals import corner_normals
-from clradar.hand import hand_mesh
+from clradar.hand import HandMesh, hand_mesh
 from clradar.tracing.facets import curved_error_m, facet_sagitta_m, warn_of_coarse_facets
 
 HIGHEST_HZ = 82e9
@@ -44,40 +45,6 @@ def test_sagitta_of_a_sphere_is_that_of_its_chords():
     np.testing.assert_allclose(facet_sagitta_m(mesh.triangles, found), expected, rtol=0.1)
 
 
-def arc(turn_deg: float, radius_m: float = 0.05) -> tuple[np.ndarray, np.ndarray]:
-    """A face of a cylinder whose first edge turns by so much, and its exact normals."""
-    angle = np.radians([-turn_deg / 2, turn_deg / 2, turn_deg / 2])
-    normals = np.stack([np.sin(angle), np.zeros(3), np.cos(angle)], axis=1)
-    return (radius_m * normals + [[0, 0, 0], [0, 0, 0], [0, 0.01, 0]])[None], normals[None]
-
-
-@pytest.mark.parametrize("turn_deg", [4.0, 10.0, 20.0, 30.0])
-def test_what_is_left_of_arcs(turn_deg):
-    """The middle of an edge, where curved points of an arc are the farthest off."""
-    triangle_m, normals = arc(turn_deg)
-    middle = reference.curved_points(triangle_m, normals, np.array([[0.5, 0.5, 0.0]]))[0]
-    expected = 0.05 - np.hypot(middle[0], middle[2])
-    # The next order, which is left out: some t^2 of it.
-    squared = np.radians(turn_deg / 2) ** 2
-    assert curved_error_m(triangle_m, normals)[0] == pytest.approx(expected, rel=2 * squared)
-
-
-def test_what_is_left_of_edges_that_are_bent_to_both_sides():
-    """y = x (x - 1) (2 x - 1) over [0, 1], flattened: its slope at both ends is 1."""
-    flat = 1e-3
-    x = np.array([0.0, 1.0, 1.0])
-    triangle_m = np.stack([x, [0.0, 0.0, 1.0], np.zeros(3)], axis=1)[None]
-    normals = np.tile([-flat, 0.0, 1.0], (3, 1))[None] / np.hypot(1, flat)
-    x = np.linspace(0, 1, 10_001)
-    curve = flat * x * (x - 1) * (2 * x - 1)
-    weight = np.stack([1 - x, x, 0 * x], axis=1)
-    at = reference.curved_points(
-        *(np.repeat(v, len(x), axis=0) for v in (triangle_m, normals)), weight
-    )
-    expected = np.abs(curve - np.interp(x, at[:, 0], at[:, 2])).max()
-    assert curved_error_m(triangle_m, normals)[0] == pytest.approx(expected, rel=1e-3)
-
-
 def test_balls_are_warned_of_where_curved_points_are_off_by_an_eighth_of_the_wavelength():
     """Icospheres of 80 faces whose edges are 0.58 radii: 0.6 % of the radius is left."""
     for radius_m, expected in ((0.12, 0), (0.24, 1)):
@@ -98,21 +65,24 @@ def test_flat_sides_are_not_coarse_however_large():
     corners = [[-0.1, -0.1, 0.3], [0.1, -0.1, 0.3], [0.1, 0.1, 0.3], [-0.1, 0.1, 0.3]]
     assert remarks(Scene(corners, [[0, 1, 2], [0, 2, 3]], 0.5)) == []
     ball = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
-    assert remarks(ball, normals="face") == []
     assert remarks(ball) == []
     (remark,) = remarks(ball, facets="flat")
     assert remark.startswith("simulate: 100 % of the surface are faces too coarse")
 
 
-@pytest.mark.parametrize("pose", ["F", "flat"])
-def test_the_embedded_hand_is_fine_enough(pose):
+@cache
+def hand() -> HandMesh:
+    return hand_mesh("V", edge_length_m=4e-3)
+
+
+def test_the_embedded_hand_is_fine_enough():
     for facets in ("curved", "flat"):
-        assert remarks(Scene.from_mesh(hand_mesh(pose, edge_length_m=4e-3)), facets=facets) == []
+        assert remarks(Scene.from_mesh(hand()), facets=facets) == []
 
 
-def merged_hand(pose: str, cell_m: float) -> Scene:
+def merged_hand(cell_m: float) -> Scene:
     """Vertices of one cell merged into one, as decimation leaves them."""
-    mesh = hand_mesh(pose, edge_length_m=4e-3)
+    mesh = hand()
     _, cell = np.unique(np.floor(mesh.vertices_m / cell_m).astype(int), axis=0, return_inverse=True)
     cell = cell.reshape(-1)
     vertices = np.stack([np.bincount(cell, weights=axis) for axis in mesh.vertices_m.T], axis=1)
@@ -122,17 +92,14 @@ def merged_hand(pose: str, cell_m: float) -> Scene:
 
 
 def test_a_hand_of_a_thousand_vertices_is_not():
-    hand = merged_hand("F", 7e-3)
-    assert 900 < hand.vertices_m.shape[0] < 1300
-    assert len(remarks(hand, facets="flat", crease_deg=180.0)) == 1
-    hand = merged_hand("V", 7e-3)
-    assert 1500 < hand.n_faces < 2500
-    (remark,) = remarks(hand)
+    coarse = merged_hand(7e-3)
+    assert 1500 < coarse.n_faces < 2500
+    assert len(remarks(coarse, facets="flat", crease_deg=180.0)) == 1
+    (remark,) = remarks(coarse)
     assert "edges of less than 70 degrees that stay sharp, beyond crease_deg=30" in remark
     assert "take crease_deg=180 or a finer mesh" in remark
-    assert len(remark) < 300
-    assert remarks(merged_hand("V", 6e-3), crease_deg=180.0) == []
-    assert remarks(hand, normals="face") == []
+    assert remarks(merged_hand(6e-3), crease_deg=180.0) == []
+    assert remarks(coarse, normals="face") == []
 
 
 def test_simulations_warn_at_their_highest_frequency():

@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 import pyopencl as cl
 import pytest
-from scipy.stats import chi2
 from shapes import bowl, plate, random_soup, sphere, with_degenerate
 
 import clradar
@@ -26,9 +25,6 @@ eight roundings of 2^-24 x 0.5 m at most."""
 
 NORMAL_TOLERANCE = 2e-6
 """The same for unit vectors, whose sum may be as short as one half before it is normalised."""
-
-CHI_SQUARE_P = 1e-4
-"""A fixed seed gives one draw; a correct generator fails with this probability when it changes."""
 
 ARRAY = clradar.AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
 
@@ -57,18 +53,6 @@ def sampled(scene, device, **arguments):
     return [np.concatenate(column) for column in zip(*parts, strict=True)]
 
 
-def barycentric(points_m: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
-    """Weights of the corners, shape (n, 3), of points in the plane of their triangle, in
-    float64."""
-    e1, e2 = triangles_m[:, 1] - triangles_m[:, 0], triangles_m[:, 2] - triangles_m[:, 0]
-    to = points_m - triangles_m[:, 0]
-    normal = np.cross(e1, e2)
-    square = (normal**2).sum(axis=1)
-    b1 = (np.cross(to, e2) * normal).sum(axis=1) / square
-    b2 = (np.cross(e1, to) * normal).sum(axis=1) / square
-    return np.stack([1 - b1 - b2, b1, b2], axis=1)
-
-
 MESHES = {
     "plate": plate(0.2, 0.3, 3),
     "bowl": bowl(),
@@ -77,8 +61,7 @@ MESHES = {
 }
 
 
-@pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("seed", [0, 2**64 - 1])
+@pytest.mark.parametrize(("name", "seed"), [*zip(MESHES, [0, 1, 5, 2**64 - 1], strict=True)])
 def test_samples_are_those_of_the_reference(name, seed, device):
     scene = scene_of(MESHES[name])
     arguments = {"samples_per_mm2": 0.05, "seed": seed}
@@ -109,38 +92,7 @@ def test_curved_points_are_those_of_the_reference(name, device):
     assert (np.abs(curved - ground).max() == 0) == (name == "soup")
 
 
-@pytest.mark.parametrize("count", [1, 5, 1000])
-def test_every_face_gets_rays_per_face_samples(count, device):
-    scene = scene_of(MESHES["bowl"])
-    face = sampled(scene, device, rays_per_face=count)[3]
-    np.testing.assert_array_equal(face, np.repeat(np.arange(scene.n_faces), count))
-
-
-def cells_of_triangle(weight: np.ndarray, rows: int) -> np.ndarray:
-    """Cut a triangle in rows^2 equal smaller ones; return in which of them each point is."""
-    cell = np.clip(np.floor(weight * rows).astype(int), 0, rows - 1)
-    a, b = cell[:, 0], cell[:, 1]
-    downwards = cell.sum(axis=1) < rows - 1
-    return (a * rows + b) * 2 + downwards
-
-
-def test_a_single_sample_is_uniform_on_its_face(device):
-    """One sample on each of 20 000 equal faces: nothing is stratified, so counts are binomial."""
-    mesh = plate(0.2, 0.3, 100)
-    scene = scene_of(mesh)
-    points, _, _, face, _ = sampled(scene, device, rays_per_face=1)
-    weight = barycentric(points.astype(float), scene.triangles_m[face])
-    rows = 6
-    counts = np.unique(cells_of_triangle(weight, rows), return_counts=True)[1]
-    assert len(counts) == rows**2
-    expected = len(points) / rows**2
-    statistic = ((counts - expected) ** 2).sum() / expected
-    assert chi2.sf(statistic, rows**2 - 1) > CHI_SQUARE_P
-    # Not too even either: these are random.
-    assert chi2.cdf(statistic, rows**2 - 1) > CHI_SQUARE_P
-
-
-@pytest.mark.parametrize("density", [0.003, 0.1, 1.7, 10.0])
+@pytest.mark.parametrize("density", [0.003, 1.7])
 @pytest.mark.parametrize("name", MESHES)
 def test_counts_are_proportional_to_the_area(name, density):
     scene = scene_of(MESHES[name])
@@ -153,9 +105,7 @@ def test_counts_are_proportional_to_the_area(name, density):
 
 
 def test_a_scene_smaller_than_one_sample_gets_one(device):
-    scene = scene_of(plate(1e-4, 0.3))
-    assert samples_per_face(scene, resolve_settings(samples_per_mm2=0.01)).sum() == 1
-    assert len(sampled(scene, device, samples_per_mm2=0.01)[0]) == 1
+    assert len(sampled(scene_of(plate(1e-4, 0.3)), device, samples_per_mm2=0.01)[0]) == 1
 
 
 @pytest.mark.parametrize("arguments", [{"samples_per_mm2": 0.2}, {"rays_per_face": 3}])
@@ -165,8 +115,7 @@ def test_faces_without_area_get_none(arguments, device):
     area = np.linalg.norm(np.cross(e[:, 1], e[:, 2]), axis=1)
     points, shading, geometric, face, _ = sampled(scene, device, **arguments)
     assert (area[face] > 0).all()
-    for vectors in (points, shading, geometric):
-        assert np.isfinite(vectors).all()
+    assert np.isfinite(points).all()
     for normals in (shading, geometric):
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, atol=NORMAL_TOLERANCE)
 
