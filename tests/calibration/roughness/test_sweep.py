@@ -1,7 +1,6 @@
 """Sweeps over alpha: estimates, shared random numbers, and the same bits after an interruption."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from shapes import plate, sphere
 import clradar
 from calibration import Regions, Sweep, sweep
 from calibration.roughness.alpha import AlphaEstimate, BrightnessMeter, estimate_alpha
-from calibration.roughness.figures import MOST_IMAGES, shown_alphas, sweep_figure
+from calibration.roughness.figures import sweep_figure
 from calibration.roughness.surface_points import surface_points
 from clradar.cli.commands import sweep as command
 from clradar.cli.options import AlphaOptions, RegionOptions
@@ -415,11 +414,3 @@ def test_the_figure_shows_images_and_probabilities(regional):
     shown = [f"\N{GREEK SMALL LETTER ALPHA} = {a:g}" for a in ALPHAS]
     assert titles[:7] == ["Measurement", *shown]
     assert any(title.startswith("probability") for title in titles)
-
-
-def test_at_most_six_images_with_the_nearest_among_them(regional):
-    many = regional.images * 3
-    wide = replace(regional, alphas=np.linspace(0, 1, len(many)), images=many)
-    shown = shown_alphas(wide)
-    assert len(shown) in (MOST_IMAGES - 1, MOST_IMAGES)
-    assert {0, len(many) - 1, wide.nearest} <= set(shown)
