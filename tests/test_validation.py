@@ -101,7 +101,7 @@ def test_corners_by_the_bouncing_tracer():
 
 
 def test_the_mean_field_and_contrast_of_rough_plates():
-    means = [rough.mean_field(g, 16) for g in (0.3, 3.0)]
+    means = [rough.mean_field(g, 10) for g in (0.3, 3.0)]
     check(rough.mean_rows(means) + rough.contrast_rows(means))
 
 

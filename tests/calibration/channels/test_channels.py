@@ -215,7 +215,7 @@ def test_dead_channels_whatever_they_record(level):
 
 
 def test_exact_data_has_no_noisy_channels():
-    truth = instrument(seed=12, array=SMALL)
+    truth = instrument(seed=12, array=SMALL.part(slice(None, None, 2), slice(None, None, 2)))
     found = estimate_channels(truth.record_target(TRUE["sphere"], snr_db=300.0), SAID["sphere"])
     assert found.noisy_tx.size == found.noisy_rx.size == 0
     # complex64 has 6e-8 of the echo in every sample.

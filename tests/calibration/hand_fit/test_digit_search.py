@@ -47,8 +47,8 @@ def bent() -> HandState:
 @pytest.fixture(scope="module")
 def fitter(bent) -> HandFitter:
     """On the picture that the rendering itself has of the hand with the bent finger."""
-    axis_m = np.arange(-55, 56) * 2e-3
-    blank = DepthMap(np.full((111, 111), 0.3), np.ones((111, 111)), axis_m, axis_m, 20.0)
+    axis_m = np.arange(-37, 38) * 3e-3
+    blank = DepthMap(np.full((75, 75), 0.3), np.ones((75, 75)), axis_m, axis_m, 20.0)
     picture = fitter_on(blank, levels=LEVELS).picture(FINE)
     picture.draw_surface(bent, seed=7)
     power, range_m = picture.render(bent, initial_log_brightness())

@@ -35,7 +35,7 @@ def test_a_frame_is_followed_from_the_one_before():
         0, 0, 0.0, "right", before, joints_m, initial_log_brightness(), belief, np.eye(4), 0.125,
         (1.0,),
     )  # fmt: skip
-    found = follower.follow(rendered_depth(model, now), track, FRAME_S)
+    found = follower.follow(rendered_depth(model, now, 3e-3), track, FRAME_S)
     tips = list(TIPS)
     assert np.linalg.norm(found.joints_m - true_m, axis=1)[tips].max() < 2e-3
     # The tip of the index, which bends.
