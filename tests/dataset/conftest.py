@@ -1,11 +1,7 @@
 """Data sets that several tests read, and copies that a test may damage."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import faulty_samples
 import pytest
@@ -15,7 +11,7 @@ from clradar.dataset import contact_sheet, run, runs
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory):
     """The data set of `PLAN`, whole; not to be changed."""
     folder = tmp_path_factory.mktemp("dataset") / "made"
     result = run(PLAN, folder, device=DEVICE)
@@ -23,14 +19,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def copy(made: Path, tmp_path: Path) -> Path:
-    """A copy of `made`."""
-    return Path(shutil.copytree(made, tmp_path / "copy"))
-
-
 @pytest.fixture(scope="module")
-def quick_runs() -> Iterator[None]:
+def quick_runs():
     """Have runs make each sample once, and write a word for the contact sheet."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runs, "make_sample", faulty_samples.make_once)
@@ -40,7 +30,7 @@ def quick_runs() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def light(quick_runs: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def light(quick_runs, tmp_path_factory):
     """The data set of `LIGHT`, whole; not to be changed."""
     folder = tmp_path_factory.mktemp("dataset") / "light"
     run(LIGHT, folder, device=DEVICE)
@@ -48,12 +38,12 @@ def light(quick_runs: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def faults() -> Iterator[Any]:
+def faults():
     """Say which samples fail; of this process and of the cluster's."""
     with faulty_samples.faults({}) as plan_faults:
         yield plan_faults
 
 
 @pytest.fixture
-def light_copy(light: Path, tmp_path: Path) -> Path:
+def light_copy(light, tmp_path):
     return Path(shutil.copytree(light, tmp_path / "copy"))

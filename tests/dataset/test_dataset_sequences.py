@@ -1,9 +1,6 @@
 """Data sets of moving hands: consecutive samples are the frames of a sequence."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +18,7 @@ from clradar.hand import JOINT_NAMES
 MOVEMENT = {"frames": 3, "rate_hz": 10, "z_mm": 30, "rotation_y_deg": {"uniform": [10, 20]}}
 
 
-def plan(
-    *, step_us: float = 2.5, products: Sequence[str] = ("capture",), **tables: object
-) -> clradar.dataset.Plan:
+def plan(*, step_us=2.5, products=("capture",), **tables):
     noiseless = {} if "capture" in products else {"impairments": None}
     given = {
         "samples": 6,
@@ -33,7 +28,7 @@ def plan(
     return plan_from(tiny(**{**given, **noiseless, **tables}), "plan.toml", Path())
 
 
-def test_frames_share_the_draws_of_their_sequence() -> None:
+def test_frames_share_the_draws_of_their_sequence():
     found = plan()
     assert plan_from(plan_record(found), "manifest", Path()) == found
     frames = [SamplePlan(found, i) for i in range(6)]
@@ -49,7 +44,6 @@ def test_frames_share_the_draws_of_their_sequence() -> None:
     hand = moving_hand(frames[4])
     moved_m = hand.transform(0.2)[:3, 3] - hand.transform(0.0)[:3, 3]
     assert moved_m[2] == pytest.approx(0.03, abs=0.03)
-    assert hand.motion is not None
     about = (*frames[4].plan.placement.metres, 1.0)
     assert hand.motion.at(0.2) @ about == pytest.approx(np.add(about, (0, 0, 0.03, 0)))
     # The label is the pose in the middle of the sweep.
@@ -61,7 +55,7 @@ def test_frames_share_the_draws_of_their_sequence() -> None:
 
 
 @pytest.mark.usefixtures("quick_runs")
-def test_frames_are_read_along_an_axis_of_their_own(tmp_path: Path) -> None:
+def test_frames_are_read_along_an_axis_of_their_own(tmp_path):
     run(plan(products=["joints", "mesh"]), tmp_path / "moving", device=DEVICE)
     assert check_dataset(tmp_path / "moving").problems == ()
     flat = open_dataset(tmp_path / "moving")
@@ -73,7 +67,7 @@ def test_frames_are_read_along_an_axis_of_their_own(tmp_path: Path) -> None:
     assert np.array_equal(view.joints.sel(sequence=1, frame=2), flat.joints[5])
 
 
-def test_a_frame_is_the_moving_hand_at_its_time() -> None:
+def test_a_frame_is_the_moving_hand_at_its_time():
     few = plan(radar={"every": 24, "steps": 4}, products=["capture"], impairments=None, step_us=20)
     frame = SamplePlan(few, 1)
     made = make_sample(frame.record, DEVICE).arrays["capture"]

@@ -60,7 +60,7 @@ def test_of_two_that_find_a_name_free_one_has_it(tmp_path, monkeypatch, links):
     assert sorted(os.listdir(tmp_path)) == ["a", "b"]
 
 
-@pytest.mark.parametrize("name", ["missing/a", "folder", "nul\0byte", "a" * 300])
+@pytest.mark.parametrize("name", ["missing/a", "folder", "nul\0byte"])
 def test_names_that_cannot_be_written(tmp_path, name):
     (tmp_path / "folder").mkdir()
     with pytest.raises(OutputError) as info:
@@ -74,7 +74,7 @@ def test_a_failed_write_leaves_what_was_there(tmp_path, monkeypatch, error):
     target = tmp_path / "a"
     target.write_bytes(b"precious")
 
-    def full(_: int) -> None:
+    def full(_):
         raise error
 
     monkeypatch.setattr(os, "fsync", full)
@@ -95,7 +95,7 @@ def test_folders_are_swapped_and_come_back_after_a_failure(tmp_path, monkeypatch
             swap_folder(temporary / "new", target, temporary / "old")
         assert (target / "file").read_text() == content
 
-    def interrupted(*_: object) -> None:
+    def interrupted(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(atomic, "move_folder", interrupted)

@@ -9,7 +9,6 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import maroon_files
@@ -44,23 +43,23 @@ unit = "Hz"
 
 
 class Evil:
-    def __init__(self, call: Any, *arguments: Any) -> None:
+    def __init__(self, call, *arguments):
         self._reduced = call, arguments
 
-    def __reduce__(self) -> Any:
+    def __reduce__(self):
         return self._reduced
 
 
-def frame(content: bytes) -> bytes:
+def frame(content):
     return maroon_files.npy(content)
 
 
-def header(shape: Any, descr: str = "<c8") -> bytes:
+def header(shape, descr="<c8"):
     text = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}".encode()
     return b"\x93NUMPY\1\0" + struct.pack("<H", len(text)) + text
 
 
-def sparse(path: Path, start: bytes, size: int = 2**40) -> None:
+def sparse(path, start, size=2**40):
     path.write_bytes(start)
     os.truncate(path, size)
 
@@ -68,19 +67,19 @@ def sparse(path: Path, start: bytes, size: int = 2**40) -> None:
 PICKLED = np.array([Evil(os.system, "touch owned")], object)
 
 
-def zip_of(path: Path, content: bytes, count: int = 1) -> None:
+def zip_of(path, content, count=1):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for i in range(count):
             archive.writestr(f"data{i or ''}.npy", content)
 
 
-def unbacked(path: Path) -> None:
+def unbacked(path):
     with h5py.File(path, "w") as file:
         file.create_dataset("data", (94, 94, 2**40), np.complex64, chunks=(1, 1, 2**20))
 
 
-def mat5(shape: tuple[int, ...], content: bytes, *, deflated: bool = False) -> bytes:
-    def element(kind: int, body: bytes) -> bytes:
+def mat5(shape, content, *, deflated=False):
+    def element(kind, body):
         return struct.pack("<II", kind, len(body)) + body + bytes(-len(body) % 8)
 
     inner = element(6, struct.pack("<II", 6, 0))
@@ -93,7 +92,7 @@ def mat5(shape: tuple[int, ...], content: bytes, *, deflated: bool = False) -> b
     return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + whole
 
 
-def gltf(**changes: Any) -> bytes:
+def gltf(**changes):
     tree = {
         "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
@@ -104,8 +103,8 @@ def gltf(**changes: Any) -> bytes:
     return json.dumps({**tree, **changes}).encode()
 
 
-def png(width: int, height: int, size: int) -> bytes:
-    def chunk(name: bytes, body: bytes) -> bytes:
+def png(width, height, size):
+    def chunk(name, body):
         return (
             struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
         )
@@ -115,14 +114,22 @@ def png(width: int, height: int, size: int) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", start) + data + chunk(b"IEND", b"")
 
 
-def nested_tuples(depth: int) -> bytes:
+FLOAT64 = b"cnumpy\ndtype\nU\x02f8K\x00K\x01\x87R(K\x03U\x01<NNN"
+FLOAT64 += 2 * b"J\xff\xff\xff\xff" + b"K\x00tb"
+EMPTY = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85U\x01b\x87R"
+STATE = EMPTY + b"(K\x01" + 2 * b"J\x40\x42\x0f\x00" + b"\x86" + FLOAT64 + b"\x89U\x00tb."
+BUFFER = b"cnumpy.core.numeric\n_frombuffer\n(C\x01x" + FLOAT64 + b"J\0\0\0\x40\x85X\x01\0\0\0CtR."
+
+
+def nested_tuples(depth):
     return b"\x80\x02}" + b")" + b"\x85" * depth + b"K\x01s."
 
 
 CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "os.system": ("frame.npy", frame(pickle.dumps(Evil(os.system, "touch owned")))),
     "bytes of 2^62": ("frame.npy", frame(b"\x80\x04\x8e" + b"\xff" * 7 + b"\x3f.")),
-    "text of 2^62": ("frame.npy", frame(b"\x80\x04\x8d" + b"\xff" * 7 + b"\x3f.")),
+    "8 TB by a state": ("frame.npy", frame(b"\x80\x05" + STATE)),
+    "8 GB by a buffer": ("frame.npy", frame(b"\x80\x05" + BUFFER)),
     "deep keys": ("frame.npy", frame(nested_tuples(10**6))),
     "keys that take for ever": ("frame.npy", frame(b"\x80\x02}K\x01" + b"".join(
         b"q%ch%c\x86" % (i, i) for i in range(60)) + b"K\x01s.")),
@@ -144,7 +151,6 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "vertices of 2^40": ("mesh.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex "
                          b"1099511627776\nproperty float x\nproperty float y\nproperty float z\n"
                          b"element face 0\nproperty list uchar int vertex_indices\nend_header\n"),
-    "triangles of 2^32": ("mesh.stl", bytes(80) + b"\xff\xff\xff\xff" + bytes(50)),
     "a sparse mesh": ("mesh.stl", lambda path: sparse(path, bytes(80) + b"\xff\xff\xff\xff")),
     "deep JSON": ("mesh.gltf", b'{"asset": ' + b"[" * 10**6 + b"]" * 10**6 + b"}"),
     "numbers of 2^40": ("mesh.gltf", gltf(accessors=[
@@ -162,15 +168,15 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
 }  # fmt: skip
 CRAFTED |= {
     f"a pipe for {name}": (name, os.mkfifo)
-    for name in ("frame.npy", "mesh.ply", "hand.pkl", "depth.png", "layout.toml")
+    for name in ("frame.npy", "mesh.ply", "hand.pkl", "depth.png")
 }
 CRAFTED |= {
     f"a device for {name}": (name, lambda path: os.symlink("/dev/zero", path))
-    for name in ("frame.npy", "lab.h5", "mesh.ply", "hand.glb", "transform.json")
+    for name in ("frame.npy", "lab.h5", "transform.json")
 }
 
 
-def read(path: Path) -> object:
+def read(path):
     kind = path.stem
     if kind == "mesh":
         return clradar.Scene.from_mesh(path)
@@ -192,7 +198,7 @@ def read(path: Path) -> object:
     return measurement_io.open_capture(path)
 
 
-def processor_s() -> float:
+def processor_s():
     return sum(os.times()[:4])
 
 

@@ -1,6 +1,5 @@
 """OBJ and glTF: as trimesh reads them by itself, and files that lie or overwhelm."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from clradar.errors import MeshError
 from clradar.files.meshes import trimesh_parts
 
 
-def triangles_by_trimesh(path: Path) -> tuple[np.ndarray, list[str]]:
+def triangles_by_trimesh(path):
     options = {"split_objects": True, "split_groups": True} if path.suffix == ".obj" else {}
     scene = trimesh.load_scene(path, process=False, **options)
     found, names = [], []
@@ -28,13 +27,8 @@ def triangles_by_trimesh(path: Path) -> tuple[np.ndarray, list[str]]:
 
 
 OBJ = {
-    "triangles": "f 1 2 3\nf 1 2 4\n",
-    "quadrilaterals": "f 1 2 3 4\nf 2 3 4 1\nf 3 1 2 4\n",
-    "a pentagon": "f 1 2 3 4 1\nf 2 3 4 1 2\n",
     "mixed polygons": "f 1 2 3 4 2\nf 1 2 3\nf 1 2 3 4\nf 4 3 2\n",
     "textures": "vt 0 0\nf 1/1 2/1 3/1\nf 1/1 2/1 4/1\n",
-    "normals": "vn 0 0 1\nf 1//1 2//1 3//1\nf 2//1 3//1 4//1\n",
-    "both": "vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nf 2/1/1 3/1/1 4/1/1\n",
     "in several ways": "vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nf 2//1 3//1 4//1\nf 1 2 4\n",
     "from the end": "f -4 -3 -2\nf -1 -2 -3\n",
     "objects and groups": "o a\nf 1 2 3\ng x\nf 2 3 4\no b\nf 1 3 4\no a\nf 1 2 4\n",
@@ -72,7 +66,7 @@ def test_what_obj_files_may_hold_besides(tmp_path, text):
     assert scene.part_names == ("mesh.obj",)
 
 
-def written(folder: Path, **changes: Any) -> Path:
+def written(folder, **changes):
     path = folder / "mesh.glb"
     path.write_bytes(glb(tetrahedron(**changes)))
     return path
@@ -118,7 +112,7 @@ def test_a_node_of_gltf_may_have_a_camera_and_a_mesh(tmp_path):
 # ---- what is refused
 
 
-def refused(path: Path, *texts: str) -> None:
+def refused(path, *texts):
     with pytest.raises(MeshError) as caught:
         Scene.from_mesh(path)
     message = str(caught.value)
@@ -129,7 +123,7 @@ def refused(path: Path, *texts: str) -> None:
 
 
 def test_a_chain_of_nodes_is_refused_before_trimesh_walks_it(tmp_path):
-    def chain(count: int) -> Path:
+    def chain(count):
         nodes = [{"children": [i + 1]} for i in range(count - 1)]
         return written(tmp_path, nodes=[*nodes, {"mesh": 0}])
 
@@ -141,7 +135,6 @@ def test_a_chain_of_nodes_is_refused_before_trimesh_walks_it(tmp_path):
     ("name", "most", "text"),
     [
         ("MAX_MESH_FACES", 39, "at most 39 triangles.*simplify or join.*got 40"),
-        ("MAX_MESH_VERTICES", 39, "at most 39 vertices.*got 40"),
         ("MAX_MESH_PARTS", 9, "at most 9 parts.*got 10"),
     ],
 )
@@ -155,7 +148,7 @@ def test_instances_are_counted_before_they_are_made(tmp_path, monkeypatch, name,
         trimesh_parts.parts_of(str(path), scene, limited=True)
 
 
-@pytest.mark.parametrize("name", ["mesh.zip", "mesh.tar.gz", "mesh.bz2", "mesh.dxf", "mesh"])
+@pytest.mark.parametrize("name", ["mesh.zip", "mesh.dxf", "mesh"])
 def test_archives_and_other_formats_are_refused_unread(tmp_path, name):
     path = tmp_path / name
     path.write_bytes(b"PK\x03\x04")

@@ -7,7 +7,7 @@ from clradar.files import watched_folder
 from clradar.files.watched_folder import RECHECKED, WatchedFolder
 
 
-def names(folder: WatchedFolder) -> list[str]:
+def names(folder):
     return [path.name for path in folder.changes()]
 
 

@@ -86,7 +86,7 @@ class Target:
     format: Format = field(default_factory=Format)
     around: Callable[[], dict[str, bytes]] = dict
     error: type[Exception] = MeasurementError
-    short_run: int = 100
+    short_run: int = 40
     processor_limit_s: float = 10.0
     resident_limit_bytes: int = 10**9
 
@@ -127,7 +127,7 @@ def _and_check(opener: Callable[[Path], object], path: Path) -> object:
 
 
 def _native(name: str, native_seeds: Seeds, opener: Callable[[Path], object], kind: type) -> Target:
-    return Target(name, native_seeds, partial(_and_check, opener), kind, _HDF5, short_run=40)
+    return Target(name, native_seeds, partial(_and_check, opener), kind, _HDF5)
 
 
 def _with_layout(path: Path) -> object:
@@ -135,21 +135,21 @@ def _with_layout(path: Path) -> object:
     return open_with_layout(path, path.with_name("lab.toml"))
 
 
-def _lab(*kinds: str, form: Format = Format(), short_run: int = 100) -> Target:
+def _lab(*kinds: str, form: Format = Format()) -> Target:
     files = partial(seeds.containers, *kinds)
     around = partial(dict, {"lab.toml": seeds.LAYOUT})
-    return Target("lab.bin", files, _with_layout, Capture, form, around, short_run=short_run)
+    return Target("lab.bin", files, _with_layout, Capture, form, around)
 
 
 def _mesh(ending: str, form: Format) -> Target:
     files = partial(seeds.named_meshes, ending)
-    few = {"error": MeshError, "short_run": 30}
+    few = {"error": MeshError, "short_run": 20}
     return Target(f"mesh.{ending}", files, Scene.from_mesh, Scene, form, **few)
 
 
 def _rig(name: str, rig_seeds: Seeds, form: Format) -> Target:
     read = partial(read_rig, handedness="right", unit="m")
-    return Target(name, rig_seeds, read, Rig, form, error=RigError, short_run=30)
+    return Target(name, rig_seeds, read, Rig, form, error=RigError, short_run=15)
 
 
 def _manifest(path: Path) -> object:
@@ -172,7 +172,7 @@ TARGETS = {
         "channels.h5", seeds.native_channels, open_channels, ChannelCalibration
     ),
     "lab_npz": _lab("npz", "npz deflated", form=_ZIP),
-    "lab_hdf5": _lab("hdf5", "hdf5 gzip", "hdf5 lzf", "mat v7.3", form=_HDF5, short_run=40),
+    "lab_hdf5": _lab("hdf5", "hdf5 gzip", "hdf5 lzf", "mat v7.3", form=_HDF5),
     "lab_mat": _lab("mat v5", "mat v5 deflated"),
     "calibration_json": Target(
         f"{seeds.RADAR}/calibration.json", seeds.calibrations, lambda path: describe(path.parent),

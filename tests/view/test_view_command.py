@@ -51,11 +51,9 @@ def test_truth_of_a_recording_is_drawn_as_far_as_it_can_be_read(tmp_path, frames
     (tmp_path / "plate/30/truth").mkdir()
     (tmp_path / "plate/30/truth/truth.json").write_text(json.dumps({"frames": frames or made}))
     truth_of = recording_truth(tmp_path / "plate/30", "frame {}".format)
-    assert truth_of is not None
     assert truth_of(0) is None
     if frames is None:
         truth = truth_of(1)
-        assert truth is not None
         assert truth.lines == ("pose A", "pose B", "plate at (0.0, 0.0, 0.0) mm")
         np.testing.assert_array_equal(truth.joints_m[24:27, 2], [0.3, np.nan, 0.3])
 
@@ -68,7 +66,7 @@ def test_without_viser_the_error_says_what_to_install(monkeypatch):
 
 
 def test_the_address_is_of_this_machine_alone(monkeypatch):
-    def nameless() -> str:
+    def nameless():
         raise KeyError("getpwuid(): uid not found: 4711")
 
     monkeypatch.setattr("getpass.getuser", nameless)
@@ -87,7 +85,6 @@ def test_it_ends_cleanly(tmp_path, number):
     with subprocess.Popen(
         [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
         assert process.stdout.readline().startswith("http://127.0.0.1:")
         assert process.stdout.readline().startswith("from another machine: ssh -L ")
         process.send_signal(number)

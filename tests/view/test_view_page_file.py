@@ -2,7 +2,6 @@
 
 import base64
 import io
-from pathlib import Path
 
 import chromium
 import numpy as np
@@ -23,7 +22,7 @@ SIDE = slice(150, 600), slice(20, 780)
 """Rows and columns of the scene between the browser's notices and viser's controls."""
 
 
-def volumes(folder: Path) -> Path:
+def volumes(folder):
     """A folder of three volumes with a bright voxel from left to right; the second is damaged."""
     folder.mkdir()
     grid = clradar.VoxelGrid(np.array([-0.1, -0.1, 0.26]), np.full(3, 0.02), (11, 11, 5))

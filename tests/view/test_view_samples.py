@@ -1,9 +1,5 @@
 """Data sets in the live view: an index of thousands, one sample read at a time, its truth."""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from dataset_plans import plan_of
@@ -23,7 +19,7 @@ from clradar.view.sources import open_source
 DEPTH_M = 0.31
 
 
-def arrays_of(made: dict[str, Any], products: Sequence[str]) -> dict[str, np.ndarray]:
+def arrays_of(made, products):
     """Products of a sample that is bright in one pixel, by its number."""
     ny, nx = read_recipe(made).plan.image.grid.shape[1:]
     depth = np.full((ny, nx), np.nan, np.float32)
@@ -42,7 +38,7 @@ def arrays_of(made: dict[str, Any], products: Sequence[str]) -> dict[str, np.nda
     return {name: array for name, array in found.items() if name.partition("_")[0] in products}
 
 
-def data_set(folder: Path, *products: str, count: int = 12, size: int = 5) -> Path:
+def data_set(folder, *products, count=12, size=5):
     """Write a data set in shards; of sample 6 it is told why there is none."""
     plan = plan_of(
         samples=count,
@@ -62,7 +58,7 @@ def data_set(folder: Path, *products: str, count: int = 12, size: int = 5) -> Pa
 
 
 @pytest.fixture(scope="module")
-def letters(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def letters(tmp_path_factory):
     return data_set(tmp_path_factory.mktemp("view") / "letters", "joints", "mesh")
 
 
@@ -70,13 +66,12 @@ def test_samples_are_read_when_they_are_looked_at(letters, monkeypatch):
     read: list[tuple[str, int]] = []
     read_sample = samples.read_sample
 
-    def counted(path: Path, sample: int, plan: Any) -> Any:
+    def counted(path, sample, plan):
         read.append((path.name, sample))
         return read_sample(path, sample, plan)
 
     monkeypatch.setattr(samples, "read_sample", counted)
     source = open_source(letters)
-    assert isinstance(source, SampleFrames)
     assert source.frames() == (0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11)
     source.choose(pose="B")
     source.choose()
@@ -110,7 +105,6 @@ def test_captures_are_there_to_be_imaged(tmp_path):
     folder = data_set(tmp_path / "captures", "capture", count=2, size=1)
     capture = SampleFrames(folder).read(1)
     assert isinstance(capture, clradar.Capture)
-    assert capture.data.shape == (12, 12, 16)
     assert capture.data[0, 0, 0] == 2.0
 
 
@@ -118,9 +112,7 @@ def test_the_truth_is_that_of_the_recipe(letters):
     source = SampleFrames(letters)
     truth = source.truth(4)
     made = SamplePlan(samples.read_manifest(letters).plan, 4)
-    assert truth.vertices_m is not None
     assert truth.vertices_m.shape == (3, 3)
-    assert truth.joints_m is not None
     assert truth.joints_m.shape == (25, 3)
     assert truth.lines[0] == f"pose {made.pose.name}, {made.plan.hands.handedness} hand"
     assert f"palm {made.plan.alpha.of_parts['palm']:.2f}" in truth.lines[-1]
@@ -143,7 +135,6 @@ def test_a_data_set_that_is_written_is_followed(tmp_path):
     content = third.read_bytes()
     third.unlink()
     source = open_source(folder, watch=True)
-    assert isinstance(source, SampleFrames)
     source.choose(pose="F")
     assert source.frames() == ()
     assert not source.look()

@@ -42,7 +42,7 @@ def test_an_image_is_formed_once_and_the_dynamic_range_forms_none():
 
 
 def test_a_frame_that_cannot_be_read_is_said_and_the_next_one_is_shown():
-    def read(frame: int) -> clradar.Capture:
+    def read(frame):
         if frame == 2:
             raise MeasurementError("000002.npy: expected a frame, got noise")
         return capture()
@@ -74,10 +74,10 @@ def test_playing_waits_for_every_frame_and_stops(monkeypatch):
     class Steps:
         events: tuple[str, ...] = ()
 
-        def step(self, by: int) -> None:
+        def step(self, by):
             self.events += ("step",)
 
-        def settle(self) -> None:
+        def settle(self):
             self.events += ("settle",)
             if len(self.events) >= 8:
                 enough.set()
@@ -99,21 +99,21 @@ class Following:
     comes = True
     there: tuple[int, ...] = ()
 
-    def frames(self) -> tuple[int, ...]:
+    def frames(self):
         return self.there
 
-    def label(self, frame: int) -> str:
+    def label(self, frame):
         return f"frame {frame}"
 
-    def read(self, frame: int) -> clradar.Capture:
+    def read(self, frame):
         return capture()
 
-    def look(self) -> bool:
+    def look(self):
         if self.comes:
             self.there += (len(self.there),)
         return self.comes
 
-    def came_s(self, frame: int) -> float:
+    def came_s(self, frame):
         return 0.0
 
 
@@ -141,7 +141,7 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by
     made: list[float | None] = []
 
     class Imager(FrameImager):
-        def __init__(self, *args: Any, **kwargs: Any) -> None:
+        def __init__(self, *args, **kwargs):
             made.append(kwargs["tolerance_db"])
             super().__init__(*args, **kwargs)
 
@@ -150,7 +150,7 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by
     with session_of(source, Wish(frame=-1, grid=GRID)) as (session, front):
         player = front.plays(session, source)
 
-        def look() -> None:
+        def look():
             player.look(source)
             session.settle()
 
@@ -210,7 +210,7 @@ def test_a_recording_of_as_many_frames_goes_along():
 def test_a_mesh_is_simulated_once_for_each_alpha_and_material(monkeypatch):
     asked: list[tuple[Any, ...]] = []
 
-    def simulate(scene: clradar.Scene, *_: Any, estimator: Any, **more: Any) -> clradar.Capture:
+    def simulate(scene, *_, estimator, **more):
         if float(scene.alpha[0]) == 0.9:
             raise clradar.errors.DeviceError("out of memory")
         asked.append((float(scene.alpha[0]), scene.materials[0].name, estimator))

@@ -4,7 +4,6 @@ import re
 import struct
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
@@ -17,16 +16,16 @@ from systems import linux_only
 import clradar
 from clradar.errors import MeasurementError
 from clradar.files.confined import process
-from measurement_io import check_file, describe, open_capture, save_capture
+from measurement_io import check_file, open_capture, save_capture
 from measurement_io.confined import reading as confined
 
-READERS = (open_capture, describe, check_file)
+READERS = (open_capture, check_file)
 _FOREIGN_FILTER = 32013
 """A registered filter (ZFP) that neither HDF5 nor h5py brings along."""
 
 
 @pytest.fixture
-def capture() -> clradar.Capture:
+def capture():
     rng = np.random.default_rng(0)
     data = (rng.normal(size=(3, 2, 5)) + 1j * rng.normal(size=(3, 2, 5))).astype(np.complex64)
     array = clradar.AntennaArray(rng.normal(size=(3, 3)), rng.normal(size=(2, 3)), "lab")
@@ -34,7 +33,7 @@ def capture() -> clradar.Capture:
 
 
 @pytest.fixture
-def path(tmp_path, capture, monkeypatch) -> Path:
+def path(tmp_path, capture, monkeypatch):
     """A capture, and next to it a folder with what it must not open."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
@@ -45,18 +44,18 @@ def path(tmp_path, capture, monkeypatch) -> Path:
 
 
 @pytest.fixture
-def watch(path) -> Iterator[OpenedFiles]:
+def watch(path):
     opened = OpenedFiles(path.parent / "out")
     yield opened
     opened.close()
 
 
-def change(path: Path, action: Callable[[h5py.File], None]) -> None:
+def change(path, action):
     with h5py.File(path, "r+") as file:
         action(file)
 
 
-def outcomes(path: Path) -> list[str]:
+def outcomes(path):
     """The outcome of each reader; an error has to name the file on one line."""
     found = []
     for reader in READERS:
@@ -71,27 +70,27 @@ def outcomes(path: Path) -> list[str]:
     return found
 
 
-def hide_data(file: h5py.File) -> h5py.Group:
+def hide_data(file):
     file.move("entry/data/data", "hidden")
     return file["entry/data"]
 
 
-def external_link(file: h5py.File) -> None:
+def external_link(file):
     hide_data(file)["data"] = h5py.ExternalLink("out/other.h5", "/entry/data/data")
 
 
-def external_storage(file: h5py.File) -> None:
+def external_storage(file):
     storage = [("out/secret.raw", 0, h5py.h5f.UNLIMITED)]
     hide_data(file).create_dataset("data", (3, 2, 5), "c8", external=storage)
 
 
-def virtual_dataset(file: h5py.File) -> None:
+def virtual_dataset(file):
     layout = h5py.VirtualLayout((3, 2, 5), np.complex64)
     layout[...] = h5py.VirtualSource("out/other.h5", "/entry/data/data", (3, 2, 5))
     hide_data(file).create_virtual_dataset("data", layout)
 
 
-def read_all(path: Path) -> None:
+def read_all(path):
     """What a reader does that trusts the file."""
     with h5py.File(path) as file:
         file["entry/data/data"][()]
@@ -108,8 +107,7 @@ def test_nothing_else_is_opened(path, watch, action):
     found = outcomes(path)
     assert watch.names() == set()
     assert "expected" in found[0]
-    assert "expected" in found[1]
-    assert "problem" in found[2]
+    assert "problem" in found[1]
 
 
 def test_the_kernel_would_stop_what_the_checks_let_through(path, watch):

@@ -1,7 +1,6 @@
 """Exported files, opened by the programs that they are for."""
 
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,21 +15,21 @@ META = {"seed": 7, "note": "läb <1>"}
 RNG = np.random.default_rng(0)
 
 
-def noise(*shape: int) -> np.ndarray:
+def noise(*shape):
     return (RNG.normal(size=shape) + 1j * RNG.normal(size=shape)).astype(np.complex64)
 
 
-def capture() -> clradar.Capture:
+def capture():
     array = clradar.AntennaArray(RNG.normal(size=(3, 3)), RNG.normal(size=(2, 3)), "läb 1")
     return clradar.Capture(noise(3, 2, 5), array, clradar.Waveform.sfcw(72e9, 82e9, 5), META)
 
 
-def volume(counts: tuple[int, int, int] = (4, 3, 5)) -> clradar.Volume:
+def volume(counts=(4, 3, 5)):
     grid = clradar.VoxelGrid([-0.02, 1 / 30, 0.3], [1e-3, 2e-3, 0.7e-3], counts)
     return clradar.Volume(noise(*grid.shape), grid, META)
 
 
-def depth(depth_m: Any) -> clradar.DepthMap:
+def depth(depth_m):
     """Pixels of 1 mm by 2 mm; the amplitude falls by a factor of two from pixel to pixel."""
     depth_m = np.asarray(depth_m, float)
     rows, columns = depth_m.shape
@@ -43,7 +42,7 @@ def depth(depth_m: Any) -> clradar.DepthMap:
 RECORDS = {"capture": capture(), "volume": volume(), "depth": volume().depth_map()}
 
 
-@pytest.mark.parametrize("counts", [(4, 3, 5), (1, 7, 2), (1, 1, 1)])
+@pytest.mark.parametrize("counts", [(4, 3, 5), (1, 1, 1)])
 def test_image_data_for_paraview(tmp_path, counts):
     # VTK 9.7.2 itself, of 140 MB, read the same by hand.
     vtkio = pytest.importorskip("vtkio.reader", reason="needs pip install '.[vtk]'")
@@ -91,7 +90,7 @@ def test_a_surface_of_a_row_is_points(tmp_path):
     assert not (tmp_path / "e.ply").exists()
 
 
-def contents(record: Any) -> dict[str, Any]:
+def contents(record):
     if isinstance(record, clradar.Capture):
         axes = {"frequency_hz": record.waveform.frequencies_hz}
         positions = {"tx_m": record.array.tx_m, "rx_m": record.array.rx_m}

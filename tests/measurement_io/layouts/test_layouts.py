@@ -2,7 +2,6 @@
 
 import io
 import zipfile
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -29,7 +28,7 @@ FREQUENCY = '[frequency]\nkey = "f"\nunit = "Hz"\n'
 PLAIN = DATA + SIDES + METRES + FREQUENCY
 
 
-def edited(*edits: tuple[str, str]) -> str:
+def edited(*edits):
     """The plain layout with other words in place of some."""
     text = PLAIN
     for old, new in edits:
@@ -38,7 +37,7 @@ def edited(*edits: tuple[str, str]) -> str:
     return text
 
 
-def tree_of(capture: clradar.Capture, **changes: Any) -> dict[str, Any]:
+def tree_of(capture, **changes):
     sides = {"tx": capture.array.tx_m, "rx": capture.array.rx_m}
     return {"data": capture.data, **sides, "f": capture.waveform.frequencies_hz, **changes}
 
@@ -80,7 +79,7 @@ def test_every_container(tmp_path, container):
 # ---- what a layout describes
 
 
-def compound(real: str, imag: str, kind: str) -> np.ndarray:
+def compound(real, imag, kind):
     """Samples as pairs, the field that is first in the alphabet of "IQ" and "imag" first."""
     names = (imag, real) if real == "real" else (real, imag)
     data = np.empty(SAMPLES.shape, [(name, kind) for name in names])
@@ -106,7 +105,7 @@ STEPS = {"first": 72e9, "step": np.array([2e9]), "n": np.int16(6), "f_ghz": F_GH
 Case = tuple[str, dict[str, Any], clradar.Capture]
 
 
-def cases() -> Iterator[tuple[str, Case]]:
+def cases():
     """Layouts by name, what the file then holds, and the capture that it stands for."""
     for order, data in (("tx_major", SAMPLES), ("rx_major", SAMPLES.transpose(1, 0, 2))):
         pairs = np.array(data).reshape(-1, 6).T
@@ -148,17 +147,17 @@ def test_the_capture_is_what_the_layout_describes(tmp_path, text, changes, want)
         assert read.meta["frequencies_reversed"] is reversed_
 
 
-@pytest.mark.parametrize("fields", ["r i", "Real Imag", "re im", "I Q", "real imag"])
-@pytest.mark.parametrize("kind", ["<f4", ">f8"])
-def test_compound_types(tmp_path, fields, kind):
-    data = compound(*fields.split(), kind)
-    for container in ("npz", "hdf5", "hdf5 gzip"):
-        path = write(container, tmp_path / container, tree_of(CAPTURE, data=data))
+@pytest.mark.parametrize("fields", ["r i <f4", "Real Imag >f8", "I Q >f4", "real imag <f8"])
+def test_compound_types(tmp_path, fields):
+    tree = tree_of(CAPTURE, data=compound(*fields.split()))
+    for container in ("npz", "hdf5 gzip"):
+        path = write(container, tmp_path / container, tree)
         assert same_capture(open_with_layout(path, layout(tmp_path, PLAIN)), CAPTURE)
 
 
-@pytest.mark.parametrize("container", ["npz", "hdf5 gzip", "mat v5", "mat v7.3"])
-@pytest.mark.parametrize("at", [0, 3])
+@pytest.mark.parametrize(
+    ("at", "container"), [(0, "npz"), (3, "hdf5 gzip"), (0, "mat v5"), (3, "mat v7.3")]
+)
 def test_frames_and_picked_axes(tmp_path, container, at):
     stack = np.stack([np.stack([k * SAMPLES, -k * SAMPLES]) for k in (1, 2, 3)])
     names = ["polarisation", "tx", "rx", "freq"]
@@ -227,33 +226,26 @@ LAST = np.arange(120).reshape(5, 4, 6) == 119
 HERTZ = F_GHZ * 1e9
 UNFIT = [
     ({"f": [72e9, 74e9, 73e9, 75e9, 76e9, 77e9]}, "74000000000, then 73000000000"),
-    ({"f": [72e9] * 6}, "72000000000, then 72000000000"),
     ({"f": [72.0, 74, 76, 78, 80, 82]}, "72 Hz, read in Hz"),
     ({"f": HERTZ[:-1]}, "6 in the data"),
     ({"f": [72e9, 74e9, np.nan, 78e9, 80e9, 82e9]}, "NaN"),
     ({"f": HERTZ.reshape(2, 3)}, "to be a list"),
-    ({"f": HERTZ + 1j}, "real numbers"),
     ({"tx": TX_M[:-1]}, "4 positions and 5 channels"),
     ({"data": SAMPLES[:, :-1]}, "4 positions and 3 channels"),
-    ({"data": SAMPLES[..., 0]}, "3 axes (tx, rx, freq)"),
     ({"data": SAMPLES.real}, "float32"),
     ({"data": np.where(LAST, np.nan, SAMPLES)}, "1 of 120"),
-    ({"data": np.where(LAST, np.inf, SAMPLES)}, "1 of 120"),
     ({"data": SAMPLES.astype(complex) * 1e300}, "120 of 120"),
     ({"data": SAMPLES[:0]}, "length 0"),
     ({"data": np.zeros((5, 4, 6), bool)}, "to hold numbers"),
     ({"data": np.array("text")}, "3 axes"),
-    ({"tx": TX_M + np.nan}, "15 of 15"),
     ({"tx": TX_M.astype(complex)}, "real numbers"),
     ({"tx": TX_M[0]}, "x, y, z in the columns"),
-    ({"tx": np.array("text")}, "to hold numbers"),
     ({"tx": np.zeros((0, 3))}, "at least one element"),
 ]
 UNFIT_LAYOUTS = [
     (edited(("[tx]", "[tx]\nchannels = 7")), {}, "channels = 7"),
     (edited(("[tx]", '[tx]\nselect = "9:"')), {}, "keep a channel"),
     (edited(("[tx]", "[tx]\nselect = [0, 6]")), {}, "channel 6"),
-    (edited(("[tx]", '[tx]\nselect = "0:0"')), {}, "keep a channel"),
     (
         edited((PAIRED[0], PAIRED[1].format("tx_major"))),
         {"data": SAMPLES.reshape(-1, 6).T[:, :-1]},
@@ -264,7 +256,6 @@ UNFIT_LAYOUTS = [
         {"re": SAMPLES.real, "im": SAMPLES.imag[:-1]},
         "the imaginary part",
     ),
-    (edited(('key = "rx"', 'key = "yx"')), COLUMNS, "x, y, z in the columns"),
     (edited(('key = "tx"', 'key = "turned"')), COLUMNS, 'orientation = "columns" would fit'),
 ]
 
@@ -282,39 +273,24 @@ EDITED = [
     ("axes", "axis", "data.axes: expected a list of axes"),
     ('"freq"]', '"frequency"]', '"freq"'),
     ('"freq"]', '"rx"]', "every axis once"),
-    ('"freq"]', '"freq"]\npair_order = "tx_major"', "pair_order"),
     ('["tx", "rx", "freq"]', '["pair", "freq"]', "pair_order"),
     ('"freq"]', '"freq"]\nparts = ["real", "imag"]', "parts"),
-    ('"freq"]', '"freq"]\npick = { a = 1 }', "pick"),
     ('"freq"]', '"freq"]\nreal = "a"', "'real' and 'imag'"),
-    ('key = "data"', 'real = "a"', "'real' and 'imag'"),
-    ('key = "data"', 'key = ""', "a key of the file"),
     ('key = "data"', "key = 3", "a key of the file"),
     ("[tx]", "phase_sign = true\n[tx]", "phase_sign"),
     ("[tx]", '[tx]\nselect = "1-3"', "slice"),
-    ("[tx]", "[tx]\nselect = [-1]", "from 0"),
     ("[tx]", "[tx]\nchannels = 0", "channels"),
     ("[tx]", '[tx]\narray = "qar50"', "one of 'key'"),
-    ('key = "tx"', "", "one of 'key'"),
-    ('key = "tx"', 'x = "a"', "one of 'key'"),
     ('key = "tx"', 'key = "tx"\nz = 0', "columns"),
     ('unit = "m"', 'unit = "inch"', '"m", "cm", "mm", "um"'),
     ('unit = "m"\n', "", "unit of the positions"),
-    ('unit = "m"', 'unit = "m"\nmirror = ["q"]', "mirror"),
     ('unit = "Hz"', "", "one of Hz, kHz, MHz, GHz"),
     ('key = "f"', "start = 1\npoints = 3", "'stop' or 'step'"),
-    ('key = "f"', 'key = "f"\npoints = 3', "'key' and 'points'"),
-    ('key = "f"', "values = []", "list of numbers"),
 ]
 BAD_LAYOUTS = [
     ("", "data: expected a table"),
-    ("[data", "TOML"),
-    (PLAIN + "[extra]\n", ": extra: unknown key; expected one of data, tx, rx"),
     (PLAIN + "typo = 1\n", ": frequency.typo: unknown key; expected one of key, values, start"),
     *((edited((old, new)), expected) for old, new, expected in EDITED),
-    ("a = " + "[" * 5000, "TOML"),
-    (".".join("a" * 9000) + " = 1", "characters"),
-    (PLAIN + "#" * 2**18, "at most"),
 ]
 
 
@@ -332,24 +308,20 @@ def test_bad_layouts(tmp_path, text, expected):
 # ---- damaged and hostile containers: one error, whatever they claim
 
 
-def saved(array: np.ndarray) -> bytes:
+def archive_of(path, *names):
     file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
-
-
-def archive_of(path: Path, *names: str) -> None:
+    np.save(file, np.zeros(3))
     with zipfile.ZipFile(path, "w") as archive:
         for name in names:
-            archive.writestr(name, saved(np.zeros(3)))
+            archive.writestr(name, file.getvalue())
 
 
-def twice(path: Path) -> None:
+def twice(path):
     with pytest.warns(UserWarning, match="Duplicate"):
         archive_of(path, "data.npy", "data.npy")
 
 
-def encrypted(path: Path) -> None:
+def encrypted(path):
     archive_of(path, "data.npy")
     raw = bytearray(path.read_bytes())
     raw[raw.index(b"PK\1\2") + 8] |= 1
@@ -357,33 +329,28 @@ def encrypted(path: Path) -> None:
 
 
 @contextmanager
-def without_data(path: Path) -> Iterator[h5py.File]:
+def without_data(path):
     write("hdf5", path, tree_of(CAPTURE))
     with h5py.File(path, "r+") as file:
         del file["data"]
         yield file
 
 
-def dataset(*arguments: Any, **options: Any) -> Callable[[Path], None]:
-    def make(path: Path) -> None:
+def dataset(*arguments, **options):
+    def make(path):
         with without_data(path) as file:
             file.create_dataset("data", *arguments, **options)
 
     return make
 
 
-def missing_chunk(path: Path) -> None:
+def missing_chunk(path):
     with without_data(path) as file:
         made = file.create_dataset("data", (5, 4, 6), "c8", chunks=(1, 4, 6))
         made[:-1] = SAMPLES[:-1]
 
 
-def group(path: Path) -> None:
-    with without_data(path) as file:
-        file.create_group("data")
-
-
-def nested(path: Path) -> None:
+def nested(path):
     write("hdf5", path, tree_of(CAPTURE))
     with h5py.File(path, "r+") as file:
         file.create_group("/".join("abcdefghijklmnopqrstuvwxyz"))
@@ -400,7 +367,6 @@ HOSTILE = {
         dataset((5, 4, 6), "c8", chunks=(2**9,) * 3, maxshape=(None,) * 3),
         "in chunks of at most",
     ),
-    "group": (group, "the key 'data'"),
     "references": (dataset((5, 4, 6), h5py.ref_dtype), "object"),
     "text": (dataset((5, 4, 6), [("r", "f4"), ("i", "S9")]), "hold numbers"),
     "nested": (nested, "nested"),

@@ -59,7 +59,7 @@ def test_transforms_may_be_given_by_their_inverse(tmp_path):
         alignment.transform("zed", "radar")
 
 
-def changed(row: int, column: int, value: object) -> list[list[object]]:
+def changed(row, column, value):
     matrix: list[list[object]] = PHOTO.tolist()
     matrix[row][column] = value
     return matrix
@@ -70,10 +70,8 @@ def changed(row: int, column: int, value: object) -> list[list[object]]:
     [
         (PHOTO[:3], "shape (3, 4)"),
         (changed(1, 1, "0.5"), 'got "0.5"'),
-        (changed(1, 1, True), "True"),
         (changed(1, 1, float("nan")), "NaN"),
         (changed(3, 0, 0.01), "last row"),
-        (PHOTO.T, "last row"),
         (np.diag([1.0, 1.0, 0.0, 1.0]), "singular"),
     ],
 )
@@ -116,7 +114,6 @@ def test_metadata(tmp_path):
     [
         ({"distance_meters": "0.3"}, 'got "0.3"'),
         ({"distance_meters": -0.3}, "-0.3"),
-        ({"distance_meters": float("nan")}, "nan"),
         ({"mask_bb": [1, 2]}, "list"),
         ({"mask_bb": {"xmin": "left"}}, "mask_bb.xmin"),
         ({"empty_measurement": 7}, "empty_measurement"),

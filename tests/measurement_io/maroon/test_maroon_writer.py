@@ -4,8 +4,6 @@ import json
 import pickle
 import pickletools
 import struct
-from pathlib import Path
-from typing import Any
 
 import maroon_files as files
 import numpy as np
@@ -18,26 +16,24 @@ from measurement_io import check_file, open_capture, open_recording, save_record
 from measurement_io.maroon import writer
 
 
-def capture_of(
-    seed: int, frequencies_hz: Any = (72e9, 77e9, 82e9), meta: dict[str, Any] | None = None
-) -> clradar.Capture:
+def capture_of(seed, frequencies_hz=(72e9, 77e9, 82e9), meta=None):
     waveform = clradar.Waveform(frequencies_hz)
     data = files.expected_data(files.random_frame(waveform.n_freq, seed=seed))
     return clradar.Capture(data, clradar.arrays.qar50(), waveform, meta or {})
 
 
-def captures_of(n: int) -> list[clradar.Capture]:
+def captures_of(n):
     return [capture_of(i, meta={"timestamp_us": 1000 + i, "gain": 0.5 + i}) for i in range(n)]
 
 
-def dataset_reader(radar: Path, suffix: str = "") -> list[dict[str, Any]]:
+def dataset_reader(radar, suffix=""):
     """Read a radar folder as the dataset's program does, by the description of the form.
 
     Frame 0 says how many there are; of each, the four keys are taken, the imaging channels are
     1 to 94, and the time stamp is the first of an array.
     """
 
-    def load(number: int) -> dict[str, Any]:
+    def load(number):
         content = (radar / "calibrated_data" / f"{number:06d}{suffix}.npy").read_bytes()
         assert content[:8] == b"\x93NUMPY\x01\x00"
         (length,) = struct.unpack("<H", content[8:10])
@@ -63,11 +59,12 @@ def dataset_reader(radar: Path, suffix: str = "") -> list[dict[str, Any]]:
 # ---- what is written
 
 
-@pytest.mark.parametrize("sized", [True, False])
-@pytest.mark.parametrize(("variant", "suffix"), [("raw", ""), ("emptyfiltered", "_emptyfiltered")])
-def test_the_datasets_reader_finds_what_was_captured(tmp_path, sized, variant, suffix):
+@pytest.mark.parametrize(
+    ("given", "variant", "suffix"), [(list, "raw", ""), (iter, "emptyfiltered", "_emptyfiltered")]
+)
+def test_the_datasets_reader_finds_what_was_captured(tmp_path, given, variant, suffix):
     captures = captures_of(3)
-    source = captures if sized else iter(captures)
+    source = given(captures)
     radar = save_recording(tmp_path / "hand" / "30", source, variant=variant)
     assert radar == tmp_path / "hand" / "30" / "radar_72.0_82.0_3"
     found = dataset_reader(radar, suffix)
@@ -94,14 +91,8 @@ def test_the_datasets_reader_finds_what_was_captured(tmp_path, sized, variant, s
     assert names == ["numpy.core.multiarray _reconstruct", "numpy ndarray", "numpy dtype"]
 
 
-def test_both_variants(tmp_path):
+def test_other_emptyfiltered_frames_than_raw_ones(tmp_path):
     raw, filtered = captures_of(2), [capture_of(10), capture_of(11)]
-    radar = save_recording(tmp_path / "30", raw, emptyfiltered=iter(filtered))
-    assert [f["total"] for f in dataset_reader(radar, "_emptyfiltered")] == [2, 2]
-    for i in range(2):
-        assert same_bits(open_capture(radar, frame=i).data, raw[i].data)
-        found = open_capture(radar, frame=i, variant="emptyfiltered")
-        assert same_bits(found.data, filtered[i].data)
     for wrong in (filtered[:1], [*filtered, capture_of(12)], []):
         with pytest.raises(ModelError, match="raw frame"):
             save_recording(tmp_path / "40", raw, emptyfiltered=wrong)

@@ -1,6 +1,5 @@
 """Recordings: what is read of frames, a lazy sequence of them, and what lies beside them."""
 
-import pickle
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,8 +13,6 @@ from comparisons import refusal, same_bits
 import clradar
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import (
-    Recording,
-    check_file,
     open_capture,
     open_recording,
     read_transform,
@@ -29,14 +26,13 @@ no_recording = partial(refusal, open_recording)
 # ---- what is read of a frame
 
 
-@pytest.mark.parametrize("spelling", files.SPELLINGS)
-@pytest.mark.parametrize("protocol", files.PROTOCOLS)
+@pytest.mark.parametrize(
+    ("protocol", "spelling"), [*zip(files.PROTOCOLS, 2 * files.SPELLINGS, strict=True)]
+)
 def test_every_protocol_and_spelling(tmp_path, protocol, spelling):
     frame = files.random_frame()
     frame |= {"complex": 1 + 2j, "gain": np.float32(0.5), "z": np.complex64(1j), "note": "hand"}
     raw = files.pickled(frame, protocol, spelling)
-    other = {"numpy.core": b"numpy._core.", "numpy._core": b"numpy.core."}[spelling]
-    assert other not in raw, "the helper did not rewrite the names"
     path = tmp_path / "000000.npy"
     path.write_bytes(files.npy(raw))
 
@@ -80,7 +76,6 @@ LARGE[40, 50, 1] = 1e60
     ("change", "found"),
     [
         ({"xr": np.zeros((95, 96, 2), np.complex64)}, "(95, 96, 2)"),
-        ({"xr": np.zeros((96, 96), np.complex64)}, "(96, 96)"),
         ({"xr": np.zeros((96, 96, 2), np.float32)}, "float32"),
         ({"xr": np.zeros((96, 96, 3), np.complex64)}, "3 in 'xr', 2 in 'fvec'"),
         ({"xr": np.zeros((96, 96, 0), np.complex64), "fvec": np.zeros(0)}, "(0,)"),
@@ -88,10 +83,8 @@ LARGE[40, 50, 1] = 1e60
         ({"xr": LARGE}, "an overflow"),
         ({"xr": LARGE / 1e60 * np.nan}, "17672 of 17672"),
         ({"fvec": np.array([72e9, np.nan])}, "NaN"),
-        ({"fvec": np.array([[72e9, 82e9]])}, "(1, 2)"),
         ({"fvec": np.array([72.0, 82.0])}, "got 72"),  # gigahertz
         ({"number_of_measurements": 2.5}, "2.5"),
-        ({"number_of_measurements": np.array([1, 2])}, "[1, 2]"),
         ({"number_of_measurements": "many"}, "many"),
     ],
 )
@@ -112,32 +105,10 @@ def test_folder_name_disagrees(tmp_path, name, found):
     assert found in refused(radar / "calibrated_data" / "000000.npy")
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"\x93NUMPY",
-        b"MATLAB 5.0 MAT-file",
-        files.npy(files.pickled({}), descr="<f8", shape="(4,)"),
-        files.npy(files.pickled({}), shape="(1,)"),
-        files.npy(pickle.dumps({"xr": 1}, 4)),
-        b"\x93NUMPY\x03\x00" + files.npy(b"")[8:],
-        b"\x93NUMPY\x01\x00\x10\x00" + b"(" * 16,
-    ],
-    ids=range(8),
-)
-def test_other_files(tmp_path, content):
-    """Damaged ones; tests/files has the hostile pickles."""
-    path = tmp_path / "000000.npy"
-    path.write_bytes(content)
-    refused(path)
-    assert not check_file(path).ok
-
-
 # ---- antennas
 
 
-def antenna_text(rows: np.ndarray, header: str = "x,y,z") -> str:
+def antenna_text(rows, header="x,y,z"):
     return "\n".join([header, *(",".join(repr(float(v)) for v in row) for row in rows)]) + "\n"
 
 
@@ -159,9 +130,7 @@ def test_antenna_files(tmp_path):
         (antenna_text(np.zeros((95, 3))), "95 rows"),
         (antenna_text(np.zeros((96, 3)), "a,b,c"), "a,b,c"),
         (antenna_text(np.full((96, 3), np.nan)), "NaN"),
-        (antenna_text(np.zeros((96, 2))), "row 0"),
         (antenna_text(np.zeros((96, 3))).replace("0.0", "zero", 1), "zero"),
-        ("", "empty"),
     ],
 )
 def test_bad_antenna_files(tmp_path, content, found):
@@ -194,11 +163,11 @@ def test_other_antennas_lie_beside_their_frames_which_are_of_one_array(tmp_path)
 # ---- a sequence of frames
 
 
-def seed_data(seed: int, n_freq: int = 2) -> np.ndarray:
+def seed_data(seed, n_freq=2):
     return files.expected_data(files.random_frame(n_freq, seed=seed))
 
 
-def holds(recording: Recording, seeds: list[int]) -> bool:
+def holds(recording, seeds):
     """Whether the frames are those that were made with these seeds, in this order."""
     captures = list(recording)
     return len(captures) == len(seeds) and all(
@@ -206,7 +175,7 @@ def holds(recording: Recording, seeds: list[int]) -> bool:
     )
 
 
-def remove(radar, *names: str) -> None:
+def remove(radar, *names):
     for name in names:
         (radar / "calibrated_data" / f"{name}.npy").unlink()
 
@@ -290,7 +259,7 @@ def test_intact_frames_beside_damaged_ones_are_readable(tmp_path):
     assert recording.timestamps_us[0] is None
 
 
-@pytest.mark.parametrize("read_before", [[], [0], [2, 1]])
+@pytest.mark.parametrize("read_before", [[], [2, 1]])
 def test_a_frame_of_other_frequencies_is_refused(tmp_path, read_before):
     radar = files.write_recording(tmp_path / "30", n_frames=4, n_freq=3)
     frame = files.random_frame(3, seed=3)
@@ -343,21 +312,6 @@ def test_metadata_and_alignment(tmp_path):
 TRIANGLE = (np.array([[0.01, 0, 0], [0.05, 0, 0], [0, 0.03, 0.0]]), np.array([[0, 1, 2]]))
 
 
-def test_alignments_place_the_meshes_of_their_recording(tmp_path):
-    radar = files.write_recording(tmp_path / "hand" / "30", n_frames=1)
-    turned = np.array([[0, -1, 0, 0.1], [1, 0, 0, 0.2], [0, 0, 1, 0.3], [0, 0, 0, 1.0]])
-    for name, matrix in (
-        ("photogrammetry2radar", turned),
-        ("radar2photogrammetry", np.linalg.inv(turned)),
-    ):
-        path = files.write_alignment(radar.parent, {name: matrix, "kinect2radar": np.eye(4)})
-        wanted = np.diag([-1, 1, 1, 1]) @ turned
-        np.testing.assert_allclose(read_transform(path), wanted, rtol=0, atol=1e-15)
-    files.write_alignment(radar.parent, {"kinect2radar": np.eye(4)})
-    with pytest.raises(MeasurementError, match="transform: expected a value, got nothing"):
-        read_transform(path)
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_mesh_keeps_its_outside(tmp_path, sign):
     radar = files.write_recording(tmp_path / "30")
@@ -385,7 +339,9 @@ def test_meshes_that_cannot_be_placed(tmp_path):
     path = files.write_mesh(radar.parent, "mesh", *TRIANGLE)
     with pytest.raises(MeasurementError, match=r"alignment\.json"):
         open_recording(radar).scene()
-    files.write_alignment(radar.parent, {"kinect2radar": np.eye(4)})
+    alignment = files.write_alignment(radar.parent, {"kinect2radar": np.eye(4)})
+    with pytest.raises(MeasurementError, match="transform: expected a value, got nothing"):
+        read_transform(alignment)
     with pytest.raises(MeasurementError, match="from 'photogrammetry' to 'radar'"):
         open_recording(radar).scene()
     files.write_alignment(radar.parent, {"photogrammetry2radar": np.eye(4)})
@@ -394,10 +350,9 @@ def test_meshes_that_cannot_be_placed(tmp_path):
             open_recording(radar).scene(name)
     with pytest.raises(ModelError, match="alpha"):
         open_recording(radar).scene(alpha=2.0)
-    for content in (b"", b"v 0 0 0\nf 1 2 3\n", b"v 0 0 x\nf 1 1 1\n", b"\xff\xfe\x00\x00"):
-        path.write_bytes(content)
-        with pytest.raises(MeasurementError, match=r"mesh\.obj"):
-            open_recording(radar).scene()
+    path.write_bytes(b"v 0 0 0\nf 1 2 3\n")
+    with pytest.raises(MeasurementError, match=r"mesh\.obj"):
+        open_recording(radar).scene()
 
 
 def test_depth_maps_are_those_of_the_position(tmp_path):

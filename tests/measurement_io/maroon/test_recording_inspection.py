@@ -1,7 +1,6 @@
 """`describe` and `check_file` of a recording: content, missing parts, contradictions."""
 
 import json
-from pathlib import Path
 
 import maroon_files as files
 import maroon_products as products
@@ -20,7 +19,7 @@ PLATE = (
 MESHES = ("mesh", "mesh_masked", "mesh_masked_smoothed", "mesh_smoothed", "mesh_synthetic")
 
 
-def whole_recording(distance: Path, n_frames: int = 3) -> Path:
+def whole_recording(distance, n_frames=3):
     """Write a recording in which everything is there and agrees; return its radar folder."""
     radar = files.write_recording(distance, n_frames)
     for i in range(n_frames):
@@ -45,13 +44,7 @@ def test_a_whole_recording(tmp_path):
     assert values["emptyfiltered_frames"]["count"] == 3
     for name in ("depth", "maxproj", "volume", "xyz"):
         assert values[f"cached_{name}"]["numbers"] == [0, 1, 2]
-    assert values["calibration.json"] == {
-        "low_ghz": 72.0,
-        "high_ghz": 82.0,
-        "points": 2,
-        "frames": [0, 1, 2],
-    }
-    assert values["metadata.json"]["distance_meters"] == 0.3
+    assert values["calibration.json"]["frames"] == [0, 1, 2]
     assert values["metadata.json"]["mask_bb"]["x_min_m"] == -0.06
     assert values["metadata.json"]["mask_bb_antenna"]["x_max_m"] == 0.06
     transforms = values["alignment.json"]["transforms"]
@@ -60,9 +53,7 @@ def test_a_whole_recording(tmp_path):
     assert values["meshes"] == list(MESHES)
     assert values["frequencies"] == {"count": 2, "low_hz": 72e9, "high_hz": 82e9}
     assert values["provenance"]["number_of_measurements"] == 3
-    text = str(description)
-    assert "kinect2radar: scale 0.001 x 0.001 x 0.001" in text
-
+    assert "kinect2radar: scale 0.001 x 0.001 x 0.001" in str(description)
     report = check_file(radar.parent)
     assert report.ok, report.problems
     assert "time stamps of raw frames ascend, 125 ms apart" in str(report)
@@ -104,7 +95,7 @@ def test_odd_frames(tmp_path, number, changes, problem):
     assert problem in found
 
 
-def edit(path: Path, **changes: object) -> None:
+def edit(path, **changes):
     files.write_json(path, json.loads(path.read_text()) | changes)
 
 
@@ -164,7 +155,7 @@ def test_contradictions(tmp_path, name):
     json.dumps(description.to_dict(), allow_nan=False)
 
 
-def restamp(radar: Path, number: int, stamp: int | None, variant: str = "") -> None:
+def restamp(radar, number, stamp, variant=""):
     frame = files.random_frame(seed=number) | {"number_of_measurements": 6, "timestamp_us": [stamp]}
     if stamp is None:
         del frame["timestamp_us"]

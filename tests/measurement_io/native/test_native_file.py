@@ -3,8 +3,6 @@
 import dataclasses
 import json
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import comparisons
 import h5py
@@ -24,10 +22,8 @@ from measurement_io import (
     open_capture,
     open_volume,
     save_capture,
-    save_channels,
     save_volume,
 )
-from measurement_io.native import scheme
 
 META = {
     "seed": 7,
@@ -39,12 +35,12 @@ META = {
 }
 
 
-def same_capture(a: clradar.Capture, b: clradar.Capture) -> bool:
+def same_capture(a, b):
     names = (a.array.name, dict(a.meta)) == (b.array.name, dict(b.meta))
     return names and comparisons.same_capture(a, b)
 
 
-def small_capture(n_tx: int = 3, n_rx: int = 2, n_freq: int = 5, **meta: Any) -> clradar.Capture:
+def small_capture(n_tx=3, n_rx=2, n_freq=5, **meta):
     rng = np.random.default_rng(n_tx)
     data = rng.normal(size=(n_tx, n_rx, n_freq, 2)).astype(np.float32) @ np.array([1, 1j], "c8")
     # What a careless conversion would change: negative zero and subnormal numbers.
@@ -94,8 +90,12 @@ def test_capture_round_trip(tmp_path, capture, patterns, version):
     assert (read.array.tx_pattern, read.array.rx_pattern) == patterns
     assert not read.data.flags.writeable
     assert check_file(file).ok
-    with h5py.File(file) as content:
+    with silx.io.open(str(file)) as content:
         assert content.attrs["clradar_version"] == version
+        shown = nxdata.get_default(content)
+        assert (shown.group.name, shown.axes_names[2]) == ("/entry/data", "frequency (Hz)")
+        data = content["entry/data/data"]
+        assert (data.shuffle, data.fletcher32) == (True, True)
     words = str(describe(file))
     assert ("Tx pattern" in words) is (tx is not None)
     assert ("3.5 dBi, cos^1.5" in words) is (COSINE in patterns)
@@ -129,27 +129,7 @@ def test_volume_round_trip(tmp_path, scaled):
     assert "damaged" in refusal(open_volume, file)
 
 
-def test_layout_as_documented(path):
-    with h5py.File(path) as file:
-        assert file.attrs["NX_class"] == "NXroot"
-        assert file.attrs["clradar_format"] == "capture"
-        assert json.loads(file.attrs["provenance"]) == {}
-        entry = file[file.attrs["default"]]
-        assert entry.attrs["NX_class"] == "NXentry"
-        group = entry[entry.attrs["default"]]
-        assert group.name == "/entry/data"
-        assert group.attrs["NX_class"] == "NXdata"
-        assert list(group.attrs["axes"]) == ["tx", "rx", "frequency_hz"]
-        data = group[group.attrs["signal"]]
-        assert (data.dtype, data.shuffle, data.fletcher32) == (np.complex64, True, True)
-        assert same_bits(data[()], CAPTURE.data)
-        for axis, length in zip(group.attrs["axes"], data.shape, strict=True):
-            assert group[axis].shape == (length,)
-        assert group["frequency_hz"].attrs["units"] == "Hz"
-        assert group["tx_m"].attrs["units"] == "m"
-
-
-def write_by_hand(target: Path, order: str = "<", **root: Any) -> None:
+def write_by_hand(target, order="<", **root):
     """Write a capture as the documentation says, with nothing that is optional."""
     attributes = {"clradar_format": "capture", "clradar_version": 1, "provenance": "{}"}
     array = CAPTURE.array
@@ -177,46 +157,25 @@ def test_array_name_that_hdf5_cannot_hold(tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_space_of_channels_is_asked_for_first(tmp_path, monkeypatch):
-    """So many that they take more than all else in a file."""
-    n = 2000
-    at_m = np.linspace([0.0, 0, 0], [0.1, 0, 0], n)
-    zeros, ones, none = np.zeros(n), np.ones(n), [[]] * 4
-    response = clradar.ChannelResponse(ones, ones, zeros, zeros, 77e9)
-    radar = clradar.AntennaArray(at_m, at_m), clradar.Waveform([76e9, 77e9])
-    place, levels = ("plate", {"distance_m": 0.3}, [[0.0]]), (1.0, -30.0, -32.0)
-    channels = clradar.ChannelCalibration(
-        response, *radar, zeros, zeros, *none, *place, *[zeros] * 4, *levels
-    )
-    asked: list[int] = []
-    monkeypatch.setattr(scheme, "require_space", lambda path, size: asked.append(size))
-    save_channels(tmp_path / "channels.h5", channels)
-    assert (tmp_path / "channels.h5").stat().st_size <= asked[0] < 2**19
-
-
 # ---- what is refused
 
 Action = Callable[[h5py.File], None]
 
 
-def replace(name: str, **options: Any) -> Action:
-    def action(file: h5py.File) -> None:
+def replace(name, **options):
+    def action(file):
         del file["entry/data"][name]
         file["entry/data"].create_dataset(name, **options)
 
     return action
 
 
-def attribute(name: str, value: Any) -> Action:
+def attribute(name, value):
     return lambda file: file.attrs.__setitem__(name, value)
 
 
-def delete(name: str) -> Action:
-    return lambda file: file.__delitem__(name)
-
-
-def with_last(name: str, value: Any) -> Action:
-    def action(file: h5py.File) -> None:
+def with_last(name, value):
+    def action(file):
         flat = file["entry/data"][name]
         content = flat[()]
         content.flat[-1] = value
@@ -229,29 +188,21 @@ def with_last(name: str, value: Any) -> Action:
     ("action", "found"),
     [
         (attribute("clradar_version", 4), "newer clradar"),
-        (attribute("clradar_version", 0), "version 0"),
         (attribute("clradar_version", 1.5), "whole number"),
-        (attribute("clradar_format", "picture"), "picture"),
         (attribute("clradar_format", "volume"), "open_volume"),
         (attribute("clradar_format", ["capture"]), "one string"),
         (attribute("provenance", '{"seed": 2}'), "damaged"),
         (lambda f: f.attrs.__delitem__("clradar_format"), "another program"),
         (lambda f: f.attrs.__delitem__("provenance"), "/@provenance"),
         (lambda f: f["entry/data"].attrs.__delitem__("array_name"), "array_name"),
-        (delete("entry/data/data"), "/entry/data/data"),
-        (delete("entry/data/tx_m"), "/entry/data/tx_m"),
-        (replace("data", data=np.zeros((3, 2, 5))), "float64"),
+        (lambda f: f.__delitem__("entry/data/data"), "/entry/data/data"),
         (replace("data", data=np.zeros((3, 2, 5), np.complex128)), "complex128"),
         (replace("data", data=np.zeros((3, 2, 4), np.complex64)), "(3, 2, 4)"),
-        (replace("data", dtype="c8"), "shape"),
         (replace("data", data=h5py.Empty("c8")), "shape None"),
         (replace("data", shape=(3, 2, 5), dtype=h5py.string_dtype()), "object"),
         (replace("tx_m", data=np.zeros((0, 3))), "at least one"),
-        (replace("tx_m", data=np.zeros((3, 2))), "(3, 2)"),
         (replace("frequency_hz", data=np.arange(5)), "int64"),
         (with_last("data", complex(0, np.nan)), "1 of 30"),
-        (with_last("data", np.inf), "1 of 30"),
-        (with_last("tx_m", np.nan), "tx_m"),
         (with_last("frequency_hz", 1.0), "ascending"),
         (replace("data", data=np.zeros((3, 2, 5), "c8"), compression="gzip"), "filter 1"),
         # nothing stored: HDF5 would hand out fill values
@@ -271,20 +222,16 @@ def test_changed_file(path, action, found):
     assert path.name in report.problems[0]
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[1]", "{", '{"a": NaN}', '{"a":' * 100_000, np.bytes_(b'{"a": "\xff"}')]
-)
+@pytest.mark.parametrize("text", ["", "[1]", '{"a": NaN}', np.bytes_(b'{"a": "\xff"}')])
 def test_provenance_that_is_no_json_object(tmp_path, text):
     write_by_hand(tmp_path / "c.h5", provenance=text)
     refusal(open_capture, tmp_path / "c.h5")
 
 
-def test_volume_is_no_capture_and_the_other_way_round(tmp_path, path):
-    save_volume(tmp_path / "v.h5", VOLUME)
-    assert "open_volume" in refusal(open_capture, tmp_path / "v.h5")
+def test_files_that_are_no_volume(tmp_path, path):
     assert "open_capture" in refusal(open_volume, path)
-    (tmp_path / "text").write_text("text")
-    assert "HDF5" in refusal(open_volume, tmp_path / "text")
+    path.write_text("text")
+    assert "HDF5" in refusal(open_volume, path)
     refusal(open_volume, tmp_path / "nothing")
 
 
