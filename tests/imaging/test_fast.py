@@ -1,4 +1,4 @@
-"""Fast factorised back-projection: decompositions, the tree of blocks, and its tolerance."""
+"""Fast factorised back-projection: the tree of blocks, and its tolerance."""
 
 from functools import lru_cache
 from itertools import pairwise

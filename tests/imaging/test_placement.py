@@ -169,13 +169,14 @@ def test_grids_of_other_radars_hold_the_target_at_half_the_resolution(
 
 
 def test_bodies_apart_are_in_one_grid_or_named():
-    places = [[0, 0, 1.0], [-0.3, 0.0, 1.0]]  # of one range; and a weak one, -18 dB
-    capture = echoes_of(*places, [0.1, 0.1, 1.6], amplitudes=[1.0, 1.0, 0.12])
+    places = [[0, 0, 1.0], [0.1, 0.1, 1.6], [-0.3, 0.0, 1.0]]  # two of one range
+    weak = [0.1, -0.1, 1.3]  # -18 dB
+    capture = echoes_of(*places, weak, amplitudes=[1.0, 1.0, 1.0, 0.12])
     found = placement.placement(capture, clradar.open_device())
     low, high = box_of(found.grid).T
     assert ((low < places) & (places < high)).all()
     assert (2 * found.grid.spacing_m <= [0.0139, 0.0139, 0.015]).all()
-    assert [len(found.shown), len(found.left_out)] == [1, 1]
+    assert [len(found.shown), len(found.left_out)] == [2, 1]
     two = echoes_of(AT_HAND, [0, 0, 0.8])
     found = placement.placement(two, clradar.open_device())
     assert found.grid is PAPER_GRID
