@@ -156,7 +156,7 @@ def test_paths_are_those_of_the_reference(name, max_bounces, device):
 
 
 def test_normal_modes_and_alpha(device):
-    few = {"samples_per_mm2": 0.015, "max_bounces": 2}
+    few = {"samples_per_mm2": 0.01, "max_bounces": 2}
     box_and_plate = SCENES["box before a plate"].with_alpha(0.2)
     check_against_reference(box_and_plate, device, normals="face", **few)
     check_against_reference(SCENES["waves"].with_alpha(0.0), device, crease_deg=60.0, **few)
