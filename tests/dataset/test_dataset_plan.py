@@ -80,6 +80,7 @@ def test_a_plan_comes_back_from_its_record():
         ("poses.spread_deg", 5, 'kind = "around"'),
         ("poses", {"kind": "around", "names": ["A"], "spread_deg": 46}, ".spread_deg: .*from 0 to"),
         ("poses.files", ["none.toml"], r"\[0\]: .*none.toml"),
+        ("hands.handedness", "rihgt", "did you mean 'right'?"),
         ("hands", {"shape": "list"}, ".shapes: expected a list of shapes"),
         ("hands", {"shapes": [{"length_mm": 400}]}, r"\[0\].length_mm: .*120 to 260, got 400"),
         ("hands", {"rigs": ["none.glb"]}, r".rigs\[0\]: .*none.glb"),
