@@ -52,8 +52,7 @@ START_LIMIT_S = 60
 """Wall time to start a process for one file, where that has to be done; then twice the limit of
 processor time, which Windows has none of."""
 WALL_FACTOR = 20
-"""Wall time without a sign of a reading process, per second of processor time that it may take:
-slow disks read 1 MB/s."""
+"""Wall time without a sign of a reader, per second of processor time: slow disks read 1 MB/s."""
 MEMORY_BYTES = 2**30
 """Memory that reading may take on top of twice the content."""
 MAX_REQUEST_BYTES = 2**16

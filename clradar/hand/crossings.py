@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-# An edge whose sine to a triangle's plane is less lies in that plane, up to rounding: coplanar
-# triangles do not cross.
+# An edge whose sine to a triangle's plane is less lies in it: coplanar triangles do not cross.
 _LEAST_SLOPE = 1e-7
 
 

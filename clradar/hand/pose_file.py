@@ -45,17 +45,14 @@ class _PackagedPoses(Mapping[str, HandPose]):
         return len(self._NAMES)
 
 
-_PACKAGED = resources.files("clradar.hand").joinpath("poses.toml")
-
-
 @cache
 def _tables() -> dict[str, Any]:
-    return parse_toml(_PACKAGED.read_text("utf-8"))
+    return parse_toml(resources.files("clradar.hand").joinpath("poses.toml").read_text("utf-8"))
 
 
 @cache
 def _packaged(name: str) -> HandPose:
-    return pose_of_table({"name": name, **_tables()[name]}, Path(str(_PACKAGED)))
+    return pose_of_table({"name": name, **_tables()[name]}, Path("poses.toml"))
 
 
 POSES: Mapping[str, HandPose] = _PackagedPoses()

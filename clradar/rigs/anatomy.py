@@ -38,8 +38,7 @@ REACH_M = (0.05, 0.40)
 # Sum of two sines: the mean bend of the fingers, and the thumb's direction out of the palm.
 _CLEAR_CURL = 0.1
 
-# A digit bent by more defines its own bending axis, if it is within the second angle of the
-# expected one.
+# A digit bent by more has an axis of its own, if it is within the second angle of the expected.
 _CLEAR_BEND = np.sin(np.deg2rad(20.0))
 _SAME_AXIS = np.cos(np.deg2rad(45.0))
 

@@ -46,17 +46,13 @@ def test_a_pose_is_hashable_comparable_and_picklable():
     angles = {"wrist": JointAngles.from_degrees(10.0, -5.0, 20.0), "thumb-tip": JointAngles()}
     pose = HandPose("mine", angles, "what it is")
     same = HandPose("mine", dict(reversed(angles.items())))
-    assert pose == same
+    angles.clear()  # the caller's mapping is not the record's
+    assert pose == same == pickle.loads(pickle.dumps(pose))
     assert hash(pose) == hash(same)
     assert pose != HandPose("mine")
-    again = pickle.loads(pickle.dumps(pose))
-    assert again == pose
-    assert again.description == "what it is"
-    # Joints without angles are none, and the caller's mapping is not the record's.
+    # Joints without angles are none.
     assert set(pose.joints) == {"wrist"}
     assert pose.angles("thumb-tip") == JointAngles()
-    angles.clear()
-    assert pose == same
 
 
 BEYOND = r"joint thumb-phalanx-distal: flexion: .* \[-30, 90\] degrees, got 114.592 degrees"
@@ -65,11 +61,9 @@ BEYOND = r"joint thumb-phalanx-distal: flexion: .* \[-30, 90\] degrees, got 114.
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: HandPose(1), "HandPose.name: expected a string"),
         (lambda: HandPose("x", 7), "HandPose.joints: expected a mapping"),
         (lambda: HandPose("x", {"elbow": JointAngles()}), "joint: expected .* 'elbow'"),
         (lambda: HandPose("x", {"wrist": 1.0}), "joint wrist: expected a JointAngles"),
-        (lambda: JointAngles("a"), "JointAngles.flexion_rad: expected a number"),
         (lambda: JointAngles(twist_rad=float("nan")), "JointAngles.twist_rad: .* finite"),
         (lambda: HandPose("x", {"thumb-phalanx-distal": JointAngles(2.0)}), BEYOND),
         (lambda: HandPose("x", {"ring-finger-tip": JointAngles(0.1)}), "tip: flexion: expected 0"),
@@ -160,14 +154,9 @@ def test_a_written_pose_is_read_again(tmp_path, suffix):
     [
         ('name = "x"', "joints: expected a table joints, with the angles of each joint"),
         ("[joints]", "name: expected a value, got nothing"),
-        ("name = 3\n[joints]", "name: expected text, got 3"),
-        ('name = "x"\nshape = 1\n[joints]', "shape: unknown key; expected one of name, "),
-        ('name = "x"\njoints = 5', "joints: expected a table joints"),
         ('name = "x"\n[joints.ellbow]\nflexion_deg = 1', "joints.ellbow: .* got 'ellbow'"),
         ('name = "x"\n[joints]\nwrist = 1', "joints.wrist: expected a table"),
         ('name = "x"\n[joints.wrist]\nflexion = 1', "wrist.flexion: unknown key; .*did you mean"),
-        ('name = "x"\n[joints.wrist]\nflexion_deg = "1"', 'joints.wrist.flexion_deg: .* got "1"'),
-        ('name = "x"\n[joints.wrist]\nflexion_deg = true', "joints.wrist.flexion_deg: .* true"),
         ('name = "x"\n[joints.wrist]\nflexion_deg = nan', "joints.wrist.flexion_deg: .* finite"),
         (
             'name = "x"\n[joints.wrist]\nabduction_deg = -91',
@@ -190,12 +179,8 @@ def test_what_is_no_file_of_a_pose_is_refused(tmp_path):
     for name in ("big.json", "latin.toml", "none.toml", "none.txt"):
         with pytest.raises(MeasurementError, match=name):
             read_pose(tmp_path / name)
-    (tmp_path / "folder.toml").mkdir()
-    with pytest.raises(MeasurementError, match="got a folder"):
-        read_pose(tmp_path / "folder.toml")
-    for name in ("x.txt", "none/x.toml", "nul\0.toml"):
-        with pytest.raises(OutputError):
-            write_pose(tmp_path / name, POSES["F"])
+    with pytest.raises(OutputError):
+        write_pose(tmp_path / "x.txt", POSES["F"])
 
 
 # --- letters and digits
@@ -252,9 +237,8 @@ def test_interpolation_ends_at_its_poses_and_is_linear():
         middle = 0.5 * (np.array(a.angles(name).degrees()) + b.angles(name).degrees())
         # Sums of angles below 180 degrees: a few rounding errors.
         np.testing.assert_allclose(half.angles(name).degrees(), middle, atol=1e-12)
-    for share in (-0.1, 1.1, float("nan"), "half"):
-        with pytest.raises(ModelError, match="share"):
-            interpolate_poses(a, b, share)
+    with pytest.raises(ModelError, match="share"):
+        interpolate_poses(a, b, 1.1)
     with pytest.raises(ModelError, match="expected a HandPose"):
         interpolate_poses("A", b, 0.5)
 
@@ -306,11 +290,10 @@ def test_poses_around_a_letter_deviate_as_asked_and_penetrate_no_more_than_it():
 
 
 def test_a_pose_around_another_follows_from_the_generator_and_the_spread():
-    fist = POSES["S"]
-    one, same = (pose_around(fist, np.random.default_rng(7)) for _ in range(2))
+    letter = POSES["F"]
+    one, same = (pose_around(letter, np.random.default_rng(7)) for _ in range(2))
     assert one == same
-    assert one != fist
-    assert pose_around(fist, np.random.default_rng(7), 0.0) == fist
-    for wrong in (-1, 46, float("nan"), "12"):
-        with pytest.raises(ModelError, match="spread_deg"):
-            pose_around(fist, np.random.default_rng(7), wrong)
+    assert one != letter
+    assert pose_around(letter, np.random.default_rng(7), 0.0) == letter
+    with pytest.raises(ModelError, match="spread_deg"):
+        pose_around(letter, np.random.default_rng(7), 46)

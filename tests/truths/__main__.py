@@ -53,23 +53,23 @@ def of_spheres(images: Path) -> dict[str, list[Row]]:
 
 
 def of_plates(images: Path) -> dict[str, list[Row]]:
-    distance = plates.over_distance(measured.physical, plates.DISTANCES_M)
+    distance = plates.over_distance(plates.DISTANCES_M)
     tilt = plates.over_tilt(measured.physical, plates.TILTS_DEG, plates.FAR_M)
     figures.over_distance(distance, tilt, images / "plates.png")
-    rows = plates.rows(distance[::3], tilt, plates.plane(measured.physical, 21))
+    rows = plates.rows(distance[::3], tilt, plates.plane(21))
     return {"plates": rows, "corners": plates.corners()}
 
 
 def of_means(images: Path) -> dict[str, list[Row]]:
-    means = [rough.mean_field(measured.physical, g, 100) for g in G]
+    means = [rough.mean_field(g, 100) for g in G]
     figures.means(means, images / "mean-field.png")
     return {"mean-field": rough.mean_rows(means), "contrast": rough.contrast_rows(means)}
 
 
 def of_incoherent(images: Path) -> dict[str, list[Row]]:
-    back = rough.incoherent(measured.physical, 0.3e-3, ANGLES_DEG, 200, 24)
-    across = rough.incoherent(measured.physical, 0.1e-3, ANGLES_DEG, 200, 24, across=True)
-    large = rough.incoherent(measured.physical, 0.3e-3, ANGLES_DEG[-1:], 100, 24, side_m=0.08)
+    back = rough.incoherent(0.3e-3, ANGLES_DEG, 200, 24)
+    across = rough.incoherent(0.1e-3, ANGLES_DEG, 200, 24, across=True)
+    large = rough.incoherent(0.3e-3, ANGLES_DEG[-1:], 100, 24, side_m=0.08)
     named = {"back, h = 0.3 mm": back, "lit along the normal, h = 0.1 mm": across}
     figures.incoherent(named, images / "incoherent.png")
     (row,) = rough.speckle_rows(large)
@@ -81,7 +81,7 @@ def of_incoherent(images: Path) -> dict[str, list[Row]]:
 
 
 def of_energy(images: Path) -> dict[str, list[Row]]:
-    rows = invariants.energy_rows(measured.physical, 4000)
+    rows = invariants.energy_rows(4000)
     return {"energy": [*rows, invariants.own_energy_row(rows[0].found)]}
 
 
@@ -95,14 +95,14 @@ def of_reciprocity(images: Path) -> dict[str, list[Row]]:
         "hand F, metal": hand("metal"),
         "hand F, palm": hand("palm"),
     }
-    return {"reciprocity": invariants.reciprocity_rows(measured.physical, scenes)}
+    return {"reciprocity": invariants.reciprocity_rows(scenes)}
 
 
 def of_density(images: Path) -> dict[str, list[Row]]:
     imager = clradar.arrays.qar50()
     array = clradar.AntennaArray(imager.tx_m[::4], imager.rx_m[::4])
     errors = {
-        name: invariants.density_errors(measured.physical, hand(material), DENSITIES, array, 32)
+        name: invariants.density_errors(hand(material), DENSITIES, array, 32)
         for name, material in (("smooth metal", "metal"), ("palm", "palm"))
     }
     figures.density(DENSITIES, errors, images / "density.png")

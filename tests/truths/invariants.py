@@ -5,7 +5,6 @@ import numpy as np
 import clradar
 from clradar import AntennaArray, Capture, Material, Scene, VoxelGrid, Waveform
 from truths import measured, optics
-from truths.measured import Simulator
 from truths.record import Row
 
 PALM = Material(
@@ -21,7 +20,7 @@ def directions(n: int) -> np.ndarray:
     return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
 
 
-def returned_share(simulate: Simulator, scene: Scene, solid_angle: float, n_rx: int) -> float:
+def returned_share(scene: Scene, solid_angle: float, n_rx: int) -> float:
     """Power through a sphere of receivers around the target over the power that falls on it.
 
     The wave of one Tx falls on the solid angle that the target fills; |u|^2 is the power per area
@@ -29,7 +28,7 @@ def returned_share(simulate: Simulator, scene: Scene, solid_angle: float, n_rx: 
     """
     distance, reach = 0.3, 1.0
     rx_m = reach * directions(n_rx) + np.array([0, 0, distance])
-    u = simulate(scene, AntennaArray(np.zeros((1, 3)), rx_m), measured.band_hz(1))[0, :, 0]
+    u = measured.physical(scene, AntennaArray(np.zeros((1, 3)), rx_m), measured.band_hz(1))[0, :, 0]
     return float(np.mean(np.abs(u) ** 2) * 4 * np.pi * reach**2 / solid_angle)
 
 
@@ -42,21 +41,19 @@ def plate_solid_angle(side_m: float) -> float:
     return float(4 * np.arctan(half**2 / (0.3 * np.sqrt(0.09 + 2 * half**2))))
 
 
-def reciprocity(simulate: Simulator, scene: Scene, rng: np.random.Generator) -> float:
+def reciprocity(scene: Scene, rng: np.random.Generator) -> float:
     """Largest difference when Tx and Rx change places, over the largest value, dB."""
     tx_m, rx_m = (np.column_stack([rng.uniform(-0.07, 0.07, (n, 2)), np.zeros(n)]) for n in (6, 7))
     f = measured.band_hz(5)
-    there = simulate(scene, AntennaArray(tx_m, rx_m), f)
-    back = simulate(scene, AntennaArray(rx_m, tx_m), f)
+    there = measured.physical(scene, AntennaArray(tx_m, rx_m), f)
+    back = measured.physical(scene, AntennaArray(rx_m, tx_m), f)
     difference = np.abs(there - back.transpose(1, 0, 2)).max() / np.abs(there).max()
     return float(20 * np.log10(max(difference, 1e-12)))
 
 
-def image(
-    simulate: Simulator, scene: Scene, density: float, array: AntennaArray, n_freq: int
-) -> np.ndarray:
+def image(scene: Scene, density: float, array: AntennaArray, n_freq: int) -> np.ndarray:
     f = measured.band_hz(n_freq)
-    u = simulate(scene, array, f, samples_per_mm2=density)
+    u = measured.physical(scene, array, f, samples_per_mm2=density)
     # Whole voxels from the scene's lowest corner to beyond its highest.
     low, size = scene.vertices_m.min(axis=0) - 5e-3, np.ptp(scene.vertices_m, axis=0) + 10e-3
     high = low + 2e-3 * np.ceil(size / 2e-3)
@@ -65,14 +62,13 @@ def image(
 
 
 def density_errors(
-    simulate: Simulator,
     scene: Scene,
     densities: tuple[float, ...],
     array: AntennaArray,
     n_freq: int,
 ) -> np.ndarray:
     """RMS difference of each image to that of the last density, dB."""
-    images = [image(simulate, scene, d, array, n_freq) for d in densities]
+    images = [image(scene, d, array, n_freq) for d in densities]
     truth = images[-1]
     return np.array(
         [20 * np.log10(np.linalg.norm(i - truth) / np.linalg.norm(truth)) for i in images[:-1]]
@@ -94,7 +90,7 @@ RECIPROCITY_BOUND_DB = -100.0
 """float32: sums of some thousand terms lose less than 2^-24 sqrt(1000) of the largest value."""
 
 
-def energy_rows(simulate: Simulator, n_rx: int, cases: tuple[str, ...] = ENERGY_CASES) -> list[Row]:
+def energy_rows(n_rx: int, cases: tuple[str, ...] = ENERGY_CASES) -> list[Row]:
     """A ball of 8 mm and a plate of 3 cm, smooth and rough, of metal and of skin."""
     rough = {"roughness_rms_m": 0.3e-3, "correlation_length_m": 3e-3}
     skin = {"permittivity": 6.56 - 8.91j}
@@ -111,7 +107,7 @@ def energy_rows(simulate: Simulator, n_rx: int, cases: tuple[str, ...] = ENERGY_
         else:
             scene = measured.plate((0.03, 0.03), 0.3, material=material)
             angle = plate_solid_angle(0.03)
-        share = returned_share(simulate, scene, angle, n_rx)
+        share = returned_share(scene, angle, n_rx)
         out.append(Row(case, 0, share, ENERGY_BOUND, "", 3, at_most=True))
     return out
 
@@ -124,9 +120,9 @@ def own_energy_row(found: float, nodes: int = 160) -> Row:
     return Row(case, own, found, OWN_ENERGY_BOUND, "", 3)
 
 
-def reciprocity_rows(simulate: Simulator, scenes: dict[str, Scene]) -> list[Row]:
+def reciprocity_rows(scenes: dict[str, Scene]) -> list[Row]:
     rng = np.random.default_rng(1)
     return [
-        Row(name, 0, reciprocity(simulate, scene, rng), RECIPROCITY_BOUND_DB, "dB", 0, at_most=True)
+        Row(name, 0, reciprocity(scene, rng), RECIPROCITY_BOUND_DB, "dB", 0, at_most=True)
         for name, scene in scenes.items()
     ]

@@ -43,14 +43,8 @@ def physical(
     samples_per_mm2: float = 4.0,
 ) -> np.ndarray:
     """By `clradar.simulate(..., estimator="physical")`."""
-    capture = clradar.simulate(
-        scene,
-        array,
-        Waveform(frequencies_hz),
-        estimator="physical",
-        samples_per_mm2=samples_per_mm2,
-        seed=seed,
-    )
+    settings = {"estimator": "physical", "samples_per_mm2": samples_per_mm2, "seed": seed}
+    capture = clradar.simulate(scene, array, Waveform(frequencies_hz), **settings)
     return echo(capture.data, frequencies_hz)
 
 

@@ -1,13 +1,12 @@
-"""The page docs/validation.md: the text of ``page.md`` with the measured numbers."""
+"""The page docs/validation.md: numbers stand in the line after each ``<!-- mark -->``."""
 
 import csv
 import io
-from pathlib import Path
+import re
 
 from truths.record import Row
 
-TEMPLATE = Path(__file__).with_name("page.md")
-TABLE = "@table "
+MARKED = re.compile(r"<!-- ([\w-]+) -->\n.*")
 HEADER = ("comparison", "case", "truth", "clradar", "bound", "of", "unit", "holds")
 
 
@@ -50,24 +49,12 @@ def summary(tables: dict[str, list[Row]]) -> str:
     rows = [row for part in tables.values() for row in part]
     failed = [f"{key}: {row.case}" for key, part in tables.items() for row in part if not row.holds]
     text = f"{len(rows) - len(failed)} of {len(rows)} comparisons hold."
-    return text if not failed else text + " These do not: " + "; ".join(failed) + "."
+    text += " These do not: " + "; ".join(failed) + "." if failed else ""
+    return text + " [All numbers](validation.csv)."
 
 
-def filled(tables: dict[str, list[Row]]) -> str:
-    """The page. Every table of the text has to be among `tables`, and the other way round."""
-    out, used = [], set()
-    for text in TEMPLATE.read_text(encoding="utf-8").splitlines():
-        if text.startswith(TABLE):
-            key = text[len(TABLE) :]
-            used.add(key)
-            text = line(tables[key])
-        text = text.replace("@summary", summary(tables))
-        out.append(text)
-    assert used == set(tables), used ^ set(tables)
-    return "\n".join(out) + "\n"
-
-
-def prose() -> list[str]:
-    """Lines of the text that the page has as they are."""
-    lines = TEMPLATE.read_text(encoding="utf-8").splitlines()
-    return [line for line in lines if line and not line.startswith("@")]
+def filled(page: str, tables: dict[str, list[Row]]) -> str:
+    """The page with new numbers. Each table has a mark, and each mark a table."""
+    lines = {"summary": summary(tables)} | {key: line(rows) for key, rows in tables.items()}
+    assert set(MARKED.findall(page)) == set(lines)
+    return MARKED.sub(lambda found: f"<!-- {found[1]} -->\n{lines[found[1]]}", page)

@@ -1,5 +1,7 @@
 """Plates against closed forms near and far, and corners by the bouncing tracer."""
 
+from typing import Any
+
 import numpy as np
 
 import clradar
@@ -21,18 +23,25 @@ CORNER_BOUND_DB = 0.1
 at 20 m has steps of 2 um: 0.5 % of the rays, 0.05 dB for each bounce beyond the first."""
 
 
+RAYS: dict[str, Any] = {
+    "estimator": "stochastic", "samples_per_mm2": 20.0, "rays_per_sample": 1,
+    "reception_radius_m": 0.2, "normals": "face",
+}  # fmt: skip
+"""Of the corners: all rays that come back are received, since the Rx sphere is large."""
+
+
 def sigma_db(u: np.ndarray, distance_m: float) -> float:
     return float(10 * np.log10(optics.cross_section_m2(u, distance_m)))
 
 
-def over_distance(simulate: Simulator, distances_m: np.ndarray) -> np.ndarray:
+def over_distance(distances_m: np.ndarray) -> np.ndarray:
     """Rows (distance, found, integral) of a plate on its axis, dBsm as it would be far away."""
     f = measured.band_hz(1)
     k = measured.wavenumber(f)
     out = []
     for z in distances_m:
         scene = measured.plate((SIDE_M, SIDE_M), z)
-        u = simulate(scene, measured.monostatic(np.zeros(3)), f)[0, 0, 0]
+        u = measured.physical(scene, measured.monostatic(np.zeros(3)), f)[0, 0, 0]
         exact = optics.any_rectangle(z, (SIDE_M, SIDE_M), 0.0, k)[0]
         out.append((z, sigma_db(u, z), sigma_db(exact, z)))
     return np.array(out)
@@ -51,13 +60,13 @@ def over_tilt(simulate: Simulator, tilts_deg: tuple[float, ...], distance_m: flo
     return np.array(out)
 
 
-def plane(simulate: Simulator, n_freq: int) -> tuple[float, float]:
+def plane(n_freq: int) -> tuple[float, float]:
     """A disc of 12 cm at 0.3 m without the closed form of its rim's wave, relative to the image
     source: largest error of amplitude, dB, and of phase, degrees, over the band."""
     f = measured.band_hz(n_freq)
     k = measured.wavenumber(f)
     z, radius = 0.3, 0.06
-    u = simulate(measured.disc(radius, z), measured.monostatic(np.zeros(3)), f)[0, 0]
+    u = measured.physical(measured.disc(radius, z), measured.monostatic(np.zeros(3)), f)[0, 0]
     rim = optics.disc(z, radius, k) - optics.plane(z, k)
     ratio = (u - rim) / optics.image_source(z, k)
     db, phase = 20 * np.log10(np.abs(ratio)), np.degrees(np.angle(ratio))
@@ -91,59 +100,35 @@ def corners() -> list[Row]:
     """Cross sections of 3 cm corners by the stochastic tracer at alpha = 0, calibrated by a plate.
 
     Its amplitudes are 1 per ray, and a ray stands for cos(incidence)/density of the wave. So
-    |s| cos(incidence) / density is the effective area A, and sigma = 4 pi A^2 / lambda^2. All rays
-    that come back are received, since the Rx sphere is large.
+    |s| cos(incidence) / density is the effective area A, and sigma = 4 pi A^2 / lambda^2. The
+    cosine of n faces at right angles is 1 / sqrt(n).
     """
-    size, z, density = 0.03, 20.0, 20.0
+    size, z = 0.03, 20.0
     f = measured.band_hz(1)
     wavelength = measured.C_M_PER_S / f[0]
     array = measured.monostatic(np.zeros(3))
 
-    def received(scene: Scene, bounces: int, cosine: float) -> float:
-        capture = clradar.simulate(
-            scene,
-            array,
-            Waveform(f),
-            estimator="stochastic",
-            samples_per_mm2=density,
-            rays_per_sample=1,
-            reception_radius_m=0.2,
-            max_bounces=bounces,
-            normals="face",
-        )
-        area = abs(complex(capture.data[0, 0, 0])) * cosine / (density * 1e6)
+    def received(scene: Scene, bounces: int) -> float:
+        capture = clradar.simulate(scene, array, Waveform(f), max_bounces=bounces, **RAYS)
+        density = 1e6 * RAYS["samples_per_mm2"]
+        area = abs(complex(capture.data[0, 0, 0])) / np.sqrt(bounces) / density
         return float(10 * np.log10(4 * np.pi * (area / wavelength) ** 2))
 
     truth = 10 * np.log10(4 * np.pi * (size**2 / wavelength) ** 2)
     plate = measured.plate((size, size), z).with_alpha(0.0)
-    found = received(plate, 1, 1.0)
+    found = received(plate, 1)
     offset = truth - found
-    cases = (
-        (
-            "dihedral, two bounces",
-            dihedral(size, z),
-            2,
-            np.sqrt(1 / 2),
-            optics.dihedral_m2(size, size, wavelength),
-        ),
-        (
-            "square trihedral, three bounces",
-            trihedral(size, z, True),
-            3,
-            np.sqrt(1 / 3),
-            optics.square_trihedral_m2(size, wavelength),
-        ),
-        (
-            "triangular trihedral, three bounces",
-            trihedral(size, z, False),
-            3,
-            np.sqrt(1 / 3),
-            optics.triangular_trihedral_m2(size, wavelength),
-        ),
-    )
+    of_two = optics.dihedral_m2(size, size, wavelength)
+    of_square = optics.square_trihedral_m2(size, wavelength)
+    of_triangle = optics.triangular_trihedral_m2(size, wavelength)
+    cases = {
+        "dihedral, two bounces": (dihedral(size, z), 2, of_two),
+        "square trihedral, three bounces": (trihedral(size, z, True), 3, of_square),
+        "triangular trihedral, three bounces": (trihedral(size, z, False), 3, of_triangle),
+    }
     out = [Row("plate, one bounce (before calibration)", truth, found, 0.01, "dBsm")]
-    for name, scene, bounces, cosine, sigma in cases:
-        value = received(scene, bounces, cosine) + offset
+    for name, (scene, bounces, sigma) in cases.items():
+        value = received(scene, bounces) + offset
         out.append(Row(name, 10 * np.log10(sigma), value, CORNER_BOUND_DB, "dBsm"))
     return out
 

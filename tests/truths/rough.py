@@ -6,7 +6,6 @@ import numpy as np
 
 from clradar import AntennaArray, Material
 from truths import gaussian, measured
-from truths.measured import Simulator
 from truths.record import Row
 
 F_HZ = measured.band_hz(1)
@@ -28,16 +27,17 @@ class Mean:
         return float(self.relative.std() / np.sqrt(len(self.relative)))
 
 
-def mean_field(simulate: Simulator, g: float, n_seeds: int) -> Mean:
+def mean_field(g: float, n_seeds: int) -> Mean:
     """A plate of 4 cm at 0.3 m, correlation length 5 mm."""
     side, z, length = 0.04, 0.3, 5e-3
     rms = np.sqrt(g) / (2 * K)
     rough = Material("rough", conductor=True, roughness_rms_m=rms, correlation_length_m=length)
     array = measured.monostatic(np.zeros(3))
     scene = measured.plate((side, side), z)
-    smooth = simulate(scene, array, F_HZ)[0, 0, 0]
+    smooth = measured.physical(scene, array, F_HZ)[0, 0, 0]
     scene = scene.with_material(rough)
-    u = [simulate(scene, array, F_HZ, seed=1 + s)[0, 0, 0] for s in range(n_seeds)]
+    seeds = range(1, 1 + n_seeds)
+    u = [measured.physical(scene, array, F_HZ, seed=seed)[0, 0, 0] for seed in seeds]
     return Mean(g, np.array(u) / smooth, theoretical_contrast(g, side, z, length))
 
 
@@ -79,14 +79,12 @@ LENGTH_M = 3e-3
 
 
 def incoherent(
-    simulate: Simulator,
     rms_m: float,
     angles_deg: tuple[float, ...],
     n_seeds: int,
     n_round: int,
     *,
     across: bool = False,
-    samples_per_mm2: float = 4.0,
     side_m: float = SIDE_M,
 ) -> list[Incoherent]:
     """A plate seen from circles 3 m away around its normal, lit from the same places.
@@ -102,7 +100,7 @@ def incoherent(
     scene = measured.plate((side_m, side_m), RANGE_M, material=rough)
 
     def echoes(seed: int) -> np.ndarray:
-        u = simulate(scene, array, F_HZ, seed=seed, samples_per_mm2=samples_per_mm2)[:, :, 0]
+        u = measured.physical(scene, array, F_HZ, seed=seed)[:, :, 0]
         return u[0] if across else np.diagonal(u)
 
     u = np.array([echoes(1 + s) for s in range(n_seeds)])
@@ -113,29 +111,17 @@ def incoherent(
     for i, angle in enumerate(angles_deg):
         seen = to[i * n_round : (i + 1) * n_round]
         q = K * (seen + (np.array([0, 0, -1.0]) if across else seen))
-        finite = np.array(
-            [
-                gaussian.sigma0_of_rectangle(
-                    np.array([x, y, -z]), K, rms_m, LENGTH_M, (side_m, side_m)
-                )
-                for x, y, z in q
-            ]
-        )
+        own = (K, rms_m, LENGTH_M, (side_m, side_m))
+        finite = np.array([gaussian.sigma0_of_rectangle(one, *own) for one in q * [1, 1, -1]])
         # The plate's edges make the power vary around the circle, which is no speckle.
         even = away.reshape(n_seeds, len(angles_deg), n_round)[:, i] / np.sqrt(finite)
         endless = gaussian.sigma0(-q[0, 2], np.hypot(q[0, 0], q[0, 1]), K, rms_m, LENGTH_M)
         mean = sigma0[:, i].mean()
         error = sigma0[:, i].mean(axis=1).std() / np.sqrt(n_seeds) / mean
+        mean_db, endless_db, finite_db = 10 * np.log10([mean, endless, finite.mean()])
+        spread = contrast(even.ravel())
         out.append(
-            Incoherent(
-                angle,
-                float(10 * np.log10(mean)),
-                float(4.343 * error),
-                float(10 * np.log10(endless)),
-                float(10 * np.log10(finite.mean())),
-                contrast(even.ravel()),
-                n_seeds,
-            )
+            Incoherent(angle, mean_db, 4.343 * error, endless_db, finite_db, spread, n_seeds)
         )
     return out
 

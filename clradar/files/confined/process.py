@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import atexit
 import codecs
-import importlib
 import io
 import json
 import os
@@ -32,6 +31,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from pkgutil import resolve_name
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -76,8 +76,7 @@ for name in ("clradar", "clradar.dataset", "measurement_io"):
         module.__getattr__ = whole
 from {module} import {call}
 """
-"""The packages are there and imported only where a name of theirs is used: readers need few of
-their modules."""
+"""Packages are imported only where a name of theirs is used: readers need few of their modules."""
 
 _FORKS = sys.platform == "linux" and os.environ.get("CLRADAR_READERS") != "spawn"
 """Whether the server works: it passes on sockets, and reads /proc."""
@@ -93,8 +92,8 @@ class Reader:
 
     `expected` and `library` are words for messages ("a readable HDF5 file", "the HDF5 library");
     `memory_bytes` is on top of what the process has when it starts, `most_bytes` limits the arrays
-    that come back, and `modules` are imported, and functions ("module:name") called, before the
-    fork: later it can open no file.
+    that come back, and `modules` are imported, functions ("module:name") called before the fork:
+    later it can open no file.
     """
 
     expected: str
@@ -360,11 +359,9 @@ def serve_many() -> None:
 def _import_all(request: dict[str, Any]) -> None:
     for encoding in _ENCODINGS:
         codecs.lookup(encoding)  # loads it
-    for item in (request["module"], *request["modules"], *_LATE):
-        name, _, function = item.partition(":")
-        module = importlib.import_module(name)
-        if function:
-            getattr(module, function)()
+    for name in (request["module"], *request["modules"], *_LATE):
+        if callable(found := resolve_name(name)):
+            found()
 
 
 def _answer(request: dict[str, Any], link: wire.Link) -> None:

@@ -118,13 +118,13 @@ def test_gain_and_phase_errors_have_their_standard_deviation():
 @pytest.mark.parametrize("kind", ["plate", *nightly(["sphere"])])
 def test_covariance_of_the_position(kind):
     scaled = []
-    for seed in range(8):
+    for seed in range(5):
         truth = instrument(seed, SMALL, n_freq=16)
         found = estimate_channels(truth.record_target(TRUE[kind]), SAID[kind])
         off = TRUE[kind].parameters - np.array(list(found.target_position.values()))
         scaled.append(off @ np.linalg.solve(found.target_covariance, off))
-    # Chi square with 24 degrees of freedom: outside of these in 1 of 1000 cases.
-    assert 8.0 < sum(scaled) < 52.0
+    # Chi square with 15 degrees of freedom: outside of these in 2 of 1000 cases.
+    assert 3.5 < sum(scaled) < 37.7
 
 
 def test_gauge():
@@ -273,24 +273,24 @@ def test_echoes_beyond_noise_are_a_warning():
 
 
 PLATE, CORNER = FlatPlate(0.3), CornerReflector([0, 0, 0.3])
-BALL = Sphere([0, 0, 0.35], 0.05)
+BALL, NEAR = Sphere([0, 0, 0.35], 0.05), Sphere([0, 0, 0.335], 0.05)
 
 
 @pytest.mark.parametrize(
-    ("true", "said"),
+    ("seed", "true", "said"),
     [
-        # Another shape at the same range.
-        (BALL, CORNER), (CORNER, PLATE), (PLATE, CORNER),
-        *nightly([(PLATE, BALL), (BALL, PLATE), (CORNER, BALL)]),
+        # Another shape at the same range. This seed once had a third of the pairs left out as
+        # outliers, and the rest explained.
+        (1, BALL, CORNER), (1, CORNER, PLATE), (1, PLATE, CORNER),
+        *nightly([(1, PLATE, BALL), (1, BALL, PLATE), (1, CORNER, BALL)]),
         # The same elsewhere.
-        (PLATE, FlatPlate(0.34)), (PLATE, FlatPlate(0.3, 15.0)),
-        (BALL, Sphere([0, 0, 0.4], 0.05)), (Sphere([0, 0, 0.35], 0.03), BALL),
-        (CORNER, CornerReflector([0, 0, 0.36])), (CORNER, CornerReflector([0.1, 0, 0.3])),
+        (16, PLATE, FlatPlate(0.34)), (16, PLATE, FlatPlate(0.3, 15.0)),
+        (16, NEAR, Sphere([0, 0, 0.385], 0.05)), (16, Sphere([0, 0, 0.335], 0.03), NEAR),
+        (16, CORNER, CornerReflector([0, 0, 0.36])), (16, CORNER, CornerReflector([0.1, 0, 0.3])),
     ],
 )  # fmt: skip
-def test_another_target_is_refused(true, said):
-    # This seed once had a third of the pairs left out as outliers, and the rest explained.
-    truth = instrument(1, array=SMALL)
+def test_another_target_is_refused(seed, true, said):
+    truth = instrument(seed, array=SMALL)
     with pytest.raises(CalibrationError, match=r"^estimate_channels: "):
         estimate_channels(truth.record_target(true), said)
 

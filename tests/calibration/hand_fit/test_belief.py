@@ -111,12 +111,3 @@ def test_what_is_not_measured_stays_within_the_limits():
     speed = np.sqrt(np.diag(angle_covariance(SPEED_STD_DEG_S)))
     np.testing.assert_allclose(std[N_ANGLES:], speed, rtol=1e-9)
     assert np.linalg.eigvalsh(belief.covariance).min() > 0
-
-
-def test_a_search_keeps_what_is_known_of_the_shape():
-    belief = measured_exactly(Belief.of_start(STATE, 12.0, True), STATE, 0.01)
-    other = HandState(pose_by_name("L"), AVERAGE, np.eye(4))
-    again = belief.restarted(other, 12.0)
-    np.testing.assert_array_equal(again.mean[:N_ANGLES], other.angles_rad)
-    np.testing.assert_array_equal(again.shape_std, belief.shape_std)
-    np.testing.assert_array_equal(again.covariance[:N_ANGLES, :N_ANGLES], angle_covariance(12.0))

@@ -20,7 +20,7 @@ def measured(hand) -> clradar.Volume:
     capture = clradar.simulate(
         hand.transformed(truth()), ARRAY, WAVEFORM, seed=50, device="pocl", **RAYS
     )
-    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-3)
+    grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2.5e-3)
     return clradar.backproject(clradar.impair(capture, snr_db=20.0, seed=4), grid, device="pocl")
 
 

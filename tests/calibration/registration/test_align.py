@@ -1,5 +1,7 @@
 """Alignment of images: known motions are found, unobservable ones named, failures explained."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from nightly import nightly
@@ -9,7 +11,6 @@ import clradar
 from calibration import Alignment, align
 from calibration.registration.rigid_motion import exp_twist, kabsch, moved
 from clradar.errors import CompareError, ModelError
-from clradar.hand import hand_mesh
 
 CENTRE_M = np.array([0.0, 0.0, 0.3])
 
@@ -252,17 +253,13 @@ def test_nothing_to_align(original, spoil, reason):
             align(**pair)
 
 
-def test_no_overlap():
+def test_images_that_hardly_agree_are_a_failure(original):
     """Two plates side by side: a shift in their plane is unobservable, and without it they miss."""
+    small = partial(depth_map, lambda p: plate(2.5 * p))
     with pytest.raises(CompareError, match="could not align, because the two hardly overlap"):
         align(
-            depth_map(lambda p: plate(2.5 * p), motion(shift_m=(-0.05, 0, 0))),
-            depth_map(lambda p: plate(2.5 * p), motion(shift_m=(0.05, 0, 0))),
-            search_deg=5,
+            small(motion(shift_m=(-0.05, 0, 0))), small(motion(shift_m=(0.05, 0, 0))), search_deg=5
         )
-
-
-def test_few_inliers_are_a_failure(original):
     corner = without(original, (original.x_m < -0.01) & (original.y_m[:, None] < 0.0))
     with pytest.raises(CompareError, match=r"only \d+% of the simulated amplitude .* 50% is the"):
         align(corner, original, min_inlier_share=0.5, search_deg=5)
@@ -300,36 +297,6 @@ def test_kabsch_and_twists_are_exact():
     # A flat set must not come back mirrored.
     flat_m = points_m * [1, 1, 0]
     assert np.linalg.det(kabsch(flat_m, moved(truth, flat_m), np.ones(10))[:3, :3]) > 0
-
-
-VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG = 1.0e-3, 1.0
-"""Volume against volume: measured 0.3 and 0.15 mm, 0.3 and 0.3 degrees, with a margin of three for
-other devices. The bright places of a hand are not the same spots of skin after a motion, so the
-two depth maps are not the same surface moved: see docs/registration-method.md."""
-
-
-@pytest.mark.device
-@pytest.mark.slow
-def test_simulated_hands():
-    imager = clradar.arrays.qar50()
-    array = clradar.AntennaArray(imager.tx_m[::3], imager.rx_m[::3])
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    grid = clradar.VoxelGrid.from_extent(
-        (-0.08, 0.08), (-0.1, 0.1), (0.27, 0.34), (2.5e-3, 2.5e-3, 3.5e-3)
-    )
-    mesh = hand_mesh("flat", 3e-3)
-
-    def volume(transform, seed):
-        scene = clradar.Scene.from_mesh(mesh, alpha=0.3, transform=transform)
-        capture = clradar.simulate(
-            scene, array, waveform, samples_per_mm2=0.5, seed=seed, device="pocl"
-        )
-        return clradar.backproject(capture, grid, device="pocl")
-
-    truth = motion(shift_m=(0.006, -0.004, 0.005))
-    result = align(volume(truth, 1), volume(np.eye(4), 0), search_deg=5)
-    assert_near(result, truth, VOLUME_TOLERANCE_M, VOLUME_TOLERANCE_DEG)
-    assert result.degenerate_directions == ()
 
 
 @pytest.mark.parametrize("name", ["transform", "covariance", "centre_m"])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from shapes import box, plate, sphere
 
 import clradar
-from calibration import Alignment, align_mesh
+from calibration import Alignment, Place, align_mesh
 from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage, MeshRendering
 from clradar import reference
@@ -143,13 +143,17 @@ def test_doubts_are_remarked(found):
     assert json.loads(json.dumps(found.to_dict()))["transform"] == found.transform.tolist()
     turned = np.eye(4)
     turned[:3, :3] = Rotation.from_rotvec([0, 0, 70], degrees=True).as_matrix()
-    doubtful = replace(found, transform=turned, overlap=0.6, converged=False)
-    still, beyond, other = doubtful.remarks()
+    place = Place(np.array([0.0, 0.05, 0.3]), 1e-4, 4.0, 5e-3, 3.0)
+    worse = {"residual_ratio": 2.5, "places": (place,)}
+    doubtful = replace(found, transform=turned, overlap=0.6, converged=False, **worse)
+    still, beyond, other, beyond_noise = doubtful.remarks()
+    assert "2.5 times what the noise explains" in beyond_noise
+    assert place.text() in beyond_noise
     assert "still changed in the last iteration" in still
     assert "--search-deg" in beyond
     assert "0.60" in other
-    assert doubtful.report().count("Doubtful") == 2
-    assert doubtful.to_dict()["remarks"] == [still, beyond, other]
+    assert doubtful.report().count("Doubtful") == 3
+    assert doubtful.to_dict()["remarks"] == [still, beyond, other, beyond_noise]
 
 
 # Failures

@@ -2,7 +2,6 @@
 
 import json
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 
@@ -13,13 +12,7 @@ from matplotlib.figure import Figure
 from recorded_targets import HALF, SMALL, instrument
 
 import clradar
-from calibration import (
-    FlatPlate,
-    correct,
-    estimate_channels,
-    range_gate,
-    subtract_background,
-)
+from calibration import FlatPlate, correct, estimate_channels, range_gate, subtract_background
 from measurement_io import open_capture, open_channels, save_capture
 
 FOLDER = Path(__file__).resolve().parents[3] / "calibration" / "scripts"
@@ -27,7 +20,7 @@ FOLDER = Path(__file__).resolve().parents[3] / "calibration" / "scripts"
 
 @pytest.fixture
 def start(monkeypatch, capsys, tmp_path):
-    """Run a script in this process, as by its file in another folder: status, output and errors."""
+    """Run a script in this process, as by its file elsewhere: success, output and errors."""
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
     monkeypatch.syspath_prepend(FOLDER)
     monkeypatch.chdir(tmp_path)
@@ -38,7 +31,7 @@ def start(monkeypatch, capsys, tmp_path):
         clradar.VoxelGrid, "from_extent", lambda x, y, z, _: from_extent(x, y, z, 4e-3)
     )
 
-    def run(name: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    def run(name: str, *arguments: object) -> tuple[bool, str, str]:
         path = FOLDER / f"{name}.py"
         monkeypatch.setattr(sys, "argv", [str(path), *map(str, arguments)])
         code: object = 0
@@ -46,10 +39,8 @@ def start(monkeypatch, capsys, tmp_path):
             runpy.run_path(str(path), run_name="__main__")
         except SystemExit as ended:
             code = ended.code
-        message = f"{code}\n" if isinstance(code, str) else ""
         printed = capsys.readouterr()
-        status = 1 if message else int(str(code or 0))
-        return subprocess.CompletedProcess([], status, printed.out, printed.err + message)
+        return code in (0, None), printed.out, code if isinstance(code, str) else printed.err
 
     return run
 
@@ -65,35 +56,34 @@ def test_background(start, tmp_path):
     save_capture(tmp_path / "empty.h5", empty)
     clean = tmp_path / "clean.h5"
     files = (tmp_path / "hand.h5", "--empty", tmp_path / "empty.h5", "-o", clean)
-    done = start("background", *files, "--near-mm", 80, "--far-mm", 140)
-    assert done.returncode == 0, done.stderr
+    fine, _, err = start("background", *files, "--near-mm", 80, "--far-mm", 140)
+    assert fine, err
     expected = subtract_background(hand, empty, scaling="common")
     expected = range_gate(expected, near_m=0.08, far_m=0.14)
     assert np.array_equal(open_capture(clean).data, expected.data)
     # A second time it would overwrite.
-    done = start("background", *files)
-    assert done.returncode == 1
-    assert done.stderr.startswith("background.py: error: ")
-    assert "clean.h5" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    fine, _, err = start("background", *files)
+    assert not fine
+    assert err.startswith("background.py: error: ")
+    assert len(err.splitlines()) == 1
 
 
 def test_channels(start, tmp_path):
     plate, other = recorded(3), recorded(4)
     save_capture(tmp_path / "plate.h5", plate)
     save_capture(tmp_path / "other.h5", other)
-    done = start(
+    fine, out, err = start(
         "channels", tmp_path / "plate.h5", "-o", tmp_path / "channels.h5", "--distance-mm", 300,
         "--correct", tmp_path / "other.h5", "--corrected", tmp_path / "corrected.h5",
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    assert fine, err
     channels = estimate_channels(plate, FlatPlate(0.3))
     assert np.array_equal(
         open_channels(tmp_path / "channels.h5").response.tx_gain, channels.response.tx_gain
     )
     expected = correct(other, channels)
     assert np.array_equal(open_capture(tmp_path / "corrected.h5").data, expected.data)
-    assert "of the echoes is left" in done.stdout
+    assert "of the echoes is left" in out
 
 
 @pytest.fixture
@@ -103,41 +93,31 @@ def plate_files(tmp_path):
     faces = [[0, 1, 2], [0, 2, 3]]
     trimesh.Trimesh(corners, faces, process=False).export(tmp_path / "plate.ply")
     waveform, scene = clradar.Waveform.sfcw(72e9, 82e9, 32), clradar.Scene(corners, faces, 0.5)
-    capture = clradar.simulate(
-        scene, HALF, waveform, samples_per_mm2=5.0, estimator="stochastic", device="pocl"
-    )
+    rays = {"samples_per_mm2": 5.0, "estimator": "stochastic", "device": "pocl"}
+    capture = clradar.simulate(scene, HALF, waveform, **rays)
     save_capture(tmp_path / "capture.h5", capture)
 
 
 def test_sweep(start, plate_files, tmp_path):
     place = {"transform": np.eye(4).tolist()}
     (tmp_path / "transform.json").write_text(json.dumps(place))
-    arguments = (
+    fine, out, err = start(
         "sweep", tmp_path / "capture.h5", tmp_path / "plate.ply", "-o", tmp_path / "sweep.png",
         "--transform", tmp_path / "transform.json", "--alphas", 3, "--samples-per-mm2", 0.5,
         "--seeds", 2,
     )  # fmt: skip
-    done = start(*arguments)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("alpha: 0.")
+    assert fine, err
+    assert out.startswith("alpha: 0.")
     assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
-    done = start(*arguments)
-    assert done.returncode == 1
-    assert done.stderr.startswith("sweep.py: error: ")
 
 
 def test_align(start, plate_files, tmp_path):
     output = tmp_path / "transform.json"
     arguments = ("align", tmp_path / "capture.h5", tmp_path / "plate.ply", "-o", output, "--quick")
-    done = start(*arguments)
-    assert done.returncode == 0, done.stderr
+    fine, out, err = start(*arguments)
+    assert fine, err
     found = np.array(json.loads(output.read_text())["transform"])
     at_m = np.array([0.0, 0.0, 0.3])
     # The mesh is in place already, and the bias of a fit without correction is a few millimetres.
     assert np.linalg.norm(found[:3, :3] @ at_m + found[:3, 3] - at_m) < 3e-3
-    assert "The mesh is shifted by" in done.stdout
-    trimesh.creation.icosphere(radius=40.0).export(tmp_path / "ball.ply")
-    done = start("align", tmp_path / "capture.h5", tmp_path / "ball.ply", "-o", tmp_path / "t.json")
-    assert done.returncode == 1
-    assert done.stderr.startswith("align.py: error: ")
-    assert not (tmp_path / "t.json").exists()
+    assert "The mesh is shifted by" in out
