@@ -359,7 +359,7 @@ def test_a_mesh_that_changes_between_clusters_is_refused(cli, walled, monkeypatc
 # ---- scenes that move
 
 MOTION = """
-sweep.step_us = 20
+sweep.step_us = 400
 [[body]]
 velocity_mm_per_s = [0, 0, 50]
 [[hand]]
@@ -372,15 +372,16 @@ center_mm = [0, 0, 400]
 def test_a_moving_scene_becomes_a_recording_with_its_truth(cli):
     ball(0.01, 0, 0, 0.2).export("ball.ply")
     Path("motion.toml").write_text(MOTION)
-    options = "--band 72:82:2 --samples-per-mm2 0.02 --estimator expected"
+    Path("radar.toml").write_text(RULES)
+    options = "--array radar.toml --band 72:82:2 --samples-per-mm2 0.02 --estimator expected"
     line = f"simulate ball.ply --motion motion.toml {options} -o"
     outcome = cli.ok(f"{line} moving --frames 2 --rate-hz 1")
-    assert "2 frames, sweeps of 3.74 ms, samples right to -" in outcome.out
+    assert "2 frames, sweeps of 3.6 ms, samples right to -" in outcome.out
     recording = open_recording("moving")
     assert recording.timestamps_us == (0, 1_000_000)
     truth = json.loads(Path("moving/truth/truth.json").read_text())["frames"]
     middle_s = truth[1]["middle_s"]
-    assert middle_s == pytest.approx(1.00187)
+    assert middle_s == pytest.approx(1.0018)
     assert truth[1]["bodies"][""][2][3] == pytest.approx(0.05 * middle_s)
     assert truth[1]["hands"][0]["pose"] == "flat"
     assert len(truth[0]["hands"][0]["joints_m"]) == 25

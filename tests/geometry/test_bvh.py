@@ -131,14 +131,6 @@ def exponential(n_faces: int, octaves: float) -> np.ndarray:
     return scale[:, None, None] * one
 
 
-@pytest.mark.parametrize(("n_faces", "octaves"), [(60, 60), (3000, 20)])
-def test_exponential_spacing_stays_within_the_depth_bound(n_faces, octaves, device):
-    triangles = exponential(n_faces, octaves)
-    bvh = build_bvh(triangles, device)
-    check_flat(bvh, triangles)
-    assert bvh.depth <= module.MEDIAN_BELOW_LEVEL + np.ceil(np.log2(n_faces)) + 1
-
-
 def test_splits_by_count_bound_the_depth_of_an_unbalanced_tree(monkeypatch, device):
     triangles = exponential(2000, 120)
     bvh = build_bvh(triangles, device)

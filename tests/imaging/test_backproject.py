@@ -104,6 +104,7 @@ def test_sizes_beside_the_width_of_a_vector(device, n_x, method):
 GRIDS = {
     "one voxel": VoxelGrid.from_extent((0.01, 0.01), (0.02, 0.02), (0.3, 0.3), 1e-3),
     "a line along z": VoxelGrid.from_extent((0.0, 0.0), (0.0, 0.0), (0.2, 0.4), 5e-3),
+    "on an antenna": VoxelGrid(random_array(6, 5).tx_m[0], np.full(3, 5e-3), (2, 1, 1)),
     "behind the array": VoxelGrid.from_extent((-0.02, 0.02), (0.0, 0.01), (-0.3, -0.28), 1e-2),
     "across the array": VoxelGrid.from_extent((-0.08, 0.08), (0.0, 0.01), (-0.02, 0.02), 1e-2),
     "far away": VoxelGrid.from_extent((-1.0, 1.0), (0.0, 0.1), (20.0, 20.1), 0.1),
@@ -130,14 +131,6 @@ def test_grids_anywhere(device, name, method):
 def test_arrays_of_any_size(device, n_tx, n_rx, method):
     error = error_db(noise(random_array(n_tx, n_rx), SHORT), GRID, device, method)
     assert error <= TOLERANCE_DB[method]
-
-
-def test_a_voxel_on_an_antenna(device):
-    array = AntennaArray([[0.0, 0.0, 0.0]], [[0.01, 0.0, 0.0]])
-    grid = VoxelGrid.from_extent((0.0, 0.01), (0.0, 0.0), (0.0, 0.0), 5e-3)
-    for method in METHODS:
-        error = error_db(noise(array, SHORT), grid, device, method)
-        assert error <= TOLERANCE_DB[method]
 
 
 WAVEFORMS = {

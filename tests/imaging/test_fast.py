@@ -1,4 +1,4 @@
-"""Fast factorised back-projection: decompositions, the tree of blocks, and its tolerance."""
+"""Fast factorised back-projection: the tree of blocks, and its tolerance."""
 
 from functools import lru_cache
 from itertools import pairwise
@@ -12,7 +12,6 @@ import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.imaging import fast
 from clradar.imaging.block_tree import block_sizes, image_levels, leaf_voxels
-from clradar.imaging.tree_on_device import FLOAT32_SHARE, float32_phase_error
 
 HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
 # Float32 sums of 10^6 terms of random phase in blocks of a hundred, and phases of 1e-6 turns.
@@ -138,15 +137,6 @@ def half_capture() -> Capture:
 )
 def test_any_grid(device, name, tolerance_db):
     assert error_db(half_capture(), GRIDS[name], device, tolerance_db=tolerance_db) <= tolerance_db
-
-
-def test_far_voxels_get_double_single_phases():
-    far = GRIDS["wavelengths from voxel to voxel"]
-    k = SWEEP.frequencies_hz / 299_792_458.0
-    for grid, expected in ((PAPER_COARSE, False), (far, True)):
-        last = np.array(grid.counts) - 1
-        error = float32_phase_error(QAR50, k, float(np.linalg.norm(grid.spacing_m * last)))
-        assert (error > FLOAT32_SHARE * 1e-4) is expected
 
 
 RNG = np.random.default_rng(5)

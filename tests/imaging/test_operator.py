@@ -57,6 +57,11 @@ def voxels_m(grid: VoxelGrid) -> np.ndarray:
     return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
 
 
+def sphere(n: int, radius_m: float = 0.05) -> np.ndarray:
+    out = np.random.default_rng(n).normal(size=(n, 3))
+    return radius_m * out / np.linalg.norm(out, axis=1)[:, None] + np.array([0.02, 0, 0.3])
+
+
 # Term by term -------------------------------------------------------------------------------------
 
 
@@ -74,20 +79,22 @@ def test_both_ways_are_the_sum(device, array, n):
     assert rms_db(operator.adjoint(samples) - want, want) <= FLOAT32_DB
 
 
-def test_a_pair_has_no_echo_of_points_that_it_does_not_see(device):
-    rng, n = np.random.default_rng(3), 40
-    points_m = rng.uniform((-0.1, -0.1, 0.2), (0.1, 0.1, 0.4), (n, 3))
-    tx_visible, rx_visible = rng.random((n, SMALL.n_tx)) < 0.7, rng.random((n, SMALL.n_rx)) < 0.7
-    tx_visible[:10], rx_visible[5:15] = True, True  # five points are seen by all
+@pytest.mark.parametrize(("n", "share", "error_db"), [(40, 0.3, FLOAT32_DB), (1500, 0.01, -50.0)])
+def test_a_pair_has_no_echo_of_points_that_it_does_not_see(device, monkeypatch, n, share, error_db):
+    """Of few points all are summed directly; of many, those that all antennas see by a tree."""
+    monkeypatch.setattr(fast, "FEW_TERMS", 10**6)
+    rng = np.random.default_rng(3)
+    points_m = sphere(n)
+    tx_visible, rx_visible = (rng.random((n, m)) > share for m in (SMALL.n_tx, SMALL.n_rx))
     seen = {"tx_visible": tx_visible, "rx_visible": rx_visible}
     operator = ImagingOperator(SMALL, UNEVEN, points_m, **seen, device=device)
     tx, rx = phasors(points_m, SMALL, UNEVEN)
     tx, rx = tx * tx_visible, rx * rx_visible
     rho, samples = complex_noise((n,)), complex_noise(operator.range_shape)
     want = np.einsum("p,npt,npr->trn", rho, tx, rx, optimize=True)
-    assert rms_db(operator.forward(rho) - want, want) <= FLOAT32_DB
+    assert rms_db(operator.forward(rho) - want, want) <= error_db
     want = np.einsum("npt,trn,npr->p", tx.conj(), samples, rx.conj(), optimize=True)
-    assert rms_db(operator.adjoint(samples) - want, want) <= FLOAT32_DB
+    assert rms_db(operator.adjoint(samples) - want, want) <= error_db
 
 
 # The tree -----------------------------------------------------------------------------------------
@@ -100,11 +107,6 @@ SWEEP_17 = Waveform.sfcw(72e9, 82e9, 17)
 def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
     """However few the points are."""
     monkeypatch.setattr(fast, "FEW_TERMS", 0)
-
-
-def sphere(n: int, radius_m: float = 0.05) -> np.ndarray:
-    out = np.random.default_rng(n).normal(size=(n, 3))
-    return radius_m * out / np.linalg.norm(out, axis=1)[:, None] + np.array([0.02, 0, 0.3])
 
 
 POINTS_M = {
@@ -194,24 +196,6 @@ def test_pieces_and_parts_make_up_the_whole(device, always_a_tree, monkeypatch):
         assert rms_db(operator.forward(rho) - want, want) <= -50.0
         want = adjoint_sum(points_m[::7], samples, SMALL, UNEVEN)
         assert rms_db(operator.adjoint(samples).ravel()[::7] - want, want) <= -50.0
-
-
-def test_points_that_some_antennas_do_not_see_are_summed_directly(device, always_a_tree):
-    points_m, n = POINTS_M["a sphere"][:1500], 1500
-    seen = np.ones((n, SMALL.n_tx), bool)
-    seen[::3, 0] = False
-    operator = ImagingOperator(SMALL, UNEVEN, points_m, tx_visible=seen, device=device)
-    rho, samples = complex_noise((n,)), complex_noise(operator.range_shape)
-    want = forward_sum(points_m, rho, SMALL, UNEVEN)
-    want[0] = forward_sum(points_m, rho * seen[:, 0], SMALL, UNEVEN)[0]
-    captured = operator.forward(rho)
-    assert rms_db(captured - want, want) <= -50.0
-    only_0 = np.zeros_like(samples)
-    only_0[0] = samples[0]
-    image = operator.adjoint(only_0)
-    assert (image[::3] == 0).all()
-    want = adjoint_sum(points_m[1:100:3], only_0, SMALL, UNEVEN)
-    assert rms_db(image[1:100:3] - want, want) <= -50.0
 
 
 # Records and vectors ------------------------------------------------------------------------------

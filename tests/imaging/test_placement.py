@@ -85,8 +85,8 @@ def warned(capture: Capture, grid: VoxelGrid, **options: Any) -> list[str]:
 @pytest.mark.parametrize(
     ("at_m", "array"),
     [
-        ([0.8, 0.0, 1.0], ARRAY),
-        *nightly([([0, 0, 0.15], ARRAY), ([0.3, 0.2, 1.5], DENSE), ([0.15, 0, 0.3], DENSE)]),
+        ([0, 0, 0.15], ARRAY),
+        *nightly([([0.8, 0.0, 1.0], ARRAY), ([0.3, 0.2, 1.5], DENSE), ([0.15, 0, 0.3], DENSE)]),
     ],
 )
 def test_the_grid_is_placed_around_an_echo_anywhere(at_m, array):
@@ -171,9 +171,8 @@ def test_grids_of_other_radars_hold_the_target_at_half_the_resolution(
 def test_bodies_apart_are_in_one_grid_or_named():
     places = [[0, 0, 1.0], [0.1, 0.1, 1.6], [-0.3, 0.0, 1.0]]  # two of one range
     weak = [0.1, -0.1, 1.3]  # -18 dB
-    found = placement.placement(
-        echoes_of(*places, weak, amplitudes=[1.0, 1.0, 1.0, 0.12]), clradar.open_device()
-    )
+    capture = echoes_of(*places, weak, amplitudes=[1.0, 1.0, 1.0, 0.12])
+    found = placement.placement(capture, clradar.open_device())
     low, high = box_of(found.grid).T
     assert ((low < places) & (places < high)).all()
     assert (2 * found.grid.spacing_m <= [0.0139, 0.0139, 0.015]).all()
@@ -318,8 +317,6 @@ def test_a_grid_beyond_the_unambiguous_range_is_reported():
     assert re.search(r"to 2\.107 m, beyond .* \(2 df\) of 1\.904 m", text)
     beyond = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (2.0, 2.1), 1e-2)
     assert warned(echoes_of([0, 0, 0.3]), beyond) == [ALIAS, OUTSIDE]
-    within = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (1.4, 1.8), 2e-2)
-    assert warned(echoes_of([0, 0, 1.5]), within, method="range") == []
 
 
 def test_wavefronts_tell_aliases_apart_in_the_near_field_alone():

@@ -24,11 +24,10 @@ def test_a_hand_passes_through_its_poses_about_its_centre(tmp_path):
 
 
 @pytest.mark.device
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_joints_are_those_of_the_mesh(side):
+def test_joints_are_those_of_the_mesh():
     shape = HandShape(length_m=0.17, girth=0.95)
     hand = MovingHand(
-        [0.0, 1.0], ["F", "flat"], motion=TURN, shape=shape, handedness=side, edge_length_m=4e-3
+        [0.0, 1.0], ["F", "flat"], motion=TURN, shape=shape, handedness="left", edge_length_m=4e-3
     )
     for time_s in (0.0, 0.7):
         # Sums of a few terms below 1 m in double precision.

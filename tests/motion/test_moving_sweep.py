@@ -169,10 +169,11 @@ def test_a_scene_that_stays_has_the_bits_of_a_still_one(estimator):
     assert np.array_equal(capture.data, still.data)
 
 
-@pytest.mark.parametrize("side", ["left", *nightly(["right"])])
-def test_frames_without_duration_are_the_frames_of_a_still_hand(side):
+def test_frames_without_duration_are_the_frames_of_a_still_hand():
     motion = RigidMotion.steady(turn_rad_per_s=(0, 1, 0), about_m=(0, 0, 0.3))
-    hand = MovingHand([0.0, 1.0], ["A", "flat"], motion=motion, edge_length_m=4e-3, handedness=side)
+    hand = MovingHand(
+        [0.0, 1.0], ["A", "flat"], motion=motion, edge_length_m=4e-3, handedness="left"
+    )
     timing = clradar.SweepTiming.in_order(24, 16, step_s=0.0)
     capture = clradar.simulate_moving(
         MovingScene([hand]), RADAR, WAVEFORM, timing=timing, start_s=0.4, samples_per_mm2=0.5

@@ -79,10 +79,9 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 @pytest.mark.parametrize(
     ("infos", "chosen"),
     [
-        ((OCLGRIND, POCL), POCL),
         ((OCLGRIND, POCL, INTEL), INTEL),
         ((OCLGRIND, POCL, INTEL, CARD, CARD_2), CARD),
-        ((OTHER, POCL), POCL),
+        ((OCLGRIND, OTHER, POCL), POCL),
         ((OCLGRIND, OTHER), OTHER),
     ],
 )

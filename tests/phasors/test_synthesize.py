@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import clradar
 from clradar import AntennaArray, Paths, Scene, Waveform, reference, synthesize
 from clradar.errors import ModelError
-from clradar.phasors.length_blocks import EDGE_PHASE_RAD, MOMENTS, length_blocks
+from clradar.phasors.length_blocks import length_blocks
 
 C_M_PER_S = 299_792_458.0
 
@@ -62,6 +62,9 @@ def assert_sums(paths: Paths, array: AntennaArray, waveform: Waveform, device: A
 
 WAVEFORMS = {
     "one": Waveform([77e9]),
+    "equal": Waveform.sfcw(72e9, 82e9, 16),
+    "octaves": Waveform.sfcw(10e9, 90e9, 33),
+    "neighbours": Waveform([77e9, 77e9 + 0.25]),
     "seven": Waveform.sfcw(72e9, 82e9, 7),
     "nine": Waveform.sfcw(72e9, 82e9, 9),
     "prime": Waveform.sfcw(72e9, 82e9, 127),
@@ -165,30 +168,6 @@ def test_simulate_is_trace_and_synthesize_to_the_bit_and_says_what_it_did(device
 
 # Blocks of path length --------------------------------------------------------------------------
 
-# 2 (J_8(1) + J_9(1) + ...), and coefficients rounded to float32: 2^-25 of their sum, e.
-MOMENT_ERROR = 2.0e-7 + 2.0**-25 * np.exp(EDGE_PHASE_RAD)
-
-BANDS = {
-    "one": Waveform([77e9]),
-    "equal": Waveform.sfcw(72e9, 82e9, 16),
-    "unequal": Waveform(72e9 + 10e9 * np.array([0, 1e-6, 0.001, 0.5, 0.51, 0.98, 1])),
-    "octaves": Waveform.sfcw(10e9, 90e9, 33),
-    "baseband": Waveform([1e8, 1e8 + 1, 1e9]),
-    "neighbours": Waveform([77e9, 77e9 + 0.25]),
-}
-
-
-@pytest.mark.parametrize("name", BANDS)
-def test_moments_make_the_phasor_everywhere_in_a_block(name):
-    waveform = BANDS[name]
-    blocks = length_blocks(waveform)
-    x = np.linspace(-1, 1, 301)[:, None]
-    p = np.arange(MOMENTS)[:, None, None]
-    got = ((-1j) ** (p % 2) * blocks.table[:MOMENTS, None].astype(float) * x**p).sum(axis=0)
-    kappa = (waveform.frequencies_hz - waveform.center_hz) / C_M_PER_S
-    want = np.exp(-2j * np.pi * kappa * x / blocks.per_half_block)
-    assert np.abs(got - want).max() <= MOMENT_ERROR
-
 
 @st.composite
 def cases(draw: st.DrawFn) -> tuple[Paths, AntennaArray, Waveform]:
@@ -216,14 +195,14 @@ def test_any_paths_and_frequencies(case, width):
 
 @pytest.mark.parametrize("name", ["equal", "octaves"])
 def test_evicted_blocks(device, name):
-    array, waveform = make_array(2, 3), BANDS[name]
+    array, waveform = make_array(2, 3), WAVEFORMS[name]
     assert_sums(random_paths(4000, array, 1, 30.0), array, waveform, device)
     blocks = length_blocks(waveform)
     assert 30.0 / blocks.block_m > 50 * blocks.n_slots
 
 
 def test_lengths_at_the_ends_of_blocks_and_numbers(device):
-    waveform = BANDS["equal"]
+    waveform = WAVEFORMS["equal"]
     block_m = length_blocks(waveform).block_m
     edges = (np.arange(200) + 0.5) * block_m
     powers = 2.0 ** np.arange(-90, 8)
@@ -251,9 +230,9 @@ def test_blocks_in_turn_in_one_slot_do_not_drift(device, apart):
 
 def test_a_path_of_too_many_wavelengths_is_an_error(device):
     array = make_array(1, 1)
-    limit_m = length_blocks(BANDS["equal"]).longest_m
+    limit_m = length_blocks(WAVEFORMS["equal"]).longest_m
     within = make_paths([0], [limit_m * 0.999], [1.0], array)
-    assert_sums(within, array, BANDS["equal"], device)
+    assert_sums(within, array, WAVEFORMS["equal"], device)
     beyond = make_paths([0, 0], [0.5, limit_m * 1.001], [1.0, 1.0], array)
     with pytest.raises(ModelError, match=r"paths: expected lengths up to 7667\.\d+ m .*got 7674"):
-        synthesize(beyond, array, BANDS["equal"], device=device)
+        synthesize(beyond, array, WAVEFORMS["equal"], device=device)
