@@ -40,6 +40,8 @@ def test_arrays_keep_their_bits(protocol):
 
 
 WHOLE = pickle.dumps(np.arange(6.0), 2)
+PYTHON_2 = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85U\x01b\x87R"
+PYTHON_2 += b"(K\x01K\x01\x85cnumpy\ndtype\nU\x02f8K\x00K\x01\x87R\x89U\x00tb."
 
 
 @pytest.mark.parametrize(
@@ -47,6 +49,7 @@ WHOLE = pickle.dumps(np.arange(6.0), 2)
     [
         (b"", "no end: it is cut short"),
         (b"K\x01.K\x01.", "3 bytes after the end"),
+        (b"\xff\xff", "no operation"),
         (b"\x82\x01.", "the operation EXT1, which no frame needs"),
         (b"Pname\n.", "the operation PERSID"),
         (b"\x97.", "the operation NEXT_BUFFER"),
@@ -60,6 +63,8 @@ WHOLE = pickle.dumps(np.arange(6.0), 2)
         (b"c_codecs\nencode\nX\x01\0\0\0aX\x05\0\0\0utf-8\x86R.", "something else than latin1"),
         (WHOLE.replace(b"K\x06\x85", b"K\x07\x85"), "56 bytes with 48 bytes of data"),
         (WHOLE.replace(b"K\x06\x85", b"K\xff\x88"), "no tuple of sizes|unknown kind"),
+        (WHOLE.replace(b"K\x06\x85", b"J\xff\xff\xff\xff\x85"), "no tuple of sizes"),
+        (PYTHON_2, "8 bytes with 0 bytes of data"),
     ],
 )
 def test_what_is_refused(content, message):

@@ -9,6 +9,7 @@ from systems import posix_only
 
 from clradar.errors import MeasurementError, ModelError, RigError
 from clradar.files.failures import clean, fail, read_bytes
+from clradar.files.json_differences import differences
 from clradar.files.json_file import read_json, read_json_object, write_json
 from clradar.files.json_text import parse_object, to_json
 from clradar.files.limits import MAX_JSON_DEPTH, MAX_MESSAGE_CHARACTERS, MAX_TOML_LINE_CHARACTERS
@@ -91,6 +92,11 @@ def test_meta_reads_back_equal_or_is_refused():
             to_json("meta", {"key": value})
     with pytest.raises(ValueError, match="NaN is not JSON"):
         parse_object('{"a": NaN}', strict=True)
+
+
+def test_differences_of_long_lists_are_those_of_their_items():
+    before, now = {"a": [*range(40)]}, {"a": [0, -1, *range(2, 41)]}
+    assert differences(before, now) == ["a of 40, now of 41", "a[1] 1, now -1"]
 
 
 # ---- messages, and files of a limited size

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
-from clradar.errors import ModelError
 from clradar.geometry import bvh as module
 from clradar.geometry.bvh import Bvh, build_bvh, face_normals, flatten
 
@@ -173,16 +172,3 @@ def test_normals_and_areas_of_faces():
     )
     np.testing.assert_array_equal(normal, [[0, 0, 1], [0, 0, -1], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     np.testing.assert_array_equal(area, [3, 3, 0, 0, 0])
-
-
-@pytest.mark.parametrize(
-    ("triangles", "message"),
-    [
-        (np.full((2, 3, 3), np.nan), "NaN"),
-        (np.full((2, 3, 3), 1e39), "overflow"),
-        *((np.zeros(shape), "triangles_m: expected") for shape in ((0, 3, 3), (2, 4, 3))),
-    ],
-)
-def test_refused(triangles, message, device):
-    with pytest.raises(ModelError, match=message):
-        build_bvh(triangles, device)

@@ -5,7 +5,6 @@ import pytest
 from shapes import bowl, box, dihedral, plate, sphere, with_degenerate
 
 from clradar import Scene, reference
-from clradar.errors import ModelError
 from clradar.geometry.normals import corner_normals
 
 ROUNDING = 1e-12
@@ -90,19 +89,6 @@ def test_three_faces_at_one_edge():
     vertices = [[0, 0, 0], [0, 1, 0], [-1, 0.5, 0], [1, 0.5, 0], [0, 0.5, 1]]
     corners, faces = corner_normals(Scene(vertices, [[0, 1, 2], [1, 0, 3], [0, 1, 4]]))
     np.testing.assert_allclose(corners, np.repeat(faces[:, None], 3, axis=1), atol=ROUNDING)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("round",), "normals: expected one of"),
-        (("smooth", -1.0), "crease_deg"),
-        (("smooth", 181.0), "crease_deg"),
-    ],
-)
-def test_invalid_arguments_are_refused(arguments, message):
-    with pytest.raises(ModelError, match=message):
-        corner_normals(Scene(*MESHES["box"]), *arguments)
 
 
 def test_known_normals_are_used_where_they_fit_the_face():

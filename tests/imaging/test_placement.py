@@ -114,7 +114,9 @@ OF_A_HAND = {
 }
 
 
-@pytest.mark.parametrize("name", OF_A_HAND)
+@pytest.mark.parametrize(
+    "name", [*[*OF_A_HAND][2:], *nightly(["a hand", "a wall that is 10 dB stronger"])]
+)
 def test_the_hand_s_grid_is_that_of_the_paper_and_its_image_warns_of_nothing(name):
     capture = OF_A_HAND[name]()
     assert place_grid(capture) is PAPER_GRID
@@ -260,7 +262,7 @@ def test_an_echo_beside_the_grid_is_reported(at_m):
     ("extents", "side"),
     [
         (((0.02, 0.1), (-0.1, 0.1), (0.26, 0.34)), "x = 20 mm"),
-        (((-0.1, 0.1), (-0.1, 0.0), (0.26, 0.34)), "y = 0 mm"),
+        *nightly([(((-0.1, 0.1), (-0.1, 0.0), (0.26, 0.34)), "y = 0 mm")]),
     ],
 )
 def test_a_grid_that_cuts_the_object_is_reported(extents, side):
@@ -271,10 +273,10 @@ def test_a_grid_that_cuts_the_object_is_reported(extents, side):
 
 
 SILENT = [
-    ((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.3)),  # a slice of the object
     ((-0.014, 0.034), (-0.044, 0.004), (0.28, 0.32)),  # a part of the grid around the object
     *nightly(
         [
+            ((-0.1, 0.1), (-0.1, 0.1), (0.3, 0.3)),  # a slice of the object
             ((0.01, 0.01), (-0.02, -0.02), (0.3, 0.3)),  # a voxel
             ((0.006, 0.014), (-0.024, -0.016), (0.292, 0.308)),  # less than the object's blur
         ]

@@ -9,7 +9,7 @@ from shapes import bowl, box, dihedral, plate, random_soup, sphere
 
 import clradar
 from clradar import AntennaArray, Paths, Scene, reference
-from clradar.errors import DeviceError, ModelError
+from clradar.errors import ModelError
 from clradar.geometry.normals import corner_normals
 from clradar.trace import trace as tracing
 from clradar.tracing.sampled_surface import samples_per_face
@@ -156,7 +156,7 @@ def test_paths_are_those_of_the_reference(name, max_bounces, device):
 
 
 def test_normal_modes_and_alpha(device):
-    few = {"samples_per_mm2": 0.015, "max_bounces": 2}
+    few = {"samples_per_mm2": 0.01, "max_bounces": 2}
     box_and_plate = SCENES["box before a plate"].with_alpha(0.2)
     check_against_reference(box_and_plate, device, normals="face", **few)
     check_against_reference(SCENES["waves"].with_alpha(0.0), device, crease_deg=60.0, **few)
@@ -204,13 +204,7 @@ def test_degenerate_faces_change_nothing(device):
     assert same_bits(tracing(plain, ARRAY, **arguments), tracing(more, ARRAY, **arguments))
 
 
-# --- order, repetition, tiles, memory
-
-
-def test_too_little_memory_is_an_error(device):
-    small = clradar.open_device(device.info.selector, memory_limit_bytes=4096)
-    with pytest.raises(DeviceError, match="does not fit"):
-        tracing(SCENES["bowl"], ARRAY, device=small)
+# --- buffers and numbers
 
 
 def test_a_full_reception_buffer_grows_and_changes_no_bit(device, monkeypatch):

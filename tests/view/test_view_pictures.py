@@ -7,12 +7,7 @@ import clradar
 from calibration import CornerReflector, response
 from clradar.errors import ModelError
 from clradar.view.drawn import Drawn, Flat, clicked_m, level_colours, scale_of, voxels_of
-from clradar.view.pictures import (
-    image_pictures,
-    overview_picture,
-    pair_curves,
-    slice_pictures,
-)
+from clradar.view.pictures import image_pictures, overview_picture, pair_curves, slice_pictures
 from clradar.view.wish import grid_mm
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
@@ -142,6 +137,7 @@ def test_points_and_voxels_are_those_within_the_range_coloured_by_level():
     np.testing.assert_allclose(voxels_of(volume, 20.0, most=2).points_m, at_m[:2], atol=1e-7)
 
 
-def test_a_grid_of_too_many_voxels_is_refused():
-    with pytest.raises(ModelError, match="at most"):
-        grid_mm((-900, 900), (-100, 100), (260, 340), 0.1)
+def test_grids_that_cannot_be_viewed():
+    for x_mm, words in (((10, -10), "first <= last"), ((-900, 900), "at most")):
+        with pytest.raises(ModelError, match=words):
+            grid_mm(x_mm, (-100, 100), (260, 340), 0.1)

@@ -279,6 +279,7 @@ EDITED = [
     ('key = "data"', "key = 3", "a key of the file"),
     ("[tx]", "phase_sign = true\n[tx]", "phase_sign"),
     ("[tx]", '[tx]\nselect = "1-3"', "slice"),
+    ("[tx]", "[tx]\nselect = [-1]", "from 0"),
     ("[tx]", "[tx]\nchannels = 0", "channels"),
     ("[tx]", '[tx]\narray = "qar50"', "one of 'key'"),
     ('key = "tx"', 'key = "tx"\nz = 0', "columns"),

@@ -12,12 +12,7 @@ from comparisons import refusal, same_bits
 
 import clradar
 from clradar.errors import MeasurementError, ModelError
-from measurement_io import (
-    open_capture,
-    open_recording,
-    read_transform,
-    save_recording,
-)
+from measurement_io import check_file, open_capture, open_recording, read_transform, save_recording
 
 refused = partial(refusal, open_capture)
 no_recording = partial(refusal, open_recording)
@@ -91,6 +86,7 @@ LARGE[40, 50, 1] = 1e60
 def test_wrong_contents(tmp_path, change, found):
     path = files.write_frame(tmp_path / "f.npy", files.random_frame() | change)
     assert found in refused(path)
+    assert not check_file(path).ok
 
 
 @pytest.mark.parametrize(
@@ -345,6 +341,7 @@ def test_meshes_that_cannot_be_placed(tmp_path):
     with pytest.raises(MeasurementError, match="from 'photogrammetry' to 'radar'"):
         open_recording(radar).scene()
     files.write_alignment(radar.parent, {"photogrammetry2radar": np.eye(4)})
+    assert np.array_equal(read_transform(alignment), np.diag([-1.0, 1, 1, 1]))
     for name in ("mesh_masked", "../photogrammetry/mesh"):
         with pytest.raises(MeasurementError, match="got mesh"):
             open_recording(radar).scene(name)
