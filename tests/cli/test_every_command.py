@@ -12,6 +12,7 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 from command_line import GRID
+from comparisons import tree
 from nightly import nightly
 from systems import posix_only
 
@@ -200,16 +201,6 @@ def unread(tmp_path: Path) -> Path:
         'copy_of = "qar50"\npairs = "cluster"\npose = [{points_m = [[0, 0, 0], [0, 1, 0]]}]'
     )
     return tmp_path
-
-
-def tree(folder: Path) -> dict[str, Any]:
-    """What is in a folder: the bytes of its files, the kind of all else."""
-    return {
-        str(path): path.lstat().st_mode
-        if path.is_symlink() or not path.is_file()
-        else path.read_bytes()
-        for path in folder.rglob("*")
-    }
 
 
 WRONG_INPUTS = {

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from command_line import GRID as HAND_GRID
 from command_line import Cli, exit_status, worker_here
+from comparisons import tree
 from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands
 from PIL import Image
 from quick_figures import seek_nothing_else
@@ -44,6 +45,7 @@ from measurement_io import (
 
 GRID = "--x-mm -60:60:6 --y-mm -60:60:6 --z-mm 280:320:5"
 FRAMES = 3
+SEEN = "settings.json"  # which says when inputs were seen
 RESULTS = ("frames.csv", "movie.gif", "pictures/000001.png")
 OPTIONS = f"--scaling common --gate-mm 200:400 {GRID} --keep-captures --keep-volumes"
 COMMAND = f"process REC SIM single.h5 --empty ROOM --channels channels.h5 {OPTIONS} -o out"
@@ -270,12 +272,6 @@ def test_an_animation_has_the_pixels_of_its_pictures(tmp_path):
     assert np.array_equal(shown, pictures)  # frames that are the same are one, which stays longer
 
 
-def contents(folder: str) -> dict[str, bytes]:
-    """All files but the one that says when inputs were seen."""
-    files = [path for path in sorted(Path(folder).rglob("*.*")) if path.name != "settings.json"]
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
-
-
 @pytest.mark.usefixtures("quickly")
 def test_a_killed_run_resumes_to_the_same_files(cli, recorded, done, monkeypatch):
     line = f"process {recorded.folder} {recorded.folder} {GRID} -o"
@@ -297,7 +293,7 @@ def test_a_killed_run_resumes_to_the_same_files(cli, recorded, done, monkeypatch
     outcome = cli.ok(f"{line} killed")
     assert "resumes with 1 of 3 frames done before" in outcome.out
     assert done == [1, 2]
-    whole, killed = contents("whole"), contents("killed")
+    whole, killed = tree("whole", SEEN), tree("killed", SEEN)
     assert [name for name in RESULTS if whole[name] != killed[name]] == []
     cli.ok(f"{line} killed")
     assert done == [1, 2]
@@ -377,9 +373,9 @@ def test_a_folder_with_hands_table_and_figures(cli, line, tried):
     tip_mm = [float(overall[3][f"hand index tip {axis} mm"]) for axis in "xyz"]
     np.testing.assert_allclose(tip_mm, 1e3 * MOVEMENT.joints_m(TIMES_S[3])[9], rtol=0, atol=5.1e-4)
     assert overall[1]["hand index tip x mm"] == ""  # nothing is seen there
-    before = contents("out")
+    before = tree("out", SEEN)
     cli.ok(f"{line} out")
-    assert contents("out") == before
+    assert tree("out", SEEN) == before
 
 
 @pytest.mark.usefixtures("quickly")
@@ -396,4 +392,4 @@ def test_an_interrupted_fit_goes_on_where_it_was(cli, line, tried, monkeypatch):
     cli.fails(f"{line} cut --seed 1", "seed 0, now 1")
     cli.ok(f"{line} cut")
     assert tried == [2, 3]
-    assert contents("cut") == contents("whole")
+    assert tree("cut", SEEN) == tree("whole", SEEN)

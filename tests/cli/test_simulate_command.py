@@ -14,6 +14,7 @@ import trimesh
 import two_devices
 import typer
 from command_line import DENSITY, Cli, group_of, worker_here
+from comparisons import tree
 from nightly import nightly
 from rig_files import RigMaker
 
@@ -301,10 +302,6 @@ def test_a_cluster_sees_at_its_pose_what_it_sees_in_its_own_frame(walled, estima
     assert error < tolerance, error
 
 
-def contents(folder: str) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
-
-
 FILES = {"cluster_001.h5", "cluster_002.h5", "cluster_003.h5", "settings.json"}
 
 
@@ -337,10 +334,9 @@ def test_workers_and_devices_make_the_same_files(cli, walled, how):
     else:  # in a process of its own, which sees the CPU as two devices
         words = [sys.executable, "-m", "clradar", *line.split()]
         subprocess.run(words, env={**os.environ, **two_devices.ENVIRONMENT}, check=True)
-    assert contents("here").keys() == FILES
+    assert tree("here").keys() == FILES
     # One file says when the inputs were seen.
-    here, there = ({**contents(folder), "settings.json": b""} for folder in ("here", "there"))
-    assert there == here
+    assert tree("there", "settings.json") == tree("here", "settings.json")
 
 
 def test_a_mesh_that_changes_between_clusters_is_refused(cli, walled, monkeypatch):
@@ -420,7 +416,7 @@ def test_frames_of_another_radar_and_clusters_one_after_the_other(cli):
     for missing in ("none.ply", "ball.ply:0.5 none.ply"):
         cli.fails(f"simulate {missing} {options} -o no.h5", "none.ply: no such file; expected a ")
     cli.ok(f"simulate ball.ply {options} --array wall.toml -o one")
-    assert contents("one").keys() == {"cluster_001.h5", "cluster_002.h5"}
+    assert tree("one").keys() == {"cluster_001.h5", "cluster_002.h5"}
 
 
 def test_a_hand_goes_from_pose_to_pose_as_a_motion(cli):

@@ -11,7 +11,7 @@ import clradar
 from clradar import AntennaArray, Capture, Wall, Waveform, draw_channels, impair, room_capture
 from clradar.errors import ModelError
 from clradar.impairments import channel_errors
-from clradar.impairments.channel_errors import drift_factors
+from clradar.impairments.channel_errors import Part, drift_factors, random_stream
 
 C = 299_792_458.0
 # complex64 rounds real and imaginary part to 2^-24 of themselves; computed in float64 before.
@@ -116,6 +116,16 @@ def test_noise_does_not_depend_on_other_faults(target):
     without = impair(target, frame=2, reference_power=1.0, **others).data
     with_noise = impair(target, frame=2, reference_power=1.0, snr_db=20, **others).data
     np.testing.assert_allclose(with_noise - without, noise, atol=4 * ROUNDING * abs(without).max())
+
+
+def test_streams_of_parts_seeds_and_frames_are_independent():
+    draws = [
+        random_stream(seed, part, frame).integers(2**63, size=1000)
+        for seed in (0, 1)
+        for part in Part
+        for frame in (0, 1)
+    ]
+    assert len(np.unique(draws)) == np.size(draws)
 
 
 def test_phases_do_not_depend_on_the_spread_of_gains():

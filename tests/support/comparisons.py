@@ -27,9 +27,15 @@ def same_capture(a: Capture, b: Capture) -> bool:
     )
 
 
-def tree(folder: Path) -> dict[str, bytes]:
-    """The files of a folder."""
-    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+def tree(folder: str | Path, *ignored: str) -> dict[str, bytes | int]:
+    """What is in a folder: the bytes of its files, the kind of all else."""
+    return {
+        str(path.relative_to(folder)): path.lstat().st_mode
+        if path.is_symlink() or not path.is_file()
+        else path.read_bytes()
+        for path in Path(folder).rglob("*")
+        if path.name not in ignored
+    }
 
 
 def refusal(read: Callable[..., Any], *arguments: Any, **options: Any) -> str:
