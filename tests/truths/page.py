@@ -1,4 +1,4 @@
-"""The page docs/validation.md: numbers stand in the line after each ``<!-- mark -->``."""
+"""The page docs/validation.md: numbers stand in the line after each ``<!--mark-->``."""
 
 import csv
 import io
@@ -6,7 +6,7 @@ import re
 
 from truths.record import Row
 
-MARKED = re.compile(r"<!-- ([\w-]+) -->\n.*")
+MARKED = re.compile(r"<!--([\w-]+)-->\n.*")
 HEADER = ("comparison", "case", "truth", "clradar", "bound", "of", "unit", "holds")
 
 
@@ -57,4 +57,4 @@ def filled(page: str, tables: dict[str, list[Row]]) -> str:
     """The page with new numbers. Each table has a mark, and each mark a table."""
     lines = {"summary": summary(tables)} | {key: line(rows) for key, rows in tables.items()}
     assert set(MARKED.findall(page)) == set(lines)
-    return MARKED.sub(lambda found: f"<!-- {found[1]} -->\n{lines[found[1]]}", page)
+    return MARKED.sub(lambda found: f"<!--{found[1]}-->\n{lines[found[1]]}", page)

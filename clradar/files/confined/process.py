@@ -360,7 +360,7 @@ def _import_all(request: dict[str, Any]) -> None:
     for encoding in _ENCODINGS:
         codecs.lookup(encoding)  # loads it
     for name in (request["module"], *request["modules"], *_LATE):
-        if callable(found := resolve_name(name)):
+        if callable(found := resolve_name(name if ":" in name else f"{name}:")):
             found()
 
 
