@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from command_line import exit_status as run
 from command_line import group_of
+from comparisons import tree
 from matplotlib.figure import Figure
 from recorded_targets import edge_array
 from shapes import plate, sphere
@@ -267,10 +268,6 @@ COMMAND = (
 )  # fmt: skip
 
 
-def contents(where) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in where.iterdir() if path.is_file()}
-
-
 def test_an_interrupted_command_resumes_to_the_same_files(files, capsys, monkeypatch):
     savez, saved = np.savez, []
 
@@ -288,7 +285,7 @@ def test_an_interrupted_command_resumes_to_the_same_files(files, capsys, monkeyp
     assert run(*COMMAND, "-o", "interrupted") == 0
     assert "resumes with 2 images" in capsys.readouterr().out
     assert run(*COMMAND, "-o", "whole") == 0
-    resumed, whole = (contents(files / name) for name in ("interrupted", "whole"))
+    resumed, whole = (tree(files / name) for name in ("interrupted", "whole"))
     assert set(whole) == {command.KEY, *command.RESULTS}
     assert all(resumed[name] == whole[name] for name in command.RESULTS)
     assert not (files / "interrupted" / command.WORK).exists()
@@ -303,7 +300,7 @@ def test_an_interrupted_command_resumes_to_the_same_files(files, capsys, monkeyp
     error = capsys.readouterr().err
     assert "rays_per_sample 2, now 3" in error
     assert "seed 0, now 4" in error
-    assert contents(files / "whole") == whole
+    assert tree(files / "whole") == whole
 
 
 # --- wrong input
