@@ -300,6 +300,7 @@ class Panel:
                 session.change(frame=frames[0])
 
         self.on(number, lambda: session.change(frame=int(number.value)))
+        self._shows.append(lambda shown: assign(number, "value", shown.wish.frame))
         self.on(pose, choose)
         self.on(hand, choose)
 
