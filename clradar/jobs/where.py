@@ -92,7 +92,7 @@ class Where:
         if self.here or len(items) < 2:
             for i, item in enumerate(items):
                 part = part_of(progress, i / len(items), (i + 1) / len(items))
-                for result in work(item, self.first, part or _silent):
+                for result in work(item, self.first, part or silent):
                     yield i, result
                 if part is not None:
                     part(1, 1)
@@ -251,8 +251,8 @@ class _Steps:
         return replace(self.steps, device=device).run(item, progress)
 
 
-def _silent(done: int, total: int) -> None:
-    pass
+def silent(done: int, total: int) -> None:
+    """Progress that nobody sees."""
 
 
 def _listed(infos: Sequence[DeviceInfo]) -> str:
