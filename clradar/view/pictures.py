@@ -141,8 +141,7 @@ def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
         return {}
     data, grid, range_db = drawn.volume.data, drawn.volume.grid, drawn.image.dynamic_range_db
     i, j, k = nearest(grid, at_m)
-    to_m, axes = _length_axes({"x": grid.x_m, "y": grid.y_m, "z": grid.z_m})
-    x, y, z = axes
+    to_m, (x, y, z) = _length_axes({"x": grid.x_m, "y": grid.y_m, "z": grid.z_m})
     at = float(grid.x_m[i]), float(grid.y_m[j]), float(grid.z_m[k])
     peak, bar = float(np.abs(data).max()), _amplitude_bar(range_db)
     found = {}
