@@ -32,6 +32,9 @@ MOST_MISTAKES = 20
 
 _KEY_CHARACTERS = 80
 
+_TYPE = re.compile(r"\[all\]|[a-z-]+\[.*\]")
+"""What pydantic adds to the keys that lead to a value, and the alias of one for all parts."""
+
 
 class FileRecord(BaseModel):
     """A table of a file; a key that it does not know is a mistake."""
@@ -193,7 +196,8 @@ def mistakes_of(
     found: ValidationError, model: type[BaseModel], source: str | Path, place: str = ""
 ) -> list[str]:
     """Return the lines of what pydantic found."""
-    return [_line(one, model, shown(source), place) for one in found.errors(include_url=False)]
+    errors = found.errors(include_url=False)
+    return [line for one in errors for line in _lines(one, model, shown(source), place)]
 
 
 def raise_mistakes(
@@ -212,16 +216,18 @@ def raise_mistakes(
     raise failure from cause
 
 
-def _line(found: Any, model: type[BaseModel], source: str, above: str) -> str:
+def _lines(found: Any, model: type[BaseModel], source: str, above: str) -> list[str]:
     kind, context = found["type"], found.get("ctx", {})
-    loc = [part for part in found["loc"] if not str(part).endswith("]")]  # of types, not of keys
+    key = found["loc"][-1:] if kind == "extra_forbidden" else ()
+    loc = [part for part in found["loc"] if part in key or not _TYPE.fullmatch(str(part))]
     inner = context.get("key") or ()
     place = _place(above, [*loc, *([inner] if isinstance(inner, str) else inner)])
-    owner, field = _field(model, loc)
-    if kind == "said":
-        return f"{source}: {f'{place}: ' if place else ''}{context['text']}"
+    start = f"{source}: {place}: " if place else f"{source}: "
+    if kind == "said":  # of another file several
+        return [start + text for text in context["text"].splitlines()]
+    owner, field = _field(model, found["loc"])
     if kind == "extra_forbidden" and owner is not None:
-        return f"{source}: {place}: {unknown_key(loc[-1], list(owner.model_fields))}"
+        return [start + unknown_key(loc[-1], list(owner.model_fields))]
     expected, got = _expected(kind, context), context.get("got")
     if kind == "literal_error":
         expected = choice_text(found["input"], re.findall("'([^']*)'", context["expected"]))
@@ -231,7 +237,7 @@ def _line(found: Any, model: type[BaseModel], source: str, above: str) -> str:
         expected = described
     if got is None:
         got = "nothing" if kind == "missing" else toml_brief(found["input"])
-    return f"{source}: {f'{place}: ' if place else ''}expected {expected}, got {quoted(got)}"
+    return [f"{start}expected {expected}, got {quoted(got)}"]
 
 
 _LIMITS = {"gt": "above", "ge": "from", "lt": "below", "le": "at most"}
@@ -277,7 +283,9 @@ def _field(model: Any, loc: Sequence[Any]) -> tuple[type[BaseModel] | None, Any]
             continue
         if isinstance(part, int) or owner is None:
             continue
-        field = owner.model_fields.get(part)
+        fields = owner.model_fields
+        alias = (f for f in fields.values() if part in getattr(f.validation_alias, "choices", ()))
+        field = fields.get(part) or next(alias, None)
         if at + 1 < len(loc):
             is_key = field is not None and get_origin(field.annotation) is dict
             owner = None if field is None else _model_in(field.annotation)
