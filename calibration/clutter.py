@@ -82,6 +82,9 @@ def average_frames(
                 break
             worst = max(worst, loss)
         else:
+            alone = [group for group in groups if len(group.numbers) == 1]
+            if alone and len(groups) == MOST_GROUPS:  # as while something moved
+                groups.remove(alone[0])
             if len(groups) < MOST_GROUPS:
                 groups.append(_Mean(capture, profiles, count - 1))
     if not groups:
