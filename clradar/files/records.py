@@ -16,10 +16,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic_core import PydanticCustomError
 
 from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
-from clradar.files.failures import clean, read_bytes, reading, shown
-from clradar.files.json_text import parse_json
-from clradar.files.limits import MAX_JSON_BYTES, MAX_TOML_BYTES
-from clradar.files.toml_file import choice_text, parse_toml, toml_brief, unknown_key
+from clradar.files.failures import clean, shown
+from clradar.files.json_file import read_json
+from clradar.files.toml_file import choice_text, read_toml, toml_brief, unknown_key
 
 Model = TypeVar("Model", bound=BaseModel)
 Made = TypeVar("Made")
@@ -32,8 +31,8 @@ MOST_MISTAKES = 20
 
 _KEY_CHARACTERS = 80
 
-_TYPE = re.compile(r"\[all\]|[a-z-]+\[.*\]")
-"""What pydantic adds to the keys that lead to a value, and the alias of one for all parts."""
+_TYPE = re.compile(r"\[(all|key)\]|[a-z-]+\[.*\]")
+"""What pydantic adds to the keys that lead to a value, or `UNNAMED` of plans."""
 
 
 class FileRecord(BaseModel):
@@ -159,21 +158,11 @@ def one_of(*choices: str) -> Any:
 
 
 def read_record(
-    path: Path,
-    model: type[Model],
-    expected: str,
-    *,
-    limit: int | None = None,
-    error: type[ClradarError] = MeasurementError,
+    path: Path, model: type[Model], expected: str, error: type[ClradarError] = MeasurementError
 ) -> Model:
     """Return the record in a file: JSON if its name ends in .json, else TOML."""
-    is_json = path.suffix.lower() == ".json"
-    most = limit or (MAX_JSON_BYTES if is_json else MAX_TOML_BYTES)
-    content = read_bytes(path, expected, most, error=error)
-    with reading(path, expected, error=error):
-        text = content.decode("utf-8-sig")
-        parsed = parse_json(text) if is_json else parse_toml(text)
-    return record_of(parsed, model, path, error=error)
+    read: Any = read_json if path.suffix.lower() == ".json" else read_toml
+    return record_of(read(path, expected, error=error), model, path, error=error)
 
 
 def record_of(
