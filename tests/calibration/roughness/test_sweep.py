@@ -379,6 +379,8 @@ def test_fingers_are_all_but_the_palm():
     found = Regions.of_fingers(hand)
     assert found.names == ("palm", "fingers")
     assert found.face.tolist() == [0, 1, 1, 0, 1, 1, 1]
+    some = clradar.Scene(np.eye(3), faces, 0.5, np.where(part == 5, 1, part), PART_NAMES)
+    assert Regions.of_parts(some).names == tuple(PART_NAMES[:5])
     with pytest.raises(ModelError, match="a hand with the parts"):
         Regions.of_fingers(SCENE)
 
