@@ -326,11 +326,8 @@ class ByPart(FileRecord, Generic[Value]):
     def of_all(value: Any) -> Any:
         """The table of one value for all parts."""
         parts = (*PART_NAMES, "others")
-        if isinstance(value, dict) and (not value or any(nearest(key, parts) for key in value)):
-            return value
-        if isinstance(value, ByPart):
-            return value
-        return {UNNAMED: value}
+        table = isinstance(value, dict) and (not value or any(nearest(k, parts) for k in value))
+        return value if table or isinstance(value, ByPart) else {UNNAMED: value}
 
 
 class Alpha(ByPart[Share]):
