@@ -25,7 +25,7 @@ LAYERS = (
     ("hand", "impairments", "overlap"),
     ("rigs", "compare"),
     ("motion",),
-    ("plot", "public_names"),
+    ("plot",),
     ("clradar",),
     ("report", "dataset"),
     ("view",),

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli import parse
+from clradar.cli import options as opt, parse
 from clradar.cli.inputs import Content, ImageInput
 from clradar.cli.outputs import save
 from clradar.errors import CompareError, warn

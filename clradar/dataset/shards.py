@@ -17,9 +17,12 @@ import numpy as np
 
 from clradar.dataset.plan.hands import PlanMaterials
 from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.recipe import VERSION as RECIPES
-from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.plan.recipe import recipe as recipe_of
+from clradar.dataset.plan.recipe import (
+    VERSION as RECIPES,
+    SamplePlan,
+    read_recipe,
+    recipe as recipe_of,
+)
 from clradar.dataset.sample import Sample
 from clradar.files.atomic import replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size

@@ -9,9 +9,11 @@ import numpy as np
 from clradar.arrays.ambiguity import ghosts, range_aliases
 from clradar.errors import warn
 from clradar.imaging.echo_location import amplitude_near, antennas_of, resolution_m
-from clradar.imaging.grid_words import box_words as _box
-from clradar.imaging.grid_words import length_words as _length
-from clradar.imaging.grid_words import place_words as _place
+from clradar.imaging.grid_words import (
+    box_words as _box,
+    length_words as _length,
+    place_words as _place,
+)
 from clradar.imaging.placement import inside
 from clradar.imaging.several_captures import Captures, captures_of
 from clradar.model import AntennaArray, VoxelGrid

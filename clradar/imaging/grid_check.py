@@ -20,9 +20,11 @@ from clradar.imaging.echo_location import (
     resolution_m,
     seen_echoes,
 )
-from clradar.imaging.grid_words import box_words as _box
-from clradar.imaging.grid_words import length_words as _length
-from clradar.imaging.grid_words import place_words as _place
+from clradar.imaging.grid_words import (
+    box_words as _box,
+    length_words as _length,
+    place_words as _place,
+)
 from clradar.imaging.placement import inside, reach_m, weaker_within
 from clradar.imaging.several_captures import Captures, KeptCaptures, captures_of
 from clradar.model import Capture, VoxelGrid

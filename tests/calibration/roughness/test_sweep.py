@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 import trimesh
-from command_line import exit_status as run
-from command_line import group_of
+from command_line import exit_status as run, group_of
 from comparisons import tree
 from matplotlib.figure import Figure
 from recorded_targets import edge_array
