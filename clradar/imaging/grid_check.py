@@ -207,9 +207,9 @@ def _warn_of_aliases(period_m: float, reach: tuple[float, float], alias: Echo | 
         where = f", such as {place_words(alias.position_m)}" if alias is not None else ""
         warn(
             f"the grid reaches from a range of {length_words(near_m)} to {length_words(far_m)}, "
-            f"beyond the unambiguous range c / (2 df) of {length_words(period_m)}: what it shows may "
-            f"be aliases of echoes that are nearer or farther by multiples of that{where}; choose a "
-            "grid that ends before it, or measure with smaller frequency steps"
+            f"beyond the unambiguous range c / (2 df) of {length_words(period_m)}: what it shows "
+            f"may be aliases of echoes that are nearer or farther by multiples of that{where}; "
+            "choose a grid that ends before it, or measure with smaller frequency steps"
         )
 
 
@@ -239,9 +239,8 @@ def _warn_of_echo(grid: VoxelGrid, echo: Echo, level: float) -> None:
     difference_db = 20 * np.log10(echo.amplitude / max(level, 1e-15 * echo.amplitude))
     warn(
         f"the strongest echo, at {place_words(echo.position_m)}, is outside the grid "
-        f"({box_words(grid)}), {difference_db:.0f} dB above all that is in it; "
-        "clradar.place_grid places a grid around it, as the command line does without "
-        "--x-mm, --y-mm, --z-mm"
+        f"({box_words(grid)}), {difference_db:.0f} dB above all that is in it; clradar.place_grid "
+        "places a grid around it, as the command line does without --x-mm, --y-mm, --z-mm"
     )
 
 
