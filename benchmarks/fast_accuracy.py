@@ -12,8 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from study import ARRAY as QAR50
-from study import Row, parser, run
+from study import ARRAY as QAR50, Row, parser, run
 
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform

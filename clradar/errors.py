@@ -83,14 +83,10 @@ class ClradarWarning(UserWarning):
 
 
 def warn(text: str) -> None:
-    """Warn by `ClradarWarning`, at the line outside of these packages that led here.
+    """Warn what is wrong, with its numbers, and what to change, by `ClradarWarning`, at the line
+    outside of these packages that led here.
 
     The command line prints such warnings on stderr; in Python the `warnings` module filters them.
-
-    Parameters
-    ----------
-    text : str
-        What is wrong, with its numbers, and what to change.
     """
     level, frame = 2, sys._getframe().f_back
     while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] in _OWN_PACKAGES:

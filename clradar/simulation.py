@@ -268,48 +268,15 @@ def simulate_alphas(
     progress: Progress | None = None,
     **fields: Any,
 ) -> Iterator[tuple[Capture, ...]]:
-    """Simulate a scene at several alphas with the same rays and random numbers.
+    """Yield captures of a scene at several alphas with the same rays and random numbers.
 
-    The tree, the samples and their visibility are found once for up to twelve alphas. Each capture
-    has the bits of ``simulate(scene.with_alpha(alpha), array, waveform, ...)``.
+    Alphas are what `Scene.with_alpha` takes. The tree, the samples and their visibility are found
+    once for up to twelve of them. Each capture, the only one of its tuple, has the bits of
+    ``simulate(scene.with_alpha(alpha), ...)`` by the stochastic estimator.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its own alpha is not used.
-    array : AntennaArray
-    waveform : Waveform
-    alphas : sequence
-        Of what `Scene.with_alpha` takes: numbers, one value per face, or one per part.
-    region : array_like, shape (n_faces,), optional
-        A whole number from 0 for each face. Captures then hold the paths that are reflected in one
-        region only; all regions block rays. Single reflections only.
-    settings : SimulationSettings, optional
-        Of the stochastic estimator; the defaults if not given.
-    device : Device, str or None
-    progress : callable, optional
-        Called with (done, total) samples of all alphas.
-    **fields
-        Fields of `SimulationSettings`, in place of those of `settings`.
-
-    Yields
-    ------
-    tuple of Capture
-        One per alpha, in order; without `region` it has one element, else one per region. The
-        captures of all regions add up to that of the whole scene, to the rounding of complex64.
-
-    Raises
-    ------
-    ModelError
-        No alpha, or one outside [0, 1]; `region` of another length, or with more than one bounce;
-        the expected estimator.
-    MeshError, DeviceError
-        As `clradar.simulate`.
-
-    Warns
-    -----
-    ClradarWarning
-        As `clradar.simulate`, of the alpha with the most pairs without a path.
+    With `region`, whole numbers (n_faces,) from 0, there is one for each: of the paths that are
+    reflected in it only, by single reflections; all regions block rays. They add up to that of the
+    whole scene, to the rounding of complex64.
     """
     checks.instance("simulate_alphas: scene", scene, Scene)
     checks.instance("simulate_alphas: array", array, AntennaArray)

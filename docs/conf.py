@@ -86,3 +86,4 @@ html_static_path, html_css_files = ["static"], ["code.css"]
 html_title = f"clradar {release}"
 html_show_sphinx = False
 html_copy_source = False
+html_use_index = False

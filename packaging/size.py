@@ -18,7 +18,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-KINDS = (".py", ".cl", ".h", ".js", ".css", ".html")
+KINDS = (".py", ".pyi", ".cl", ".h", ".js", ".css", ".html")
 OUTSIDE = ("benchmarks", "examples", "tests")
 """What is no part of the product."""
 

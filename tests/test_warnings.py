@@ -6,7 +6,7 @@ import pytest
 
 from clradar import ClradarWarning
 from clradar.cli.console import print_warning
-from clradar.errors import ClradarError, handled_warnings, warn
+from clradar.errors import handled_warnings, warn
 
 OWN_CODE = "def inner(warn): warn('grid clips')\ndef outer(warn): inner(warn)"
 
@@ -17,11 +17,6 @@ def test_a_warning_points_to_the_line_outside_of_the_packages():
     with pytest.warns(ClradarWarning, match="^grid clips$") as caught:
         functions["outer"](warn)
     assert caught[0].filename == __file__
-
-
-def test_it_is_no_error_of_ours():
-    assert issubclass(ClradarWarning, UserWarning)
-    assert not issubclass(ClradarWarning, ClradarError)
 
 
 def test_the_command_line_prints_each_warning_once_on_one_line(capsys):

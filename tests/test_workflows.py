@@ -31,7 +31,6 @@ def test_jobs_and_commands_exist_actions_have_a_version_and_few_rights(name):
             for word in words:
                 if word.endswith(".py"):
                     assert (ROOT / word).exists(), word
-
     for action in re.findall(r"uses: (?!\./)(\S+)", text):
         assert re.search(r"@(v\d+|release/v\d+)$", action), action
     assert "secrets." not in text

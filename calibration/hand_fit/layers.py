@@ -13,8 +13,7 @@ import numpy as np
 
 from calibration.hand_fit.digit_chain import bones_of_digit
 from calibration.hand_fit.hand_model import HandModel
-from calibration.hand_fit.hand_rendering import EDGE_M
-from calibration.hand_fit.hand_rendering import SAMPLES_PER_MM2 as RENDERED_PER_MM2
+from calibration.hand_fit.hand_rendering import EDGE_M, SAMPLES_PER_MM2 as RENDERED_PER_MM2
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, pose_with
 from calibration.hand_fit.skinned import Bones, SkinnedSamples
 from calibration.registration.mesh_rendering import KNOTS_RAD, Canvas, Pixels

@@ -58,12 +58,7 @@ def ghosts(
     for counts in among:
         rows = np.flatnonzero(~are_one(places_m, at_m, step) & counts(places_m))
         places = places_m[rows[np.argsort(-level[rows], kind="stable")]][:CLIMBED]
-        strong = (
-            lobe
-            for lobe in climbed_lobes(clusters, thinned(waveform), at_m, places, step, GHOST_DB)
-            if lobe.level_db >= GHOST_DB and not are_one(lobe.position_m, at_m, step)
-        )
-        found.append(sorted(strong, key=lambda lobe: -lobe.level_db))
+        found.append(climbed_lobes(clusters, thinned(waveform), at_m, places, step, GHOST_DB))
     return found
 
 
@@ -118,6 +113,4 @@ def _needs_no_search(array: AntennaArray, waveform: Waveform) -> bool:
 
 
 def _drawn(count: int, most: int) -> np.ndarray:
-    if count <= most:
-        return np.arange(count)
-    return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
+    return np.sort(np.random.default_rng(0).choice(count, min(count, most), replace=False))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,8 +37,11 @@ CELLS = 4.0
 SHIFTS = 256
 """Ranges at which the echoes of a direction are added up over the band."""
 
-CLIMBED_TO = 2e-3
-"""Steps of the lattice within which a maximum is found."""
+CLIMBED = (0.5, 0.5, 0.5, 0.5, 0.5, 0.2, 0.05, 0.01)
+"""Steps of a climb, of those of the lattice."""
+
+FLAT = 1e-4
+"""Of the strongest curvature: less is none, as levels are exact to 1e-5."""
 
 AT_POLE = 1e-3
 """Distance of a unit vector from the y axis within which its azimuth is that of rounding."""
@@ -86,30 +90,20 @@ def lobes(
     The response at the middle frequency, which is returned, too, tells where to look; there the
     maximum over the whole band is climbed.
     """
-    distance_m = float(np.linalg.norm(focus_m))
     middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
     directions, level, step = response_over_directions(array, middle_hz, focus_m, within_deg)
     # Another frequency's maximum may be higher: half the level will do.
     peaks = maxima(level, 10 ** (least_db / 20) / 2)
-    order = np.argsort(-level[peaks])[: 5 * MOST_LOBES]
-    found: list[Lobe] = []
-    taken = [focus_m]
-    starts_m = distance_m * directions[peaks][order]
-    for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, step, least_db):
-        sine = np.hypot(*lobe.position_m[:2]) / np.linalg.norm(lobe.position_m)
-        beyond = sine > np.sin(np.deg2rad(within_deg)) + 1e-9
-        known = are_one(np.array(taken), lobe.position_m, step).any()
-        if known or beyond or lobe.level_db < least_db:
-            continue
-        taken.append(lobe.position_m)
-        found.append(lobe)
-
-    def strongest_first(lobe: Lobe) -> tuple[float, ...]:
-        # Levels of symmetric lobes differ in their last digits.
-        return -round(lobe.level_db, 2), round(lobe.elevation_deg, 2), round(lobe.azimuth_deg, 2)
-
-    strongest = tuple(sorted(found, key=strongest_first)[:MOST_LOBES])
-    return strongest, DirectionMap(directions, level, middle_hz)
+    starts_m = (
+        np.linalg.norm(focus_m) * directions[peaks][np.argsort(-level[peaks])[: 5 * MOST_LOBES]]
+    )
+    most = np.sin(np.deg2rad(within_deg)) + 1e-9
+    found = [
+        lobe
+        for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, step, least_db)
+        if np.hypot(*lobe.position_m[:2]) <= most * np.linalg.norm(lobe.position_m)
+    ]
+    return tuple(found[:MOST_LOBES]), DirectionMap(directions, level, middle_hz)
 
 
 def maxima(level: np.ndarray, least: float) -> np.ndarray:
@@ -205,13 +199,10 @@ def climbed_lobes(
 ) -> list[Lobe]:
     """The maxima of the response next to points (n, 3) at the distance of the focus, metres.
 
-    They are at the ranges that suit them; `step` is that of `response_over_directions`. Not of
-    points with less than half of `least_db`: half a step beside a maximum there is 0.8 of it.
+    Each once, strongest first, without the main lobe and what is below `least_db`; at the ranges
+    that suit them. `step` is that of `response_over_directions`: half a step beside a maximum there
+    is 0.8 of it, so points with less than half of `least_db` are left out.
     """
-    from scipy.optimize import minimize
-
-    if not len(starts_m):
-        return []
     distance_m = float(np.linalg.norm(focus_m))
     span_hz = float(np.ptp(frequencies_hz))
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * span_hz) if span_hz > 0 else 0.0
@@ -220,29 +211,54 @@ def climbed_lobes(
     profiles = np.abs(sums @ np.exp(2j * np.outer(wavenumbers(frequencies_hz), shifts_m)))
     high = profiles.max(axis=1) > len(frequencies_hz) * 10 ** (least_db / 20) / 2
 
-    def place_m(at: np.ndarray) -> np.ndarray:
-        """Position (3,), metres, of sines along x and y and a range."""
+    def places_m(at: np.ndarray) -> np.ndarray:
+        """Positions (..., 3), metres, of sines along x and y and a range."""
         # Beyond the horizon as much before it, so that a maximum there is one of the climb, too.
-        beyond = max(1.0, float(np.hypot(*at[:2])))
-        sines = at[:2] * (2.0 - beyond) / beyond
-        upwards = np.sqrt(max(1.0 - float(sines @ sines), 0.0))
-        range_m = np.clip(at[2], distance_m + shifts_m[0], distance_m + shifts_m[-1])
-        return np.asarray(range_m * np.array([*sines, upwards]))
+        beyond = np.maximum(1.0, np.hypot(at[..., :1], at[..., 1:2]))
+        sines = at[..., :2] * (2.0 - beyond) / beyond
+        upwards = np.sqrt(np.clip(1.0 - (sines**2).sum(axis=-1, keepdims=True), 0.0, None))
+        range_m = np.clip(at[..., 2:], distance_m + shifts_m[0], distance_m + shifts_m[-1])
+        return np.asarray(range_m * np.concatenate([sines, upwards], axis=-1))
 
-    reach = np.array([*step, cell_m / 4])
-    found = []
-    for start, range_m in zip(
-        starts_m[high], distance_m + shifts_m[profiles[high].argmax(axis=1)], strict=True
-    ):
-        at = np.array([*start[:2] / distance_m, range_m])
+    def heights(at: np.ndarray) -> np.ndarray:
+        points_m = places_m(at).reshape(-1, 3)
+        return response(array, frequencies_hz, focus_m, points_m).reshape(at.shape[:-1])
 
-        def lowered(steps: np.ndarray, at: np.ndarray = at) -> float:
-            there_m = place_m(at + steps * reach)
-            return -float(response(array, frequencies_hz, focus_m, there_m[None])[0])
+    ranges_m = distance_m + shifts_m[profiles[high].argmax(axis=1)]
+    at = np.column_stack([starts_m[high][:, :2] / distance_m, ranges_m])
+    at, height = climbed(heights, at, np.array([*step, cell_m / 4]))
+    found: list[Lobe] = []
+    for position_m, level in zip(places_m(at), height.tolist(), strict=True):
+        known_m = np.array([focus_m, *(lobe.position_m for lobe in found)])
+        if level >= 10 ** (least_db / 20) and not are_one(known_m, position_m, step).any():
+            found.append(_lobe(position_m, level))
 
+    def rank(lobe: Lobe) -> tuple[float, ...]:
+        # Levels of symmetric lobes differ in their last digits.
+        return -round(lobe.level_db, 2), round(lobe.elevation_deg, 2), round(lobe.azimuth_deg, 2)
+
+    return sorted(found, key=rank)
+
+
+def climbed(
+    heights: Callable[[np.ndarray], np.ndarray], at: np.ndarray, reach: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The maxima next to points (n, 3), and their heights (n,): each point goes to the highest of
+    27 around it and of the top of a parabola through these, step by step of `CLIMBED`.
+    """
+    i, j = np.triu_indices(3)
+    around = np.stack(np.meshgrid(*3 * [[0.0, -1.0, 1.0]]), axis=-1).reshape(-1, 3)
+    parabola = np.linalg.pinv(np.column_stack([np.ones(27), around, around[:, i] * around[:, j]]))
+    curve, height = np.zeros((len(at), 3, 3)), np.zeros(len(at))
+    for step in np.multiply.outer(CLIMBED, reach):
+        places = at[:, None] + step * around
+        level = heights(places)
+        fit = level @ parabola.T
+        curve[:, i, j] = curve[:, j, i] = fit[:, 4:] * np.where(i == j, 2.0, 1.0)
         # Along an axis without aperture or bandwidth nothing changes.
-        corners = np.concatenate([np.zeros((1, 3)), 0.5 * np.eye(3)])
-        options = {"initial_simplex": corners, "xatol": CLIMBED_TO, "fatol": 1e-7}
-        top = minimize(lowered, np.zeros(3), method="Nelder-Mead", options=options)
-        found.append(_lobe(place_m(at + top.x * reach), -float(top.fun)))
-    return found
+        top = -np.linalg.pinv(curve, FLAT, hermitian=True) @ fit[:, 1:4, None]
+        top = at[:, None] + step * np.clip(top.swapaxes(1, 2), -1.0, 1.0)
+        places = np.concatenate([places, top], axis=1)
+        level = np.hstack([level, heights(top)])
+        at, height = places[np.arange(len(at)), level.argmax(axis=1)], level.max(axis=1)
+    return at, height

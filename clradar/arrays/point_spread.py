@@ -8,8 +8,8 @@ measured with their own Rx only) it is the sum of theirs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TypeAlias
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -71,7 +71,9 @@ def pair_sums(
         for side in one.sides:
             at_focus_m, weight = side.towards(focus_m[None])
             own_top *= complex(weight.sum())
-            for rows in _chunks(len(points_m), len(side.antennas_m)):
+            step = max(1, TERMS_AT_ONCE // len(side.antennas_m))
+            for first in range(0, len(points_m), step):
+                rows = slice(first, first + step)
                 own[rows] *= _side_sums(side, frequencies_hz, at_focus_m, points_m[rows])
         total += own
         top += own_top
@@ -127,28 +129,17 @@ def width_m(
     """Full width of the main lobe at -3 dB along a unit vector, metres; infinite beyond twice
     `longest_m`.
     """
+    from scipy.optimize import brentq
 
-    def levels(steps_m: np.ndarray) -> np.ndarray:
-        line_m = focus_m + steps_m[:, None] * axis
-        return response(array, frequencies_hz, focus_m, line_m)
+    def above(steps_m: Any) -> np.ndarray:
+        line_m = focus_m + np.reshape(steps_m, (-1, 1)) * axis
+        return response(array, frequencies_hz, focus_m, line_m) - np.sqrt(0.5)
 
-    ends = []
-    for sign in (-1.0, 1.0):
-        steps_m = longest_m * np.concatenate([[0.0], np.geomspace(1e-5, 1.0, 60)])
-        for _ in range(2):  # the second time between the two steps that are found
-            level = levels(sign * steps_m)
-            below = np.flatnonzero(level < np.sqrt(0.5))
-            if not len(below):
-                return float("inf")
-            first = max(int(below[0]), 1)
-            inside_m, outside_m = steps_m[first - 1], steps_m[first]
-            above, under = level[first - 1], level[first]
-            steps_m = np.linspace(inside_m, outside_m, 12)
-        share = (above - np.sqrt(0.5)) / (above - under)
-        ends.append(inside_m + share * (outside_m - inside_m))
-    return float(sum(ends))
-
-
-def _chunks(n: int, terms_each: int) -> Iterator[slice]:
-    step = max(1, TERMS_AT_ONCE // terms_each)
-    yield from (slice(first, first + step) for first in range(0, n, step))
+    total_m = 0.0
+    for end_m in (-longest_m, longest_m):
+        steps_m = end_m * np.concatenate([[0.0], np.geomspace(1e-5, 1.0, 60)])
+        below = np.flatnonzero(above(steps_m) < 0)
+        if not len(below):
+            return float("inf")
+        total_m += abs(brentq(lambda step_m: above(step_m)[0], *steps_m[below[0] - 1 :][:2]))
+    return total_m

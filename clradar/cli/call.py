@@ -30,12 +30,24 @@ class Call:
     def files_of(self, paths: Iterable[Path]) -> list[Path]:
         """The files whose content these inputs are, each once."""
         found = (file for path in paths for file in self.read.get(path, [path]))
-        return [file for file in dict.fromkeys(found) if not file.is_dir()]
+        return [*dict.fromkeys(one for file in found if not file.is_dir() for one in _parts(file))]
 
     def records_of(self, files: Iterable[Path]) -> dict[Path, dict[str, Any]]:
         """What files held when it was first asked for: before the work (`content_record`)."""
         self.records |= {path: content_record(path) for path in files if path not in self.records}
         return self.records
+
+
+def _parts(file: Path) -> list[Path]:
+    """A file, and those that belong to it: buffers of glTF, the antennas of a recorded frame."""
+    if file.suffix == ".npy":
+        from measurement_io.maroon.folders import antennas_file
+
+        antennas = antennas_file(file)
+        return [file, antennas] if antennas is not None and antennas.is_file() else [file]
+    from clradar.files.meshes.gltf_document import files_of
+
+    return files_of(file)
 
 
 call = Call()

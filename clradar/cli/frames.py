@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli import parse
+from clradar.cli import options as opt, parse
 from clradar.cli.inputs import Content, ImageInput
 from clradar.cli.outputs import save
 from clradar.errors import CompareError, warn
@@ -51,15 +50,13 @@ class Frames:
 
     def _open_recording(self, variant: str) -> None:
         from measurement_io import open_recording
-        from measurement_io.maroon.folders import ANTENNAS_FILE, frames
+        from measurement_io.maroon.folders import frames
 
         recording = open_recording(self.path, variant=variant)
         numbers, paths = recording.frame_numbers, frames(recording.path)[recording.variant]
-        antennas = recording.path / ANTENNAS_FILE
-        beside = [antennas] if antennas.is_file() else []
         self.numbers = numbers
         self.read = lambda number: recording[numbers.index(number)]
-        self.files = lambda number: [paths[number], *beside]
+        self.files = lambda number: [paths[number]]
 
     def capture(self, number: int) -> cl.Capture:
         """The capture of a frame; of a single capture that capture."""

@@ -150,7 +150,7 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
             if any(values[name] is not None for name in writing):
                 for path in filter(Path.is_file, call.paths):
                     with suppress(ClradarError):  # the reader of the file says why
-                        call.records_of([path])
+                        call.records_of(call.files_of([path]))
             return command(**records, **single)
         finally:  # the next one of this process has none of its inputs
             vars(call).update(vars(Call()))

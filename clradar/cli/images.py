@@ -27,7 +27,7 @@ from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
 from clradar.imaging.several_captures import mean_over_pairs
 from clradar.jobs import KEY, Job, Where, remove
-from clradar.jobs.lock import LOCK
+from clradar.jobs.lock import LOCK, held
 from clradar.model import ImageScale
 from clradar.model.progress import Progress
 from clradar.model.volume import plane_slabs
@@ -49,8 +49,9 @@ def remove_remains(folder: Path) -> None:
     Its settings go first at the end, so that nothing could resume there.
     """
     names = {path.name for path in folder.iterdir()} if folder.is_dir() else {KEY}
-    if names <= {WHOLE, LOCK}:
-        remove(folder, names)
+    if names <= {PARTS, WHOLE, LOCK}:
+        with held(folder, "image"):
+            remove(folder, names - {LOCK})
         folder.rmdir()
 
 

@@ -197,7 +197,7 @@ def begun(
     Files that fit the pattern `found` are what it can go on with; `own` names what --force removes.
     `read` has the files of options whose inputs are not in the provenance.
     """
-    inputs = {name: read.get(name) or call.files_of(paths) for name, paths in call.inputs.items()}
+    inputs = {name: call.files_of(read.get(name) or paths) for name, paths in call.inputs.items()}
     for path, record in call.records.items():
         if not holds_still(path, record):
             raise OutputError(f"{path}: changed while it was read; repeat the command")

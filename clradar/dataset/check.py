@@ -29,10 +29,10 @@ from clradar.dataset.shards import (
     samples_of,
 )
 from clradar.errors import ClradarError
+from clradar.files.atomic import TEMPORARY
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
-from clradar.jobs.lock import TEMPORARY
 from clradar.jobs.outcome import made_with
 from clradar.model.progress import Progress
 from clradar.opencl import open_device

@@ -26,11 +26,11 @@ from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, found_rig, make_sample
 from clradar.dataset.shards import failed_of, new_shard, opened_shard, read_sample, samples_of
 from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_warnings, warn
+from clradar.files.atomic import remove_temporaries
 from clradar.files.failures import fail
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
 from clradar.jobs.job import Job
-from clradar.jobs.lock import remove_temporaries
 from clradar.jobs.outcome import ATTEMPTS, Aside, made_with, reason_of
 from clradar.jobs.where import Where
 from clradar.model.progress import Progress

@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from clradar.dataset.plan import recipe as recipes
 from clradar.dataset.plan.hands import PlanMaterials
 from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.recipe import VERSION as RECIPES
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.plan.recipe import recipe as recipe_of
 from clradar.dataset.sample import Sample
 from clradar.files.atomic import replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
@@ -366,6 +365,6 @@ def read_sample(path: Path, sample: int, plan: Plan) -> tuple[Sample, dict[str, 
             elif field.place in file:
                 arrays[name] = file[field.place][row]
         recipe = json.loads(file[LABELS["recipe"].place][row])
-        if recipe["version"] != RECIPES:  # of clradar 0.2, which had other keys
-            recipe = recipe_of(plan, sample)
+        if recipe["version"] != recipes.VERSION:  # of clradar 0.2, which had other keys
+            recipe = recipes.recipe(plan, sample)
         return Sample(recipe, arrays), json.loads(file[LABELS["made_with"].place][row])

@@ -100,6 +100,9 @@ def _temporary(target: Path) -> Path:
     return target.with_name(f".{target.name[:40]}.{owner}.tmp")
 
 
+TEMPORARY = ".*.tmp"
+"""Such names."""
+
 _OWNER = re.compile(rf"\.(.{{1,40}})\.{_MACHINE}-([0-9]+)-[0-9a-f]{{8}}\.tmp", re.DOTALL)
 
 
@@ -111,15 +114,24 @@ def remove_left(targets: Iterable[Path]) -> None:
     for target in targets:
         names.setdefault(target.parent, set()).add(target.name[:40])
     for folder, ours in names.items():
+        for path in folder.glob(TEMPORARY):
+            found = _OWNER.fullmatch(path.name)
+            if found is not None and found[1] in ours and not _is_alive(int(found[2])):
+                _remove(path)
+
+
+def remove_temporaries(folder: Path) -> None:
+    """Remove what was half written in a folder that no other process writes into."""
+    for path in folder.glob(TEMPORARY):
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
         with suppress(OSError):
-            for entry in os.scandir(folder):
-                found = _OWNER.fullmatch(entry.name)
-                if found is None or found[1] not in ours or _is_alive(int(found[2])):
-                    continue
-                if entry.is_dir(follow_symlinks=False):
-                    shutil.rmtree(entry.path, ignore_errors=True)
-                else:
-                    os.unlink(entry.path)
+            path.unlink()
 
 
 def _is_alive(process: int) -> bool:

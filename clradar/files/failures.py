@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from clradar.errors import ClradarError, MeasurementError, quoted
-from clradar.files.limits import MAX_MESSAGE_CHARACTERS
+from clradar.files.limits import MAX_HOLES_BYTES, MAX_MESSAGE_CHARACTERS
 
 
 def fail(
@@ -67,7 +67,30 @@ def regular_file_size(
         fail(path, expected, "a folder", error=error)
     if not stat.S_ISREG(status.st_mode):
         fail(path, expected, "something that is no regular file", error=error)
+    with reading(path, expected, error=error):
+        if status.st_size > MAX_HOLES_BYTES and _holes_bytes(path) > MAX_HOLES_BYTES:
+            wanted = f"a file without holes of {MAX_HOLES_BYTES} bytes (cp --sparse=never)"
+            fail(path, wanted, f"{status.st_size} bytes with more", error=error)
     return status.st_size
+
+
+def _holes_bytes(path: Path) -> int:
+    """Bytes of a file that take no space and read as zeros, at least while they are few.
+
+    Not by the blocks that it takes: some file systems know them only seconds after it was written.
+    """
+    if not hasattr(os, "SEEK_HOLE"):  # Windows
+        return 0
+    with open(path, "rb") as file:
+        size, at, holes = os.fstat(file.fileno()).st_size, 0, 0
+        while at < size and holes <= MAX_HOLES_BYTES:
+            hole = file.seek(at, os.SEEK_HOLE)
+            try:
+                at = file.seek(hole, os.SEEK_DATA)
+            except OSError:  # there is none behind it
+                at = size
+            holes += at - hole
+    return holes
 
 
 def read_bytes(

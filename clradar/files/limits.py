@@ -5,6 +5,9 @@ docs/untrusted-files.md has the policy: which library or parser reads what, in w
 
 from __future__ import annotations
 
+MAX_HOLES_BYTES = 2**28
+"""Of a file that are not on disk: with holes a small file is of any size, and takes any time."""
+
 # ---- text
 MAX_MESSAGE_CHARACTERS = 400
 """Of a foreign message that is passed on; a damaged file can make one of any length."""
@@ -73,10 +76,8 @@ MAX_IMAGE_PIXELS = 2**24
 MAX_PNG_BYTES = 2 * MAX_IMAGE_PIXELS + 2**20
 """The pixels as they are, and a little for the form."""
 MAX_MESH_BYTES = 2**29
-"""Of a file of a mesh or rig, and of what it inflates to. A hand of a million vertices needs a
-tenth of it; scans carry large textures, too."""
-MAX_MESH_BUFFERS_BYTES = 2**28
-"""Of all files beside a `.gltf`."""
+"""Of a file of a mesh or rig, of its buffer, and of what it inflates to. A hand of a million
+vertices needs a tenth of it; scans carry large textures, too."""
 MAX_MESH_FACES = 2**23
 """Triangles of a mesh, with all instances."""
 MAX_MESH_VERTICES = 2**24
@@ -88,7 +89,7 @@ MAX_MESH_DEPTH = 1000
 """Levels of these nodes: a chain of all of them would take trimesh minutes."""
 MAX_GLTF_NUMBERS = 2**26
 """Numbers taken from a rig in glTF, as often as they are used: some need no bytes of it."""
-MESH_CPU_S = 20
+MESH_CPU_S = 10
 """Processor time for reading a mesh or rig, and a second more for every `MESH_CPU_BYTES`."""
 MESH_CPU_BYTES = 2**19
 MESH_MEMORY_BYTES = 2**31

@@ -9,9 +9,7 @@ import numpy as np
 from clradar.arrays.ambiguity import ghosts, range_aliases
 from clradar.errors import warn
 from clradar.imaging.echo_location import amplitude_near, antennas_of, resolution_m
-from clradar.imaging.grid_words import box_words as _box
-from clradar.imaging.grid_words import length_words as _length
-from clradar.imaging.grid_words import place_words as _place
+from clradar.imaging.grid_words import box_words, length_words, place_words
 from clradar.imaging.placement import inside
 from clradar.imaging.several_captures import Captures, captures_of
 from clradar.model import AntennaArray, VoxelGrid
@@ -60,8 +58,8 @@ def warn_of_confusions(
     for lobe in lobes_inside[:1]:
         if inside(grid, lobe.position_m, resolution_m(capture, lobe.position_m)):
             warn(
-                f"the array has a grating lobe in the grid: the echo at {_place(at_m)} "
-                f"appears at {_place(lobe.position_m)}, too ({lobe.level_db:.1f} dB), and so "
+                f"the array has a grating lobe in the grid: the echo at {place_words(at_m)} "
+                f"appears at {place_words(lobe.position_m)}, too ({lobe.level_db:.1f} dB), and so "
                 "do others; choose a grid without the lobes (clradar array lists them), or space "
                 "the antennas more closely"
             )
@@ -79,14 +77,14 @@ def warn_of_confusions(
     if not sure and (kind == "alias" or brighter_db < -BRIGHTER_DB):
         return  # far away every echo has aliases as bright as itself
     if kind == "alias":
-        why = f"the unambiguous range c / (2 df) is {_length(waveform.unambiguous_range_m)}"
+        why = f"the unambiguous range c / (2 df) is {length_words(waveform.unambiguous_range_m)}"
         remedy = "measure with smaller frequency steps, or image where the echo is"
     else:
         why = "the array has grating lobes"
         remedy = "space the antennas more closely, or image where the echo is"
     level = f"{brighter_db:.1f} dB brighter" if sure else f"as bright ({brighter_db:+.1f} dB)"
     warn(
-        f"the brightest place of the grid ({_box(grid)}), {_place(at_m)}, "
-        f"{'is' if sure else 'may be'} the {kind} of an echo at {_place(place_m)}, where the image "
-        f"is {level}: {why}; {remedy}"
+        f"the brightest place of the grid ({box_words(grid)}), {place_words(at_m)}, "
+        f"{'is' if sure else 'may be'} the {kind} of an echo at {place_words(place_m)}, where the "
+        f"image is {level}: {why}; {remedy}"
     )

@@ -20,9 +20,7 @@ from clradar.imaging.echo_location import (
     resolution_m,
     seen_echoes,
 )
-from clradar.imaging.grid_words import box_words as _box
-from clradar.imaging.grid_words import length_words as _length
-from clradar.imaging.grid_words import place_words as _place
+from clradar.imaging.grid_words import box_words, length_words, place_words
 from clradar.imaging.placement import inside, reach_m, weaker_within
 from clradar.imaging.several_captures import Captures, KeptCaptures, captures_of
 from clradar.model import Capture, VoxelGrid
@@ -206,12 +204,12 @@ def _warn_of_aliases(period_m: float, reach: tuple[float, float], alias: Echo | 
     near_m, far_m = reach
     across = near_m < period_m or far_m - near_m > period_m
     if far_m > period_m and (across or alias is not None):
-        where = f", such as {_place(alias.position_m)}" if alias is not None else ""
+        where = f", such as {place_words(alias.position_m)}" if alias is not None else ""
         warn(
-            f"the grid reaches from a range of {_length(near_m)} to {_length(far_m)}, beyond the "
-            f"unambiguous range c / (2 df) of {_length(period_m)}: what it shows may be aliases of "
-            f"echoes that are nearer or farther by multiples of that{where}; choose a grid that "
-            "ends before it, or measure with smaller frequency steps"
+            f"the grid reaches from a range of {length_words(near_m)} to {length_words(far_m)}, "
+            f"beyond the unambiguous range c / (2 df) of {length_words(period_m)}: what it shows "
+            f"may be aliases of echoes that are nearer or farther by multiples of that{where}; "
+            "choose a grid that ends before it, or measure with smaller frequency steps"
         )
 
 
@@ -240,9 +238,9 @@ def _equal_alias(capture: Captures, at_m: np.ndarray, level: float, device: Devi
 def _warn_of_echo(grid: VoxelGrid, echo: Echo, level: float) -> None:
     difference_db = 20 * np.log10(echo.amplitude / max(level, 1e-15 * echo.amplitude))
     warn(
-        f"the strongest echo, at {_place(echo.position_m)}, is outside the grid ({_box(grid)}), "
-        f"{difference_db:.0f} dB above all that is in it; clradar.place_grid places a grid around "
-        "it, as the command line does without --x-mm, --y-mm, --z-mm"
+        f"the strongest echo, at {place_words(echo.position_m)}, is outside the grid "
+        f"({box_words(grid)}), {difference_db:.0f} dB above all that is in it; clradar.place_grid "
+        "places a grid around it, as the command line does without --x-mm, --y-mm, --z-mm"
     )
 
 
@@ -278,9 +276,9 @@ def _echo_beyond(
 def _warn_of_cut(face: Face, beyond: Echo, level: float) -> None:
     difference_db = 20 * np.log10(beyond.amplitude / level)
     warn(
-        f"the grid cuts the object off at {'xyz'[face.axis]} = {_length(face.at_m)}: it goes on "
-        f"beyond, at {_place(beyond.position_m)}, {difference_db:+.0f} dB against the maximum in "
-        "the grid; extend the grid there"
+        f"the grid cuts the object off at {'xyz'[face.axis]} = {length_words(face.at_m)}: it "
+        f"goes on beyond, at {place_words(beyond.position_m)}, {difference_db:+.0f} dB against the "
+        "maximum in the grid; extend the grid there"
     )
 
 

@@ -14,12 +14,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from clradar.errors import ClradarError, OutputError, warn
-from clradar.files.atomic import replacing
+from clradar.files.atomic import remove_temporaries, replacing
 from clradar.files.failures import fail, reading, shown
 from clradar.files.hashing import content_record, holds_still
 from clradar.files.json_differences import differences, listed_differences
 from clradar.files.json_file import read_json, write_json
-from clradar.jobs.lock import LOCK, held, remove_temporaries
+from clradar.jobs.lock import LOCK, held
 from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import multiprocessing
 import os
 import shutil
 import sys
@@ -22,27 +23,14 @@ if TYPE_CHECKING:
 
 LOCK = ".lock"
 
-TEMPORARY = ".*.tmp"
-"""Names of what is being written (`clradar.files.atomic`)."""
-
 SCRATCH = "clradar-scratch-"
-"""Names of scratch folders that have their lock."""
+"""Names of scratch folders that have their lock, and of the semaphores of their process."""
 
 WAIT_S = 0.2
 """For a lock whose holder removes it at this moment."""
 
 NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL}
 """What file systems without locks say: Lustre and NFS by some of their options."""
-
-
-def remove_temporaries(folder: Path) -> None:
-    """Remove what a killed process was writing: files and folders."""
-    for path in folder.glob(TEMPORARY):
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            with suppress(OSError):
-                path.unlink()
 
 
 @contextmanager
@@ -56,15 +44,22 @@ def scratch_folder() -> Iterator[Path]:
             if os.access(left / LOCK, os.W_OK):
                 lock = locked(left / LOCK, wait_s=0)
                 if lock is not None:
+                    for semaphore in Path("/dev/shm").glob(f"sem.{left.name}-*"):
+                        semaphore.unlink(missing_ok=True)
                     shutil.rmtree(left, ignore_errors=True)
                     unlock(lock)
     folder = Path(tempfile.mkdtemp(prefix="clradar-"))
     lock = locked(folder / LOCK)
     if sys.platform != "win32":  # where no folder with an open file can get another name
         folder = folder.rename(folder.with_name(folder.name.replace("clradar-", SCRATCH)))
+    names = vars(multiprocessing.current_process())["_config"]
+    before = names["semprefix"]
+    if sys.platform == "linux":  # macOS allows for 30 characters
+        names["semprefix"] = f"/{folder.name}"
     try:
         yield folder
     finally:
+        names["semprefix"] = before
         with postponed():
             shutil.rmtree(folder, ignore_errors=True)
             if lock is not None:

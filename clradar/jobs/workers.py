@@ -63,9 +63,6 @@ however busy the machine is."""
 LATE_S, LATE_STEP_S = 120.0, 0.05
 """Longest wait for items that are made twice, and the interval of polling."""
 
-STARTS = 2
-"""How often the workers are started: one that is killed meanwhile is no reason to end."""
-
 BLAS_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 HERE = "127.0.0.1"
@@ -167,16 +164,13 @@ def local_client(shares: Sequence[Share]) -> Iterator[Client]:
         scratch_folder() as scratch,
         dask.config.set({**settings, "temporary-directory": str(scratch)}),
     ):
-        for left in reversed(range(STARTS)):
-            try:
-                with interrupts_blocked():
-                    cluster = SpecCluster(
-                        workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
-                    )
-                break
-            except Exception as error:
-                if not left:
-                    raise ClusterError(f"the workers did not start: {clean(error)}") from error
+        try:
+            with interrupts_blocked():
+                cluster = SpecCluster(
+                    workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
+                )
+        except Exception as error:
+            raise ClusterError(f"the workers did not start: {clean(error)}") from error
         try:
             with Client(cluster, set_as_default=False) as client:
                 yield client

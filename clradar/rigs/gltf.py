@@ -17,12 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from clradar.errors import RigError
 from clradar.files.confined.process import forbid_opening
-from clradar.files.limits import (
-    MAX_GLTF_NUMBERS,
-    MAX_MESH_BUFFERS_BYTES,
-    MAX_MESH_FACES,
-    MAX_MESH_NODES,
-)
+from clradar.files.limits import MAX_GLTF_NUMBERS, MAX_MESH_FACES, MAX_MESH_NODES
 from clradar.files.meshes.gltf_document import EXPECTED, GLB_MAGIC, bytes_beside, check_document
 from clradar.hand import JOINT_NAMES
 from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, check_side
@@ -152,10 +147,9 @@ class _File:
             fail(path, "a GLB file with a JSON chunk", "none")
         check_document(path, document.asset.version, document.extensionsRequired, RigError)
         self.document = document
-        self._buffers, left = [], MAX_MESH_BUFFERS_BYTES
+        self._buffers = []
         for at, buffer in enumerate(document.buffers):
-            data = self._buffer(f"buffer {at}", buffer.uri, left)
-            left -= len(data)
+            data = self._buffer(f"buffer {at}", buffer.uri)
             if len(data) < buffer.byteLength:
                 expected = f"buffer {at} of {buffer.byteLength} bytes"
                 fail(path, expected, f"{len(data)}: the file is cut short")
@@ -175,7 +169,7 @@ class _File:
         if not any(None not in (node.mesh, node.skin) for node in document.nodes):
             fail(path, "a mesh with a skin", "a mesh that no joint moves (not skinned)")
 
-    def _buffer(self, what: str, uri: Any, most: int) -> bytes:
+    def _buffer(self, what: str, uri: Any) -> bytes:
         if uri is None:
             data = self.document.binary_blob() if what == "buffer 0" else None
             if data is None:
@@ -185,7 +179,7 @@ class _File:
             if ";base64," not in uri:
                 fail(self.path, f"{what} in base64", uri[:40])
             return bytes(GLTF2.decode_data_uri(DATA_URI_HEADER + unquote(uri.partition(",")[2])))
-        return bytes_beside(self.path, what, unquote(uri), most, RigError)
+        return bytes_beside(self.path, what, unquote(uri), RigError)
 
     def entry(self, entries: Sequence[Entry], index: Any, what: str) -> Entry:
         """Return the entry of an index in the file, which is checked."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from clradar.files.limits import (
     MEMORY_BYTES,
 )
 
-HDF5 = "the HDF5 library"
 EXPECTED = "a readable HDF5 file"
 
 
@@ -26,7 +24,7 @@ def run(
     *arguments: Any,
     most_bytes: int | None = None,
     expected: str = EXPECTED,
-    library: str = HDF5,
+    library: str = "the HDF5 library",
     modules: tuple[str, ...] = ("h5py",),
     mapped_bytes: int = 0,
     copies: int = 2,
@@ -40,14 +38,12 @@ def run(
     """
     size = regular_file_size(path, expected)
     inflated = 0 if most_bytes is None else most_bytes
-    blocks = getattr(os.stat(path), "st_blocks", None)  # which Windows has not
-    backed = size if blocks is None else min(size, 512 * blocks)  # a sparse file claims any size
     reader = process.Reader(
         expected=expected,
         library=library,
-        cpu_s=CPU_LIMIT_S * (1 + backed // CPU_LIMIT_BYTES + inflated // CPU_LIMIT_INFLATED_BYTES),
-        memory_bytes=MEMORY_BYTES + copies * (inflated or backed) + mapped_bytes,
-        most_bytes=8 * backed if most_bytes is None else most_bytes,
+        cpu_s=CPU_LIMIT_S * (1 + size // CPU_LIMIT_BYTES + inflated // CPU_LIMIT_INFLATED_BYTES),
+        memory_bytes=MEMORY_BYTES + copies * (inflated or size) + mapped_bytes,
+        most_bytes=8 * size if most_bytes is None else most_bytes,
         modules=modules,
     )
     return process.run(reader, function, path, *arguments, companion=companion)

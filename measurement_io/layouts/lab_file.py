@@ -14,8 +14,7 @@ from clradar.files.failures import clean, fail, reading, regular_file_size, show
 from clradar.files.limits import MAX_ARRAY_BYTES, MAX_LISTS_BYTES, MAX_META_NUMBERS
 from measurement_io.confined.hdf5_guard import HDF5_MAGIC
 from measurement_io.confined.reading import run
-from measurement_io.layouts.contents import EXPECTED, Key
-from measurement_io.layouts.contents import read as read_contents
+from measurement_io.layouts.contents import EXPECTED, Key, read as read_contents
 
 _SHOWN_KEYS = 30
 _HDF5_OFFSETS = (0, 512, 1024, 2048, 4096)

@@ -79,6 +79,11 @@ def frame_file(path: Path) -> FrameFile:
     return FrameFile(path, int(match[1]), "emptyfiltered" if match[2] else "raw", folder)
 
 
+def antennas_file(frame: Path) -> Path | None:
+    """Return where the antennas of a frame in a radar folder are, if not those of the imager."""
+    return frame.absolute().parents[1] / ANTENNAS_FILE if frame_file(frame).folder else None
+
+
 def entries(folder: Path) -> list[Path]:
     """Return the entries of a folder, sorted by name."""
     with reading(folder, "a readable folder"):

@@ -17,7 +17,7 @@ from clradar.files.limits import MAX_FRAME_BYTES
 from clradar.model import AntennaArray, Capture, Waveform
 from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
 from measurement_io.confined.reading import run
-from measurement_io.maroon.folders import ANTENNAS_FILE, FrameFile, frame_file
+from measurement_io.maroon.folders import FrameFile, antennas_file, frame_file
 from measurement_io.maroon.frame_file import EXPECTED, is_plain, read_dictionary
 
 _OWN_KEYS = ("xr", "fvec", "number_of_measurements", "timestamp_us")
@@ -39,8 +39,7 @@ def read_frame_file(
     """
     place = frame_file(path)
     if array is None:
-        folder = None if place.folder is None else path.absolute().parent.parent
-        array = antenna_array(rx_file, tx_file, folder and folder / ANTENNAS_FILE)
+        array = antenna_array(rx_file, tx_file, antennas_file(path))
     frame = _dictionary(path, companion)
     with reading(path, "a recorded frame"):
         xr = _required(path, frame, "xr", "a complex array [rx, tx, freq]")

@@ -11,7 +11,7 @@ from nightly import nightly
 from quick_figures import draw_quickly, seek_nothing_else
 
 import clradar
-from clradar.cli.images import PartSteps
+from clradar.cli.images import PartSteps, remove_remains
 from clradar.imaging import fast
 from measurement_io import check_file, open_capture, open_volume, save_capture
 
@@ -109,6 +109,14 @@ def test_a_killed_image_resumes(cli, captures, tmp_path, monkeypatch, wanted, la
     assert len(made) == 4 - kept
     np.testing.assert_array_equal(open_volume("out.h5").data, wanted.data)
     assert [path.name for path in tmp_path.iterdir()] == ["out.h5"]
+
+
+def test_what_is_left_of_a_removal_is_removed(tmp_path):
+    """Of a process that was killed at the end: the settings go first, then the parts."""
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "0000.npy").touch()
+    remove_remains(tmp_path)
+    assert not tmp_path.exists()
 
 
 def test_a_grid_that_no_memory_holds(captures, monkeypatch):

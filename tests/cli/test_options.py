@@ -5,11 +5,14 @@ from pathlib import Path
 from typing import Literal
 
 import typer
+from layout_files import random_capture
+from rig_files import RigMaker
 from typer.testing import CliRunner
 
 from clradar.cli.call import Call, call, plain
 from clradar.cli.groups import REQUIRED, argument, expanded, given, option, wrong_usage
 from clradar.cli.options import DEVICE
+from measurement_io import save_recording
 
 
 def between(name: str, text: str) -> tuple[int, ...]:
@@ -81,3 +84,11 @@ def test_defaults_and_what_was_given():
     assert outcome_of("a.h5 --count 7 --other")[0] == 0
     status, _, received = outcome_of("a.h5 --count 7 --window taylor --left --right")
     assert (status, received) == (2, [])
+
+
+def test_what_belongs_to_a_file_is_an_input_with_it(tmp_path):
+    radar = save_recording(tmp_path / "plate", [random_capture()])
+    hand = RigMaker().save(tmp_path / "hand.gltf", "file")
+    frame = radar / "calibrated_data" / "000000.npy"
+    for path, more in ((hand, hand.with_suffix(".bin")), (frame, radar / "antennas.toml")):
+        assert call.files_of([path, more, tmp_path]) == [path, more]

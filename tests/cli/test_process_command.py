@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import GRID as HAND_GRID
-from command_line import Cli, exit_status, worker_here
+from command_line import GRID as HAND_GRID, Cli, exit_status, worker_here
 from comparisons import tree
 from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands
 from PIL import Image
@@ -30,8 +29,7 @@ from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Wavefo
 from clradar.arrays import qar50
 from clradar.cli import recordings
 from clradar.cli.frames import RECORDS, FrameSteps
-from clradar.cli.recordings import MOVEMENT as FIGURE
-from clradar.cli.recordings import SHEET, table
+from clradar.cli.recordings import MOVEMENT as FIGURE, SHEET, table
 from clradar.hand import read_pose
 from clradar.plot.frames import write_gif
 from measurement_io import (

@@ -173,7 +173,7 @@ def test_bits_do_not_depend_on_the_number_of_threads(capsys, monkeypatch):
 
 RIG_PLAN = """samples = 2
 poses.names = ['B']
-hands = { rigs = ['hand.glb'], handedness = 'both' }
+hands = { rigs = ['hand.gltf'], handedness = 'both' }
 output.products = ['mesh', 'joints']
 """
 
@@ -182,13 +182,13 @@ def test_rigs_are_hands_too(tmp_path, monkeypatch, capsys):
     here, there = tmp_path / "here", tmp_path / "there" / "deep"
     for folder in (here, there):
         folder.mkdir(parents=True)
-        RigMaker().save(folder / "hand.glb")
+        RigMaker().save(folder / "hand.gltf", "file")
         (folder / "plan.toml").write_text(RIG_PLAN)
     plan, moved = (read_plan(folder / "plan.toml") for folder in (here, there))
     assert run(plan, tmp_path / "out", device=DEVICE).aside == ()
     assert check_dataset(tmp_path / "out").ok
     view = open_dataset(tmp_path / "out")
-    assert view.rig.values.tolist() == ["hand.glb"] * 2
+    assert view.rig.values.tolist() == ["hand.gltf"] * 2
     assert np.isnan(view["shape"].values).all()
 
     one = recipe(plan, 0)
@@ -204,7 +204,7 @@ def test_rigs_are_hands_too(tmp_path, monkeypatch, capsys):
     assert digests(tmp_path / "other") == digests(tmp_path / "out")
     assert run(moved, tmp_path / "out", device=DEVICE).made == 0
 
-    (here / "hand.glb").unlink()
+    (here / "hand.gltf").unlink()
     _rig.cache_clear()
     monkeypatch.chdir(tmp_path)
     arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(there)]
@@ -215,9 +215,11 @@ def test_rigs_are_hands_too(tmp_path, monkeypatch, capsys):
         lambda: replay(tmp_path / "out", 0, device=DEVICE),
         lambda: run(plan, tmp_path / "more", device=DEVICE),
     ):
-        with pytest.raises(ModelError, match=r"hand\.glb: expected the file of .* nothing there"):
+        with pytest.raises(ModelError, match=r"hand\.gltf: expected the file of .* nothing there"):
             begun()
-    (here / "hand.glb").write_bytes(b"another file")
+    RigMaker().save(here / "hand.gltf", "file")
+    buffer = here / "hand.bin"
+    buffer.write_bytes(buffer.read_bytes()[::-1])
     with pytest.raises(ModelError, match=r"expected the file of the plan .* got another"):
         make_sample(one, DEVICE, rigs=here)
     with pytest.raises(PlanError, match=r"hands.rigs\[0\]"):

@@ -30,7 +30,6 @@ OBJ = {
     "mixed polygons": "f 1 2 3 4 2\nf 1 2 3\nf 1 2 3 4\nf 4 3 2\n",
     "textures": "vt 0 0\nf 1/1 2/1 3/1\nf 1/1 2/1 4/1\n",
     "in several ways": "vt 0 0\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1\nf 2//1 3//1 4//1\nf 1 2 4\n",
-    "from the end": "f -4 -3 -2\nf -1 -2 -3\n",
     "objects and groups": "o a\nf 1 2 3\ng x\nf 2 3 4\no b\nf 1 3 4\no a\nf 1 2 4\n",
     "names with blanks": "o a hand\nf 1 2 3\ng left thumb\nf 2 3 4\n",
     "smoothing": "s 1\nf 1 2 3\ns off\nf 2 3 4\n",
@@ -54,8 +53,6 @@ def test_obj_files_are_read_as_by_trimesh(tmp_path, faces):
     [
         "# écrit\n\tv 0 0 0 1.0\nv\t0.1 0 0\nv 0 0.2 0 0.5 0.5 0.5\nv 0 0 0.3\nl 1 2\np 1\n"
         "vp 0.1\n  f 1 2 3 # the first\nf\t1/2/3 2//4 4\nmtllib none.mtl\nusemtl skin\n",
-        # Counted back from the line, wherever more vertices follow.
-        "v 0 0 0\nv 0.1 0 0\nv 0 0.2 0\nf -3 -2 -1\nv 0 0 0.3\nf -4 -3 -1\n",
     ],
 )
 def test_what_obj_files_may_hold_besides(tmp_path, text):

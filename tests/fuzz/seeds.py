@@ -243,7 +243,7 @@ def _obj_meshes() -> list[bytes]:
     """Two groups, with what photogrammetry programs write, and a single triangle."""
     lines = ["# metres", "mtllib mesh.mtl", "usemtl skin", "vt 0.0 0.0", "vn 0 0 1", "g a"]
     lines += [f"v {x} {y} {z}" for z in (0.0, 0.1) for y in (0.0, 0.2) for x in (0.0, 0.3)]
-    lines += ["f 1/1/1 2/1/1 3/1/1", "f 2/1 4/1 3/1", "g b", "f 5//1 6//1 8//1 7//1", "f -1 -2 -3"]
+    lines += ["f 1/1/1 2/1/1 3/1/1", "f 2/1 4/1 3/1", "g b", "f 5//1 6//1 8//1 7//1", "f 8 7 6"]
     return ["\n".join(lines).encode(), "\n".join([*lines[6:14], "f 1 2 4"]).encode()]
 
 

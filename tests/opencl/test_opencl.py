@@ -27,12 +27,12 @@ from clradar.opencl import (
     build,
     choice,
     cpu_beside,
+    device as device_module,
     list_devices,
     open_device,
+    program as program_module,
     runtimes,
 )
-from clradar.opencl import device as device_module
-from clradar.opencl import program as program_module
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.choice import default_device
 from clradar.opencl.self_test import self_test

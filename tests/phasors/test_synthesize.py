@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import clradar
 from clradar import AntennaArray, Paths, Scene, Waveform, reference, synthesize

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import typer
 
-from clradar.cli import options as opt
-from clradar.cli import parse, tables
+from clradar.cli import options as opt, parse, tables
 from clradar.cli.console import print_text, progress_bar
 from clradar.cli.outputs import write
 

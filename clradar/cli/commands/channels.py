@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from clradar.cli import options as opt
-from clradar.cli import parse, tables
+from clradar.cli import options as opt, parse, tables
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import title_of
 from clradar.cli.outputs import write

@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from clradar.cli import options as opt
-from clradar.cli import parse
+from clradar.cli import options as opt, parse
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput, common_grid, recording_title

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from clradar.cli import conversions
-from clradar.cli import options as opt
+from clradar.cli import conversions, options as opt
 from clradar.cli.call import call
 from clradar.cli.outputs import check_outputs, write
 

@@ -46,8 +46,7 @@ def command(
     A sample that cannot be made is set aside; the exit status is 1 as long as any is.
     """
     from clradar.dataset import plan_schema, run
-    from clradar.dataset.check import estimate
-    from clradar.dataset.check import replay as make_again
+    from clradar.dataset.check import estimate, replay as make_again
     from clradar.dataset.plan.plan import read_plan
 
     if schema:

@@ -6,8 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clradar.cli import options as opt
-from clradar.cli import parse, tables
+from clradar.cli import options as opt, parse, tables
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.inputs import title_of
 from clradar.cli.outputs import write

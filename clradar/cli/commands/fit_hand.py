@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import clradar as cl
-from clradar.cli import comparison, parse, tables
-from clradar.cli import options as opt
+from clradar.cli import comparison, options as opt, parse, tables
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import Measurement, measurement
 from clradar.cli.outputs import check_folder, whole_folder, write

@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from clradar.cli import options as opt
-from clradar.cli import parse
+from clradar.cli import options as opt, parse
 from clradar.cli.console import print_table
 from clradar.cli.outputs import MESHES, joints_record, turned, write
 from clradar.files.json_text import indented

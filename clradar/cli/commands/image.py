@@ -7,8 +7,7 @@ from pathlib import Path
 from time import perf_counter
 
 import clradar as cl
-from clradar.cli import images
-from clradar.cli import options as opt
+from clradar.cli import images, options as opt
 from clradar.cli.inputs import ImageInput, form_image, grid_for
 from clradar.cli.outputs import write
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import typer
 
-from clradar.cli import options as opt
-from clradar.cli import parse
+from clradar.cli import options as opt, parse
 from clradar.cli.console import counted, print_error, print_text, progress_bar
 from clradar.cli.outputs import write
 from clradar.errors import MeasurementError

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli import parse
+from clradar.cli import options as opt, parse
 from clradar.cli.console import print_line, print_table, print_text
 
 COLUMNS = ("name", "permittivity", "coat mm", "power dB", "phase", "h mm", "l mm", "h_micro mm")

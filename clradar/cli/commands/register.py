@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import clradar as cl
-from clradar.cli import comparison, parse
-from clradar.cli import options as opt
+from clradar.cli import comparison, options as opt, parse
 from clradar.cli.console import print_line, print_text, progress_bar
 from clradar.cli.inputs import Measurement, measurement
 from clradar.cli.outputs import check_folder, whole_folder, write

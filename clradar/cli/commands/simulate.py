@@ -6,8 +6,7 @@ from pathlib import Path
 from time import perf_counter
 
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli import simulations
+from clradar.cli import options as opt, simulations
 from clradar.cli.call import call
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.outputs import provenance, write

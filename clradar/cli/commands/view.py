@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli import parse
+from clradar.cli import options as opt, parse
 from clradar.cli.call import call
 from clradar.cli.console import counted, print_line, print_warning
 from clradar.jobs import open_devices

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -23,12 +23,8 @@ class BrokenMessage(Exception):
     """The message ends early, or is none."""
 
 
-class Link(Protocol):
-    """What a message goes through: a socket, or pipes with a socket's two methods."""
-
-    def sendall(self, data: Any, /) -> Any: ...
-
-    def recv_into(self, buffer: memoryview, /) -> int: ...
+Link = Any
+"""What a message goes through: a socket, or pipes with its `sendall` and `recv_into`."""
 
 
 def send(link: Link, value: Any) -> None:

@@ -6,14 +6,16 @@ Khronos Group, glTF 2.0 Specification, sections 3.3 (scenes), 3.6 (buffers) and 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 from clradar.errors import ClradarError, MeshError
 from clradar.files.failures import clean, fail, read_bytes, reading
+from clradar.files.hashing import sha256_of
 from clradar.files.json_text import parse_object
-from clradar.files.limits import MAX_MESH_BUFFERS_BYTES, MAX_MESH_DEPTH, MAX_MESH_NODES
+from clradar.files.limits import MAX_MESH_BYTES, MAX_MESH_DEPTH, MAX_MESH_NODES
 
 EXPECTED = "a glTF 2.0 file"
 
@@ -24,6 +26,7 @@ _GLB_START = 20  # the header, and that of the first chunk, which is JSON
 _HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_light")
 
 _FAN = 6
+_URI = re.compile(rb'"uri"\s*:\s*("(?!data:)(?:[^"\\]|\\.)+")')
 
 
 def check_document(
@@ -38,13 +41,28 @@ def check_document(
             fail(path, wanted, clean(name), error=error)
 
 
-def bytes_beside(path: Path, what: str, name: str, most: int, error: type[ClradarError]) -> bytes:
-    """Return the content of a regular file in the folder of `path` or below, of `most` bytes."""
+def bytes_beside(path: Path, what: str, name: str, error: type[ClradarError]) -> bytes:
+    """Return the content of a regular file in the folder of `path` or below."""
     folder = path.parent.resolve()
     file = (folder / name).resolve()
     if "://" in name or not file.is_relative_to(folder):
         fail(path, f"{what} in a file beside it or below", clean(repr(name)), error=error)
-    return read_bytes(file, f"{what} of {path.name}", most, error=error)
+    return read_bytes(file, f"{what} of {path.name}", MAX_MESH_BYTES, error=error)
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the file of a mesh or rig, and the files that glTF names: buffers and pictures."""
+    if path.suffix.lower() not in (".glb", ".gltf"):
+        return [path]
+    content = read_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
+    named = (json.loads(name) for name in _URI.findall(content))
+    beside = (path.parent / unquote(name) for name in dict.fromkeys(named))
+    return [path, *(file for file in beside if file.is_file())]
+
+
+def sha256_of_all(path: Path) -> str:
+    """Return the SHA-256 of the file of a mesh or rig, and of those that it names."""
+    return sha256_of(*files_of(path))
 
 
 def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
@@ -115,11 +133,9 @@ def _check_meshes(path: Path, document: dict[str, Any]) -> None:
 
 def _buffers_beside(path: Path, buffers: list[dict[str, Any]]) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
-    left = MAX_MESH_BUFFERS_BYTES
     for at, buffer in enumerate(buffers):
         uri = buffer.get("uri")
         if uri is None or "base64," in uri or uri in found:
             continue
-        found[uri] = bytes_beside(path, f"buffer {at}", unquote(uri), left, MeshError)
-        left -= len(found[uri])
+        found[uri] = bytes_beside(path, f"buffer {at}", unquote(uri), MeshError)
     return found

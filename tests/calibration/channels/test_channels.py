@@ -291,8 +291,10 @@ BALL, NEAR = Sphere([0, 0, 0.35], 0.05), Sphere([0, 0, 0.335], 0.05)
 )  # fmt: skip
 def test_another_target_is_refused(seed, true, said):
     truth = instrument(seed, array=SMALL)
-    with pytest.raises(CalibrationError, match=r"^estimate_channels: "):
+    with pytest.raises(CalibrationError, match=r"^estimate_channels: ") as caught:
         estimate_channels(truth.record_target(true), said)
+    if isinstance(said, CornerReflector) and said.position_m[0]:
+        assert "x 100 mm within 30 mm, the fit leads -30 mm away" in str(caught.value)
 
 
 def test_captures_without_an_echo():

@@ -17,8 +17,7 @@ from shapes import plate, sphere
 import calibration
 import clradar
 from calibration import Regions, RoughnessEstimate, sweep_roughness
-from calibration.roughness import figures
-from calibration.roughness import roughness_sweep as module
+from calibration.roughness import figures, roughness_sweep as module
 from calibration.roughness.emulator import (
     Emulator,
     Fit,

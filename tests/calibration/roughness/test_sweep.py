@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 import trimesh
-from command_line import exit_status as run
-from command_line import group_of
+from command_line import exit_status as run, group_of
 from comparisons import tree
 from matplotlib.figure import Figure
 from recorded_targets import edge_array
@@ -379,6 +378,8 @@ def test_fingers_are_all_but_the_palm():
     found = Regions.of_fingers(hand)
     assert found.names == ("palm", "fingers")
     assert found.face.tolist() == [0, 1, 1, 0, 1, 1, 1]
+    some = clradar.Scene(np.eye(3), faces, 0.5, np.where(part == 5, 1, part), PART_NAMES)
+    assert Regions.of_parts(some).names == tuple(PART_NAMES[:5])
     with pytest.raises(ModelError, match="a hand with the parts"):
         Regions.of_fingers(SCENE)
 
