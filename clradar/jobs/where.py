@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from clradar.errors import ClusterError, DeviceError, ModelError, warn
-from clradar.jobs.outcome import Outcome, outcome_of
+from clradar.jobs.outcome import Outcome, outcome_of, silent
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, DeviceInfo, devices_like, open_device
 from clradar.opencl.choice import select_devices, several
@@ -249,10 +249,6 @@ class _Steps:
 
     def __call__(self, item: Any, device: Device, progress: Progress) -> Any:
         return replace(self.steps, device=device).run(item, progress)
-
-
-def silent(done: int, total: int) -> None:
-    """Progress that nobody sees."""
 
 
 def _listed(infos: Sequence[DeviceInfo]) -> str:
