@@ -227,7 +227,7 @@ class Panel:
                     if not math.isnan(depth_m):
                         unit = unit_for(depth_m)
                         depth = f"depth {unit.per_m * depth_m:.4g} {unit.name}"
-                    below_db = -drawn.level_db(at_m) + 0.0
+                    below_db = round(-drawn.level_db(at_m), 1) + 0.0  # not -0.0
                     lines.append(f"{name}{below_db:.1f} dB below the maximum, {depth}")
             assign(values, "content", typeset("\n\n".join(lines)))
 
