@@ -152,6 +152,7 @@ def test_clusters_are_arrays_of_their_own(tmp_path):
         ('copy_of = "qar5"', "one of .*did you mean 'qar50'"),
         (f'copy_of = "qar50"\n[[tx]]\n{LINE}', "copy_of: expected no tx, rx, antennas beside"),
         ('copy_of = "qar50"\npose = 3', r"pose: expected tables \[\[pose\]\]"),
+        (f"[[antennas]]\n{LINE}\ngain_db = {2**64}", "tx_gain: expected finite numbers, got"),
         (f"[[antennas]]\n{LINE}\ngain_db = [1, 2]", "gain_db: expected one number, or one for"),
         (f"[[antennas]]\n{LINE}\nboresight = [0, 1]", "boresight: expected one row of 3 num"),
         (f"[[antennas]]\n{LINE}\nboresight = [0, 1, 0]", r"tx: expected \[tx_pattern\]"),
