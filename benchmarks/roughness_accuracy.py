@@ -66,9 +66,8 @@ def ball() -> Object:
 
 
 def hand(apart: bool = False) -> Object:
-    mesh = hand_mesh("F")
-    scene = clradar.Scene.from_mesh(mesh)
-    return Object(scene, Regions.of_fingers(scene, mesh.joints_m) if apart else None)
+    scene = clradar.Scene.from_mesh(hand_mesh("F"))
+    return Object(scene, Regions.of_fingers(scene) if apart else None)
 
 
 OBJECTS: dict[str, Callable[[], Object]] = {

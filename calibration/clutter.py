@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.channels.fit import rank_one
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import warn
 from clradar.model import Capture, Waveform, checks
@@ -22,8 +23,6 @@ ROUNDS = 6
 """Reweighting rounds: each takes its weights from the residual of the last."""
 MOST_GROUPS = 3
 """Of frames that agree with each other, which are averaged until the largest is known."""
-ALTERNATIONS = 20
-"""Alternating least-squares steps between Tx and Rx factors; converged to rounding long before."""
 RESIDUAL_FLOOR = 1e-12
 """Smallest residual power of a delay bin, relative to the mean: bounds the weights."""
 
@@ -82,6 +81,9 @@ def average_frames(
                 break
             worst = max(worst, loss)
         else:
+            alone = [group for group in groups if len(group.numbers) == 1]
+            if alone and len(groups) == MOST_GROUPS:  # as while something moved
+                groups.remove(alone[0])
             if len(groups) < MOST_GROUPS:
                 groups.append(_Mean(capture, profiles, count - 1))
     if not groups:
@@ -207,32 +209,16 @@ def _fitted(
     for _ in range(ROUNDS):
         cross, strength = product @ weights, power @ weights
         if per_channel:
-            tx, rx = _rank_one_factors(cross, strength, tx, rx)
+            tx, rx = rank_one(cross, strength, tx, rx)
+            # The product leaves one factor free: rx gets an RMS of 1 and mean phase 0.
+            between = np.sqrt((np.abs(rx) ** 2).mean()) * np.exp(1j * np.angle(rx.sum()))
+            tx, rx = tx * between, rx / between
         else:
             tx = np.full_like(tx, cross.sum() / strength.sum())
         left = np.abs(measured - np.outer(tx, rx)[:, :, None] * known) ** 2
         weights = known_share / (left.mean(axis=(0, 1)) + floor)
         weights /= weights.max()
     return tx, rx
-
-
-def _rank_one_factors(
-    cross: np.ndarray, power: np.ndarray, tx: np.ndarray, rx: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Minimise sum_tr power |cross / power - tx rx|^2 by alternating least squares.
-
-    A channel without power keeps its factor.
-    """
-
-    def quotient(above: np.ndarray, below: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-        return np.divide(above, below, out=otherwise.copy(), where=below > 0)
-
-    for _ in range(ALTERNATIONS):
-        tx = quotient(cross @ rx.conj(), power @ np.abs(rx) ** 2, tx)
-        rx = quotient(cross.T @ tx.conj(), power.T @ np.abs(tx) ** 2, rx)
-    # The product leaves one factor between tx and rx free: rx gets an RMS of 1 and mean phase 0.
-    between = np.sqrt((np.abs(rx) ** 2).mean()) * np.exp(1j * np.angle(rx.sum()))
-    return tx * between, rx / between
 
 
 MOST_LOSS_DB = 30.0

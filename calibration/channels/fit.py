@@ -167,7 +167,8 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
     # Rows and columns are normalised first, or the SVD would follow a single strong channel.
     tx_level, rx_level = by_channel(np.abs(mean), echo.seen)
     right = np.linalg.svd(_ratio(mean * echo.seen, np.outer(tx_level, rx_level)))[2][0]
-    tx, rx = rank_one(mean * echo.seen, echo.seen.astype(float), right * rx_level)
+    started = (np.zeros(n_tx, complex), right * rx_level)
+    tx, rx = rank_one(mean * echo.seen, echo.seen.astype(float), *started)
     return Side(tx, tx_delay), Side(rx, rx_delay)
 
 
@@ -182,20 +183,22 @@ def _peaks(delays_s: np.ndarray, power: np.ndarray) -> np.ndarray:
 
 
 def rank_one(
-    product: np.ndarray, weight: np.ndarray, rx: np.ndarray
+    product: np.ndarray, weight: np.ndarray, tx: np.ndarray, rx: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Minimise sum weight |product / weight - tx rx|^2 by alternating least squares.
 
-    A channel without weight becomes 0.
+    A channel without weight keeps its factor.
     """
     for _ in range(_ALTERNATIONS):
-        tx = _ratio(product @ rx.conj(), weight @ np.abs(rx) ** 2)
-        rx = _ratio(product.T @ tx.conj(), weight.T @ np.abs(tx) ** 2)
+        tx = _ratio(product @ rx.conj(), weight @ np.abs(rx) ** 2, tx)
+        rx = _ratio(product.T @ tx.conj(), weight.T @ np.abs(tx) ** 2, rx)
     return tx, rx
 
 
-def _ratio(product: np.ndarray, square: np.ndarray) -> np.ndarray:
-    return np.where(square > 0, product / np.where(square > 0, square, 1.0), 0.0)
+def _ratio(
+    product: np.ndarray, square: np.ndarray, otherwise: np.ndarray | float = 0.0
+) -> np.ndarray:
+    return np.where(square > 0, product / np.where(square > 0, square, 1.0), otherwise)
 
 
 def by_channel(values: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

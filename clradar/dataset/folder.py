@@ -21,7 +21,6 @@ from typing import Any
 from pydantic import Field
 
 from clradar.dataset.plan.plan import Plan, PlanError, plan_from, plan_record
-from clradar.dataset.plan.recipe import EARLIER_SETTINGS
 from clradar.errors import MeasurementError, quoted
 from clradar.files.failures import fail, shown
 from clradar.files.json_file import read_json_object, write_json
@@ -137,9 +136,6 @@ def manifest_of(path: Path, content: Mapping[str, Any]) -> Manifest:
 
 def _plan(path: Path, content: Mapping[str, Any]) -> Plan:
     """Return the plan of a manifest; its mistakes are damage, of which the first is shown."""
-    simulation = content.get("simulation")
-    if isinstance(simulation, dict):  # with the defaults of its time
-        content = {**content, "simulation": {**EARLIER_SETTINGS, **simulation}}
     try:
         return plan_from(content, shown(path), path.parent)
     except PlanError as error:

@@ -5,16 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from clradar.errors import ClradarError, MeasurementError
 from clradar.files.atomic import write_file
 from clradar.files.failures import read_bytes, reading
 from clradar.files.json_text import indented, parse_json, parse_object
 from clradar.files.limits import MAX_JSON_BYTES
 
 
-def read_json(path: Path, expected: str, limit: int = MAX_JSON_BYTES) -> Any:
-    """Return the value that a file of at most `limit` bytes holds, UTF-8, with or without a BOM."""
-    content = read_bytes(path, expected, limit)
-    with reading(path, expected):
+def read_json(path: Path, expected: str, error: type[ClradarError] = MeasurementError) -> Any:
+    """Return the value in a file of at most `MAX_JSON_BYTES`, UTF-8, with or without a BOM."""
+    content = read_bytes(path, expected, MAX_JSON_BYTES, error=error)
+    with reading(path, expected, error=error):
         return parse_json(content.decode("utf-8-sig"))
 
 

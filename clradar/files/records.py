@@ -16,10 +16,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 from pydantic_core import PydanticCustomError
 
 from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
-from clradar.files.failures import clean, read_bytes, reading, shown
-from clradar.files.json_text import parse_json
-from clradar.files.limits import MAX_JSON_BYTES, MAX_TOML_BYTES
-from clradar.files.toml_file import choice_text, parse_toml, toml_brief, unknown_key
+from clradar.files.failures import clean, shown
+from clradar.files.json_file import read_json
+from clradar.files.toml_file import choice_text, read_toml, toml_brief, unknown_key
 
 Model = TypeVar("Model", bound=BaseModel)
 Made = TypeVar("Made")
@@ -31,6 +30,9 @@ MOST_MISTAKES = 20
 """That the text of an error lists."""
 
 _KEY_CHARACTERS = 80
+
+_TYPE = re.compile(r"\[(all|key)\]|[a-z-]+\[.*\]")
+"""What pydantic adds to the keys that lead to a value, or `UNNAMED` of plans."""
 
 
 class FileRecord(BaseModel):
@@ -156,21 +158,11 @@ def one_of(*choices: str) -> Any:
 
 
 def read_record(
-    path: Path,
-    model: type[Model],
-    expected: str,
-    *,
-    limit: int | None = None,
-    error: type[ClradarError] = MeasurementError,
+    path: Path, model: type[Model], expected: str, error: type[ClradarError] = MeasurementError
 ) -> Model:
     """Return the record in a file: JSON if its name ends in .json, else TOML."""
-    is_json = path.suffix.lower() == ".json"
-    most = limit or (MAX_JSON_BYTES if is_json else MAX_TOML_BYTES)
-    content = read_bytes(path, expected, most, error=error)
-    with reading(path, expected, error=error):
-        text = content.decode("utf-8-sig")
-        parsed = parse_json(text) if is_json else parse_toml(text)
-    return record_of(parsed, model, path, error=error)
+    read: Any = read_json if path.suffix.lower() == ".json" else read_toml
+    return record_of(read(path, expected, error=error), model, path, error=error)
 
 
 def record_of(
@@ -193,7 +185,8 @@ def mistakes_of(
     found: ValidationError, model: type[BaseModel], source: str | Path, place: str = ""
 ) -> list[str]:
     """Return the lines of what pydantic found."""
-    return [_line(one, model, shown(source), place) for one in found.errors(include_url=False)]
+    errors = found.errors(include_url=False)
+    return [line for one in errors for line in _lines(one, model, shown(source), place)]
 
 
 def raise_mistakes(
@@ -212,16 +205,18 @@ def raise_mistakes(
     raise failure from cause
 
 
-def _line(found: Any, model: type[BaseModel], source: str, above: str) -> str:
+def _lines(found: Any, model: type[BaseModel], source: str, above: str) -> list[str]:
     kind, context = found["type"], found.get("ctx", {})
-    loc = [part for part in found["loc"] if not str(part).endswith("]")]  # of types, not of keys
+    key = found["loc"][-1:] if kind == "extra_forbidden" else ()
+    loc = [part for part in found["loc"] if part in key or not _TYPE.fullmatch(str(part))]
     inner = context.get("key") or ()
     place = _place(above, [*loc, *([inner] if isinstance(inner, str) else inner)])
-    owner, field = _field(model, loc)
-    if kind == "said":
-        return f"{source}: {f'{place}: ' if place else ''}{context['text']}"
+    start = f"{source}: {place}: " if place else f"{source}: "
+    if kind == "said":  # of another file several
+        return [start + text for text in context["text"].splitlines()]
+    owner, field = _field(model, found["loc"])
     if kind == "extra_forbidden" and owner is not None:
-        return f"{source}: {place}: {unknown_key(loc[-1], list(owner.model_fields))}"
+        return [start + unknown_key(loc[-1], list(owner.model_fields))]
     expected, got = _expected(kind, context), context.get("got")
     if kind == "literal_error":
         expected = choice_text(found["input"], re.findall("'([^']*)'", context["expected"]))
@@ -231,7 +226,7 @@ def _line(found: Any, model: type[BaseModel], source: str, above: str) -> str:
         expected = described
     if got is None:
         got = "nothing" if kind == "missing" else toml_brief(found["input"])
-    return f"{source}: {f'{place}: ' if place else ''}expected {expected}, got {quoted(got)}"
+    return [f"{start}expected {expected}, got {quoted(got)}"]
 
 
 _LIMITS = {"gt": "above", "ge": "from", "lt": "below", "le": "at most"}
@@ -277,7 +272,9 @@ def _field(model: Any, loc: Sequence[Any]) -> tuple[type[BaseModel] | None, Any]
             continue
         if isinstance(part, int) or owner is None:
             continue
-        field = owner.model_fields.get(part)
+        fields = owner.model_fields
+        alias = (f for f in fields.values() if part in getattr(f.validation_alias, "choices", ()))
+        field = fields.get(part) or next(alias, None)
         if at + 1 < len(loc):
             is_key = field is not None and get_origin(field.annotation) is dict
             owner = None if field is None else _model_in(field.annotation)

@@ -101,7 +101,7 @@ def toml_brief(value: object) -> str:
         return "nothing"
     if isinstance(value, int) and abs(value) >= 2**64:
         return "a huge number"
-    return f"{value:g}" if isinstance(value, float) else repr(value)[:200]
+    return f"{value:g}" if isinstance(value, float) else str(value)[:200]
 
 
 def nearest(given: object, known: Sequence[str]) -> str:

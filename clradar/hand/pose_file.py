@@ -16,7 +16,6 @@ from clradar.errors import OutputError
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail, shown
 from clradar.files.json_text import indented
-from clradar.files.limits import MAX_TOML_BYTES
 from clradar.files.toml_file import nearest, parse_toml, toml_document
 from clradar.hand.joints import ANGLES
 from clradar.hand.pose import HandPose, JointAngles
@@ -104,7 +103,7 @@ def read_pose(path: str | os.PathLike[str]) -> HandPose:
     if path.suffix.lower() not in SUFFIXES:
         fail(path, f"a name that ends in {' or '.join(SUFFIXES)}", f"'{path.suffix}'")
     expected = "a pose (a TOML or JSON file, see docs/poses.md)"
-    return read_record(path, PoseFile, expected, limit=MAX_TOML_BYTES).pose()
+    return read_record(path, PoseFile, expected).pose()
 
 
 def pose_of_table(parsed: Any, path: Path) -> HandPose:

@@ -101,7 +101,7 @@ def check_unit(label: str, joints: np.ndarray, unit_m: float) -> None:
         raise RigError(
             f"{label}: expected {1e3 * low:g} to {1e3 * high:g} mm from wrist to the last joint of "
             f"the middle finger, got {1e3 * length * unit_m:.4g} mm with a unit of {unit_m:g} m; "
-            f"{hint} (--rig-unit, or metres per unit)"
+            f"{hint} (--rig-unit)"
         )
 
 

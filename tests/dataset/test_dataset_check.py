@@ -2,9 +2,6 @@
 
 import json
 import os
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -17,8 +14,6 @@ from clradar.dataset.check import check_dataset, describe_dataset
 from clradar.dataset.folder import MANIFEST
 
 SHARD = "shards/shard-00001.h5"
-
-Damage = Callable[[Path], Any]
 
 
 def test_a_whole_data_set_has_no_problems(light):

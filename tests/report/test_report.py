@@ -23,8 +23,6 @@ from clradar.report.view_data import MAX_POINTS, clouds, slice_data
 from measurement_io import save_volume
 
 HOSTILE = "<script>window.hacked = 1</script>"
-NO_TEXT = "a\udcff\x1b[31m"
-"""A file's name with undecodable bytes and a control character."""
 HOSTILE_META = {
     "</script><script>window.hacked = 1</script>": "</script>",
     "nested": {"list": [{"<img src=x onerror='window.hacked=1'>": '"><b>'}], "none": None},

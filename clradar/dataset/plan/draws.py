@@ -167,4 +167,6 @@ def tried(call: Callable[..., Any], *args: Any) -> Any:
     try:
         return call(*args)
     except (ClradarError, OSError) as error:
-        raise PydanticCustomError("said", "{text}", {"text": clean(error)}) from error
+        lines = error.mistakes if isinstance(error, ClradarError) else ()
+        text = "\n".join(lines or [clean(error)])
+        raise PydanticCustomError("said", "{text}", {"text": text}) from error

@@ -25,7 +25,7 @@ from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
 from clradar.files.meshes.gltf_document import sha256_of_all
 from clradar.files.records import FileRecord, NumberOrText, Numbers, Text, mistake, numbers
-from clradar.files.toml_file import choice_text, toml_brief
+from clradar.files.toml_file import choice_text, nearest, toml_brief
 from clradar.hand import (
     ANGLES,
     DIGITS,
@@ -214,6 +214,8 @@ class ShapeTable(FileRecord):
     def _check(self) -> ShapeTable:
         for name in ("length", "breadth"):
             value_m, value_mm = getattr(self, f"{name}_m"), getattr(self, f"{name}_mm")
+            if None not in (value_m, value_mm):
+                raise mistake(f"one of it and {name}_mm", "both", key=f"{name}_m")
             if value_m is None:
                 value_m = getattr(AVERAGE, f"{name}_m") if value_mm is None else value_mm / 1e3
             self.__dict__.update({f"{name}_m": value_m, f"{name}_mm": None})
@@ -323,10 +325,9 @@ class ByPart(FileRecord, Generic[Value]):
     @staticmethod
     def of_all(value: Any) -> Any:
         """The table of one value for all parts."""
-        keys = {*value} if isinstance(value, dict) else None
-        if isinstance(value, ByPart) or keys == set() or (keys and keys & {*PART_NAMES, "others"}):
-            return value
-        return {UNNAMED: value}
+        parts = (*PART_NAMES, "others")
+        table = isinstance(value, dict) and (not value or any(nearest(k, parts) for k in value))
+        return value if table or isinstance(value, ByPart) else {UNNAMED: value}
 
 
 class Alpha(ByPart[Share]):
@@ -362,7 +363,7 @@ def _made_of(given: Any, info: ValidationInfo) -> Material:
     else:
         name = given
     if name not in known:
-        raise mistake(f"one of {', '.join(known)}, or FILE.toml:NAME", toml_brief(given))
+        raise mistake(f"{choice_text(name, tuple(known))}, or FILE.toml:NAME", toml_brief(given))
     return known[name]
 
 

@@ -29,9 +29,6 @@ from clradar.model import checks
 VERSION = 3
 SEED_BITS = 63
 
-EARLIER_SETTINGS = {"facets": "flat"}
-"""What settings were before there was a key for them: plans without it are older."""
-
 Recipe = dict[str, Any]
 """JSON values only: the keys of a plan, the number of the sample, and the version of recipes."""
 

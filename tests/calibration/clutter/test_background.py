@@ -158,6 +158,10 @@ def test_a_frame_that_does_not_agree_is_left_out_with_a_warning():
         mean = average_frames([moved, frames[0], moved, *frames[1:]])
     assert mean.meta["average"]["left_out"] == [0, 2]
     assert (mean.data == average_frames(frames).data).all()
+    # Nor do frames of a scene that moves before it is still.
+    moving = [Capture(turn * moved.data, moved.array, moved.waveform) for turn in (1, -1, -1j)]
+    with pytest.warns(ClradarWarning, match="3 of 7 frames left out"):
+        assert (average_frames([*moving, *frames]).data == average_frames(frames).data).all()
     with pytest.raises(ModelError, match="max_loss_db"):
         average_frames(frames, max_loss_db=0)
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
 
 import comparisons
 import h5py
@@ -158,8 +157,6 @@ def test_array_name_that_hdf5_cannot_hold(tmp_path, name):
 
 
 # ---- what is refused
-
-Action = Callable[[h5py.File], None]
 
 
 def replace(name, **options):
