@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -57,13 +58,33 @@ COMMANDS = {name: text for panel in PANELS.values() for name, text in panel.item
 """Subcommand, which names its module (`module_of`), and the line that describes it."""
 
 
+TYPES = {"path": "FILE", "float": "X", "int range": "N"}
+
+
+def help_record(one: Any, context: Any) -> tuple[str, str] | None:
+    """The name of an argument or option and its help, as typer has them, without Python's types."""
+    record = one.get_help_record(context)
+    if record is None:
+        return None
+    name, text = record
+    if one.param_type_name == "argument":
+        name = re.sub(r" <[^<>]*>$", "" if one.nargs == 1 else "...", name)
+    return re.sub("<(path|float|int range)>", lambda kind: TYPES[kind[1]], name), text
+
+
 class _Command(TyperCommand):
     """A command whose help has its options under headings."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Those of typer, without braces around what is required."""
+        return [
+            piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)
+        ]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         found: dict[str, list[Any]] = {}
         for one in self.get_params(ctx):
-            record = one.get_help_record(ctx)
+            record = help_record(one, ctx)
             if record is not None:
                 is_option = one.param_type_name == "option"
                 panel = getattr(one, "rich_help_panel", None) or ""

@@ -76,7 +76,7 @@ def _encodable(text: str, stream: TextIO) -> str:
     """The text with escapes for what a stream's encoding lacks, as in the C locale."""
     encoding = getattr(stream, "encoding", None) or "utf-8"
     if encoding.lower().replace("-", "") != "utf8":
-        text = text.replace("±", "+-").replace("…", "...")
+        text = text.replace("±", "+-").replace("…", "...").replace("°", " deg")
     return text.encode(encoding, "backslashreplace").decode(encoding)
 
 
@@ -88,10 +88,7 @@ def counted(count: int, noun: str) -> str:
 def print_table(
     columns: Sequence[str], rows: Iterable[Sequence[str]], *, right: Sequence[str] = ()
 ) -> None:
-    """Print a table; the columns named in `right` are aligned to the right, the last one wraps.
-
-    Where a terminal is too narrow, each row is printed as lines with the names in front.
-    """
+    """Print a table; the columns named in `right` are aligned to the right, others may wrap."""
     from rich import box
     from rich.console import Console, JustifyMethod
     from rich.table import Table
@@ -113,15 +110,10 @@ def print_table(
     if sum(map(max, filled, map(len, columns))) + gaps > console.width:
         longest = [max([n, *map(len, c.split())]) for c, n in zip(columns, filled, strict=True)]
         heads = [textwrap.wrap(c, n or 1) for c, n in zip(columns, longest, strict=True)]
-        if sum(longest) + gaps > console.width:
-            for row in cells:
-                console.print()
-                for name, cell in zip(columns, row, strict=True):
-                    console.print(Text(f"{name}: " if name else ""), cell, sep="")
-            return
     for i, lines in enumerate(heads):
-        side: JustifyMethod = "right" if columns[i] in right else "left"
-        table.add_column(Text("\n".join(lines)), justify=side, no_wrap=i != last, overflow="fold")
+        number = columns[i] in right
+        side: JustifyMethod = "right" if number else "left"
+        table.add_column(Text("\n".join(lines)), justify=side, no_wrap=number, overflow="fold")
     for row in cells:
         table.add_row(*row)
     console.print(table)

@@ -23,7 +23,7 @@ from clradar.errors import ClradarError
 REQUIRED = Parameter.empty
 """The default of an option without which a command is wrong usage."""
 
-UNITS = ("mm", "deg", "db", "hz", "us", "s")
+UNITS = ("mm", "deg", "db", "hz", "ps", "s")
 """Of names of options: the help shows them in place of the value."""
 
 Read = Callable[[str, Any], Any]

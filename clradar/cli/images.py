@@ -59,7 +59,7 @@ def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
     """A capture; wrong usage if the file is a volume."""
     found = ImageInput.open(path, frames).content
     if isinstance(found, cl.Volume):
-        raise opt.wrong_usage("CAPTURE...", f"expected captures, got the volume {path}")
+        raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {path}")
     return found
 
 

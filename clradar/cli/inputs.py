@@ -98,7 +98,9 @@ def nothing_to_draw(image: cl.Volume | cl.DepthMap) -> str | None:
     values = np.asarray(image.data if hasattr(image, "data") else image.amplitude)
     if not values.any():
         return "zero everywhere"
-    return f"one voxel, of amplitude {abs(values.item()):.4g}" if values.size == 1 else None
+    if values.size == 1:
+        return f"one voxel, of amplitude {abs(values.item()):.4g}"
+    return f"a line of {values.size} voxels" if max(values.shape) == values.size else None
 
 
 def grid_for(

@@ -269,8 +269,8 @@ def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, A
     }
 
 
-MESHES = (".ply", ".stl", ".obj", ".off", ".glb")
-"""Formats of mesh files; .ply and .glb keep the parts apart, .ply the texture, too."""
+MESHES = (".ply", ".stl", ".obj", ".off")
+"""Formats of mesh files; .ply has parts and texture, too."""
 
 
 def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandMesh:
@@ -295,20 +295,10 @@ def mesh_file(path: Path, mesh: HandMesh | cl.Scene) -> bytes:
 
     from clradar.files.meshes.ply_parts import ply_of_parts
 
-    kind, part = path.suffix.lower()[1:], np.asarray(mesh.part)
+    kind, surface, part = path.suffix.lower()[1:], (mesh.vertices_m, mesh.faces), mesh.part
     if kind == "ply":
-        names, texture_m = mesh.part_names, mesh.texture_m
-        content = ply_of_parts(mesh.vertices_m, mesh.faces, part, names, texture_m)
-    elif kind == "glb":
-        scene = trimesh.Scene()
-        for i, name in enumerate(mesh.part_names):
-            piece = trimesh.Trimesh(mesh.vertices_m, mesh.faces[part == i], process=False)
-            piece.remove_unreferenced_vertices()
-            scene.add_geometry(piece, node_name=name, geom_name=name)
-        content = scene.export(file_type=kind)
-    else:
-        whole = trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False)
-        content = whole.export(file_type=kind)
+        return ply_of_parts(*surface, np.asarray(part), mesh.part_names, mesh.texture_m)
+    content = trimesh.Trimesh(*surface, process=False).export(file_type=kind)
     return content.encode() if isinstance(content, str) else content
 
 

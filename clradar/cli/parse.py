@@ -68,13 +68,6 @@ def figure(option: str, path: Path) -> Path:
     return ends_in(*SUFFIXES)(option, path)
 
 
-def positive(option: str, value: float) -> float:
-    """A number above zero."""
-    if not 0 < value < math.inf:
-        raise wrong_usage(option, f"expected a positive number, got {value:g}")
-    return value
-
-
 def numbers(text: str, separator: str = ",") -> list[float]:
     """The finite numbers between separators; none if one of them is something else."""
     try:

@@ -73,6 +73,7 @@ def print_channels(channels: cl.ChannelCalibration) -> None:
         gain = getattr(channels.response, f"{side}_gain")
         live = gain != 0
         delay_ps = 1e12 * getattr(channels.response, f"{side}_delay_s")[live]
+        delay_ps, mean_ps = (np.round(v, 2) + 0.0 for v in (delay_ps, delay_ps.mean()))  # not -0.0
         gain_db = 20 * np.log10(np.abs(gain[live]))
         noise_db = 20 * np.log10(np.median(getattr(channels, f"{side}_noise")[live]) + 1e-30)
         listed = [getattr(channels, f"{state}_{side}").tolist() for state in ("dead", "noisy")]
@@ -80,7 +81,7 @@ def print_channels(channels: cl.ChannelCalibration) -> None:
             [
                 side.title(), f"{gain_db.size} of {gain.size}",
                 *(" ".join(map(str, found)) or "none" for found in listed),
-                f"{gain_db.min():+.2f} to {gain_db.max():+.2f}", f"{delay_ps.mean():+.2f}",
+                f"{gain_db.min():+.2f} to {gain_db.max():+.2f}", f"{mean_ps:+.2f}",
                 f"{delay_ps.min():+.2f} to {delay_ps.max():+.2f}", f"{noise_db:.1f}",
             ]
         )  # fmt: skip
@@ -89,9 +90,9 @@ def print_channels(channels: cl.ChannelCalibration) -> None:
     parts = []
     for name, value in channels.target_position.items():
         what, unit = name.rsplit("_", 1)
-        scale, shown = (1e3, "mm") if unit == "m" else (1.0, "deg")
-        std = scale * channels.target_std[name]
-        parts.append(f"{what} {scale * value:.3f} ± {std:.3f} {shown}")
+        scale, shown = (1e3, " mm") if unit == "m" else (1.0, "°")
+        at, std = round(scale * value, 3) + 0.0, scale * channels.target_std[name]
+        parts.append(f"{what} {at:.3f}{shown} ± {std:.3f}{shown}")
     print_line(f"{channels.target}: {', '.join(parts)}")
 
 
@@ -137,7 +138,7 @@ def decibels(relative_db: float) -> str:
     return f"{relative_db:.1f}" if relative_db > -100 else "< -100"
 
 
-LOBE_COLUMNS = ("azimuth deg", "elevation deg", "dB", "")
+LOBE_COLUMNS = ("lobe", "azimuth (°)", "elevation (°)", "level (dB)", "")
 
 
 def print_array(name: str, clusters: Sequence[cl.AntennaArray], found: ArrayFigures) -> None:
@@ -151,14 +152,16 @@ def print_array(name: str, clusters: Sequence[cl.AntennaArray], found: ArrayFigu
     print_line(f"{name}: {antennas}, focused on {at} mm")
     print_line(f"widths at -3 dB: {widths}; resolution in range c/2B {_mm(found.range_cell_m)}")
     print_line(f"unambiguous range c/2df: {_mm(found.unambiguous_range_m)}")
-    within = f" within {found.within_deg:g} degrees" if found.within_deg < 90 else ""
+    within = f" within {found.within_deg:g}°" if found.within_deg < 90 else ""
     print_line(("lobes" if found.lobes else f"no other lobe above {LEVEL_DB:g} dB") + within)
     rows = []
-    for lobe in found.lobes:
+    for number, lobe in enumerate(found.lobes, start=1):
         angles = [f"{round(a, 1) + 0.0:.1f}" for a in (lobe.azimuth_deg, lobe.elevation_deg)]
-        rows.append([*angles, f"{lobe.level_db:.1f}", "grating lobe" if lobe.grating else ""])
+        rows.append(
+            [str(number), *angles, f"{lobe.level_db:.1f}", "grating lobe" if lobe.grating else ""]
+        )
     if rows:
-        print_table(LOBE_COLUMNS, rows, right=LOBE_COLUMNS[:3])
+        print_table(LOBE_COLUMNS, rows, right=LOBE_COLUMNS[:4])
     if any(lobe.grating for lobe in found.lobes):
         print_warning(f"{name}: echoes from the directions of grating lobes look like the focus")
 

@@ -7,6 +7,7 @@ import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import timedelta
 from math import prod
 from pathlib import Path
 from time import perf_counter
@@ -222,8 +223,7 @@ def _different(stored: Sample, made: Sample) -> Iterator[str]:
 def estimate(plan: Plan, *, device: str | None = None) -> tuple[float, float, list[str]]:
     """Make a shard of one sample and one of two, and extrapolate seconds and bytes to all samples.
 
-    The first sample builds kernels and fills caches, so the second one counts. The last value is
-    the same in words.
+    The first sample builds kernels and fills caches, so the second counts. The last value is text.
     """
     opened = open_device(device)
     times_s, sizes = [], []
@@ -243,7 +243,7 @@ def estimate(plan: Plan, *, device: str | None = None) -> tuple[float, float, li
     text = [
         f"one sample: {one_s:.2f} s, {one_bytes / 2**20:.3f} MiB (the first of a process "
         f"{first_s:.2f} s) on {opened.info.label}",
-        f"all {plan.samples} samples: {all_s / 3600:.3g} h one after the other, "
-        f"{all_bytes / 2**30:.3g} GiB",
+        f"all {plan.samples} samples: {timedelta(seconds=round(all_s))} (hours:minutes:seconds) "
+        f"one after the other, {all_bytes / 2**20:.3g} MiB",
     ]
     return all_s, all_bytes, text

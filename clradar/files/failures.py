@@ -48,9 +48,10 @@ def reading(
         raise error(f"{shown(path)}: {clean(cause)}") from cause
     except OSError as cause:
         fail(path, expected, cause.strerror or clean(cause), error=error, cause=cause)
+    except UnicodeDecodeError as cause:
+        fail(path, expected, "bytes that are no UTF-8 text", error=error, cause=cause)
     except Exception as cause:
-        got = f"{type(cause).__name__}: {clean(cause)}"
-        fail(path, expected, got, error=error, cause=cause)
+        fail(path, expected, f"{type(cause).__name__}: {clean(cause)}", error=error, cause=cause)
 
 
 def regular_file_size(
@@ -61,8 +62,7 @@ def regular_file_size(
         try:
             status = os.stat(path)
         except FileNotFoundError:
-            got = "nothing there (No such file or directory)"
-            fail(path, expected, got, error=error)
+            fail(path, expected, "nothing there (No such file or directory)", error=error)
     if stat.S_ISDIR(status.st_mode):
         fail(path, expected, "a folder", error=error)
     if not stat.S_ISREG(status.st_mode):

@@ -47,6 +47,10 @@ def outcome_of(function: Callable[..., Any], *arguments: Any) -> Outcome:
     return result, list(dict.fromkeys(ours))
 
 
+def silent(done: int, total: int) -> None:
+    """Progress that nobody sees."""
+
+
 def made_with(device: Device) -> dict[str, Any]:
     """The versions and the device on which the bits of a result depend."""
     return {

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from clradar.errors import ClusterError, DeviceError, ModelError, warn
-from clradar.jobs.outcome import Outcome, outcome_of
+from clradar.jobs.outcome import Outcome, outcome_of, silent
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, DeviceInfo, devices_like, open_device
 from clradar.opencl.choice import select_devices, several
@@ -92,7 +92,7 @@ class Where:
         if self.here or len(items) < 2:
             for i, item in enumerate(items):
                 part = part_of(progress, i / len(items), (i + 1) / len(items))
-                for result in work(item, self.first, part or _silent):
+                for result in work(item, self.first, part or silent):
                     yield i, result
                 if part is not None:
                     part(1, 1)
@@ -249,10 +249,6 @@ class _Steps:
 
     def __call__(self, item: Any, device: Device, progress: Progress) -> Any:
         return replace(self.steps, device=device).run(item, progress)
-
-
-def _silent(done: int, total: int) -> None:
-    pass
 
 
 def _listed(infos: Sequence[DeviceInfo]) -> str:

@@ -39,7 +39,7 @@ from clradar.files.failures import clean, shown
 from clradar.files.interrupts import interrupts_blocked
 from clradar.files.json_differences import differences
 from clradar.jobs.lock import scratch_folder
-from clradar.jobs.outcome import ATTEMPTS, Outcome, made_with, outcome_of, reason_of
+from clradar.jobs.outcome import ATTEMPTS, Outcome, made_with, outcome_of, reason_of, silent
 from clradar.model.progress import Progress
 from clradar.opencl import Device, DeviceInfo, open_device
 from clradar.opencl.program import compiled
@@ -258,10 +258,6 @@ def _tested_device() -> Device:
     device = open_device()
     self_test(device, compiled)
     return device
-
-
-def silent(done: int, total: int) -> None:
-    """Progress that nobody sees."""
 
 
 class Workers:

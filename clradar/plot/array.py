@@ -111,8 +111,10 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
             continue
         colour = TX_COLOUR if lobe.grating else "white"
         axes.plot(*at[:2], "o", fillstyle="none", color=colour, markersize=8)
-        axes.annotate(str(number), at[:2], (5, 4), textcoords="offset points",
-                      color=colour, fontsize=TICK_PT, clip_on=True)  # fmt: skip
+        # x is to the left: towards the focus, or across that way.
+        beside = np.array([at[0], -at[1]] if lobe.grating else [at[1], at[0]]) / np.hypot(*at[:2])
+        axes.annotate(str(number), at[:2], 9.0 * beside, textcoords="offset points", ha="center",
+                      va="center", color="white", fontsize=TICK_PT, clip_on=True)  # fmt: skip
         reach = max(reach, 1.15 * float(np.abs(at[:2]).max()))
     if reach < 1.0:
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach))

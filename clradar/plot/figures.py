@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,6 @@ from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume
-from clradar.model.length_unit import unit_for
 from clradar.plot.layout import (
     DPI,
     LABELS,
@@ -21,7 +19,6 @@ from clradar.plot.layout import (
     SINGLE_PANEL_WIDTH,
     TICK_PT,
     Extent,
-    label_axes,
     new_panels,
     panel_size,
     settled,
@@ -29,8 +26,6 @@ from clradar.plot.layout import (
     wrapped,
 )
 from clradar.plot.panels import (
-    BELOW_MAXIMUM,
-    CROSS_SECTION,
     amplitude_bar,
     depth_bar,
     depth_limits_mm,
@@ -43,9 +38,6 @@ from clradar.plot.views import FRONT, VIEWS, projected, rcs_image, view_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-LINE_HEIGHT = 2.0
-"""Of the panel of a curve, inches."""
 
 
 def image_figure(
@@ -62,8 +54,8 @@ def image_figure(
     `view` names the axes of the figure, "xy", "xz" or "yz"; the volume is projected along the
     third. Default: along an axis that is thin, an eighth of either other extent at most, else "xy",
     the radar's view. "all": amplitude from all three sides. `dbsm` draws the radar cross section
-    that a voxel reads, in place of the level relative to the maximum. A single slice has no depth,
-    a volume of a single line one curve. What cannot be drawn is a `CompareError`.
+    that a voxel reads, in place of the level relative to the maximum. A single slice has no depth.
+    What cannot be drawn, as a line of voxels, is a `CompareError`.
     """
     if dbsm:
         image = rcs_image(image)
@@ -73,7 +65,8 @@ def image_figure(
     seen = view_of(image, None if view == "all" else view)
     shown = projected(image, seen, dynamic_range_db, "image")
     if isinstance(image, Volume) and sum(count > 1 for count in image.grid.counts) < 2:
-        return _line(image, title, dynamic_range_db, dbsm=dbsm)
+        counts = " x ".join(map(str, image.grid.counts))
+        raise CompareError(f"image: expected a plane of voxels, or more, to draw, got {counts}")
     extent = Extent.around([shown])
     level = "Radar cross section" if dbsm else "Amplitude"
     names = [f"{level}, maximum over depth", "Depth"]
@@ -121,35 +114,6 @@ def _three_views(
         draw_frame(panel, wide, f"maximum over {VIEWS[name].along}", view=VIEWS[name])
         drawn = draw_amplitude(panel, one, unit, top_db)
     amplitude_bar(panels, drawn, dbsm=dbsm)
-    return settled(figure)
-
-
-def _line(volume: Volume, title: str | None, dynamic_range_db: float, *, dbsm: bool) -> Figure:
-    """Draw the amplitude of a volume with one axis of more than one voxel."""
-    axes_m = {name: getattr(volume.grid, f"{name}_m") for name in "xyz"}
-    name = next((name for name, axis_m in axes_m.items() if len(axis_m) > 1), None)
-    unit = unit_for(*(float(axis_m[i]) for axis_m in axes_m.values() for i in (0, -1)))
-    place = ", ".join(f"{n} = {unit.per_m * a[0]:g}" for n, a in axes_m.items() if n != name)
-    amplitude = np.abs(volume.data).ravel().astype(np.float64)
-    if name is None:
-        raise CompareError(
-            "image: expected more than one voxel to draw, got a single one at "
-            f"{place} {unit.name}, whose amplitude is {amplitude[0]:.4g}"
-        )
-    figure, ((axes,),) = new_panels(1, 1, (SINGLE_PANEL_WIDTH, LINE_HEIGHT), title, bars=0)
-    floor = 10.0 ** (-dynamic_range_db / 20.0)
-    top_db = 20 * math.log10(amplitude.max()) if dbsm else 0.0
-    level_db = 20.0 * np.log10(np.maximum(amplitude / amplitude.max(), floor / 10.0)) + top_db
-    where = unit.per_m * axes_m[name]
-    axes.plot(where, level_db, linewidth=1.0)
-    axes.set_box_aspect(LINE_HEIGHT / SINGLE_PANEL_WIDTH)
-    axes.set_xlim(*(where[[-1, 0]] if name == "x" else where[[0, -1]]))
-    axes.set_ylim(top_db - dynamic_range_db, top_db + 0.03 * dynamic_range_db)
-    quantity = "Radar cross section" if dbsm else "Amplitude"
-    label_axes(
-        axes, f"{name} ({unit.name})", CROSS_SECTION if dbsm else BELOW_MAXIMUM,
-        f"{quantity} at {typeset(place)} {unit.name}",
-    )  # fmt: skip
     return settled(figure)
 
 

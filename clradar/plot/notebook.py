@@ -29,8 +29,8 @@ PICTURE_DPI = 110
 MOST_FACES = 200_000
 """Of a scene that is drawn: it takes a second."""
 
-MOST_LETTERS = 200
-"""Of the provenance."""
+MOST_LETTERS = 80
+"""Of a line of the provenance."""
 
 
 def html_of(record: Any) -> str | None:
@@ -62,13 +62,17 @@ def _axes_facts(image: VoxelGrid | DepthMap, names: str = "xyz") -> dict[str, st
 
 
 def _meta_facts(meta: Mapping[str, Any]) -> dict[str, str]:
-    text = ", ".join(f"{key}: {value}" for key, value in meta.items())
-    return {"meta": text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 1]}…"}
+    """What was said of a record in a word or number; `clradar inspect` has the tables, too."""
+    short = {key: str(value) for key, value in meta.items() if isinstance(value, str | int | float)}
+    return {key: text for key, text in short.items() if len(text) <= MOST_LETTERS}
 
 
 def _volume_facts(volume: Volume) -> dict[str, str]:
-    strongest = {"strongest voxel": f"{np.abs(volume.data).max():.3g}"}
-    return {**_axes_facts(volume.grid), **strongest, **_meta_facts(volume.meta)}
+    k, j, i = np.unravel_index(int(np.abs(volume.data).argmax()), volume.data.shape)
+    grid, unit = volume.grid, unit_for(*volume.grid.z_m)
+    place = (f"{unit.per_m * at:.4g}" for at in (grid.x_m[i], grid.y_m[j], grid.z_m[k]))
+    strongest = f"{abs(volume.data[k, j, i]):.3g} at {', '.join(place)} {unit.name}"
+    return {**_axes_facts(grid), "strongest voxel": strongest, **_meta_facts(volume.meta)}
 
 
 def _depth_facts(image: DepthMap) -> dict[str, str]:
@@ -78,10 +82,12 @@ def _depth_facts(image: DepthMap) -> dict[str, str]:
 
 def _waveform_facts(waveform: Waveform) -> dict[str, str]:
     first, last = waveform.frequencies_hz[[0, -1]] / 1e9
+    farthest_m = waveform.unambiguous_range_m
+    unit = unit_for(farthest_m)
     return {
         "frequencies": f"{first:g} to {last:g} GHz, {waveform.n_freq}",
         "range resolution": f"{1e3 * waveform.range_resolution_m:.3g} mm",
-        "unambiguous range": f"{waveform.unambiguous_range_m:.4g} m",
+        "unambiguous range": f"{unit.per_m * farthest_m:.4g} {unit.name}",
     }
 
 
@@ -105,7 +111,7 @@ def _scene_facts(scene: Scene) -> dict[str, str]:
         "faces": str(scene.n_faces),
         "parts": ", ".join(scene.part_names),
         "materials": ", ".join(one.name for one in scene.materials),
-        "alpha": f"{np.min(scene.alpha):g} to {np.max(scene.alpha):g}",
+        "alpha": " to ".join(dict.fromkeys(f"{end(scene.alpha):g}" for end in (np.min, np.max))),
         f"x, y, z ({unit.name})": ", ".join(ends),
     }
 

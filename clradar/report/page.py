@@ -201,12 +201,8 @@ def _page(
     }
     style = _part("page.css") + _own_style([cloud.colour for cloud in drawn])
     script = "".join(map(_part, SCRIPTS))
-    coarser = ""
-    if slices is not None and slices["factor"] > 1:
-        coarser = (
-            f" To keep the page small, each voxel is the maximum of {slices['factor']} along each "
-            "axis."
-        )
+    factor = slices["factor"] if slices is not None else 1
+    coarser = f" To keep the page small, each voxel is the maximum of {factor} along each axis."
     return Template(_part("page.html")).substitute(
         title=escaped(title),
         style=style,
@@ -216,7 +212,7 @@ def _page(
         notes="".join(f'<p class="note">{_paragraph(note)}</p>' for note in notes),
         view_data=script_json(data),
         slices_hidden="" if slices else " hidden",
-        slices_note=coarser,
+        slices_note=coarser if factor > 1 else "",
         figure_heading="Images" if len(inputs) > 1 else "Image",
         figure=base64_of(png_bytes(figure, dpi=FIGURE_DPI)),
         figure_text=escaped(figure_text),

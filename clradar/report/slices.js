@@ -137,7 +137,8 @@
       context.textAlign = "center";
       const below = box.top + box.height + 9;
       for (const tick of report.ticks(low[panel.right], high[panel.right], box.width)) {
-        context.fillText(label(tick), onScreen(box, panel, tick, 0)[0], below);
+        const x = onScreen(box, panel, tick, 0)[0];
+        if (x - context.measureText(label(tick)).width / 2 >= box.left) context.fillText(label(tick), x, below);
       }
       context.fillText(`${AXES[panel.right]} (mm)`, box.left + box.width / 2, below + 14);
     }

@@ -280,13 +280,12 @@ class Panel:
                 "\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, session.wish.alpha
             )
             material = gui.add_dropdown("Material", MATERIALS, initial_value=session.wish.material)
-        self.on(alpha, lambda: session.change(alpha=between(alpha.value, 0.0, 1.0)))
+        self.on(alpha, lambda: session.change(alpha=float(alpha.value)))
         self.on(material, lambda: session.change(material=one_of(material.value, MATERIALS)))
 
     def _add_samples(self, source: SampleFrames) -> None:
-        """Add the number of a sample, and poses and hands to go through alone."""
+        """Add poses and hands to go through alone."""
         gui, session = self.gui, self._session
-        number = gui.add_number("Number", 0, min=0, step=1)
         pose = gui.add_dropdown("Pose", (ALL, *source.poses), visible=len(source.poses) > 1)
         hand = gui.add_dropdown("Hand", (ALL, "right", "left"))
 
@@ -299,7 +298,6 @@ class Panel:
             elif session.wish.frame not in frames:
                 session.change(frame=frames[0])
 
-        self.on(number, lambda: session.change(frame=int(number.value)))
         self.on(pose, choose)
         self.on(hand, choose)
 
@@ -350,13 +348,6 @@ def assign(control: Any, name: str, value: Any) -> None:
     """Set a property unless it has that value: each assignment is sent to every browser."""
     if getattr(control, name) != value:
         setattr(control, name, value)
-
-
-def between(value: Any, low: float, high: float) -> float:
-    """Return a number within limits; a page could send any."""
-    if not low <= value <= high:
-        raise ValueError(f"expected {low:g} to {high:g}")
-    return float(value)
 
 
 def one_of(value: Any, known: Sequence[str]) -> str:

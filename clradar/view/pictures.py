@@ -105,7 +105,7 @@ def _projection(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
     peak = float(image.amplitude.max())
     pixels = amplitude_pixels(image.amplitude, peak, image.dynamic_range_db)
     bar = _amplitude_bar(image.dynamic_range_db)
-    return _in_radar_view("Amplitude, maximum along z", pixels, image, bar, marked)
+    return _in_radar_view("Amplitude, maximum over depth", pixels, image, bar, marked)
 
 
 def _depth(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
@@ -117,7 +117,7 @@ def _depth(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
     high = DEPTH_STEP_MM * np.ceil(high / DEPTH_STEP_MM)
     unit = unit_for(low / 1e3, high / 1e3)
     near, far = (unit.per_m / 1e3 * end for end in (low, high))
-    bar = Bar(f"z ({unit.name})", near, far, "depth")
+    bar = Bar(f"depth z ({unit.name})", near, far, "depth")
     pixels = colours_on("depth", unit.per_m * image.depth_m, near, far)
     return _in_radar_view("Depth", pixels, image, bar, marked)
 
@@ -141,15 +141,13 @@ def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
         return {}
     data, grid, range_db = drawn.volume.data, drawn.volume.grid, drawn.image.dynamic_range_db
     i, j, k = nearest(grid, at_m)
-    to_m, axes = _length_axes({"x": grid.x_m, "y": grid.y_m, "z": grid.z_m})
-    x, y, z = axes
-    left = Axis(x.name, x.last, x.first)
+    to_m, (x, y, z) = _length_axes({"x": grid.x_m, "y": grid.y_m, "z": grid.z_m})
     at = float(grid.x_m[i]), float(grid.y_m[j]), float(grid.z_m[k])
     peak, bar = float(np.abs(data).max()), _amplitude_bar(range_db)
     found = {}
     for name, title, rows, across, up, marked in (
-        ("xy", "Slice across z", data[k, ::-1, ::-1], left, y, (at[0], at[1])),
-        ("xz", "Slice across y", data[::-1, j, ::-1], left, z, (at[0], at[2])),
+        ("xy", "Slice across z", data[k, ::-1, ::-1], x, y, (at[0], at[1])),
+        ("xz", "Slice across y", data[::-1, j, ::-1], x, z, (at[0], at[2])),
         ("zy", "Slice across x", data[:, ::-1, i].T, z, y, (at[2], at[1])),
     ):
         pixels = amplitude_pixels(np.abs(rows), peak, range_db)
@@ -205,18 +203,23 @@ def _in_radar_view(
     marked: tuple[float, float] | None,
 ) -> Picture:
     to_m, (x, y) = _length_axes({"x": image.x_m, "y": image.y_m})
-    left = Axis(x.name, x.last, x.first)
-    return _picture(title, pixels[::-1, ::-1], left, y, bar, to_m, marked)
+    return _picture(title, pixels[::-1, ::-1], x, y, bar, to_m, marked)
 
 
 def _length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[float, list[Axis]]:
-    """Return the axes of pixels with these centres, from edge to edge, and their unit in metres."""
+    """Return the unit in metres, and the axes of pixels with these centres, from edge to edge.
+
+    x is to the left, as the radar sees it.
+    """
     unit = unit_for(*(float(axis[i]) for axis in centres_m.values() for i in (0, -1)))
     axes = []
     for name, axis_m in centres_m.items():
         step_m = float(np.diff(axis_m).min()) if len(axis_m) > 1 else 1e-3
         ends = (unit.per_m * (axis_m[i] + s * step_m / 2) for i, s in ((0, -1), (-1, 1)))
-        axes.append(Axis(f"{name} ({unit.name})", *(round(float(end), 6) for end in ends)))
+        first, last = (round(float(end), 6) for end in ends)
+        if name == "x":
+            name, first, last = "\N{LEFTWARDS ARROW} x", last, first
+        axes.append(Axis(f"{name} ({unit.name})", first, last))
     return 1 / unit.per_m, axes
 
 
@@ -260,8 +263,9 @@ def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndar
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
-    figure = Figure(SIZE_INCHES, DPI, facecolor=PAPER, layout="constrained")
+    figure = Figure(SIZE_INCHES, DPI, facecolor=PAPER, layout="compressed")
     canvas = FigureCanvasAgg(figure)
     axes = figure.subplots()
     axes.set(
@@ -271,7 +275,8 @@ def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndar
     panels = [axes]
     if bar is not None:
         drawn = ScalarMappable(Normalize(bar.first, bar.last), scale_of(bar.scale))
-        panels.append(figure.colorbar(drawn, ax=axes, label=bar.name, shrink=0.9).ax)
+        places = MaxNLocator(5, steps=[1, 2, 5, 10])
+        panels.append(figure.colorbar(drawn, ax=axes, label=bar.name, ticks=places, shrink=0.9).ax)
         if bar.scale == "depth":
             panels[1].invert_yaxis()  # near is above
     for panel in panels:

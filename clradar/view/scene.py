@@ -274,8 +274,8 @@ class SceneView:
 
     def _draw_box(self, ends_m: np.ndarray) -> None:
         """Draw the edges of the box, ticks with numbers along three of them, and their names."""
-        for mark in self._marks:
-            mark.remove()
+        if self._marks:
+            self._marks[0].remove()  # and with it the labels, its children
         self._ends_m = ends_m
         unit = unit_for(*ends_m.ravel())
         sizes = np.ptp(ends_m, axis=1)

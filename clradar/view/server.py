@@ -84,10 +84,9 @@ def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
         player = Player(session, view.source, panel.following, panel.paced, panel.refuse)
         try:
             panel.connect(session, player)
+            panel.busy("reading" if view.source.frames() else "waiting for a first frame")
             if view.source.frames():
                 session.change()
-            else:
-                panel.busy("waiting for a first frame")
             player.start()
             yield served, session
         finally:

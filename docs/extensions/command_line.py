@@ -13,10 +13,9 @@ from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from clradar.cli.app import COMMANDS, context_of
+from clradar.cli.app import COMMANDS, context_of, help_record
 
 CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--?[a-zA-Z][\w-]*|docs/[\w-]+\.md)")
-LIST = re.compile(r" <list\[\w+\]>$")
 PAGE = re.compile(r"docs/([\w-]+)\.md")
 
 SHARED = 3
@@ -68,7 +67,7 @@ def section(name: str, context: Any, shared: list[Record]) -> nodes.section:
 
 def records(context: Any) -> list[Record]:
     """Names and help of arguments and options."""
-    found = (p.get_help_record(context) for p in context.command.get_params(context))
+    found = (help_record(p, context) for p in context.command.get_params(context))
     return [one for one in found if one is not None]
 
 
@@ -76,8 +75,7 @@ def definitions(rows: Iterable[Record]) -> nodes.definition_list:
     """A definition list of arguments and options, as in the help."""
     items = []
     for names, text in rows:
-        shown = LIST.sub("...", names)
-        term = nodes.term("", "", nodes.literal(shown, shown))
+        term = nodes.term("", "", nodes.literal(names, names))
         body = nodes.definition("", nodes.paragraph("", "", *words(" ".join(text.split()))))
         items.append(nodes.definition_list_item("", term, body))
     return nodes.definition_list("", *items)

@@ -29,7 +29,7 @@ _LIBRARIES = {
 """Form -> what reads it, and the modules that it needs."""
 
 
-def form_of(path: Path, expected: str = EXPECTED) -> str | None:
+def form_of(path: Path, expected: str = "a capture, a volume or a recording") -> str | None:
     """Return the form of a file by its first bytes, a key of `_LIBRARIES`; None for another one."""
     regular_file_size(path, expected)
     with reading(path, expected), open(path, "rb") as file:

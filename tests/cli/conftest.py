@@ -38,7 +38,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.chdir(folder)
         for line in (
             f"hand F -o hand.ply --edge-mm {EDGE_MM}",
-            f"hand F -o parts.glb --edge-mm {EDGE_MM}",
             f"simulate hand.ply -o sim.h5 --samples-per-mm2 {DENSITY} --band 72:82:16 "
             "--alpha 0.4 --seed 7",
             f"image sim.h5 -o volume.h5 {GRID}",

@@ -41,6 +41,7 @@ def test_help_of_each_command(cli, name):
     text = " ".join(outcome.out.split())
     assert text.startswith(f"Usage: clradar {name}")
     assert COMMANDS[name] in text
+    assert not re.search(r"[{}]|<(list\[|path|str|float|int)", text)  # types of Python
     context = context_of(name)
     records = [p.get_help_record(context) for p in context.command.get_params(context)]
     names = [record[0].split()[0] for record in records if record is not None]

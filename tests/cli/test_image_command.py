@@ -123,14 +123,15 @@ def test_a_slice_is_drawn_from_above_and_a_voxel_not_at_all(cli, place, monkeypa
         (f"--y-mm 0 {across}", ("x (mm)", "z (mm)")),
         (f"--y-mm=-60:60:6 {across} --view yz", ("z (mm)", "y (mm)")),
         (f"--y-mm 0 {across} --view xy", ("x (mm)", "y (mm)")),
-        ("--y-mm 0 --x-mm 0 --z-mm 280:320:5", ("z (mm)", "below maximum (dB)")),
     ):
         cli.ok(f"image sim.h5 -o v.h5 --png v.png --force {options}")
         first = drawn[-1].axes[0]
         assert (first.get_xlabel().lstrip("\N{LEFTWARDS ARROW} "), first.get_ylabel()) == labels
     outcome = cli.ok("image sim.h5 -o one.h5 --png one.png --x-mm 0 --y-mm 0 --z-mm 300")
     assert "one.png: not drawn, since the image is one voxel, of amplitude" in outcome.err
-    assert len(drawn) == 4
+    outcome = cli.ok("image sim.h5 -o line.h5 --png line.png --x-mm 0 --y-mm 0 --z-mm 280:320:5")
+    assert "line.png: not drawn, since the image is a line of 9 voxels" in outcome.err
+    assert len(drawn) == 3
     assert open_volume("one.h5").data.size == 1
 
 
@@ -259,11 +260,11 @@ def exported(cli: Cli) -> None:
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("volume.h5 -o v.npz", "v.npz: Volume, 4 x 3 x 5"),
-        ("volume.h5 -o v.vti", "v.vti: Volume, 4 x 3 x 5"),
-        ("volume.h5 --dynamic-range-db 1 -o v.ply", "v.ply: DepthMap, 3 x 5"),
-        ("volume.h5 --depth-map -o d.npz", "d.npz: DepthMap, 3 x 5"),
-        ("capture.h5 -o c.mat", "c.mat: Capture, 1 x 1 x 2"),
+        ("volume.h5 -o v.npz", "v.npz: volume, 5 x 3 x 4"),
+        ("volume.h5 -o v.vti", "v.vti: volume, 5 x 3 x 4"),
+        ("volume.h5 --dynamic-range-db 1 -o v.ply", "v.ply: depth map, 5 x 3"),
+        ("volume.h5 --depth-map -o d.npz", "d.npz: depth map, 5 x 3"),
+        ("capture.h5 -o c.mat", "c.mat: capture, 1 x 1 x 2"),
     ],
 )
 @pytest.mark.usefixtures("exported")

@@ -89,6 +89,7 @@ ERRORS = [
     ("hand F -o x.stp", ".ply & '.stp'"),
     (f"{HAND} --center-mm 300000 0 0", "got 300 m; did you mean 300 mm (0.3 m)"),
     ("image hand.ply -o x.h5", "hand.ply & got a mesh"),
+    ("view none", "none: no such file; expected a capture, a volume or a recording"),
     (f"{IMAGE} --png x.bmp", ".png & '.bmp'"),
     (f"{IMAGE} --dynamic-range-db 0", "positive"),
     (f"{IMAGE} --z-mm=0:1e5:0.01", "at most 2147483647 voxels"),

@@ -113,7 +113,7 @@ def test_the_digest_of_an_input_that_changes_meanwhile_is_that_before(cli, place
 
 
 def test_alpha_by_mesh_and_by_part(cli, place):
-    meshes = ["hand.ply:0.2", "parts.glb"]
+    meshes = ["hand.ply:0.2", "hand.ply"]
     scene = group_of(SceneOptions, meshes=meshes, alpha=["palm-2=0.6", "0.9", "thumb=0"]).load()
     alpha, part = np.asarray(scene.alpha), np.asarray(scene.part)
     # Both meshes have the parts of a hand.

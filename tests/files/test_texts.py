@@ -64,7 +64,7 @@ JSON = read_json_object
     ("read", "content", "words"),
     [
         (TOML, b"a = ", "TOMLDecodeError"),
-        (TOML, b"\xff", "UnicodeDecodeError"),
+        (TOML, b"\xff", "bytes that are no UTF-8 text"),
         (TOML, b"a." * (MAX_TOML_LINE_CHARACTERS // 2) + b"b = 1", "a line of"),
         (TOML, b"#" * 12_000 + b"\n" + b"#" * 12_000, "of at most 20000 bytes"),
         (JSON, b'{"a": 1, "a": 2}', "the key 'a' twice"),

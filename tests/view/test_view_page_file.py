@@ -23,10 +23,14 @@ SIDE = slice(150, 600), slice(20, 780)
 
 
 def volumes(folder):
-    """A folder of three volumes with a bright voxel from left to right; the second is damaged."""
+    """Three volumes with a bright voxel from left to right, each on a grid of its own.
+
+    The second is damaged.
+    """
     folder.mkdir()
-    grid = clradar.VoxelGrid(np.array([-0.1, -0.1, 0.26]), np.full(3, 0.02), (11, 11, 5))
     for i, column in enumerate((9, 5, 1)):
+        origin_m = np.array([-0.1, -0.1, 0.26 + 0.02 * i])
+        grid = clradar.VoxelGrid(origin_m, np.full(3, 0.02), (11, 11, 5))
         data = np.zeros(grid.shape, np.complex64)
         data[2, 5, column] = 1.0
         save_volume(folder / f"{i}.h5", clradar.Volume(data, grid))

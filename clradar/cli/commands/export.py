@@ -50,5 +50,6 @@ def command(
         content = replace(content, meta={**content.meta, **provenance()})
     check_export(output, type(content))
     export_file(output, content, force=call.force)
-    shape = " x ".join(str(n) for n in content.__array__().shape)
-    print_line(f"{output}: {type(content).__name__}, {shape}")
+    kind = {cl.Capture: "capture", cl.Volume: "volume"}.get(type(content), "depth map")
+    shape = content.__array__().shape[:: 1 if kind == "capture" else -1]  # x first, as everywhere
+    print_line(f"{output}: {kind}, {' x '.join(map(str, shape))}")

@@ -17,7 +17,7 @@ def command(
     *,
     pose: opt.PoseOptions,
     output: Path | None = opt.output_option(
-        "Mesh file: .ply, .stl, .obj, .off, .glb; with --from a motion file, .toml."
+        "Mesh file: .ply, .stl, .obj, .off; with --from a motion file, .toml."
     ),
     surface: opt.SurfaceOptions,
     joints: Path | None = opt.written(
@@ -27,14 +27,12 @@ def command(
     list_poses: bool = opt.option("List the poses and exit.", False, "--list"),
     device: str | None = opt.DEVICE,
 ) -> None:
-    """The mesh is closed, in metres and in the antenna frame, palm to the radar. Files .ply and
-    .glb keep palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha
-    and material. A .ply file has the texture, too: the roughness of a material stays on the skin
-    from pose to pose.
+    """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .ply file keeps
+    palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha and
+    material, and has the texture: the roughness of a material stays on the skin from pose to pose.
 
-    With --rig, a hand of one's own is posed: its place in the file, its unit, and whether it is a
-    left or a right hand follow from its joints. With --from A --to B the hand goes from pose to
-    pose (docs/movement.md).
+    With --rig, a hand of one's own is posed, wherever it is in the file (docs/rigs.md). With --from
+    A --to B the hand goes from pose to pose (docs/movement.md).
     """
     from clradar.hand import POSES
     from clradar.hand.pose_file import pose_of

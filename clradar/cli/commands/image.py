@@ -17,7 +17,7 @@ def command(
         "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
         "captures, as those of clusters, make one image.",
         opt.REQUIRED,
-        metavar="CAPTURE...",
+        metavar="CAPTURE",
     ),
     *,
     files: opt.ImageFiles,

@@ -47,7 +47,7 @@ def command(
     rows = [_row(record) for record in records]
     shown = len(COLUMNS) if any(row[-1] for row in rows) else len(COLUMNS) - 1
     print_table(COLUMNS[:shown], [row[:shown] for row in rows], right=COLUMNS[2:])
-    band = f"{first_ghz:g}:{last_ghz:g} GHz"
+    band = f"{first_ghz:g} to {last_ghz:g} GHz"
     print_line(f"at normal incidence, {band}, phase in degrees; sources:")
     for own in (record["material"] for record in records):
         print_line(f"{own['name']}: {own.get('source', 'not stated')}")
@@ -66,7 +66,7 @@ def _figures(material: cl.Material, frequencies_hz: np.ndarray) -> dict[str, Any
         "band_hz": [float(frequencies_hz[0]), float(frequencies_hz[-1])],
         "permittivity_at_middle": None if eps is None else [eps.real, eps.imag],
         "reflectance_db": [10 * math.log10(p) + 0.0 if p > 0 else None for p in ends],
-        "phase_deg": math.degrees(np.angle(-gamma[middle])),
+        "phase_deg": math.degrees(np.angle(-gamma[middle])) + 0.0,
     }
 
 

@@ -77,12 +77,12 @@ class RigOptions:
         "Which node is which joint, without WebXR names: a table [joints].", metavar="M.toml"
     )
     rig_unit: str | float | None = rig_option(
-        "m, cm, mm, inch, or a number of mm. [default: by the hand's size]",
+        "m, cm, mm, inch, or a number of mm. [default: m]",
         metavar="UNIT",
         parse=_unit_of_rig,
     )
     rig_hand: Literal["right", "left"] | None = rig_option(
-        "Which hand the rig is, where its names and shape do not show it."
+        "Which hand the rig is. [default: as its names say, else right]"
     )
     betas: list[float] | None = rig_option(
         "Shape of a MANO hand, up to 10 numbers.", metavar="B,B,...", parse=_betas
@@ -172,6 +172,7 @@ class PoseOptions:
 
     pose: str | None = argument(
         "Name of the pose (--list shows them), or a pose file (.toml, .json). [default: F]",
+        metavar="POSE",
         files=_pose_file,
     )
     center_mm: tuple[float, float, float] = option(
@@ -194,7 +195,9 @@ class PoseOptions:
     end: str | None = option(
         "The last pose.", None, "--to", metavar="POSE", needs="--from", files=_pose_file
     )
-    duration_s: float = option("Time from pose to pose.", 1.0, needs="--from", check=parse.positive)
+    duration_s: float = option(
+        "Time from pose to pose.", 1.0, needs="--from", check=checks.positive
+    )
 
     @property
     def center_m(self) -> list[float]:

@@ -92,7 +92,7 @@ class ImageOptions(GridOptions, ImagingOptions):
         """Raise where an option has no meaning for what is read."""
         several, volume = len(captures) > 1, isinstance(content, cl.Volume)
         if several and volume:
-            raise wrong_usage("CAPTURE...", f"expected captures, got the volume {captures[0]}")
+            raise wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
         wrong = {"--method": self.iterated, "--dbsm": files.dbsm, "--absolute": self.absolute}
         if several and any(wrong.values()):
             name = next(name for name, is_wrong in wrong.items() if is_wrong)

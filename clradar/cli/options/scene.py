@@ -17,6 +17,7 @@ from clradar.cli.options.measured import SearchOptions, UnitOptions, alpha_or_fi
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
+from clradar.model import checks
 from clradar.tracing.settings import (
     EXPECTED_SAMPLES_PER_MM2,
     RAYS_PER_SAMPLE,
@@ -268,7 +269,7 @@ class MotionOptions:
         "Make a recording of so many frames.", metavar="N", needs="--motion", min=1, max=10_000
     )
     rate_hz: float = option(
-        "Frames per second, from time 0 on.", 8.0, needs="--motion", check=parse.positive
+        "Frames per second, from time 0 on.", 8.0, needs="--motion", check=checks.positive
     )
 
 
