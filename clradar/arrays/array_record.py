@@ -76,7 +76,7 @@ class Plane(FileRecord):
     """n = [n_x, n_y] antennas on size_m = [width, height] about center_m, row by row."""
 
     size_m: Annotated[tuple[float, ...], numbers(2), Field(description="[width, height] in metres")]
-    n: tuple[Count, Count] = Field(description="[n_x, n_y]")
+    n: tuple[Count, Count] = Field(description=f"[n_x, n_y], each {_WHOLE.format(1)}")
     center_m: Place = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")

@@ -147,6 +147,7 @@ def test_clusters_are_arrays_of_their_own(tmp_path):
         ("[[antennas]]\nring = { radius_m = 1, n = 3.5 }", "n: expected a whole number"),
         ("[[antennas]]\npoints_m = [[0, 0]]", "rows of three numbers, got rows of 2"),
         ("[[antennas]]\nplane = { size_m = [1, 1], n = [1000, 1000] }", "at most 20000 antennas"),
+        ("[[antennas]]\nplane = { size_m = [1, 1], n = [1, 99999] }", "n_y., each a whole"),
         ("[[antennas]]\nplane = { n = [3, 3] }", "plane.size_m: expected .width, height."),
         ("[[antennas]]\nring = { radius_m = 70, n = 9 }", "an aperture"),
         ('copy_of = "qar5"', "one of .*did you mean 'qar50'"),
