@@ -29,9 +29,7 @@ SUITE: dict[str, Callable[[clradar.Device, int, bool], list[Row]]] = {
         device, n, 500_000 if quick else 5_000_000
     ),
     "images": lambda device, n, quick: images.images(device, n, images.noise(), 5 if quick else 81),
-    "operators": lambda device, n, quick: operators.operators(
-        device, n, 5 if quick else 81, 500 if quick else 2000
-    ),
+    "operators": lambda device, n, quick: [operators.forward(device, n, 500 if quick else 2000)],
     "exact": lambda device, n, quick: [images.exact_image(device, n, images.noise())],
     "physical": lambda device, n, quick: physical.physical(device, n, 1.0 if quick else 4.0),
 }

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from core.timing import ARRAY, WAVEFORM
 from scipy.spatial.transform import Rotation
 
 import clradar
 from clradar.errors import CompareError
 
-ARRAY = clradar.arrays.qar50()
-WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 128)
 SNR_DB = 20.0
 
 Row = dict[str, Any]

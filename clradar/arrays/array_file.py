@@ -100,8 +100,7 @@ def array_record(array: AntennaArray) -> dict[str, Any]:
             own["boresight"] = side.boresight.tolist()
         record[name] = [own]
     for name, side in zip(("tx_pattern", "rx_pattern"), array.sides, strict=True):
-        pattern = side.pattern
-        if pattern is None:
+        if (pattern := side.pattern) is None:
             continue
         record[name] = {"gain_dbi": pattern.gain_dbi, "exponent": pattern.exponent}
         if pattern.angle_deg is not None and pattern.field is not None:
@@ -113,7 +112,7 @@ def array_record(array: AntennaArray) -> dict[str, Any]:
 
 def array_text(array: AntennaArray) -> str:
     """Return the text of a file that `read_array` makes the same array of, to the bit."""
-    tables = {**array_record(array)}
+    tables = array_record(array)
     lines = [f"name = {toml_string(tables.pop('name'))}"]
     for name, table in tables.items():
         own, brackets = (table[0], "[[{}]]") if isinstance(table, list) else (table, "[{}]")

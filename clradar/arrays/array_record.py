@@ -76,7 +76,7 @@ class Plane(FileRecord):
     """n = [n_x, n_y] antennas on size_m = [width, height] about center_m, row by row."""
 
     size_m: Annotated[tuple[float, ...], numbers(2), Field(description="[width, height] in metres")]
-    n: tuple[Count, Count] = Field(description="[n_x, n_y]")
+    n: tuple[Count, Count] = Field(description=f"[n_x, n_y], each {_WHOLE.format(1)}")
     center_m: Place = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
@@ -162,7 +162,8 @@ class Antennas(Placed):
                 raise mistake("no gain_db and no phase_deg beside it", "both", key="gain")
             level_db, phase_deg = (0.0 if v is None else v for v in (level_db, phase_deg))
             turned = np.exp(1j * np.deg2rad(phase_deg))
-            complex_gain = np.ones(len(self._at_m)) * 10 ** (level_db / 20) * turned
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
+                complex_gain = np.ones(len(self._at_m)) * 10 ** (level_db / 20) * turned
         self._side = Side(self._at_m, complex_gain, boresight)
         return self
 
@@ -171,7 +172,7 @@ class Antennas(Placed):
         value, shape = getattr(self, key), (len(self._at_m), *columns)
         if value is None:
             return None
-        rows = np.array(value)
+        rows = np.array(value, np.float64)
         if rows.shape not in (columns, shape):
             one = f"one row of {columns[0]} numbers" if columns else "one number"
             got = " of ".join(map(str, rows.shape))

@@ -178,7 +178,8 @@ def record_of(
     try:
         return model.model_validate(parsed, context=context)
     except ValidationError as found:
-        raise_mistakes(mistakes_of(found, model, source, place), error, found)
+        lines = mistakes_of(found, model, source, place)
+    raise_mistakes(lines, error)  # by itself: what pydantic found may not be pickled
 
 
 def mistakes_of(
@@ -189,11 +190,7 @@ def mistakes_of(
     return [line for one in errors for line in _lines(one, model, shown(source), place)]
 
 
-def raise_mistakes(
-    lines: Sequence[str],
-    error: type[ClradarError] = MeasurementError,
-    cause: BaseException | None = None,
-) -> NoReturn:
+def raise_mistakes(lines: Sequence[str], error: type[ClradarError] = MeasurementError) -> NoReturn:
     """Raise the error of one mistake, or of several with their number and a line for each."""
     text = list(lines[:MOST_MISTAKES])
     if len(lines) > 1:
@@ -202,7 +199,7 @@ def raise_mistakes(
         text.append(f"and {len(lines) - MOST_MISTAKES} more")
     failure = error("\n".join(text))
     failure.mistakes = tuple(lines)
-    raise failure from cause
+    raise failure
 
 
 def _lines(found: Any, model: type[BaseModel], source: str, above: str) -> list[str]:

@@ -9,8 +9,8 @@ import numpy as np
 
 def hi_lo(values: Any) -> tuple[Any, Any]:
     """Split float64 into two float32 whose sum equals it to 2^-48, relative."""
-    hi = np.float32(values)
-    return hi, np.float32(values - np.float64(hi))
+    hi = np.asarray(values, np.float32)[()]  # of one number np.float32 warns (numpy 1.26)
+    return hi, np.asarray(values - np.asarray(hi, np.float64), np.float32)[()]
 
 
 def antenna_rows(positions_m: np.ndarray) -> np.ndarray:

@@ -213,6 +213,6 @@ def scale_of(name: str) -> Any:
     if name == "amplitude":
         return amplitude_scale()
     if name == "second":
-        return LinearSegmentedColormap.from_list(name, SECOND_COLOURS)
+        return LinearSegmentedColormap.from_list(name, [*SECOND_COLOURS])
     scale = depth_scale() if name == "depth" else difference_scale()
     return scale.with_extremes(bad=DEPTH_BACKGROUND)

@@ -148,7 +148,6 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
     "vertices of 2^40": ("mesh.ply", b"ply\nformat binary_little_endian 1.0\nelement vertex "
                          b"1099511627776\nproperty float x\nproperty float y\nproperty float z\n"
                          b"element face 0\nproperty list uchar int vertex_indices\nend_header\n"),
-    "a sparse mesh": ("mesh.stl", lambda path: sparse(path, bytes(80) + b"\xff\xff\xff\xff")),
     "deep JSON": ("mesh.gltf", b'{"asset": ' + b"[" * 10**6 + b"]" * 10**6 + b"}"),
     "numbers of 2^40": ("mesh.gltf", gltf(accessors=[
         {"componentType": 5126, "count": 2**40, "type": "VEC3"}])),

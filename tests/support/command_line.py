@@ -54,7 +54,7 @@ def worker_here() -> Iterator[str]:
     from distributed import LocalCluster
 
     with LocalCluster(
-        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None,
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0",
         resources={"DEVICE": 1},
     ) as cluster:  # fmt: skip
         yield str(cluster.scheduler_address)
