@@ -591,8 +591,8 @@ def test_the_command_poses_a_rig(cli):
     np.testing.assert_array_equal(joints["wrist"], expected.joints_m[0])
     cli.ok(f"hand mine.toml {rig} 10 -o x.ply")
     assert Path("x.ply").read_bytes() == Path("hand.ply").read_bytes()
-    cli.ok(f"hand {rig} cm -o parts.glb")
-    assert set(Scene.from_mesh("parts.glb").part_names) == set(PART_NAMES)
+    cli.ok(f"hand {rig} cm -o parts.ply")
+    assert set(Scene.from_mesh("parts.ply").part_names) == set(PART_NAMES)
 
 
 @pytest.mark.parametrize(
