@@ -115,13 +115,12 @@ def simulate(
     check_placement("simulate", scene, array)
     warn_of_ambiguity(scene, array, waveform)
     resolved = merged_settings(settings, **fields).for_scene(scene, array, waveform).resolved()
-    if resolved.estimator != "physical":
-        array.refuse_patterns("simulate")
     opened = open_device(device)
     warn_of_coarse_facets("simulate", scene, resolved, float(waveform.frequencies_hz.max()))
     if resolved.estimator == "physical":
         data, meta = physical_samples(scene, array, waveform, resolved, opened, progress)
     else:
+        array.refuse_patterns("simulate")
         data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
 
         def take(tx: slice, total: PhasorSum, _: dict[str, Any]) -> None:
@@ -286,8 +285,8 @@ def simulate_alphas(
     array.refuse_patterns("simulate_alphas")
     merged = merged_settings(settings, **fields)
     require_stochastic("simulate_alphas", merged.resolved())
-    merged = replace(merged, estimator="stochastic")
-    resolved = merged.for_scene(scene, array, waveform).resolved()
+    merged = replace(merged, estimator="stochastic").for_scene(scene, array, waveform)
+    resolved = merged.resolved()
     if len(alphas) == 0:
         checks.fail("simulate_alphas: alphas", "at least one", "none")
     scenes = [scene.with_alpha(alpha) for alpha in alphas]
@@ -297,11 +296,9 @@ def simulate_alphas(
             checks.fail("simulate_alphas: region", "whole numbers from 0", f"{region.min()}")
         if resolved.max_bounces > 1:
             # A path of two bounces belongs to two regions, and to neither of their alphas alone.
-            checks.fail(
-                "simulate_alphas: max_bounces", "1 where there are regions", resolved.max_bounces
-            )
-    highest_hz = float(waveform.frequencies_hz.max())
-    warn_of_coarse_facets("simulate_alphas", scene, resolved, highest_hz)
+            expected = "max_bounces 1 where there are regions"
+            checks.fail("simulate_alphas", expected, resolved.max_bounces)
+    warn_of_coarse_facets("simulate_alphas", scene, resolved, float(waveform.frequencies_hz.max()))
     return _in_batches(scenes, array, waveform, region, resolved, open_device(device), progress)
 
 
@@ -320,13 +317,8 @@ def _in_batches(
     at_once = max(1, int(sums) // n_regions)
     for start in range(0, len(scenes), at_once):
         batch = scenes[start : start + at_once]
-        done, share = start, len(batch)
-
-        def show(samples: int, all_samples: int, done: int = done, share: int = share) -> None:
-            if progress is not None:
-                progress(done * all_samples + share * samples, len(scenes) * all_samples)
-
-        yield from _batch(batch, array, waveform, region, n_regions, settings, device, show)
+        share = part_of(progress, start / len(scenes), (start + len(batch)) / len(scenes))
+        yield from _batch(batch, array, waveform, region, n_regions, settings, device, share)
 
 
 def _batch(
@@ -337,7 +329,7 @@ def _batch(
     n_regions: int,
     settings: SimulationSettings,
     device: Device,
-    progress: Progress,
+    progress: Progress | None,
 ) -> list[tuple[Capture, ...]]:
     statistics = [TraceStatistics(0, 0, 0, 0) for _ in scenes]
     paths = np.zeros((len(scenes), n_regions, array.n_tx * array.n_rx), dtype=np.int64)
@@ -368,12 +360,10 @@ def _batch(
     made = []
     for i, (scene, row) in enumerate(zip(scenes, data, strict=True)):
         meta = simulated_meta(scene, settings, statistics[i], int(paths[i].sum()), device)
-        captures = []
-        for r, samples in enumerate(row):
-            own = (
-                {} if region is None else {"region": {"number": r, "paths": int(paths[i, r].sum())}}
-            )
-            samples = array.with_gains(samples)
-            captures.append(Capture(samples, array, waveform, {**meta, **own}))
-        made.append(tuple(captures))
+        metas = [meta]
+        if region is not None:
+            counts = enumerate(paths[i].sum(axis=1).tolist())
+            metas = [{**meta, "region": {"number": r, "paths": count}} for r, count in counts]
+        captures = zip(map(array.with_gains, row), metas, strict=True)
+        made.append(tuple(Capture(data, array, waveform, own) for data, own in captures))
     return made

@@ -99,11 +99,8 @@ def _paths_of(tiles: list[PathColumns], array: AntennaArray, statistics: TraceSt
     pair = np.concatenate([tile.pair for tile in tiles])
     # Tiles come in the order of samples and each is sorted, so a stable sort by pair is enough.
     order = np.argsort(pair, kind="stable")
-    pair = pair[order].astype(np.int64)
-    columns = {
-        "tx": (pair // array.n_rx).astype(np.int32),
-        "rx": (pair % array.n_rx).astype(np.int32),
-    }
+    tx, rx = np.divmod(pair[order].astype(np.int64), array.n_rx)
+    columns = {"tx": tx.astype(np.int32), "rx": rx.astype(np.int32)}
     for name in ("length_m", "amplitude", "bounces"):
         columns[name] = np.concatenate([getattr(tile, name) for tile in tiles])[order]
     for column in columns.values():

@@ -257,7 +257,6 @@ CLEAN = "clean none.h5 --channels none.h5 -o x.h5"
     ("line", "said"),
     [
         (f"-m clradar {CLEAN}", "clradar: error: none.h5: no such file"),
-        *nightly([(f"-m clradar.cli {CLEAN}", "clradar: error: none.h5: no such file")]),
         ("script.py", "clradar: error: {lab}/calibration.py: hides "),
     ],
 )

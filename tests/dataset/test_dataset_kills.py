@@ -36,7 +36,7 @@ def undisturbed(plan_file, tmp_path_factory):
 
 
 def command(plan_file, folder, *more):
-    start = [sys.executable, "-m", "clradar.cli", "dataset", str(plan_file), "-o", str(folder)]
+    start = [sys.executable, "-m", "clradar", "dataset", str(plan_file), "-o", str(folder)]
     return [*start, "--device", "pocl", *more]
 
 
