@@ -115,12 +115,13 @@ def simulate(
     check_placement("simulate", scene, array)
     warn_of_ambiguity(scene, array, waveform)
     resolved = merged_settings(settings, **fields).for_scene(scene, array, waveform).resolved()
+    if resolved.estimator != "physical":
+        array.refuse_patterns("simulate")
     opened = open_device(device)
     warn_of_coarse_facets("simulate", scene, resolved, float(waveform.frequencies_hz.max()))
     if resolved.estimator == "physical":
         data, meta = physical_samples(scene, array, waveform, resolved, opened, progress)
     else:
-        array.refuse_patterns("simulate")
         data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
 
         def take(tx: slice, total: PhasorSum, _: dict[str, Any]) -> None:
@@ -312,9 +313,8 @@ def _in_batches(
     progress: Progress | None,
 ) -> Iterator[tuple[Capture, ...]]:
     n_regions = 1 if region is None else int(region.max()) + 1
-    sum_bytes = 16 * array.n_tx * array.n_rx * waveform.n_freq
-    sums = min(SUMS_AT_ONCE, device.budget_bytes // (4 * sum_bytes))
-    at_once = max(1, int(sums) // n_regions)
+    room = device.budget_bytes // (64 * array.n_tx * array.n_rx * waveform.n_freq)
+    at_once = max(1, min(SUMS_AT_ONCE, int(room)) // n_regions)  # in a quarter of the memory
     for start in range(0, len(scenes), at_once):
         batch = scenes[start : start + at_once]
         share = part_of(progress, start / len(scenes), (start + len(batch)) / len(scenes))
