@@ -59,7 +59,7 @@ def write_page(
                 if written:  # a single frame needs no time line, whose end builds it anew
                     serializer.insert_sleep(1 / FRAMES_PER_S)
                 scene.show(shown, pictures=False)
-                _draw_title(server, shown, f"{source.name}, {source.label(frame)}")
+                _draw_title(server, shown, source.name, source.label(frame))
                 written += 1
                 for drawn in filter(None, (shown.first, shown.second)):
                     drawn_bytes += drawn.cloud.points_m.nbytes + drawn.cloud.colours.nbytes
@@ -77,10 +77,10 @@ def write_page(
     return written
 
 
-def _draw_title(server: Any, shown: Shown, title: str) -> None:
+def _draw_title(server: Any, shown: Shown, *names: str) -> None:
     """Draw the name of a frame to the left in front of the box."""
     ends_m = shown.first.ends_m
     corner_m = np.array([ends_m[0, 1], ends_m[1, 1], ends_m[2, 0]])
-    if shown.second is not None:
-        title += f"; {LEGEND}"
+    legend = "" if shown.second is None else f"; {LEGEND}"
+    title = ", ".join(dict.fromkeys(names)) + legend  # the frame of a file has its name
     server.scene.add_label("/frame", title, position=UNITS_PER_M * corner_m, anchor="bottom-left")
