@@ -94,9 +94,8 @@ def lobes(
     directions, level, step = response_over_directions(array, middle_hz, focus_m, within_deg)
     # Another frequency's maximum may be higher: half the level will do.
     peaks = maxima(level, 10 ** (least_db / 20) / 2)
-    starts_m = (
-        np.linalg.norm(focus_m) * directions[peaks][np.argsort(-level[peaks])[: 5 * MOST_LOBES]]
-    )
+    strongest = np.argsort(-level[peaks])[: 5 * MOST_LOBES]
+    starts_m = np.linalg.norm(focus_m) * directions[peaks][strongest]
     most = np.sin(np.deg2rad(within_deg)) + 1e-9
     found = [
         lobe

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from clradar.files.interrupts import ending_signals
 
-TYPE_CHECKING = False  # as in `clradar`
+TYPE_CHECKING = False  # that of typing takes half the time until Ctrl-C is heard
 if TYPE_CHECKING:
     from collections.abc import Sequence
 

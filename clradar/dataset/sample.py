@@ -16,7 +16,8 @@ from clradar.dataset.plan.hands import RigFile
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.files.failures import clean, shown
-from clradar.files.meshes.gltf_document import sha256_of_all
+from clradar.files.hashing import sha256_of
+from clradar.files.meshes.gltf_document import files_of
 from clradar.hand import HandMesh, hand_mesh
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.environment import Wall, room_capture
@@ -164,7 +165,7 @@ def found_rig(record: RigFile, folder: Path) -> tuple[Path, Path | None]:
         known[folder / record.mapping] = str(record.mapping_sha256)
     for path, sha256 in known.items():
         try:
-            if sha256_of_all(path) == sha256:
+            if sha256_of(*files_of(path)) == sha256:
                 continue
             got = "another"
         except FileNotFoundError:

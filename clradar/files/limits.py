@@ -76,8 +76,10 @@ MAX_IMAGE_PIXELS = 2**24
 MAX_PNG_BYTES = 2 * MAX_IMAGE_PIXELS + 2**20
 """The pixels as they are, and a little for the form."""
 MAX_MESH_BYTES = 2**29
-"""Of a file of a mesh or rig, of its buffer, and of what it inflates to. A hand of a million
-vertices needs a tenth of it; scans carry large textures, too."""
+"""Of a file of a mesh or rig, and of what it inflates to. A hand of a million vertices needs a
+tenth of it; scans carry large textures, too."""
+MAX_MESH_BUFFERS_BYTES = 2**28
+"""Of all files beside a `.gltf`."""
 MAX_MESH_FACES = 2**23
 """Triangles of a mesh, with all instances."""
 MAX_MESH_VERTICES = 2**24

@@ -16,8 +16,8 @@ from pygltflib import DATA_URI_HEADER, GLTF2
 from scipy.spatial.transform import Rotation
 
 from clradar.errors import RigError
+from clradar.files import limits
 from clradar.files.confined.process import forbid_opening
-from clradar.files.limits import MAX_GLTF_NUMBERS, MAX_MESH_FACES, MAX_MESH_NODES
 from clradar.files.meshes.gltf_document import EXPECTED, GLB_MAGIC, bytes_beside, check_document
 from clradar.hand import JOINT_NAMES
 from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, check_side
@@ -136,7 +136,7 @@ class _File:
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path = path
-        self._numbers_left = MAX_GLTF_NUMBERS
+        self._numbers_left = limits.MAX_GLTF_NUMBERS
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # pygltflib asks for reports of what it does not know
             if content.startswith(GLB_MAGIC):
@@ -179,7 +179,8 @@ class _File:
             if ";base64," not in uri:
                 fail(self.path, f"{what} in base64", uri[:40])
             return bytes(GLTF2.decode_data_uri(DATA_URI_HEADER + unquote(uri.partition(",")[2])))
-        return bytes_beside(self.path, what, unquote(uri), RigError)
+        left = limits.MAX_MESH_BUFFERS_BYTES - sum(map(len, self._buffers))
+        return bytes_beside(self.path, what, unquote(uri), left, RigError)
 
     def entry(self, entries: Sequence[Entry], index: Any, what: str) -> Entry:
         """Return the entry of an index in the file, which is checked."""
@@ -190,8 +191,8 @@ class _File:
 
     def _find_parents(self) -> None:
         nodes = self.document.nodes
-        if len(nodes) > MAX_MESH_NODES:
-            fail(self.path, f"at most {MAX_MESH_NODES} nodes", len(nodes))
+        if len(nodes) > limits.MAX_MESH_NODES:
+            fail(self.path, f"at most {limits.MAX_MESH_NODES} nodes", len(nodes))
         self.parents = [-1] * len(nodes)
         for at, node in enumerate(nodes):
             for child in node.children or []:
@@ -277,8 +278,8 @@ class _File:
             if raw.dtype.kind != "u" or raw.shape[1] != 1:
                 fail(self.path, f"{what}: indices that are unsigned integers", raw.dtype)
             corners = raw[:, 0].astype(np.int64)
-        if len(corners) // 3 > MAX_MESH_FACES:
-            expected = f"{what}: at most {MAX_MESH_FACES} triangles"
+        if len(corners) // 3 > limits.MAX_MESH_FACES:
+            expected = f"{what}: at most {limits.MAX_MESH_FACES} triangles"
             fail(self.path, expected, f"{len(corners)} indices")
         if len(corners) and int(corners.max()) >= len(positions):
             fail(self.path, f"{what}: indices below {len(positions)}", int(corners.max()))
@@ -326,7 +327,7 @@ class _File:
         dtype, count = np.dtype(code), self._size(f"count of {what}", entry.count)
         self._numbers_left -= count * n
         if self._numbers_left < 0:
-            most = f"a mesh of at most {MAX_GLTF_NUMBERS} numbers, with all uses of them"
+            most = f"a mesh of at most {limits.MAX_GLTF_NUMBERS} numbers, with all uses of them"
             fail(self.path, most, f"{count} elements more for {what}")
         if entry.bufferView is None:
             values = np.zeros((count, n), dtype)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+import pytest
 import typer
 from layout_files import random_capture
 from rig_files import RigMaker
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 from clradar.cli.call import Call, call, plain
 from clradar.cli.groups import REQUIRED, argument, expanded, given, option, wrong_usage
 from clradar.cli.options import DEVICE
+from clradar.errors import MeshError
 from measurement_io import save_recording
 
 
@@ -92,3 +94,8 @@ def test_what_belongs_to_a_file_is_an_input_with_it(tmp_path):
     frame = radar / "calibrated_data" / "000000.npy"
     for path, more in ((hand, hand.with_suffix(".bin")), (frame, radar / "antennas.toml")):
         assert call.files_of([path, more, tmp_path]) == [path, more]
+    hand.write_text('{"uri":"hand.bin","uri": "x/../hand.bin"}')
+    assert call.files_of([hand]) == [hand, hand.with_suffix(".bin")]
+    hand.write_text('{"uri": "\\q.bin"}')
+    with pytest.raises(MeshError, match=r"hand\.gltf: expected a glTF 2\.0 file, got"):
+        call.files_of([hand])

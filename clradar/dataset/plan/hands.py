@@ -23,7 +23,8 @@ from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAU
 from clradar.dataset.plan.draws import Draw, Within, fixed, tried
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import clean
-from clradar.files.meshes.gltf_document import sha256_of_all
+from clradar.files.hashing import sha256_of
+from clradar.files.meshes.gltf_document import files_of
 from clradar.files.records import FileRecord, NumberOrText, Numbers, Text, mistake, numbers
 from clradar.files.toml_file import choice_text, nearest, toml_brief
 from clradar.hand import (
@@ -191,8 +192,9 @@ class RigFile(FileRecord):
             rig = self.read(folder / self.file, names)
         except ClradarError as error:  # it names the option of the command
             raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
-        found = {"sha256": sha256_of_all(folder / self.file), "handedness": rig.handedness}
-        return found if names is None else {**found, "mapping_sha256": sha256_of_all(names)}
+        digest = sha256_of(*files_of(folder / self.file))
+        found = {"sha256": digest, "handedness": rig.handedness}
+        return found if names is None else {**found, "mapping_sha256": sha256_of(names)}
 
 
 Rig = Annotated[

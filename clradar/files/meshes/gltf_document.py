@@ -6,16 +6,16 @@ Khronos Group, glTF 2.0 Specification, sections 3.3 (scenes), 3.6 (buffers) and 
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
 from clradar.errors import ClradarError, MeshError
+from clradar.files import limits
 from clradar.files.failures import clean, fail, read_bytes, reading
-from clradar.files.hashing import sha256_of
 from clradar.files.json_text import parse_object
-from clradar.files.limits import MAX_MESH_BYTES, MAX_MESH_DEPTH, MAX_MESH_NODES
 
 EXPECTED = "a glTF 2.0 file"
 
@@ -41,28 +41,25 @@ def check_document(
             fail(path, wanted, clean(name), error=error)
 
 
-def bytes_beside(path: Path, what: str, name: str, error: type[ClradarError]) -> bytes:
-    """Return the content of a regular file in the folder of `path` or below."""
+def bytes_beside(path: Path, what: str, name: str, most: int, error: type[ClradarError]) -> bytes:
+    """Return the content of a regular file in the folder of `path` or below, of `most` bytes."""
     folder = path.parent.resolve()
     file = (folder / name).resolve()
     if "://" in name or not file.is_relative_to(folder):
         fail(path, f"{what} in a file beside it or below", clean(repr(name)), error=error)
-    return read_bytes(file, f"{what} of {path.name}", MAX_MESH_BYTES, error=error)
+    return read_bytes(file, f"{what} of {path.name}", most, error=error)
 
 
 def files_of(path: Path) -> list[Path]:
     """Return the file of a mesh or rig, and the files that glTF names: buffers and pictures."""
     if path.suffix.lower() not in (".glb", ".gltf"):
         return [path]
-    content = read_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
-    named = (json.loads(name) for name in _URI.findall(content))
-    beside = (path.parent / unquote(name) for name in dict.fromkeys(named))
-    return [path, *(file for file in beside if file.is_file())]
-
-
-def sha256_of_all(path: Path) -> str:
-    """Return the SHA-256 of the file of a mesh or rig, and of those that it names."""
-    return sha256_of(*files_of(path))
+    content = read_bytes(path, EXPECTED, limits.MAX_MESH_BYTES, error=MeshError)
+    with reading(path, EXPECTED, error=MeshError):
+        named = (unquote(json.loads(name)) for name in _URI.findall(content))
+        # Each once, however it is spelled.
+        beside = dict.fromkeys(Path(os.path.normpath(path.parent / name)) for name in named)
+        return [path, *filter(Path.is_file, beside)]
 
 
 def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
@@ -91,8 +88,8 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
 
 def _roots(path: Path, nodes: list[dict[str, Any]]) -> list[int]:
     """Return the nodes without a parent, if all nodes form trees."""
-    if len(nodes) > MAX_MESH_NODES:
-        fail(path, f"at most {MAX_MESH_NODES} nodes", f"{len(nodes)}", error=MeshError)
+    if len(nodes) > limits.MAX_MESH_NODES:
+        fail(path, f"at most {limits.MAX_MESH_NODES} nodes", f"{len(nodes)}", error=MeshError)
     children = [node.get("children") or [] for node in nodes]
     below = [child for of in children for child in of]
     if len(set(below)) < len(below) or not set(below) <= set(range(len(nodes))):
@@ -101,8 +98,8 @@ def _roots(path: Path, nodes: list[dict[str, Any]]) -> list[int]:
     reached, level, depth = len(roots), roots, 1
     while level := [child for node in level for child in children[node]]:
         reached, depth = reached + len(level), depth + 1
-        if depth > MAX_MESH_DEPTH:
-            fail(path, f"nodes of at most {MAX_MESH_DEPTH} levels", "more", error=MeshError)
+        if depth > limits.MAX_MESH_DEPTH:
+            fail(path, f"nodes of at most {limits.MAX_MESH_DEPTH} levels", "more", error=MeshError)
     if reached < len(nodes):
         fail(path, "nodes that form trees", "a cycle", error=MeshError)
     return roots
@@ -137,5 +134,6 @@ def _buffers_beside(path: Path, buffers: list[dict[str, Any]]) -> dict[str, byte
         uri = buffer.get("uri")
         if uri is None or "base64," in uri or uri in found:
             continue
-        found[uri] = bytes_beside(path, f"buffer {at}", unquote(uri), MeshError)
+        left = limits.MAX_MESH_BUFFERS_BYTES - sum(map(len, found.values()))
+        found[uri] = bytes_beside(path, f"buffer {at}", unquote(uri), left, MeshError)
     return found
