@@ -45,9 +45,13 @@ nightly: lint-windows test-slow memcheck gpucheck test-spawn test-lowest test-in
 test-lowest: $(VENV)-lowest/.installed
 	$(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile
 
-# 100 000 mutated files for every reader: some hours.
+# Mutated files for every reader: 100 000 take some hours, so that a night has others of a few.
+RUNS ?= 100000
+SEED ?= 1
+nightly: RUNS = 5000
+nightly: SEED := $(shell date +%j)
 fuzz: $(VENV)/.installed-dev
-	PYTHONPATH=tests:tests/support $(BIN)/python -m fuzz --seed 1
+	PYTHONPATH=tests:tests/support $(BIN)/python -m fuzz --runs $(RUNS) --seed $(SEED) --jobs $(JOBS)
 
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
 memcheck: $(VENV)-memcheck/.installed
