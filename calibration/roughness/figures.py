@@ -12,22 +12,21 @@ from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
 from calibration.roughness.texture import of_power
 from clradar.compare.metrics import METRIC_TABLE
-from clradar.plot.layout import TICK_PT, Extent, label_axes
+from clradar.plot.layout import ROW_WIDTH, TICK_PT, Extent, label_axes, new_figure, panel_size
 from clradar.plot.panels import amplitude_bar, draw_amplitude, draw_frame
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_IMAGES = 6
-"""Simulated images beside the measured one."""
+MOST_IMAGES, IMAGES_IN_ROW = 6, 4
+"""Simulated images beside the measured one, and images side by side."""
 
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#404040")
 """Palette of Okabe and Ito (2008), which colour-blind readers distinguish."""
 
-DPI = 200
 
 DECIBEL_PER_NATURAL = 10.0 / np.log(10.0)
 
@@ -53,20 +52,23 @@ def sweep_figure(sweep: Sweep) -> Figure:
     below these the metrics over alpha, as means over the seeds with bands from the lowest to the
     highest, the probability of alpha, of the whole and of the regions, and the fitted statistics.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 4.9), dpi=DPI, facecolor="white", layout="constrained")
-    rows: Any = figure.subfigures(2, 1, height_ratios=(0.8, 1.15))
     chosen = shown_alphas(sweep)
     images = [sweep.measured, *(image for i in chosen if (image := sweep.images[i]) is not None)]
     titles = ["Measurement", *(f"{ALPHA} = {sweep.alphas[i]:g}" for i in chosen)]
-    panels = rows[0].subplots(1, len(images), sharex=True, sharey=True, squeeze=False)[0]
+    n_rows = -(-len(images) // IMAGES_IN_ROW)
     extent = Extent.around(images)
-    for axes, image, title in zip(panels, images, titles, strict=True):
+    high = n_rows * (panel_size(1.4, extent.aspect)[1] + 0.6)
+    figure = new_figure(ROW_WIDTH, high + 5.2)
+    above, below = figure.subfigures(2, 1, height_ratios=(high, 5.2))
+    columns = min(len(images), IMAGES_IN_ROW)
+    panels: Any = above.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for axes, image, title in zip(panels, images, titles, strict=False):
         drawn = draw_amplitude(axes, image, extent.unit)
-        draw_frame(axes, extent, title, y_labels=axes is panels[0])
-    amplitude_bar(panels, drawn)
-    similarities, lengths, likely, statistics = rows[1].subplots(1, 4)
+        draw_frame(axes, extent, title, y_labels=axes in panels[::columns])
+    for axes in panels[len(images) :]:
+        axes.remove()
+    amplitude_bar(panels[: len(images)], drawn)
+    (similarities, lengths), (likely, statistics) = below.subplots(2, 2)
     for axes, scale, title in ((similarities, 1.0, "metrics"), (lengths, 1e3, "metrics (mm)")):
         shown = [one for one in METRIC_TABLE if one.scale == scale]
         for one, colour in zip(shown, COLOURS, strict=False):
@@ -100,12 +102,11 @@ def shown_alphas(sweep: Sweep) -> list[int]:
 
 def roughness_figure(sweep: RoughnessSweep) -> Figure:
     """Draw a sweep over roughness, a row for each region: h, h and l together, and statistics."""
-    from matplotlib.figure import Figure
-
-    rows = len(sweep.estimates)
-    figure = Figure(figsize=(10.6, 3.3 * rows), dpi=DPI, facecolor="white", layout="constrained")
-    cells = figure.subplots(rows, 3, squeeze=False, width_ratios=(2.6, 2.4, 3.6))
-    for number, ((high, pair, fit), one) in enumerate(zip(cells, sweep.estimates, strict=True)):
+    figure = new_figure(ROW_WIDTH, 4.8 * len(sweep.estimates))
+    rows: Any = figure.subfigures(len(sweep.estimates), 1, squeeze=False)[:, 0]
+    for number, (row, one) in enumerate(zip(rows, sweep.estimates, strict=True)):
+        cells = row.subplot_mosaic([["high", "pair"], ["fit", "fit"]])
+        high, pair, fit = cells["high"], cells["pair"], cells["fit"]
         colour = COLOURS[number % len(COLOURS)]
         height_mm, found = 1e3 * one.heights_m, one.roughness_m
         # Per millimetre: the heights are spaced by equal ratios.

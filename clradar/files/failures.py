@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -79,7 +80,7 @@ def _holes_bytes(path: Path) -> int:
 
     Not by the blocks that it takes: some file systems know them only seconds after it was written.
     """
-    if not hasattr(os, "SEEK_HOLE"):  # Windows
+    if sys.platform == "win32":
         return 0
     with open(path, "rb") as file:
         size, at, holes = os.fstat(file.fileno()).st_size, 0, 0
