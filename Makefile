@@ -50,8 +50,10 @@ RUNS ?= 100000
 SEED ?= 1
 nightly: RUNS = 5000
 nightly: SEED := $(shell date +%j)
+fuzz: export PYTHONPATH := tests:tests/support
 fuzz: $(VENV)/.installed-dev
-	PYTHONPATH=tests:tests/support $(BIN)/python -m fuzz --runs $(RUNS) --seed $(SEED) --jobs $(JOBS)
+	$(BIN)/python -c "from fuzz.targets import TARGETS; print(*TARGETS)" | \
+		xargs -n 1 -P $(JOBS) $(BIN)/python -m fuzz --runs $(RUNS) --seed $(SEED)
 
 # Oclgrind shows up as a device where it is installed, so it has an environment of its own.
 memcheck: $(VENV)-memcheck/.installed

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from textwrap import shorten
+from textwrap import shorten, wrap
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import MIN_STEPS, echo_profile
 from clradar.model.resolution import lateral_resolution_m
 
-_META_LINES, _META_CHARACTERS = 40, 80
+_COLUMNS, _META_LINES, _META_CHARACTERS = 79, 40, 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +99,10 @@ class Description:
         for fact in self.facts:
             if self.missing and fact.words == "none":  # said below
                 continue
-            first, *others = fact.words.split("\n")
-            lines.append(f"  {fact.name:<{width}}  {first}")
-            lines += [f"  {'':<{width}}  {other}" for other in others]
+            start, indent = f"  {fact.name:<{width}}  ", " " * (width + 4)
+            for line in fact.words.split("\n"):
+                lines += wrap(line, _COLUMNS, initial_indent=start, subsequent_indent=indent)
+                start = indent
         lines += [f"  missing: {'; '.join(self.missing)}"] if self.missing else []
         lines += [f"  problem: {line}" for line in self.problems]
         lines += ["", self.template.rstrip("\n")] if self.template else []
@@ -121,11 +122,8 @@ def facts_of(record: Capture | Volume | ChannelCalibration) -> list[Fact]:
         facts = _volume_facts(record)
     else:
         facts = _channels_facts(record)
-    return (
-        [*facts, Fact("provenance", mapping_text(record.meta), record.meta)]
-        if record.meta
-        else facts
-    )
+    meta = record.meta
+    return [*facts, Fact("provenance", mapping_text(meta), meta)] if meta else facts
 
 
 def _data_facts(record: Capture | Volume, axes: str) -> list[Fact]:

@@ -183,7 +183,7 @@ def estimate_channels(
     except (ModelError, np.linalg.LinAlgError) as error:
         raise CalibrationError(
             f"{name}: the {target.kind} does not explain the capture: its fit leads to an "
-            f"impossible pose, or to channels without an echo ({error})"
+            "impossible pose, or to channels without an echo"
         ) from error
     return _calibration(capture, samples, found, live, noisy_db, max_residual_db)
 

@@ -59,16 +59,16 @@ def sweep_figure(sweep: Sweep) -> Figure:
     extent = Extent.around(images)
     high = n_rows * (panel_size(1.4, extent.aspect)[1] + 0.6)
     figure = new_figure(ROW_WIDTH, high + 5.2)
-    above, below = figure.subfigures(2, 1, height_ratios=(high, 5.2))
-    columns = min(len(images), IMAGES_IN_ROW)
-    panels: Any = above.subplots(n_rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    halves: Any = figure.subfigures(2, 1, height_ratios=(high, 5.2))
+    grid = (n_rows, min(len(images), IMAGES_IN_ROW))
+    panels = halves[0].subplots(*grid, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, image, title in zip(panels, images, titles, strict=False):
         drawn = draw_amplitude(axes, image, extent.unit)
-        draw_frame(axes, extent, title, y_labels=axes in panels[::columns])
+        draw_frame(axes, extent, title, y_labels=axes in panels[:: grid[1]])
     for axes in panels[len(images) :]:
         axes.remove()
     amplitude_bar(panels[: len(images)], drawn)
-    (similarities, lengths), (likely, statistics) = below.subplots(2, 2)
+    (similarities, lengths), (likely, statistics) = halves[1].subplots(2, 2)
     for axes, scale, title in ((similarities, 1.0, "metrics"), (lengths, 1e3, "metrics (mm)")):
         shown = [one for one in METRIC_TABLE if one.scale == scale]
         for one, colour in zip(shown, COLOURS, strict=False):
@@ -105,8 +105,7 @@ def roughness_figure(sweep: RoughnessSweep) -> Figure:
     figure = new_figure(ROW_WIDTH, 4.8 * len(sweep.estimates))
     rows: Any = figure.subfigures(len(sweep.estimates), 1, squeeze=False)[:, 0]
     for number, (row, one) in enumerate(zip(rows, sweep.estimates, strict=True)):
-        cells = row.subplot_mosaic([["high", "pair"], ["fit", "fit"]])
-        high, pair, fit = cells["high"], cells["pair"], cells["fit"]
+        high, pair, fit = row.subplot_mosaic("hp;ff").values()
         colour = COLOURS[number % len(COLOURS)]
         height_mm, found = 1e3 * one.heights_m, one.roughness_m
         # Per millimetre: the heights are spaced by equal ratios.

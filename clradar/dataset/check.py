@@ -91,8 +91,8 @@ def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport
     if len(problems) == before:
         known = sum(shard_name(n).split("/")[1] in manifest.sha256 for n in manifest.shards)
         checked += [
-            f"{len(manifest.shards)} shards, {known} by their SHA-256: samples in order",
-            f"{len(manifest.stored)} samples: labels are there",
+            f"shards: {len(manifest.shards)}, {known} by their SHA-256: samples in order",
+            f"samples: {len(manifest.stored)}, labels are there",
             f"{', '.join(manifest.plan.output.products)}: finite numbers",
         ]
     if manifest.aside:

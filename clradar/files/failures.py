@@ -6,7 +6,7 @@ import os
 import stat
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -85,11 +85,9 @@ def _holes_bytes(path: Path) -> int:
     with open(path, "rb") as file:
         size, at, holes = os.fstat(file.fileno()).st_size, 0, 0
         while at < size and holes <= MAX_HOLES_BYTES:
-            hole = file.seek(at, os.SEEK_HOLE)
-            try:
+            hole, at = file.seek(at, os.SEEK_HOLE), size
+            with suppress(OSError):  # there is no data behind it
                 at = file.seek(hole, os.SEEK_DATA)
-            except OSError:  # there is none behind it
-                at = size
             holes += at - hole
     return holes
 

@@ -105,20 +105,19 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
     mesh = axes.pcolormesh(*sines, level_db, shading="nearest", rasterized=True)
     add_bar([axes], mesh, BELOW_MAXIMUM, "min")
     beam = max((w for w in found.widths_m[:2] if np.isfinite(w)), default=np.inf)
-    reach = SHOWN_BEAMS * beam / found.focus_m[2]
-    for number, (lobe, at) in enumerate(zip(found.lobes, places, strict=True), 1):
-        if lobe.level_db < CIRCLED_DB:
-            continue
-        colour = TX_COLOUR if lobe.grating else "white"
-        axes.plot(*at[:2], "o", fillstyle="none", color=colour, markersize=8)
-        # x is to the left: towards the focus, or across that way.
-        beside = np.array([at[0], -at[1]] if lobe.grating else [at[1], at[0]]) / np.hypot(*at[:2])
-        axes.annotate(str(number), at[:2], 9.0 * beside, textcoords="offset points", ha="center",
-                      va="center", color="white", fontsize=TICK_PT, clip_on=True)  # fmt: skip
-        reach = max(reach, 1.15 * float(np.abs(at[:2]).max()))
-    if reach < 1.0:
-        axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
-    axes.set_aspect("equal")
+    strong = [i for i, lobe in enumerate(found.lobes) if lobe.level_db >= CIRCLED_DB]
+    taken = [np.zeros(2), *(places[i][:2] for i in strong)]
+    # Room for numbers of lobes along the surface of the array.
+    reach = min(max(SHOWN_BEAMS * beam / found.focus_m[2], 1.15 * np.abs(taken).max()), 1.1)
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), facecolor=mesh.cmap(0.0), aspect="equal")
+    turns = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    around = 0.09 * reach * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    for i in strong:
+        colour, spots = TX_COLOUR if found.lobes[i].grating else "white", places[i][:2] + around
+        axes.plot(*places[i][:2], "o", fillstyle="none", color=colour, markersize=8)
+        x, y = spots[np.linalg.norm(spots[:, None] - taken, axis=2).min(axis=1).argmax()]
+        taken.append(np.array([x, y]))
+        axes.text(x, y, str(i + 1), ha="center", va="center", color="white", fontsize=TICK_PT)
     x_name, y_name = "\N{LEFTWARDS ARROW} sine of the angle along x", "sine of the angle along y"
     label_axes(axes, x_name, y_name, title)
     axes.invert_xaxis()

@@ -19,7 +19,7 @@ SHARD = "shards/shard-00001.h5"
 def test_a_whole_data_set_has_no_problems(light):
     report = check_dataset(light)
     assert report.ok, report.problems
-    assert "3 shards, 3 by their SHA-256: samples in order" in report.checked
+    assert "shards: 3, 3 by their SHA-256: samples in order" in report.checked
     assert describe_dataset(light).values["samples"] == {"stored": 7, "plan": 7}
 
 

@@ -2,9 +2,6 @@
 
 import argparse
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 from fuzz import harness
@@ -17,7 +14,6 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=100_000, help="inputs per target (%(default)s)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--start", type=int, default=0, help="number of the first input")
-    parser.add_argument("--jobs", type=int, default=1, help="targets at once")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-faults"), help="inputs at fault")
     parser.add_argument("--read", type=Path, help="read this one file as TARGET would")
     options = parser.parse_args()
@@ -26,14 +22,13 @@ def main() -> int:
     if options.read is not None:
         print(*harness.judge(TARGETS[options.targets[0]], options.read))
         return 0
-    names = options.targets or list(TARGETS)
-    how = {"seed": options.seed, "start": options.start, "keep": options.keep}
-    tried = partial(harness.run_named, count=options.runs, **how)
     failed = False
-    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
-        for name, outcome in zip(names, pool.map(tried, names), strict=True):
-            print(f"{name}: {outcome}", flush=True)
-            failed |= bool(outcome.faults)
+    for name in options.targets or TARGETS:
+        outcome = harness.run(
+            TARGETS[name], options.runs, seed=options.seed, start=options.start, keep=options.keep
+        )
+        print(f"{name}: {outcome}", flush=True)
+        failed |= bool(outcome.faults)
     return int(failed)
 
 

@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from clradar.errors import ClradarWarning
-from fuzz.targets import TARGETS, Target
+from fuzz.targets import Target
 
 _MOST_FAULTS = 20
 """A run ends after so many: they have one cause, mostly."""
@@ -74,11 +74,6 @@ def run(target: Target, count: int, *, seed: int = 0, start: int = 0, keep: Path
                 if len(outcome.faults) == _MOST_FAULTS:
                     break
     return outcome
-
-
-def run_named(name: str, **how: Any) -> Outcome:
-    """`run`, for another process: what is in a target cannot be sent there."""
-    return run(TARGETS[name], **how)
 
 
 @cache

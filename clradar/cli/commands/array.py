@@ -54,15 +54,15 @@ def command(
     name = clusters[0].name.partition(", cluster ")[0]
     with progress_bar("searching lobes"):
         found = array_figures(clusters, waveform, parse.metres(at_mm), within_deg=within_deg)
-    if as_json:
-        print_text(indented({"array": name, "clusters": len(clusters), **record_of(found)}))
-    else:
-        tables.print_array(name, clusters, found)
     first_ghz, last_ghz, _ = radar.band
     at = ",".join(f"{v:g}" for v in at_mm)
     title = f"{name}, {first_ghz:g} to {last_ghz:g} GHz, focused on {at} mm"
     figure = partial(array_figure, clusters, waveform, found, title)
     write(output, figure, "" if as_json else "elements, virtual aperture, response")
+    if as_json:
+        print_text(indented({"array": name, "clusters": len(clusters), **record_of(found)}))
+    else:
+        tables.print_array(name, clusters, found)
 
 
 def record_of(found: ArrayFigures) -> dict[str, Any]:
