@@ -54,14 +54,12 @@ def test_kills_at_random_moments_change_no_byte(plan_file, undisturbed, tmp_path
             wait_for(lambda: process.poll() is not None or {*folder.glob("shards/.*.tmp")} - left)  # noqa: B023
         time.sleep(draw.uniform(0.0, 4.0))
         victim = draw.choice(["client", "group", "worker", "interrupt"])
-        ended = process.poll() is not None
-        children = [] if ended else psutil.Process(process.pid).children(recursive=True)
-        if victim == "worker":
-            workers = [c for c in children if "spawn_main" in " ".join(c.cmdline())]
-            if workers:
-                draw.choice(workers).kill()
-                done += 1
-                time.sleep(draw.uniform(0.0, 6.0))
+        children = psutil.Process(process.pid).children(True) if process.poll() is None else []
+        workers = [c for c in children if victim == "worker" and "spawn_main" in str(c.cmdline())]
+        if workers:
+            draw.choice(workers).kill()
+            done += 1
+            time.sleep(draw.uniform(0.0, 6.0))
         if process.poll() is None:
             if victim == "interrupt":
                 os.killpg(process.pid, signal.SIGINT)

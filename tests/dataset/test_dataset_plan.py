@@ -38,6 +38,7 @@ def test_the_least_plan_has_defaults():
     assert tuple(pose.name for pose in plan.poses.poses) == LETTERS
     assert plan.placement.z_mm == fixed(300.0)
     assert plan.simulation.estimator == "expected"
+    assert (plan.simulation.samples_per_mm2, plan.simulation.rays_per_sample) == (0.25, 160)
     assert plan.output.products == ("max_projection", "depth_map", "joints")
     assert not plan.impairments.any
 
