@@ -15,6 +15,7 @@ from clradar.dataset.shards import read_sample
 from clradar.files.atomic import write_file
 from clradar.hand import JOINT_NAMES
 from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes
+from clradar.plot.layout import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,11 +47,10 @@ def contact_sheet(samples: list[Sample]) -> Figure:
     Each is shown by its first product of: maximum projection, volume, depth map, capture;
     amplitudes in decibels below each image's maximum. One without has its joints alone.
     """
-    from matplotlib.figure import Figure
-
     rows, columns = -(-len(samples) // COLUMNS), min(COLUMNS, len(samples))
-    size = (columns * CELL_INCHES + 0.2, rows * (CELL_INCHES + 0.22) + 0.2)
-    figure = Figure(figsize=size, dpi=DPI, facecolor="white", layout="constrained")
+    figure = new_figure(columns * CELL_INCHES + 0.2, rows * (CELL_INCHES + 0.22) + 0.4, dpi=DPI)
+    scale = f"amplitudes from {DYNAMIC_RANGE_DB:g} dB below each maximum; depths from near to far"
+    figure.supxlabel(scale, fontsize=TITLE_PT, wrap=True)
     starts = [i for i, name in enumerate(JOINT_NAMES) if name.endswith("metacarpal")]
     for number, sample in enumerate(samples, start=1):
         axes = figure.add_subplot(rows, columns, number)
