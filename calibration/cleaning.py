@@ -37,8 +37,6 @@ def clean(
 
     Examples
     --------
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> frame, room = (clradar.Capture(np.full((1, 1, 16), v), array, waveform) for v in (3, 1))

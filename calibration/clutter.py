@@ -51,8 +51,6 @@ def average_frames(
 
     Examples
     --------
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
     >>> waveform = clradar.Waveform([77e9])
     >>> frames = [clradar.Capture(np.full((1, 1, 1), v), array, waveform) for v in (2, 2j)]
@@ -155,8 +153,6 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
 
     Examples
     --------
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> from clradar import reference
     >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
@@ -323,8 +319,6 @@ def range_gate(
     --------
     An echo at 0.15 m is kept, one at 0.4 m is rejected:
 
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> from clradar import reference
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)

@@ -130,8 +130,6 @@ def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
 
     Examples
     --------
-    >>> import clradar
-    >>> import calibration
     >>> array = clradar.AntennaArray([[0.01, 0, 0]], [[0, 0, 0]])
     >>> capture = clradar.Capture([[[1j]]], array, clradar.Waveform([77e9]))
     >>> other = calibration.Hypothesis(conjugated=True, mirrored=True)
@@ -270,7 +268,6 @@ def diagnose(
 
     Examples
     --------
-    >>> import calibration, clradar, numpy as np
     >>> from clradar import reference
     >>> place = np.random.default_rng(4)
     >>> tx, rx = (np.c_[place.uniform(-0.07, 0.07, (12, 2)), np.zeros(12)] for _ in range(2))

@@ -91,8 +91,6 @@ def backproject(
     --------
     The image of a point reflector has its maximum where the point is.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> q = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)

@@ -77,7 +77,7 @@ class ClradarWarning(UserWarning):
     --------
     Turn the warnings of a script into exceptions:
 
-    >>> import warnings, clradar
+    >>> import warnings
     >>> warnings.simplefilter("error", clradar.ClradarWarning)
     """
 

@@ -99,7 +99,7 @@ def simulate(
     --------
     A ball of 4 cm, and a part of the imager.
 
-    >>> import clradar, trimesh
+    >>> import trimesh
     >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
     >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
     >>> imager = clradar.arrays.qar50()
@@ -166,7 +166,7 @@ def simulate_image(
 
     Examples
     --------
-    >>> import clradar, trimesh
+    >>> import trimesh
     >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
     >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
     >>> radar = clradar.arrays.qar50()

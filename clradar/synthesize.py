@@ -50,7 +50,6 @@ def synthesize(
     --------
     Over a band of 1 GHz the phase of a path of 75 mm falls by a quarter of a cycle.
 
-    >>> import clradar, numpy as np
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.003, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 73e9, 2)
     >>> paths = clradar.Paths([0], [0], [0.075], [1.0], [1], n_tx=1, n_rx=1)

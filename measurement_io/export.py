@@ -48,7 +48,6 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
 
     Examples
     --------
-    >>> import clradar
     >>> from measurement_io import export_file
     >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (3, 2, 4))
     >>> volume = clradar.Volume(np.ones(grid.shape), grid)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from nightly import nightly
 
+import calibration
 import clradar
 from clradar.errors import ClradarError
 from clradar.hand import HandPose, posed_skeleton
@@ -95,6 +96,7 @@ def namespace() -> dict[str, Any]:
         "rig": rig,
         "np": np,
         "clradar": clradar,
+        "calibration": calibration,
     }
 
 

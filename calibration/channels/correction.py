@@ -44,8 +44,6 @@ def correct(
 
     Examples
     --------
-    >>> import clradar
-    >>> import calibration
     >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> plate = calibration.FlatPlate(0.3)
     >>> echo = calibration.response(plate, array, waveform := clradar.Waveform.sfcw(72e9, 82e9, 16))

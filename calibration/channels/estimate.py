@@ -127,8 +127,6 @@ def estimate_channels(
     --------
     A Tx of twice the gain, and 6 degrees ahead:
 
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> plate = calibration.FlatPlate(0.3)

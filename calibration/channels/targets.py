@@ -73,8 +73,6 @@ class CornerReflector(_AtPosition):
 
     Examples
     --------
-    >>> import clradar
-    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.4, 0, 0]])
     >>> calibration.CornerReflector([0, 0, 0.3]).echo(array).length_m.round(3).tolist()
     [[0.8]]
@@ -112,8 +110,6 @@ class Sphere(_AtPosition):
     --------
     A monostatic echo comes from the point of the sphere nearest to the antenna:
 
-    >>> import clradar
-    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> calibration.Sphere([0, 0, 0.35], 0.05).echo(array).length_m.round(3).tolist()
     [[0.6]]
@@ -171,8 +167,6 @@ class FlatPlate:
     --------
     The path length is the distance from the image of the Tx at z = 0.6 m:
 
-    >>> import clradar
-    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.8, 0, 0]])
     >>> calibration.FlatPlate(0.3).echo(array).length_m.round(3).tolist()
     [[1.0]]
@@ -246,8 +240,6 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     --------
     The path of 0.6 m is one wavelength:
 
-    >>> import clradar
-    >>> import calibration
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform([299_792_458 / 0.6])
     >>> calibration.response(calibration.FlatPlate(0.3), array, waveform).round(6)

@@ -159,8 +159,6 @@ def fit_hand(
     --------
     `examples/tutorials/9_hand_from_capture.py` fits a simulated hand. Where nothing is seen:
 
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
     >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
     >>> calibration.fit_hand(dark, "F", device="pocl")

@@ -116,8 +116,6 @@ def fit_hands(
     --------
     Frames of a recording, and where nothing is seen:
 
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
     >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
     >>> fits = calibration.fit_hands([dark, dark], "F", device="pocl")

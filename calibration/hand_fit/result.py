@@ -60,8 +60,6 @@ class Basin:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import calibration
     >>> from clradar.hand import pose_by_name
     >>> pose, place, joints_m = pose_by_name("S"), np.eye(4), np.zeros((25, 3))
     >>> one = calibration.Basin("S", pose, place, joints_m, 2310.5, "right")
@@ -130,8 +128,6 @@ class HandFit:
     --------
     What `calibration.fit_hand` returns, here made up:
 
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> from clradar.hand import HandShape, hand_mesh, pose_by_name
     >>> hand = hand_mesh("L", edge_length_m=4e-3)
     >>> scene = clradar.Scene.from_mesh(hand, alpha=0.3)

@@ -126,8 +126,6 @@ def align(
     --------
     A bumpy surface, and the same one 2 mm farther along x and 5 mm along z:
 
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> axis_m = np.arange(-20, 21) * 2e-3
     >>> x, y = np.meshgrid(axis_m, axis_m)
     >>> def surface(x, y):

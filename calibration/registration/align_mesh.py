@@ -113,8 +113,6 @@ def align_mesh(
     --------
     A square plate, and its image 4 mm farther along x and 5 mm along z:
 
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> corners = [[-.02, -.02, .3], [.02, -.02, .3], [.02, .02, .3], [-.02, .02, .3]]
     >>> plate = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]])
     >>> axis_m = np.arange(-20, 21) * 2e-3

@@ -84,8 +84,6 @@ class Alignment:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import calibration
     >>> quarter = np.eye(4)
     >>> quarter[:3] = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01]]
     >>> found = calibration.Alignment(

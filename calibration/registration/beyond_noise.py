@@ -108,8 +108,6 @@ class Place:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import calibration
     >>> print(calibration.Place(np.array([0.02, 0.06, 0.3]), 4e-4, 6.2, 5.1e-3, -2.0).text())
     x, y, z 20, 60, 300 mm (4 cm2): measured 5.1 mm closer and 2.0 dB darker
     """

@@ -83,8 +83,6 @@ class Round:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import calibration
     >>> rounds = [calibration.Round(np.eye(4), None, step_m) for step_m in (2e-3, 3e-4, 5e-5)]
     >>> [step.moved_m < 1e-4 for step in rounds]
     [False, False, True]
@@ -127,8 +125,6 @@ class Registration:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import calibration
     >>> rounds = tuple(calibration.Round(np.eye(4), 0.3, moved_m) for moved_m in (2e-3, 5e-5))
     >>> found = calibration.Registration(None, None, None, None, rounds, converged=True)
     >>> len(found.rounds), found.rounds[-1].alpha, found.rounds[-1].moved_m

@@ -101,8 +101,6 @@ def register(
     --------
     A rough square plate, and a simulation of it 4 mm farther along x, in place of a measurement:
 
-    >>> import clradar, numpy as np
-    >>> import calibration
     >>> corners = [[-.02, -.02, .3], [.02, -.02, .3], [.02, .02, .3], [-.02, .02, .3]]
     >>> plate = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]], 0.5)
     >>> q = clradar.arrays.qar50()

@@ -41,7 +41,6 @@ class Regions:
 
     Examples
     --------
-    >>> import calibration
     >>> regions = calibration.Regions.of_labels(["palm", "thumb", "palm"])
     >>> regions.names, regions.face.tolist()
     (('palm', 'thumb'), [0, 1, 0])

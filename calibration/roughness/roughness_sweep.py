@@ -148,8 +148,7 @@ def sweep_roughness(
     --------
     A plate, measured with another seed than the simulations':
 
-    >>> import clradar, numpy as np, trimesh, warnings
-    >>> import calibration
+    >>> import trimesh, warnings
     >>> warnings.simplefilter("ignore", clradar.ClradarWarning)  # of a coarse surface
     >>> plate = trimesh.creation.box((0.04, 0.04, 0.001)).apply_translation([0, 0, 0.3])
     >>> scene = clradar.Scene.from_mesh(plate)

@@ -184,8 +184,7 @@ def sweep(
     --------
     A ball, simulated with another seed in place of a measurement:
 
-    >>> import clradar, trimesh
-    >>> import calibration
+    >>> import trimesh
     >>> ball = trimesh.creation.icosphere(4, 0.04)
     >>> scene = clradar.Scene(ball.vertices + [0, 0, 0.3], ball.faces)
     >>> array = clradar.arrays.qar50().part(slice(None, None, 4), slice(None, None, 4))

@@ -36,7 +36,6 @@ def read_array(path: str | os.PathLike[str]) -> AntennaArray:
     Twelve transmitters along x and sixteen receivers along y.
 
     >>> from pathlib import Path
-    >>> import clradar
     >>> rules = '''
     ... [[tx]]
     ... line = { first_m = [-0.0275, 0, 0], last_m = [0.0275, 0, 0], n = 12 }
@@ -61,7 +60,6 @@ def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> import clradar
     >>> rules = '''
     ... copy_of = "qar50"
     ... pairs = "cluster"

@@ -80,8 +80,6 @@ def array_figures(
     --------
     Four receivers a wavelength apart: the grating lobes of a focus at broadside are at the horizon.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> band = clradar.Waveform.sfcw(60e9, 60e9, 1)
     >>> rx_m = (np.arange(4)[:, None] - 1.5) * [299_792_458 / 60e9, 0, 0]
     >>> array = clradar.AntennaArray([[0, 0, 0]], rx_m)

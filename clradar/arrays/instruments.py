@@ -19,7 +19,6 @@ def qar50() -> AntennaArray:
 
     Examples
     --------
-    >>> import clradar
     >>> array = clradar.arrays.qar50()
     >>> array.n_tx, array.n_rx
     (94, 94)

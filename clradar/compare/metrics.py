@@ -157,7 +157,6 @@ class Metrics(Record):
     --------
     NaN, here of two masks without a common pixel, becomes None for JSON.
 
-    >>> import clradar
     >>> metrics = clradar.Metrics(0.0, 0.1, 0.2, 0.0, float("nan"), 0.012, 0.009)
     >>> record = metrics.to_dict()
     >>> record["mask_iou"], record["depth_rmse_m"]
@@ -257,8 +256,6 @@ def compare(
     --------
     Two equal spots, 2 mm apart in depth; the overlap of equal planes is exp(-(d / 4 mm)^2).
 
-    >>> import numpy as np
-    >>> import clradar
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
     >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))

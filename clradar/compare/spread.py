@@ -107,7 +107,7 @@ def spread(
     --------
     How much of a small diffuse ball's image is shot noise, with few rays and with many.
 
-    >>> import clradar, trimesh
+    >>> import trimesh
     >>> ball = trimesh.creation.icosphere(subdivisions=3, radius=0.01)
     >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
     >>> imager = clradar.arrays.qar50()

@@ -50,7 +50,6 @@ def random_pose(rng: np.random.Generator) -> HandPose:
 
     Examples
     --------
-    >>> import numpy as np
     >>> from clradar.hand import random_pose
     >>> random_pose(np.random.default_rng(1)) == random_pose(np.random.default_rng(1))
     True
@@ -88,7 +87,6 @@ def pose_around(
 
     Examples
     --------
-    >>> import numpy as np
     >>> from clradar.hand import POSES, pose_around
     >>> pose_around(POSES["L"], np.random.default_rng(1), spread_deg=0.0) == POSES["L"]
     True

@@ -114,7 +114,6 @@ def random_shape(rng: np.random.Generator) -> HandShape:
 
     Examples
     --------
-    >>> import numpy as np
     >>> from clradar.hand import random_shape
     >>> round(1e3 * random_shape(np.random.default_rng(1)).length_m)  # millimetres
     188

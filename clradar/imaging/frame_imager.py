@@ -92,8 +92,6 @@ class FrameImager:
     --------
     A point reflector that moves away by 2 mm per frame.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> q = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(q.tx_m[::6], q.rx_m[::6])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)

@@ -81,8 +81,6 @@ class ImagingOperator:
     --------
     The dot test: both ways agree on the product of any reflectivity and any capture.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> q = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
@@ -308,8 +306,6 @@ def forward(
     --------
     Two points of opposite sign at the same place cancel; one alone has unit samples.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> array = clradar.AntennaArray([[-0.05, 0, 0]], [[0.05, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 4)
     >>> one = clradar.forward([[0, 0, 0.3]], [1.0], array, waveform)

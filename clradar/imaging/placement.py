@@ -105,7 +105,6 @@ def place_grid(
 
     Examples
     --------
-    >>> import clradar
     >>> q = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(q.tx_m[::3], q.rx_m[::3])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)

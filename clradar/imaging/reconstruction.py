@@ -122,8 +122,6 @@ def reconstruct(
     --------
     Two points 0.7 widths at -3 dB apart, with phases 90 degrees apart.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> q = clradar.arrays.qar50()
     >>> array = q.part(slice(None, None, 6), slice(None, None, 6))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 8)

@@ -93,7 +93,6 @@ def draw_channels(
 
     Examples
     --------
-    >>> import clradar
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> channels = clradar.draw_channels(array, waveform, seed=1, gain_db=3, dead_rx=[12])
     >>> print(abs(channels.rx_gain[12]))

@@ -80,8 +80,6 @@ def room_capture(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
     >>> array = clradar.AntennaArray([[-0.3, 0, 0]], [[0.3, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
     >>> wall = clradar.Wall(point_m=(0, 0, 0.4), normal=(0, 0, -1), amplitude=2.0)

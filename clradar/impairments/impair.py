@@ -103,8 +103,6 @@ def impair(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
     >>> q = clradar.arrays.qar50()
     >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)

@@ -211,7 +211,6 @@ def map_devices(
 
     Examples
     --------
-    >>> import clradar
     >>> def lanes(item, device):
     ...     return item * device.width
     >>> list(clradar.map_devices(lanes, [1, 2, 3], device="pocl"))

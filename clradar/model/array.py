@@ -49,7 +49,6 @@ class AntennaArray(Record):
     --------
     Two transmitters 14 cm apart and one receiver; the middles of the pairs sample the aperture.
 
-    >>> import clradar
     >>> array = clradar.AntennaArray([[-0.07, 0, 0], [0.07, 0, 0]], [[0, 0.07, 0]], name="cross")
     >>> array.n_tx, array.n_rx
     (2, 1)

@@ -42,8 +42,6 @@ class Capture(Record):
     The echo of a point 0.3 m in front of one Tx and Rx: the slope of its phase over frequency gives
     the path length back.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
     >>> k_per_m = waveform.frequencies_hz / 299_792_458
@@ -86,7 +84,6 @@ class Capture(Record):
 
         Examples
         --------
-        >>> import clradar
         >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0.01, 0]], tx_gain=[2j])
         >>> capture = clradar.Capture([[[4j]]], array, clradar.Waveform([76e9]))
         >>> capture.without_gains().data
@@ -123,7 +120,6 @@ class Capture(Record):
 
         Examples
         --------
-        >>> import clradar
         >>> array = clradar.AntennaArray([[0, 0, 0], [0.01, 0, 0]], [[0, 0.01, 0]])
         >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
         >>> capture = clradar.Capture([[[1, 2, 3]], [[4, 5, 6]]], array, waveform)
@@ -159,7 +155,6 @@ class Capture(Record):
         --------
         A large metal plate mirrors the Tx, ``|u| = 1/2R``: pi R^2.
 
-        >>> import clradar, numpy as np
         >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
         >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 2)
         >>> wavelength_m = 299_792_458 / waveform.frequencies_hz

@@ -42,8 +42,6 @@ class ChannelResponse(Record):
     --------
     A delay of 10 ps rotates the phase by -36 degrees from the reference at 77 GHz to 87 GHz.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> channels = clradar.ChannelResponse([1.0, 0.5j], [1.0], [10e-12, 0.0], [0.0], 77e9)
     >>> response = channels.tx_response(np.array([77e9, 87e9]))
     >>> np.round(np.degrees(np.angle(response)))
@@ -123,7 +121,6 @@ class ChannelCalibration(Record):
     --------
     `calibration.estimate_channels` estimates one; by hand, with a plate known to 1 mm:
 
-    >>> import clradar
     >>> result = clradar.ChannelCalibration(
     ...     response=clradar.ChannelResponse([1.0], [1.0], [0.0], [0.0], 77e9),
     ...     array=clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]]),

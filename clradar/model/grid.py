@@ -40,7 +40,6 @@ class VoxelGrid(Record):
     --------
     The volume of a hand in front of the aperture; a volume is indexed [z, y, x].
 
-    >>> import clradar
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-3)
     >>> grid.shape
     (41, 101, 101)

@@ -100,7 +100,6 @@ def material(name: str) -> Material:
 
     Examples
     --------
-    >>> import clradar
     >>> palm = clradar.material("palm")
     >>> palm.coating.thickness_m, palm.roughness_rms_m
     (0.00014, 0.00015)

@@ -38,7 +38,6 @@ class Coating(Record):
 
     Examples
     --------
-    >>> import clradar
     >>> clradar.Coating(140e-6, 3.1 - 0.4j)
     Coating(thickness_m=0.00014, permittivity=(3.1-0.4j))
     """
@@ -85,7 +84,6 @@ class Material(Record):
 
     Examples
     --------
-    >>> import clradar
     >>> plaster = clradar.Material(
     ...     "plaster", permittivity=2.94 - 0.06j, roughness_rms_m=0.1e-3, correlation_length_m=2e-3
     ... )

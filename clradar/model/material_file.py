@@ -48,7 +48,6 @@ def read_materials(path: str | os.PathLike[str]) -> dict[str, Material]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> import clradar
     >>> text = '[resin]\\npermittivity = "2.9 - 0.04j"\\nroughness_rms_m = 0.05e-3\\n'
     >>> _ = Path("lab.toml").write_text(text + 'correlation_length_m = 2e-3\\n')
     >>> clradar.read_materials("lab.toml")["resin"].permittivity
@@ -99,7 +98,6 @@ def write_materials(
 
     Examples
     --------
-    >>> import clradar
     >>> clradar.write_materials("known.toml", [clradar.material("palm")])
     >>> clradar.read_materials("known.toml")["palm"] == clradar.material("palm")
     True

@@ -31,7 +31,6 @@ class TraceStatistics(Record):
     --------
     Statistics of several traces add up.
 
-    >>> import clradar
     >>> first = clradar.TraceStatistics(samples=1000, visible=4000, outgoing=16000, absorbed=400)
     >>> both = first + clradar.TraceStatistics(1000, 4000, 16000, 240)
     >>> both.samples, both.absorbed_share
@@ -93,7 +92,6 @@ class Paths(Record):
     --------
     Two paths of one pair, whose lengths differ by half a wavelength, cancel.
 
-    >>> import clradar
     >>> waveform = clradar.Waveform([75e9])
     >>> half_m = 0.5 * 299_792_458 / 75e9
     >>> paths = clradar.Paths([0, 0], [1, 1], [0.6, 0.6 + half_m], [1, 1], [1, 1], n_tx=1, n_rx=2)

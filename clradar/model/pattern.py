@@ -45,8 +45,6 @@ class AntennaPattern(Record):
     --------
     A patch of 5 dBi, 60 degrees off boresight: cos^1 is -6 dB.
 
-    >>> import numpy as np
-    >>> import clradar
     >>> patch = clradar.AntennaPattern(gain_dbi=5.0, exponent=1.0)
     >>> cos_angle = np.cos(np.deg2rad([0.0, 60.0, 120.0]))
     >>> with np.errstate(divide="ignore"):

@@ -49,7 +49,6 @@ class ColeCole(Record):
 
     Examples
     --------
-    >>> import clradar
     >>> skin = clradar.ColeCole(4.0, [(32, 7.234e-12), (1100, 32.48e-9, 0.2)], 2e-4)
     >>> print(f"{skin.at(77e9)[0]:.2f}")
     6.56-8.91j
@@ -99,7 +98,6 @@ class PowerLaw(Record):
 
     Examples
     --------
-    >>> import clradar
     >>> wood = clradar.PowerLaw(1.99, 0.0, 0.0047, 1.0718)
     >>> print(f"{wood.at(77e9)[0]:.2f}")
     1.99-0.12j
@@ -146,7 +144,6 @@ class PermittivityTable(Record):
 
     Examples
     --------
-    >>> import clradar
     >>> resin = clradar.PermittivityTable([70e9, 80e9], [2.9 - 0.04j, 2.8 - 0.06j])
     >>> print(f"{resin.at(75e9)[0]:.3f}")
     2.850-0.050j

@@ -67,7 +67,6 @@ class Scene(Record):
 
     Examples
     --------
-    >>> import clradar
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=40)
     >>> scene = clradar.Scene.from_mesh(ball, alpha=0.3, unit="mm").transformed(

@@ -48,7 +48,6 @@ class Spread(Record):
 
     Examples
     --------
-    >>> import numpy as np, clradar
     >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3, 1e-3, 1e-3], (1, 1, 1))
     >>> pixel = lambda value: np.full((1, 1), value)
     >>> found = clradar.Spread(

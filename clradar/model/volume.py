@@ -63,8 +63,6 @@ class DepthMap(Record):
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
     >>> depth_m = [[0.30, np.nan], [0.31, 0.32]]
     >>> amplitude = [[1.0, 0.01], [0.5, 0.25]]
     >>> image = clradar.DepthMap(depth_m, amplitude, x_m=[0.0, 0.01], y_m=[0.0, 0.01])
@@ -107,7 +105,6 @@ class DepthMap(Record):
 
         Examples
         --------
-        >>> import clradar
         >>> image = clradar.DepthMap([[0.30], [0.31]], [[1.0], [0.5]], x_m=[0.0], y_m=[0.0, 0.01])
         >>> float(image.to_xarray().depth_m.sel(y_m=0.01).item())
         0.31
@@ -148,7 +145,6 @@ class Volume(Record):
     --------
     One column of voxels whose amplitude peaks between two of them.
 
-    >>> import clradar
     >>> grid = clradar.VoxelGrid([0, 0, 0.30], [1e-3, 1e-3, 1e-3], (1, 1, 4))
     >>> volume = clradar.Volume([[[0.2]], [[1.0]], [[0.8]], [[0.1]]], grid)
     >>> volume.max_projection()
@@ -184,7 +180,6 @@ class Volume(Record):
 
         Examples
         --------
-        >>> import clradar
         >>> grid = clradar.VoxelGrid([0, 0, 0.30], [1e-3, 1e-3, 1e-3], (1, 1, 3))
         >>> voxels = clradar.Volume([[[0.2]], [[1.0]], [[0.8]]], grid).to_xarray()
         >>> voxels.dims, abs(voxels).max("z_m").item()
@@ -251,7 +246,6 @@ class Volume(Record):
         --------
         A sphere of 1 cm, far larger than the wavelength: pi a^2 is -35 dBsm.
 
-        >>> import clradar, numpy as np
         >>> q = clradar.arrays.qar50()
         >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
         >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)

@@ -28,7 +28,6 @@ class Waveform(Record):
 
     Examples
     --------
-    >>> import clradar
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
     >>> waveform.n_freq, waveform.center_hz / 1e9
     (128, 77.0)

@@ -83,7 +83,7 @@ class MovingScene(Record):
     --------
     A ball that falls in front of a plate.
 
-    >>> import clradar, trimesh
+    >>> import trimesh
     >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
     >>> plate = trimesh.creation.box([0.1, 0.1, 0.01]).apply_translation([0, 0, 0.4])
     >>> fall = clradar.RigidMotion.steady(velocity_m_per_s=(0, -1.0, 0))

@@ -19,7 +19,6 @@ def read_motion(path: str | os.PathLike[str]) -> Motion:
     Examples
     --------
     >>> from pathlib import Path
-    >>> import clradar
     >>> text = '''
     ... [[body]]
     ... velocity_mm_per_s = [0, 0, 500]

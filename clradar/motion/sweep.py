@@ -86,7 +86,7 @@ def simulate_moving(
     --------
     A ball that comes nearer by 1 mm in the 1.9 ms of a sweep, seen by a part of the imager.
 
-    >>> import clradar, trimesh
+    >>> import trimesh
     >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
     >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
     >>> nearer = clradar.RigidMotion.steady(velocity_m_per_s=(0, 0, -0.5))

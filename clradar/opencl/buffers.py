@@ -31,7 +31,6 @@ class Buffers:
 
     Examples
     --------
-    >>> import numpy as np
     >>> from clradar.opencl import Buffers, open_device
     >>> with Buffers(open_device("pocl", memory_limit_bytes=4096)) as buffers:
     ...     lengths_m = buffers.upload(np.array([0.6, 0.7]))

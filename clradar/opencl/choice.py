@@ -68,7 +68,6 @@ def open_device(
 
     Examples
     --------
-    >>> import clradar
     >>> device = clradar.open_device("pocl")
     >>> device is clradar.open_device(device.info.selector)
     True
@@ -122,7 +121,6 @@ def cpu_beside(device: Device) -> Device | None:
 
     Examples
     --------
-    >>> import clradar
     >>> from clradar.opencl import cpu_beside
     >>> device = clradar.open_device("pocl")
     >>> cpu_beside(device) is device
@@ -145,7 +143,6 @@ def fault(selector: str) -> str | None:
 
     Examples
     --------
-    >>> import clradar
     >>> from clradar.opencl.choice import fault
     >>> fault(clradar.open_device("pocl").info.selector) is None
     True

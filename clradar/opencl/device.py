@@ -52,7 +52,6 @@ class DeviceInfo:
 
     Examples
     --------
-    >>> import clradar
     >>> info = clradar.open_device("pocl").info
     >>> info.kind, info.is_interpreter, info.max_alloc_bytes <= info.memory_bytes
     ('cpu', False, True)
@@ -114,7 +113,6 @@ class Device:
 
     Examples
     --------
-    >>> import clradar
     >>> device = clradar.open_device("pocl", memory_limit_bytes=10**6)
     >>> device.budget_bytes, device.width
     (1000000, 8)
@@ -177,7 +175,6 @@ def list_devices() -> list[DeviceInfo]:
 
     Examples
     --------
-    >>> import clradar
     >>> any("Portable Computing Language" in info.platform for info in clradar.list_devices())
     True
     """

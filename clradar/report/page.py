@@ -90,8 +90,6 @@ def html_report(
     Examples
     --------
     >>> from pathlib import Path
-    >>> import numpy as np
-    >>> import clradar
     >>> from clradar.report import ReportImage, html_report
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
@@ -146,8 +144,6 @@ def image_report(
 
     Examples
     --------
-    >>> import numpy as np
-    >>> import clradar
     >>> from clradar.report import ReportImage, image_report
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))

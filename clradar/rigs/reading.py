@@ -66,7 +66,6 @@ def read_rig(
     --------
     A hand of three triangles in the format of MANO: every vertex is a joint.
 
-    >>> import numpy as np
     >>> from clradar.hand import HandPose, posed_skeleton
     >>> from clradar.rigs import read_rig
     >>> from clradar.rigs.mano import MANO_JOINTS, PARENTS

@@ -138,7 +138,6 @@ class SimulationSettings:
 
     Examples
     --------
-    >>> import clradar
     >>> settings = clradar.SimulationSettings(estimator="expected").resolved()
     >>> settings.samples_per_mm2, settings.rays_per_sample
     (1.0, 40)

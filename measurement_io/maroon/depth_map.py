@@ -139,7 +139,6 @@ def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
     --------
     >>> import json
     >>> from pathlib import Path
-    >>> import numpy as np
     >>> from PIL import Image
     >>> from measurement_io import read_depth_map
     >>> radar = Path("plate/30/radar_72.0_82.0_3")
