@@ -89,15 +89,8 @@ def namespace() -> dict[str, Any]:
     data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     qar50, three = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     frames = [clradar.Capture((i + 1) * data, qar50, three) for i in range(3)]
-    return {
-        "frames": frames,
-        "capture": capture,
-        "channels": channels,
-        "rig": rig,
-        "np": np,
-        "clradar": clradar,
-        "calibration": calibration,
-    }
+    packages = {"np": np, "clradar": clradar, "calibration": calibration}
+    return {**packages, "frames": frames, "capture": capture, "channels": channels, "rig": rig}
 
 
 @pytest.mark.parametrize("name", [n for n in DOCUMENTED if n not in LONG] + nightly(LONG))
