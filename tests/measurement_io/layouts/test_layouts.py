@@ -133,6 +133,9 @@ def cases():
     yield "descending", (PLAIN, falling, CAPTURE)
     text = "[frequency]\nstart = 82\nstop = 72\npoints = 6\nunit = 'GHz'\n"
     yield "descending by steps", (DATA + SIDES + METRES + text, falling, CAPTURE)
+    text = f"{DATA}{SIDES}{METRES}[frequency]\nvalues = [72]\nunit = 'GHz'\n"
+    one = clradar.Capture(SAMPLES[..., :1], CAPTURE.array, clradar.Waveform([72e9]))
+    yield "one frequency", (text.replace(', "freq"]', "]"), {"data": SAMPLES[..., 0]}, one)
 
 
 @pytest.mark.parametrize(("text", "changes", "want"), dict(cases()).values(), ids=dict(cases()))

@@ -13,6 +13,7 @@ from comparisons import refusal, same_bits
 import clradar
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import check_file, open_capture, open_recording, read_transform, save_recording
+from measurement_io.native.records import save_capture
 
 refused = partial(refusal, open_capture)
 no_recording = partial(refusal, open_recording)
@@ -89,16 +90,13 @@ def test_wrong_contents(tmp_path, change, found):
     assert not check_file(path).ok
 
 
-@pytest.mark.parametrize(
-    ("name", "found"),
-    [
+def test_folder_name_disagrees(tmp_path):
+    for name, found in (
         ("radar_72.0_82.0_3", "2 in 'xr', 2 in 'fvec', 3 in the folder's name"),
         ("radar_72.0_81.0_2", "72 to 82 GHz"),
-    ],
-)
-def test_folder_name_disagrees(tmp_path, name, found):
-    radar = files.write_recording(tmp_path, name=name)
-    assert found in refused(radar / "calibrated_data" / "000000.npy")
+    ):
+        radar = files.write_recording(tmp_path / name, name=name)
+        assert found in refused(radar / "calibrated_data" / "000000.npy")
 
 
 # ---- antennas
@@ -118,6 +116,8 @@ def test_antenna_files(tmp_path):
     assert same_bits(array.tx_m, rows[1:95] + 1)
     array = open_capture(frame, rx_file=tmp_path / "Rx.dat").array
     assert same_bits(array.tx_m, clradar.arrays.qar50().tx_m)
+    save_capture(tmp_path / "native.h5", open_capture(frame))
+    assert "a native file" in refused(tmp_path / "native.h5", rx_file=tmp_path / "Rx.dat")
 
 
 @pytest.mark.parametrize(
@@ -132,9 +132,7 @@ def test_antenna_files(tmp_path):
 def test_bad_antenna_files(tmp_path, content, found):
     frame = files.write_frame(tmp_path / "f.npy", files.random_frame())
     (tmp_path / "Rx.dat").write_text(content)
-    with pytest.raises(MeasurementError, match=r"Rx\.dat") as caught:
-        open_capture(frame, rx_file=tmp_path / "Rx.dat")
-    assert found in str(caught.value)
+    assert found in refusal(lambda rx: open_capture(frame, rx_file=rx), tmp_path / "Rx.dat")
 
 
 def test_other_antennas_lie_beside_their_frames_which_are_of_one_array(tmp_path):
@@ -152,8 +150,7 @@ def test_other_antennas_lie_beside_their_frames_which_are_of_one_array(tmp_path)
     with pytest.raises(ModelError, match="other gains or patterns"):
         save_recording(tmp_path / "60", [other, gains])
     (radar / "antennas.toml").unlink()
-    with pytest.raises(MeasurementError, match=r"\(96, 96, Nf\) or \(94, 94, Nf\)"):
-        open_capture(path)
+    assert "(96, 96, Nf) or (94, 94, Nf)" in refused(path)
 
 
 # ---- a sequence of frames
@@ -336,8 +333,7 @@ def test_meshes_that_cannot_be_placed(tmp_path):
     with pytest.raises(MeasurementError, match=r"alignment\.json"):
         open_recording(radar).scene()
     alignment = files.write_alignment(radar.parent, {"kinect2radar": np.eye(4)})
-    with pytest.raises(MeasurementError, match="transform: expected a value, got nothing"):
-        read_transform(alignment)
+    assert "transform: expected a value, got nothing" in refusal(read_transform, alignment)
     with pytest.raises(MeasurementError, match="from 'photogrammetry' to 'radar'"):
         open_recording(radar).scene()
     files.write_alignment(radar.parent, {"photogrammetry2radar": np.eye(4)})
