@@ -226,7 +226,7 @@ def test_known_materials(own):
     assert own.source
     check_kirchhoff(own, Waveform.sfcw(72e9, 82e9, 2))  # a warning is an error here
     again = pickle.loads(pickle.dumps(own))
-    assert again == own == eval(repr(own), vars(clradar))
+    assert again == own == eval(repr(own), globals())
     assert hash(again) == hash(own)
     assert again.source == own.source
 
