@@ -12,7 +12,6 @@ from dataset_plans import tiny
 
 from clradar.dataset import run
 from clradar.dataset.plan.plan import plan_from
-from clradar.errors import ClradarWarning
 
 OWNERS: dict[str, str] = {}
 """File: the example that wrote it."""
@@ -44,7 +43,7 @@ def output_of(
         monkeypatch.setattr(sys, "argv", [path, *arguments])
         capsys.readouterr()
         with warnings.catch_warnings():
-            warnings.simplefilter("error", ClradarWarning)
+            warnings.simplefilter("error", UserWarning)
             runpy.run_path(path, run_name="__main__")
         for file in written().items() - before.items():
             assert OWNERS.setdefault(file[0], name) == name, f"{file[0]} is of both"
