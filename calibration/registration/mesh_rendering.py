@@ -281,8 +281,8 @@ class MeshRendering(Canvas):
     ) -> None:
         super().__init__(measured, aperture, blur_m)
         self.surface = surface
-        self._visible = np.zeros(0, dtype=np.intp)
-        self._share = np.zeros(0)
+        self._visible: np.ndarray = np.zeros(0, dtype=np.intp)
+        self._share: np.ndarray = np.zeros(0)
 
     def update_visibility(self, transform: np.ndarray, every: slice = slice(None)) -> None:
         """Compute which samples are visible when the mesh is moved by `transform`, shape (4, 4).

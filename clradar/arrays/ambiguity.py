@@ -97,7 +97,7 @@ def range_aliases(
     there_m = range_m + np.array(periods)[:, None] * waveform.unambiguous_range_m + cells_m
     places_m = middle_m + there_m[:, :, None] * (at_m - middle_m) / range_m
     ahead = (there_m > 0) & (places_m[:, :, 2] > antennas_m[:, 2].max())
-    level = np.zeros(there_m.shape)
+    level: np.ndarray = np.zeros(there_m.shape)
     level[ahead] = response(array, thinned(waveform), at_m, places_m[ahead])
     highest = level.argmax(axis=1)
     found = [

@@ -63,7 +63,7 @@ class PointCells:
         while True:
             self._place(points_m, low_m, high_m, edges_m)
             keys = self._keys(points_m)
-            self.order = np.argsort(keys, kind="stable")
+            self.order: np.ndarray = np.argsort(keys, kind="stable")
             keys = keys[self.order]
             starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
             if len(points_m) >= LEAST_LEAF * len(starts) or len(self.sizes) == 1:
@@ -115,7 +115,7 @@ class PointCells:
                     tables[axis] |= (index & 1) << at
             self._shifts.append(at)
         # numpy sorts 16 bits in linear time.
-        keys = np.zeros(len(points_m), np.uint16 if total <= 16 else np.int64)
+        keys: np.ndarray = np.zeros(len(points_m), np.uint16 if total <= 16 else np.int64)
         for axis, table in enumerate(tables):
             keys += table.astype(keys.dtype)[self._cells(points_m[:, axis], axis)]
         return keys

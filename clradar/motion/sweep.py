@@ -175,7 +175,7 @@ def simulate_moving(
         if piece is tested_piece:
             true = simulated(piece.doubtful_s, part, own)
             error = np.linalg.norm(tested - true) / max(np.linalg.norm(true), np.finfo(float).tiny)
-            about["sample_error_db"] = _decibels(error)
+            about["sample_error_db"] = _decibels(float(error))
     about |= {
         "pieces": len(pieces),
         "instants": sum(len(piece.times_s) for piece in pieces),

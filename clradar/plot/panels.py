@@ -209,7 +209,7 @@ def add_bar(panels: Sequence[Axes], drawn: Any, name: str, extend: str = "both")
     """Add a colour bar beside some panels."""
     from matplotlib.ticker import MaxNLocator
 
-    bar = panels[0].figure.colorbar(
+    bar: Any = panels[0].figure.colorbar(
         drawn, ax=list(panels), extend=extend, extendfrac=0.06, fraction=0.06, pad=0.02, aspect=25
     )
     bar.locator = MaxNLocator(5, steps=[1, 2, 5, 10])

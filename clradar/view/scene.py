@@ -73,7 +73,7 @@ class SceneView:
         self._marks: list[Any] = []
         self._layout = LAYOUTS[-1]
         self._drawn_for: tuple[Any, ...] = ()
-        self._view = (np.zeros(3), 1.0, 1.0, 0.0)
+        self._view: tuple[Any, ...] = (np.zeros(3), 1.0, 1.0, 0.0)
         """Middle, width, height and depth of what the camera is to show, units of the scene."""
         server.scene.set_up_direction("+y")
         server.scene.world_axes.visible = False
