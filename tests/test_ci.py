@@ -34,13 +34,9 @@ def lines_of(tmp_path: Path, said: tuple[str, ...], status: int = 0) -> tuple[in
     )
     make.chmod(0o755)
     done = subprocess.run(
-        [str(SCRIPT)],
-        env={**os.environ, "PATH": str(programs)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-    )
+        [str(SCRIPT)], env={**os.environ, "PATH": str(programs)}, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True, check=False,
+    )  # fmt: skip
     return done.returncode, done.stdout.splitlines()
 
 

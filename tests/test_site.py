@@ -101,12 +101,8 @@ def test_site_is_built_without_warnings_and_needs_no_network(tmp_path):
     """All but the tutorials, which `test_examples` runs."""
     pytest.importorskip("sphinx", reason="needs pip install '.[docs]'")
     folders = ["-d", str(tmp_path / "doctrees"), str(DOCS), str(tmp_path / "site")]
-    done = run(
-        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-Dplot_gallery=0", *folders],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-Dplot_gallery=0", *folders]
+    done = run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     pages = sorted((tmp_path / "site").rglob("*.html"))
     assert len(pages) > 50

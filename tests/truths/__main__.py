@@ -37,8 +37,9 @@ def main() -> None:
             if options.only or not row.holds:
                 print(f"{key}: {' | '.join(row.cells())}")
     if options.only is None:
-        for suffix, text in (("md", page.filled(tables)), ("csv", page.numbers(tables))):
-            (options.docs / f"validation.{suffix}").write_text(text, encoding="utf-8")
+        text, numbers = options.docs / "validation.md", options.docs / "validation.csv"
+        text.write_text(page.filled(text.read_text("utf-8"), tables), encoding="utf-8")
+        numbers.write_text(page.numbers(tables), encoding="utf-8")
 
 
 def of_spheres(images: Path) -> dict[str, list[Row]]:
@@ -107,15 +108,9 @@ def of_density(images: Path) -> dict[str, list[Row]]:
     }
     figures.density(DENSITIES, errors, images / "density.png")
     at = [DENSITIES.index(d) for d in (4.0, 8.0, 16.0)]
+    row = Row("", 0, 0, invariants.DENSITY_BOUND_DB, digits=1, at_most=True)
     rows = [
-        Row(
-            f"{name}, {DENSITIES[i]:g} per mm²",
-            0,
-            e[i],
-            invariants.DENSITY_BOUND_DB,
-            digits=1,
-            at_most=True,
-        )
+        replace(row, case=f"{name}, {DENSITIES[i]:g} per mm²", found=e[i])
         for name, e in errors.items()
         for i in at
     ]
