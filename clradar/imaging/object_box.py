@@ -33,7 +33,7 @@ ASIDE = 0.35
 """Of the range: other bodies of one range are looked for so far to the sides."""
 
 ASIDE_VOXELS, LOBE_FREQUENCIES = 2000, 16
-"""Bright voxels to the sides that are held against the lobes of the strongest echo."""
+"""Bright voxels to the sides that are compared with the lobes of the strongest echo."""
 
 COARSE_LOSS = 0.7
 """An image of which the strongest echo has less is too coarse to tell others from lobes."""

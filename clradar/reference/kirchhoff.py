@@ -5,7 +5,7 @@
     s(t, r, f) = sqrt(G_t G_r) (lambda / 4 pi) u
 
 Physical optics over points of a quadrature [1]_ [2]_. Slow and plain on purpose: it shares no code
-with the kernels and their host side, which are held against it.
+with the kernels and their host side, which are compared with it.
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""The kernels: their options, and the table of what they take of a GPU, held against the goals."""
+"""The kernels: their options, and the table of what they take of a GPU, compared with the goals."""
 
 import re
 from dataclasses import fields
