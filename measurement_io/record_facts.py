@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from textwrap import shorten, wrap
+from textwrap import TextWrapper, shorten
 from typing import Any
 
 import numpy as np
@@ -96,13 +96,15 @@ class Description:
     def __str__(self) -> str:
         width = max((len(fact.name) for fact in self.facts), default=0)
         lines = [f"{self.path}: {self.kind}"]
+        wrapper = TextWrapper(_COLUMNS, break_long_words=False, break_on_hyphens=False)
         for fact in self.facts:
             if self.missing and fact.words == "none":  # said below
                 continue
-            start, indent = f"  {fact.name:<{width}}  ", " " * (width + 4)
+            wrapper.initial_indent = f"  {fact.name:<{width}}  "
+            wrapper.subsequent_indent = " " * (width + 4)
             for line in fact.words.split("\n"):
-                lines += wrap(line, _COLUMNS, initial_indent=start, subsequent_indent=indent)
-                start = indent
+                lines += wrapper.wrap(line) or [wrapper.initial_indent]
+                wrapper.initial_indent = wrapper.subsequent_indent
         lines += [f"  missing: {'; '.join(self.missing)}"] if self.missing else []
         lines += [f"  problem: {line}" for line in self.problems]
         lines += ["", self.template.rstrip("\n")] if self.template else []
@@ -112,10 +114,8 @@ class Description:
 def facts_of(record: Capture | Volume | ChannelCalibration) -> list[Fact]:
     """Describe a record."""
     if isinstance(record, Capture):
-        facts = [
-            *_instrument_facts(record.array, record.waveform),
-            *_data_facts(record, "tx rx freq"),
-        ]
+        facts = _instrument_facts(record.array, record.waveform)
+        facts += _data_facts(record, "tx rx freq")
         facts += [_ABSOLUTE] if record.absolute else []
         facts += _range_facts(record)
     elif isinstance(record, Volume):

@@ -179,9 +179,10 @@ def estimate_channels(
             part, array, target, (tx, rx), tolerance, common_delay == "zero", progress
         )
     except (ModelError, np.linalg.LinAlgError) as error:
+        why = str(error) if isinstance(error, ModelError) else "singular equations"
         raise CalibrationError(
             f"{name}: the {target.kind} does not explain the capture: its fit leads to an "
-            "impossible pose, or to channels without an echo"
+            f"impossible pose, or to channels without an echo ({why})"
         ) from error
     return _calibration(capture, samples, found, live, noisy_db, max_residual_db)
 

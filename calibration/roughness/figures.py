@@ -27,7 +27,6 @@ ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#404040")
 """Palette of Okabe and Ito (2008), which colour-blind readers distinguish."""
 
-
 DECIBEL_PER_NATURAL = 10.0 / np.log(10.0)
 
 SHORT_NAMES = (
@@ -101,7 +100,7 @@ def shown_alphas(sweep: Sweep) -> list[int]:
 
 
 def roughness_figure(sweep: RoughnessSweep) -> Figure:
-    """Draw a sweep over roughness, a row for each region: h, h and l together, and statistics."""
+    """Draw a sweep over roughness: of each region h, h and l together, and below statistics."""
     figure = new_figure(ROW_WIDTH, 4.8 * len(sweep.estimates))
     rows: Any = figure.subfigures(len(sweep.estimates), 1, squeeze=False)[:, 0]
     for number, (row, one) in enumerate(zip(rows, sweep.estimates, strict=True)):

@@ -56,7 +56,7 @@ def test_kills_at_random_moments_change_no_byte(plan_file, undisturbed, tmp_path
         victim = draw.choice(["client", "group", "worker", "interrupt"])
         children = psutil.Process(process.pid).children(True) if process.poll() is None else []
         workers = [c for c in children if victim == "worker" and "spawn_main" in str(c.cmdline())]
-        if workers:
+        if workers and process.poll() is None:
             draw.choice(workers).kill()
             done += 1
             time.sleep(draw.uniform(0.0, 6.0))

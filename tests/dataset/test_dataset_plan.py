@@ -63,6 +63,7 @@ def test_a_plan_comes_back_from_its_record():
     ):
         record = json.loads(json.dumps(plan_record(plan), allow_nan=False))
         assert plan_from(record, "manifest", HERE) == plan
+        assert plan_record(plan_from(record, "manifest", HERE)) == plan_record(plan)
 
 
 @pytest.mark.parametrize(

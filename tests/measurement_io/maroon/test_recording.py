@@ -11,9 +11,9 @@ import pytest
 from comparisons import refusal, same_bits
 
 import clradar
+import measurement_io
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import check_file, open_capture, open_recording, read_transform, save_recording
-from measurement_io.native.records import save_capture
 
 refused = partial(refusal, open_capture)
 no_recording = partial(refusal, open_recording)
@@ -116,7 +116,7 @@ def test_antenna_files(tmp_path):
     assert same_bits(array.tx_m, rows[1:95] + 1)
     array = open_capture(frame, rx_file=tmp_path / "Rx.dat").array
     assert same_bits(array.tx_m, clradar.arrays.qar50().tx_m)
-    save_capture(tmp_path / "native.h5", open_capture(frame))
+    measurement_io.save_capture(tmp_path / "native.h5", open_capture(frame))
     assert "a native file" in refused(tmp_path / "native.h5", rx_file=tmp_path / "Rx.dat")
 
 
