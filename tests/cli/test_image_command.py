@@ -95,16 +95,6 @@ def test_inspect(cli, place, monkeypatch, name, kind):
         cli.fails(f"inspect {name} --png no.png --view xz", "--view", status=2)
 
 
-def test_check_finds_a_changed_byte(cli, made):
-    content = bytearray((made / "sim.h5").read_bytes())
-    content[len(content) // 2] ^= 1
-    Path("damaged.h5").write_bytes(content)
-    outcome = cli("inspect damaged.h5 --check")
-    assert outcome.status == 1
-    assert "problem" in outcome.out
-    assert outcome.err.startswith("clradar: error: damaged.h5")
-
-
 def test_a_capture_without_receptions_is_warned_of(cli, place):
     outcome = cli.ok("simulate hand.ply -o nothing.h5 --samples-per-mm2 1e-9")
     assert "clradar: warning: no ray reached a receiver" in outcome.err

@@ -106,32 +106,25 @@ def test_damage_is_found(light_copy, damage, words):
     assert any(words in line for line in report.problems), report.problems
 
 
-def test_an_incomplete_data_set_is_reported(faults, tmp_path, capsys):
-    faults({4: "stop"})
-    with pytest.raises(KeyboardInterrupt):
-        run(LIGHT, tmp_path, device=DEVICE)
-    for arguments, status in (
-        (["inspect", str(tmp_path)], 0),
-        (["inspect", str(tmp_path), "--check"], 1),
-    ):
-        assert exit_status(*arguments) == status
-    out, err = capsys.readouterr()
-    assert "samples    3 of 7" in out
-    assert "not complete: shards 1, 2 are missing" in out
-    assert "1 problem found" in err
-    assert len(open_dataset(tmp_path).sample) == 3
-
-
 POISONED = Aside(4, "ValueError: sample 4 is poisoned", ATTEMPTS)
 
 
-@pytest.mark.parametrize("stop", [2, *nightly([0, 4, 6])])
-def test_a_stopped_run_resumes_with_the_missing_shards(light, faults, tmp_path, stop):
+@pytest.mark.parametrize("stop", [2, 4, *nightly([0, 6])])
+def test_a_stopped_run_is_reported_and_resumes_with_the_missing_shards(
+    light, faults, tmp_path, capsys, stop
+):
     folder = tmp_path / "set"
     faults({stop: "stop"})
     with pytest.raises(KeyboardInterrupt):
         run(LIGHT, folder, device=DEVICE)
     assert not (folder / CONTACT_SHEET).exists()
+    if stop == 4:
+        assert [exit_status("inspect", folder, *more) for more in ([], ["--check"])] == [0, 1]
+        out, err = capsys.readouterr()
+        assert "samples    3 of 7" in out
+        assert "not complete: shards 1, 2 are missing" in out
+        assert "1 problem found" in err
+        assert len(open_dataset(folder).sample) == 3
     (folder / "shards" / ".shard-00001.h5.abc.tmp").mkdir()  # what a killed process was writing
     faults({})
     assert run(LIGHT, folder, device=DEVICE).made == 7 - stop // 3 * 3

@@ -443,16 +443,6 @@ def test_file_round_trip(tmp_path, found):
     save_channels(path, found, force=True)
 
 
-def test_files_of_other_kinds(tmp_path, truth, found):
-    capture, channels = tmp_path / "capture.h5", tmp_path / "channels.h5"
-    save_capture(capture, truth.record_target(TRUE["corner"]))
-    save_channels(channels, found)
-    with pytest.raises(MeasurementError, match="expected channels, got a capture; use open_capt"):
-        open_channels(capture)
-    with pytest.raises(MeasurementError, match="expected a capture, got channels; use open_chan"):
-        open_capture(channels)
-
-
 DATA = "entry/data"
 
 
