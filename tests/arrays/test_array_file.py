@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.arrays import qar50, read_array, read_clusters
+from clradar.arrays import qar50, read_array
 from clradar.arrays.array_file import array_of, array_record, array_text
 from clradar.errors import ClradarWarning, MeasurementError
 
@@ -111,24 +111,6 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
     )  # fmt: skip
     for name in ("tx_m", "rx_m", "tx_gain", "rx_gain", "tx_boresight", "rx_boresight"):
         np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
-
-
-def test_clusters_are_arrays_of_their_own(tmp_path):
-    text = """
-        copy_of = "qar50"
-        pairs = "cluster"
-        [[pose]]
-        plane = { size_m = [0.2, 0], n = [2, 1] }
-        """
-    path = tmp_path / "lab.toml"
-    path.write_text(text, encoding="utf-8")
-    clusters = read_clusters(path)
-    path.write_text(text.replace('"cluster"', '"all"'), encoding="utf-8")
-    (whole,) = read_clusters(path)
-    assert [c.n_tx for c in clusters] == [94, 94]
-    for side in ("tx_m", "rx_m"):
-        joined = np.concatenate([getattr(c, side) for c in clusters])
-        np.testing.assert_array_equal(joined, getattr(whole, side))
 
 
 @pytest.mark.parametrize(

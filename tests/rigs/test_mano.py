@@ -139,13 +139,6 @@ def test_fingertips_are_vertices_of_the_released_mesh():
 # --- files
 
 
-@pytest.mark.parametrize(("protocol", "python_2"), [(0, True), (1, True), (5, False)])
-def test_pickles_of_every_protocol_are_read(tmp_path, rig, model, protocol, python_2):
-    file = tmp_path / "model.pkl"
-    file.write_bytes(mano_pickle(model, protocol, python_2))
-    np.testing.assert_array_equal(read_rig(file).posed("F").vertices_m, rig.posed("F").vertices_m)
-
-
 def as_npz(model):
     plain = {k: v.toarray() if hasattr(v, "toarray") else v for k, v in model.items()}
     stream = io.BytesIO()
@@ -153,13 +146,19 @@ def as_npz(model):
     return stream.getvalue()
 
 
-def test_npz_files_are_read(tmp_path, rig, model):
-    file = tmp_path / "model.npz"
-    file.write_bytes(as_npz(model))
+KINDS = {
+    "protocol 0": lambda model: mano_pickle(model, 0, True),
+    "protocol 1": lambda model: mano_pickle(model, 1, True),
+    "protocol 5": lambda model: mano_pickle(model, 5, False),
+    "npz": as_npz,
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_files_of_every_kind_are_read(tmp_path, rig, model, kind):
+    file = tmp_path / ("model.npz" if kind == "npz" else "model.pkl")
+    file.write_bytes(KINDS[kind](model))
     np.testing.assert_array_equal(read_rig(file).posed("F").vertices_m, rig.posed("F").vertices_m)
-    np.savez(file, **{**model, "J_regressor": np.array(model["J_regressor"], dtype=object)})
-    with pytest.raises(RigError, match=r"a MANO hand model .*: Object arrays cannot be loaded"):
-        read_rig(file)
 
 
 @pytest.mark.parametrize(
@@ -186,6 +185,7 @@ def test_invalid_pickles_are_refused(tmp_path, content, message):
         ({"f": lambda f: f + np.uint32(10**6)}, "faces with vertices below"),
         ({"kintree_table": lambda k: k[:, ::-1]}, "the hierarchy of MANO's 16 joints"),
         ({"J_regressor": lambda j: j * 0.0}, "at the same place"),
+        ({"J_regressor": lambda j: j.astype(object)}, "Object arrays cannot be loaded"),
     ],
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
 )
