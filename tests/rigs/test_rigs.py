@@ -3,6 +3,7 @@
 import json
 import pickle
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,8 @@ wrong bone would be centimetres off: a bent finger's last joint moves by 40 mm."
 
 TURN = Rotation.from_rotvec([0.5, -1.2, 2.0]).as_matrix()
 MIRROR = np.diag([-1.0, 1.0, 1.0])
+FLAT = {"turn": np.diag([1.0, 1.0, 1e-3]), "local_turns": False}
+"""Squeezed into a plane, thumb and all, a hand is its own mirror image."""
 TIP_NAMES = tuple(JOINT_NAMES[i] for i in TIPS)
 METACARPALS = tuple(n for n in JOINT_NAMES if n.endswith("finger-metacarpal"))
 
@@ -298,36 +301,25 @@ def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path):
 
 
 def test_one_of_two_hands_in_a_file_is_chosen(tmp_path):
-    right, left = RigMaker(called="{}.R".format), RigMaker(called="{}.L".format, turn=MIRROR)
-    one, other = right.build(), left.build()
-    nodes, views, accessors = len(one.nodes), len(one.bufferViews), len(one.accessors)
-    right.blob += b"\0" * (-len(right.blob) % 4)
-    for view in other.bufferViews:
-        view.byteOffset += len(right.blob)
-    for accessor in other.accessors:
-        accessor.bufferView += views
-    for node in other.nodes:
-        node.children = [c + nodes for c in node.children]
-        if node.mesh is not None:
-            node.mesh = node.skin = 1
-    skin, primitive = other.skins[0], other.meshes[0].primitives[0]
-    skin.joints = [j + nodes for j in skin.joints]
-    skin.inverseBindMatrices += accessors
-    primitive.indices += accessors
-    for key, value in list(vars(primitive.attributes).items()):
-        if value is not None:
-            setattr(primitive.attributes, key, value + accessors)
-    for name in ("nodes", "bufferViews", "accessors", "skins", "meshes"):
-        getattr(one, name).extend(getattr(other, name))
-    right.blob += left.blob
-    path = rewritten(one, right, tmp_path / "both.glb")
+    """Flat ones, whose side is in the names: all else may be the same."""
+    maker = RigMaker(called="{}.R".format, **FLAT)
+    document = maker.build()
+    count = len(document.nodes)
+    for node in deepcopy(document.nodes):
+        node.name = node.name.replace(".R", ".L")
+        node.children = [child + count for child in node.children]
+        node.skin = None if node.mesh is None else 1
+        document.nodes.append(node)
+    document.skins.append(deepcopy(document.skins[0]))
+    document.skins[1].joints = [joint + count for joint in document.skins[0].joints]
+    document.scenes[0].nodes += [count, 2 * count - 1]
+    path = rewritten(document, maker, tmp_path / "both.glb")
     with pytest.raises(RigError, match="one hand, or one of each side and --rig-hand, got 2 hands"):
         read_rig(path)
     for side in ("right", "left"):
         with pytest.warns(ClradarWarning, match="'skin'$"):
             rig = read_rig(path, handedness=side)
-        turn = MIRROR if side == "left" else np.eye(3)
-        alone = read_rig(make(tmp_path, turn=turn), handedness=side)
+        alone = read_rig(make(tmp_path, **FLAT), handedness=side)
         assert rig.handedness == side
         assert rig.ignored == ("skin",)
         np.testing.assert_allclose(rig.posed("F").joints_m, alone.posed("F").joints_m, atol=1e-6)
@@ -389,9 +381,6 @@ def test_wrong_mappings_are_named(tmp_path, text, message):
 
 
 # --- sides and units
-
-FLAT = {"turn": np.diag([1.0, 1.0, 1e-3]), "local_turns": False}
-"""Squeezed into a plane, thumb and all, a hand is its own mirror image."""
 
 
 def test_the_side_of_a_flat_hand_is_given_or_named(tmp_path):
