@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hand_renderings import rendered_depth, state_of
+from hand_renderings import fitter_on, rendered_depth, state_of
 
 from calibration import HandFit, fit_hand
 from calibration.hand_fit import closed_loop
@@ -19,7 +19,7 @@ from calibration.hand_fit.closed_loop import (
     _difference,
     close_loop,
 )
-from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed, fitted_parameters
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_rendering import N_GEOMETRY, SHAPE
 from calibration.hand_fit.hand_state import HandState
@@ -51,8 +51,7 @@ def fitter() -> HandFitter:
     """On a blank image of few pixels, by few antennas."""
     axis_m = np.arange(-12, 13) * 8e-3
     depth = DepthMap(np.full((25, 25), 0.3), np.ones((25, 25)), axis_m, axis_m, 20.0)
-    model, device = ParametricHand("right", "pocl"), open_device("pocl")
-    return HandFitter(model, depth, RADAR.aperture, device, fitted_parameters(True), (FINE,))
+    return fitter_on(depth, shape=True, levels=(FINE,))
 
 
 @pytest.fixture
