@@ -37,10 +37,10 @@ NEED_A_DEVICE = (
     *("bench", "calibration/conventions", "calibration/hand_fit", "calibration/roughness"),
     *("calibration/scripts", "cli", "dataset", "fuzz", "imaging", "motion", "opencl", "phasors"),
     *("rigs", "tracing", "view", "arrays/test_gains_and_boresights.py"),
-    *("compare/test_spread.py", "jobs/test_devices.py"),
+    "compare/test_spread.py",
     *("calibration/registration/test_align_mesh.py", "calibration/registration/test_register.py"),
-    *("geometry/test_bvh.py", "hand/test_flesh.py", "hand/test_hand.py", "test_doctests.py"),
-    *("test_examples.py", "test_validation.py"),
+    *("hand/test_flesh.py", "hand/test_hand.py", "test_doctests.py", "test_examples.py"),
+    *("test_validation.py",),
 )
 """Folders and files of tests that are marked `device` as a whole."""
 
@@ -49,7 +49,7 @@ FIRST = (
     *("test_results_stay.py", "test_plot.py", "calibration/channels/test_channels.py"),
     *("view/test_view_browser.py", "opencl/test_ways.py", "imaging/test_placement.py"),
     *("cli/test_image_parts.py", "dataset/test_dataset_engine.py", "cli/test_process_command.py"),
-    *("cli/test_program.py", "motion/test_moving_sweep.py", "jobs/test_devices.py"),
+    *("cli/test_program.py", "motion/test_moving_sweep.py", "jobs/test_job.py"),
     *("calibration/registration/test_align.py", "calibration/registration/test_register.py"),
     *("calibration/test_conventions.py", "tracing/test_expected.py", "test_doctests.py"),
     *("test_examples.py", "test_platforms.py", "test_validation.py"),

@@ -277,11 +277,3 @@ def test_what_goes_where(cli, line, said):
     elif "v.ply" in line:
         # 20 log10(45 / 59) = -2.4 dB and 52 / 59 = -1.1 dB: seven pixels are brighter than -1 dB.
         assert len(trimesh.load("v.ply", process=False).vertices) == 7
-
-
-@pytest.mark.usefixtures("exported")
-def test_what_goes_nowhere(cli):
-    cli.fails("export capture.h5 -o c.vti", "c.vti", "clradar image")
-    cli.fails("export capture.h5 -o c.ply", "c.ply", "clradar image")
-    cli.fails("export volume.h5 -o v.csv", ".vti, .ply", "'.csv'")
-    cli.fails("export capture.h5 --depth-map -o c.npz", "expected a volume", status=2)

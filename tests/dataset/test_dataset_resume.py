@@ -1,15 +1,27 @@
-"""Runs that go on where others stopped, that repair, and what they refuse."""
+"""Runs that go on where others stopped or were killed, and what is found to be damaged."""
 
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import command_line
+import h5py
+import numpy as np
+import psutil
 import pytest
-from dataset_plans import DEVICE, LIGHT, digests, light_file, light_plan, plan_of
+from command_line import exit_status
+from dataset_plans import DEVICE, LIGHT, digests, flip_a_bit, light_file, light_plan, plan_of
 from nightly import nightly
+from test_dataset_engine import wait_for
 
 from clradar.dataset import open_dataset, run
 from clradar.dataset.check import check_dataset, describe_dataset
-from clradar.dataset.folder import CONTACT_SHEET, read_manifest
+from clradar.dataset.folder import CONTACT_SHEET, MANIFEST, read_manifest
 from clradar.errors import ClradarWarning, ModelError, OutputError
 from clradar.jobs.outcome import ATTEMPTS, Aside
 
@@ -18,6 +30,97 @@ pytestmark = [
     # Tested where it is given; elsewhere only what is made counts.
     pytest.mark.filterwarnings("ignore:.* made again", "ignore:sample . was set aside"),
 ]
+
+SHARD = "shards/shard-00001.h5"
+
+
+def test_a_whole_data_set_has_no_problems(light):
+    report = check_dataset(light)
+    assert report.ok, report.problems
+    assert "shards: 3, 3 by their SHA-256: samples in order" in report.checked
+    assert describe_dataset(light).values["samples"] == {"stored": 7, "plan": 7}
+
+
+def manifest(**values):
+    """Return a damage: some values of the manifest are others."""
+
+    def damage(folder):
+        content = json.loads((folder / MANIFEST).read_text())
+        (folder / MANIFEST).write_text(json.dumps({**content, **values}))
+
+    return damage
+
+
+def changed(place, value):
+    """Return a damage: an array of shard 1 is changed or gone, and the manifest has no SHA-256."""
+
+    def damage(folder):
+        manifest(sha256={})(folder)
+        with h5py.File(folder / SHARD, "r+") as file:
+            if value is None:
+                del file[place]
+            else:
+                file[place][...] = value(file[place][...])
+
+    return damage
+
+
+def with_nan(array):
+    array[1].flat[0] = np.nan
+    return array
+
+
+def unknown(damage):
+    """Return a damage of a shard without a SHA-256."""
+    return lambda folder: (manifest(sha256={})(folder), damage(folder))
+
+
+ASIDE = {"sample": 3, "reason": "why", "attempts": 2}
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda f: (f / SHARD).unlink(), "shards 1 are missing"),
+        (lambda f: (f / "shards" / "more.h5").write_bytes(b""), "can be removed by hand"),
+        (lambda f: (f / "shards" / ".x.tmp").write_bytes(b""), "left over"),
+        (lambda f: flip_a_bit(f / SHARD), "shard-00001.h5: expected the SHA-256"),
+        (unknown(lambda f: os.truncate(f / SHARD, 5000)), "delete the file, and the same"),
+        (lambda f: (f / MANIFEST).write_text("{"), "manifest.json"),
+        (lambda f: (f / MANIFEST).unlink(), "manifest.json"),
+        (manifest(clradar_version=3), "expected version 2 or older, got 3; update clradar"),
+        (manifest(plan={"samples": 0}), "manifest.json: samples: expected a whole number"),
+        (manifest(set_aside=[{**ASIDE, "sample": "2"}]), "set_aside[0].sample: expected a whole"),
+        (manifest(set_aside=[ASIDE]), "expected the samples 4, 5, got 3, 4, 5"),
+        (changed("entry/labels/sample", lambda a: a + 1), "the samples 3, 4, 5, got 4, 5, 6"),
+        (changed("entry/labels/alpha", None), "labels/alpha: expected one for each sample"),
+        (changed("entry/joints/data", with_nan), "joints: expected finite numbers"),
+        (changed("entry/joints/data", None), "shard-00001.h5: expected a shard of a data set"),
+        (changed("entry/mesh/vertices", with_nan), "mesh_vertices: expected finite"),
+    ],
+)
+def test_damage_is_found(light_copy, damage, words):
+    damage(light_copy)
+    report = check_dataset(light_copy)
+    assert not report.ok
+    assert any(words in line for line in report.problems), report.problems
+
+
+def test_an_incomplete_data_set_is_reported(faults, tmp_path, capsys):
+    faults({4: "stop"})
+    with pytest.raises(KeyboardInterrupt):
+        run(LIGHT, tmp_path, device=DEVICE)
+    for arguments, status in (
+        (["inspect", str(tmp_path)], 0),
+        (["inspect", str(tmp_path), "--check"], 1),
+    ):
+        assert exit_status(*arguments) == status
+    out, err = capsys.readouterr()
+    assert "samples    3 of 7" in out
+    assert "not complete: shards 1, 2 are missing" in out
+    assert "1 problem found" in err
+    assert len(open_dataset(tmp_path).sample) == 3
+
 
 POISONED = Aside(4, "ValueError: sample 4 is poisoned", ATTEMPTS)
 
@@ -142,3 +245,72 @@ def test_a_missing_shard_is_made_again(light, light_copy, damage):
         with pytest.warns(ClradarWarning, match=r"shard-00001\.h5.* its samples are made again"):
             assert run(LIGHT, light_copy, device=DEVICE).made == 3
     assert digests(light_copy) == digests(light)
+
+
+MANY = 150
+KILLS = int(os.environ.get("CLRADAR_TEST_KILLS", "25"))
+SEED = int(os.environ.get("CLRADAR_TEST_KILLS_SEED", "1"))
+LIMIT_S = 1800.0
+"""Of waits for events that always come, on a machine however busy."""
+
+
+@pytest.fixture(scope="module")
+def plan_file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plan")
+    output = {"shard_size": 2, "products": ["capture", "max_projection", "joints", "mesh"]}
+    return light_file(folder, samples=MANY, output=output, radar={"every": 32, "steps": 4})
+
+
+@pytest.fixture(scope="module")
+def undisturbed(plan_file, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed") / "set"
+    subprocess.run(command(plan_file, folder), check=True)
+    return digests(folder)
+
+
+def command(plan_file, folder, *more):
+    start = [sys.executable, "-m", "clradar", "dataset", str(plan_file), "-o", str(folder)]
+    return [*start, "--device", "pocl", *more]
+
+
+@pytest.mark.slow
+def test_kills_at_random_moments_change_no_byte(plan_file, undisturbed, tmp_path):
+    draw = random.Random(SEED)
+    folder, done = tmp_path / "set", 0
+    while done < KILLS:
+        left = {*folder.glob("shards/.*.tmp")}  # by what was killed before
+        process = subprocess.Popen(  # in a process group of its own
+            command(plan_file, folder, "--workers", "2"), text=True, start_new_session=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        begun = draw.random() < 0.8
+        if begun:  # a shard is being made; else while everything starts
+            wait_for(lambda: process.poll() is not None or {*folder.glob("shards/.*.tmp")} - left)  # noqa: B023
+        time.sleep(draw.uniform(0.0, 4.0))
+        victim = draw.choice(["client", "group", "worker", "interrupt"])
+        children = psutil.Process(process.pid).children(True) if process.poll() is None else []
+        workers = [c for c in children if victim == "worker" and "spawn_main" in str(c.cmdline())]
+        if workers and process.poll() is None:
+            draw.choice(workers).kill()
+            done += 1
+            time.sleep(draw.uniform(0.0, 6.0))
+        if process.poll() is None:
+            if victim == "interrupt":
+                os.killpg(process.pid, signal.SIGINT)
+                said = process.communicate(timeout=LIMIT_S)[1]
+                if begun:  # Python itself has to start before it can report
+                    assert process.returncode in (0, 130)
+                    assert "Traceback" not in said, said
+            elif victim == "group":
+                os.killpg(process.pid, signal.SIGKILL)
+            else:
+                process.kill()
+            done += 1
+        process.communicate()
+        _, alive = psutil.wait_procs(children, timeout=LIMIT_S)
+        assert not alive, "workers outlived their client"
+        if (folder / "contact-sheet.png").is_file():
+            assert digests(folder) == undisturbed
+            folder = folder.with_name(f"set-{done}")
+    subprocess.run(command(plan_file, folder), check=True)
+    assert digests(folder) == undisturbed

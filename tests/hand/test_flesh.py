@@ -2,14 +2,7 @@
 
 import numpy as np
 import pytest
-from flesh_reference import (
-    cone_distance_m,
-    digits,
-    distances_m,
-    gradients,
-    part_distances_m,
-    rows,
-)
+from flesh_reference import cone_distance_m, digits, distances_m, gradients, part_distances_m, rows
 from nightly import nightly
 
 import clradar

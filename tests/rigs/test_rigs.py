@@ -595,22 +595,6 @@ def test_the_command_poses_a_rig(cli):
     assert set(Scene.from_mesh("parts.ply").part_names) == set(PART_NAMES)
 
 
-@pytest.mark.parametrize(
-    ("options", "status", "message"),
-    [
-        ("--rig none.glb", 1, "none.glb: no such file; expected a rigged hand"),
-        ("--rig hand.glb --rig-hand left", 1, "expected a left hand, got a right one"),
-        ("--rig hand.glb --betas 1", 1, "betas: expected a MANO model"),
-        ("--rig hand.glb --rig-unit ell", 2, "--rig-unit"),
-        ("--rig hand.glb --theta t.json", 2, "--theta"),
-    ],
-)
-def test_the_command_refuses_in_one_line_and_writes_nothing(cli, options, status, message):
-    make(Path())
-    cli.fails(f"hand F {options} -o x.ply", message, status=status)
-    assert [path.name for path in Path().iterdir()] == ["hand.glb"]
-
-
 def test_rigs_go_to_other_processes(plain):
     again = pickle.loads(pickle.dumps(plain))
     np.testing.assert_array_equal(again.posed("A").vertices_m, plain.posed("A").vertices_m)

@@ -1,11 +1,13 @@
-"""The closed loop of the fit of a hand: bias and alpha from simulations of it."""
+"""The closed loop of the fit of a hand, and whole fits of what is none or half of one."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hand_renderings import state_of
+from hand_renderings import rendered_depth, state_of
 
+from calibration import HandFit, fit_hand
 from calibration.hand_fit import closed_loop
 from calibration.hand_fit.closed_loop import (
     ALPHA_FIRST,
@@ -25,7 +27,8 @@ from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.registration.mesh_fit import initial_log_brightness
 from calibration.registration.radar import Radar
 from clradar import DepthMap, Waveform, arrays
-from clradar.hand import pose_by_name
+from clradar.errors import ClradarWarning, CompareError
+from clradar.hand import POSES, pose_by_name
 from clradar.opencl import open_device
 
 CENTRE_M = np.array([0.01, 0.0, 0.3])
@@ -108,3 +111,42 @@ def test_a_round_simulates_the_hand_and_finds_it_where_it_is(fitter, state):
     volume = closed_loop.image_of(one.capture, fitter.depth, one.scene, given.device)
     assert volume.grid.shape[1:] == fitter.depth.depth_m.shape
     assert closed_loop.shared(volume.depth_map(20.0), volume.depth_map(20.0)) == pytest.approx(1.0)
+
+
+pytestmark = pytest.mark.slow
+
+
+def seen(letter: str) -> DepthMap:
+    """The rendering's own picture of a letter."""
+    hand = ParametricHand("right", "pocl")
+    return rendered_depth(hand, state_of(POSES[letter], hand))
+
+
+def fitted(depth: DepthMap, start: str) -> HandFit:
+    return fit_hand(depth, start, closed_loop=False, device="pocl")
+
+
+def test_noise_is_no_hand():
+    axis_m = 2e-3 * np.arange(-50, 51)
+    rng = np.random.default_rng(0)
+    amplitude = rng.rayleigh(size=(101, 101))
+    depth = DepthMap(rng.uniform(0.28, 0.32, (101, 101)), amplitude, axis_m, axis_m, 20.0)
+    with pytest.raises(CompareError, match=r"^could not fit the hand, because .* it shows noise"):
+        fitted(depth, "F")
+
+
+def test_of_half_a_hand_the_rest_is_as_in_the_start():
+    whole = seen("B")
+    kept = whole.x_m < 0.0  # thumb, index and middle finger
+    half = replace(
+        whole, x_m=whole.x_m[kept], depth_m=whole.depth_m[:, kept],
+        amplitude=whole.amplitude[:, kept],
+    )  # fmt: skip
+    with pytest.warns(ClradarWarning, match=r"outside of the measured image.*ring, pinky \("):
+        fit = fitted(half, "B")
+    untold = [name for name in fit.untold if name.startswith("pinky-finger-phalanx")]
+    assert len(untold) == 4
+    assert not fit.told_tips[4]
+    start = POSES["B"].angles("pinky-finger-phalanx-intermediate").flexion_rad
+    found = fit.pose.angles("pinky-finger-phalanx-intermediate").flexion_rad
+    assert found == pytest.approx(start, abs=np.radians(3.0))

@@ -1,24 +1,119 @@
-"""Skinned samples, renderings of hands and the descent on a hand's own rendering."""
+"""Renderings of hands, their derivatives, and the descent on a hand's own rendering."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hand_renderings import TIPS, fitter_on, rendered_depth, state_of
+from nightly import nightly
 from scipy.spatial import KDTree
 
+from calibration.hand_fit.bone_rates import bone_rates
 from calibration.hand_fit.descent import (
+    BRIGHTNESS,
     COARSE,
     FINE,
+    MIDDLE,
+    Fitted,
+    HandFitter,
+    fitted_parameters,
 )
-from calibration.hand_fit.hand_state import angles_of, pose_with
+from calibration.hand_fit.hand_model import ParametricHand
+from calibration.hand_fit.hand_rendering import N_GEOMETRY, N_PARAMETERS, SHAPE, stepped
+from calibration.hand_fit.hand_shape_vector import vector_of
+from calibration.hand_fit.hand_state import HandState, angles_of, pose_with
+from calibration.hand_fit.meshed_anew import missed_slopes, settled
 from calibration.hand_fit.misfit import deviance_map, misfit
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.skinned import SkinnedSamples
-from calibration.registration.mesh_fit import POWER_FLOOR, TUKEY_CUTOFF, initial_log_brightness
+from calibration.registration.mesh_fit import (
+    POWER_FLOOR,
+    TUKEY_CUTOFF,
+    cell_pixels,
+    initial_log_brightness,
+)
 from calibration.registration.mesh_rendering import MeasuredImage
 from clradar.hand import pose_by_name
+from clradar.hand.pose import HandPose, JointAngles
 from clradar.hand.shape import AVERAGE
+from clradar.opencl import open_device
+
+KINDS = ("right", "left", "rig")
+CENTRE_M = np.array([0.01, -0.02, 0.3])
+
+
+def bent() -> HandState:
+    """Within the limits of every angle, also those of the wrist and the twist of the thumb."""
+    pose = pose_by_name("C")
+    wrist = JointAngles.from_degrees(5.0, 4.0, -3.0)
+    state = state_of(HandPose("bent", {**pose.joints, "wrist": wrist}), ParametricHand())
+    state = state.with_angles(state.angles_rad + np.radians(np.linspace(3.0, 9.0, 23)))
+    return stepped(state, np.r_[0.1, -0.15, 0.1, np.zeros(N_GEOMETRY - 3)], CENTRE_M)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rates_of_bones_are_differences(hands, kind):
+    model, state, step = hands[kind], bent(), 1e-5
+
+    def bones_at(changed: HandState):
+        return model.bones(changed.pose, changed.shape).moved(changed.transform)
+
+    # Tips carry no skin, and their axes have no meaning.
+    rates = bone_rates(model, state, bones_at(state), CENTRE_M)
+    for k, away in enumerate(step * np.eye(N_GEOMETRY)):
+        ahead, behind = (bones_at(stepped(state, sign * away, CENTRE_M)) for sign in (1, -1))
+        # Of lengths below 0.2 m: the next term, step^2 / 6, and rounding, 2e-17 / step, are below
+        # 4e-12; those of the shape are one-sided, with a step of 1e-6.
+        tolerance = 1e-6 if k >= SHAPE.start else 1e-10
+        origin_m = (ahead.origin_m - behind.origin_m) / (2 * step)
+        matrix = np.delete((ahead.matrix - behind.matrix) / (2 * step), TIPS, axis=0)
+        assert np.abs(rates.origin_m[k] - origin_m).max() < tolerance, k
+        assert np.abs(np.delete(rates.matrix[k], TIPS, axis=0) - matrix).max() < tolerance, k
+        assert origin_m.any() == (model.has_shape or k < SHAPE.start), k
+
+
+def test_rates_at_the_limits_of_a_shape_are_those_of_one_side(hands):
+    model, state = hands["right"], bent()
+    longest = replace(state, shape=replace(AVERAGE, length_m=0.26))
+    almost = replace(state, shape=replace(AVERAGE, length_m=0.26 - 1e-6))
+    of_longest, of_almost = (
+        bone_rates(model, s, model.bones(s.pose, s.shape).moved(s.transform), CENTRE_M).origin_m
+        for s in (longest, almost)
+    )
+    assert np.abs(of_longest[SHAPE]).max() > 0.1
+    assert np.abs(of_longest - of_almost).max() < 1e-5
+
+
+@pytest.mark.parametrize("kind", ["right", "rig", *nightly(["left"])])
+def test_derivatives_are_differences_of_renderings(hands, kind):
+    model, state = hands[kind], bent()
+    wanted = fitted_parameters(model.has_shape)
+    depth = rendered_depth(model, state, 4e-3)
+    fitter = fitter_on(depth, model, shape=model.has_shape, levels=(MIDDLE,))
+    picture = fitter.picture(MIDDLE)
+    picture.draw_surface(state)
+    brightness = initial_log_brightness()
+    rendered = picture.render(state, brightness)
+    found = picture.derivatives(state, brightness, CENTRE_M, wanted, rendered)
+    # So small that next to no sample crosses a pixel's middle, where bilinear weights have kinks,
+    # and large against rounding, which is below 1e-4 of the derivative. One sample that does makes
+    # 2e-3 of it.
+    step = 1e-7
+    lit = (rendered[0] > 1e-3 * rendered[0].max()).ravel()
+    for row, k in enumerate(np.flatnonzero(wanted)):
+        ends = []
+        for sign in (1, -1):
+            there, brighter = state, brightness
+            if k < N_GEOMETRY:
+                there = stepped(state, sign * step * np.eye(N_GEOMETRY)[k], CENTRE_M)
+            else:
+                brighter = brightness + sign * step * np.eye(7)[k - BRIGHTNESS.start]
+            ends.append(picture.render(there, brighter))
+        for own, ahead, behind in zip(found, *ends, strict=True):
+            central = (ahead - behind).ravel()[lit] / (2 * step)
+            error = np.linalg.norm(own[row][lit] - central) / np.linalg.norm(central)
+            assert error < 4e-3, k
 
 
 @pytest.mark.parametrize("kind", ["right", "left", "rig"])
@@ -107,3 +202,78 @@ def test_a_hand_is_found_in_its_own_rendering(hands):
     assert (off_mm < before_mm).all()
     judged = [fitter.judged(found, prior, FINE, seed).deviance for seed in (5, 5, 6)]
     assert judged[0] == judged[1] != judged[2]
+
+
+GIRTH = SHAPE.stop - 1
+RING_BENT, THUMB_END = 19, 10
+"""The ring finger's knuckle, and the thumb's last joint."""
+
+
+@pytest.fixture(scope="module")
+def truth() -> HandState:
+    return state_of(pose_by_name("S"), ParametricHand("right", "pocl"))
+
+
+@pytest.fixture(scope="module")
+def fitter(truth) -> HandFitter:
+    model = ParametricHand("right", "pocl")
+    return fitter_on(rendered_depth(model, truth), model, shape=True, levels=(FINE,))
+
+
+@pytest.fixture(scope="module")
+def started(fitter, truth) -> Fitted:
+    fitter.picture(FINE).draw_surface(truth, 1)
+    brightness = fitter.scaled(truth, initial_log_brightness(), FINE)
+    return Fitted(truth, brightness, np.inf, np.inf)
+
+
+def only(fitter: HandFitter, k: int) -> HandFitter:
+    """The same, with one parameter to fit."""
+    fitted = np.arange(N_PARAMETERS) == k
+    device = open_device("pocl")
+    return HandFitter(fitter.model, fitter.depth, fitter.aperture, device, fitted, (FINE,))
+
+
+def test_slopes_by_the_girth_are_those_of_surfaces_that_are_meshed_anew(fitter, started):
+    """Where fingers of a fist touch, moving samples alone have others."""
+    missed = missed_slopes(only(fitter, GIRTH), started, 1)
+    picture, state, brightness = fitter.picture(FINE), started.state, started.log_brightness
+    step = np.where(np.arange(N_GEOMETRY) == GIRTH, 0.04, 0.0)
+    ends = [stepped(state, way * step, np.zeros(3)) for way in (1.0, -1.0)]
+    # Other samples than those that the slopes were found with.
+    high, low = (picture.meshed_anew(end, brightness, 2) for end in ends)
+    picture.draw_surface(state, 1)
+    _, alone, _ = fitter.linearised(state, brightness, FINE)
+    _, whole, _ = fitter.linearised(state, brightness, FINE, missed=missed)
+    found = misfit(picture, picture.render(state, brightness))
+    weight = np.sqrt(found.speckle_weights / cell_pixels(picture)) / found.dark
+    anew = (weight * (high[0] - low[0])).ravel() / 0.08
+    by_power = slice(0, anew.size)
+    # 0.67 and 0.49: the samples' pattern is in all of them.
+    assert _alike(whole[GIRTH, by_power], anew) > _alike(alone[GIRTH, by_power], anew) + 0.1
+
+
+def test_nothing_is_missed_of_the_motion_and_of_what_is_not_fitted(fitter, started):
+    missed = missed_slopes(only(fitter, RING_BENT), started, 1)
+    for slopes in (missed.by_power, missed.by_range):
+        assert np.flatnonzero(slopes.any(axis=1)).tolist() == [RING_BENT]
+    assert not missed_slopes(only(fitter, 2), started, 1).by_power.any()
+
+
+@pytest.mark.slow
+def test_a_fit_settles_nearer_to_the_truth_and_never_in_a_higher_deviance(fitter, truth, started):
+    step = np.zeros(N_GEOMETRY)
+    step[GIRTH], step[RING_BENT] = -0.05, 0.1
+    away = replace(started, state=stepped(truth, step, np.zeros(3)))
+    prior, missed = Prior.about(truth, angle_covariance()), missed_slopes(fitter, started, 1)
+    before = fitter.judged(away, prior, seed=5)
+    found = settled(fitter, away, prior, missed, 5)
+    assert found.deviance < before.deviance - 1.0
+    girth = vector_of(found.state.shape)[-1] - vector_of(truth.shape)[-1]
+    assert abs(girth) < 0.025
+    again = settled(fitter, found, prior, missed, 5)
+    assert again.deviance <= found.deviance
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> float:
+    return float(one @ other / np.sqrt((one @ one) * (other @ other)))

@@ -2,19 +2,14 @@
 
 import numpy as np
 import pytest
-from hand_renderings import fitter_on
+from hand_renderings import fitter_on, rendered_depth
 
 from calibration.hand_fit.basins import beside
 from calibration.hand_fit.certainty import joints_at
-from calibration.hand_fit.descent import (
-    COARSE,
-    FINE,
-    LEVELS,
-    Fitted,
-    HandFitter,
-)
+from calibration.hand_fit.descent import COARSE, LEVELS, Fitted, HandFitter
 from calibration.hand_fit.digit_chain import DigitChain
 from calibration.hand_fit.digit_search import DigitSearch
+from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_state import (
     ANGLES_OF_DIGIT,
     HIGHEST_RAD,
@@ -26,7 +21,6 @@ from calibration.hand_fit.layers import HandSkin, LayeredRendering, on_digit
 from calibration.hand_fit.prior import Prior, angle_covariance
 from calibration.hand_fit.result import DIGITS, TIPS
 from calibration.registration.mesh_fit import POWER_FLOOR, initial_log_brightness
-from clradar import DepthMap
 from clradar.hand import pose_by_name
 from clradar.hand.shape import AVERAGE
 from clradar.opencl import open_device
@@ -47,16 +41,8 @@ def bent() -> HandState:
 @pytest.fixture(scope="module")
 def fitter(bent) -> HandFitter:
     """On the picture that the rendering itself has of the hand with the bent finger."""
-    axis_m = np.arange(-37, 38) * 3e-3
-    blank = DepthMap(np.full((75, 75), 0.3), np.ones((75, 75)), axis_m, axis_m, 20.0)
-    picture = fitter_on(blank, levels=LEVELS).picture(FINE)
-    picture.draw_surface(bent, seed=7)
-    power, range_m = picture.render(bent, initial_log_brightness())
-    x, y = np.meshgrid(axis_m, axis_m)
-    lit = power > 1e-2 * power.max()
-    depth_m = np.where(lit, np.sqrt(np.maximum(range_m**2 - x**2 - y**2, 0.0)), np.nan)
-    amplitude = np.sqrt(power / power.max())
-    return fitter_on(DepthMap(depth_m, amplitude, axis_m, axis_m, 20.0), levels=LEVELS)
+    model = ParametricHand("right", "pocl")
+    return fitter_on(rendered_depth(model, bent, 3e-3), model, levels=LEVELS)
 
 
 def brightness_on(fitter: HandFitter, state: HandState) -> np.ndarray:

@@ -4,15 +4,14 @@ from functools import partial
 
 import numpy as np
 import pytest
+from hand_registrations import CENTRE_M, errors, motion
 from nightly import nightly
 from scipy.spatial.transform import Rotation
 
 import clradar
 from calibration import Alignment, align
-from calibration.registration.rigid_motion import exp_twist, kabsch, moved
+from calibration.registration.rigid_motion import moved
 from clradar.errors import CompareError, ModelError
-
-CENTRE_M = np.array([0.0, 0.0, 0.3])
 
 PIXEL_M = 2e-3
 
@@ -22,14 +21,6 @@ surface of radius R leaves by p^2 / 2R there: 0.08 mm for p = 2 mm, R = 25 mm, r
 
 EXACT_DEG = float(np.degrees(EXACT_M / 0.03))
 """The same depth error over the object's radius of 30 mm."""
-
-
-def motion(turn_deg=(0.0, 0.0, 0.0), shift_m=(0.0, 0.0, 0.0)):
-    """A rotation vector about the object's centre, then a shift, as a 4x4 matrix."""
-    transform = np.eye(4)
-    transform[:3, :3] = Rotation.from_rotvec(turn_deg, degrees=True).as_matrix()
-    transform[:3, 3] = CENTRE_M - transform[:3, :3] @ CENTRE_M + np.asarray(shift_m)
-    return transform
 
 
 def potato(p):
@@ -85,16 +76,8 @@ def without(depth, keep):
     return of_depth(np.where(keep, depth.depth_m, np.nan), depth.x_m)
 
 
-def error_of(transform, truth):
-    """Distance at the object's centre, metres, and angle, degrees, between two transforms."""
-    at_m = moved(truth, CENTRE_M[None])
-    off = transform @ np.linalg.inv(truth)
-    turn_deg = np.degrees(Rotation.from_matrix(off[:3, :3]).magnitude())
-    return float(np.linalg.norm(moved(off, at_m) - at_m)), float(turn_deg)
-
-
 def assert_near(result, truth, tolerance_m, tolerance_deg):
-    off_m, off_deg = error_of(result.transform, truth)
+    off_m, off_deg = errors(result.transform, truth)
     assert off_m <= tolerance_m
     assert off_deg <= tolerance_deg
 
@@ -279,24 +262,6 @@ def test_wide_search_finds_a_quarter_turn(original):
     truth = motion((0, 0, 90), (0.01, 0, 0))
     result = align(depth_map(potato, truth), original, search_deg=180)
     assert_near(result, truth, EXACT_M, EXACT_DEG)
-
-
-def test_kabsch_and_twists_are_exact():
-    rng = np.random.default_rng(1)
-    points_m = rng.normal(size=(10, 3))
-    centre_m, twist = rng.normal(size=3), rng.normal(size=6)
-    truth = exp_twist(twist, centre_m)
-    np.testing.assert_allclose(
-        kabsch(points_m, moved(truth, points_m), np.ones(10)), truth, atol=1e-12
-    )
-    np.testing.assert_allclose(exp_twist(-twist, centre_m) @ truth, np.eye(4), atol=1e-12)
-    # Halves add up, on both sides of where the series takes over.
-    for size in (1e-9, 0.004, 0.015, 0.4):
-        half = exp_twist(0.5 * size * twist, centre_m)
-        np.testing.assert_allclose(half @ half, exp_twist(size * twist, centre_m), atol=1e-12)
-    # A flat set must not come back mirrored.
-    flat_m = points_m * [1, 1, 0]
-    assert np.linalg.det(kabsch(flat_m, moved(truth, flat_m), np.ones(10))[:3, :3]) > 0
 
 
 @pytest.mark.parametrize("name", ["transform", "covariance", "centre_m"])

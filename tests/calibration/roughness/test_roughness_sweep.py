@@ -18,20 +18,13 @@ import calibration
 import clradar
 from calibration import Regions, RoughnessEstimate, sweep_roughness
 from calibration.roughness import figures, roughness_sweep as module
-from calibration.roughness.emulator import (
-    Emulator,
-    Fit,
-    Interval,
-    at_ends,
-    logarithms,
-    terms,
-)
+from calibration.roughness.emulator import Emulator, Fit, Interval, at_ends, logarithms, terms
 from calibration.roughness.millimetres import RegionStatistics, estimate_roughness
 from calibration.roughness.surface_points import SPACING_M, SurfacePoints, surface_points
 from calibration.roughness.texture import SubApertures, TextureMeter, halves, of_power
 from clradar import reference
 from clradar.errors import CompareError, ModelError
-from measurement_io import save_capture, save_volume
+from measurement_io import save_capture
 
 # The smallest lengths are too steep for Kirchhoff; `test_...` expects what matters.
 pytestmark = pytest.mark.filterwarnings("ignore:material:clradar.ClradarWarning")
@@ -443,30 +436,3 @@ def test_the_command_passes_its_options_and_writes_what_is_found(files, capsys, 
     assert "nothing to do" in capsys.readouterr().out
     assert run(*COMMAND, "--seeds", "5") == 1
     assert "begun with other settings" in capsys.readouterr().err
-
-
-ROUGHNESS = ("--roughness-mm", "0.1:0.5:0.1")
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        ([*ROUGHNESS, "--alpha", "0:1:0.1"], "expected without"),
-        ([*ROUGHNESS, "--correlation-mm", "3:1:1"], "FIRST below LAST"),
-        ([*ROUGHNESS, "--correlation-mm", "1000"], "numbers in"),
-        (["--material", "palm"], "--roughness-mm"),
-        (["--calibrated"], "--roughness-mm"),
-        (["--correlation-mm", "2"], "--roughness-mm"),
-    ],
-)
-def test_wrong_usage_leaves_nothing(files, capsys, more, words):
-    assert run("sweep", "measured.h5", "mesh.ply", "-o", "out", *more) == 2
-    assert words in " ".join(capsys.readouterr().err.replace("│", " ").split())
-    assert not (files / "out").exists()
-
-
-def test_roughness_needs_a_capture(files, capsys):
-    grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.03, 0.03), (0.285, 0.315), 3e-3)
-    save_volume("image.h5", clradar.Volume(np.ones(grid.shape), grid))
-    assert run("sweep", "image.h5", "mesh.ply", *ROUGHNESS, "-o", "out") == 1
-    assert "expected a capture with --roughness-mm" in " ".join(capsys.readouterr().err.split())
