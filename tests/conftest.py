@@ -39,8 +39,8 @@ NEED_A_DEVICE = (
     *("rigs", "tracing", "view", "arrays/test_gains_and_boresights.py"),
     "compare/test_spread.py",
     *("calibration/registration/test_align_mesh.py", "calibration/registration/test_register.py"),
-    *("geometry/test_bvh.py", "hand/test_flesh.py", "hand/test_hand.py", "test_doctests.py"),
-    *("test_examples.py", "test_validation.py"),
+    *("hand/test_flesh.py", "hand/test_hand.py", "test_doctests.py", "test_examples.py"),
+    *("test_validation.py",),
 )
 """Folders and files of tests that are marked `device` as a whole."""
 

@@ -21,7 +21,7 @@ import tempfile
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,12 @@ import clradar.dataset
 import clradar.hand
 from calibration.clutter import gate
 from clradar.compare import METRICS
+
+sys.path.append(str(Path(__file__).with_name("support")))  # where this is run as a program
+
+from dataset_plans import plan_of
+from rig_files import RigMaker
+from shapes import plate
 
 EXACT = 1e-9
 """Numbers that the host computes in float64 without a decision that rounding could turn. Another
@@ -397,17 +403,11 @@ def points(array: clradar.AntennaArray, steps: int) -> clradar.Capture:
     )
 
 
-def wavy_plate(cells: int = 12) -> clradar.Scene:
+def wavy_plate() -> clradar.Scene:
     """Return waves of 3 mm on a square of 5 cm at 0.3 m, its halves called left and right."""
-    axis = np.linspace(-0.025, 0.025, cells + 1)
-    x, y = (a.ravel() for a in np.meshgrid(axis, axis))
-    wave = 3e-3 * np.sin(80 * np.pi * x) * np.cos(40 * np.pi * y)
-    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
-    low = np.stack([corner, corner + 1, corner + cells + 2], axis=1)
-    high = np.stack([corner, corner + cells + 2, corner + cells + 1], axis=1)
-    faces = np.concatenate([low, high])
-    left = (x[faces].mean(axis=1) > 0).astype(np.int32)
-    return clradar.Scene(np.stack([x, y, 0.3 + wave], axis=1), faces, 0.5, left, ("left", "right"))
+    vertices, faces = plate(0.05, 0.3, 12, wavy_m=3e-3)
+    left = (vertices[faces][:, :, 0].mean(axis=1) > 0).astype(np.int32)
+    return clradar.Scene(vertices, faces, 0.5, left, ("left", "right"))
 
 
 def motion(turn_rad: float, shift_m: tuple[float, float, float]) -> np.ndarray:
@@ -426,14 +426,6 @@ def placed(alignment: calibration.Alignment) -> dict[str, Any]:
     """Return a rigid motion as turn and shift, which have scales of their own."""
     transform = alignment.transform
     return {"turn": transform[:3, :3], "shift": transform[:3, 3]}
-
-
-def of_mesh(mesh: clradar.hand.HandMesh) -> dict[str, Any]:
-    normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
-    return {
-        **{"vertices": mesh.vertices_m, "faces": mesh.faces, "joints": mesh.joints_m},
-        **{"part": mesh.part, "normals": normals},
-    }
 
 
 def of_capture(capture: clradar.Capture) -> dict[str, Any]:
@@ -502,39 +494,29 @@ def angles(pose: clradar.hand.HandPose) -> np.ndarray:
 
 @case(SUMMED)
 def hand_meshes(works: Works) -> Values:
-    """Two letters, one of them a left hand of another size elsewhere; joints alone."""
-    shape = clradar.hand.HandShape(0.17, 0.076, (0.95, 1.05, 1.0, 1.02, 0.97), 1.1)
-    left = clradar.hand.hand_mesh(
-        "Y", 4e-3, "left", (0.01, -0.02, 0.28), shape, device=works.device
-    )
-    return {**named("F", of_mesh(works.mesh)), **named("Y", of_mesh(left))}
-
-
-@case(SUMMED)
-def more_hands(works: Works) -> Values:
-    """A drawn hand, a finer one, a moved one, and joints without a mesh."""
-    hand = clradar.hand
+    """Letters, a left hand of another size elsewhere, a drawn, a finer and a moved hand, joints."""
+    hand, on = clradar.hand, {"device": works.device}
+    shape = hand.HandShape(0.17, 0.076, (0.95, 1.05, 1.0, 1.02, 0.97), 1.1)
     rng = np.random.default_rng(5)
-    drawn = hand.hand_mesh(
-        hand.random_pose(rng), 4e-3, shape=hand.random_shape(rng), device=works.device
-    )
-    fine = hand.hand_mesh("7", 2e-3, device=works.device)
     turn = motion(0.4, (0.01, 0.0, 0.02))
-    moved = works.mesh.moved(turn[:3, :3], turn[:3, 3])
-    return {
-        **named("drawn", of_mesh(drawn)),
-        **named("fine", of_mesh(fine)),
-        **named("moved", of_mesh(moved)),
-        "joints": hand.hand_mesh("L", handedness="left", device=works.device).joints_m,
+    meshes = {
+        "F": works.mesh,
+        "Y": hand.hand_mesh("Y", 4e-3, "left", (0.01, -0.02, 0.28), shape, **on),
+        "drawn": hand.hand_mesh(hand.random_pose(rng), 4e-3, shape=hand.random_shape(rng), **on),
+        "fine": hand.hand_mesh("7", 2e-3, **on),
+        "moved": works.mesh.moved(turn[:3, :3], turn[:3, 3]),
     }
+    found: dict[str, Any] = {"joints": hand.hand_mesh("L", handedness="left", **on).joints_m}
+    for name, mesh in meshes.items():
+        normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals
+        values = {"vertices": mesh.vertices_m, "faces": mesh.faces, "joints": mesh.joints_m}
+        found |= named(name, {**values, "part": mesh.part, "normals": normals})
+    return found
 
 
 @case(SUMMED)
 def rig(works: Works) -> Values:
     """A rigged hand from a glTF file in two poses, by way of a data set's recipes."""
-    sys.path.append(str(Path(__file__).with_name("support")))
-    from rig_files import RigMaker
-
     RigMaker().save(works.folder / "hand.glb")
     path = works.folder / "rig.toml"
     path.write_text(
@@ -596,54 +578,43 @@ def scenes(works: Works) -> Values:
 
 
 @case(TRACED)
-def paths_one_bounce(works: Works) -> Values:
-    """By density, with smooth normals."""
-    paths = clradar.trace(
-        works.parts, works.array, samples_per_mm2=0.3, rays_per_sample=2, seed=3,
-        device=works.device,
-    )  # fmt: skip
-    capture = clradar.synthesize(paths, works.array, works.waveform, device=works.device)
-    return {**of_paths(paths), **named("capture", of_capture(capture))}
+def paths(works: Works) -> Values:
+    """By density; with amplitudes that spread, and a pattern; as many samples on every face."""
+    rays: dict[str, tuple[clradar.Scene, dict[str, Any]]] = {
+        "one bounce": (works.parts, {"samples_per_mm2": 0.3, "rays_per_sample": 2, "seed": 3}),
+        "two bounces": (works.hand, {
+            "samples_per_mm2": 0.2, "rays_per_sample": 3, "max_bounces": 2, "seed": 2**63 + 5,
+            "reception_radius_m": 0.015, "amplitude": "spreading", "pattern_exponent": 1.5,
+        }),
+        "per face": (works.hand, {
+            "rays_per_face": 2, "normals": "face", "amplitude": "spreading", "seed": 4,
+        }),
+    }  # fmt: skip
+    found: dict[str, Any] = {}
+    for name, (scene, settings) in rays.items():
+        traced = clradar.trace(scene, works.array, device=works.device, **settings)
+        assert traced.bounces.max() == settings.get("max_bounces", 1)
+        found |= named(name, of_paths(traced))
+        if name == "one bounce":
+            capture = clradar.synthesize(traced, works.array, works.waveform, device=works.device)
+            found |= named("capture", of_capture(capture))
+    return found
 
 
 @case(TRACED)
-def paths_two_bounces(works: Works) -> Values:
-    """With amplitudes that spread, and antennas of a pattern."""
-    paths = clradar.trace(
-        works.hand, works.array, samples_per_mm2=0.2, rays_per_sample=3, max_bounces=2,
-        reception_radius_m=0.015, amplitude="spreading", pattern_exponent=1.5, seed=2**63 + 5,
-        device=works.device,
-    )  # fmt: skip
-    assert paths.bounces.max() == 2
-    return of_paths(paths)
-
-
-@case(TRACED)
-def paths_per_face(works: Works) -> Values:
-    """As in the paper: so many samples on every face, with the faces' own normals."""
-    paths = clradar.trace(
-        works.hand, works.array, rays_per_face=2, normals="face", amplitude="spreading", seed=4,
-        device=works.device,
-    )  # fmt: skip
-    return of_paths(paths)
-
-
-@case(TRACED)
-def capture_stochastic(works: Works) -> Values:
-    """One alpha, and one per part with two bounces."""
-    by_part = works.simulated(
-        works.parts, samples_per_mm2=0.3, rays_per_sample=2, max_bounces=2, crease_deg=50.0, seed=5
-    )
-    return {**named("one", of_capture(works.stochastic)), **named("parts", of_capture(by_part))}
-
-
-@case(TRACED)
-def capture_expected(works: Works) -> Values:
-    """One alpha, and one per part with amplitudes that spread."""
-    by_part = works.simulated(
-        works.parts, samples_per_mm2=0.1, estimator="expected", amplitude="spreading", seed=6
-    )
-    return {**named("one", of_capture(works.expected)), **named("parts", of_capture(by_part))}
+def captures(works: Works) -> Values:
+    """One alpha, and one per part: with two bounces, or amplitudes that spread."""
+    stochastic: dict[str, Any] = {
+        "samples_per_mm2": 0.3, "rays_per_sample": 2, "max_bounces": 2, "crease_deg": 50.0,
+    }  # fmt: skip
+    expected = {"samples_per_mm2": 0.1, "estimator": "expected", "amplitude": "spreading"}
+    made = {
+        "stochastic": works.stochastic,
+        "stochastic parts": works.simulated(works.parts, seed=5, **stochastic),
+        "expected": works.expected,
+        "expected parts": works.simulated(works.parts, seed=6, **expected),
+    }
+    return {k: v for name, c in made.items() for k, v in named(name, of_capture(c)).items()}
 
 
 @case(TRACED)
@@ -665,33 +636,22 @@ def capture_of_limits(works: Works) -> Values:
 
 
 @case(SUMMED)
-def image_exact(works: Works) -> Values:
-    """Of points, by the brute-force sum, with two windows."""
-    return {window: works.imaged(works.points, window=window).data for window in ("rect", "taylor")}
-
-
-@case(SUMMED)
-def image_range(works: Works) -> Values:
-    """Of points, by range profiles, with two windows, one of them given as numbers."""
+def images(works: Works) -> Values:
+    """Of points: by the sum as it stands, by range profiles, over the tree of blocks; windows."""
     own = np.linspace(0.2, 1.0, works.points.waveform.n_freq)
-    return {
-        "hann": works.imaged(works.points, method="range", window="hann").data,
-        "own": works.imaged(works.points, method="range", window=own).data,
-    }
-
-
-@case(SUMMED)
-def image_fast(works: Works) -> Values:
-    """Of points, over the tree of blocks: 24 x 24 antennas, 32 frequencies, 2^16 voxels."""
     grid = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.08, 0.08), (0.27, 0.33), 2.5e-3)
-    capture = points(thinned(4), 32)
-    assert capture.data.size * np.prod(grid.shape) > 2**30, "the sum as it stands would be taken"
-    found: dict[str, Any] = {}
-    coarse: dict[str, Any] = {"window": "hann", "tolerance_db": -40.0}
-    for name, options in {"rect": {}, "hann": coarse}.items():
-        image = clradar.backproject(capture, grid, method="fast", device=works.device, **options)
-        found[name] = image.data
-    return found
+    many = points(thinned(4), 32)
+    assert many.data.size * np.prod(grid.shape) > 2**30, "the sum as it stands would be taken"
+    tree = partial(clradar.backproject, many, grid, method="fast", device=works.device)
+    found = {
+        "exact rect": works.imaged(works.points, window="rect"),
+        "exact taylor": works.imaged(works.points, window="taylor"),
+        "range hann": works.imaged(works.points, method="range", window="hann"),
+        "range own": works.imaged(works.points, method="range", window=own),
+        "fast rect": tree(),
+        "fast hann": tree(window="hann", tolerance_db=-40.0),
+    }
+    return {name: image.data for name, image in found.items()}
 
 
 @case(TRACED)
@@ -890,44 +850,27 @@ def ellipsoid(transform: np.ndarray) -> clradar.DepthMap:
 
 @case(FOUND, cheap=False)
 def registration(works: Works) -> Values:
-    """Registration of a small hand by its rendering alone."""
-    coarse = calibration.align_mesh(
-        works.measured, works.small_hand, correct_bias=False, **works.radar, search_deg=5.0
-    )
-    return named("coarse", placed(coarse))
-
-
-@case(FOUND, cheap=False)
-def registration_in_rounds(works: Works) -> Values:
-    """The same in two closed rounds."""
+    """Of a small hand by its rendering, with and without the bias of that, and in two rounds."""
+    given = (works.measured, works.small_hand)
+    search: dict[str, Any] = {**works.radar, "search_deg": 5.0}
     closed = calibration.register(
-        works.measured, works.small_hand, fit_alpha=True, samples_per_mm2=2.0, rays_per_sample=2,
-        max_rounds=2, **works.radar, search_deg=5.0,
-    )  # fmt: skip
-    return named("closed", placed(closed.alignment))
-
-
-@case(FOUND, cheap=False)
-def registration_of_glints(works: Works) -> Values:
-    """The same with the bias of a fit to the rendering alone removed."""
-    return placed(
-        calibration.align_mesh(works.measured, works.small_hand, **works.radar, search_deg=5.0)
+        *given, fit_alpha=True, samples_per_mm2=2.0, rays_per_sample=2, max_rounds=2, **search
     )
+    return {
+        **named("coarse", placed(calibration.align_mesh(*given, correct_bias=False, **search))),
+        **named("glints", placed(calibration.align_mesh(*given, **search))),
+        **named("closed", placed(closed.alignment)),
+    }
 
 
 # Sweeps
 
 
 @case(FOUND)
-def alpha_sweep(works: Works) -> Values:
-    """Of a wavy plate: three alphas, two seeds."""
-    return swept(works, None)
-
-
-@case(FOUND)
-def alpha_sweep_of_regions(works: Works) -> Values:
-    """The same with an alpha for each half."""
-    return swept(works, calibration.Regions.of_parts(works.wave))
+def alpha_sweeps(works: Works) -> Values:
+    """Of a wavy plate: three alphas, two seeds; with one alpha, and with one for each half."""
+    halves = calibration.Regions.of_parts(works.wave)
+    return {**named("whole", swept(works, None)), **named("halves", swept(works, halves))}
 
 
 def swept(works: Works, regions: calibration.Regions | None) -> Values:
@@ -1126,42 +1069,11 @@ def hand_fit(works: Works) -> Values:
 
 # Data sets
 
-PLAN = """
-seed = 3
-samples = 3
-[poses]
-names = ["A", "F"]
-[hands]
-handedness = "both"
-shape = "sampled"
-edge_mm = 4
-[placement]
-x_mm = { uniform = [-10, 10] }
-z_mm = { normal = [300, 5] }
-rotation_y_deg = { uniform = [-20, 20] }
-[alpha]
-palm = { choice = [0.2, 0.8] }
-others = { uniform = [0.3, 0.7] }
-[impairments]
-snr_db = { uniform = [10, 20] }
-[radar]
-every = 8
-steps = 16
-[simulation]
-samples_per_mm2 = 0.05
-[image]
-step_mm = 10
-[output]
-shard_size = 2
-products = ["capture", "volume", "max_projection", "depth_map", "mesh", "joints"]
-"""
-
 
 @case(TRACED)
 def data_set(works: Works) -> Values:
     """Samples of a data set as they are read."""
-    (works.folder / "plan.toml").write_text(PLAN)
-    plan = clradar.dataset.read_plan(works.folder / "plan.toml")
+    plan = plan_of(samples=3, poses={"names": ["A", "F"]})
     folder = works.folder / "set"
     # Of the contact sheet nothing is compared, and its picture takes half of the time.
     quick = {"contact_sheet": len, "png_bytes": lambda figure, dpi: b""}
@@ -1180,11 +1092,11 @@ def data_set(works: Works) -> Values:
 @case(POINTS, cheap=False)
 def data_set_physical(works: Works) -> Values:
     """Samples of a data set of the physical estimator."""
-    text = PLAN[: PLAN.index("[alpha]")] + PLAN[PLAN.index("[impairments]") :]
-    text = text.replace("samples_per_mm2 = 0.05", 'estimator = "physical"\nsamples_per_mm2 = 1.5')
-    text += '[material]\nothers = "skin"\npalm = "palm"\n'
-    (works.folder / "physical.toml").write_text(text)
-    plan = clradar.dataset.read_plan(works.folder / "physical.toml")
+    plan = plan_of(
+        samples=3, poses={"names": ["A", "F"]}, alpha=None,
+        material={"others": "skin", "palm": "palm"},
+        simulation={"estimator": "physical", "samples_per_mm2": 1.5},
+    )  # fmt: skip
     found: dict[str, Any] = {}
     for i in range(2):
         recipe = clradar.dataset.recipe(plan, i)

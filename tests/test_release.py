@@ -14,7 +14,13 @@ from packaging.requirements import Requirement
 
 from clradar import __version__
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 STATING = (
     "clradar/__init__.py",
     "CHANGELOG.md",
@@ -120,14 +126,9 @@ def test_links_of_the_readme_lead_to_the_repository():
 
 def test_the_recipe_needs_what_the_package_needs():
     """By the same names and bounds, on Linux; and a device."""
-    if sys.version_info < (3, 11):
-        import tomli as tomllib
-    else:
-        import tomllib
     recipe = yaml.safe_load((ROOT / "packaging/conda/recipe.yaml").read_text("utf-8"))
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     oldest = {"sys_platform": "linux", "platform_machine": "x86_64", "python_version": "3.10"}
-    needed = [Requirement(text) for text in project["dependencies"]]
+    needed = [Requirement(text) for text in PROJECT["dependencies"]]
     runs = {
         f"{CONDA_NAMES.get(one.name, one.name)} {one.specifier}"
         for one in needed
@@ -138,10 +139,10 @@ def test_the_recipe_needs_what_the_package_needs():
         "pocl",
         "python >=${{ python_min }}",
     }
-    assert project["requires-python"] == f">={recipe['context']['python_min']}"
-    assert recipe["about"]["summary"] == project["description"]
-    assert recipe["about"]["license"] == project["license"]
-    ((command, entry),) = project["scripts"].items()
+    assert PROJECT["requires-python"] == f">={recipe['context']['python_min']}"
+    assert recipe["about"]["summary"] == PROJECT["description"]
+    assert recipe["about"]["license"] == PROJECT["license"]
+    ((command, entry),) = PROJECT["scripts"].items()
     assert recipe["build"]["python"]["entry_points"] == [f"{command} = {entry}"]
 
 

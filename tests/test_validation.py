@@ -8,6 +8,8 @@ from truths import gaussian, invariants, measured, mie, optics, plates, rough, s
 from truths.record import Row
 
 import clradar
+from clradar import Material
+from clradar.model.known_materials import HORNY_LAYER
 
 ROUGH = {"roughness_rms_m": 0.15e-3, "correlation_length_m": 3e-3}
 K = float(measured.wavenumber(measured.band_hz(1))[0])
@@ -151,3 +153,50 @@ def test_the_page_gets_new_numbers_at_its_marks(tmp_path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["truths", "--docs", str(tmp_path)])
     program.main()
     assert "\n13 of 13 comparisons hold." in (tmp_path / "validation.md").read_text("utf-8")
+
+
+FAR_M = 20.0
+"""The near field of a sphere of 15 mm changes its echo by (a / R)^2 at most."""
+
+PALM = replace(clradar.material("palm"), roughness_rms_m=0.0)
+
+
+def layered(own: Material, radius_m: float, f: np.ndarray) -> np.ndarray:
+    """Cross sections of a sphere of a coated material, by the Mie series."""
+    rows = zip(measured.wavenumber(f), own.permittivity_at(f), HORNY_LAYER.at(f), strict=True)
+    thickness_m = own.coating.thickness_m
+    return np.array([mie.cross_section_m2(radius_m, *row, thickness_m) for row in rows])
+
+
+def test_the_series_is_that_of_another_program():
+    # Back-scattering efficiencies of scattnlay 2.4 for the palm at 72, 77 and 82 GHz.
+    published = {
+        0.008: (0.25460078460802127, 0.26102592672187813, 0.2492450384264063),
+        0.015: (0.27172092698187045, 0.25757500430318847, 0.2410799656676276),
+    }
+    for radius_m, efficiencies in published.items():
+        found = layered(PALM, radius_m, measured.band_hz(3)) / (np.pi * radius_m**2)
+        np.testing.assert_allclose(found, efficiencies, rtol=1e-6)
+    # A layer of the core's own, and one of air, are none.
+    whole = mie.cross_section_m2(0.01, K, 6 - 9j)
+    assert mie.cross_section_m2(0.01, K, 6 - 9j, 6 - 9j, 1e-4) == pytest.approx(whole, rel=1e-9)
+    bare = mie.cross_section_m2(0.0099, K, None)
+    assert mie.cross_section_m2(0.01, K, None, 1.0, 1e-4) == pytest.approx(bare, rel=1e-9)
+
+
+# Physical optics differs from the series by what creeps around the sphere: RMS over the band for a
+# perfect conductor 0.40 dB at 8 mm and 0.18 dB at 15 mm, less with loss.
+CREEPING_DB = {0.008: 0.40, 0.015: 0.18}
+THICK = replace(PALM, coating=replace(PALM.coating, thickness_m=250e-6))
+
+
+@pytest.mark.parametrize(
+    ("own", "radius_m"), [(PALM, 0.008), (THICK, 0.015)], ids=["8 mm", "15 mm, thick"]
+)
+def test_spheres_of_coated_materials(own, radius_m):
+    scene, f = measured.ball(radius_m, FAR_M, radius_m / 7, own), measured.band_hz(6)
+    antenna = measured.monostatic(np.zeros(3))
+    u = measured.physical(scene, antenna, f, samples_per_mm2=16.0)[0, 0]
+    error_db = 10 * np.log10(optics.cross_section_m2(u, FAR_M) / layered(own, radius_m, f))
+    assert np.sqrt(np.mean(error_db**2)) < CREEPING_DB[radius_m]
+    # The bound tells the layer: without it the echo would be 1.2 dB stronger, 3.3 dB for the thick.

@@ -12,6 +12,8 @@ import h5py
 import numpy as np
 import pytest
 import silx.io
+from comparisons import same_record
+from frozen_files import capture, channels, counted, volume
 from silx.io import nxdata
 
 import clradar
@@ -46,28 +48,6 @@ def folders_with(name):
     return pytest.mark.parametrize("frozen", found, ids=lambda path: path.name)
 
 
-def counted(*shape):
-    n = np.arange(np.prod(shape)).reshape(shape)
-    return (n + 1 - 1j * n).astype(np.complex64)
-
-
-def check_meta(meta):
-    assert dict(meta) == {"seed": 7, "note": "frozen", "list": [1, 2.5, None, True]}
-
-
-def check_radar(array, waveform, patterns):
-    n = np.arange(15).reshape(5, 3) / 100
-    assert (array.name, array.has_patterns) == ("frozen", patterns)
-    np.testing.assert_array_equal(array.tx_m, n[:3])
-    np.testing.assert_array_equal(array.rx_m, n[3:])
-    np.testing.assert_array_equal(waveform.frequencies_hz, [76e9, 77e9, 78e9, 79e9, 81e9])
-    if patterns:
-        tx, rx = array.tx_pattern, array.rx_pattern
-        assert (tx.gain_dbi, tx.exponent, tx.angle_deg) == (3.5, 1.5, None)
-        assert rx.gain_dbi == 2.0
-        assert (rx.angle_deg.tolist(), rx.field.tolist()) == ([0, 30, 180], [1, 0.5, 0])
-
-
 def test_what_is_frozen():
     """Every kind of file, and nothing that no test reads."""
     assert {path.name for path in FROZEN[0].iterdir()} == {*NATIVE, *OTHERS}
@@ -81,11 +61,7 @@ def test_captures(frozen, version):
     path = frozen / f"capture-{version}.h5"
     with h5py.File(path) as file:
         assert file.attrs["clradar_version"] == version
-    capture = open_capture(path)
-    assert capture.data.dtype == np.complex64
-    np.testing.assert_array_equal(capture.data, counted(3, 2, 5))
-    check_radar(capture.array, capture.waveform, patterns=version == 2)
-    check_meta(capture.meta)
+    assert same_record(open_capture(path), capture(patterns=version == 2))
     assert check_file(path).ok
 
 
@@ -95,16 +71,7 @@ def test_volumes(frozen, version):
     path = frozen / f"volume-{version}.h5"
     with h5py.File(path) as file:
         assert file.attrs["clradar_version"] == version
-    volume = open_volume(path)
-    np.testing.assert_array_equal(volume.data, counted(5, 3, 4))
-    assert volume.grid.counts == (4, 3, 5)
-    np.testing.assert_array_equal(volume.grid.origin_m, [-0.02, -0.01, 0.3])
-    np.testing.assert_array_equal(volume.grid.spacing_m, [1e-2, 2e-2, 5e-3])
-    check_meta(volume.meta)
-    assert volume.absolute == (version == 2)
-    if volume.scale is not None:
-        check_radar(volume.scale.array, volume.scale.waveform, patterns=True)
-        assert volume.scale.weights.tolist() == [0.5, 1.0, 1.5, 1.0, 1.0]
+    assert same_record(open_volume(path), volume(scale=version == 2))
     assert check_file(path).ok
 
 
@@ -140,19 +107,9 @@ def test_viewers_show_native_files(frozen, name):
 @folders_with("channels-1.h5")
 @pytest.mark.parametrize("version", [1, 2])
 def test_channels(frozen, version):
-    channels = open_channels(frozen / f"channels-{version}.h5")
-    check_radar(channels.array, channels.waveform, patterns=version == 2)
-    check_meta(channels.meta)
-    response = channels.response
-    assert response.tx_gain.tolist() == [1, 0, 2j]
-    assert response.rx_delay_s.tolist() == [2e-12, 0]
-    assert (response.reference_hz, channels.target) == (77e9, "corner")
-    assert dict(channels.target_position) == {"x_m": 0.0, "y_m": 0.125, "z_m": 0.25}
-    assert np.diag(channels.target_covariance).tolist() == [1, 2, 3]
-    assert [list(v) for v in (channels.dead_tx, channels.noisy_rx)] == [[1], [1]]
-    assert channels.tx_phase_std_rad.tolist() == [0.25, 0.5, 0.75]
-    assert (channels.residual_db, channels.noise_residual_db) == (-20.0, -21.0)
-    assert check_file(frozen / f"channels-{version}.h5").ok
+    path = frozen / f"channels-{version}.h5"
+    assert same_record(open_channels(path), channels(patterns=version == 2))
+    assert check_file(path).ok
 
 
 @folders_with("recording")

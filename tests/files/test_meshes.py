@@ -48,14 +48,11 @@ def test_obj_files_are_read_as_by_trimesh(tmp_path, faces):
     assert list(have.part_names) == names
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_what_obj_files_may_hold_besides(tmp_path):
+    text = (
         "# écrit\n\tv 0 0 0 1.0\nv\t0.1 0 0\nv 0 0.2 0 0.5 0.5 0.5\nv 0 0 0.3\nl 1 2\np 1\n"
-        "vp 0.1\n  f 1 2 3 # the first\nf\t1/2/3 2//4 4\nmtllib none.mtl\nusemtl skin\n",
-    ],
-)
-def test_what_obj_files_may_hold_besides(tmp_path, text):
+        "vp 0.1\n  f 1 2 3 # the first\nf\t1/2/3 2//4 4\nmtllib none.mtl\nusemtl skin\n"
+    )
     (tmp_path / "mesh.obj").write_text(text, encoding="utf-8")
     scene = Scene.from_mesh(tmp_path / "mesh.obj")
     corners = CORNERS.astype(float).round(7)

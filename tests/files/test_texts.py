@@ -1,19 +1,22 @@
-"""TOML, JSON and messages: what is refused, and that what is written reads back equal."""
+"""TOML, JSON and messages: refused or read back equal; folders that are watched."""
 
 import json
 import os
 from functools import partial
+from pathlib import Path
 
 import pytest
 from systems import posix_only
 
 from clradar.errors import MeasurementError, ModelError, RigError
+from clradar.files import watched_folder
 from clradar.files.failures import clean, fail, read_bytes
 from clradar.files.json_differences import differences
 from clradar.files.json_file import read_json, read_json_object, write_json
 from clradar.files.json_text import parse_object, to_json
 from clradar.files.limits import MAX_JSON_DEPTH, MAX_MESSAGE_CHARACTERS, MAX_TOML_LINE_CHARACTERS
 from clradar.files.toml_file import parse_toml, read_toml, toml_brief, toml_document
+from clradar.files.watched_folder import RECHECKED, WatchedFolder
 from measurement_io import read_alignment
 
 
@@ -123,3 +126,58 @@ def test_only_regular_files_of_the_allowed_size_are_read(tmp_path):
     ):
         with pytest.raises(RigError, match=f"expected {words}"):
             read_bytes(tmp_path / name, "a thing", limit, error=RigError)
+
+
+def names(folder):
+    return [path.name for path in folder.changes()]
+
+
+def test_files_count_once_they_no_longer_grow(tmp_path):
+    folder = WatchedFolder(tmp_path, lambda name: name.endswith(".h5"))
+    (tmp_path / "10.h5").write_bytes(b"ab")
+    (tmp_path / "9.h5").write_bytes(b"ab")
+    (tmp_path / "notes.txt").write_bytes(b"ab")
+    (tmp_path / "folder.h5").mkdir()
+    (tmp_path / "begun.h5").touch()
+    assert names(folder) == []
+    assert names(folder) == ["9.h5", "10.h5"]
+    assert names(folder) == []
+    for content in (b"a", b"ab"):
+        (tmp_path / "begun.h5").write_bytes(content)
+        assert names(folder) == []
+    assert folder.is_there("begun.h5")
+    assert names(folder) == ["begun.h5"]
+
+
+def test_rewritten_files_come_again_and_removed_ones_go(tmp_path):
+    folder = WatchedFolder(tmp_path)
+    for name in ("a", "b"):
+        (tmp_path / name).write_bytes(b"ab")
+    assert (names(folder), names(folder)) == ([], ["a", "b"])
+    (tmp_path / "new").write_bytes(b"ab")  # of the same size, later
+    os.utime(tmp_path / "new", ns=(1, 1))
+    os.replace(tmp_path / "new", tmp_path / "a")
+    (tmp_path / "b").unlink()
+    assert names(folder) == []
+    assert names(folder) == ["a"]
+    assert not folder.is_there("b")
+    (tmp_path / "b").write_bytes(b"ab")
+    assert (names(folder), names(folder)) == ([], ["b"])
+
+
+def test_a_look_at_many_files_looks_at_few_of_them(tmp_path, monkeypatch):
+    count = 3 * RECHECKED + 1
+    for i in range(count):
+        (tmp_path / f"{i}.npy").write_bytes(b"a")
+    folder = WatchedFolder(tmp_path)
+    assert (len(folder.changes()), len(folder.changes())) == (0, count)
+    (tmp_path / "0.npy").write_bytes(b"ab")
+    looked: list[Path] = []
+    stamp = watched_folder._stamp
+    monkeypatch.setattr(watched_folder, "_stamp", lambda path: looked.append(path) or stamp(path))
+    found = []
+    for _ in range(5):
+        looked.clear()
+        found += names(folder)
+        assert len(looked) <= RECHECKED + 1
+    assert found == ["0.npy"]  # each comes up in turn

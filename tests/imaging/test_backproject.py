@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from images import QAR50, SWEEP, noise, rms_db, scatterers
+from images import QAR50, SWEEP, centres_m, noise, phasors, rms_db, scatterers
 from nightly import nightly
 from scipy.signal import windows
 
@@ -14,7 +14,6 @@ import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
 from clradar.backproject import METHODS, frequency_weights
 from clradar.errors import ModelError
-from clradar.imaging import fast
 from clradar.imaging.exact import TX_CHUNK
 from clradar.imaging.tiled import RX_CHUNK
 
@@ -31,15 +30,10 @@ FAST_DB = -50.0
 TOLERANCE_DB = {"exact": EXACT_DB, "range": RANGE_DB, "fast": FAST_DB}
 
 
-C = 299_792_458.0
-
 SHORT = Waveform.sfcw(72e9, 82e9, 11)
 
 
-@pytest.fixture(autouse=True)
-def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For "fast", however few the voxels are."""
-    monkeypatch.setattr(fast, "FEW_TERMS", 0)
+pytestmark = pytest.mark.usefixtures("always_a_tree")
 
 
 def random_array(n_tx: int, n_rx: int, seed: int = 0) -> AntennaArray:
@@ -48,16 +42,10 @@ def random_array(n_tx: int, n_rx: int, seed: int = 0) -> AntennaArray:
     return AntennaArray(tx, rx)
 
 
-def centres(grid: VoxelGrid) -> np.ndarray:
-    """Voxel centres, shape (n_voxels, 3), in the order of a volume's `data.ravel()`."""
-    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
-    return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-
-
 @lru_cache(maxsize=1)
 def direct_sum(capture: Capture, grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray]:
     """Up to 20 random voxels of a grid, and the image there."""
-    voxels = centres(grid)
+    voxels = centres_m(grid)
     pick = np.random.default_rng(9).permutation(len(voxels))[:20]
     return pick, reference.backproject(capture, voxels[pick])
 
@@ -93,44 +81,17 @@ def test_the_imager_at_random_voxels(device, method, kind):
     assert error <= TOLERANCE_DB[method]
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("n_x", [1, 7, 9])
-def test_sizes_beside_the_width_of_a_vector(device, n_x, method):
-    grid = VoxelGrid(np.array([-0.01, 0.02, 0.29]), np.array([2e-3, 3e-3, 1e-2]), (n_x, 3, 2))
-    error = error_db(noise(random_array(6, 5), SHORT), grid, device, method)
-    assert error <= TOLERANCE_DB[method]
-
-
+SIX = random_array(6, 5)
+BESIDE = np.array([-0.01, 0.02, 0.29]), np.array([2e-3, 3e-3, 1e-2])
 GRIDS = {
     "one voxel": VoxelGrid.from_extent((0.01, 0.01), (0.02, 0.02), (0.3, 0.3), 1e-3),
     "a line along z": VoxelGrid.from_extent((0.0, 0.0), (0.0, 0.0), (0.2, 0.4), 5e-3),
-    "on an antenna": VoxelGrid(random_array(6, 5).tx_m[0], np.full(3, 5e-3), (2, 1, 1)),
+    "on an antenna": VoxelGrid(SIX.tx_m[0], np.full(3, 5e-3), (2, 1, 1)),
     "behind the array": VoxelGrid.from_extent((-0.02, 0.02), (0.0, 0.01), (-0.3, -0.28), 1e-2),
     "across the array": VoxelGrid.from_extent((-0.08, 0.08), (0.0, 0.01), (-0.02, 0.02), 1e-2),
     "far away": VoxelGrid.from_extent((-1.0, 1.0), (0.0, 0.1), (20.0, 20.1), 0.1),
     "fine": VoxelGrid.from_extent((0.0, 1e-4), (0.0, 1e-5), (0.3, 0.30001), 1e-5),
 }
-
-
-@pytest.mark.parametrize("method", ["exact", "range"])  # for "fast" see test_fast.py
-@pytest.mark.parametrize("name", GRIDS)
-def test_grids_anywhere(device, name, method):
-    error = error_db(noise(random_array(6, 5), SHORT), GRIDS[name], device, method)
-    assert error <= TOLERANCE_DB[method]
-
-
-@pytest.mark.parametrize(
-    ("n_tx", "n_rx", "method"),
-    [
-        *((*size, method) for size in [(1, 1), (1, 5), (5, 1)] for method in METHODS),
-        *((7, RX_CHUNK, method) for method in ("exact", "range")),
-        *((5, 2 * RX_CHUNK + 1, method) for method in ("exact", "range")),
-        (TX_CHUNK + 1, 5, "exact"),  # one more than a call takes
-    ],
-)
-def test_arrays_of_any_size(device, n_tx, n_rx, method):
-    error = error_db(noise(random_array(n_tx, n_rx), SHORT), GRID, device, method)
-    assert error <= TOLERANCE_DB[method]
 
 
 WAVEFORMS = {
@@ -142,11 +103,27 @@ WAVEFORMS = {
 }
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("name", WAVEFORMS)
-def test_any_list_of_frequencies(device, name, method):
-    error = error_db(noise(random_array(6, 5), WAVEFORMS[name]), GRID, device, method)
-    assert error <= TOLERANCE_DB[method]
+CHUNKS = {f"{n_tx} x {n_rx}": (n_tx, n_rx) for n_tx, n_rx in ((7, RX_CHUNK), (5, 2 * RX_CHUNK + 1))}
+CASES: dict[str, tuple[AntennaArray, Waveform, VoxelGrid]] = {
+    # Beside the width of a vector.
+    **{f"{n} along x": (SIX, SHORT, VoxelGrid(*BESIDE, (n, 3, 2))) for n in (1, 7, 9)},
+    **{name: (SIX, SHORT, grid) for name, grid in GRIDS.items()},
+    **{f"{t} x {r}": (random_array(t, r), SHORT, GRID) for t, r in ((1, 1), (1, 5), (5, 1))},
+    **{name: (random_array(*size), SHORT, GRID) for name, size in CHUNKS.items()},
+    "one more Tx than a call takes": (random_array(TX_CHUNK + 1, 5), SHORT, GRID),
+    **{name: (SIX, waveform, GRID) for name, waveform in WAVEFORMS.items()},
+}
+NOT_FAST = {*GRIDS, *CHUNKS, "one more Tx than a call takes"}
+"""For these see test_fast.py."""
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [(name, m) for name in CASES for m in METHODS if m != "fast" or name not in NOT_FAST],
+)
+def test_any_array_frequencies_and_grid(device, name, method):
+    array, waveform, grid = CASES[name]
+    assert error_db(noise(array, waveform), grid, device, method) <= TOLERANCE_DB[method]
 
 
 # Windows ------------------------------------------------------------------------------------------
@@ -154,9 +131,9 @@ def test_any_list_of_frequencies(device, name, method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_windows_weigh_the_frequencies(device, method):
-    capture, weights = noise(random_array(6, 5), SHORT), windows.taylor(11, nbar=4, sll=30)
+    capture, weights = noise(SIX, SHORT), windows.taylor(11, nbar=4, sll=30)
     image = backproject(capture, GRID, method=method, device=device, window="taylor").data.ravel()
-    want = reference.backproject(capture, centres(GRID), weights)
+    want = reference.backproject(capture, centres_m(GRID), weights)
     assert rms_db(image - want, want) <= TOLERANCE_DB[method]
 
 
@@ -183,7 +160,7 @@ def test_windows_are_named_or_given():
 )
 def test_refused(device, options, message):
     with pytest.raises(ModelError, match=message):
-        backproject(noise(random_array(6, 5), SHORT), GRID, device=device, **options)
+        backproject(noise(SIX, SHORT), GRID, device=device, **options)
 
 
 # Invariants ---------------------------------------------------------------------------------------
@@ -193,7 +170,7 @@ def test_refused(device, options, message):
 def test_progress_runs_from_nothing_to_all(device, method):
     seen: list[tuple[int, int]] = []
     volume = backproject(
-        noise(random_array(6, 5), SHORT), GRID, method=method, device=device, window="hann",
+        noise(SIX, SHORT), GRID, method=method, device=device, window="hann",
         progress=lambda done, total: seen.append((done, total)),
     )  # fmt: skip
     assert seen[0][0] == 0
@@ -209,14 +186,9 @@ TARGETS_M = {"centre": (0.0, 0.0, 0.3), "corner": (0.07, 0.05, 0.3)}
 
 def point_response(target_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
     """Image of a point target: for each frequency a sum over Tx times a sum over Rx, float64."""
-    k = SWEEP.frequencies_hz / C
-    out = np.ones((len(points_m), len(k)), complex)
-    for antennas in (QAR50.tx_m, QAR50.rx_m):
-        changes_m = np.linalg.norm(points_m[:, None] - antennas, axis=2)
-        changes_m -= np.linalg.norm(target_m - antennas, axis=1)
-        for i, row in enumerate(changes_m):
-            out[i] *= np.exp(2j * np.pi * np.outer(row, k)).sum(axis=0)
-    return out.sum(axis=1) / (QAR50.n_tx * QAR50.n_rx * len(k))
+    here, there = (phasors(at_m, QAR50, SWEEP) for at_m in (target_m[None], points_m))
+    tx, rx = ((h * t.conj()).mean(axis=2) for h, t in zip(here, there, strict=True))
+    return (tx * rx).mean(axis=0)
 
 
 @cache
@@ -240,7 +212,7 @@ def test_a_point_target_has_its_closed_form(device, name, axis, method):
     counts[axis], origin_m[axis] = 241, target_m[axis] - 0.03
     grid = VoxelGrid(origin_m, np.full(3, 0.25e-3), tuple(counts))
     image = backproject(echo_of(name), grid, method=method, device=device).data.ravel()
-    want = point_response(target_m, centres(grid))
+    want = point_response(target_m, centres_m(grid))
     assert abs(np.abs(want).max() - 1) <= 1e-12
     assert np.abs(image - want).max() <= 10 ** (TOLERANCE_DB[method] / 20)
     assert abs(int(np.abs(image).argmax()) - 120) <= 1

@@ -1,14 +1,16 @@
 """Messages about grating lobes and range aliases: of simulations and of images."""
 
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
 import trimesh
+from comparisons import warnings_of
 
 import clradar
 from clradar.arrays.ambiguity import ghosts, range_aliases
-from clradar.errors import ClradarWarning, handled_warnings
+from clradar.errors import ClradarWarning
 from clradar.tracing.ambiguous import warn_of_ambiguity
 
 LINES = np.linspace(-1, 1, 12), np.linspace(-1, 1, 16)
@@ -21,11 +23,7 @@ BAND = clradar.Waveform.sfcw(60e9, 64e9, 64)
 """Unambiguous to 2.36 m."""
 
 
-def messages(capture: clradar.Capture, grid: clradar.VoxelGrid) -> list[str]:
-    found: list[str] = []
-    with handled_warnings(found.append):
-        clradar.backproject(capture, grid)
-    return found
+imaged = partial(warnings_of, clradar.backproject)
 
 
 def echo(at_m: list[float], array: clradar.AntennaArray = CROSS) -> clradar.Capture:
@@ -60,20 +58,20 @@ def test_an_alias_is_as_bright_as_the_echo_far_away_and_not_near():
 
 def test_a_lobe_in_the_grid_and_the_lobe_of_an_echo_beside_it():
     wide = clradar.VoxelGrid.from_extent((-1.1, 1.1), (-0.1, 0.1), (0.2, 1.1), 0.02)
-    (text,) = messages(echo([0, 0, 1.0]), wide)
+    (text,) = imaged(echo([0, 0, 1.0]), wide)
     assert text.startswith("the array has a grating lobe in the grid: the echo at x 0.00")
     assert "-0.9 dB" in text
-    assert messages(echo([0, 0, 1.0]), around([0, 0, 1.0])) == []
+    assert imaged(echo([0, 0, 1.0]), around([0, 0, 1.0])) == []
     ((lobe, *_),) = ghosts(CROSS, BAND, np.array([0, 0, 1.0]), lambda p: p[:, 0] > 0.5)
-    (text,) = messages(echo([0, 0, 1.0]), around(list(lobe.position_m), 0.1))
+    (text,) = imaged(echo([0, 0, 1.0]), around(list(lobe.position_m), 0.1))
     assert "is the grating lobe of an echo at x" in text
 
 
 def test_a_far_target_in_a_near_grid():
     """At 5 m, two unambiguous ranges beyond 0.28 m."""
-    (text,) = messages(echo([0, 0, 5.0]), around([0, 0, 0.3], 0.1))
+    (text,) = imaged(echo([0, 0, 5.0]), around([0, 0, 0.3], 0.1))
     assert "is the alias of an echo at" in text
-    assert messages(echo([0, 0, 2.0]), around([0, 0, 2.0])) == []
+    assert imaged(echo([0, 0, 2.0]), around([0, 0, 2.0])) == []
 
 
 def plate(width_m: float, z_m: float) -> clradar.Scene:
@@ -96,10 +94,7 @@ def test_scenes_narrower_than_a_twentieth_of_their_range_have_no_doubles(width_m
     scene = clradar.Scene(
         np.array([[-1, 0, 0], [1, 0, 0], [0, 0.01, 0]]) * width_m / 2 + [0, 0, 1], [[0, 1, 2]]
     )
-    found: list[str] = []
-    with handled_warnings(found.append):
-        warn_of_ambiguity(scene, array, BAND)
-    assert len(found) == warned
+    assert len(warnings_of(warn_of_ambiguity, scene, array, BAND)) == warned
 
 
 def test_the_imager_and_its_hand_raise_no_message():
@@ -118,13 +113,9 @@ def test_images_of_several_captures_are_checked_as_one():
     band = clradar.Waveform.sfcw(72e9, 82e9, 128)
 
     def said(point_m: list[float], x_m: tuple[float, float]) -> list[str]:
-        found: list[str] = []
         captures = (clradar.room_capture(one, band, [], points_m=[point_m]) for one in wall)
-        with handled_warnings(found.append):
-            clradar.backproject(
-                captures, clradar.VoxelGrid.from_extent(x_m, (0, 0), (0.96, 1.04), 4e-3)
-            )
-        return found
+        grid = clradar.VoxelGrid.from_extent(x_m, (0, 0), (0.96, 1.04), 4e-3)
+        return warnings_of(clradar.backproject, captures, grid)
 
     (text,) = said([0, 0, 1.0], (-0.08, 0.08))
     # To either side, whichever.

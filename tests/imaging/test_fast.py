@@ -13,6 +13,8 @@ from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, ref
 from clradar.imaging import fast
 from clradar.imaging.block_tree import block_sizes, image_levels, leaf_voxels
 
+pytestmark = pytest.mark.usefixtures("always_a_tree")
+
 HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
 # Float32 sums of 10^6 terms of random phase in blocks of a hundred, and phases of 1e-6 turns.
 FLOAT32_DB = -95.0
@@ -48,12 +50,6 @@ def error_db(capture: Capture, grid: VoxelGrid, device: clradar.Device, **option
     volume = backproject(capture, grid, method="fast", device=device, **options)
     at, want = exact_at_voxels(capture, grid)
     return rms_db(volume.data[at[:, 2], at[:, 1], at[:, 0]] - want, volume.data)
-
-
-@pytest.fixture(autouse=True)
-def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However few the voxels are."""
-    monkeypatch.setattr(fast, "FEW_TERMS", 0)
 
 
 # The tree -----------------------------------------------------------------------------------------

@@ -19,10 +19,7 @@ THIN = clradar.AntennaArray(QAR50.tx_m[::6], QAR50.rx_m[::6])
 GRID = VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.05), (0.27, 0.31), 2e-3)
 
 
-@pytest.fixture(autouse=True)
-def always_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However few the voxels are."""
-    monkeypatch.setattr(fast, "FEW_TERMS", 0)
+pytestmark = pytest.mark.usefixtures("always_a_tree")
 
 
 @pytest.fixture(scope="module")

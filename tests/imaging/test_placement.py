@@ -2,19 +2,19 @@
 
 import re
 import sys
-import warnings
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from comparisons import warnings_of
 from nightly import nightly
 
 import calibration
 import clradar
 from clradar import AntennaArray, Capture, ClradarWarning, VoxelGrid, Wall, Waveform
 from clradar.cli.options.measured import GridOptions
-from clradar.errors import handled_warnings
 from clradar.imaging import echo_location, grid_check, placement
 from clradar.imaging.object_box import MOST_VOXELS, PAPER_GRID
 from clradar.imaging.placement import place_grid
@@ -65,18 +65,12 @@ def box_of(grid: VoxelGrid) -> np.ndarray:
     return np.array([[axis[0], axis[-1]] for axis in (grid.x_m, grid.y_m, grid.z_m)])
 
 
-def warnings_of(capture: Capture, grid: VoxelGrid, **options: Any) -> list[str]:
-    """What the image warns of."""
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always", ClradarWarning)
-        clradar.backproject(capture, grid, **options)
-    assert all(w.filename == __file__ for w in found)
-    return [str(w.message) for w in found]
+imaged = partial(warnings_of, clradar.backproject)
 
 
 def warned(capture: Capture, grid: VoxelGrid, **options: Any) -> list[str]:
-    """The same by the words that tell the warnings apart."""
-    texts = warnings_of(capture, grid, **options)
+    """What the image warns of, by the words that tell the warnings apart."""
+    texts = imaged(capture, grid, **options)
     kinds = [next(kind for kind in (ALIAS, OUTSIDE, CUT) if kind in text) for text in texts]
     assert len(kinds) == len(texts)
     return kinds
@@ -251,7 +245,7 @@ def test_an_ambiguous_echo_is_placed_where_it_focuses():
 
 @pytest.mark.parametrize("at_m", [[0, 0, 1.5], [0, -0.2, 0.3]])
 def test_an_echo_beside_the_grid_is_reported(at_m):
-    (text,) = warnings_of(with_noise(echoes_of(at_m), 1.0), HAND_BOX, window="hann")
+    (text,) = imaged(with_noise(echoes_of(at_m), 1.0), HAND_BOX, window="hann")
     assert OUTSIDE in text
     if at_m[2] == 1.5:
         assert re.search(r"strongest echo, at x -?0\.00\d, y -?0\.00\d, z 1\.500 m, ", text)
@@ -268,7 +262,7 @@ def test_an_echo_beside_the_grid_is_reported(at_m):
 def test_a_grid_that_cuts_the_object_is_reported(extents, side):
     capture = object_of([0, 0, 0.3], [0.08, 0.08, 0.005], array=DENSE)
     grid = VoxelGrid.from_extent(*extents, 2e-3)
-    (text,) = warnings_of(capture, grid)
+    (text,) = imaged(capture, grid)
     assert f"cuts the object off at {side}: it goes on beyond" in text
 
 
@@ -315,7 +309,7 @@ def test_a_rough_fist_is_found_where_it_is(pose):
 
 def test_a_grid_beyond_the_unambiguous_range_is_reported():
     across = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (1.4, 2.1), 2e-2)
-    (text,) = warnings_of(echoes_of([0, 0, 1.5]), across, method="range")
+    (text,) = imaged(echoes_of([0, 0, 1.5]), across, method="range")
     assert re.search(r"to 2\.107 m, beyond .* \(2 df\) of 1\.904 m", text)
     beyond = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (2.0, 2.1), 1e-2)
     assert warned(echoes_of([0, 0, 0.3]), beyond) == [ALIAS, OUTSIDE]
@@ -337,9 +331,8 @@ def test_an_echo_is_outside_from_one_resolution_beside_the_grid_on(aside, report
     capture = echoes_of([edge_m + aside * cell_m, 0, 0.3])
     dark = np.zeros(grid.shape, np.complex64)
     dark[10, 25, 25] = 1e-6
-    found: list[str] = []
-    with handled_warnings(found.append):
-        grid_check.warn_of_grid(capture, grid, dark, np.ones(128), open_device("pocl"))
+    given = (capture, grid, dark, np.ones(128), open_device("pocl"))
+    found = warnings_of(grid_check.warn_of_grid, *given)
     assert [OUTSIDE for text in found if OUTSIDE in text] == reported
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from images import centres_m, phasors
 
 import clradar
 from clradar import Capture, VoxelGrid, Waveform
@@ -18,12 +19,8 @@ GRID = VoxelGrid.from_extent((-0.012, 0.012), (-0.008, 0.008), (0.3, 0.3), 2e-3)
 
 def matrix(grid: VoxelGrid) -> np.ndarray:
     """The operator from the equation, in float64, shape (samples, voxels)."""
-    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
-    points_m = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    legs = [np.linalg.norm(a[:, None] - points_m, axis=2) for a in (ARRAY.tx_m, ARRAY.rx_m)]
-    length_m = (legs[0][:, None] + legs[1])[:, :, None]
-    k = 2 * np.pi * WAVEFORM.frequencies_hz / 299_792_458
-    return np.exp(-1j * k[:, None] * length_m).reshape(-1, len(points_m))
+    tx, rx = phasors(centres_m(grid), ARRAY, WAVEFORM)
+    return np.einsum("npt,npr->trnp", tx, rx).reshape(-1, tx.shape[1])
 
 
 def noise(shape: tuple[int, ...], level: float) -> np.ndarray:

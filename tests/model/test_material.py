@@ -93,23 +93,6 @@ def test_reflection_is_that_of_the_boundary_conditions(name):
     assert np.array_equal(own.reflection(BAND, COSINES), (r_s - r_p) / 2)
 
 
-def test_closed_forms_of_a_half_space():
-    eps = 2.94 - 0.06j
-    own = Material("x", eps)
-    n = np.sqrt(eps)
-    # Normal incidence: (1 - n) / (1 + n). Grazing: r_s = r_p = -1, so that they cancel.
-    assert abs(own.reflection(77e9, 1.0)[0, 0] - (1 - n) / (1 + n)) < ROUNDING
-    r_s, r_p = own.fresnel(77e9, 0.0)
-    assert np.allclose([r_s[0, 0], r_p[0, 0]], -1, rtol=0, atol=1e-5)
-    # Brewster's angle, tan = n, of a lossless one.
-    r_s, r_p = Material("x", 6.25).fresnel(77e9, np.cos(np.arctan(2.5)))
-    assert abs(r_p[0, 0]) < ROUNDING
-    assert r_s[0, 0] == pytest.approx((1 - 6.25) / (1 + 6.25), abs=ROUNDING)
-    # Beyond the critical angle of a thinner medium everything is reflected.
-    for r in Material("x", 0.5).fresnel(77e9, 0.5):
-        assert abs(abs(r[0, 0]) - 1) < ROUNDING
-
-
 def test_a_conductor_turns_the_field_at_every_angle():
     assert np.array_equal(METAL.reflection(BAND, COSINES), np.full((3, 6), -1))
 

@@ -189,22 +189,6 @@ def test_plate_seen_at_a_slant():
     assert db(got, -1j / (8 * np.pi) * want) < -32
 
 
-def test_flat_plate_in_the_far_field():
-    """4 pi A^2 / lambda^2, and the phase -k 2 R - pi/2, less k a^2 / (6 R) = 0.0224 rad at 30 m,
-    the mean of k (x^2 + y^2) / R, whose spread costs 0.001 dB."""
-    waveform = clradar.Waveform([77e9])
-    one = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
-    wavelength_m = SPEED_OF_LIGHT_M_PER_S / 77e9
-    s = clradar.simulate(
-        measured.plate((0.05, 0.05), 30.0), one, waveform, estimator="physical"
-    ).data[0, 0, 0]
-    sigma_m2 = (4 * np.pi) ** 3 * 30.0**4 / wavelength_m**2 * abs(s) ** 2
-    want_m2 = 4 * np.pi * 0.05**4 / wavelength_m**2
-    assert 10 * np.log10(sigma_m2 / want_m2) == pytest.approx(0.0, abs=0.01)
-    turned = np.angle(s * np.exp(2j * np.pi * 60.0 / wavelength_m))
-    assert turned == pytest.approx(-np.pi / 2 - 0.0224, abs=1e-3)
-
-
 def test_patterns_of_antennas():
     """cos^2 for Tx, and a table for Rx that is zero beyond 40 degrees."""
     tx = clradar.AntennaPattern(gain_dbi=6.0, exponent=2.0)

@@ -1,6 +1,7 @@
-"""What many tests of files compare."""
+"""What many tests compare: records, files, and what is said."""
 
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +9,19 @@ import numpy as np
 import pytest
 
 from clradar import Capture
-from clradar.errors import MeasurementError
+from clradar.errors import MeasurementError, handled_warnings
 
 
 def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
     return a.shape == b.shape and a.dtype == b.dtype and a.tobytes() == b.tobytes()
+
+
+def same_record(a: Any, b: Any) -> bool:
+    """Whether two records have the same fields, arrays to the bit."""
+    if is_dataclass(a):
+        named = (field.name for field in fields(a))
+        return type(a) is type(b) and all(same_record(getattr(a, n), getattr(b, n)) for n in named)
+    return same_bits(a, b) if isinstance(a, np.ndarray) else a == b
 
 
 def same_capture(a: Capture, b: Capture) -> bool:
@@ -36,6 +45,14 @@ def tree(folder: str | Path, *ignored: str) -> dict[str, bytes | int]:
         for path in Path(folder).rglob("*")
         if path.name not in ignored
     }
+
+
+def warnings_of(call: Callable[..., Any], *arguments: Any, **options: Any) -> list[str]:
+    """What a call warns of, each once."""
+    found: list[str] = []
+    with handled_warnings(found.append):
+        call(*arguments, **options)
+    return found
 
 
 def refusal(read: Callable[..., Any], *arguments: Any, **options: Any) -> str:

@@ -78,8 +78,3 @@ def open_another(path: Path, other: str) -> str:
 def start_a_program(path: Path) -> int:
     with hdf5_guard.opened(path, "an HDF5 file"):
         return subprocess.run(["true"], check=True).returncode
-
-
-def read_trusting(path: Path) -> float:
-    with hdf5_guard.opened(path, "an HDF5 file") as file:
-        return float(abs(file["entry/data/data"][()]).sum())

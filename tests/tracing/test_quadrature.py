@@ -104,33 +104,6 @@ def test_curved_points_make_the_area_of_a_sphere():
         assert away.min() == pytest.approx(deepest, rel=0.1)
 
 
-@pytest.mark.slow
-def test_heights_have_the_statistics_of_the_material():
-    """Of a plate of 50 x 50 correlation areas, five seeds: some 4000 independent heights (the
-    correlation area is pi l^2 / 2), so 1.1 % of h and 0.04 of the kurtosis (one sigma)."""
-    heights, slopes, lagged, wanted = [], [], [], []
-    array = clradar.AntennaArray([[0, 0, -0.5]], [[0, 0.001, -0.5]])
-    rms_m, length_m = ROUGH.roughness_rms_m, ROUGH.correlation_length_m
-    for seed in range(5):
-        plate = measured.plate((0.1, 0.1), 0.0).with_material(ROUGH)
-        lit = points_of(plate, array, seed=seed, samples_per_mm2=1.5)
-        away = lit.position_m[:, 2]
-        heights.append(away)
-        normal = lit.area_m2 / lit.area_m2[:, 2:]
-        slopes.append(normal[:, :2])
-        i, j = cKDTree(lit.position_m[:, :2]).query_pairs(2.1e-3, output_type="ndarray").T
-        distance_m = np.linalg.norm(lit.position_m[i, :2] - lit.position_m[j, :2], axis=1)
-        apart = distance_m > 1.9e-3
-        lagged.append(np.mean(away[i[apart]] * away[j[apart]]) / rms_m**2)
-        wanted.append(np.mean(np.exp(-((distance_m[apart] / length_m) ** 2))))
-    height = np.concatenate(heights)
-    assert height.std() == pytest.approx(rms_m, rel=0.04)
-    assert np.mean(height**4) / height.var() ** 2 == pytest.approx(3.0, abs=0.15)
-    slope = np.concatenate(slopes)
-    assert slope.std(axis=0) == pytest.approx(np.sqrt(2) * rms_m / length_m, rel=0.04)
-    assert np.mean(lagged) == pytest.approx(np.mean(wanted), abs=0.04)
-
-
 def test_texture_moves_with_the_body():
     scene = ball(2).with_material(ROUGH)
     move = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])

@@ -1,18 +1,22 @@
-"""Simulations that are probably not as intended say so, with what to change, and no others."""
+"""Simulations that are probably not as intended say so and no others; faces that are too coarse."""
 
 import re
-import warnings
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from comparisons import warnings_of
 
 import clradar
-from clradar import AntennaArray, ClradarWarning, Scene, Waveform
+from clradar import AntennaArray, ClradarWarning, Scene, SimulationSettings, Waveform, reference
 from clradar.arrays import qar50
-from clradar.errors import ModelError, handled_warnings
+from clradar.errors import ModelError
+from clradar.geometry.normals import corner_normals
+from clradar.hand import HandMesh, hand_mesh
 from clradar.simulation import simulate_alphas
+from clradar.tracing.facets import curved_error_m, facet_sagitta_m, warn_of_coarse_facets
 from clradar.tracing.placement import doubtful
 from clradar.tracing.settings import resolve_settings
 from clradar.tracing.starvation import warn_if_starved
@@ -100,19 +104,16 @@ def test_a_tenth_of_the_pairs_may_be_empty_or_the_others_have_twenty_paths(empty
     paths = np.full(100, each)
     paths[:empty] = 0
     settings = resolve_settings(estimator="stochastic", rays_per_sample=1)
-    found: list[str] = []
-    with handled_warnings(found.append):
-        warn_if_starved(paths, ball(0.02, 0.3, 0.5), ARRAY, settings)
+    found = warnings_of(warn_if_starved, paths, ball(0.02, 0.3, 0.5), ARRAY, settings)
     assert len(found) == warned
 
 
 def test_more_rays_per_face_are_advised_unless_more_samples_do_not_help():
     settings = resolve_settings(estimator="stochastic", rays_per_face=1)
-    found: list[str] = []
-    with handled_warnings(found.append):
-        for away_m in (0.3, 0.0):  # of what reaches behind the aperture that is said
-            warn_if_starved(np.arange(100) // 50, ball(0.04, away_m, 0.3), ARRAY, settings)
-    (text,) = found
+    near, across = (ball(0.04, away_m, 0.3) for away_m in (0.3, 0.0))
+    (text,) = warnings_of(warn_if_starved, np.arange(100) // 50, near, ARRAY, settings)
+    # Of what reaches behind the aperture that is said.
+    assert not warnings_of(warn_if_starved, np.arange(100) // 50, across, ARRAY, settings)
     assert [list(one) for one in advised(text)] == [["rays_per_face"]]
 
 
@@ -184,7 +185,101 @@ def test_corners_are_warned_of_by_the_estimator_of_one_reflection(open_deg, warn
     x, z = 0.03 * np.sin(half), 0.03 * np.cos(half)
     corners = [[s * x, y, 0.3 - abs(s) * z] for s in (0, -1, 1) for y in (-0.015, 0.015)]
     scene = Scene(corners, [[0, 1, 2], [1, 3, 2], [0, 4, 1], [1, 4, 5]])
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        simulated(scene, device, reception_radius_m=None, estimator="physical")
-    assert ["face each other" in str(one.message) for one in caught] == [True] * warned
+    settings = {"reception_radius_m": None, "estimator": "physical"}
+    found = warnings_of(simulated, scene, device, **settings)
+    assert ["face each other" in text for text in found] == [True] * warned
+
+
+HIGHEST_HZ = 82e9
+WAVELENGTH_M = 299_792_458 / HIGHEST_HZ
+
+
+def remarks(mesh: trimesh.Trimesh | Scene, hz: float = HIGHEST_HZ, **fields: object) -> list[str]:
+    scene = mesh if isinstance(mesh, Scene) else Scene.from_mesh(mesh)
+    settings = SimulationSettings(**fields).resolved()
+    return warnings_of(warn_of_coarse_facets, "simulate", scene, settings, hz)
+
+
+def cylinder(radius_m: float, sections: int) -> trimesh.Trimesh:
+    return trimesh.creation.cylinder(radius_m, 0.1, sections=sections)
+
+
+def test_sagitta_of_a_sphere_is_that_of_its_chords():
+    radius_m = 0.04
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius_m)
+    exact = mesh.triangles / radius_m
+    longest = np.linalg.norm(np.roll(mesh.triangles, -1, axis=1) - mesh.triangles, axis=2).max(1)
+    expected = longest**2 / (8 * radius_m)  # e^2 / R of normals p / R
+    np.testing.assert_allclose(facet_sagitta_m(mesh.triangles, exact), expected, rtol=1e-12)
+    # An arc of that chord: R - sqrt(R^2 - e^2 / 4).
+    arc = radius_m - np.sqrt(radius_m**2 - longest**2 / 4)
+    np.testing.assert_allclose(expected, arc, rtol=0.01)
+    found, _ = corner_normals(Scene.from_mesh(mesh), "smooth", 30.0)
+    np.testing.assert_allclose(facet_sagitta_m(mesh.triangles, found), expected, rtol=0.1)
+
+
+def test_balls_are_warned_of_where_curved_points_are_off_by_an_eighth_of_the_wavelength():
+    """Icospheres of 80 faces whose edges are 0.58 radii: 0.6 % of the radius is left."""
+    for radius_m, expected in ((0.12, 0), (0.24, 1)):
+        ball = trimesh.creation.icosphere(subdivisions=1, radius=radius_m)
+        scene = Scene.from_mesh(ball)
+        normals, _ = corner_normals(scene, "smooth", 30.0)
+        off_m = curved_error_m(scene.triangles_m, normals)
+        assert (off_m.max() > WAVELENGTH_M / 8) == bool(expected)
+        assert len(remarks(ball)) == expected
+        weight = np.full((scene.n_faces, 3), [0.5, 0.5, 0.0])
+        middle = reference.curved_points(scene.triangles_m, normals, weight)
+        left_m = np.abs(np.linalg.norm(middle, axis=1) - radius_m).max()
+        assert 0.7 * left_m < off_m.max() < left_m
+
+
+def test_flat_sides_are_not_coarse_however_large():
+    assert remarks(trimesh.creation.box([0.2, 0.3, 0.02])) == []
+    corners = [[-0.1, -0.1, 0.3], [0.1, -0.1, 0.3], [0.1, 0.1, 0.3], [-0.1, 0.1, 0.3]]
+    assert remarks(Scene(corners, [[0, 1, 2], [0, 2, 3]], 0.5)) == []
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.05)
+    assert remarks(ball) == []
+    (remark,) = remarks(ball, facets="flat")
+    assert remark.startswith("simulate: 100 % of the surface are faces too coarse")
+
+
+@cache
+def hand() -> HandMesh:
+    return hand_mesh("V", edge_length_m=4e-3)
+
+
+def test_the_embedded_hand_is_fine_enough():
+    for facets in ("curved", "flat"):
+        assert remarks(Scene.from_mesh(hand()), facets=facets) == []
+
+
+def merged_hand(cell_m: float) -> Scene:
+    """Vertices of one cell merged into one, as decimation leaves them."""
+    mesh = hand()
+    _, cell = np.unique(np.floor(mesh.vertices_m / cell_m).astype(int), axis=0, return_inverse=True)
+    cell = cell.reshape(-1)
+    vertices = np.stack([np.bincount(cell, weights=axis) for axis in mesh.vertices_m.T], axis=1)
+    faces = cell[mesh.faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return Scene(vertices / np.bincount(cell)[:, None], faces, 0.5)
+
+
+def test_a_hand_of_a_thousand_vertices_is_not():
+    coarse = merged_hand(7e-3)
+    assert 1500 < coarse.n_faces < 2500
+    assert len(remarks(coarse, facets="flat", crease_deg=180.0)) == 1
+    (remark,) = remarks(coarse)
+    assert "edges of less than 70 degrees that stay sharp, beyond crease_deg=30" in remark
+    assert "take crease_deg=180 or a finer mesh" in remark
+    assert remarks(merged_hand(6e-3), crease_deg=180.0) == []
+    assert remarks(coarse, normals="face") == []
+
+
+def test_simulations_warn_at_their_highest_frequency():
+    mesh = trimesh.creation.icosphere(subdivisions=1, radius=0.03)
+    scene = Scene.from_mesh(mesh.apply_translation([0, 0, 0.3]), alpha=0.5)
+    few = {"samples_per_mm2": 0.01, "estimator": "expected", "facets": "flat"}
+    high, low = Waveform.sfcw(72e9, 82e9, 4), Waveform.sfcw(5e9, 6e9, 4)
+    (remark,) = warnings_of(clradar.simulate, scene, ARRAY, high, **few)
+    assert re.match("simulate: 100 % .*at 82 GHz", remark)
+    assert warnings_of(clradar.simulate, scene, ARRAY, low, **few) == []

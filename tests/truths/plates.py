@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from shapes import dihedral
 
 import clradar
 from clradar import Scene, Waveform
@@ -73,15 +74,6 @@ def plane(n_freq: int) -> tuple[float, float]:
     return float(np.abs(db).max()), float(np.abs(phase).max())
 
 
-def dihedral(size_m: float, z_m: float) -> Scene:
-    """Two squares at a right angle, open towards the radar."""
-    h, b = size_m / np.sqrt(2), size_m / 2
-    x = np.array([0, 0, -h, -h, h, h])
-    y = np.array([-b, b, -b, b, -b, b])
-    vertices = np.stack([x, y, z_m - np.abs(x)], axis=1)
-    return Scene(vertices, np.array([[0, 1, 2], [1, 3, 2], [0, 4, 1], [1, 4, 5]]), alpha=0.0)
-
-
 def trihedral(size_m: float, z_m: float, square: bool) -> Scene:
     """Three squares or triangles at right angles, their axis towards the radar."""
     edges = size_m * np.eye(3)
@@ -122,7 +114,7 @@ def corners() -> list[Row]:
     of_square = optics.square_trihedral_m2(size, wavelength)
     of_triangle = optics.triangular_trihedral_m2(size, wavelength)
     cases = {
-        "dihedral, two bounces": (dihedral(size, z), 2, of_two),
+        "dihedral, two bounces": (Scene(*dihedral(size, z), 0.0), 2, of_two),
         "square trihedral, three bounces": (trihedral(size, z, True), 3, of_square),
         "triangular trihedral, three bounces": (trihedral(size, z, False), 3, of_triangle),
     }

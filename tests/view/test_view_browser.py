@@ -1,4 +1,4 @@
-"""The live view in a browser: pixels, keys, reloading, two at once, nothing from elsewhere."""
+"""The live view, and a view as one file, in a browser: pixels, keys, nothing from elsewhere."""
 
 import base64
 import contextlib
@@ -19,16 +19,21 @@ from PIL import Image
 import clradar
 import clradar.view
 from calibration import CornerReflector, response
+from clradar.errors import ClradarError, OutputError
 from clradar.view import server
+from clradar.view.page_file import write_page
 from clradar.view.panel import Panel
 from clradar.view.session import View
+from clradar.view.sources import open_source
 from clradar.view.wish import Wish
-from measurement_io import save_capture, save_recording
+from measurement_io import save_capture, save_recording, save_volume
 
 pytest.importorskip("viser")
 
-NO_BROWSER = chromium.installed() is None
-REASON = "no Chromium here: install Debian's chromium package to try the view in a browser"
+needs_a_browser = pytest.mark.skipif(
+    chromium.installed() is None,
+    reason="no Chromium here: install Debian's chromium package to try the view in a browser",
+)
 
 PLACE = (
     "[...document.querySelectorAll('input')].filter(one => one.inputMode === 'decimal')"
@@ -40,6 +45,13 @@ PLACE = (
 SIZE = (800, 600)
 SCENE = slice(200, 560), slice(20, 440)
 """Rows and columns beside the panel and below the browser's own notice about software WebGL."""
+
+
+def shot(page):
+    """What a page shows once the last messages are drawn, (rows, columns, 3)."""
+    page.settle()
+    content = base64.b64decode(page.call("Page.captureScreenshot")["data"])
+    return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"), np.int16)
 
 
 class Tab:
@@ -74,9 +86,7 @@ class Tab:
         Returns those of the measured ones.
         """
         while True:
-            self.page.settle()  # drawing follows the messages
-            shot = base64.b64decode(self.page.call("Page.captureScreenshot")["data"])
-            image = np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), np.int16)[SCENE]
+            image = shot(self.page)[SCENE]
             coloured = np.ptp(image, axis=2) > 60
             cyan = image.argmin(axis=2) == 0
             measured = np.nonzero(coloured & ~cyan)[1] + SCENE[1].start
@@ -116,7 +126,7 @@ def recording(tmp_path_factory):
     return folder
 
 
-@pytest.mark.skipif(NO_BROWSER, reason=REASON)
+@needs_a_browser
 def test_frames_follow_the_keys_and_nothing_comes_from_elsewhere(tmp_path):
     """Without WebGL, whose software drawing takes most of the time: not the 3-D scene."""
     view = View(source=frames(volume(), volume()), wish=Wish())
@@ -132,7 +142,7 @@ def test_frames_follow_the_keys_and_nothing_comes_from_elsewhere(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(NO_BROWSER, reason=REASON)
+@needs_a_browser
 def test_frames_keys_reload_two_browsers_and_the_end(recording, tmp_path):
     with contextlib.ExitStack() as stack:
         options = ("--simulated", recording.parent / "middle.h5")
@@ -204,3 +214,59 @@ def test_an_iterable_is_shown_until_its_error(monkeypatch):
     monkeypatch.setattr(Panel, "show", drawn)
     with pytest.raises(RuntimeError, match="switched off"):
         clradar.view.show(measured(), title="lab", port=0)
+
+
+# ---- a view as one file
+
+SIDE = slice(150, 600), slice(20, 780)
+"""Rows and columns of the scene between the browser's notices and viser's controls."""
+
+
+def volumes(folder):
+    """Three volumes with a bright voxel from left to right, each on a grid of its own.
+
+    The second is damaged.
+    """
+    folder.mkdir()
+    for i, column in enumerate((9, 5, 1)):
+        origin_m = np.array([-0.1, -0.1, 0.26 + 0.02 * i])
+        grid = clradar.VoxelGrid(origin_m, np.full(3, 0.02), (11, 11, 5))
+        data = np.zeros(grid.shape, np.complex64)
+        data[2, 5, column] = 1.0
+        save_volume(folder / f"{i}.h5", clradar.Volume(data, grid))
+    with open(folder / "1.h5", "r+b") as file:
+        file.truncate(1000)
+    return folder
+
+
+@needs_a_browser
+def test_the_page_plays_without_a_server(tmp_path):
+    source, page_file = open_source(volumes(tmp_path / "volumes")), tmp_path / "view.html"
+    said: list[str] = []
+    assert write_page(View(source=source, wish=Wish()), page_file, warn=said.append) == 2
+    assert len(said) == 1
+    assert "1.h5" in said[0]
+    with chromium.chromium(tmp_path / "profile", webgl=True) as page:
+        page.resize(*SIZE)
+        page.open(page_file)
+        seen: set[str] = set()
+        while len(seen) < 2:  # it plays by itself, around the end
+            columns = np.nonzero(np.ptp(shot(page)[SIDE], axis=2) > 60)[1]
+            if len(columns) > 20:
+                seen.add("left" if columns.mean() < 380 else "right")
+        urls = page.requests()
+    assert [u for u in urls if not u.startswith((page_file.as_uri(), "data:", "blob:"))] == []
+
+
+def test_pages_that_are_not_written(tmp_path):
+    folder, page_file = volumes(tmp_path / "volumes"), tmp_path / "view.html"
+    (folder / "0.h5").unlink()
+    (folder / "2.h5").unlink()
+    source = open_source(folder)
+    with pytest.raises(ClradarError, match="expected a frame that can be shown"):
+        write_page(View(source=source, wish=Wish()), page_file, warn=lambda _: None)
+    assert not page_file.exists()
+    page_file.write_text("as it was")
+    with pytest.raises(OutputError, match="exists already"):
+        write_page(View(source=source, wish=Wish()), page_file)
+    assert page_file.read_text() == "as it was"
