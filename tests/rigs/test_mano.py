@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from command_line import Cli
 from mano_files import ORDER, PARENTS, mano_model, mano_pickle, regressor
 from scipy.spatial.transform import Rotation
 
@@ -207,9 +206,8 @@ def test_wrong_models_are_named(tmp_path, model, change, message):
 # --- command line
 
 
-def test_the_command_poses_a_model(tmp_path, path, rig, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    cli, line = Cli(capsys), f"hand --rig {path}"
+def test_the_command_poses_a_model(cli, path, rig):
+    line = f"hand --rig {path}"
     outcome = cli.ok(f"{line} L --betas 1,-0.5 -o a.ply")
     assert "right hand, unit m, 16 of 25 joints, 'L'" in outcome.out
     theta = 0.2 * np.arange(48) / 48

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from command_line import Cli
 from pygltflib import GLTF2, Sparse
 from rig_files import TIPS, RigMaker
 from scipy.spatial.transform import Rotation
@@ -546,12 +545,6 @@ def test_cut_and_foreign_files_are_named(tmp_path):
 
 
 # --- command line
-
-
-@pytest.fixture
-def cli(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return Cli(capsys)
 
 
 def test_the_command_poses_a_rig(cli):
