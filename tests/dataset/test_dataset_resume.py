@@ -9,7 +9,6 @@ import sys
 import time
 from pathlib import Path
 
-import command_line
 import h5py
 import numpy as np
 import psutil
@@ -141,8 +140,8 @@ def test_a_kill_between_a_shard_and_the_manifest_loses_nothing(faults, tmp_path,
     assert digests(tmp_path / "killed") == digests(tmp_path / "whole")
 
 
-def test_what_fails_is_set_aside_and_tried_again_on_request(light, faults, tmp_path, capsys):
-    folder, aside = tmp_path / "set", [0, 1, 2, 4]  # a whole shard, and one of another
+def test_what_fails_is_set_aside_and_tried_again_on_request(cli, light, faults):
+    folder, aside = Path("set"), [0, 1, 2, 4]  # a whole shard, and one of another
     faults(dict.fromkeys(aside, "raise"))
     with pytest.warns(ClradarWarning, match="was set aside after 2 attempts: Value") as caught:
         result = run(LIGHT, folder, device=DEVICE)
@@ -158,14 +157,14 @@ def test_what_fails_is_set_aside_and_tried_again_on_request(light, faults, tmp_p
     faults({})
     again = run(LIGHT, folder, device=DEVICE)
     assert (again.made, again.aside) == (0, result.aside)
-    retry = ("dataset", light_file(tmp_path), "-o", folder, "--retry", "--device", DEVICE)
+    retry = f"dataset {light_file(Path())} -o set --retry"
     faults({4: "raise"})
-    status, _, err = command_line.run(capsys, *retry)
+    status, _, err = cli(retry)
     assert status == 1
     assert "sample 4 was set aside after 2 attempts: ValueError: sample 4" in err
     assert "1 sample set aside; --retry tries again" in err
     faults({})
-    assert command_line.run(capsys, *retry)[::2] == (0, "")
+    assert cli(retry)[::2] == (0, "")
     assert digests(folder) == digests(light)
 
 
