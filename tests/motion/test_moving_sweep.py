@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from nightly import nightly
+from shapes import sphere
 
 import clradar
 from clradar import AntennaArray, MovingBody, MovingHand, MovingScene, RigidMotion, Scene
@@ -155,8 +156,7 @@ STEP_S = 31.25e-6
 
 def point() -> Scene:
     """A metal ball of 1 mm radius: its echo moves as that of a point does."""
-    ball = trimesh.creation.icosphere(subdivisions=3, radius=1e-3)
-    return Scene.from_mesh(ball.apply_translation(POINT_M))
+    return Scene(*sphere(tuple(POINT_M), 1e-3, 3))
 
 
 def moving_point(velocity_m_per_s: tuple[float, float, float]) -> MovingScene:
@@ -248,10 +248,8 @@ def test_skin_that_tears_is_warned_of():
 
 @pytest.mark.filterwarnings("error:simulate. the scene is as wide")
 def test_parts_of_an_array_warn_of_no_lobes_that_it_has_not():
-    corners = [trimesh.creation.icosphere(1, 8e-3) for _ in range(4)]
-    for i, ball in enumerate(corners):
-        ball.apply_translation([(-0.06, 0.06)[i % 2], (-0.08, 0.08)[i // 2], 0.3])
-    scene = Scene.from_mesh(trimesh.util.concatenate(corners))
+    corners = [(x_m, y_m, 0.3) for x_m in (-0.06, 0.06) for y_m in (-0.08, 0.08)]
+    scene = Scene.combine(Scene(*sphere(corner_m, 8e-3, 1)) for corner_m in corners)
     body = MovingBody(scene, RigidMotion.steady((0.0, 0.0, 3.0)))
     timing = clradar.SweepTiming.in_order(94, 2, step_s=160e-6)
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 2)
@@ -294,7 +292,7 @@ def test_a_point_that_goes_away_is_shifted_in_the_image_as_theory_says(order):
 
 @pytest.mark.parametrize("estimator", ["expected", *nightly(["stochastic", "physical"])])
 def test_a_scene_that_stays_has_the_bits_of_a_still_one(estimator):
-    ball = Scene.from_mesh(trimesh.creation.icosphere(radius=0.01).apply_translation(POINT_M))
+    ball = Scene(*sphere(tuple(POINT_M), 0.01, 3))
     moving = MovingScene([MovingBody(ball, RigidMotion([0.0, 1.0], np.zeros((2, 3))))])
     settings = clradar.SimulationSettings(estimator=estimator, samples_per_mm2=4)
     capture = clradar.simulate_moving(moving, RADAR, WAVEFORM, settings=settings)

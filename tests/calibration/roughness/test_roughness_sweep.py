@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from matplotlib.figure import Figure
 from nightly import nightly
-from recorded_targets import edge_array
+from recorded_targets import edge_array, two_plates
 from scipy import stats
 from shapes import plate, sphere
 
@@ -55,14 +55,7 @@ def measured_of(scene: clradar.Scene, seed: int, gain: float = GAIN) -> clradar.
     return clradar.Capture(gain * noisy.data, ARRAY, WAVEFORM)
 
 
-def two_plates() -> clradar.Scene:
-    vertices_m, faces = plate(0.05, 0.3, 4)
-    sides = [clradar.Scene(vertices_m + np.array([x_m, 0, 0]), faces) for x_m in (-0.03, 0.03)]
-    both = clradar.Scene.combine(sides)
-    return clradar.Scene(both.vertices_m, both.faces, 0.5, both.part, ("left", "right"))
-
-
-SCENE = two_plates()
+SCENE = two_plates(4)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import trimesh
 from command_line import group_of
 from comparisons import tree
 from matplotlib.figure import Figure
-from recorded_targets import edge_array
+from recorded_targets import edge_array, two_plates
 from shapes import plate, sphere
 
 import clradar
@@ -52,14 +52,7 @@ COMPLEX64_SUM = 4 * 2.0**-24
 """Two captures and their sum are rounded to float32 each, real and imaginary part."""
 
 
-def two_plates() -> clradar.Scene:
-    vertices_m, faces = plate(0.05, 0.3, 12, wavy_m=3e-3)
-    sides = [clradar.Scene(vertices_m + np.array([x_m, 0, 0]), faces) for x_m in (-0.03, 0.03)]
-    both = clradar.Scene.combine(sides)
-    return clradar.Scene(both.vertices_m, both.faces, 0.5, both.part, ("left", "right"))
-
-
-SCENE = two_plates()
+SCENE = two_plates(12, wavy_m=3e-3)
 
 
 def image_of(scene: clradar.Scene, seed: int, **rays) -> clradar.Volume:
