@@ -565,6 +565,9 @@ def test_the_command_poses_a_rig(cli):
     assert Path("x.ply").read_bytes() == Path("hand.ply").read_bytes()
     cli.ok(f"hand {rig} cm -o parts.ply")
     assert set(Scene.from_mesh("parts.ply").part_names) == set(PART_NAMES)
+    right = f"hand L {rig.replace('left', 'right')} cm -o no.ply"
+    cli.fails(right, "expected a right hand, got a left one")
+    cli.fails(f"hand L {rig} cm --betas 1 -o no.ply", "betas: expected a MANO model")
 
 
 def test_rigs_go_to_other_processes(plain):

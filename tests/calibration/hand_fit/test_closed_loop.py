@@ -112,9 +112,6 @@ def test_a_round_simulates_the_hand_and_finds_it_where_it_is(fitter, state):
     assert closed_loop.shared(volume.depth_map(20.0), volume.depth_map(20.0)) == pytest.approx(1.0)
 
 
-pytestmark = pytest.mark.slow
-
-
 def seen(letter: str) -> DepthMap:
     """The rendering's own picture of a letter."""
     hand = ParametricHand("right", "pocl")
@@ -125,6 +122,7 @@ def fitted(depth: DepthMap, start: str) -> HandFit:
     return fit_hand(depth, start, closed_loop=False, device="pocl")
 
 
+@pytest.mark.slow
 def test_noise_is_no_hand():
     axis_m = 2e-3 * np.arange(-50, 51)
     rng = np.random.default_rng(0)
@@ -134,6 +132,7 @@ def test_noise_is_no_hand():
         fitted(depth, "F")
 
 
+@pytest.mark.slow
 def test_of_half_a_hand_the_rest_is_as_in_the_start():
     whole = seen("B")
     kept = whole.x_m < 0.0  # thumb, index and middle finger
