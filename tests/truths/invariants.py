@@ -5,7 +5,7 @@ import numpy as np
 import clradar
 from clradar import AntennaArray, Capture, Material, Scene, VoxelGrid, Waveform
 from truths import measured, optics
-from truths.record import Row
+from truths.page import Row
 
 PALM = Material(
     "rough skin", permittivity=6.56 - 8.91j, roughness_rms_m=0.15e-3, correlation_length_m=3e-3

@@ -9,7 +9,7 @@ import clradar
 from clradar import Scene, Waveform
 from truths import measured, optics
 from truths.measured import Simulator
-from truths.record import Row
+from truths.page import Row
 
 SIDE_M = 0.05
 DISTANCES_M = np.geomspace(0.1, 10, 13)
