@@ -20,10 +20,7 @@ HALF = AntennaArray(QAR50.tx_m[::2], QAR50.rx_m[::2])
 FLOAT32_DB = -95.0
 
 
-def extent(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], step: float):
-    return VoxelGrid.from_extent(x, y, z, step)
-
-
+extent = VoxelGrid.from_extent
 PAPER_COARSE = extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 4e-3)
 
 
@@ -155,15 +152,3 @@ def test_pieces_of_a_large_grid_fit_together(device, monkeypatch):
     monkeypatch.setattr(fast, "TILE_VOXELS", 51 * 40)
     assert len(fast.grid_pieces(thin)) == 4
     assert error_db(half_capture(), thin, device) <= -50.0
-
-
-def test_large_arrays_are_imaged_in_parts(device, monkeypatch):
-    """More transmitters than a work-item holds."""
-    large = AntennaArray(flat(33), flat(5)[:5])
-    assert [len(a.tx_m) for _, _, a in fast.array_parts(large)] == [544, 545]
-    monkeypatch.setattr(fast, "MAX_ANTENNAS", 64)
-    array = AntennaArray(flat(11), flat(5)[:5])
-    assert len(list(fast.array_parts(array))) == 2
-    grid = extent((-0.01, 0.01), (-0.012, 0.012), (0.2, 0.204), 2e-3)
-    capture = scatterers(array, Waveform.sfcw(72e9, 82e9, 5), grid)
-    assert error_db(capture, grid, device) <= -50.0

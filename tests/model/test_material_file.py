@@ -131,9 +131,7 @@ REFUSED = {
     "[x]\npermittivity = 3\nroughnes_rms_m = 1": "x.roughnes_rms_m: unknown key; expected one of "
     "permittivity, conductor",
     "[x]\nname = 'y'": "x.name: expected no such key: a table's name is the material's, got y",
-    "[x]\npermittivity = '3 + 0.1j'": "x.permittivity: expected a passive permittivity",
     "[x]\npermittivity = 'three'": 'x.permittivity: expected a number, text such as "2.9 - 0.04j"',
-    "[x]\npermittivity = 'nan'": "x.permittivity: expected a finite number",
     "[x]\npermittivity = true": "x.permittivity: expected a complex number",
     "[x]\npermittivity = [3, 1]": "x.permittivity: expected a complex number, a ColeCole",
     "[x]\npermittivity = 2024-01-01": "x.permittivity: expected a number, got",
@@ -143,18 +141,12 @@ REFUSED = {
     "one of eps_inf, poles, sigma_s_per_m (did you mean 'poles'?)",
     "[x]\npermittivity = { eps_inf = 3, poles = 1 }": "x.permittivity.poles: expected a list of",
     "[x]\npermittivity = { eps_inf = 3, poles = ['ab'] }": "x.permittivity.poles[0]: expected (del",
-    "[x]\npermittivity = { frequency_hz = [70, 80], permittivity = [3, 3] }": "did you mean 70 to "
-    "80 GHz",
     "[x]\npermittivity = { frequency_hz = [7e10, 8e10], permittivity = [3, [3]] }": "x.permittivity"
     ".permittivity: expected an array of shape (2,), got a ragged one",
-    "[x]\nconductor = 'yes'": "x.conductor: expected True or False",
     "[x]\nconductor = true\ncoating = { thickness_m = 1e-4 }": "x.coating.permittivity: expected "
     "a value, got none",
-    "[x]\nconductor = true\ncoating = { thickness_m = 140, permittivity = 3 }": "x.coating."
-    "thickness_m: expected a thickness from 1e-07 to 0.01 m, got 140 m",
     "[x]\nconductor = true\ncorrelation_length_m = 'long'": "x.correlation_length_m: expected a n",
     "[x]\nconductor = true\n[x]": "TOMLDecodeError",
-    "['']\nconductor = true": ": name: expected a name",
 }
 
 

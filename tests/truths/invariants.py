@@ -32,15 +32,6 @@ def returned_share(scene: Scene, solid_angle: float, n_rx: int) -> float:
     return float(np.mean(np.abs(u) ** 2) * 4 * np.pi * reach**2 / solid_angle)
 
 
-def ball_solid_angle(radius_m: float) -> float:
-    return float(2 * np.pi * (1 - np.sqrt(1 - (radius_m / 0.3) ** 2)))
-
-
-def plate_solid_angle(side_m: float) -> float:
-    half = side_m / 2
-    return float(4 * np.arctan(half**2 / (0.3 * np.sqrt(0.09 + 2 * half**2))))
-
-
 def reciprocity(scene: Scene, rng: np.random.Generator) -> float:
     """Largest difference when Tx and Rx change places, over the largest value, dB."""
     tx_m, rx_m = (np.column_stack([rng.uniform(-0.07, 0.07, (n, 2)), np.zeros(n)]) for n in (6, 7))
@@ -103,10 +94,10 @@ def energy_rows(n_rx: int, cases: tuple[str, ...] = ENERGY_CASES) -> list[Row]:
         material = Material(surface, **fields[surface])
         if shape == "ball":
             scene = measured.ball(8e-3, 0.3, 1.6e-3, material)
-            angle = ball_solid_angle(8e-3)
+            angle = 2 * np.pi * (1 - np.sqrt(1 - (8e-3 / 0.3) ** 2))
         else:
             scene = measured.plate((0.03, 0.03), 0.3, material=material)
-            angle = plate_solid_angle(0.03)
+            angle = 4 * np.arctan(0.015**2 / (0.3 * np.sqrt(0.09 + 2 * 0.015**2)))
         share = returned_share(scene, angle, n_rx)
         out.append(Row(case, 0, share, ENERGY_BOUND, "", 3, at_most=True))
     return out
