@@ -63,7 +63,7 @@ def average_frames(
     max_loss_db = checks.positive("average_frames: max_loss_db", max_loss_db)
     groups: list[_Mean] = []
     worst, count = (0.0, 0), 0
-    for count, capture in enumerate(captures, start=1):
+    for count, capture in enumerate(checks.several("average_frames: captures", captures), 1):
         field = f"average_frames: frame {count - 1}"
         checks.instance(field, capture, Capture)
         if groups:

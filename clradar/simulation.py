@@ -109,8 +109,6 @@ def simulate(
     >>> capture.data.shape, capture.meta["settings"]["samples_per_mm2"]
     ((8, 8, 16), 5.0)
     """
-    checks.instance("simulate: scene", scene, Scene)
-    checks.instance("simulate: array", array, AntennaArray)
     checks.instance("simulate: waveform", waveform, Waveform)
     check_placement("simulate", scene, array)
     warn_of_ambiguity(scene, array, waveform)
@@ -179,6 +177,7 @@ def simulate_image(
     (31, 31)
     """
     checks.instance("simulate_image: imager", imager, FrameImager)
+    checks.instance("simulate_image: scene", scene, Scene)
     merged = merged_settings(settings, **fields)
     suited = merged.for_scene(scene, imager.array, imager.waveform)
     physical = suited.estimator == "physical"
@@ -191,7 +190,6 @@ def simulate_image(
             )
         )  # fmt: skip
         return
-    checks.instance("simulate_image: scene", scene, Scene)
     check_placement("simulate_image", scene, imager.array)
     resolved = suited.resolved()
     imager.array.refuse_patterns("simulate_image")
@@ -278,8 +276,6 @@ def simulate_alphas(
     reflected in it only, by single reflections; all regions block rays. They add up to that of the
     whole scene, to the rounding of complex64.
     """
-    checks.instance("simulate_alphas: scene", scene, Scene)
-    checks.instance("simulate_alphas: array", array, AntennaArray)
     checks.instance("simulate_alphas: waveform", waveform, Waveform)
     check_placement("simulate_alphas", scene, array)
     warn_of_ambiguity(scene, array, waveform)

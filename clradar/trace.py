@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.model import AntennaArray, Paths, Scene, TraceStatistics, checks
+from clradar.model import AntennaArray, Paths, Scene, TraceStatistics
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 from clradar.tracing.placement import check_placement
@@ -79,8 +79,6 @@ def trace(
     >>> print(f"{paths.length_m.mean():.3f} m, {paths.bounces.max()} bounce")
     0.600 m, 1 bounce
     """
-    checks.instance("trace: scene", scene, Scene)
-    checks.instance("trace: array", array, AntennaArray)
     check_placement("trace", scene, array)
     array.refuse_patterns("trace")
     resolved = resolve_settings(settings, **fields)

@@ -16,13 +16,7 @@ from nightly import nightly
 from clradar.compare import Metrics, compare
 from clradar.errors import CompareError, ModelError, OutputError
 from clradar.model import AntennaArray, DepthMap, ImageScale, Volume, VoxelGrid, Waveform
-from clradar.plot import (
-    comparison_figure,
-    image_figure,
-    panels_figure,
-    plane_of,
-    save_figure,
-)
+from clradar.plot import comparison_figure, image_figure, panels_figure, plane_of, save_figure
 
 X_LEFT, ALPHA = "\N{LEFTWARDS ARROW} x (mm)", "\N{GREEK SMALL LETTER ALPHA}"
 WIDE, DEEP = (-100, 100), (240, 360)

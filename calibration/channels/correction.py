@@ -56,7 +56,7 @@ def correct(
     """
     checks.instance("correct: capture", capture, Capture)
     checks.instance("correct: calibration", calibration, ChannelCalibration)
-    if isinstance(mask, str) or not set(mask) <= set(MASKS):
+    if not set(checks.several("correct: mask", mask)) <= set(MASKS):
         checks.fail("correct: mask", f"a collection out of {', '.join(MASKS)}", repr(mask))
     dead = calibration.dead_tx.size + calibration.dead_rx.size
     if dead and "dead" not in mask:

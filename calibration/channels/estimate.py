@@ -140,9 +140,7 @@ def estimate_channels(
     """
     name = "estimate_channels"
     checks.instance(f"{name}: capture", capture, Capture)
-    if not isinstance(getattr(target, "kind", None), str):
-        expected = "a FlatPlate, Sphere or CornerReflector"
-        checks.fail(f"{name}: target", expected, type(target).__name__)
+    checks.instance(f"{name}: target", target, Target)
     tolerances = {
         "m": checks.positive(f"{name}: position_tolerance_m", position_tolerance_m),
         "deg": checks.positive(f"{name}: tilt_tolerance_deg", tilt_tolerance_deg),

@@ -245,6 +245,9 @@ def response(target: Target, array: AntennaArray, waveform: Waveform) -> np.ndar
     >>> calibration.response(calibration.FlatPlate(0.3), array, waveform).round(6)
     array([[[1.+0.j]]])
     """
+    checks.instance("response: target", target, Target)
+    checks.instance("response: array", array, AntennaArray)
+    checks.instance("response: waveform", waveform, Waveform)
     echo = target.echo(array)
     cycles = echo.length_m[:, :, None] * (waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
     return np.asarray(np.exp(-2j * np.pi * cycles) * echo.seen[:, :, None])

@@ -13,13 +13,7 @@ import numpy as np
 
 from calibration.hand_fit.agreement import range_ratio
 from calibration.hand_fit.descent import FALLS, FINE, Fitted, HandFitter
-from calibration.hand_fit.hand_rendering import (
-    ANGLES,
-    N_GEOMETRY,
-    N_PARAMETERS,
-    SHAPE,
-    stepped,
-)
+from calibration.hand_fit.hand_rendering import ANGLES, N_GEOMETRY, N_PARAMETERS, SHAPE, stepped
 from calibration.hand_fit.hand_shape_vector import SHAPE_NAMES
 from calibration.hand_fit.hand_state import FITTED_ANGLES, HandState
 from calibration.hand_fit.prior import Prior

@@ -9,12 +9,7 @@ import numpy as np
 from calibration.hand_fit.descent import HandFitter, Level
 from calibration.hand_fit.digit_chain import DigitChain, bones_of_digit
 from calibration.hand_fit.hand_rendering import ANGLES, HandRendering
-from calibration.hand_fit.hand_state import (
-    ANGLES_OF_DIGIT,
-    HIGHEST_RAD,
-    LOWEST_RAD,
-    HandState,
-)
+from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, HIGHEST_RAD, LOWEST_RAD, HandState
 from calibration.hand_fit.layers import HandSkin, LayeredRendering, on_digit
 from calibration.hand_fit.misfit import deviance_map, misfit
 from calibration.hand_fit.prior import LAST_SHARE, Prior

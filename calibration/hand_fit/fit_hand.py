@@ -25,12 +25,7 @@ from calibration.hand_fit.layers import HandSkin
 from calibration.hand_fit.meshed_anew import missed_slopes, settled
 from calibration.hand_fit.placing import placed
 from calibration.hand_fit.prior import Prior, angle_covariance
-from calibration.hand_fit.recognition import (
-    check_likeness,
-    check_overlap,
-    doubts,
-    said_of_the_hand,
-)
+from calibration.hand_fit.recognition import check_likeness, check_overlap, doubts, said_of_the_hand
 from calibration.hand_fit.result import RIVAL_DEVIANCE, Basin, HandFit
 from calibration.hand_fit.starts import PoseLike, Start, starts_of
 from calibration.registration.mesh_pose import depth_for_mesh, likeness

@@ -118,6 +118,7 @@ def register(
     True
     """
     checks.instance("register: measured", measured, Volume)
+    checks.instance("register: mesh", mesh, Scene)
     chosen = merged_settings(settings, **fields)
     if mesh.materials != (METAL,) and not fit_alpha:
         chosen = chosen.for_scene(mesh)

@@ -33,6 +33,9 @@ SHRINKAGE = 0.2
 TREND_SHARE = 0.7
 """Share kept of the trend of the residuals' variance, which squares of few of them tell badly."""
 
+LEAST_VARIANCE = 1e-8
+"""Of a statistic: one that is the same in all simulations, as all of a plate is bright."""
+
 WIDENED = 1.15
 """Of the standard deviations. The statistics are not quite normal: leaving out one simulation at a
 time, errors of h were 1.06 to 1.18 times the stated ones for plates, a ball and a hand."""
@@ -164,6 +167,7 @@ class Emulator:
         left = left * np.exp(-0.5 * at @ trend)
         covariance = left.T @ left / freedom
         covariance = (1 - SHRINKAGE) * covariance + SHRINKAGE * np.diag(np.diag(covariance))
+        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), LEAST_VARIANCE))
         return cls(powers, mean, trend, covariance, np.linalg.pinv(design.T @ design), freedom)
 
     def at(self, at: np.ndarray, variance: np.ndarray | float = 0.0) -> tuple[Any, np.ndarray]:

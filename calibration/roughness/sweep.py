@@ -31,15 +31,7 @@ from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.jobs.where import Where, open_devices
-from clradar.model import (
-    AntennaArray,
-    DepthMap,
-    Scene,
-    Volume,
-    VoxelGrid,
-    Waveform,
-    checks,
-)
+from clradar.model import AntennaArray, DepthMap, Scene, Volume, VoxelGrid, Waveform, checks
 from clradar.model.progress import Progress, part_of
 from clradar.model.volume import capture_meta
 from clradar.opencl import Device

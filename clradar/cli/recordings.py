@@ -14,15 +14,7 @@ import clradar as cl
 from clradar.cli import options as opt
 from clradar.cli.comparison import write_csv
 from clradar.cli.console import counted, print_line, print_table, print_warning, progress_bar
-from clradar.cli.frames import (
-    CAPTURES,
-    MAPS,
-    RECORDS,
-    VOLUMES,
-    Frames,
-    FrameSteps,
-    record_file,
-)
+from clradar.cli.frames import CAPTURES, MAPS, RECORDS, VOLUMES, Frames, FrameSteps, record_file
 from clradar.cli.inputs import ReadOnAccess, grid_for
 from clradar.cli.outputs import save, write
 from clradar.compare import METRIC_TABLE

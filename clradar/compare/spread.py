@@ -122,6 +122,9 @@ def spread(
     >>> few.varies, few.varying_share > 0.3, many.varying_share < 0.1
     ('shot noise of random rays', True, True)
     """
+    checks.instance("spread: scene", scene, Scene)
+    checks.instance("spread: array", array, AntennaArray)
+    checks.instance("spread: waveform", waveform, Waveform)
     checks.instance("spread: grid", grid, VoxelGrid)
     count = checks.whole("spread: seeds", seeds, 2, MOST_SEEDS)
     checks.dynamic_range("spread: dynamic_range_db", dynamic_range_db)
@@ -136,10 +139,8 @@ def spread(
     devices.check_alike("a spread")
     estimator = str(base.for_scene(scene, array, waveform).resolved().estimator)
     rough = any(m.roughness_rms_m > 0 or m.micro_roughness_rms_m > 0 for m in scene.materials)
-    causes = [VARIES[estimator]] if estimator != "physical" or rough else []
-    if faults is not None:
-        causes.append("noise")
-    varies = " and ".join(causes) or "nothing"
+    causes = [VARIES[estimator]] * (estimator != "physical" or rough)
+    varies = " and ".join(causes + ["noise"] * (faults is not None)) or "nothing"
     volumes = (volume for _, volume in devices.made(seed_images, range(count), progress))
     used = tuple(range(base.seed, base.seed + count))
     return _accumulated(volumes, grid, dynamic_range_db, used, varies)

@@ -34,7 +34,7 @@ def _stored(folder: str | os.PathLike[str]) -> tuple[Manifest, dict[Path, int]]:
     manifest = read_manifest(Path(folder))
     counts = {}
     for number in sorted(manifest.shards):
-        path = Path(folder) / shard_name(number)
+        path = Path(os.path.abspath(folder)) / shard_name(number)  # it is read later, too
         with opened_shard(path) as file:
             counts[path] = len(samples_of(file))
     if not any(counts.values()):

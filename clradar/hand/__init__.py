@@ -8,14 +8,7 @@ from clradar.hand.flesh import PART_NAMES
 from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG
 from clradar.hand.mesh import HandMesh, hand_mesh
 from clradar.hand.pose import HandPose, JointAngles, interpolate_poses
-from clradar.hand.pose_file import (
-    DIGITS,
-    LETTERS,
-    POSES,
-    pose_by_name,
-    read_pose,
-    write_pose,
-)
+from clradar.hand.pose_file import DIGITS, LETTERS, POSES, pose_by_name, read_pose, write_pose
 from clradar.hand.sampler import pose_around, random_pose
 from clradar.hand.shape import ADULT_RANGES, HandShape, random_shape
 from clradar.hand.skeleton import Skeleton, posed_skeleton

@@ -134,6 +134,7 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
             f"{shown(target)}: expected a name that ends in {' or '.join(SUFFIXES)}, "
             f"got '{target.suffix}'"
         )
+    checks.instance("write_pose: pose", pose, HandPose)
     text = (indented if suffix == ".json" else toml_document)(pose_table(pose))
     write_file(target, text.encode("utf-8"), force=force)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -54,6 +55,7 @@ def random_pose(rng: np.random.Generator) -> HandPose:
     >>> random_pose(np.random.default_rng(1)) == random_pose(np.random.default_rng(1))
     True
     """
+    checks.instance("random_pose: rng", rng, np.random.Generator)
     while True:
         pose = _drawn(rng)
         if all(found.depth_m <= _most_m(found) for found in overlaps(pose)):
@@ -92,6 +94,7 @@ def pose_around(
     True
     """
     checks.instance("pose", pose, HandPose)
+    checks.instance("pose_around: rng", rng, np.random.Generator)
     spread_deg = checks.real("spread_deg", spread_deg)
     if not 0.0 <= spread_deg <= MOST_SPREAD_DEG:
         checks.fail("spread_deg", f"degrees from 0 to {MOST_SPREAD_DEG:g}", repr(spread_deg))
@@ -228,11 +231,10 @@ def overlaps(pose: HandPose, shape: HandShape = AVERAGE) -> tuple[Overlap, ...]:
     wholes = [np.concatenate(both) for both in zip(webs, rests, strict=True)]
     palm = _spheres(flesh.palm)
     found = []
-    for i, one in enumerate(names):
-        for j in range(i + 1, len(names)):
-            at_web = _depth_m(webs[i], (wholes if j > i + 1 else rests)[j])
-            depth_m = max(at_web, _depth_m(rests[i], wholes[j]))
-            found.append(Overlap((one, names[j]), depth_m))
+    for i, j in combinations(range(len(names)), 2):
+        at_web = _depth_m(webs[i], (wholes if j > i + 1 else rests)[j])
+        depth_m = max(at_web, _depth_m(rests[i], wholes[j]))
+        found.append(Overlap((names[i], names[j]), depth_m))
     found += [
         Overlap(("palm", name), _depth_m(palm, end)) for name, end in zip(names, ends, strict=True)
     ]

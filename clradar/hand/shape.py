@@ -118,6 +118,7 @@ def random_shape(rng: np.random.Generator) -> HandShape:
     >>> round(1e3 * random_shape(np.random.default_rng(1)).length_m)  # millimetres
     188
     """
+    checks.instance("random_shape: rng", rng, np.random.Generator)
     length, breadth = _POPULATIONS_MM[int(rng.integers(2))]
     rest = np.sqrt(1.0 - _LENGTH_BREADTH_CORRELATION**2)
     while True:

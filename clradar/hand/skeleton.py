@@ -21,6 +21,7 @@ import numpy as np
 
 from clradar.hand.joints import FINGER_BONES, FINGERS, JOINT_INDEX, THUMB_BONES
 from clradar.hand.pose import HandPose
+from clradar.hand.pose_file import pose_by_name
 from clradar.hand.shape import AVERAGE, HandShape
 
 MILLIMETRE_M = 1e-3
@@ -226,7 +227,7 @@ def _thumb(pose: HandPose, size: Proportions) -> _Chain:
     return _chain(base_m, frames, np.array(THUMB_MM) * size.digits["thumb"] * MILLIMETRE_M)
 
 
-def posed_skeleton(pose: HandPose, shape: HandShape = AVERAGE) -> Skeleton:
+def posed_skeleton(pose: str | HandPose, shape: HandShape = AVERAGE) -> Skeleton:
     """Return the skeleton of a right hand in its own frame, whose origin is the wrist.
 
     The angles of the wrist rotate the whole hand; with all of them 0 it has +y along the fingers,
@@ -239,6 +240,7 @@ def posed_skeleton(pose: HandPose, shape: HandShape = AVERAGE) -> Skeleton:
     >>> [round(1e3 * c, 1) for c in straight.joint_m("middle-finger-tip").tolist()]  # millimetres
     [-5.0, 183.6, 1.0]
     """
+    pose = pose if isinstance(pose, HandPose) else pose_by_name(pose)
     size = proportions(shape)
     joints_m, frames = [np.zeros(3)], [np.eye(3)]
     for chain in (_thumb(pose, size), *(_finger(f, pose, size) for f in FINGERS)):

@@ -14,12 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.imaging.voxel_skeleton import (
-    PlaneWaves,
-    VoxelSkeleton,
-    kept_voxels,
-    voxel_skeleton,
-)
+from clradar.imaging.voxel_skeleton import PlaneWaves, VoxelSkeleton, kept_voxels, voxel_skeleton
 from clradar.model import AntennaArray, VoxelGrid, Waveform
 from clradar.phasors.interpolative import Decomposition
 from clradar.phasors.skeletons import (

@@ -109,8 +109,9 @@ def draw_channels(
     def side(count: int, dead: Iterable[int], name: str, parts: tuple[Part, Part, Part]):
         units = [random_stream(seed, part).uniform(-1, 1, count) for part in parts]
         response = 10 ** (gain * units[0] / 20) * np.exp(1j * phase * units[1])
-        for channel in dead:
-            response[checks.whole(f"draw_channels: {name}", channel, 0, count - 1)] = 0
+        field = f"draw_channels: {name}"
+        for channel in checks.several(field, dead):
+            response[checks.whole(field, channel, 0, count - 1)] = 0
         return response, delay * units[2]
 
     tx_parts = Part.TX_GAIN, Part.TX_PHASE, Part.TX_DELAY

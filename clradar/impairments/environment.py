@@ -95,7 +95,7 @@ def room_capture(
     """
     checks.instance("room_capture: array", array, AntennaArray)
     checks.instance("room_capture: waveform", waveform, Waveform)
-    planes = list(walls)
+    planes = list(checks.several("room_capture: walls", walls))
     for wall in planes:
         checks.instance("room_capture: walls", wall, Wall)
 

@@ -5,9 +5,9 @@ Its message has the field's name, what was expected and what was found.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, NoReturn
+from typing import Any, NoReturn, get_args
 
 import numpy as np
 
@@ -171,10 +171,18 @@ def one_of(field: str, value: Any, choices: tuple[str, ...]) -> str:
     return str(value)
 
 
-def instance(field: str, value: Any, kind: type) -> None:
+def instance(field: str, value: Any, kind: Any) -> None:
     if not isinstance(value, kind):
-        article = "an" if kind.__name__[0] in "AEIOU" else "a"
-        fail(field, f"{article} {kind.__name__}", type(value).__name__)
+        names = " or ".join(one.__name__ for one in get_args(kind) or (kind,))
+        fail(field, f"{'an' if names[0] in 'AEIOU' else 'a'} {names}", type(value).__name__)
+
+
+def several(field: str, value: Any) -> Iterator[Any]:
+    """Return what can be gone through, once."""
+    try:
+        return iter(value)
+    except TypeError:
+        fail(field, "several, as in a list", type(value).__name__)
 
 
 def text(field: str, value: Any) -> str:

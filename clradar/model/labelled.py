@@ -42,10 +42,7 @@ def capture_dataset(capture: Any) -> xarray.Dataset:
         about = {"long_name": f"{side.title()} antenna positions", "units": "m"}
         positions_m = getattr(array, f"{side}_m")
         coordinates[f"{side}_m"] = ((side, "coordinate"), positions_m, about)
-    attributes = {
-        "array_name": array.name,
-        "provenance": to_json("Capture.meta", capture.meta),
-    }
+    attributes = {"array_name": array.name, "provenance": to_json("Capture.meta", capture.meta)}
     samples = (("tx", "rx", "frequency_hz"), capture.data, {"long_name": "complex response"})
     return xarray.Dataset({"capture": samples}, coordinates, attributes)
 
@@ -54,10 +51,7 @@ def volume_array(volume: Any) -> xarray.DataArray:
     """Return the voxels of a volume along z_m, y_m and x_m."""
     xarray = import_xarray("Volume.to_xarray")
     dims = ("z_m", "y_m", "x_m")
-    attributes = {
-        "long_name": "complex image",
-        "provenance": to_json("Volume.meta", volume.meta),
-    }
+    attributes = {"long_name": "complex image", "provenance": to_json("Volume.meta", volume.meta)}
     coordinates = _pixels(dims, volume.grid)
     return xarray.DataArray(volume.data, coordinates, dims, "volume", attributes)
 

@@ -21,9 +21,7 @@ def say_stage(progress: Progress | None, words: str) -> None:
     >>> say_stage(Printed(), "simulating")
     simulating
     """
-    show = getattr(progress, "stage", None)
-    if show is not None:
-        show(words)
+    getattr(progress, "stage", lambda _: None)(words)
 
 
 def part_of(progress: Progress | None, begin: float, end: float) -> Progress | None:

@@ -101,7 +101,8 @@ class MovingScene(Record):
     finish: Callable[[Scene], Scene] | None = None
 
     def __post_init__(self) -> None:
-        bodies: Any = (self.bodies,) if hasattr(self.bodies, "during") else tuple(self.bodies)
+        several = [self.bodies] if hasattr(self.bodies, "during") else self.bodies
+        bodies = tuple(checks.several("MovingScene.bodies", several))
         if not bodies or not all(hasattr(body, "during") for body in bodies):
             checks.fail("MovingScene.bodies", "MovingBody or MovingHand, at least one", bodies)
         self._set(bodies=bodies)

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clradar.hand import (
-    HandMesh,
-    HandPose,
-    HandShape,
-    hand_mesh,
-    interpolate_poses,
-    posed_skeleton,
-)
+from clradar.hand import HandMesh, HandPose, HandShape, hand_mesh, interpolate_poses, posed_skeleton
 from clradar.hand.joints import JOINT_INDEX
 from clradar.hand.mesh import (
     DEFAULT_CENTER_M,
@@ -83,7 +76,7 @@ class MovingHand(Record):
     def __post_init__(self) -> None:
         times_s = increasing("MovingHand.times_s", self.times_s)
         given: Any = [self.poses] if isinstance(self.poses, str | HandPose) else self.poses
-        poses = tuple(pose_of(pose) for pose in given)
+        poses = tuple(map(pose_of, checks.several("MovingHand.poses", given)))
         if len(poses) != len(times_s):
             checks.fail("MovingHand.poses", f"one for each of {len(times_s)} times", len(poses))
         checks.one_of("MovingHand.profile", self.profile, PROFILES)

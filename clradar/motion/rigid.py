@@ -83,6 +83,7 @@ class RigidMotion(Record):
 
     def at(self, time_s: float) -> np.ndarray:
         """Return the rigid transform at a time, shape (4, 4), float64, metres."""
+        time_s = checks.real("time_s", time_s)
         begin, share = between(self.times_s, time_s, self.profile, hold=self.beyond == "hold")
         end = min(begin + 1, len(self.times_s) - 1)
         made = np.eye(4)

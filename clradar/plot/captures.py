@@ -11,12 +11,7 @@ from clradar.errors import CompareError
 from clradar.model import Capture, checks
 from clradar.model.length_unit import unit_for
 from clradar.model.progress import Progress
-from clradar.model.range_profile import (
-    PROFILE_PAIRS,
-    RangeProfile,
-    antenna_subset,
-    range_profile,
-)
+from clradar.model.range_profile import PROFILE_PAIRS, RangeProfile, antenna_subset, range_profile
 from clradar.plot.layout import label_axes, new_figure
 from clradar.plot.panels import BELOW_MAXIMUM, CURVE_COLOURS, add_bar
 
@@ -85,7 +80,7 @@ def recording_figure(
     """
     profiles: list[RangeProfile] = []
     levels = []
-    for done, capture in enumerate(captures, start=1):
+    for done, capture in enumerate(checks.several("recording_figure: captures", captures), 1):
         levels.append(float(np.mean(np.abs(capture.data) ** 2, dtype=np.float64)))
         if capture.waveform.n_freq > 1:
             profiles.append(range_profile(antenna_subset(capture, PROFILE_PAIRS)))

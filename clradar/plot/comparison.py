@@ -5,17 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from clradar.compare import (
-    METRIC_TABLE,
-    Disagreement,
-    Metrics,
-    compare,
-    depth_map_of,
-    disagreement,
-)
+from clradar.compare import METRIC_TABLE, Disagreement, Metrics, compare, depth_map_of, disagreement
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
-from clradar.model import DepthMap, Volume
+from clradar.model import DepthMap, Volume, checks
 from clradar.plot.layout import (
     CAPTION_PT,
     GAP,
@@ -76,6 +69,9 @@ def comparison_figure(
     one of them alone. The axes of the figure are the amplitudes from left to right, the depths, the
     differences, and the colour bars of each. Errors are those of `clradar.compare`.
     """
+    for one in checks.several("comparison_figure: simulated", simulated):
+        if not isinstance(one, tuple | list) or len(one) != 2:
+            checks.fail("comparison_figure: simulated", "pairs (label, image)", type(one).__name__)
     if not simulated:
         raise CompareError("comparison_figure: expected at least one simulated image, got none")
     shown = [depth_map_of(measured, dynamic_range_db, "measured image")]

@@ -157,11 +157,11 @@ def text_height(lines: int, size_pt: float) -> float:
     return lines * size_pt * LINE_SPACING / POINTS_PER_INCH
 
 
-def wrapped(text: str, width: float, size_pt: float, most: int = 3) -> list[str]:
+def wrapped(text: object, width: float, size_pt: float, most: int = 3) -> list[str]:
     """Break lines of text into at most `most` of a width in inches; more ends in an ellipsis."""
     letters = max(8, int(width * POINTS_PER_INCH / (LETTER_EM * size_pt)))
     wrapper = textwrap.TextWrapper(letters, max_lines=most, placeholder="…")
-    return [line for part in text.split("\n") for line in wrapper.wrap(printable(part))][:most]
+    return [line for part in str(text).split("\n") for line in wrapper.wrap(printable(part))][:most]
 
 
 def printable(text: object) -> str:

@@ -59,6 +59,7 @@ def plane_of(volume: Volume, axis: str, at_m: float | None = None) -> Volume:
     By default through the strongest voxel. A place more than half a voxel outside of the volume is
     a `CompareError`.
     """
+    checks.instance("plane_of: volume", volume, Volume)
     checks.one_of("plane_of: axis", axis, ("x", "y", "z"))
     grid, number = volume.grid, "xyz".index(axis)
     places_m, step_m = getattr(grid, f"{axis}_m"), grid.spacing_m[number]
@@ -66,7 +67,7 @@ def plane_of(volume: Volume, axis: str, at_m: float | None = None) -> Volume:
         strongest = int(np.abs(volume.data).argmax())
         index = int(np.unravel_index(strongest, volume.data.shape)[2 - number])
     else:
-        index = round((at_m - places_m[0]) / step_m)
+        index = round((checks.real("plane_of: at_m", at_m) - places_m[0]) / step_m)
         if not 0 <= index < len(places_m):
             unit = unit_for(at_m, *places_m[[0, -1]])
             first, last, at = (unit.per_m * v for v in (places_m[0], places_m[-1], at_m))

@@ -19,13 +19,7 @@ from clradar.plot import comparison_figure, image_figure, png_bytes
 from clradar.plot.comparison import NOTE
 from clradar.plot.panels import amplitude_scale, colours_of, depth_scale
 from clradar.plot.views import FRONT, rcs_image, view_of
-from clradar.report.tables import (
-    escaped,
-    image_facts,
-    metrics_section,
-    script_json,
-    settings_table,
-)
+from clradar.report.tables import escaped, image_facts, metrics_section, script_json, settings_table
 from clradar.report.view_data import Cloud, base64_of, clouds, panel_places, slice_data, view_data
 
 if TYPE_CHECKING:
@@ -103,6 +97,8 @@ def html_report(
     if not simulated:
         raise CompareError("html_report: expected at least one simulated image, got none")
     inputs = [measured, *simulated]
+    for one in inputs:
+        checks.instance("html_report: images", one, ReportImage)
     maps = [depth_map_of(i.image, dynamic_range_db, f"image '{i.label}'") for i in inputs]
     if metrics is None:
         metrics = [compare(maps[0], m, dynamic_range_db=dynamic_range_db) for m in maps[1:]]
@@ -152,6 +148,7 @@ def image_report(
     True
     """
     dynamic_range_db = checks.dynamic_range("image_report: dynamic_range_db", dynamic_range_db)
+    checks.instance("image_report: image", image, ReportImage)
     content = rcs_image(image.image) if dbsm else image.image
     shown = depth_map_of(content, dynamic_range_db, f"image '{image.label}'")
     figure = image_figure(image.image, dynamic_range_db=dynamic_range_db, view=view, dbsm=dbsm)

@@ -162,17 +162,14 @@ def image_facts(
 
 def settings_table(record: Mapping[str, Any]) -> str:
     """Return a record as rows of dotted names and values, limited in rows and characters."""
-    rows: list[str] = []
-    left_out = 0
-    for name, value in _flat(record, "", 0):
-        if len(rows) == MAX_ROWS:
-            left_out += 1
-            continue
-        shown_name = _breakable(escaped(shortened(name, MAX_NAME)))
-        shown_value = escaped(shortened(value, MAX_VALUE))
-        rows.append(f'<tr><th scope="row">{shown_name}</th><td>{shown_value}</td></tr>')
-    table = f'<table class="settings"><tbody>{"".join(rows)}</tbody></table>'
-    if left_out:
+    found = list(_flat(record, "", 0))
+    rows = "".join(
+        f'<tr><th scope="row">{_breakable(escaped(shortened(name, MAX_NAME)))}</th>'
+        f"<td>{escaped(shortened(value, MAX_VALUE))}</td></tr>"
+        for name, value in found[:MAX_ROWS]
+    )
+    table = f'<table class="settings"><tbody>{rows}</tbody></table>'
+    if (left_out := len(found) - MAX_ROWS) > 0:
         table += f"<p>{left_out} more rows are omitted here; the file has them.</p>"
     return table
 

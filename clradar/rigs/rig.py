@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from clradar.errors import RigError
-from clradar.hand import JOINT_NAMES, HandMesh, HandPose, pose_by_name
+from clradar.hand import JOINT_NAMES, HandMesh, HandPose
 from clradar.hand.flesh import PART_NAMES
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from clradar.hand.skeleton import posed_skeleton
@@ -128,8 +128,7 @@ class Rig(Record):
 
     def rotations(self, pose: str | HandPose) -> np.ndarray:
         """Return the rotations (25, 3, 3) F G^T of bones with axes F in the pose and G at rest."""
-        wanted = pose if isinstance(pose, HandPose) else pose_by_name(pose)
-        return posed_skeleton(wanted).frames @ np.swapaxes(self.frames, 1, 2)
+        return posed_skeleton(pose).frames @ np.swapaxes(self.frames, 1, 2)
 
     def turned(self, rotations: np.ndarray, center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
         """Return the surface with every bone rotated from rest.

@@ -6,7 +6,7 @@ import numpy as np
 
 from clradar.constants import PLAUSIBLE_RANGE_M
 from clradar.errors import warn
-from clradar.model import AntennaArray, Scene
+from clradar.model import AntennaArray, Scene, checks
 from clradar.model.plausible import check_plausible, doubtful_place
 from clradar.model.scene import PLAUSIBLE_SIZE_M
 
@@ -20,18 +20,18 @@ def bounding_box_m(scene: Scene) -> np.ndarray:
 
 
 def check_placement(function: str, scene: Scene, array: AntennaArray) -> None:
-    """Raise if a scene is too large or far away to be in metres; warn of a position to doubt."""
-    box_m = bounding_box_m(scene)
+    """Raise unless it is a scene, as large and near as one in metres; warn of a doubtful place."""
+    checks.instance(f"{function}: scene", scene, Scene)
+    checks.instance(f"{function}: array", array, AntennaArray)
+    box_m, field = bounding_box_m(scene), f"{function}: scene"
     with np.errstate(over="ignore"):
         size_m = np.ptp(box_m, axis=0).max()
-    field = f"{function}: scene"
     check_plausible(field, "a size", size_m, (0.0, PLAUSIBLE_SIZE_M[1]))
     farthest_m = np.abs(box_m).max()
     check_plausible(
         field, "a distance of its farthest point", farthest_m, (0.0, PLAUSIBLE_RANGE_M[1])
     )
-    doubt = doubtful(scene, array)
-    if doubt is not None:
+    if (doubt := doubtful(scene, array)) is not None:
         warn(doubt)
 
 

@@ -11,14 +11,7 @@ import numpy as np
 
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.geometry.normals import CREASE_DEG
-from clradar.model import (
-    PERFECT_CONDUCTOR,
-    AntennaArray,
-    Scene,
-    TraceStatistics,
-    Waveform,
-    checks,
-)
+from clradar.model import PERFECT_CONDUCTOR, AntennaArray, Scene, TraceStatistics, Waveform, checks
 from clradar.model.plausible import check_plausible
 from clradar.opencl import Device
 from clradar.tracing.suited import (

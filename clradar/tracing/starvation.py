@@ -8,12 +8,7 @@ from clradar.errors import warn
 from clradar.model import AntennaArray, Scene
 from clradar.tracing.placement import doubtful
 from clradar.tracing.settings import SimulationSettings
-from clradar.tracing.suited import (
-    RADIUS_RANGE_M,
-    RECEPTION_RADIUS_M,
-    range_m,
-    same_phase_radius_m,
-)
+from clradar.tracing.suited import RADIUS_RANGE_M, RECEPTION_RADIUS_M, range_m, same_phase_radius_m
 
 STARVED_SHARE = 0.1
 """From this share of pairs without any path on a simulation is starved. Where rays arrive by chance

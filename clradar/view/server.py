@@ -12,15 +12,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarError
-from clradar.model import Capture, Scene, Volume, VoxelGrid
+from clradar.model import Capture, Scene, Volume, VoxelGrid, checks
 from clradar.opencl import Device, open_device
 from clradar.view.gate import HOST, Gate, hidden_host, listen
 from clradar.view.panel import Panel
 from clradar.view.playing import Player
 from clradar.view.session import Session, View
-from clradar.view.sources import FixedFrames, Source, StreamFrames
+from clradar.view.sources import FixedFrames, Source, StreamFrames, viewed
 from clradar.view.wish import Wish
 
 INSTALL = "pip install viser"
@@ -113,7 +114,7 @@ def serve(view: View, port: int = 8080, say: Callable[[str], None] = print) -> N
 
 
 def show(
-    frames: Iterable[Capture | Volume],
+    frames: Iterable[Capture | Volume] | Capture | Volume,
     *,
     title: str = "frames",
     grid: VoxelGrid | None = None,
@@ -127,10 +128,10 @@ def show(
 ) -> None:
     """Show captures or volumes in a browser, until SIGINT or SIGTERM; print the page's address.
 
-    A sequence is gone through by a slider. Any other iterable, such as a generator that waits for a
-    radar, is gone through in a thread of its own as fast as it yields: the newest frame is shown,
-    and those that came meanwhile are dropped and counted. The last 256 MiB of samples can be looked
-    back at. What the iterable raises is raised here.
+    A sequence, such as a recording, is gone through by a slider. Any other iterable, such as a
+    generator that waits for a radar, is gone through in a thread of its own as fast as it yields:
+    the newest frame is shown, those that came meanwhile are dropped and counted, and the last 256
+    MiB of samples can be looked back at. What the iterable raises is raised here.
 
     `grid` is that of the images of captures, by default one around what the first of them shows, of
     half a million voxels at most; `method`, `window`, `tolerance_db` and `dynamic_range_db` are as
@@ -146,15 +147,19 @@ def show(
     ...         yield clradar.Capture(measure(), array, waveform)
     >>> clradar.view.show(frames())  # doctest: +SKIP
     """
-    wish = Wish(
-        -1, grid, method, window, tolerance_db, dynamic_range_db=dynamic_range_db
-    )  # fmt: skip
+    checks.one_of("show: method", method, METHODS)
+    checks.one_of("show: window", window, WINDOWS)
+    wish = Wish(-1, grid, method, window, tolerance_db, dynamic_range_db=dynamic_range_db)
     source: Source
+    frames = [frames] if isinstance(frames, Capture | Volume) else frames
     if isinstance(frames, Sequence):
         if not frames:
             raise ClradarError("show: expected at least one frame, got none")
-        labels = tuple(f"frame {one.meta.get('frame', i)}" for i, one in enumerate(frames))
-        source = FixedFrames(title, labels, frames.__getitem__)
+        # A recording has them, and is not read for its labels.
+        numbers = getattr(frames, "frame_numbers", None) or [
+            viewed(one).meta.get("frame", i) for i, one in enumerate(frames)
+        ]
+        source = FixedFrames(title, tuple(f"frame {n}" for n in numbers), frames.__getitem__)
     else:
         source = StreamFrames(frames, title)
     serve(View(source=source, wish=wish, mesh=mesh, device=open_device(device)), port)

@@ -83,7 +83,7 @@ class Session:
 
     def __init__(self, view: View, front: Front, form: Callable[..., Volume] | None = None) -> None:
         self.source, self._beside, self._device = view.source, view.beside, view.device
-        self._wish, self._front = view.wish, front
+        self.wish, self._front = view.wish, front  # the newest wish
         self._imagers = Imagers(view.device)
         self._form = form or self._imagers.form
         self._content: tuple[int, Content] | None = None
@@ -96,11 +96,6 @@ class Session:
         self._thread.start()
 
     @property
-    def wish(self) -> Wish:
-        """The newest wish."""
-        return self._wish
-
-    @property
     def busy(self) -> bool:
         """Whether a wish waits or is being carried out."""
         return self._waiting or self._busy
@@ -111,7 +106,7 @@ class Session:
         What is being carried out is left.
         """
         with self._changed:
-            self._wish = replace(self._wish, **changes)
+            self.wish = replace(self.wish, **changes)
             self._waiting = True
             self._changed.notify_all()
 
@@ -120,7 +115,7 @@ class Session:
         frames = self.source.frames()
         if not frames:
             return
-        now = self._wish.frame  # which may be gone
+        now = self.wish.frame  # which may be gone
         at = bisect_right(frames, now) - 1 if by > 0 else bisect_left(frames, now)
         self.change(frame=frames[(at + by) % len(frames)])
 
@@ -146,7 +141,7 @@ class Session:
                 self._changed.wait_for(lambda: self._closed or self._waiting)
                 if self._closed:
                     return
-                self._waiting, self._busy, wish = False, True, self._wish
+                self._waiting, self._busy, wish = False, True, self.wish
             try:
                 self._carry_out(wish)
             except Outdated:
@@ -184,8 +179,8 @@ class Session:
     def _placed(self, wish: Wish, capture: Capture) -> Wish:
         grid = live_grid(place_grid(capture, device=self._device))
         with self._changed:  # unless a grid has been wished for meanwhile
-            if self._wish.grid is None:
-                self._wish = replace(self._wish, grid=grid)
+            if self.wish.grid is None:
+                self.wish = replace(self.wish, grid=grid)
         return replace(wish, grid=grid)
 
     def _second(self, wish: Wish, content: Content, first: Drawn) -> Drawn | None:

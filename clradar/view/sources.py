@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import measurement_io
 from clradar.dataset.folder import is_dataset
-from clradar.errors import ClradarError, MeasurementError, ModelError
+from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import fail
 from clradar.files.watched_folder import WatchedFolder, visible
-from clradar.model import Capture, Volume
+from clradar.model import Capture, Volume, checks
 from clradar.view.drawn import Flat
 from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
 from measurement_io.opening import kind_of
@@ -207,6 +207,13 @@ def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:
     return False, WatchedFolder(path, lambda name: visible(name) and name.endswith(SUFFIXES))
 
 
+def viewed(frame: Any) -> Capture | Volume:
+    """Return a frame of `clradar.view.show`, or raise `ModelError` if it is none."""
+    if not isinstance(frame, Capture | Volume):
+        checks.fail("show: frames", "captures or volumes", type(frame).__name__)
+    return frame
+
+
 class StreamFrames:
     """Captures or volumes of a Python iterable, which is gone through in a thread of its own.
 
@@ -235,8 +242,7 @@ class StreamFrames:
         kept = self._kept.get(frame)
         if kept is None:
             return "a frame that is no longer kept"
-        number = kept[0].meta.get("frame", frame)
-        return f"frame {number}"
+        return f"frame {kept[0].meta.get('frame', frame)}"
 
     def read(self, frame: int) -> Capture | Volume:
         kept = self._kept.get(frame)
@@ -245,8 +251,7 @@ class StreamFrames:
         return kept[0]
 
     def came_s(self, frame: int) -> float:
-        kept = self._kept.get(frame)
-        return time.perf_counter() if kept is None else kept[1]
+        return self._kept.get(frame, (None, time.perf_counter()))[1]
 
     def look(self) -> bool:
         with self._changed:
@@ -258,12 +263,7 @@ class StreamFrames:
     def _run(self, frames: Iterable[Capture | Volume]) -> None:
         try:
             for count, frame in enumerate(frames):
-                if not isinstance(frame, Capture | Volume):
-                    raise ModelError(
-                        "show: expected captures or volumes from the iterable, got "
-                        f"{type(frame).__name__}"
-                    )
-                kept = {**self._kept, count: (frame, time.perf_counter())}
+                kept = {**self._kept, count: (viewed(frame), time.perf_counter())}
                 left = sum(one.data.nbytes for one, _ in kept.values())
                 while left > KEPT_BYTES and len(kept) > 1:
                     left -= kept.pop(next(iter(kept)))[0].data.nbytes

@@ -8,12 +8,13 @@ import pytest
 from fronts import GRID, Front, SlowImager, capture, changed, frames, session_of, volume
 
 import clradar
-from clradar.errors import MeasurementError
+from clradar.errors import ClradarError, MeasurementError
 from clradar.imaging.frame_imager import FrameImager
-from clradar.view import beside
+from clradar.view import beside, server
 from clradar.view.beside import MATERIALS, Others, Simulation
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import BY_ALPHA, QUICK_DB, Wish
+from measurement_io import open_recording, save_recording
 
 CAPTURES = frames(*[capture()] * 5)
 
@@ -249,3 +250,28 @@ def test_a_volume_does_not_say_what_radar_recorded_it():
     with session_of(frames(volume()), Wish(), Simulation(MESH)) as (session, front):
         changed(session, {})
     assert [shown.second for shown in front.shown] == [None]
+
+
+def test_python_shows_a_capture_a_list_or_a_recording_that_is_not_read(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(server, "serve", lambda view, port: seen.append(view.source))
+    of_five = replace(capture(), meta={"frame": 5})
+    radar = save_recording(tmp_path / "plate" / "30", [capture(), capture(2.0)])
+    recording = open_recording(radar)
+    (radar / "calibrated_data" / "000000.npy").write_bytes(b"damaged")
+    for given in (of_five, [volume(), of_five], recording):
+        clradar.view.show(given)
+    labels = [[source.label(frame) for frame in source.frames()] for source in seen]
+    assert labels == [["frame 5"], ["frame 0", "frame 5"], ["frame 0", "frame 1"]]
+    assert (seen[2].read(1).data == 2.0).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [({"frames": [3]}, "captures or volumes, got int"), ({"frames": []}, "one frame, got none"),
+     ({"method": "fst"}, "show: method"), ({"window": "flat"}, "show: window")],
+    ids=["numbers", "nothing", "method", "window"],
+)  # fmt: skip
+def test_python_shows_nothing_else(given, words):
+    with pytest.raises(ClradarError, match=words):
+        clradar.view.show(**{"frames": [capture()], **given})

@@ -327,7 +327,7 @@ FEW = {"array": AntennaArray(SMALL.tx_m[:2], SMALL.rx_m), "n_freq": 32}
     ("radar", "changed", "error", "message"),
     [
         ({}, {"capture": None}, ModelError, "a Capture"),
-        ({}, {"target": "plate"}, ModelError, "FlatPlate, Sphere or CornerReflector"),
+        ({}, {"target": "plate"}, ModelError, "a FlatPlate or Sphere or CornerReflector"),
         ({}, {"position_tolerance_m": 0.0}, ModelError, "positive"),
         ({}, {"max_delay_s": 1e-6}, ModelError, "unambiguous"),
         ({}, {"common_delay": "none"}, ModelError, "'zero', 'free'"),

@@ -120,6 +120,15 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert np.count_nonzero(inside) >= 190 - 3 * 3
 
 
+def test_a_statistic_that_all_simulations_share_counts_for_nothing():
+    """As that all of a plate is bright: the interval is that of the others."""
+    rng = np.random.default_rng(1)
+    simulated, seen = made_up(rng, TENTHS, 3), made_up(rng, 0.5, 1)[0, 0]
+    simulated[..., 2], seen[2] = 5.0, 5.0
+    found = estimated(seen, TENTHS, simulated)
+    assert found.interval.low95 < 0.5 < found.interval.high95
+
+
 def test_a_mesh_out_of_place_and_few_alphas_widen_the_interval():
     rng = np.random.default_rng(7)
     statistics = made_up(rng, TENTHS, 3)
