@@ -105,12 +105,6 @@ def modules(*packages: str) -> list[str]:
     return [name for name in sorted(FILES) if any(within(name, p) for p in packages)]
 
 
-def test_the_sources_are_found():
-    assert {"clradar", "clradar.model.scene", "measurement_io", "calibration"} <= set(FILES)
-    assert "clradar.model.checks" in imports()["clradar.model.scene"]
-    assert "clradar.errors" in imports()["clradar.opencl.device"]
-
-
 def test_there_are_few_packages_and_each_has_its_layer():
     packages = {package_of(name) for name in modules("clradar")} - {"clradar"}
     assert packages == set(RANK) - {"clradar"}

@@ -59,54 +59,40 @@ def test_results_stay(on_file, cheap):
 
 RNG = np.random.default_rng(0)
 IMAGE = (RNG.standard_normal((8, 9)) + 1j * RNG.standard_normal((8, 9))).astype(np.complex64)
+BIT, HOLES = IMAGE.copy(), IMAGE.real.copy()
+BIT.view(np.uint32)[0, 0] ^= 1
+HOLES[0, :3] = np.nan
+NOISE, CAPTURE, ADDED = (
+    RNG.standard_normal((*shape, 2)).view(complex)[..., 0] * np.sqrt(0.5)
+    for shape in ((8, 9), (12, 12, 24), (12, 12, 24))
+)
+"""Of power 1; of a capture of 6912 numbers the paths may come and go at random."""
+
+COMPARED: dict[str, tuple[np.ndarray, np.ndarray, str | None]] = {
+    "here: the same": (IMAGE, IMAGE, None),
+    "here: a bit": (IMAGE, BIT, "other bits: by some 1e-09 of the whole at most"),
+    "here: the bytes as another type": (IMAGE, IMAGE.view(np.int64), "other bits"),
+    "here: the bytes in another shape": (IMAGE, IMAGE.reshape(9, 8), "other bits"),
+    "elsewhere: within the tolerance": (IMAGE, IMAGE + 5e-5 * NOISE, None),
+    "elsewhere: beyond it": (IMAGE, IMAGE + 2e-3 * NOISE, "; tolerance 0.0001"),
+    "elsewhere: noise": (IMAGE, IMAGE + 2 * NOISE, "; tolerance 0.0001"),
+    "elsewhere: NaN": (IMAGE.real, HOLES, "0 of 72 values NaN, now 3; tolerance"),
+    "elsewhere: a part": (IMAGE, IMAGE[:4], "shape"),
+    "elsewhere, traced: noise of 4 %": (CAPTURE, CAPTURE + 0.04 * ADDED, None),
+    "elsewhere, traced: a gain of 4 %": (CAPTURE, 1.04 * CAPTURE, "norm"),
+    "elsewhere, traced: a loss of 4 %": (CAPTURE, 0.96 * CAPTURE, "norm"),
+}
 
 
-def document_of(image: np.ndarray, tolerance: float = 1e-4) -> Document:
-    record = digests.Result(image, tolerance).record()
-    return {"environment": {"processor": "one"}, "results": {"case": {"image": record}}}
+@pytest.mark.parametrize("name", COMPARED)
+def test_results_are_compared_by_bits_here_and_by_tolerances_elsewhere(name):
+    def document_of(values: np.ndarray) -> Document:
+        record = digests.Result(values, digests.TRACED if "traced" in name else 1e-4).record()
+        return {"environment": {"processor": "one"}, "results": {"case": {"image": record}}}
 
-
-def changed_by(share: float) -> np.ndarray:
-    """The image plus noise of this share of its norm."""
-    noise = np.random.default_rng(1).standard_normal(IMAGE.shape)
-    norm = np.linalg.norm(IMAGE)
-    return (IMAGE + share * norm * noise / np.linalg.norm(noise)).astype(np.complex64)
-
-
-def test_a_bit_counts_on_the_same_machine():
-    one = IMAGE.copy()
-    one.view(np.uint32)[0, 0] ^= 1
-    before = document_of(IMAGE)
-    assert digests.compare(before, document_of(IMAGE)) == digests.Comparison(1, 0, ())
-    (line,) = digests.compare(before, document_of(one)).lines
-    assert line == "case/image: other bits: by some 1e-09 of the whole at most"
-    # The same bytes of another type or shape are another result.
-    for other in (IMAGE.view(np.int64), IMAGE.reshape(9, 8)):
-        assert len(digests.compare(before, document_of(other)).lines) == 1
-
-
-def test_elsewhere_the_tolerance_counts():
-    before = document_of(IMAGE)
-    close = digests.compare(before, elsewhere(document_of(changed_by(5e-5))))
-    assert close == digests.Comparison(0, 1, ())
-    for share in (1e-3, 1.0):
-        (line,) = digests.compare(before, elsewhere(document_of(changed_by(share)))).lines
-        assert line.startswith("case/image: ")
-        assert line.endswith("; tolerance 0.0001")
-    holes = IMAGE.real.copy()
-    holes[0, :3] = np.nan
-    before = document_of(IMAGE.real, tolerance=0.02)
-    assert digests.compare(before, elsewhere(document_of(holes))).lines == (
-        "case/image: 0 of 72 values NaN, now 3; tolerance 0.02",
-    )
-    assert "shape" in digests.compare(before, elsewhere(document_of(IMAGE[:4]))).lines[0]
-
-
-def test_a_gain_of_a_few_percent_is_found_elsewhere():
-    """Of a capture of 6912 numbers whose paths may come and go at random."""
-    rng = np.random.default_rng(2)
-    data, noise = (rng.standard_normal((12, 12, 24, 2)).view(complex)[..., 0] for _ in range(2))
-    before = document_of(data, tolerance=digests.TRACED)
-    for other, differs in ((data + 0.04 * noise, False), (1.04 * data, True), (0.96 * data, True)):
-        found = digests.compare(before, elsewhere(document_of(other, tolerance=digests.TRACED)))
-        assert (found.lines != ()) == differs
+    old, new, words = COMPARED[name]
+    here, now = name.startswith("here"), document_of(new.astype(old.dtype, copy=False))
+    found = digests.compare(document_of(old), now if here else elsewhere(now))
+    assert (found.by_bits, found.by_fingerprint) == (int(here), int(not here))
+    assert len(found.lines) == (words is not None)
+    assert all(line.startswith("case/image: ") and words in line for line in found.lines)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from truths import gaussian, invariants, measured, mie, optics, plates, rough, spheres, spread
-from truths.record import Row
+from truths.page import Row
 
 import clradar
 from clradar import Material

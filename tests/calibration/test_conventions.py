@@ -273,6 +273,12 @@ def test_a_known_target_decides_the_mirror(device):
         assert "does not tell" in other.recommendation
 
 
+def test_a_known_target_decides_the_mirror_of_antennas_in_a_line(device):
+    line = AntennaArray(*(side * [1.0, 0.0, 0.0] for side in (THIN.tx_m, THIN.rx_m)))
+    capture = apply_convention(made("one point", line), Hypothesis(mirrored=True))
+    assert diagnose(capture, expected_m=(0.035, -0.06, 0.31), device=device).best.mirrored
+
+
 def test_wrong_arguments(device):
     capture = made("one point", scattered(5, 4))
     for place, message in (((0, 0, -0.3), "z > 0"), ((0, 0.3), "shape")):

@@ -1,9 +1,9 @@
-"""Files made to do harm: each ends in one line, in seconds, with little memory."""
+"""Files made to do harm: each ends in one line, quickly, with little memory; plain pickles."""
 
+import contextlib
 import json
 import os
 import pickle
-import resource
 import struct
 import zipfile
 import zlib
@@ -15,12 +15,14 @@ import maroon_files
 import numpy as np
 import pytest
 from layout_files import layout
+from mesh_files import glb, tetrahedron
 from systems import linux_only
 
 import clradar
 import measurement_io
 from clradar.errors import ClradarError
 from clradar.files.hashing import content_record
+from clradar.files.pickles import ARRAYS, UnsafePickle, load
 from clradar.rigs import read_rig
 
 CPU_LIMIT_S = 20.0
@@ -93,15 +95,14 @@ def mat5(shape, content, *, deflated=False):
     return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + whole
 
 
-def gltf(**changes):
-    tree = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "accessors": [{"componentType": 5126, "count": 3, "type": "VEC3", "bufferView": 0}],
-        "bufferViews": [{"buffer": 0, "byteLength": 36}],
-        "buffers": [{"uri": "data.bin", "byteLength": 36}],
-    }  # fmt: skip
-    return json.dumps({**tree, **changes}).encode()
+ENDLESS = [
+    {"bufferView": at, "componentType": 5126, "count": 2**40, "type": "VEC3"} for at in (0, 1)
+]
+
+
+def with_buffer(uri):
+    tree = tetrahedron(buffers=[{"uri": uri, "byteLength": 72}])
+    return json.dumps(tree).encode()
 
 
 def png(width, height, size):
@@ -149,22 +150,17 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
                          b"1099511627776\nproperty float x\nproperty float y\nproperty float z\n"
                          b"element face 0\nproperty list uchar int vertex_indices\nend_header\n"),
     "deep JSON": ("mesh.gltf", b'{"asset": ' + b"[" * 10**6 + b"]" * 10**6 + b"}"),
-    "numbers of 2^40": ("mesh.gltf", gltf(accessors=[
-        {"componentType": 5126, "count": 2**40, "type": "VEC3"}])),
-    "a buffer elsewhere": ("mesh.gltf", gltf(buffers=[
-        {"uri": "../../../../../../../../etc/passwd", "byteLength": 36}])),
-    "a buffer by address": ("mesh.gltf", gltf(buffers=[
-        {"uri": "file:///etc/passwd", "byteLength": 36}])),
+    "numbers of 2^40": ("mesh.glb", glb(tetrahedron(accessors=ENDLESS))),
+    "a buffer elsewhere": ("mesh.gltf", with_buffer("../../../../../../../../etc/passwd")),
+    "a buffer by address": ("mesh.gltf", with_buffer("file:///etc/passwd")),
     "an OBJ of one line": ("mesh.obj", b"f " + b"1 " * 10**6),
-    "a rig with numbers of 2^40": ("hand.gltf", gltf(skins=[{"joints": [0]}], accessors=[
-        {"componentType": 5126, "count": 2**40, "type": "VEC3"}])),
     "a PNG bomb": ("depth.png", png(4000, 4000, 10**8)),
     "a PNG of 2^62": ("depth.png", png(2**31 - 1, 2**31 - 1, 10**3)),
     "any sparse file": ("input.h5", lambda path: sparse(path, b"", 2**29)),
     "a huge number": ("layout.toml", LAYOUT.replace("72e9", "9" * 5000).encode()),
 }  # fmt: skip
 CRAFTED |= {
-    f"a pipe for {name}": (name, os.mkfifo)
+    f"a pipe for {name}": (name, lambda path: os.mkfifo(path))
     for name in ("frame.npy", "mesh.ply", "hand.pkl", "depth.png")
 }
 CRAFTED |= {
@@ -204,6 +200,8 @@ def processor_s():
 @linux_only
 @pytest.mark.parametrize("name", CRAFTED)
 def test_crafted_files(name, tmp_path, monkeypatch):
+    import resource  # which Windows has not
+
     file, content = CRAFTED[name]
     monkeypatch.chdir(tmp_path)
     path = tmp_path / file
@@ -222,3 +220,77 @@ def test_crafted_files(name, tmp_path, monkeypatch):
     assert grown * 1024 < LIMIT_BYTES
     assert not (tmp_path / "owned").exists()
     assert "root:" not in message
+
+
+def loaded(content):
+    return load(content, ARRAYS, "frame")
+
+
+@pytest.mark.parametrize("protocol", range(6))
+def test_plain_data_of_every_protocol(protocol):
+    value = {
+        "text": "\u00e4\n'\"",
+        "numbers": [0, -1, 255, 65536, 2**31, -(2**70), 1.5, 1j],
+        "rest": (None, True, False, (), (1,), (1, 2), (1, 2, 3), (1, 2, 3, 4)),
+        "deep": {"a": [{"b": []}]},
+        7: "x" * 300,
+    }
+    shared = [value, value]
+    found = loaded(pickle.dumps(shared, protocol))
+    assert found == shared
+    assert found[0] is found[1]
+    assert loaded(pickle.dumps(b"\x00\xff" * 200, max(protocol, 2))) == b"\x00\xff" * 200
+
+
+@pytest.mark.parametrize("protocol", range(2, 6))
+def test_arrays_keep_their_bits(protocol):
+    for code in ("?", "<i2", ">u8", "<f4", ">f8", "<c8", ">c16", "<U3", "S2"):
+        whole = np.arange(24).reshape(2, 3, 4).astype(code)
+        for array in (whole, np.asfortranarray(whole), whole.transpose(1, 0, 2), whole[0, 0, 0]):
+            value = loaded(pickle.dumps(array, protocol)).value
+            assert (value.dtype, value.shape) == (array.dtype, array.shape)
+            assert value.tobytes() == array.tobytes()
+
+
+WHOLE = pickle.dumps(np.arange(6.0), 2)
+PYTHON_2 = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85U\x01b\x87R"
+PYTHON_2 += b"(K\x01K\x01\x85cnumpy\ndtype\nU\x02f8K\x00K\x01\x87R\x89U\x00tb."
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "no end: it is cut short"),
+        (b"K\x01.K\x01.", "3 bytes after the end"),
+        (b"\xff\xff", "no operation"),
+        (b"\x82\x01.", "the operation EXT1, which no frame needs"),
+        (b"Pname\n.", "the operation PERSID"),
+        (b"\x97.", "the operation NEXT_BUFFER"),
+        (b"K\x01r\xff\xff\xff\x7f.", "memo entry 2147483647, which is too many"),
+        (b"cos\nsystem\n.", "the name os.system, which no frame needs; nothing was run"),
+        (b"(cposix\nsystem\nU\x01ao.", r"the name posix.system \(os.system\)"),
+        (b"\x80\x04\x8c\x08builtins\x8c\x04eval\x93.", "the name builtins.eval"),
+        (b"\x80\x04\x8c\x05numpy\x8c\x0fndarray.__new__\x93.", "the name numpy.ndarray.__new__"),
+        (b"cnumpy\ndtype\nK\x01\x85R.", "a data type that is not given by its code"),
+        (b"cnumpy\nndarray\n)R.", "a call of numpy.ndarray"),
+        (b"c_codecs\nencode\nX\x01\0\0\0aX\x05\0\0\0utf-8\x86R.", "something else than latin1"),
+        (WHOLE.replace(b"K\x06\x85", b"K\x07\x85"), "56 bytes with 48 bytes of data"),
+        (WHOLE.replace(b"K\x06\x85", b"K\xff\x88"), "no tuple of sizes|unknown kind"),
+        (WHOLE.replace(b"K\x06\x85", b"J\xff\xff\xff\xff\x85"), "no tuple of sizes"),
+        (PYTHON_2, "8 bytes with 0 bytes of data"),
+    ],
+)
+def test_what_is_refused(content, message):
+    with pytest.raises(UnsafePickle, match=rf"a pickle with .*({message})") as info:
+        loaded(content)
+    assert str(info.value).isprintable()
+
+
+def test_states_cannot_change_the_classes():
+    """BUILD with attributes for a name: not one of them is set."""
+    for (module, name), made in ARRAYS.items():
+        before = dict(vars(made))
+        for state in (b"}U\x08__init__K\x01s", b"N}U\x0c__setstate__K\x01s\x86"):
+            with contextlib.suppress(Exception):  # whatever the unpickler raises
+                loaded(f"c{module}\n{name}\n".encode() + state + b"b.")
+        assert dict(vars(made)) == before

@@ -33,6 +33,7 @@ def frames() -> list[bytes]:
     return [maroon_files.npy(content) for content in pickles]
 
 
+RADAR = "radar_72.0_82.0_2"
 FROZEN = Path(__file__).parents[1] / "files" / "frozen" / "2026-11"
 
 
@@ -52,7 +53,7 @@ def native_captures() -> list[bytes]:
 
 def native_volumes() -> list[bytes]:
     """Native volumes: one on a relative scale, one on an absolute one."""
-    return [*frozen("volume-1.h5"), *_in_both_forms(*frozen("volume-2.h5"))]
+    return [*frozen("volume-1.h5"), *in_both_forms(*frozen("volume-2.h5"))]
 
 
 _GENERATIONS: tuple[dict[str, Any], ...] = (
@@ -62,7 +63,7 @@ _GENERATIONS: tuple[dict[str, Any], ...] = (
 )
 
 
-def _in_both_forms(content: bytes) -> list[bytes]:
+def in_both_forms(content: bytes) -> list[bytes]:
     """An HDF5 file, and the same in the earliest form, whose structures have no checksums."""
     stream = io.BytesIO()
     with h5py.File(io.BytesIO(content)) as old, h5py.File(stream, "w", libver="earliest") as new:
@@ -94,16 +95,11 @@ def _by_hand(options: dict[str, Any], crowd: int = 0) -> bytes:
 
 
 def calibrations() -> list[bytes]:
-    """calibration.json of a recording, with the entries of one frame in both generations."""
-    box = {"bb_min": [-0.1, -0.1, 0.26], "bb_max": [0.1, 0.1, 0.34], "grid_size": [201, 201, 81]}
-    top = {"frequency_low_ghz": 72.0, "frequency_high_ghz": 82.0, "frequency_points": 2}
-    amplitude = {"amplitude_filter_kernel_size": 3, "amplitude_filter_threshold_dB": -15.0}
-    limits = {"min_abs": 0.0, "max_abs": 1.5, "min_amplitude": 0.0, "max_amplitude": 1.5}
-    matrix = np.eye(4).tolist()
-    new = {"volume": box | limits, "amplitude": amplitude, "depth": {"intrinsics": matrix}}
-    old = {"volume": box | limits, "amplitude": amplitude, "depth": {"transform": matrix}}
-    trees = [top, top | {"000000": new}, top | {"000000": old, "000001": new | {"depth": box}}]
-    return [json.dumps(tree, indent=1).encode() for tree in trees]
+    """calibration.json of a recording: without a frame, with one, and with one of old."""
+    tree = json.loads(*frozen(f"recording/30/{RADAR}/calibration.json"))
+    old = {"000000": tree["000000"] | {"depth": {"transform": np.eye(4).tolist()}}}
+    none = {key: value for key, value in tree.items() if key != "000000"}
+    return [json.dumps(one, indent=1).encode() for one in (none, tree, none | old)]
 
 
 def antenna_files() -> list[bytes]:
@@ -112,11 +108,6 @@ def antenna_files() -> list[bytes]:
     rows[1:95] = clradar.arrays.qar50().rx_m
     texts = [[f"{x},{y},{z}" for x, y, z in part] for part in (rows, rows[1:95])]
     return ["\n".join(["x,y,z", *text, ""]).encode() for text in texts]
-
-
-def native_channels() -> list[bytes]:
-    """Calibrated channels, as saved once."""
-    return _in_both_forms(*frozen("channels-2.h5"))
 
 
 def alignments() -> list[bytes]:
@@ -137,7 +128,6 @@ def metadata() -> list[bytes]:
     return [*frozen("recording/30/metadata.json"), json.dumps(tree).encode(), b"{}"]
 
 
-RADAR = "radar_72.0_82.0_2"
 _IMAGES = ("depth/000000.png", "maxproj/000000.png")
 
 
@@ -202,9 +192,6 @@ angle_deg = [0.0, 90.0, 180.0]
 field = [1.0, 0.7, 0.0]
 """
     return [text, b'copy_of = "qar50"\n']
-
-
-POSE = b'name = "bent"\n[joints.index-finger-phalanx-intermediate]\nflexion_deg = 80\n'
 
 
 def _hand_model() -> dict[str, Any]:
@@ -282,8 +269,3 @@ def hand_archives() -> list[bytes]:
     model["J_regressor"] = model["J_regressor"].toarray()
     np.savez(stream, **{name: value for name, value in model.items() if name != "bs_style"})
     return [stream.getvalue()]
-
-
-def manifests() -> list[bytes]:
-    """Data sets: a whole one, and one with a sample that was set aside."""
-    return frozen("data-set/manifest.json", "data-set-stopped/manifest.json")

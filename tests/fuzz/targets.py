@@ -162,14 +162,16 @@ def _manifest(path: Path) -> object:
 
 _DEPTH = f"{seeds.RADAR}/depth/000000.png"
 _NO_FRAME = {f"{seeds.RADAR}/calibrated_data/000000.npy": b"which takes no time to read"}
-_POSED = {"motion/bent.toml": seeds.POSE}
+_MANIFESTS = partial(seeds.frozen, "data-set/manifest.json", "data-set-stopped/manifest.json")
+_POSED = {"motion/bent.toml": seeds.frozen("pose.toml")[0]}
 
 TARGETS = {
     "frame": Target("000000.npy", seeds.frames, open_capture, Capture, _PICKLE),
     "native_capture": _native("capture.h5", seeds.native_captures, open_capture, Capture),
     "native_volume": _native("volume.h5", seeds.native_volumes, open_volume, Volume),
     "native_channels": _native(
-        "channels.h5", seeds.native_channels, open_channels, ChannelCalibration
+        "channels.h5", lambda: seeds.in_both_forms(*seeds.frozen("channels-2.h5")), open_channels,
+        ChannelCalibration,
     ),
     "lab_npz": _lab("npz", "npz deflated", form=_ZIP),
     "lab_hdf5": _lab("hdf5", "hdf5 gzip", "hdf5 lzf", "mat v7.3", form=_HDF5),
@@ -202,7 +204,7 @@ TARGETS = {
     "rig_glb": _rig("hand.glb", seeds.rigs, _GLB),
     "mano_npz": _rig("model.npz", seeds.hand_archives, _ZIP),
     "mano_pickle": _rig("model.pkl", seeds.hand_models, _PICKLE),
-    "manifest": Target("manifest.json", seeds.manifests, _manifest, Manifest, _JSON),
+    "manifest": Target("manifest.json", _MANIFESTS, _manifest, Manifest, _JSON),
     "layout_toml": Target(
         "lab.toml", seeds.layouts, read_layout, Layout, _toml(b"[data]", b"axes", b'"tx"')
     ),
@@ -215,7 +217,8 @@ TARGETS = {
         _toml(b"n = 20000", b"[[pose]]", b"points_m", b"gain_db"),
     ),
     "pose_toml": Target(
-        "pose.toml", lambda: [seeds.POSE], read_pose, HandPose, _toml(b"_deg", b"joints")
+        "pose.toml", partial(seeds.frozen, "pose.toml"), read_pose, HandPose,
+        _toml(b"_deg", b"joints"),
     ),
     "motion_toml": Target(
         "motion/motion.toml", lambda: [seeds.of_page("movement.md")],

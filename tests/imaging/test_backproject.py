@@ -1,21 +1,25 @@
-"""Back-projection against the float64 sum, and the image of a point against its closed form."""
+"""Images against the float64 sum and the closed form of a point; frame after frame the same."""
 
 from functools import cache, lru_cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pyopencl
 import pytest
+import trimesh
 from images import QAR50, SWEEP, centres_m, noise, phasors, rms_db, scatterers
 from nightly import nightly
 from scipy.signal import windows
 
 import clradar
-from clradar import AntennaArray, Capture, VoxelGrid, Waveform, backproject, reference
+from clradar import AntennaArray, Capture, FrameImager, VoxelGrid, Waveform, backproject, reference
 from clradar.backproject import METHODS, frequency_weights
 from clradar.errors import ModelError
+from clradar.imaging import fast
 from clradar.imaging.exact import TX_CHUNK
 from clradar.imaging.tiled import RX_CHUNK
+from clradar.phasors.phasor_sum import PhasorSum
 
 # Every term errs by some 5e-7 (phase 4e-7 rad per antenna, sine 1.1e-7, three float32 products),
 # and a float32 sum of a hundred terms by 1e-6 at most. Errors and terms both add up at random, so
@@ -223,3 +227,137 @@ def test_samples_whose_sum_overflows_are_refused(device):
     for method in METHODS:
         with pytest.raises(ModelError, match=r"sum complex64 holds, got .* up to 3e\+38; scale"):
             backproject(capture, GRID, method=method, device=device)
+
+
+BAND = clradar.Waveform.sfcw(72e9, 82e9, 32)
+THIN = clradar.AntennaArray(QAR50.tx_m[::6], QAR50.rx_m[::6])
+BOX = VoxelGrid.from_extent((-0.04, 0.04), (-0.03, 0.05), (0.27, 0.31), 2e-3)
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[Capture]:
+    """Echoes of a few points at other places each, and noise."""
+    rng = np.random.default_rng(3)
+    made = []
+    for _ in range(2):
+        points_m = rng.uniform([-0.03, -0.02, 0.28], [0.03, 0.04, 0.30], (5, 3))
+        made.append(clradar.room_capture(THIN, BAND, [], points_m=points_m))
+    return [*made, noise(THIN, BAND, seed=5)]
+
+
+@pytest.mark.parametrize(
+    ("method", "window"), [("fast", "rect"), ("fast", "hann"), ("range", "rect"), ("exact", "rect")]
+)
+def test_frames_have_the_bits_of_single_images(frames, method, window, device):
+    """Whatever was imaged before."""
+    grid = BOX if method == "fast" else VoxelGrid(BOX.origin_m, BOX.spacing_m, (9, 8, 7))
+    options: dict[str, Any] = {"method": method, "window": window, "device": device}
+    with FrameImager(THIN, BAND, grid, **options) as imager:
+        for frame in (*frames, frames[0]):
+            imager.form(frame)
+            alone = clradar.backproject(frame, grid, check_grid=False, **options)
+            np.testing.assert_array_equal(imager.volume().data, alone.data)
+            assert imager.volume().meta == alone.meta
+            shown, depth = imager.depth_map(20.0), alone.depth_map(20.0)
+            # The strongest voxel is found in float32 on the device.
+            np.testing.assert_allclose(shown.depth_m, depth.depth_m, rtol=1e-6)
+            np.testing.assert_allclose(shown.amplitude, depth.amplitude, rtol=1e-6)
+            assert depth.mask.any()
+
+
+def test_a_frame_costs_no_copies_and_no_buffers_but_its_own(frames, device, monkeypatch):
+    copied: list[int] = []
+    buffers = 0
+    copy, make = pyopencl.enqueue_copy, pyopencl.Buffer
+
+    def counted(queue: Any, to: Any, of: Any) -> Any:
+        copied.append(next(a.nbytes for a in (to, of) if isinstance(a, np.ndarray)))
+        return copy(queue, to, of)
+
+    def made(*args: Any, **options: Any) -> Any:
+        nonlocal buffers
+        buffers += 1
+        return make(*args, **options)
+
+    with FrameImager(THIN, BAND, BOX, device=device) as imager:
+        imager.form(frames[0])
+        imager.depth_map()
+        monkeypatch.setattr(pyopencl, "enqueue_copy", counted)
+        monkeypatch.setattr(pyopencl, "Buffer", made)
+        imager.form(frames[1])
+        # The samples are read where they are, through one buffer of their memory.
+        on_cpu = device.info.kind == "cpu"
+        assert (copied, buffers) == (([], 1) if on_cpu else ([frames[1].data.nbytes], 0))
+        copied.clear()
+        imager.depth_map()
+        padded = -(-BOX.counts[0] * BOX.counts[1] // device.width) * device.width
+        assert sorted(copied) == [4 * padded, 24 * padded]
+        copied.clear()
+        assert imager.volume().data.nbytes == copied[0]
+        assert len(copied) == 1
+        assert buffers == on_cpu
+
+
+def test_what_does_not_fit_is_refused(frames):
+    with FrameImager(THIN, BAND, BOX) as imager:
+        with pytest.raises(ModelError, match="a frame formed before"):
+            imager.depth_map()
+        other = THIN.part(slice(8), slice(None))
+        with pytest.raises(ModelError, match="one by its array and waveform"):
+            imager.form(noise(other, BAND))
+        imager.form(frames[0])
+        # A refused frame leaves the last image.
+        with pytest.raises(ModelError):
+            imager.form(noise(other, BAND))
+        assert imager.depth_map().mask.any()
+        # Samples that are finite, but whose sums are not.
+        huge = np.full(frames[0].data.shape, 3e38, np.complex64)
+        imager.form(Capture(huge, THIN, BAND))
+        for read in (imager.depth_map, imager.volume):
+            with pytest.raises(ModelError, match="overflow"):
+                read()
+        imager.form(frames[1])
+        assert imager.depth_map().mask.any()
+
+
+def test_grids_of_several_pieces_are_kept_on_the_host(frames, monkeypatch):
+    monkeypatch.setattr(fast, "TILE_VOXELS", 20_000)
+    with FrameImager(THIN, BAND, BOX) as imager:
+        imager.form(frames[0])
+        alone = clradar.backproject(frames[0], BOX, check_grid=False)
+        np.testing.assert_array_equal(imager.volume().data, alone.data)
+        np.testing.assert_array_equal(imager.depth_map().depth_m, alone.depth_map().depth_m)
+
+
+def test_a_simulation_is_imaged_where_it_is(device, monkeypatch):
+    """The samples do not come to the host, and the image has the same bits."""
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.015)
+    scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0.01, 0.29]), alpha=0.5)
+    for estimator in ("expected", "physical"):
+        options = {"samples_per_mm2": 2, "estimator": estimator, "seed": 1}
+        with FrameImager(THIN, BAND, BOX, device=device) as imager:
+            imager.form(clradar.simulate(scene, THIN, BAND, device=device, **options))
+            want = imager.volume()
+            if estimator != "physical":
+                monkeypatch.setattr(PhasorSum, "result", _not_read)
+            clradar.simulate_image(scene, imager, **options)
+            monkeypatch.undo()
+            monkeypatch.setattr(fast, "FEW_TERMS", 0)
+            np.testing.assert_array_equal(imager.volume().data, want.data)
+            assert imager.volume().meta == want.meta
+
+
+def _not_read(self: PhasorSum) -> None:
+    pytest.fail("the samples were read")
+
+
+def test_the_absolute_scale_is_that_of_the_captures_gains(frames, device):
+    louder = clradar.AntennaArray(
+        THIN.tx_m, THIN.rx_m, tx_pattern=clradar.AntennaPattern(gain_dbi=6.0)
+    )
+    meta = {**frames[0].meta, "absolute": True}
+    frame = Capture(frames[0].data, louder, BAND, meta)
+    with FrameImager(THIN, BAND, BOX, device=device) as imager:
+        imager.form(frame)
+        alone = clradar.backproject(frame, BOX, check_grid=False, device=device)
+        np.testing.assert_array_equal(imager.volume().rcs_dbsm(), alone.rcs_dbsm())

@@ -41,12 +41,18 @@ def test_mesh_files_of_every_format_give_the_same_triangles(tmp_path, kind):
     np.testing.assert_allclose(scene.triangles_m, box().triangles, rtol=0, atol=FLOAT32_M)
 
 
-def test_meshes_in_memory():
-    class Posed:
-        def to_trimesh(self) -> trimesh.Trimesh:
-            return box()
+class Posed:
+    """A body that gives a mesh, and knows its normals."""
 
-    for mesh in (box(), trimesh.Scene(box()), (box().vertices, box().faces), Posed()):
+    def __init__(self, mesh: trimesh.Trimesh, normals: Any = None) -> None:
+        self.mesh, self.normals = mesh, normals
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        return self.mesh
+
+
+def test_meshes_in_memory():
+    for mesh in (box(), trimesh.Scene(box()), (box().vertices, box().faces), Posed(box())):
         np.testing.assert_array_equal(Scene.from_mesh(mesh).triangles_m, box().triangles)
 
 
@@ -133,14 +139,6 @@ FAR = np.diag([1.7e308, 1.0, 1.0]) - np.diag([0.0, 0.0, 1.7e308])
 FAR[2, 0] = -1.7e308
 
 
-class Smooth:
-    def __init__(self, normals: Any) -> None:
-        self.normals = normals
-
-    def to_trimesh(self) -> trimesh.Trimesh:
-        return box()
-
-
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a tuple": (lambda: Scene.from_mesh((1, 2, 3)), "expected a mesh file.*got tuple"),
     "a vertex": (
@@ -157,7 +155,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         "got inf m",
     ),
     "a unit": (lambda: Scene.from_mesh(box(), unit="ft"), "one of 'm', 'cm', 'mm', 'inch', got"),
-    "normals": (lambda: Scene.from_mesh(Smooth(np.eye(2))), "^normals: expected"),
+    "normals": (lambda: Scene.from_mesh(Posed(box(), np.eye(2))), "^normals: expected"),
     "no scene": (lambda: Scene.combine([]), "expected at least one scene, got none"),
     "other scenes": (lambda: Scene.combine([box()]), "expected scenes, got Trimesh"),
     "an alpha's part": (
@@ -255,15 +253,10 @@ def test_normals_are_transformed_with_the_surface():
     ball = Scene(vertices, faces, normals=vertices)
     np.testing.assert_allclose(ball.transformed(matrix).normals, normals, atol=1e-12)
 
-    class Smooth:
-        normals = vertices
-
-        def to_trimesh(self) -> trimesh.Trimesh:
-            return trimesh.Trimesh(vertices, faces, process=False)
-
-    made = Scene.from_mesh(Smooth(), transform=matrix)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    made = Scene.from_mesh(Posed(mesh, vertices), transform=matrix)
     np.testing.assert_allclose(made.normals, normals, atol=1e-12)
-    assert Scene.from_mesh(Smooth().to_trimesh()).normals is None
+    assert Scene.from_mesh(mesh).normals is None
 
 
 def test_normals_that_are_not_known_stay_so():

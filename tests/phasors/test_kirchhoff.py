@@ -8,15 +8,14 @@ import trimesh
 from nightly import nightly
 from scipy.integrate import trapezoid
 from truths import measured
+from truths.measured import lit_points
 
 import clradar
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model.material_file import material_of
-from clradar.opencl import open_device
 from clradar.phasors.kirchhoff_sum import TOLERANCE_DB
 from clradar.phasors.leg_tables import NODES, reflection_legs
-from clradar.tracing.quadrature import LitPoints, LitQuadrature
-from clradar.tracing.settings import resolve_settings
+from clradar.tracing.quadrature import LitPoints
 
 FULL = clradar.arrays.qar50()
 ARRAY = clradar.AntennaArray(FULL.tx_m[::5], FULL.rx_m[::4])  # 19 x 24: odd against 8 lanes
@@ -49,14 +48,6 @@ def simulated(
     return clradar.simulate(
         scene, array, WAVEFORM, estimator="physical", samples_per_mm2=SPARSE, device=device
     )
-
-
-def lit_points(scene: clradar.Scene, array: clradar.AntennaArray, **fields: object) -> LitPoints:
-    """The points, their positions in the antenna frame."""
-    settings = resolve_settings(estimator="physical", **fields)
-    with LitQuadrature(scene, array, settings, open_device("pocl")) as quadrature:
-        lit = quadrature.lit_points()
-        return replace(lit, position_m=lit.position_m + quadrature.middle_m.astype(np.float64))
 
 
 def dense(

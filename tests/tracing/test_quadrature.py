@@ -1,22 +1,19 @@
 """Quadrature points of the physical estimator: where they are, what they see, their roughness."""
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
 from truths import measured
+from truths.measured import lit_points
 
 import clradar
 from clradar.errors import MeshError, ModelError
-from clradar.opencl import open_device
 from clradar.reference import kirchhoff as reference
 from clradar.tracing.height_field import mended_texture
 from clradar.tracing.pieces import pieces_of
-from clradar.tracing.quadrature import LitPoints, LitQuadrature
-from clradar.tracing.settings import resolve_settings
 
 AROUND = clradar.AntennaArray(0.5 * np.vstack([np.eye(3), -np.eye(3)]), [[0.5, 0.0, 0.001]])
 """Every point of a convex body at the origin is seen by some Tx."""
@@ -29,15 +26,6 @@ ROUGH = clradar.Material(
 def ball(subdivisions: int, radius_m: float = 0.02) -> clradar.Scene:
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius_m)
     return clradar.Scene.from_mesh(mesh)
-
-
-def points_of(scene: clradar.Scene, array: clradar.AntennaArray, **fields: object) -> LitPoints:
-    """Lit points in the antenna frame, float64."""
-    settings = resolve_settings(estimator="physical", **fields)
-    with LitQuadrature(scene, array, settings, open_device("pocl")) as quadrature:
-        lit = quadrature.lit_points()
-        position_m = lit.position_m.astype(float) + quadrature.middle_m
-        return replace(lit, position_m=position_m, area_m2=lit.area_m2.astype(float))
 
 
 @pytest.mark.parametrize(
@@ -75,7 +63,7 @@ def test_scenes_without_area_or_with_too_many_points_are_refused():
 def test_points_of_a_rough_ball_are_those_of_the_reference():
     """To the float32 of positions of 20 mm and of the waves: 4e-5 rad of K q."""
     scene = ball(2, 0.006).with_material(ROUGH)
-    lit = points_of(scene, AROUND, seed=5)
+    lit = lit_points(scene, AROUND, seed=5)
     pieces = pieces_of(scene.triangles_m, 4.0)
     smooth = reference.quadrature(scene, pieces.edge_points)
     want = reference.roughened(smooth, 0.15e-3, 2e-3, 5, ROUGH.name)
@@ -95,7 +83,7 @@ def test_curved_points_make_the_area_of_a_sphere():
     whole = clradar.AntennaArray(AROUND.tx_m, AROUND.tx_m)
     radius_m = 0.02
     for facets, area, deepest in (("curved", -6e-4, -1.4e-3), ("flat", -1.9e-2, -1.8e-2)):
-        lit = points_of(ball(2, radius_m), whole, facets=facets)
+        lit = lit_points(ball(2, radius_m), whole, facets=facets)
         single = np.unique(lit.sample, return_index=True)[1]
         found_m2 = np.linalg.norm(lit.area_m2[single], axis=1).sum()
         assert len(single) == pieces_of(ball(2, radius_m).triangles_m, 4.0).n_points
@@ -109,7 +97,7 @@ def test_texture_moves_with_the_body():
     move = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3])
     move[:3, 3] = [0.01, -0.02, 0.005]
     whole = clradar.AntennaArray(AROUND.tx_m, AROUND.tx_m)
-    one, two = (points_of(s, whole, seed=1) for s in (scene, scene.transformed(move)))
+    one, two = (lit_points(s, whole, seed=1) for s in (scene, scene.transformed(move)))
     _, i, j = np.intersect1d(one.sample, two.sample, return_indices=True)
     assert len(i) > 0.99 * len(one.sample)
     moved_m = one.position_m[i] @ move[:3, :3].T + move[:3, 3]
@@ -137,7 +125,7 @@ def test_a_curved_face_that_folds_back_is_seen_from_the_side_of_its_flat_one():
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     scene = clradar.Scene(corners_m, [[0, 1, 2]], normals=normals)
     above = [[0.0, 0.0, 4.0]]
-    lit = points_of(scene, clradar.AntennaArray(above, above), samples_per_mm2=10.0)
+    lit = lit_points(scene, clradar.AntennaArray(above, above), samples_per_mm2=10.0)
     np.testing.assert_array_equal(lit.sample, np.arange(len(lit.sample)))
     assert len(lit.sample) >= 10.0 * 40.0 / 1.25  # all of 40 mm^2
 
@@ -158,24 +146,24 @@ def test_antennas_on_both_sides_of_a_sheet():
     assert sample(near, far) == 0
     assert abs(sample(near, near)) > 0
     assert sample(far, far) == pytest.approx(sample(near, near), rel=1e-5)
-    both = points_of(scene, clradar.AntennaArray([near, far], [near, far]))
+    both = lit_points(scene, clradar.AntennaArray([near, far], [near, far]))
     assert len(both.sample) == 2 * len(np.unique(both.sample))
 
 
 @pytest.mark.parametrize("at_m", [[0.003, 0.002, 0.2], [0.01, 0.01, 0.2], [0.01, 0.01, 0.2 - 1e-5]])
 def test_an_antenna_on_the_surface_is_refused(at_m):
     with pytest.raises(ModelError, match=r"antennas at least 0[.]75 mm"):
-        points_of(measured.plate((0.02, 0.02), 0.2), clradar.AntennaArray([[0, 0, 0]], [at_m]))
+        lit_points(measured.plate((0.02, 0.02), 0.2), clradar.AntennaArray([[0, 0, 0]], [at_m]))
 
 
 def test_a_material_keeps_its_roughness_whatever_else_is_in_the_scene():
     own = ball(1, 0.006).with_material(ROUGH)
     aside = trimesh.transformations.translation_matrix([0.03, 0.03, 0.03])
     other = ball(1, 0.002).transformed(aside).with_material("palm")
-    alone = points_of(own, AROUND, seed=5)
+    alone = lit_points(own, AROUND, seed=5)
     for scenes in ([own, other], [other, own]):
         both = clradar.Scene.combine(scenes)
-        lit = points_of(both, AROUND, seed=5)
+        lit = lit_points(both, AROUND, seed=5)
         here = lit.position_m[lit.material == both.materials.index(ROUGH)]
         assert len(here) == len(alone.sample)
         # float32 relative to the middle of another scene; heights are 0.15 mm.

@@ -11,7 +11,7 @@ import numpy as np
 import clradar
 from clradar.hand import hand_mesh
 from truths import figures, invariants, measured, page, plates, rough, spheres, spread
-from truths.record import Row
+from truths.page import Row
 
 ROOT = Path(__file__).resolve().parents[2]
 G = (0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 10.0)

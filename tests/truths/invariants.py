@@ -5,7 +5,7 @@ import numpy as np
 import clradar
 from clradar import AntennaArray, Capture, Material, Scene, VoxelGrid, Waveform
 from truths import measured, optics
-from truths.record import Row
+from truths.page import Row
 
 PALM = Material(
     "rough skin", permittivity=6.56 - 8.91j, roughness_rms_m=0.15e-3, correlation_length_m=3e-3
@@ -30,15 +30,6 @@ def returned_share(scene: Scene, solid_angle: float, n_rx: int) -> float:
     rx_m = reach * directions(n_rx) + np.array([0, 0, distance])
     u = measured.physical(scene, AntennaArray(np.zeros((1, 3)), rx_m), measured.band_hz(1))[0, :, 0]
     return float(np.mean(np.abs(u) ** 2) * 4 * np.pi * reach**2 / solid_angle)
-
-
-def ball_solid_angle(radius_m: float) -> float:
-    return float(2 * np.pi * (1 - np.sqrt(1 - (radius_m / 0.3) ** 2)))
-
-
-def plate_solid_angle(side_m: float) -> float:
-    half = side_m / 2
-    return float(4 * np.arctan(half**2 / (0.3 * np.sqrt(0.09 + 2 * half**2))))
 
 
 def reciprocity(scene: Scene, rng: np.random.Generator) -> float:
@@ -103,10 +94,10 @@ def energy_rows(n_rx: int, cases: tuple[str, ...] = ENERGY_CASES) -> list[Row]:
         material = Material(surface, **fields[surface])
         if shape == "ball":
             scene = measured.ball(8e-3, 0.3, 1.6e-3, material)
-            angle = ball_solid_angle(8e-3)
+            angle = 2 * np.pi * (1 - np.sqrt(1 - (8e-3 / 0.3) ** 2))
         else:
             scene = measured.plate((0.03, 0.03), 0.3, material=material)
-            angle = plate_solid_angle(0.03)
+            angle = 4 * np.arctan(0.015**2 / (0.3 * np.sqrt(0.09 + 2 * 0.015**2)))
         share = returned_share(scene, angle, n_rx)
         out.append(Row(case, 0, share, ENERGY_BOUND, "", 3, at_most=True))
     return out

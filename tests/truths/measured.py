@@ -1,6 +1,7 @@
 """What clradar gives for the scenes of `checks`: S-parameters as echoes u, 1/m."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -8,6 +9,8 @@ import trimesh
 import clradar
 from clradar import AntennaArray, Material, Scene, Waveform
 from clradar.reference import kirchhoff
+from clradar.tracing.quadrature import LitPoints, LitQuadrature
+from clradar.tracing.settings import resolve_settings
 
 C_M_PER_S = 299_792_458.0
 
@@ -82,6 +85,15 @@ def reference(
         surface, array, frequencies_hz, *sides, tx_leg=legs[0], rx_leg=legs[1]
     )
     return echo(data, frequencies_hz)
+
+
+def lit_points(scene: Scene, array: AntennaArray, **fields: object) -> LitPoints:
+    """The points of the physical estimator, in the antenna frame, float64."""
+    settings = resolve_settings(estimator="physical", **fields)
+    with LitQuadrature(scene, array, settings, clradar.open_device("pocl")) as quadrature:
+        lit = quadrature.lit_points()
+        position_m = lit.position_m.astype(float) + quadrature.middle_m
+        return replace(lit, position_m=position_m, area_m2=lit.area_m2.astype(float))
 
 
 def ball(radius_m: float, z_m: float, edge_m: float, material: Material | None = None) -> Scene:

@@ -9,7 +9,7 @@ import clradar
 from clradar import Scene, Waveform
 from truths import measured, optics
 from truths.measured import Simulator
-from truths.record import Row
+from truths.page import Row
 
 SIDE_M = 0.05
 DISTANCES_M = np.geomspace(0.1, 10, 13)
@@ -37,28 +37,22 @@ def sigma_db(u: np.ndarray, distance_m: float) -> float:
 
 def over_distance(distances_m: np.ndarray) -> np.ndarray:
     """Rows (distance, found, integral) of a plate on its axis, dBsm as it would be far away."""
-    f = measured.band_hz(1)
-    k = measured.wavenumber(f)
-    out = []
-    for z in distances_m:
-        scene = measured.plate((SIDE_M, SIDE_M), z)
-        u = measured.physical(scene, measured.monostatic(np.zeros(3)), f)[0, 0, 0]
-        exact = optics.any_rectangle(z, (SIDE_M, SIDE_M), 0.0, k)[0]
-        out.append((z, sigma_db(u, z), sigma_db(exact, z)))
-    return np.array(out)
+    return np.array([(z, *seen(measured.physical, 0.0, z)) for z in distances_m])
 
 
 def over_tilt(simulate: Simulator, tilts_deg: tuple[float, ...], distance_m: float) -> np.ndarray:
     """Rows (tilt, found, integral), dBsm."""
-    f = measured.band_hz(1)
+    return np.array([(tilt, *seen(simulate, tilt, distance_m)) for tilt in tilts_deg])
+
+
+def seen(simulate: Simulator, tilt_deg: float, distance_m: float) -> tuple[float, float]:
+    """What is found of a plate, and the integral over it."""
+    f, sides_m = measured.band_hz(1), (SIDE_M, SIDE_M)
+    scene = measured.plate(sides_m, distance_m, np.radians(tilt_deg))
+    u = simulate(scene, measured.monostatic(np.zeros(3)), f)[0, 0, 0]
     k = measured.wavenumber(f)
-    out = []
-    for tilt in tilts_deg:
-        scene = measured.plate((SIDE_M, SIDE_M), distance_m, np.radians(tilt))
-        u = simulate(scene, measured.monostatic(np.zeros(3)), f)[0, 0, 0]
-        exact = optics.any_rectangle(distance_m, (SIDE_M, SIDE_M), np.radians(tilt), k)[0]
-        out.append((tilt, sigma_db(u, distance_m), sigma_db(exact, distance_m)))
-    return np.array(out)
+    exact = optics.any_rectangle(distance_m, sides_m, np.radians(tilt_deg), k)[0]
+    return sigma_db(u, distance_m), sigma_db(exact, distance_m)
 
 
 def plane(n_freq: int) -> tuple[float, float]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from clradar import AntennaArray, Material
 from truths import gaussian, measured
-from truths.record import Row
+from truths.page import Row
 
 F_HZ = measured.band_hz(1)
 K = float(measured.wavenumber(F_HZ)[0])

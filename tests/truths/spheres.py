@@ -7,7 +7,7 @@ import numpy as np
 from clradar import Material
 from truths import measured, mie, optics
 from truths.measured import Simulator
-from truths.record import Row
+from truths.page import Row
 
 DISTANCE_M = 0.3
 RADII_M = (2e-3, 4e-3, 8e-3, 15e-3, 50e-3)

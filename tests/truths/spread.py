@@ -5,7 +5,7 @@ import numpy as np
 import clradar
 from clradar import VoxelGrid, Waveform
 from truths import measured, optics
-from truths.record import Row
+from truths.page import Row
 
 Z_M = 0.3
 REACH_M = 0.025

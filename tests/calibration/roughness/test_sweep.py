@@ -21,6 +21,7 @@ from clradar.cli.commands import sweep as command
 from clradar.cli.options import AlphaOptions, RegionOptions
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand.flesh import PART_NAMES
+from clradar.plot import plane_of
 from clradar.simulation import simulate_alphas
 from clradar.tracing.stochastic import Tracer
 from measurement_io import save_capture
@@ -299,6 +300,7 @@ EMPTY = clradar.Volume(np.zeros(GRID.shape), GRID)
     ("change", "error", "words"),
     [
         ({"measured": EMPTY}, CompareError, "measured"),
+        ({"measured": plane_of(somewhere(), "y", 0.0)}, CompareError, "11 x 11 pixels"),
         ({"scene": SCENE.transformed(np.diag([1e3, 1e3, 1e3, 1]))}, CompareError, "unit"),
         ({"alphas": [0.5]}, ModelError, "at least two"),
         ({"alphas": [0.5, 1.5]}, ModelError, r"\[0, 1\]"),

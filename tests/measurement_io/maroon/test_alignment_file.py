@@ -3,7 +3,6 @@
 import json
 
 import maroon_files as files
-import maroon_products as made
 import numpy as np
 import pytest
 from comparisons import refusal
@@ -143,13 +142,13 @@ N_FREQ = 2
 
 @pytest.fixture(scope="module")
 def scene():
-    return made.scene(TARGETS)
+    return files.scene(TARGETS)
 
 
 @pytest.fixture
 def radar(tmp_path, scene):
     folder = tmp_path / "30" / f"radar_72.0_82.0_{N_FREQ}"
-    made.write_products(folder, 0, scene)
+    files.write_products(folder, 0, scene)
     return folder
 
 
@@ -179,13 +178,13 @@ def test_depth_map_lands_in_the_antenna_frame(radar, scene):
             assert np.isnan(depth.depth_m[nearest(depth.y_m, dy), nearest(depth.x_m, dx)])
     _, expected = scene.strongest()
     np.testing.assert_allclose(depth.depth_m, expected[::-1].T, rtol=0, atol=HALF_MM_M)
-    assert depth.dynamic_range_db == made.DEPTH_CUT_DB
+    assert depth.dynamic_range_db == files.DEPTH_CUT_DB
 
 
 def test_older_depth_maps_are_rotated_in_memory(radar, scene):
     expected = read_depth_map(radar, 0)
     path = radar / "depth" / "000000.png"
-    path.write_bytes(made.png(made.png_pixels(path.read_bytes())[::-1]))
+    path.write_bytes(files.png(files.png_pixels(path.read_bytes())[::-1]))
     assert not np.array_equal(read_depth_map(radar, 0).depth_m, expected.depth_m, equal_nan=True)
 
     def older(entry):

@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 
 import maroon_files as files
-import maroon_products
 import numpy as np
 import pytest
 from comparisons import refusal, same_bits
@@ -353,8 +352,8 @@ def test_depth_maps_are_those_of_the_position(tmp_path):
     remove(radar, "000001")
     at_x_m = {0: 0.02, 2: -0.04, 3: 0.06}  # radar space: minus these in the antenna frame
     for number, x_m in at_x_m.items():
-        scene = maroon_products.scene([(x_m, -0.02, 0.3, 5000.0)])
-        maroon_products.write_products(radar, number, scene)
+        scene = files.scene([(x_m, -0.02, 0.3, 5000.0)])
+        files.write_products(radar, number, scene)
     (radar / "depth" / "000003.png").unlink()
     recording = open_recording(radar)
     for index, x_m in ((0, 0.02), (1, -0.04), (-2, -0.04)):

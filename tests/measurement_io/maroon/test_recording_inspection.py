@@ -3,7 +3,6 @@
 import json
 
 import maroon_files as files
-import maroon_products as products
 import numpy as np
 import pytest
 
@@ -23,7 +22,7 @@ def whole_recording(distance, n_frames=3):
     """Write a recording in which everything is there and agrees; return its radar folder."""
     radar = files.write_recording(distance, n_frames)
     for i in range(n_frames):
-        products.write_products(radar, i, products.scene([(0.02, 0.0, 0.3, 1000.0)], (7, 6, 5)))
+        files.write_products(radar, i, files.scene([(0.02, 0.0, 0.3, 1000.0)], (7, 6, 5)))
     files.write_json(
         distance / "metadata.json",
         {"distance_meters": 0.3, "labels": ["plate"], "mask_bb": BOX, "empty_measurement": "e"},

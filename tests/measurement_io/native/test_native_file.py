@@ -1,7 +1,14 @@
-"""The native HDF5 file: bit for bit there and back, and one clear error for anything else."""
+"""The native HDF5 file: bit for bit there and back, or one clear error; it alone is opened."""
 
+import ctypes
 import dataclasses
 import json
+import os
+import re
+import struct
+import subprocess
+import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -9,10 +16,12 @@ import pytest
 import silx.io
 from comparisons import refusal, same_record
 from silx.io import nxdata
+from systems import linux_only
 
 import clradar
 from clradar import AntennaPattern
 from clradar.errors import ModelError
+from clradar.files.confined import process
 from clradar.model import ImageScale
 from measurement_io import (
     check_file,
@@ -144,6 +153,18 @@ def test_array_name_that_hdf5_cannot_hold(tmp_path, name):
 # ---- what is refused
 
 
+def change(path, action):
+    with h5py.File(path, "r+") as file:
+        action(file)
+
+
+def refusals(path):
+    """What is said of the file by reading and by checking it."""
+    report = check_file(path)
+    assert not report.ok
+    return [refusal(open_capture, path), *report.problems]
+
+
 def replace(name, **options):
     def action(file):
         del file["entry/data"][name]
@@ -196,12 +217,10 @@ def with_last(name, value):
     ],
 )
 def test_changed_file(path, action, found):
-    with h5py.File(path, "r+") as file:
-        action(file)
-    assert found in refusal(open_capture, path)
-    report = check_file(path)
-    assert not report.ok
-    assert path.name in report.problems[0]
+    change(path, action)
+    said, problem, *_ = refusals(path)
+    assert found in said
+    assert path.name in problem
 
 
 @pytest.mark.parametrize("text", ["", "[1]", '{"a": NaN}', np.bytes_(b'{"a": "\xff"}')])
@@ -235,3 +254,117 @@ def test_every_bit_of_the_data_counts(path):
             damaged[at] ^= 1
             path.write_bytes(damaged)
             refusal(open_capture, path)
+
+
+_OPENED = 0x20
+_EVENT = struct.Struct("iIII")
+
+
+class OpenedFiles:
+    """A watch on a folder; `names()` gives and forgets the names that were opened in it."""
+
+    def __init__(self, folder: Path) -> None:
+        library = ctypes.CDLL(None, use_errno=True)
+        self._handle = library.inotify_init1(os.O_NONBLOCK)
+        if (
+            self._handle < 0
+            or library.inotify_add_watch(self._handle, os.fsencode(folder), _OPENED) < 0
+        ):
+            raise OSError(ctypes.get_errno(), "inotify")
+
+    def names(self) -> set[str]:
+        found = set()
+        while True:
+            try:
+                data = os.read(self._handle, 2**16)
+            except BlockingIOError:
+                return found
+            at = 0
+            while at < len(data):
+                length = _EVENT.unpack_from(data, at)[3]
+                name = data[at + _EVENT.size : at + _EVENT.size + length]
+                found.add(os.fsdecode(name.rstrip(b"\0")))
+                at += _EVENT.size + length
+
+    def close(self) -> None:
+        os.close(self._handle)
+
+
+_FOREIGN_FILTER = 32013
+"""A registered filter (ZFP) that neither HDF5 nor h5py brings along."""
+
+
+@pytest.fixture
+def beside(tmp_path, monkeypatch):
+    """A capture, and next to it a folder with what it must not open."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    save_capture("out/other.h5", CAPTURE)
+    Path("out/secret.raw").write_bytes(CAPTURE.data.tobytes())
+    save_capture("capture.h5", CAPTURE)
+    return tmp_path / "capture.h5"
+
+
+@pytest.fixture
+def watch(beside):
+    opened = OpenedFiles(beside.parent / "out")
+    yield opened
+    opened.close()
+
+
+def hide_data(file):
+    file.move("entry/data/data", "hidden")
+    return file["entry/data"]
+
+
+def external_link(file):
+    hide_data(file)["data"] = h5py.ExternalLink("out/other.h5", "/entry/data/data")
+
+
+def external_storage(file):
+    storage = [("out/secret.raw", 0, h5py.h5f.UNLIMITED)]
+    hide_data(file).create_dataset("data", (3, 2, 5), "c8", external=storage)
+
+
+def virtual_dataset(file):
+    layout = h5py.VirtualLayout((3, 2, 5), np.complex64)
+    layout[...] = h5py.VirtualSource("out/other.h5", "/entry/data/data", (3, 2, 5))
+    hide_data(file).create_virtual_dataset("data", layout)
+
+
+@linux_only
+@pytest.mark.parametrize(
+    "action", [external_link, external_storage, virtual_dataset], ids=lambda action: action.__name__
+)
+def test_nothing_else_is_opened(beside, watch, action):
+    change(beside, action)
+    with h5py.File(beside) as trusting:
+        trusting["entry/data/data"][()]
+    assert watch.names(), "the trap does not work: h5py alone opens nothing else"
+    assert all("expected" in text for text in refusals(beside))
+    assert watch.names() == set()
+
+
+def test_filter_plugins_are_not_loaded(beside, watch, monkeypatch):
+    # In the earliest form of HDF5, whose structures have no checksums.
+    with h5py.File("plain.h5", "w") as file, h5py.File(beside) as saved:
+        saved.copy("entry", file)
+        file.attrs.update(saved.attrs)
+        group = hide_data(file)
+        made = group.create_dataset("data", (3, 2, 5), "c8", chunks=(3, 2, 5), shuffle=True)
+        made.id.write_direct_chunk((0, 0, 0), CAPTURE.data.tobytes())
+    content = Path("plain.h5").read_bytes()
+    # Of a filter its number, the length of its name, flags, how many parameters, and its name.
+    (known,) = re.findall(rb"\x02\x00\x08\x00.\x00\x01\x00shuffle\x00", content)
+    beside.write_bytes(content.replace(known, struct.pack("<H", _FOREIGN_FILTER) + known[2:]))
+    Path("out/libfilter.so").write_bytes(b"no library")
+    process._stop_server()  # the next one has the variable from the start
+    monkeypatch.setenv("HDF5_PLUGIN_PATH", str(beside.parent / "out"))
+    watch.names()
+
+    trusting = "import h5py; h5py.File('capture.h5')['entry/data/data'][()]"
+    subprocess.run([sys.executable, "-c", trusting], capture_output=True)
+    assert "libfilter.so" in watch.names(), "the trap does not work"
+    assert all(f"filter {_FOREIGN_FILTER}" in text for text in refusals(beside))
+    assert watch.names() == set()
+    process._stop_server()
