@@ -12,10 +12,20 @@ from matplotlib.figure import Figure
 import clradar
 import clradar.plot
 from clradar.cli.inputs import recording_title, title_of
+from clradar.cli.options import GridOptions
+from clradar.cli.parse import axis_mm
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CompareError
 from clradar.plot import capture_figure, recording_figure
 from measurement_io import open_capture, open_volume, save_capture, save_recording, save_volume
+
+
+def test_axes_in_millimetres_and_the_default_grid_of_the_paper():
+    assert axis_mm("--x-mm", "-100:100:1") == (-100.0, 100.0, 1.0)
+    assert axis_mm("--x-mm", "300") == (300.0, 300.0, 1.0)
+    assert axis_mm("--x-mm", "0:0.3:0.1") == (0.0, 0.3, 0.1)
+    paper = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
+    assert GridOptions().grid().same_voxels(paper, tolerance_m=1e-15)
 
 
 def test_image_of_a_recording(cli, place):

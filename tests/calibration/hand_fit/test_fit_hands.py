@@ -46,6 +46,17 @@ def measured_exactly(belief: Belief, state: HandState, std: float = 1e-4) -> Bel
     return belief.measured(state, np.linalg.inv(information + np.eye(known.stop) / std**2))
 
 
+@pytest.mark.parametrize("fit_shape", [False, True])
+def test_a_belief_begins_at_the_prior_of_a_fit(fit_shape):
+    belief = Belief.of_start(STATE, 12.0, fit_shape)
+    prior = belief.prior(STATE)
+    np.testing.assert_array_equal(prior.mean_rad, STATE.angles_rad)
+    np.testing.assert_array_equal(prior.mean_shape, vector_of(AVERAGE))
+    own = np.linalg.inv(prior.information[6 : 6 + N_ANGLES, 6 : 6 + N_ANGLES])
+    np.testing.assert_allclose(own, angle_covariance(12.0), rtol=0, atol=1e-12)
+    assert (belief.shape_std.size > 0) == fit_shape
+
+
 def test_measured_angles_tell_the_velocity():
     """A joint that turns evenly is soon predicted: the forgetting of velocities leaves a part."""
     rate_rad_s = np.zeros(N_ANGLES)

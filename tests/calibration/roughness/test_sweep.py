@@ -150,6 +150,12 @@ def test_an_end_of_the_range_is_doubtful_unless_there_is_nothing_beyond(alphas, 
     assert ("take a wider range" in " ".join(found.remarks())) == doubtful
 
 
+def test_what_no_simulation_looks_like_is_said():
+    rng = np.random.default_rng(8)
+    found = estimated(np.array([9.0, -9.0, 9.0]), TENTHS, made_up(rng, TENTHS, 3))
+    assert "no simulation has the statistics" in found.remarks()[0]
+
+
 def test_brightness_is_relative_and_read_at_the_points_of_the_surface():
     """Of an image whose power falls with the tilt of a ball: the means of the bins, and no gain."""
     centre_m, radius_m = np.array([0.0, 0.0, 0.3]), 0.04
