@@ -69,8 +69,9 @@ def average_frames(
         if groups:
             check_same_radar(field, capture, groups[0].first)
         profiles = delay_profiles(capture)
+        data = capture.data.astype(np.complex128)  # so that phases are
         for group in groups:
-            phase = _phase_between(capture.data, group.total) if align_phase else 0.0
+            phase = float(np.angle(np.vdot(data, group.total))) if align_phase else 0.0
             phasor = np.exp(1j * phase)
             turned = np.complex64(phasor) * profiles
             loss = averaging_loss_db(turned, group.profiles / np.float32(len(group.numbers)))
@@ -121,11 +122,6 @@ class _Mean:
         }
         self.numbers.append(number)
         self.turned_rad.append(float(np.angle(phasor)))
-
-
-def _phase_between(data: np.ndarray, total: np.ndarray) -> float:
-    """The phase, radians, by which data have to be turned to match a sum, in double precision."""
-    return float(np.angle(np.vdot(data.astype(np.complex128), total)))
 
 
 def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "none") -> Capture:

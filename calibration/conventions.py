@@ -417,7 +417,7 @@ def _is_mirrored(
     """Whether a known target is at the mirror image of its place; None if neither or both fit."""
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * max(capture.waveform.span_hz, 1.0))
     cells_m = [lateral_resolution_m(capture, axis, float(expected_m[2])) for axis in (0, 1)]
-    half = np.ceil(2 * EXPECTED_WITHIN_M / np.array([*cells_m, cell_m])).astype(int)
+    half = np.ceil(2 * EXPECTED_WITHIN_M / np.array([*cells_m, cell_m])).astype(int).clip(1)
     levels = []
     for at_m in (expected_m, expected_m * MIRROR_X):
         corner_m, counts = at_m - EXPECTED_WITHIN_M, (2 * half + 1).tolist()

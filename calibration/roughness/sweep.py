@@ -209,6 +209,7 @@ def sweep(
     checks.instance("sweep: array", radar, AntennaArray)
     checks.instance("sweep: waveform", frequencies, Waveform)
     measured_map = depth_map_of(measured, dynamic_range_db, "measured image")
+    metrics_of(measured_map, measured_map, dynamic_range_db)  # raises where it is too small
     check_within_grid(scene, measured.grid)
     devices = open_devices(device)
     devices.check_alike("a sweep")

@@ -197,15 +197,13 @@ def _warn_of_nothing(capture: Capture) -> None:
     if not capture.data.any():
         return  # said of the image
     x, y, z = (1e3 * axis[[0, -1]] for axis in (PAPER_GRID.x_m, PAPER_GRID.y_m, PAPER_GRID.z_m))
-    count = capture.waveform.n_freq
-    gate_m = coupling_path_m(capture) / 2
-    why = (
-        "no echo stands out of the noise beyond the direct coupling (which may hide what is nearer "
-        f"than {1e3 * gate_m:.0f} mm)"
-    )
-    if count < MIN_STEPS:
+    if (count := capture.waveform.n_freq) < MIN_STEPS:  # of which one has no resolution in range
+        several = "frequencies are" if count > 1 else "frequency is"
+        why = f"{count} {several} too few for a range profile, which {MIN_STEPS} are enough for"
+    else:
         why = (
-            f"{count} frequencies are too few for a range profile, which {MIN_STEPS} are enough for"
+            "no echo stands out of the noise beyond the direct coupling (which may hide what is "
+            f"nearer than {1e3 * coupling_path_m(capture) / 2:.0f} mm)"
         )
     warn(
         f"{why}: there is nothing to place a grid around, and the one of a hand is taken (x "

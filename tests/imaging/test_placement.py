@@ -120,7 +120,9 @@ def test_the_hand_s_grid_is_that_of_the_paper_and_its_image_warns_of_nothing(nam
 def test_where_no_echo_is_found_the_grid_is_that_of_the_paper_with_a_warning():
     noise = with_noise(NOTHING, 1.0)
     few = echoes_of([0, 0, 0.5], waveform=Waveform.sfcw(72e9, 82e9, 4))
-    for capture, why in ((noise, "no echo stands out"), (few, "4 frequencies are too few")):
+    one = echoes_of([0, 0, 0.5], waveform=Waveform([77e9]))
+    whys = ("no echo stands out", "4 frequencies are too few", "1 frequency is too few")
+    for capture, why in zip((noise, few, one), whys, strict=True):
         with pytest.warns(ClradarWarning, match=why):
             assert place_grid(capture) is PAPER_GRID
     assert warned(noise, HAND_BOX) == []
