@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from interrupted import interrupted_at
 from nightly import nightly
 from quick_figures import draw_quickly, seek_nothing_else
 
@@ -71,18 +72,12 @@ def test_the_parts_make_the_image_that_is_formed_in_memory(cli, captures, tmp_pa
 @pytest.mark.parametrize(("last", "kept"), [(3, 2), *nightly([(5, 3)])])
 def test_an_interrupted_image_resumes(cli, captures, tmp_path, monkeypatch, wanted, last, kept):
     """While the first piece is joined, and at a part of the second."""
-    write, written = images._write, []
 
-    def until_interrupted(path: Path, image: np.ndarray) -> None:
-        written.append(path)
-        if len(written) == last:
-            path.with_name(f".{path.name}.0.tmp").write_bytes(b"half")  # as a kill leaves it
-            raise KeyboardInterrupt
-        write(path, image)
+    def half(path: Path, _: object) -> None:
+        path.with_name(f".{path.name}.0.tmp").write_bytes(b"half")  # as a kill leaves it
 
     line = f"image {' '.join(map(str, captures))} {OPTIONS} out.h5"
-    with monkeypatch.context() as patch:
-        patch.setattr(images, "_write", until_interrupted)
+    with interrupted_at(images, "_write", last, half):
         assert cli(line).status == 130
     assert not Path("out.h5").exists()
     # Other options are refused, and what is done stays.

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from command_line import GRID as HAND_GRID, Cli, exit_status, worker_here
 from comparisons import tree
+from interrupted import interrupted_at
 from made_up_frames import MOVEMENT, TIMES_S, made_up_fit_hands
 from PIL import Image
 from quick_figures import seek_nothing_else
@@ -271,18 +272,10 @@ def test_an_animation_has_the_pixels_of_its_pictures(tmp_path):
 
 
 @pytest.mark.usefixtures("quickly")
-def test_a_killed_run_resumes_to_the_same_files(cli, recorded, done, monkeypatch):
+def test_a_killed_run_resumes_to_the_same_files(cli, recorded, done):
     line = f"process {recorded.folder} {recorded.folder} {GRID} -o"
     cli.ok(f"{line} whole")
-    one_frame = FrameSteps.run
-
-    def until_killed(self: FrameSteps, number: int, _: Any) -> None:
-        if number == 1:
-            raise KeyboardInterrupt
-        one_frame(self, number, _)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(FrameSteps, "run", until_killed)
+    with interrupted_at(FrameSteps, "run", 2):
         assert cli(f"{line} killed").status == 130
     assert not Path("killed/recording.json").exists()
     # As a kill between the two files of a frame leaves it.

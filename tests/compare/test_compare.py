@@ -310,6 +310,11 @@ def test_objects_of_one_image_alone(simulated, missing, surplus):
     spots = {**SPOTS, "extra": extra}
     assert sorted(places_mm(metrics.missing)) == sorted(spots[name][0] for name in missing)
     assert places_mm(metrics.surplus) == [spots[name][0] for name in surplus]
+    record = json.loads(json.dumps(metrics.to_dict(), allow_nan=False))
+    for key, objects in (("missing", metrics.missing), ("surplus", metrics.surplus)):
+        assert [one["position_m"] for one in record[key]] == [[*o.position_m] for o in objects]
+        assert record[key] == sorted(record[key], key=lambda one: -one["share"])
+    assert record["remarks"] == [*metrics.remarks]
 
 
 def test_an_object_at_another_depth_is_another_object():
@@ -370,15 +375,3 @@ def test_against_all_pairs_of_pixels():
             expected[row, column] += sign * np.clip(excess, 0.0, MOST_DB)
     assert np.abs(expected[~np.isnan(expected)]).max() > 3.0
     np.testing.assert_allclose(found.level_db, expected, atol=1e-9)
-
-
-def test_it_is_part_of_the_record():
-    metrics = compare(scene(tuple(SPOTS)), scene(("small",)))
-    assert len(metrics.missing) == 3
-    record = json.loads(json.dumps(metrics.to_dict(), allow_nan=False))
-    assert [one["share"] for one in record["missing"]] == sorted(
-        (one.share for one in metrics.missing), reverse=True
-    )
-    assert record["missing"][0]["position_m"] == list(metrics.missing[0].position_m)
-    assert record["surplus"] == []
-    assert record["remarks"] == list(metrics.remarks)

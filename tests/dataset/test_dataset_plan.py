@@ -155,14 +155,9 @@ def test_the_command_prints_every_mistake_and_makes_nothing(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_files_are_relative_to_the_plan(tmp_path):
+def test_poses_and_antennas_of_files_beside_it_are_in_the_plan_and_in_every_recipe(tmp_path):
     mine = HandPose("mine", POSES["L"].joints)
     write_pose(tmp_path / "mine.toml", mine)
-    (tmp_path / "plan.toml").write_text("samples = 1\n[poses]\nfiles = ['mine.toml']\n")
-    assert read_plan(tmp_path / "plan.toml").poses.poses == (mine,)
-
-
-def test_antennas_of_a_file_are_in_the_plan_and_in_every_recipe(tmp_path):
     (tmp_path / "few.toml").write_text("""[[tx]]
 points_m = [[0, 0, 0], [0.01, 0, 0], [0.02, 0, 0]]
 gain_db = [0, 0.1, 0]
@@ -170,9 +165,11 @@ gain_db = [0, 0.1, 0]
 points_m = [[0, 0.03, 0]]
 """)
     text = "samples = 1\noutput.products = ['capture']\nradar = { array = 'few.toml', every = 2 }\n"
-    (tmp_path / "plan.toml").write_text(text + "poses.names = ['A']\n")
+    (tmp_path / "plan.toml").write_text(text + "poses.files = ['mine.toml']\n")
     plan = read_plan(tmp_path / "plan.toml")
-    (tmp_path / "few.toml").unlink()
+    assert plan.poses.poses == (mine,)
+    for name in ("few.toml", "mine.toml"):
+        (tmp_path / name).unlink()
     assert plan_from(json.loads(json.dumps(plan_record(plan))), "manifest", tmp_path) == plan
     array = read_recipe(json.dumps(recipe(plan, 0))).plan.radar.antennas
     assert array.tx_m.tolist() == [[0, 0, 0], [0.02, 0, 0]]

@@ -15,10 +15,11 @@ import psutil
 import pytest
 from command_line import exit_status
 from dataset_plans import DEVICE, LIGHT, digests, flip_a_bit, light_file, light_plan, plan_of
+from interrupted import interrupted_at
 from nightly import nightly
 from test_dataset_engine import wait_for
 
-from clradar.dataset import open_dataset, run
+from clradar.dataset import open_dataset, run, runs
 from clradar.dataset.check import check_dataset, describe_dataset
 from clradar.dataset.folder import CONTACT_SHEET, MANIFEST, read_manifest
 from clradar.errors import ClradarWarning, ModelError, OutputError
@@ -123,17 +124,12 @@ def test_a_stopped_run_is_reported_and_resumes_with_the_missing_shards(
     assert digests(folder) == digests(light)
 
 
-def test_a_kill_between_a_shard_and_the_manifest_loses_nothing(faults, tmp_path, monkeypatch):
+def test_a_kill_between_a_shard_and_the_manifest_loses_nothing(faults, tmp_path):
     faults({1: "raise"})
     run(LIGHT, tmp_path / "whole", device=DEVICE)
 
-    def killed(*args):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr("clradar.dataset.runs.write_manifest", killed)
-        with pytest.raises(KeyboardInterrupt):
-            run(LIGHT, tmp_path / "killed", device=DEVICE)
+    with interrupted_at(runs, "write_manifest"), pytest.raises(KeyboardInterrupt):
+        run(LIGHT, tmp_path / "killed", device=DEVICE)
     assert read_manifest(tmp_path / "killed").aside == {}
     faults({})
     run(LIGHT, tmp_path / "killed", device=DEVICE)

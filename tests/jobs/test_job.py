@@ -89,6 +89,11 @@ def test_an_error_of_one_item_alone_is_a_warning(tmp_path):
     assert [str(one.message) for one in said] == ["0: each says this", "2: item 2 cannot be read"]
 
 
+def refused(words: str, one: Job) -> None:
+    with pytest.raises(OutputError, match=words), one.held():
+        pass
+
+
 def test_a_folder_takes_one_key(tmp_path):
     at = tmp_path / "deep" / "out"
     one, other = {"a": {"b": 1, "c": 2}}, {"a": {"b": 3, "c": 2}}
@@ -97,16 +102,14 @@ def test_a_folder_takes_one_key(tmp_path):
         with job(at, one, **more).held():
             (at / "result").touch()
             FolderStore(at / "work")["one"] = {"x": np.arange(3)}
-    with pytest.raises(OutputError, match=r"a\.b 1, now 3"), job(at, other, **more).held():
-        pass
+    refused(r"a\.b 1, now 3", job(at, other, **more))
     (at / "thesis.tex").touch()
     store = FolderStore(at / "work")
     assert np.array_equal(store["one"]["x"], [0, 1, 2])
     assert (list(store), "one" in store, "two" in store) == (["one"], True, False)
     with job(at, other, force=True, **more).held():
         assert {p.name for p in at.iterdir()} == {KEY, LOCK, "thesis.tex"}
-        with pytest.raises(OutputError, match="another sweep"), job(at).held():
-            pass
+        refused("another sweep", job(at))
     with pytest.raises(OutputError, match="got a file"), held(at / "thesis.tex", "sweep"):
         pass
 
@@ -120,18 +123,14 @@ def test_inputs_count_by_what_they_hold(tmp_path):
         with job(at, **more).held():
             pass
     mesh.write_bytes(b"two")
-    expected = r"--mesh '.*a\.ply' holds something else"
-    with pytest.raises(OutputError, match=expected), job(at, **more).held():
-        pass
+    refused(r"--mesh '.*a\.ply' holds something else", job(at, **more))
     more["inputs"] = {}
-    with pytest.raises(OutputError, match="--mesh of 1 file, now of 0"), job(at, **more).held():
-        pass
+    refused("--mesh of 1 file, now of 0", job(at, **more))
 
 
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").touch()
-    with pytest.raises(OutputError, match="no begun sweep"), job(tmp_path).held():
-        pass
+    refused("no begun sweep", job(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
@@ -184,8 +183,7 @@ def test_a_killed_holder_holds_nothing(tmp_path):
     assert process.stdout is not None
     with process, process.stdout:
         process.stdout.readline()
-        with pytest.raises(OutputError, match="another sweep"), job(tmp_path).held():
-            pass
+        refused("another sweep", job(tmp_path))
         process.kill()
     assert (tmp_path / LOCK).exists()
     with job(tmp_path).held():
@@ -206,9 +204,7 @@ def test_a_file_stands_for_a_lock_where_there_are_none(tmp_path, monkeypatch):
     one = job(tmp_path / "out", resumable=lambda at: True)
     said: list[str] = []
     with handled_warnings(said.append), one.held():
-        expected = r"another sweep .*: process [0-9]+ of "
-        with pytest.raises(OutputError, match=expected), one.held():
-            pass
+        refused(r"another sweep .*: process [0-9]+ of ", one)
     assert "its file system has no locks" in said[0]
     assert [path.name for path in (tmp_path / "out").iterdir()] == [KEY]
 

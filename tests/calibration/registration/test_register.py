@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy import ndimage
 
 import clradar
-from calibration import register
+from calibration import align_mesh, register
 from calibration.registration import closed_loop
 from calibration.registration.alignment import USUAL_RATIO
 from calibration.registration.alpha_cue import ALPHA_STARTS, ALPHA_TOLERANCE, next_alpha
@@ -199,14 +200,21 @@ def test_too_few_rounds_to_find_alpha_are_a_warning(measured, hand, monkeypatch)
 @pytest.mark.parametrize(
     ("option", "words"),
     [
+        ({"search_deg": 200.0}, "search_deg"),
+        ({"dynamic_range_db": -1.0}, "dynamic_range_db"),
+        ({"waveform": 77e9}, "waveform"),
+        ({"array": "qar50"}, "array"),
+        ({"seed": -1}, "seed"),
         ({"tolerance_m": 0.0}, "tolerance_m"),
         ({"max_rounds": 0}, "max_rounds"),
         ({"fit_alpha": True, "estimator": "physical"}, "fit_alpha: expected False with estimator="),
     ],
 )
 def test_options_are_checked(measured, hand, option, words):
-    with pytest.raises(ModelError, match=words):
-        register(measured, hand, device="pocl", **option)
+    for function in (register, align_mesh):
+        if option.keys() <= signature(function).parameters.keys():
+            with pytest.raises(ModelError, match=words):
+                function(measured, hand, device="pocl", **option)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from command_line import group_of
 from comparisons import tree
+from interrupted import interrupted_at
 from matplotlib.figure import Figure
 from recorded_targets import edge_array, two_plates
 from shapes import plate, sphere
@@ -261,17 +262,7 @@ def test_an_interrupted_command_resumes_to_the_same_files(cli, monkeypatch):
     trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False).export("plates.ply")
     # The figure is most of the time otherwise.
     monkeypatch.setattr("calibration.roughness.figures.sweep_figure", lambda _: Figure())
-    savez, saved = np.savez, []
-
-    def interrupted(file, **arrays):
-        saved.append(file)
-        if len(saved) == 3:
-            file.write(b"half of it")
-            raise KeyboardInterrupt
-        savez(file, **arrays)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(np, "savez", interrupted)
+    with interrupted_at(np, "savez", 3, lambda file: file.write(b"half of it")):
         assert cli(f"{COMMAND} interrupted").status == 130
     assert len(list(Path("interrupted", command.WORK).iterdir())) == 2
     assert "resumes with 2 images" in cli.ok(f"{COMMAND} interrupted").out
