@@ -197,10 +197,10 @@ def test_a_file_stands_for_a_lock_where_there_are_none(tmp_path, monkeypatch):
 
     import filelock
 
-    def refused(self: Any) -> None:
+    def without_locks(self: Any) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(filelock.FileLock, "_acquire", refused)
+    monkeypatch.setattr(filelock.FileLock, "_acquire", without_locks)
     one = job(tmp_path / "out", resumable=lambda at: True)
     said: list[str] = []
     with handled_warnings(said.append), one.held():
