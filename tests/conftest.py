@@ -6,6 +6,7 @@ from pathlib import Path
 
 import costs
 import pytest
+from command_line import Cli
 
 import clradar
 
@@ -34,7 +35,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 NEED_A_DEVICE = (
-    *("bench", "calibration/conventions", "calibration/hand_fit", "calibration/roughness"),
+    *("bench", "calibration/hand_fit", "calibration/roughness"),
     *("calibration/scripts", "cli", "dataset", "fuzz", "imaging", "motion", "opencl", "phasors"),
     *("rigs", "tracing", "view", "arrays/test_gains_and_boresights.py"),
     "compare/test_spread.py",
@@ -105,3 +106,11 @@ def _device_names() -> list[str]:
 def device(request: pytest.FixtureRequest) -> clradar.Device:
     """An opened device. A missing one is an error, never a skip."""
     return clradar.open_device(request.param)
+
+
+@pytest.fixture
+def cli(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cli:
+    """Commands in an empty folder, with PoCL."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
+    return Cli(capsys)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import clradar
-from clradar.arrays import qar50, read_array, read_clusters
+from clradar.arrays import qar50, read_array
 from clradar.arrays.array_file import array_of, array_record, array_text
 from clradar.errors import ClradarWarning, MeasurementError
 
@@ -19,11 +19,9 @@ def read(tmp_path: Path, text: str) -> clradar.AntennaArray:
     return read_array(path)
 
 
-@pytest.mark.filterwarnings("ignore:mixed. antennas at the same place")
 def test_every_rule_places_antennas(tmp_path):
-    array = read(
-        tmp_path,
-        f"""
+    said = "mixed: antennas at the same place all count, 16 Rx at 14 places"
+    text = f"""
         name = "mixed"
         [[tx]]
         {LINE}
@@ -37,8 +35,9 @@ def test_every_rule_places_antennas(tmp_path):
         ring = {{ radius_m = 0.02, n = 4, first_deg = 90 }}
         [[antennas]]
         points_m = [[0.2, 0.2, 0]]
-        """,
-    )
+        """
+    with pytest.warns(ClradarWarning, match=said):
+        array = read(tmp_path, text)
     assert array.name == "mixed"
     line = [[-0.03, 0, 0], [-0.01, 0, 0], [0.01, 0, 0], [0.03, 0, 0]]
     both = [0.2, 0.2, 0]
@@ -47,11 +46,8 @@ def test_every_rule_places_antennas(tmp_path):
     plane = [[x, y, 0] for y in (-0.02, 0.02) for x in (-0.01, 0, 0.01)]
     ring = [[0, 0.02, 0], [-0.02, 0, 0], [0, -0.02, 0], [0.02, 0, 0]]
     np.testing.assert_allclose(array.rx_m, [*cross, *plane, *ring, both], atol=1e-15)
-
-
-def test_a_cross_with_an_even_number_has_no_middle(tmp_path):
-    array = read(tmp_path, "[[antennas]]\ncross = { length_m = 0.03, n = 4 }")
-    assert array.n_tx == array.n_rx == 8
+    even = read(tmp_path, "[[antennas]]\ncross = { length_m = 0.03, n = 4 }")
+    assert even.n_tx == even.n_rx == 8  # which has no middle
 
 
 def test_poses_place_copies_of_a_known_array(tmp_path):
@@ -117,24 +113,6 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
         np.testing.assert_array_equal(getattr(got, name), getattr(want, name))
 
 
-def test_clusters_are_arrays_of_their_own(tmp_path):
-    text = """
-        copy_of = "qar50"
-        pairs = "cluster"
-        [[pose]]
-        plane = { size_m = [0.2, 0], n = [2, 1] }
-        """
-    path = tmp_path / "lab.toml"
-    path.write_text(text, encoding="utf-8")
-    clusters = read_clusters(path)
-    path.write_text(text.replace('"cluster"', '"all"'), encoding="utf-8")
-    (whole,) = read_clusters(path)
-    assert [c.n_tx for c in clusters] == [94, 94]
-    for side in ("tx_m", "rx_m"):
-        joined = np.concatenate([getattr(c, side) for c in clusters])
-        np.testing.assert_array_equal(joined, getattr(whole, side))
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -167,12 +145,3 @@ def test_clusters_are_arrays_of_their_own(tmp_path):
 def test_one_error_names_the_file_and_the_key(tmp_path, text, words):
     with pytest.raises(MeasurementError, match=rf"(?s)lab\.toml: .*{words}"):
         read(tmp_path, text)
-
-
-def test_antennas_of_one_side_at_one_place_are_said(tmp_path):
-    path = tmp_path / "twice.toml"
-    path.write_text("[[antennas]]\npoints_m = [[0, 0, 0], [0.1, 0, 0], [0, 0, 0]]")
-    with pytest.warns(
-        ClradarWarning, match="twice: antennas at the same place all count, 3 Tx at 2 places"
-    ):
-        read_array(path)

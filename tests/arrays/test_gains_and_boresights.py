@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
+from shapes import sphere
 
 import clradar
 from clradar.arrays.point_spread import response
@@ -19,11 +20,7 @@ WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 8)
 PLAIN = clradar.AntennaArray(TX_M, RX_M)
 UNEVEN = clradar.AntennaArray(TX_M, RX_M, tx_gain=TX_GAIN, rx_gain=RX_GAIN)
 TIMES = (TX_GAIN[:, None] * RX_GAIN)[:, :, None].astype(np.complex64)
-
-
-def ball() -> clradar.Scene:
-    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.02)
-    return clradar.Scene.from_mesh(mesh.apply_translation([0, 0, 0.3]), alpha=0.5)
+BALL = clradar.Scene(*sphere((0.0, 0.0, 0.3), 0.02, 3), 0.5)
 
 
 @pytest.mark.parametrize(
@@ -31,9 +28,7 @@ def ball() -> clradar.Scene:
     [{"estimator": "expected"}, {"estimator": "physical", "samples_per_mm2": 4}],
 )
 def test_gains_multiply_the_samples(settings):
-    scene = ball()
-    if settings["estimator"] == "physical":
-        scene = scene.with_material("metal")
+    scene = BALL.with_material("metal") if settings["estimator"] == "physical" else BALL
     plain, uneven = (
         clradar.simulate(scene, array, WAVEFORM, **settings).data for array in (PLAIN, UNEVEN)
     )
@@ -54,16 +49,15 @@ def test_gains_are_taken_out_of_samples_unless_one_is_zero():
 
 
 def test_gains_in_every_other_way_to_a_capture():
-    scene = ball()
     fields: dict[str, Any] = {"samples_per_mm2": 5, "rays_per_sample": 2}
-    want = clradar.simulate(scene, UNEVEN, WAVEFORM, estimator="stochastic", **fields).data
-    paths = clradar.trace(scene, UNEVEN, **fields)
+    want = clradar.simulate(BALL, UNEVEN, WAVEFORM, estimator="stochastic", **fields).data
+    paths = clradar.trace(BALL, UNEVEN, **fields)
     np.testing.assert_array_equal(clradar.synthesize(paths, UNEVEN, WAVEFORM).data, want)
-    ((alone,),) = simulate_alphas(scene, UNEVEN, WAVEFORM, [0.5], **fields)
+    ((alone,),) = simulate_alphas(BALL, UNEVEN, WAVEFORM, [0.5], **fields)
     np.testing.assert_array_equal(alone.data, want)
     grid = clradar.VoxelGrid.from_extent((-0.03, 0.03), (-0.03, 0.03), (0.27, 0.33), 2e-3)
     with clradar.FrameImager(UNEVEN, WAVEFORM, grid) as imager:
-        clradar.simulate_image(scene, imager, estimator="stochastic", **fields)
+        clradar.simulate_image(BALL, imager, estimator="stochastic", **fields)
         capture = clradar.Capture(want, UNEVEN, WAVEFORM)
         image = clradar.backproject(capture, grid, check_grid=False)
         np.testing.assert_array_equal(imager.volume().data, image.data)

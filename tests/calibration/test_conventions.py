@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import exit_status as run
+from command_line import Cli
 from matplotlib.figure import Figure
 from nightly import nightly
 from shapes import plate
@@ -294,47 +294,40 @@ def test_wrong_arguments(device):
 
 
 @pytest.fixture
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Path:
+def files(cli: Cli, device: clradar.Device, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLRADAR_DEVICE", device.info.selector)
     h = Hypothesis(swapped=True, conjugated=True, mirrored=True)
     wrong = apply_convention(made("one point", scattered(12, 12)), h)
-    save_capture(tmp_path / "wrong.h5", Capture(wrong.data, wrong.array, wrong.waveform))
-    save_capture(tmp_path / "zero.h5", Capture(0 * wrong.data, wrong.array, wrong.waveform))
-    return tmp_path
+    save_capture("wrong.h5", Capture(wrong.data, wrong.array, wrong.waveform))
+    save_capture("zero.h5", Capture(0 * wrong.data, wrong.array, wrong.waveform))
 
 
-def test_command(files, capsys, monkeypatch):
+@pytest.mark.usefixtures("files")
+def test_command(cli, monkeypatch):
     drawn = []  # the figure would take most of the time
     monkeypatch.setattr("clradar.plot.panels_figure", lambda *a: drawn.append(a) or Figure())
-    wrong, fixed = files / "wrong.h5", files / "fixed.h5"
-    status = run(
-        "diagnose", wrong, "-o", files / "all.png", "--json", files / "all.json",
-        "--fix-to", fixed, "--expect-mm", "30,-50,300",
-    )  # fmt: skip
-    out = capsys.readouterr().out
-    assert status == 0
+    options = "-o all.png --json all.json --fix-to fixed.h5 --expect-mm 30,-50,300"
+    out = cli.ok(f"diagnose wrong.h5 {options}").out
     assert "exp(+j 2 pi f d / c)" in out
     assert "the axes are [rx, tx, freq]" in out
     ((rows, _),) = drawn
     assert sum(map(len, rows)) == 8
-    record = json.loads((files / "all.json").read_text())
+    record = json.loads(Path("all.json").read_text())
     assert record["best"]["label"] == "swapped, conjugated, mirrored"
     assert len(record["hypotheses"]) == 8
-    right, want = open_capture(fixed), made("one point", scattered(12, 12))
+    right, want = open_capture("fixed.h5"), made("one point", scattered(12, 12))
     assert np.array_equal(right.data, want.data)
     assert np.array_equal(right.array.tx_m, want.array.tx_m)
     assert right.meta["conventions_applied"] == ["swapped, conjugated, mirrored"]
-    assert run("diagnose", wrong, "--fix-to", fixed, "--force") == 0
-    captured = capsys.readouterr()
-    assert "the mirror image cannot be ruled out" in captured.err
-    assert "x may be mirrored" in captured.out
+    outcome = cli.ok("diagnose wrong.h5 --fix-to fixed.h5 --force")
+    assert "the mirror image cannot be ruled out" in outcome.err
+    assert "x may be mirrored" in outcome.out
 
 
-def test_command_on_undecidable_captures(files, capsys):
-    assert run("diagnose", files / "zero.h5", "-o", files / "none.png") == 0
-    captured = capsys.readouterr()
-    assert "Undecidable: the capture is zero everywhere" in captured.out
-    assert "not drawn" in captured.err
-    assert not (files / "none.png").exists()
-    assert run("diagnose", files / "zero.h5", "--fix-to", files / "fixed.h5") == 1
-    assert not (files / "fixed.h5").exists()
+@pytest.mark.usefixtures("files")
+def test_command_on_undecidable_captures(cli):
+    outcome = cli.ok("diagnose zero.h5 -o none.png")
+    assert "Undecidable: the capture is zero everywhere" in outcome.out
+    assert "not drawn" in outcome.err
+    cli.fails("diagnose zero.h5 --fix-to fixed.h5")
+    assert {path.name for path in Path().iterdir()} == {"wrong.h5", "zero.h5"}

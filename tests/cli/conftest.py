@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from command_line import DENSITY, EDGE_MM, GRID, Cli, exit_status
+from command_line import DENSITY, EDGE_MM, GRID, exit_status
 from quick_figures import draw_quickly, lay_out_once, seek_nothing_else
 
 from measurement_io import open_capture, save_recording
@@ -13,13 +13,6 @@ from measurement_io import open_capture, save_recording
 def _quiet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
     lay_out_once(monkeypatch)
-
-
-@pytest.fixture
-def cli(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cli:
-    """Commands in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    return Cli(capsys)
 
 
 @pytest.fixture

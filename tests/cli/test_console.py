@@ -16,13 +16,13 @@ from rig_files import RigMaker
 from systems import posix_only
 from typer.testing import CliRunner
 
-from clradar.cli import console, outputs
+from clradar.cli import console
 from clradar.cli.call import Call, call, plain
 from clradar.cli.console import progress_bar
 from clradar.cli.groups import REQUIRED, argument, expanded, given, option, wrong_usage
 from clradar.cli.options import DEVICE
 from clradar.compare import METRIC_TABLE
-from clradar.errors import DeviceError, MeshError, OutputError
+from clradar.errors import DeviceError, MeshError
 from clradar.model.progress import part_of, say_stage
 from measurement_io import save_recording
 
@@ -176,27 +176,6 @@ def test_a_table_in_a_pipe_is_not_cut(capsys):
 def test_error_lines_are_printable(capsys):
     console.print_error("a\n\tb \x1b[31m \udcff")
     assert capsys.readouterr().err == "clradar: error: a b \\x1b[31m \\udcff\n"
-
-
-@posix_only
-def test_check_outputs_resolves_links(tmp_path, monkeypatch):
-    read, link, new = (tmp_path / name for name in ("in.h5", "link.h5", "new.h5"))
-    monkeypatch.setattr(call, "force", True)
-    read.touch()
-    link.symlink_to(read)
-    outputs.check_outputs([None, new])
-    for paths, inputs, message in (
-        ([link], [read], "also an input"),
-        ([tmp_path / ("x" * 5000)], [], "cannot be written"),
-        ([new, tmp_path / "NEW.h5"], [], "named twice"),
-    ):
-        monkeypatch.setattr(call, "inputs", {"IN": inputs})
-        with pytest.raises(OutputError, match=message):
-            outputs.check_outputs(paths)
-    monkeypatch.setattr(call, "inputs", {"IN": [read]})
-    monkeypatch.setattr(call, "force", False)
-    if not (tmp_path / "IN.h5").exists():  # where case counts
-        outputs.check_outputs([tmp_path / "IN.h5"])
 
 
 @posix_only

@@ -118,16 +118,3 @@ def test_several_captures_to_a_recording(cli):
         assert read.meta["number_of_measurements"] == 3
         assert read.meta["timestamp_us"] == stamps[i]
     assert check_file("30").ok
-
-
-def test_a_recording_that_exists_is_kept(cli, recording):
-    native("a.h5", seed=9)
-    before = tree(recording)
-    Path("file").write_bytes(b"")
-    cli.fails("convert a.h5 -o hand/30 --to maroon", "--force")
-    cli.fails("convert a.h5 -o file --to maroon", "file")
-    cli.fails("convert a.h5 -o file/30 --to maroon", "file")
-    assert tree(recording) == before
-    cli.ok("convert a.h5 -o hand/30 --to maroon --force")
-    assert same_capture(open_capture(recording), open_capture("a.h5"))
-    assert (recording / "metadata.json").read_bytes() == before["metadata.json"]

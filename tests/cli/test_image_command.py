@@ -12,20 +12,10 @@ from matplotlib.figure import Figure
 import clradar
 import clradar.plot
 from clradar.cli.inputs import recording_title, title_of
-from clradar.cli.options import GridOptions
-from clradar.cli.parse import axis_mm
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CompareError
 from clradar.plot import capture_figure, recording_figure
 from measurement_io import open_capture, open_volume, save_capture, save_recording, save_volume
-
-
-def test_axes_in_millimetres_and_the_default_grid_of_the_paper():
-    assert axis_mm("--x-mm", "-100:100:1") == (-100.0, 100.0, 1.0)
-    assert axis_mm("--x-mm", "300") == (300.0, 300.0, 1.0)
-    assert axis_mm("--x-mm", "0:0.3:0.1") == (0.0, 0.3, 0.1)
-    paper = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
-    assert GridOptions().grid().same_voxels(paper, tolerance_m=1e-15)
 
 
 def test_image_of_a_recording(cli, place):
@@ -93,16 +83,6 @@ def test_inspect(cli, place, monkeypatch, name, kind):
         cli.fails(f"inspect {name} --png no.png --slice q", "--slice", status=2)
     else:
         cli.fails(f"inspect {name} --png no.png --view xz", "--view", status=2)
-
-
-def test_check_finds_a_changed_byte(cli, made):
-    content = bytearray((made / "sim.h5").read_bytes())
-    content[len(content) // 2] ^= 1
-    Path("damaged.h5").write_bytes(content)
-    outcome = cli("inspect damaged.h5 --check")
-    assert outcome.status == 1
-    assert "problem" in outcome.out
-    assert outcome.err.startswith("clradar: error: damaged.h5")
 
 
 def test_a_capture_without_receptions_is_warned_of(cli, place):

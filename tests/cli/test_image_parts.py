@@ -1,8 +1,5 @@
 """``clradar image`` of large grids and several captures: by parts, divided, resumed."""
 
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +8,7 @@ from nightly import nightly
 from quick_figures import draw_quickly, seek_nothing_else
 
 import clradar
+from clradar.cli import images
 from clradar.cli.images import PartSteps, remove_remains
 from clradar.imaging import fast
 from measurement_io import check_file, open_capture, open_volume, save_capture
@@ -70,33 +68,22 @@ def test_the_parts_make_the_image_that_is_formed_in_memory(cli, captures, tmp_pa
     assert names == ["1.h5", "1.h5.png", "2.h5", "2.h5.png"]
 
 
-KILLED = """
-import os, signal, sys
-from clradar.cli import images
-from clradar.imaging import fast
-fast.TILE_VOXELS, fast.FEW_TERMS = {voxels}, 0
-write, written = images._write, []
-def until_killed(path, image):
-    written.append(path)
-    if len(written) == {last}:
-        path.with_name(f".{{path.name}}.0.tmp").write_bytes(b"half")
-        os.kill(os.getpid(), signal.SIGKILL)
-    write(path, image)
-images._write = until_killed
-if __name__ == "__main__":
-    from clradar.cli import main
-    main()
-"""
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
 @pytest.mark.parametrize(("last", "kept"), [(3, 2), *nightly([(5, 3)])])
-def test_a_killed_image_resumes(cli, captures, tmp_path, monkeypatch, wanted, last, kept):
-    """Killed while the first piece is joined, and at a part of the second."""
-    program = KILLED.format(voxels=PIECE_VOXELS, last=last)
+def test_an_interrupted_image_resumes(cli, captures, tmp_path, monkeypatch, wanted, last, kept):
+    """While the first piece is joined, and at a part of the second."""
+    write, written = images._write, []
+
+    def until_interrupted(path: Path, image: np.ndarray) -> None:
+        written.append(path)
+        if len(written) == last:
+            path.with_name(f".{path.name}.0.tmp").write_bytes(b"half")  # as a kill leaves it
+            raise KeyboardInterrupt
+        write(path, image)
+
     line = f"image {' '.join(map(str, captures))} {OPTIONS} out.h5"
-    done = subprocess.run([sys.executable, "-c", program, *line.split()], stderr=subprocess.PIPE)
-    assert done.returncode == -signal.SIGKILL, done.stderr
+    with monkeypatch.context() as patch:
+        patch.setattr(images, "_write", until_interrupted)
+        assert cli(line).status == 130
     assert not Path("out.h5").exists()
     # Other options are refused, and what is done stays.
     cli.fails(f"{line} --window hann", "was begun with other settings", "window")

@@ -123,6 +123,8 @@ ERRORS = [
     (f"{IMAGE} --dynamic-range-db 0", "positive"),
     (f"{IMAGE} --z-mm=0:1e5:0.01", "at most 2147483647 voxels"),
     ("image sim.h5 -o x.png --png x.png", "twice"),
+    ("image sim.h5 -o X.png --png x.png", "twice"),  # case may not count
+    (f"hand F -o {5000 * 'x'}.ply", "cannot be written"),
     ("image sim.h5 --report x.png", ".html"),
     ("convert recording -o x.h5 --frame 5", "frame 5"),
     ("convert sim.h5 -o x.h5 --frame 1", "one file"),

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
+from shapes import sphere
 
 import clradar
 from clradar.errors import ModelError
@@ -14,10 +14,7 @@ FULL = clradar.arrays.qar50()
 ARRAY = clradar.AntennaArray(FULL.tx_m[::16], FULL.rx_m[::16])
 WAVEFORM = clradar.Waveform.sfcw(72e9, 82e9, 8)
 GRID = clradar.VoxelGrid.from_extent((-0.02, 0.02), (-0.012, 0.012), (0.28, 0.31), 2e-3)
-BALL = clradar.Scene.from_mesh(
-    trimesh.creation.icosphere(subdivisions=3, radius=0.01).apply_translation([0, 0, 0.3]),
-    alpha=0.6,
-)
+BALL = clradar.Scene(*sphere((0.0, 0.0, 0.3), 0.01, 3), 0.6)
 FEW: dict[str, Any] = {
     "samples_per_mm2": 2, "rays_per_sample": 16, "estimator": "stochastic", "device": "pocl",
 }  # fmt: skip
@@ -107,10 +104,7 @@ def test_bad_arguments_are_one_error(given, message):
 
 
 def test_warnings_come_once():
-    behind = clradar.Scene.from_mesh(
-        trimesh.creation.icosphere(subdivisions=1, radius=0.02).apply_translation([0, 0, -0.01]),
-        alpha=1.0,
-    )
+    behind = clradar.Scene(*sphere((0.0, 0.0, -0.01), 0.02, 1), 1.0)
     with pytest.warns(clradar.ClradarWarning) as caught:
         clradar.spread(behind, ARRAY, WAVEFORM, GRID, seeds=3, **{**FEW, "samples_per_mm2": 0.1})
     texts = [str(one.message) for one in caught]

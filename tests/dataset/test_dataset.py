@@ -9,11 +9,9 @@ import sys
 import types
 from pathlib import Path
 
-import command_line
 import h5py
 import numpy as np
 import pytest
-from command_line import exit_status
 from dataset_plans import DEVICE, PLAN, digests, light_file, plan_of
 from rig_files import RigMaker
 
@@ -182,7 +180,7 @@ output.products = ['mesh', 'joints']
 """
 
 
-def test_rigs_are_hands_too(tmp_path, monkeypatch, capsys):
+def test_rigs_are_hands_too(cli, tmp_path):
     here, there = tmp_path / "here", tmp_path / "there" / "deep"
     for folder in (here, there):
         folder.mkdir(parents=True)
@@ -210,10 +208,7 @@ def test_rigs_are_hands_too(tmp_path, monkeypatch, capsys):
 
     (here / "hand.gltf").unlink()
     _rig.cache_clear()
-    monkeypatch.chdir(tmp_path)
-    arguments = ["--replay", str(tmp_path / "out"), "0", "--rigs", str(there)]
-    assert exit_status("dataset", "--device", DEVICE, *arguments) == 0
-    assert "sample 0: the same bits" in capsys.readouterr().out
+    assert "sample 0: the same bits" in cli.ok(f"dataset --replay out 0 --rigs {there}").out
     for begun in (
         lambda: make_sample(one, DEVICE),
         lambda: replay(tmp_path / "out", 0, device=DEVICE),
@@ -233,31 +228,23 @@ def test_rigs_are_hands_too(tmp_path, monkeypatch, capsys):
 # Replay
 
 
-def test_the_command_replays(made, tmp_path, capsys):
-    copy = shutil.copytree(made, tmp_path / "copy")
-
-    def called(*arguments):
-        return command_line.run(capsys, "dataset", "--device", DEVICE, "--replay", *arguments)
-
-    shard = "shards/shard-00002.h5"
-    status, out, _ = called(made, 4)
-    assert (status, f"sample 4: the same bits as in {made / shard}" in out) == (0, True)
-    status, _, err = called(made, 5)
-    assert (status, "expected a whole number in [0, 4], got 5" in err) == (1, True)
-
+def test_the_command_replays(cli, made):
+    copy, shard = Path(shutil.copytree(made, "copy")), "shards/shard-00002.h5"
+    said = f"sample 4: the same bits as in {made / shard}"
+    assert said in cli.ok(f"dataset --replay {made} 4").out
+    cli.fails(f"dataset --replay {made} 5", "expected a whole number in [0, 4], got 5")
     # The stored recipe counts, and not what the plan would be today.
     manifest = json.loads((copy / MANIFEST).read_text())
     manifest["plan"]["seed"] = 9
     (copy / MANIFEST).write_text(json.dumps(manifest))
     with h5py.File(copy / shard, "r+") as file:
         file["entry/joints/data"][0, 0, 0] += 1.0
-    status, out, err = called(copy, 4)
+    status, out, err = cli("dataset --replay copy 4")
     assert (status, "joints: 1 of 75 numbers differ" in out) == (1, True)
     assert "1 difference" in err
     # Of one that is not stored there is only what the plan says.
     (copy / shard).unlink()
-    status, _, err = called(copy, 4)
-    assert (status, "there was nothing to compare with" in err) == (0, True)
+    assert "there was nothing to compare with" in cli.ok("dataset --replay copy 4").err
 
 
 # What sums up a data set
@@ -281,11 +268,10 @@ def test_the_estimate_is_near_what_is_written(made):
     assert seconds > 0
 
 
-def test_a_dry_run_writes_nothing(tmp_path, capsys):
-    plan = light_file(tmp_path, samples=100000)
-    assert exit_status("dataset", plan, "--dry-run", "-o", tmp_path / "out") == 0
-    assert "all 100000 samples: " in capsys.readouterr().out
-    assert [path.name for path in tmp_path.iterdir()] == ["plan.toml"]
+def test_a_dry_run_writes_nothing(cli):
+    light_file(Path(), samples=100000)
+    assert "all 100000 samples: " in cli.ok("dataset plan.toml --dry-run -o out").out
+    assert [path.name for path in Path().iterdir()] == ["plan.toml"]
 
 
 def test_xarray_has_the_numbers_axes_units_and_labels(made):

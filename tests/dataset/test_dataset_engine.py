@@ -6,7 +6,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import command_line
 import faulty_samples
 import pytest
 from dataset_plans import LIGHT, digests, light_file
@@ -171,15 +170,13 @@ def test_a_sample_that_kills_its_worker_is_set_aside_and_no_other(light, cluster
     assert digests(tmp_path) == digests(light)
 
 
-def test_an_address_without_a_scheduler_is_one_error(capsys, tmp_path, monkeypatch):
-    plan_file = light_file(tmp_path)
+def test_an_address_without_a_scheduler_is_one_error(cli, monkeypatch):
+    light_file(Path())
     monkeypatch.setattr("clradar.jobs.workers.CONNECT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense"):
-        arguments = ("dataset", plan_file, "-o", tmp_path / "x", "--scheduler", address)
-        status, _, err = command_line.run(capsys, *arguments)
-        assert (status, err.count("\n")) == (1, 1)
-        assert f"{address}: expected the address of a Dask scheduler" in err
-    assert not (tmp_path / "x").exists()
+        said = f"{address}: expected the address of a Dask scheduler"
+        cli.fails(f"dataset plan.toml -o x --scheduler {address}", said)
+    assert not Path("x").exists()
     # Nor do tracebacks come of a scheduler that is lost later: they go through these.
     for name in ("distributed", "distributed.client", "tornado.application"):
         assert not logging.getLogger(name).isEnabledFor(logging.ERROR), name

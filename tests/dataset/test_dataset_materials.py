@@ -15,8 +15,6 @@ from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.dataset.sample import moving_hand, placed_hand, scene_of
 from clradar.hand import JOINT_NAMES, PART_NAMES
 
-pytestmark = pytest.mark.filterwarnings("ignore::clradar.ClradarWarning")  # of few samples
-
 MATERIAL = {
     "palm": {
         "of": "palm",
@@ -102,6 +100,7 @@ def test_mistakes_are_one_line_each(tables, words):
     assert len(raised.value.mistakes) == 1
 
 
+@pytest.mark.filterwarnings("ignore::clradar.ClradarWarning")  # of few samples
 def test_a_data_set_of_materials_is_made_and_checked(tmp_path):
     folder = tmp_path / "hands"
     run(PLAN, folder, device=DEVICE)

@@ -9,7 +9,6 @@ import sys
 import time
 from pathlib import Path
 
-import command_line
 import h5py
 import numpy as np
 import psutil
@@ -32,13 +31,6 @@ pytestmark = [
 ]
 
 SHARD = "shards/shard-00001.h5"
-
-
-def test_a_whole_data_set_has_no_problems(light):
-    report = check_dataset(light)
-    assert report.ok, report.problems
-    assert "shards: 3, 3 by their SHA-256: samples in order" in report.checked
-    assert describe_dataset(light).values["samples"] == {"stored": 7, "plan": 7}
 
 
 def manifest(**values):
@@ -106,32 +98,25 @@ def test_damage_is_found(light_copy, damage, words):
     assert any(words in line for line in report.problems), report.problems
 
 
-def test_an_incomplete_data_set_is_reported(faults, tmp_path, capsys):
-    faults({4: "stop"})
-    with pytest.raises(KeyboardInterrupt):
-        run(LIGHT, tmp_path, device=DEVICE)
-    for arguments, status in (
-        (["inspect", str(tmp_path)], 0),
-        (["inspect", str(tmp_path), "--check"], 1),
-    ):
-        assert exit_status(*arguments) == status
-    out, err = capsys.readouterr()
-    assert "samples    3 of 7" in out
-    assert "not complete: shards 1, 2 are missing" in out
-    assert "1 problem found" in err
-    assert len(open_dataset(tmp_path).sample) == 3
-
-
 POISONED = Aside(4, "ValueError: sample 4 is poisoned", ATTEMPTS)
 
 
-@pytest.mark.parametrize("stop", [2, *nightly([0, 4, 6])])
-def test_a_stopped_run_resumes_with_the_missing_shards(light, faults, tmp_path, stop):
+@pytest.mark.parametrize("stop", [2, 4, *nightly([0, 6])])
+def test_a_stopped_run_is_reported_and_resumes_with_the_missing_shards(
+    light, faults, tmp_path, capsys, stop
+):
     folder = tmp_path / "set"
     faults({stop: "stop"})
     with pytest.raises(KeyboardInterrupt):
         run(LIGHT, folder, device=DEVICE)
     assert not (folder / CONTACT_SHEET).exists()
+    if stop == 4:
+        assert [exit_status("inspect", folder, *more) for more in ([], ["--check"])] == [0, 1]
+        out, err = capsys.readouterr()
+        assert "samples    3 of 7" in out
+        assert "not complete: shards 1, 2 are missing" in out
+        assert "1 problem found" in err
+        assert len(open_dataset(folder).sample) == 3
     (folder / "shards" / ".shard-00001.h5.abc.tmp").mkdir()  # what a killed process was writing
     faults({})
     assert run(LIGHT, folder, device=DEVICE).made == 7 - stop // 3 * 3
@@ -155,8 +140,8 @@ def test_a_kill_between_a_shard_and_the_manifest_loses_nothing(faults, tmp_path,
     assert digests(tmp_path / "killed") == digests(tmp_path / "whole")
 
 
-def test_what_fails_is_set_aside_and_tried_again_on_request(light, faults, tmp_path, capsys):
-    folder, aside = tmp_path / "set", [0, 1, 2, 4]  # a whole shard, and one of another
+def test_what_fails_is_set_aside_and_tried_again_on_request(cli, light, faults):
+    folder, aside = Path("set"), [0, 1, 2, 4]  # a whole shard, and one of another
     faults(dict.fromkeys(aside, "raise"))
     with pytest.warns(ClradarWarning, match="was set aside after 2 attempts: Value") as caught:
         result = run(LIGHT, folder, device=DEVICE)
@@ -172,14 +157,14 @@ def test_what_fails_is_set_aside_and_tried_again_on_request(light, faults, tmp_p
     faults({})
     again = run(LIGHT, folder, device=DEVICE)
     assert (again.made, again.aside) == (0, result.aside)
-    retry = ("dataset", light_file(tmp_path), "-o", folder, "--retry", "--device", DEVICE)
+    retry = f"dataset {light_file(Path())} -o set --retry"
     faults({4: "raise"})
-    status, _, err = command_line.run(capsys, *retry)
+    status, _, err = cli(retry)
     assert status == 1
     assert "sample 4 was set aside after 2 attempts: ValueError: sample 4" in err
     assert "1 sample set aside; --retry tries again" in err
     faults({})
-    assert command_line.run(capsys, *retry)[::2] == (0, "")
+    assert cli(retry)[::2] == (0, "")
     assert digests(folder) == digests(light)
 
 
@@ -245,6 +230,9 @@ def test_a_missing_shard_is_made_again(light, light_copy, damage):
         with pytest.warns(ClradarWarning, match=r"shard-00001\.h5.* its samples are made again"):
             assert run(LIGHT, light_copy, device=DEVICE).made == 3
     assert digests(light_copy) == digests(light)
+    report = check_dataset(light_copy)
+    assert report.ok, report.problems
+    assert "shards: 3, 3 by their SHA-256: samples in order" in report.checked
 
 
 MANY = 150

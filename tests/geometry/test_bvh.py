@@ -16,8 +16,7 @@ from clradar.tracing.visible_surface import VisibleSurface
 
 
 def triangles_of(mesh: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    vertices, faces = mesh
-    return vertices[faces]
+    return np.asarray(mesh[0])[np.asarray(mesh[1])]
 
 
 DELTA_M = 1e-6
@@ -234,8 +233,7 @@ CLOSED = {
 
 
 def corners_of(mesh) -> np.ndarray:
-    mesh = mesh or hand()
-    return np.asarray(mesh[0])[np.asarray(mesh[1])].astype(np.float32)
+    return triangles_of(mesh or hand()).astype(np.float32)
 
 
 @pytest.mark.device

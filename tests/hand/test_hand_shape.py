@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from nightly import nightly
 from test_poses import check_surface
 
 from clradar.errors import ModelError
@@ -126,9 +127,7 @@ def test_shapes_that_no_hand_has_are_refused(arguments, message):
 
 
 @pytest.mark.device
-@pytest.mark.parametrize(
-    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 40))]
-)
+@pytest.mark.parametrize("seed", [0, 1, *nightly(range(2, 40))])
 def test_random_hands_have_sound_surfaces(seed):
     rng = np.random.default_rng(seed)
     edge_length_m = float(rng.uniform(1.4e-3, 4e-3)) if seed > 1 else 3.5e-3

@@ -2,9 +2,11 @@
 
 import json
 import pickle
+from itertools import product
 
 import numpy as np
 import pytest
+from nightly import nightly
 
 from clradar.errors import MeasurementError, ModelError, OutputError
 from clradar.hand import (
@@ -202,17 +204,15 @@ def test_digits_of_a_sign_hardly_penetrate(sign):
         assert found.depth_m < (MOST_LETTER_PALM_OVERLAP_M if palm else MOST_LETTER_OVERLAP_M)
 
 
-@pytest.mark.device
-@pytest.mark.parametrize("sign", ["K", "M", "Q", "S"])
-def test_surface_of_a_sign_is_closed_without_self_intersections(sign):
-    check_surface(hand_mesh(sign, COARSE_M))
+EDGES_M = (1.4e-3, 1.7e-3, COARSE_M)
 
 
-@pytest.mark.slow
 @pytest.mark.device
-@pytest.mark.parametrize("edge_length_m", [1.4e-3, 1.7e-3, COARSE_M])
-@pytest.mark.parametrize("sign", POSES)
-def test_every_surface_is_closed_without_self_intersections(sign, edge_length_m):
+@pytest.mark.parametrize(
+    ("sign", "edge_length_m"),
+    [*product("KMQS", [COARSE_M]), *nightly(product(POSES, EDGES_M))],
+)
+def test_surface_of_a_sign_is_closed_without_self_intersections(sign, edge_length_m):
     check_surface(hand_mesh(sign, edge_length_m))
 
 

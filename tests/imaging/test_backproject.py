@@ -14,7 +14,7 @@ from scipy.signal import windows
 
 import clradar
 from clradar import AntennaArray, Capture, FrameImager, VoxelGrid, Waveform, backproject, reference
-from clradar.backproject import METHODS, frequency_weights
+from clradar.backproject import METHODS
 from clradar.errors import ModelError
 from clradar.imaging import fast
 from clradar.imaging.exact import TX_CHUNK
@@ -139,16 +139,6 @@ def test_windows_weigh_the_frequencies(device, method):
     image = backproject(capture, GRID, method=method, device=device, window="taylor").data.ravel()
     want = reference.backproject(capture, centres_m(GRID), weights)
     assert rms_db(image - want, want) <= TOLERANCE_DB[method]
-
-
-def test_windows_are_named_or_given():
-    given = np.random.default_rng(4).normal(size=11)
-    for window, weights in (
-        ("rect", np.ones(11)), ("hann", windows.hann(11)), (given, given), (given.tolist(), given)
-    ):  # fmt: skip
-        np.testing.assert_allclose(frequency_weights(window, 11), weights, rtol=1e-15)
-    for window in ("rect", "hann", "taylor"):
-        assert frequency_weights(window, 1).tolist() == [1.0]
 
 
 @pytest.mark.parametrize(

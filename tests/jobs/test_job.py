@@ -107,6 +107,8 @@ def test_a_folder_takes_one_key(tmp_path):
         assert {p.name for p in at.iterdir()} == {KEY, LOCK, "thesis.tex"}
         with pytest.raises(OutputError, match="another sweep"), job(at).held():
             pass
+    with pytest.raises(OutputError, match="got a file"), held(at / "thesis.tex", "sweep"):
+        pass
 
 
 def test_inputs_count_by_what_they_hold(tmp_path):
@@ -231,17 +233,6 @@ def test_scratch_folders_of_killed_processes_are_removed(tmp_path, monkeypatch):
 
 
 # ---- locks, and what tells that a file is the same
-
-
-def test_one_holder_at_a_time(tmp_path):
-    folder = tmp_path / "a" / "b"
-    with held(folder, "sweep"):
-        with pytest.raises(OutputError, match="another sweep is writing"), held(folder, "sweep"):
-            pass
-        (folder / "image").touch()
-    assert [path.name for path in folder.iterdir()] == ["image"]
-    with pytest.raises(OutputError, match="got a file"), held(folder / "image", "sweep"):
-        pass
 
 
 def test_remains_are_removed_and_nothing_else(tmp_path):

@@ -1,4 +1,4 @@
-"""Maximum projection and depth map, against closed forms."""
+"""Projections and depth maps against closed forms; records in numpy, xarray and notebooks."""
 
 import json
 import re

@@ -50,11 +50,15 @@ def ball(x_m=0.0, y_m=0.0, z_m=0.3, n=61):
     return DepthMap(depth_m, amplitude, axis_m, axis_m)
 
 
+def blob(grid, x_m, y_m, z_m):
+    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+    return np.exp(-((x - x_m) ** 2 + (y - y_m) ** 2 + (z - z_m) ** 2) / 0.006**2)
+
+
 def volume(meta, x_m=0.0):
     """A small volume with a blob in it."""
     grid = VoxelGrid.from_extent((-0.03, 0.03), (-0.03, 0.03), (0.28, 0.32), 2e-3)
-    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
-    return Volume(np.exp(-((x - x_m) ** 2 + y**2 + (z - 0.3) ** 2) / 0.006**2), grid, meta)
+    return Volume(blob(grid, x_m, 0.0, 0.3), grid, meta)
 
 
 def page_of(*images, **options):
@@ -258,13 +262,10 @@ NEAR_M, FAR_M = (-0.012, -0.02, 0.29), (0.02, 0.016, 0.31)
 """Two balls; the measured one is brighter at the first, the simulated one at the second place."""
 
 
-def balls(levels, spacing_m=2e-3):
-    grid = VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.25, 0.35), spacing_m)
-    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
-    data = np.full(grid.shape, 1e-6)
-    for level, (x0, y0, z0) in zip(levels, (NEAR_M, FAR_M), strict=True):
-        data += level * np.exp(-((x - x0) ** 2 + (y - y0) ** 2 + (z - z0) ** 2) / 0.006**2)
-    return Volume(data, grid)
+def balls(levels):
+    grid = VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.25, 0.35), 2e-3)
+    near, far = (blob(grid, *at_m) for at_m in (NEAR_M, FAR_M))
+    return Volume(1e-6 + levels[0] * near + levels[1] * far, grid)
 
 
 MEASURED, SIMULATED = balls((1.0, 0.5)), balls((0.4, 1.0))

@@ -3,13 +3,13 @@
 import json
 import pickle
 from collections.abc import Callable
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
-from command_line import Cli
 from pygltflib import GLTF2, Sparse
 from rig_files import TIPS, RigMaker
 from scipy.spatial.transform import Rotation
@@ -44,6 +44,8 @@ wrong bone would be centimetres off: a bent finger's last joint moves by 40 mm."
 
 TURN = Rotation.from_rotvec([0.5, -1.2, 2.0]).as_matrix()
 MIRROR = np.diag([-1.0, 1.0, 1.0])
+FLAT = {"turn": np.diag([1.0, 1.0, 1e-3]), "local_turns": False}
+"""Squeezed into a plane, thumb and all, a hand is its own mirror image."""
 TIP_NAMES = tuple(JOINT_NAMES[i] for i in TIPS)
 METACARPALS = tuple(n for n in JOINT_NAMES if n.endswith("finger-metacarpal"))
 
@@ -139,6 +141,8 @@ def test_at_rest_the_surface_is_the_files_own(tmp_path):
         same = rig.turned(np.broadcast_to(np.eye(3), (25, 3, 3)))
         rest_m = same.texture_m - rig.joints_m[0]
         np.testing.assert_allclose(about_wrist(same), rest_m, atol=1e-15)
+        np.testing.assert_array_equal(rig.posed("A").texture_m, same.texture_m)
+        np.testing.assert_array_equal(Scene.from_mesh(posed).texture_m, same.texture_m)
         assert posed.part_names == ours.part_names
         for part in range(1, 6):
             shares = [m.to_trimesh().area_faces[m.part == part].sum() for m in (posed, ours)]
@@ -172,18 +176,6 @@ def test_a_bent_finger_has_its_closed_form(tmp_path):
     still = np.setdiff1d(np.arange(len(rig.skin)), rows.point[np.isin(rows.bone, range(6, 10))])
     expected = about_wrist(before)[still]
     np.testing.assert_allclose(about_wrist(after)[still], expected, atol=1e-14)
-
-
-def test_the_texture_is_the_skin_at_rest_in_every_pose(tmp_path, plain):
-    flat, bent = plain.posed("flat"), plain.posed("A", center_m=(0.0, 0.1, 0.4))
-    np.testing.assert_array_equal(flat.texture_m, bent.texture_m)
-    # Its rest pose is the flat one, a shift aside.
-    shift_m = (flat.vertices_m - flat.texture_m).mean(axis=0)
-    np.testing.assert_allclose(flat.vertices_m, flat.texture_m + shift_m, atol=VERTEX_TOLERANCE_M)
-    np.testing.assert_array_equal(Scene.from_mesh(bent).texture_m, bent.texture_m)
-    path = make(tmp_path, pose="flat", turn=MIRROR)
-    left = read_rig(path, handedness="left").posed("A")
-    np.testing.assert_allclose(left.texture_m, flat.texture_m, atol=VERTEX_TOLERANCE_M)
 
 
 def test_a_rig_keeps_its_own_proportions(tmp_path):
@@ -226,19 +218,10 @@ def test_a_last_bone_without_tip_and_axes_points_to_its_flesh(tmp_path):
 # --- how files hold it
 
 
-def test_buffers_may_be_beside_the_file_or_inside(tmp_path, plain):
-    for name, buffers in (("data.gltf", "data"), ("beside.gltf", "file")):
-        found = read_rig(RigMaker().save(tmp_path / name, buffers))
-        np.testing.assert_array_equal(found.posed("F").vertices_m, plain.posed("F").vertices_m)
-    (tmp_path / "beside.bin").rename(tmp_path / "away.bin")
-    with pytest.raises(RigError, match=r"beside.bin: expected buffer 0 of beside.gltf, got noth"):
-        read_rig(tmp_path / "beside.gltf")
-
-
-def test_interleaved_arrays_are_read(tmp_path, plain):
+def interleaved(path):
+    """Positions between other bytes: 12 of 20 belong to them, from the fifth on."""
     maker = RigMaker()
     document = maker.build()
-    # Positions between other bytes: 12 of 20 belong to them, from the fifth on.
     wide = np.zeros((len(maker.positions), 20), np.uint8)
     wide[:, 4:16] = maker.positions.astype("<f4").view(np.uint8).reshape(-1, 12)
     place = document.meshes[0].primitives[0].attributes.POSITION
@@ -247,8 +230,41 @@ def test_interleaved_arrays_are_read(tmp_path, plain):
     accessor.bufferView = document.accessors[at].bufferView
     accessor.byteOffset = 4
     document.bufferViews[accessor.bufferView].byteStride = 20
-    found = read_rig(rewritten(document, maker, tmp_path / "wide.glb"))
-    np.testing.assert_array_equal(found.posed("F").vertices_m, plain.posed("F").vertices_m)
+    return rewritten(document, maker, path / "wide.glb")
+
+
+def unindexed(maker):
+    """Corners at one place with one skin are one vertex."""
+    corners = maker.faces.reshape(-1)
+    maker.positions = maker.positions[corners]
+    maker.weights_out, maker.joints_out = maker.weights_out[corners], maker.joints_out[corners]
+
+
+def light(maker):
+    """Weights that nearly sum to one are normalised."""
+    maker.weights_out = maker.weights_out * 0.95
+
+
+@pytest.mark.parametrize(
+    ("save", "unit", "tolerance_m"),
+    [
+        pytest.param(lambda at: RigMaker().save(at / "x.gltf", "data"), None, 0.0, id="inside"),
+        pytest.param(lambda at: RigMaker().save(at / "x.gltf", "file"), None, 0.0, id="beside"),
+        pytest.param(interleaved, None, 0.0, id="interleaved"),
+        pytest.param(lambda at: make(at, index_type=None, edit=unindexed), None, None, id="lists"),
+        pytest.param(lambda at: make(at, edit=light), None, VERTEX_TOLERANCE_M, id="weights"),
+        pytest.param(lambda at: make(at, units=5.0), 0.2, VERTEX_TOLERANCE_M, id="unit"),
+    ],
+)
+def test_a_hand_is_read_however_the_file_holds_it(tmp_path, plain, save, unit, tolerance_m):
+    rig = read_rig(save(tmp_path), unit=unit)
+    assert rig.unit_m == (unit or 1.0)
+    assert len(rig.skin) == len(plain.skin)
+    np.testing.assert_allclose(rig.skin.weights.sum(axis=1), 1.0, atol=1e-15)
+    found, expected = (one.posed("F") for one in (rig, plain))
+    assert found.to_trimesh().is_watertight
+    if tolerance_m is not None:  # else the vertices have another order
+        assert np.abs(found.vertices_m - expected.vertices_m).max() <= tolerance_m
 
 
 def rewritten(document, maker, path):
@@ -256,17 +272,6 @@ def rewritten(document, maker, path):
     document.set_binary_blob(maker.blob)
     document.save_binary(str(path))
     return path
-
-
-def test_lists_without_indices_are_triangles(tmp_path, plain):
-    def unindexed(maker):
-        corners = maker.faces.reshape(-1)
-        maker.positions = maker.positions[corners]
-        maker.weights_out, maker.joints_out = maker.weights_out[corners], maker.joints_out[corners]
-
-    rig = read_rig(make(tmp_path, index_type=None, edit=unindexed))
-    assert len(rig.skin) == len(plain.skin)  # corners at one place with one skin are one vertex
-    assert rig.posed("F").to_trimesh().is_watertight
 
 
 def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path):
@@ -295,36 +300,25 @@ def test_a_rigid_mesh_below_a_joint_moves_with_it(tmp_path):
 
 
 def test_one_of_two_hands_in_a_file_is_chosen(tmp_path):
-    right, left = RigMaker(called="{}.R".format), RigMaker(called="{}.L".format, turn=MIRROR)
-    one, other = right.build(), left.build()
-    nodes, views, accessors = len(one.nodes), len(one.bufferViews), len(one.accessors)
-    right.blob += b"\0" * (-len(right.blob) % 4)
-    for view in other.bufferViews:
-        view.byteOffset += len(right.blob)
-    for accessor in other.accessors:
-        accessor.bufferView += views
-    for node in other.nodes:
-        node.children = [c + nodes for c in node.children]
-        if node.mesh is not None:
-            node.mesh = node.skin = 1
-    skin, primitive = other.skins[0], other.meshes[0].primitives[0]
-    skin.joints = [j + nodes for j in skin.joints]
-    skin.inverseBindMatrices += accessors
-    primitive.indices += accessors
-    for key, value in list(vars(primitive.attributes).items()):
-        if value is not None:
-            setattr(primitive.attributes, key, value + accessors)
-    for name in ("nodes", "bufferViews", "accessors", "skins", "meshes"):
-        getattr(one, name).extend(getattr(other, name))
-    right.blob += left.blob
-    path = rewritten(one, right, tmp_path / "both.glb")
+    """Flat ones, whose side is in the names: all else may be the same."""
+    maker = RigMaker(called="{}.R".format, **FLAT)
+    document = maker.build()
+    count = len(document.nodes)
+    for node in deepcopy(document.nodes):
+        node.name = node.name.replace(".R", ".L")
+        node.children = [child + count for child in node.children]
+        node.skin = None if node.mesh is None else 1
+        document.nodes.append(node)
+    document.skins.append(deepcopy(document.skins[0]))
+    document.skins[1].joints = [joint + count for joint in document.skins[0].joints]
+    document.scenes[0].nodes += [count, 2 * count - 1]
+    path = rewritten(document, maker, tmp_path / "both.glb")
     with pytest.raises(RigError, match="one hand, or one of each side and --rig-hand, got 2 hands"):
         read_rig(path)
     for side in ("right", "left"):
         with pytest.warns(ClradarWarning, match="'skin'$"):
             rig = read_rig(path, handedness=side)
-        turn = MIRROR if side == "left" else np.eye(3)
-        alone = read_rig(make(tmp_path, turn=turn), handedness=side)
+        alone = read_rig(make(tmp_path, **FLAT), handedness=side)
         assert rig.handedness == side
         assert rig.ignored == ("skin",)
         np.testing.assert_allclose(rig.posed("F").joints_m, alone.posed("F").joints_m, atol=1e-6)
@@ -387,24 +381,11 @@ def test_wrong_mappings_are_named(tmp_path, text, message):
 
 # --- sides and units
 
-FLAT = {"turn": np.diag([1.0, 1.0, 1e-3]), "local_turns": False}
-"""Squeezed into a plane, thumb and all, a hand is its own mirror image."""
-
 
 def test_the_side_of_a_flat_hand_is_given_or_named(tmp_path):
     assert read_rig(make(tmp_path, **FLAT), handedness="left").handedness == "left"
     assert read_rig(make(tmp_path, "hand_left.glb", **FLAT)).handedness == "left"
     assert read_rig(make(tmp_path, called="Left_{}".format, **FLAT)).handedness == "left"
-
-
-def test_units_are_given(tmp_path, plain):
-    odd = read_rig(make(tmp_path, units=5.0), unit=0.2)
-    assert odd.unit_m == 0.2
-    found, expected = (rig.posed("F").vertices_m for rig in (odd, plain))
-    np.testing.assert_allclose(found, expected, atol=VERTEX_TOLERANCE_M)
-    for unit in ("furlong", -1.0):
-        with pytest.raises(ModelError, match="unit"):
-            read_rig(tmp_path / "hand.glb", unit=unit)
 
 
 # --- wrong rigs
@@ -538,16 +519,6 @@ def test_wrong_hands_are_named(tmp_path, settings, unit, message):
         read_rig(path, unit=unit)
 
 
-def test_weights_that_nearly_sum_to_one_are_normalised(tmp_path, plain):
-    def scale(maker):
-        maker.weights_out = maker.weights_out * 0.95
-
-    rig = read_rig(make(tmp_path, edit=scale))
-    np.testing.assert_allclose(rig.skin.weights.sum(axis=1), 1.0, atol=1e-15)
-    found, expected = (one.posed("F").vertices_m for one in (rig, plain))
-    np.testing.assert_allclose(found, expected, atol=VERTEX_TOLERANCE_M)
-
-
 def test_cut_and_foreign_files_are_named(tmp_path):
     content = make(tmp_path).read_bytes()
     path = tmp_path / "cut.glb"
@@ -564,15 +535,16 @@ def test_cut_and_foreign_files_are_named(tmp_path):
         read_rig(tmp_path / "none.glb")
     with pytest.raises(RigError, match="got a folder"):
         read_rig(tmp_path)
+    RigMaker().save(tmp_path / "beside.gltf", "file")
+    (tmp_path / "beside.bin").unlink()
+    with pytest.raises(RigError, match=r"beside.bin: expected buffer 0 of beside.gltf, got noth"):
+        read_rig(tmp_path / "beside.gltf")
+    for unit in ("furlong", -1.0):
+        with pytest.raises(ModelError, match="unit"):
+            read_rig(make(tmp_path), unit=unit)
 
 
 # --- command line
-
-
-@pytest.fixture
-def cli(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return Cli(capsys)
 
 
 def test_the_command_poses_a_rig(cli):
@@ -593,6 +565,9 @@ def test_the_command_poses_a_rig(cli):
     assert Path("x.ply").read_bytes() == Path("hand.ply").read_bytes()
     cli.ok(f"hand {rig} cm -o parts.ply")
     assert set(Scene.from_mesh("parts.ply").part_names) == set(PART_NAMES)
+    right = f"hand L {rig.replace('left', 'right')} cm -o no.ply"
+    cli.fails(right, "expected a right hand, got a left one")
+    cli.fails(f"hand L {rig} cm --betas 1 -o no.ply", "betas: expected a MANO model")
 
 
 def test_rigs_go_to_other_processes(plain):

@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 import numpy as np
 from rig_files import bone_weights
 from scipy.sparse import csc_matrix
-from scipy.spatial import cKDTree
 
 from clradar.hand import JOINT_NAMES, hand_mesh, pose_by_name, posed_skeleton
 
@@ -59,7 +58,7 @@ def mano_model(side: str = "right") -> dict[str, Any]:
         "v_template": template,
         "shapedirs": shapedirs,
         "posedirs": posedirs,
-        "J_regressor": _regressor(template, place(joints)),
+        "J_regressor": csc_matrix(regressor(template, place(joints))),
         "kintree_table": np.array([PARENTS, range(16)], dtype=np.int64).astype(np.uint32),
         "weights": weights,
         "f": faces.astype(np.uint32),
@@ -84,14 +83,11 @@ def _coarser(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nd
     return means[used], corners.reshape(-1, 3)
 
 
-def _regressor(vertices: np.ndarray, joints: np.ndarray) -> csc_matrix:
-    """Return the matrix (16, V) that makes the joints of means of vertices around them."""
-    matrix = np.zeros((len(joints), len(vertices)))
-    _, near = cKDTree(vertices).query(joints, k=30)
-    for row, joint, chosen in zip(matrix, joints, near, strict=True):
-        system = np.vstack([vertices[chosen].T, np.ones(len(chosen))])
-        row[chosen] = np.linalg.pinv(system) @ np.append(joint, 1.0)
-    return csc_matrix(matrix)
+def regressor(vertices: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Return the matrix (16, V) that makes the joints of the vertices, which sums to 1."""
+    at, wanted = (np.column_stack([points, np.ones(len(points))]) for points in (vertices, joints))
+    found: np.ndarray = np.linalg.lstsq(at.T, wanted.T, rcond=None)[0].T
+    return found
 
 
 class _Writer(pickle._Pickler):

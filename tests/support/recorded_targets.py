@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from shapes import plate
 
 import clradar
 from calibration import response
@@ -70,3 +71,11 @@ def edge_array(n: int) -> AntennaArray:
     return AntennaArray(
         np.stack([across, along, zero], axis=1), np.stack([along, across, zero], axis=1)
     )
+
+
+def two_plates(cells: int, wavy_m: float = 0.0) -> clradar.Scene:
+    """Squares of 5 cm side by side, whose parts are left and right."""
+    vertices_m, faces = plate(0.05, 0.3, cells, wavy_m)
+    sides = [clradar.Scene(vertices_m + np.array([x_m, 0, 0]), faces) for x_m in (-0.03, 0.03)]
+    both = clradar.Scene.combine(sides)
+    return clradar.Scene(both.vertices_m, both.faces, 0.5, both.part, ("left", "right"))

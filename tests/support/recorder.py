@@ -97,53 +97,27 @@ class Recorder:
         converted = {"snr_db": self.snr_db, "adc_bits": self.adc_bits}
         return clradar.impair(arriving, seed=noise_seed, **same, **converted)
 
-    def write(
-        self,
-        parent: Path,
-        n_frames: int = 3,
-        n_empty: int = 2,
-        *,
-        name: str = "object",
-        emptyfiltered: bool = True,
-        cut_short: int | None = None,
-        missing: int | None = None,
-    ) -> Recording:
-        """Write frames and the empty room as recordings, at 30 cm.
+    def write(self, parent: Path, n_frames: int = 3, *, emptyfiltered: bool = True) -> Recording:
+        """Write frames, and two of the empty room, as recordings.
 
-        With `emptyfiltered` also every frame minus the empty room's frame 0. The file of the frame
-        `cut_short` ends in the middle, that of `missing` is not there.
+        With `emptyfiltered` also every frame minus the empty room's frame 0.
         """
-        folder, empty = parent / name / "30", parent / "empty" / "30"
-        stamps_us = [FIRST_US + i * INTERVAL_US for i in range(max(n_frames, n_empty))]
+        folder, empty = parent / "object" / "30", parent / "empty" / "30"
+        stamps_us = [FIRST_US + i * INTERVAL_US for i in range(n_frames)]
         frames = [self.frame(i) for i in range(n_frames)]
-        without = self.empty(0).data
-        beside: dict[str, Any] = {
-            "metadata": {"distance_meters": 0.3, "empty_measurement": "empty"},
-            "alignment": {"photogrammetry2radar": np.diag([-1.0, 1.0, 1.0, 1.0]).tolist()},
-        }
-        if emptyfiltered:
-            beside["emptyfiltered"] = [replace(f, data=f.data - without) for f in frames]
-        radar = save_recording(folder, frames, timestamps_us=stamps_us[:n_frames], **beside)
-        if n_empty:
-            empties = [self.empty(i) for i in range(n_empty)]
-            save_recording(empty, empties, timestamps_us=stamps_us[:n_empty])
-        for number, size in ((cut_short, 5000), (missing, 0)):
-            if number is not None:
-                path = radar / "calibrated_data" / f"{number:06d}.npy"
-                content = path.read_bytes()[:size]
-                path.unlink()
-                if size:
-                    path.write_bytes(content)
-        return Recording(folder, radar, empty, self, dict(enumerate(frames)))
+        empties = [self.empty(i) for i in range(2)]
+        cleaned = [replace(f, data=f.data - empties[0].data) for f in frames]
+        beside = {"emptyfiltered": cleaned} if emptyfiltered else {}
+        save_recording(folder, frames, timestamps_us=stamps_us, **beside)
+        save_recording(empty, empties, timestamps_us=stamps_us[:2])
+        return Recording(folder, empty, self, frames)
 
 
 @dataclass(frozen=True)
 class Recording:
-    """What was written: `<object>/<distance>`, the radar folder in it, `<empty>/<distance>`, the
-    truth, and what every frame holds, also of those that were damaged or left out afterwards."""
+    """What was written: `<object>/<distance>`, `<empty>/<distance>`, the truth, and the frames."""
 
     folder: Path
-    radar: Path
     empty: Path
     recorder: Recorder
-    frames: dict[int, Capture]
+    frames: list[Capture]

@@ -35,17 +35,9 @@ def sphere(centre_m: tuple[float, float, float], radius_m: float, subdivisions: 
 
 def dihedral(size_m: float, apex_z_m: float) -> Mesh:
     """Two squares at a right angle, open towards the radar, their common edge along y."""
-    h = size_m / np.sqrt(2)
-    vertices = np.array(
-        [
-            [0, -size_m / 2, apex_z_m],
-            [0, size_m / 2, apex_z_m],
-            [-h, -size_m / 2, apex_z_m - h],
-            [-h, size_m / 2, apex_z_m - h],
-            [h, -size_m / 2, apex_z_m - h],
-            [h, size_m / 2, apex_z_m - h],
-        ]
-    )
+    h, b = size_m / np.sqrt(2), size_m / 2
+    x, y = np.array([0, 0, -h, -h, h, h]), np.array([-b, b, -b, b, -b, b])
+    vertices = np.stack([x, y, apex_z_m - np.abs(x)], axis=1)
     return vertices, np.array([[0, 1, 2], [1, 3, 2], [0, 4, 1], [1, 4, 5]])
 
 

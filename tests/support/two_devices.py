@@ -20,27 +20,6 @@ ENVIRONMENT = {"POCL_DEVICES": "pthread pthread", "CLRADAR_DEVICE": "pocl"}
 
 N = 6
 
-PLAN = """
-seed = 3
-samples = 4
-poses.names = ["A", "B"]
-hands.edge_mm = 4
-placement.z_mm = 300
-[radar]
-every = 32
-steps = 4
-[simulation]
-samples_per_mm2 = 0.02
-[image]
-x_mm = [-60, 60]
-y_mm = [-60, 60]
-z_mm = [260, 340]
-step_mm = [10, 10, 10]
-[output]
-products = ["capture", "max_projection"]
-shard_size = 2
-"""
-
 
 def met(item: tuple[int, str], device: Device) -> tuple[int, str]:
     """The item's number and the device; the first two wait for each other, so both have a turn."""
@@ -84,16 +63,16 @@ def error_of(call: Any) -> str:
 
 def cluster(folder: str) -> None:
     """A data set by two workers with a device each, and by one device here."""
-    from dataset_plans import digests
+    from dataset_plans import digests, light_file
 
     from clradar.dataset import read_plan, run
     from clradar.jobs import Where
     from clradar.jobs.workers import Share, local_client, own_cores
 
     cores = own_cores()
-    plan_file = Path(folder) / "plan.toml"
-    plan_file.write_text(PLAN, encoding="utf-8")
-    plan = read_plan(plan_file)
+    output = {"shard_size": 2, "products": ["capture", "max_projection"]}
+    radar = {"every": 32, "steps": 4}
+    plan = read_plan(light_file(Path(folder), samples=4, output=output, radar=radar))
     each = [Share(f"0:{i}", (cores[i % len(cores)],), 1) for i in range(2)]
     with local_client(each) as client:
         devices = client.run(lambda: clradar.open_device().info.selector)

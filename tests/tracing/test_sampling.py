@@ -1,4 +1,4 @@
-"""Where the tracer puts its samples: how many per face, uniform on each, inside all of them."""
+"""Where the tracer puts its samples, uniform on each face, and the bundles of its antennas."""
 
 import warnings
 from functools import cache

@@ -1,4 +1,4 @@
-"""The tracer against the float64 reference path by path, and invariants of any scene."""
+"""The tracer against the float64 reference path by path, invariants, a mirror and a sphere."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,7 @@
 """Formulas that others derived, and what clradar gives for them: docs/validation.md.
 
 `mie`, `optics` and `gaussian` are programs of their own in numpy and scipy that import nothing of
-clradar; `measured` runs clradar; `checks` compares; `python -m truths` writes the page.
+clradar; `measured` runs clradar; the others compare; `python -m truths` writes the page.
 """
 
 import sys

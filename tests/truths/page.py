@@ -1,4 +1,4 @@
-"""The page docs/validation.md: numbers stand in the line after each ``<!--mark-->``."""
+"""One comparison, and the page docs/validation.md: numbers stand after each ``<!--mark-->``."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""What the view draws of an image: colours where they belong, in the radar's view, and clicks."""
+"""What the view draws, in the radar's view, and means by a click; samples of data sets in it."""
 
 import numpy as np
 import pytest

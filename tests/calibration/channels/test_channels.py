@@ -8,7 +8,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from command_line import run
 from matplotlib.figure import Figure
 from nightly import nightly
 from recorded_targets import DEAD_RX, DEAD_TX, HALF, QAR50, SMALL, Instrument, instrument
@@ -443,16 +442,6 @@ def test_file_round_trip(tmp_path, found):
     save_channels(path, found, force=True)
 
 
-def test_files_of_other_kinds(tmp_path, truth, found):
-    capture, channels = tmp_path / "capture.h5", tmp_path / "channels.h5"
-    save_capture(capture, truth.record_target(TRUE["corner"]))
-    save_channels(channels, found)
-    with pytest.raises(MeasurementError, match="expected channels, got a capture; use open_capt"):
-        open_channels(capture)
-    with pytest.raises(MeasurementError, match="expected a capture, got channels; use open_chan"):
-        open_capture(channels)
-
-
 DATA = "entry/data"
 
 
@@ -479,23 +468,15 @@ def test_damaged_files(tmp_path, found, damage):
 # The command line ---------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def folder(tmp_path: Path, truth: Instrument, monkeypatch: pytest.MonkeyPatch) -> Path:
-    save_capture(tmp_path / "plate.h5", truth.record_target(TRUE["plate"]))
-    save_capture(tmp_path / "corner.h5", truth.record_target(TRUE["corner"]))
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-COMMAND = ("channels", "plate.h5", "--target", "plate", "--distance-mm", "305")
-
-
-def test_commands(folder, capsys, monkeypatch):
+def test_commands(cli, truth, monkeypatch):
+    for name in ("plate", "corner"):
+        save_capture(f"{name}.h5", truth.record_target(TRUE[name]))
     # Not drawn, which would take most of the time.
     own_figure, drawn = figure.channels_figure, []
     monkeypatch.setattr(figure, "channels_figure", lambda *a: drawn.append(a) or Figure())
-    status, out, err = run(capsys, *COMMAND, "-o", "channels.h5", "--plot", "channels.png")
-    assert (status, err) == (0, "")
+    options = "--target plate --distance-mm 305 -o channels.h5 --plot channels.png"
+    _, out, err = cli.ok(f"channels plate.h5 {options}")
+    assert err == ""
     axes = own_figure(*drawn[0]).axes
     labels = [one.get_ylabel() for one in axes[::2]]
     assert labels == ["gain (dB)", "phase (degrees)", "delay (ps)"]
@@ -505,14 +486,12 @@ def test_commands(folder, capsys, monkeypatch):
     channels = open_channels("channels.h5")
     assert channels.meta["command"] == "channels"
     assert channels.meta["inputs"][0]["file"] == "plate.h5"
-    assert (folder / "channels.png").read_bytes().startswith(b"\x89PNG")
-    status, out, err = run(
-        capsys, "clean", "corner.h5", "--channels", "channels.h5", "-o", "corrected.h5"
-    )
-    assert (status, err) == (0, "")
+    assert Path("channels.png").read_bytes().startswith(b"\x89PNG")
+    _, out, err = cli.ok("clean corner.h5 --channels channels.h5 -o corrected.h5")
+    assert err == ""
     assert "without 1 Tx and 0 Rx" in out
     corrected = open_capture("corrected.h5")
     want = correct(open_capture("corner.h5"), channels)
     np.testing.assert_array_equal(corrected.data, want.data)
     assert [item["file"] for item in corrected.meta["inputs"]] == ["corner.h5", "channels.h5"]
-    assert run(capsys, "inspect", "channels.h5", "--check")[0] == 0
+    cli.ok("inspect channels.h5 --check")

@@ -2,13 +2,11 @@
 
 import json
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
-import command_line
 import numpy as np
 import pytest
 from recorder import Recorder, Recording
@@ -302,30 +300,22 @@ def test_wrong_input_is_refused(call, message):
 
 # The command
 
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    return partial(command_line.run, capsys, "clean")
-
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     made = Recorder(points_m=POINTS, waveform=Waveform.sfcw(72e9, 82e9, 24), **DRIFT)
-    return made.write(tmp_path_factory.mktemp("recording"), n_frames=3, n_empty=2)
+    return made.write(tmp_path_factory.mktemp("recording"), n_frames=3)
 
 
-def test_the_command_averages_subtracts_and_gates(run, recording, tmp_path):
-    output = tmp_path / "out.h5"
-    status, out, err = run(recording.folder, "--empty", recording.empty, "-o", output,
-                           "--scaling", "channel", "--average", "--gate-mm", "150:300")  # fmt: skip
-    assert (status, err) == (0, "")
+def test_the_command_averages_subtracts_and_gates(cli, recording):
+    options = "--scaling channel --average --gate-mm 150:300 -o out.h5"
+    _, out, err = cli.ok(f"clean {recording.folder} --empty {recording.empty} {options}")
+    assert err == ""
     assert "mean of 3 frames" in out
     assert "mean of 2 frames" in out
     assert "gated to 150 to 300 mm" in out
-    found = open_capture(output)
-    frame = average_frames(recording.frames.values())
+    found = open_capture("out.h5")
+    frame = average_frames(recording.frames)
     empty = average_frames(recording.recorder.empty(i) for i in range(2))
     expected = subtract_background(frame, empty, scaling="channel")
     expected = range_gate(expected, near_m=0.15, far_m=0.3)
@@ -334,27 +324,20 @@ def test_the_command_averages_subtracts_and_gates(run, recording, tmp_path):
     assert "frame" not in found.meta
 
 
-def test_the_command_takes_files_and_single_frames(run, recording, tmp_path):
-    empty, output = tmp_path / "empty.h5", tmp_path / "out.h5"
-    save_capture(empty, recording.recorder.empty(0))
-    status, _, err = run(recording.folder, "--frame", 1, "--empty", empty, "-o", output)
-    assert (status, err) == (0, "")
-    found = open_capture(output)
+def test_the_command_takes_files_and_single_frames(cli, recording):
+    save_capture("empty.h5", recording.recorder.empty(0))
+    line = f"clean {recording.folder} --empty empty.h5 -o out.h5"
+    assert cli.ok(f"{line} --frame 1").err == ""
+    found = open_capture("out.h5")
     expected = recording.frames[1].data - recording.recorder.empty(0).data
     np.testing.assert_allclose(found.data, expected, atol=1e-5 * abs(expected).max())
     assert [entry["file"] for entry in found.meta["inputs"]] == ["000001.npy", "empty.h5"]
-    given = ("--variant", "emptyfiltered", "--empty", empty, "-o", output, "--force")
-    status, _, err = run(recording.folder, *given)
-    assert status == 0
-    assert "subtracted already" in err
-    status, _, err = run(empty, "--average", "-o", tmp_path / "mean.h5")
-    assert status == 2
-    assert "radar folder" in err
+    assert "subtracted already" in cli.ok(f"{line} --variant emptyfiltered --force").err
+    cli.fails("clean empty.h5 --average -o mean.h5", "radar folder", status=2)
 
 
-def test_frames_that_are_missing_are_left_out_of_the_mean(run, tmp_path):
+def test_frames_that_are_missing_are_left_out_of_the_mean(cli, tmp_path):
     made = Recorder(waveform=Waveform.sfcw(72e9, 82e9, 3), walls=())
-    gap = made.write(tmp_path, n_frames=3, missing=1, emptyfiltered=False)
-    status, _, err = run(gap.folder, "--average", "-o", tmp_path / "gap.h5")
-    assert status == 0
-    assert "2 of 3 frames are there" in err
+    gap = made.write(tmp_path, n_frames=3, emptyfiltered=False)
+    next(gap.folder.rglob("000001.npy")).unlink()
+    assert "2 of 3 frames are there" in cli.ok(f"clean {gap.folder} --average -o gap.h5").err

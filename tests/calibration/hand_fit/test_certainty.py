@@ -121,18 +121,6 @@ def known(fitter) -> Information:
     return information_at(fitter, found, prior_about(state.angles_rad), 0)
 
 
-def test_the_pattern_of_the_samples_is_no_information(fitter, known):
-    """Products of two surfaces have less than the squares of one, but for the noise of samples, and
-    tell all of an open hand."""
-    assert known.told().all()
-    fitter.picture(FINE).draw_surface(truth(), 0)
-    slopes = fitter.linearised(truth(), initial_log_brightness(), FINE)[1]
-    single = (slopes**2).sum(axis=1)[ANGLES]
-    shared = COVARIANCE_RATIO**2 * np.diag(known.measured)[ANGLES]
-    assert (shared < 1.08 * single).all()
-    assert (shared / single).min() > 0.5
-
-
 def test_averaged_residuals_have_the_variance_of_independent_ones():
     width, ones = np.array([3.0, 4.0]), np.ones((160, 200))
     # Constant ones keep theirs, z^2, and independent ones 1 / (4 pi 3 * 4) of it, but for the edge.

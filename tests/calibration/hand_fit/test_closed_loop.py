@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hand_renderings import rendered_depth, state_of
+from hand_renderings import fitter_on, rendered_depth, state_of
 
 from calibration import HandFit, fit_hand
 from calibration.hand_fit import closed_loop
@@ -19,7 +19,7 @@ from calibration.hand_fit.closed_loop import (
     _difference,
     close_loop,
 )
-from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed, fitted_parameters
+from calibration.hand_fit.descent import FINE, Fitted, HandFitter, Missed
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_rendering import N_GEOMETRY, SHAPE
 from calibration.hand_fit.hand_state import HandState
@@ -51,8 +51,7 @@ def fitter() -> HandFitter:
     """On a blank image of few pixels, by few antennas."""
     axis_m = np.arange(-12, 13) * 8e-3
     depth = DepthMap(np.full((25, 25), 0.3), np.ones((25, 25)), axis_m, axis_m, 20.0)
-    model, device = ParametricHand("right", "pocl"), open_device("pocl")
-    return HandFitter(model, depth, RADAR.aperture, device, fitted_parameters(True), (FINE,))
+    return fitter_on(depth, shape=True, levels=(FINE,))
 
 
 @pytest.fixture
@@ -113,9 +112,6 @@ def test_a_round_simulates_the_hand_and_finds_it_where_it_is(fitter, state):
     assert closed_loop.shared(volume.depth_map(20.0), volume.depth_map(20.0)) == pytest.approx(1.0)
 
 
-pytestmark = pytest.mark.slow
-
-
 def seen(letter: str) -> DepthMap:
     """The rendering's own picture of a letter."""
     hand = ParametricHand("right", "pocl")
@@ -126,6 +122,7 @@ def fitted(depth: DepthMap, start: str) -> HandFit:
     return fit_hand(depth, start, closed_loop=False, device="pocl")
 
 
+@pytest.mark.slow
 def test_noise_is_no_hand():
     axis_m = 2e-3 * np.arange(-50, 51)
     rng = np.random.default_rng(0)
@@ -135,6 +132,7 @@ def test_noise_is_no_hand():
         fitted(depth, "F")
 
 
+@pytest.mark.slow
 def test_of_half_a_hand_the_rest_is_as_in_the_start():
     whole = seen("B")
     kept = whole.x_m < 0.0  # thumb, index and middle finger

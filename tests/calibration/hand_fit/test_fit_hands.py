@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -45,17 +44,6 @@ def measured_exactly(belief: Belief, state: HandState, std: float = 1e-4) -> Bel
     known = belief.known
     information = np.linalg.inv(belief.covariance[known, known])
     return belief.measured(state, np.linalg.inv(information + np.eye(known.stop) / std**2))
-
-
-@pytest.mark.parametrize("fit_shape", [False, True])
-def test_a_belief_begins_at_the_prior_of_a_fit(fit_shape):
-    belief = Belief.of_start(STATE, 12.0, fit_shape)
-    prior = belief.prior(STATE)
-    np.testing.assert_array_equal(prior.mean_rad, STATE.angles_rad)
-    np.testing.assert_array_equal(prior.mean_shape, vector_of(AVERAGE))
-    own = np.linalg.inv(prior.information[6 : 6 + N_ANGLES, 6 : 6 + N_ANGLES])
-    np.testing.assert_allclose(own, angle_covariance(12.0), rtol=0, atol=1e-12)
-    assert (belief.shape_std.size > 0) == fit_shape
 
 
 def test_measured_angles_tell_the_velocity():
@@ -176,16 +164,6 @@ def test_a_frame_tells_of_the_shape():
 def run(fitting: MadeUp, frames: Any = range(8), after: Track | None = None) -> Any:
     numbers = [(i, i) for i in range(len(frames))]
     return list(followed(fitting, frames, numbers, after, None))
-
-
-def test_frames_are_followed_from_the_first_on():
-    fitting = MadeUp()
-    outcome = run(fitting)
-    assert [fit.how for fit, _ in outcome] == [SEARCHED] + 7 * [FOLLOWED]
-    assert [fit.start for fit, _ in outcome][:3] == ["F", "frame 0", "frame 1"]
-    assert fitting.calls == [("search", 0)] + [("follow", i) for i in range(1, 8)]
-    std = [fit.shape_std for fit, _ in outcome[:3]]
-    assert all((later < earlier).all() for earlier, later in pairwise(std))
 
 
 def test_a_lost_hand_is_noticed_and_found_again():

@@ -2,11 +2,12 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from command_line import exit_status
+from command_line import Cli
 from hand_registrations import ARRAY, RADAR, WAVEFORM, assert_found, truth
 from matplotlib.figure import Figure
 from scipy import ndimage
@@ -255,30 +256,25 @@ def test_a_material_chooses_the_estimator(
 # The command
 
 
+REGISTER = "register measured.h5 hand.ply --unit mm -o placed"
+
+
 @pytest.fixture
-def files(measured, hand, tmp_path):
-    save_volume(tmp_path / "measured.h5", measured)
+def files(cli: Cli, measured: clradar.Volume, hand: clradar.Scene) -> None:
+    save_volume("measured.h5", measured)
     content = ply_of_parts(1e3 * hand.vertices_m, hand.faces, hand.part, hand.part_names)
-    (tmp_path / "hand.ply").write_bytes(content)
-    return tmp_path
+    Path("hand.ply").write_bytes(content)
 
 
-def run(files, *more):
-    return exit_status("register", files / "measured.h5", files / "hand.ply",
-                       "-o", files / "placed", "--device", "pocl", *more)  # fmt: skip
-
-
-def test_command_writes_all(files, hand, registered, capsys, monkeypatch):
+@pytest.mark.usefixtures("files")
+def test_command_writes_all(cli, hand, registered, monkeypatch):
     result = registered.result
     monkeypatch.setattr("calibration.register", lambda *_, **__: result)
     # The figure would take most of the time.
     monkeypatch.setattr("clradar.plot.comparison_figure", lambda *_, **__: Figure())
-    status = run(files, "--unit", "mm", "--alpha", "0.3")
-    out = capsys.readouterr()
-    assert status == 0, out.err
-    folder = files / "placed"
+    printed, folder = cli.ok(f"{REGISTER} --alpha 0.3").out, Path("placed")
     assert {path.name for path in folder.iterdir()} == set(FILES)
-    assert {p.name for p in files.iterdir()} == {"measured.h5", "hand.ply", "placed"}
+    assert {p.name for p in Path().iterdir()} == {"measured.h5", "hand.ply", "placed"}
     transform = read_transform(folder / "transform.json")
     assert transform == pytest.approx(result.alignment.transform)
     placed = clradar.Scene.from_mesh(folder / "placed.ply")
@@ -289,7 +285,7 @@ def test_command_writes_all(files, hand, registered, capsys, monkeypatch):
     assert np.array_equal(placed.part, hand.part)
     record = json.loads((folder / "transform.json").read_text())
     assert len(record["rounds"]) == len(result.rounds)
-    assert "The mesh is shifted by" in out.out
+    assert "The mesh is shifted by" in printed
     capture, volume = open_capture(folder / "capture.h5"), open_volume(folder / "volume.h5")
     assert capture.meta["options"]["alpha"] == 0.3
     assert volume.grid.counts == (81, 81, 33)
@@ -297,7 +293,8 @@ def test_command_writes_all(files, hand, registered, capsys, monkeypatch):
     assert -1.0 <= metrics["simulated"][0]["metrics"]["db_correlation"] <= 1.0
 
 
-def test_command_registers_materials(files, capsys, monkeypatch):
+@pytest.mark.usefixtures("files")
+def test_command_registers_materials(cli, monkeypatch):
     found = {}
 
     def nothing_more(volume, scene, **options):
@@ -305,12 +302,10 @@ def test_command_registers_materials(files, capsys, monkeypatch):
         raise CompareError("enough")
 
     monkeypatch.setattr("calibration.register", nothing_more)
-    of = ("--unit", "mm", "--material", "palm", "--material-of", "thumb=skin")
-    assert run(files, *of) == 1
+    line = f"{REGISTER} --material palm --material-of thumb=skin"
+    cli.fails(line, "enough")
     assert {own.name for own in found["scene"].materials} == {"palm", "skin"}
     assert (found["estimator"], found["fit_alpha"]) == ("physical", False)
-    assert run(files, "--unit", "mm") == 1
+    cli.fails(REGISTER, "enough")
     assert (found["estimator"], found["fit_alpha"]) == (None, True)
-    capsys.readouterr()
-    assert run(files, *of, "--alpha", "0.3") == 2
-    assert "--alpha" in capsys.readouterr().err
+    cli.fails(f"{line} --alpha 0.3", "--alpha", status=2)

@@ -3,14 +3,14 @@
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from command_line import exit_status
 from matplotlib.figure import Figure
 from nightly import nightly
-from recorded_targets import edge_array
+from recorded_targets import edge_array, two_plates
 from scipy import stats
 from shapes import plate, sphere
 
@@ -55,14 +55,7 @@ def measured_of(scene: clradar.Scene, seed: int, gain: float = GAIN) -> clradar.
     return clradar.Capture(gain * noisy.data, ARRAY, WAVEFORM)
 
 
-def two_plates() -> clradar.Scene:
-    vertices_m, faces = plate(0.05, 0.3, 4)
-    sides = [clradar.Scene(vertices_m + np.array([x_m, 0, 0]), faces) for x_m in (-0.03, 0.03)]
-    both = clradar.Scene.combine(sides)
-    return clradar.Scene(both.vertices_m, both.faces, 0.5, both.part, ("left", "right"))
-
-
-SCENE = two_plates()
+SCENE = two_plates(4)
 
 
 @pytest.fixture(scope="module")
@@ -383,27 +376,15 @@ def test_wrong_arguments_are_refused_before_any_work(change, words, monkeypatch)
 # --- the command
 
 
-def run(*arguments: str) -> int:
-    return exit_status(*arguments, "--device", "pocl")
-
-
 COMMAND = (
-    "sweep", "measured.h5", "mesh.ply", "--roughness-mm", "0.1:0.5:0.1", "--correlation-mm", "2,3",
-    "--seeds", "4", "--seed", "7", "--calibrated", "--material", "palm", "-o", "out",
-    "--x-mm", "-60:60:5", "--y-mm", "-30:30:5", "--z-mm", "290:310:5",
-)  # fmt: skip
+    "sweep measured.h5 mesh.ply --roughness-mm 0.1:0.5:0.1 --correlation-mm 2,3 --calibrated "
+    "--material palm --seed 7 -o out --x-mm -60:60:5 --y-mm -30:30:5 --z-mm 290:310:5 --seeds"
+)
 
 
-@pytest.fixture
-def files(tmp_path, monkeypatch):
-    """A measurement and its mesh."""
-    monkeypatch.chdir(tmp_path)
+def test_the_command_passes_its_options_and_writes_what_is_found(cli, apart, monkeypatch):
     save_capture("measured.h5", clradar.Capture(np.ones((12, 12, 8)), ARRAY, WAVEFORM))
     trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False).export("mesh.ply")
-    return tmp_path
-
-
-def test_the_command_passes_its_options_and_writes_what_is_found(files, capsys, apart, monkeypatch):
     given = {}
 
     def swept_before(capture, scene, heights_m, lengths_m, **options):
@@ -415,24 +396,21 @@ def test_the_command_passes_its_options_and_writes_what_is_found(files, capsys, 
     # Not drawn, which would take most of the time.
     own_figure, drawn = figures.roughness_figure, []
     monkeypatch.setattr(figures, "roughness_figure", lambda f: drawn.append(f) or Figure())
-    assert run(*COMMAND) == 0
+    said = " ".join(cli.ok(f"{COMMAND} 4").out.split())
     assert np.allclose(given["heights_m"], np.arange(1, 6) * 1e-4)
     assert np.allclose(given["lengths_m"], [2e-3, 3e-3])
     assert (given["seeds"], given["settings"].seed, given["calibrated"]) == (4, 7, True)
     assert given["settings"].estimator == "physical"
     assert [m.name for m in given["scene"].materials] == ["palm"]
-    said = " ".join(capsys.readouterr().out.split())
-    record = json.loads((files / "out" / "sweep.json").read_text())
+    record = json.loads(Path("out/sweep.json").read_text())
     for name, one in record["regions"].items():
         assert f"roughness of {name}: {one['text']}" in said
     assert record["options"]["roughness_mm"] == [0.1, 0.2, 0.3, 0.4, 0.5]
-    lines = (files / "out" / "sweep.csv").read_text().splitlines()
+    lines = Path("out/sweep.csv").read_text().splitlines()
     assert lines[0].startswith("region,roughness_m_median,")
     assert len(lines) == 3
-    assert (files / "out" / "sweep.png").is_file()
+    assert Path("out/sweep.png").is_file()
     axes = own_figure(*drawn).axes
     assert [one.get_title().split(":")[0] for one in axes[::3]] == ["left", "right"]
-    assert run(*COMMAND) == 0
-    assert "nothing to do" in capsys.readouterr().out
-    assert run(*COMMAND, "--seeds", "5") == 1
-    assert "begun with other settings" in capsys.readouterr().err
+    assert "nothing to do" in cli.ok(f"{COMMAND} 4").out
+    cli.fails(f"{COMMAND} 5", "begun with other settings")

@@ -1,14 +1,15 @@
 """Sweeps over alpha: estimates, shared random numbers, and the same bits after an interruption."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from command_line import exit_status as run, group_of
+from command_line import group_of
 from comparisons import tree
 from matplotlib.figure import Figure
-from recorded_targets import edge_array
+from recorded_targets import edge_array, two_plates
 from shapes import plate, sphere
 
 import clradar
@@ -52,14 +53,7 @@ COMPLEX64_SUM = 4 * 2.0**-24
 """Two captures and their sum are rounded to float32 each, real and imaginary part."""
 
 
-def two_plates() -> clradar.Scene:
-    vertices_m, faces = plate(0.05, 0.3, 12, wavy_m=3e-3)
-    sides = [clradar.Scene(vertices_m + np.array([x_m, 0, 0]), faces) for x_m in (-0.03, 0.03)]
-    both = clradar.Scene.combine(sides)
-    return clradar.Scene(both.vertices_m, both.faces, 0.5, both.part, ("left", "right"))
-
-
-SCENE = two_plates()
+SCENE = two_plates(12, wavy_m=3e-3)
 
 
 def image_of(scene: clradar.Scene, seed: int, **rays) -> clradar.Volume:
@@ -156,12 +150,6 @@ def test_an_end_of_the_range_is_doubtful_unless_there_is_nothing_beyond(alphas, 
     assert ("take a wider range" in " ".join(found.remarks())) == doubtful
 
 
-def test_what_no_simulation_looks_like_is_said():
-    rng = np.random.default_rng(8)
-    found = estimated(np.array([9.0, -9.0, 9.0]), TENTHS, made_up(rng, TENTHS, 3))
-    assert "no simulation has the statistics" in found.remarks()[0]
-
-
 def test_brightness_is_relative_and_read_at_the_points_of_the_surface():
     """Of an image whose power falls with the tilt of a ball: the means of the bins, and no gain."""
     centre_m, radius_m = np.array([0.0, 0.0, 0.3]), 0.04
@@ -254,30 +242,19 @@ def test_captures_of_regions_add_up(device):
 # --- resuming
 
 
-@pytest.fixture(scope="module")
-def recorded() -> clradar.Capture:
-    return clradar.simulate(SCENE.with_alpha(0.3), ARRAY, WAVEFORM, seed=9, device="pocl", **FEW)
+COMMAND = (
+    "sweep measured.h5 plates.ply --alpha 0.2,0.4 --seeds 2 --samples-per-mm2 0.3 "
+    "--rays-per-sample 2 --reception-radius-mm 25 --x-mm=-60:60:3 --y-mm=-30:30:3 "
+    "--z-mm 285:315:3 -o"
+)
 
 
-@pytest.fixture
-def files(recorded, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
+def test_an_interrupted_command_resumes_to_the_same_files(cli, monkeypatch):
+    scene = SCENE.with_alpha(0.3)
+    save_capture("measured.h5", clradar.simulate(scene, ARRAY, WAVEFORM, seed=9, **FEW))
+    trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False).export("plates.ply")
     # The figure is most of the time otherwise.
     monkeypatch.setattr("calibration.roughness.figures.sweep_figure", lambda _: Figure())
-    save_capture("measured.h5", recorded)
-    trimesh.Trimesh(SCENE.vertices_m, SCENE.faces, process=False).export("plates.ply")
-    return tmp_path
-
-
-COMMAND = (
-    "sweep", "measured.h5", "plates.ply", "--alpha", "0.2,0.4", "--seeds", "2",
-    "--samples-per-mm2", "0.3", "--rays-per-sample", "2", "--reception-radius-mm", "25",
-    "--x-mm=-60:60:3", "--y-mm=-30:30:3", "--z-mm", "285:315:3",
-)  # fmt: skip
-
-
-def test_an_interrupted_command_resumes_to_the_same_files(files, capsys, monkeypatch):
     savez, saved = np.savez, []
 
     def interrupted(file, **arrays):
@@ -289,27 +266,24 @@ def test_an_interrupted_command_resumes_to_the_same_files(files, capsys, monkeyp
 
     with monkeypatch.context() as patch:
         patch.setattr(np, "savez", interrupted)
-        assert run(*COMMAND, "-o", "interrupted") == 130
-    assert len(list((files / "interrupted" / command.WORK).iterdir())) == 2
-    assert run(*COMMAND, "-o", "interrupted") == 0
-    assert "resumes with 2 images" in capsys.readouterr().out
-    assert run(*COMMAND, "-o", "whole") == 0
-    resumed, whole = (tree(files / name) for name in ("interrupted", "whole"))
+        assert cli(f"{COMMAND} interrupted").status == 130
+    assert len(list(Path("interrupted", command.WORK).iterdir())) == 2
+    assert "resumes with 2 images" in cli.ok(f"{COMMAND} interrupted").out
+    shown = cli.ok(f"{COMMAND} whole").out.split()
+    resumed, whole = (tree(name) for name in ("interrupted", "whole"))
     assert set(whole) == {command.KEY, *command.RESULTS}
     assert all(resumed[name] == whole[name] for name in command.RESULTS)
-    assert not (files / "interrupted" / command.WORK).exists()
-    assert {"SSIM", "alpha:", "0.2", "0.4"} <= set(capsys.readouterr().out.split())
-    record = json.loads((files / "whole" / command.RESULT).read_text())
+    assert not Path("interrupted", command.WORK).exists()
+    assert {"SSIM", "alpha:", "0.2", "0.4"} <= set(shown)
+    record = json.loads(Path("whole", command.RESULT).read_text())
     assert record["alphas"] == [0.2, 0.4]
-    lines = (files / "whole" / command.TABLE).read_text().splitlines()
+    lines = Path("whole", command.TABLE).read_text().splitlines()
     assert lines[0].startswith("alpha,seed,overlap,")
     assert len(lines) == 1 + 2 * 2
     # Other settings are refused by name.
-    assert run(*COMMAND, "--rays-per-sample", "3", "--seed", "4", "-o", "whole") == 1
-    error = capsys.readouterr().err
-    assert "rays_per_sample 2, now 3" in error
-    assert "seed 0, now 4" in error
-    assert tree(files / "whole") == whole
+    other = f"{COMMAND} whole --rays-per-sample 3 --seed 4"
+    cli.fails(other, "rays_per_sample 2, now 3", "seed 0, now 4")
+    assert tree("whole") == whole
 
 
 # --- wrong input

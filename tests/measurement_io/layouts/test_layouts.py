@@ -473,7 +473,6 @@ def test_convert_with_a_layout(tmp_path, capsys):
     assert same_capture(read, CAPTURE)
     assert read.meta["layout"]["tx"]["file"] == str(tmp_path / "Tx.dat")
     assert [i["file"] for i in read.meta["inputs"]] == ["c.mat", toml.name, "Tx.dat"]
-    cli.fails(f"{line} {toml} --force", "is also an input")
     cli.fails(f"{line} {tmp_path}/d --to maroon", "--layout", status=2)
     cli.fails(f"{line} {tmp_path}/d --all-frames", "--layout", status=2)
 
