@@ -335,7 +335,7 @@ def search_grids(capture: Capture) -> list[VoxelGrid]:
     None without an echo; every alias where the waveform is ambiguous below `NEAR_PATH_M`.
     """
     if (n := capture.waveform.n_freq) < MIN_STEPS:
-        expected = f"a grid, since {n} frequencies have no range profile that shows the scene"
+        expected = f"a grid, since fewer than {MIN_STEPS} frequencies ({n}) show no ranges"
         checks.fail("diagnose", expected, "none")
     found = []
     for sign in (Hypothesis(), Hypothesis(conjugated=True)):

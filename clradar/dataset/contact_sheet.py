@@ -60,7 +60,8 @@ def contact_sheet(samples: list[Sample]) -> Figure:
         if image is not None:
             extent = (-0.5, image.shape[1] - 0.5, -0.5, image.shape[0] - 0.5)  # Rx and Tx
             if grid is not None:
-                extent = (grid.x_m[0], grid.x_m[-1], grid.y_m[0], grid.y_m[-1])
+                dx, dy = grid.spacing_m[:2] / 2
+                extent = (grid.x_m[0] - dx, grid.x_m[-1] + dx, grid.y_m[0] - dy, grid.y_m[-1] + dy)
             axes.imshow(image, extent=extent, origin="lower", cmap="magma", interpolation="nearest")
         if "joints" in sample.arrays and (image is None or grid is not None):
             for digit in np.split(sample.arrays["joints"], starts)[1:]:

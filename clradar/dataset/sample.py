@@ -213,9 +213,8 @@ def recorded_capture(
     settings, movement = plan.simulation.settings(), plan.movement
     if isinstance(scene, MovingHand):
         assert movement is not None
-        step_s = movement.step_us * 1e-6
         timing = SweepTiming.in_order(
-            array.n_tx, waveform.n_freq, step_s=step_s, order=movement.order
+            array.n_tx, waveform.n_freq, step_s=movement.step_us * 1e-6, order=movement.order
         )
         moving = MovingScene([scene], lambda own: _with_surface(own, plan))
         capture = simulate_moving(

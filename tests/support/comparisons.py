@@ -26,14 +26,11 @@ def same_record(a: Any, b: Any) -> bool:
 
 def same_capture(a: Capture, b: Capture) -> bool:
     """Samples, positions and frequencies to the bit."""
-    return same_bits(a.data, b.data) and all(
-        same_bits(getattr(one, name), getattr(other, name))
-        for one, other, names in (
-            (a.array, b.array, ("tx_m", "rx_m")),
-            (a.waveform, b.waveform, ("frequencies_hz",)),
-        )
-        for name in names
-    )
+
+    def numbers(of: Capture) -> tuple[np.ndarray, ...]:
+        return of.data, of.array.tx_m, of.array.rx_m, of.waveform.frequencies_hz
+
+    return all(map(same_bits, numbers(a), numbers(b)))
 
 
 def tree(folder: str | Path, *ignored: str) -> dict[str, bytes | int]:

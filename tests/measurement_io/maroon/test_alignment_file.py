@@ -234,6 +234,7 @@ def test_pixels_are_placed_by_what_there_is(radar, where):
     ("key", "value", "found"),
     [
         ("bb_min", [0, 0], "as many numbers as"),
+        ("bb_min", [0, 0, 1e9], "bb_min: expected metres, at most"),
         ("bb_min", [0, 0, True], "bb_min[2]: expected a finite number, got true"),
         ("grid_size", [31, 21, 9.5], "whole numbers"),
         ("grid_size", [1, 21, 9], "one point"),

@@ -109,7 +109,9 @@ def test_volume_round_trip(tmp_path, scaled):
     scale = ImageScale(array, clradar.Waveform([76e9, 77e9]), [0.5, 1.0]) if scaled else None
     file, saved = tmp_path / "v.h5", dataclasses.replace(VOLUME, scale=scale)
     save_volume(file, saved)
-    assert same_record(open_volume(file), saved)
+    read = open_volume(file)
+    assert same_record(read, saved)
+    assert read.absolute == scaled
     assert check_file(file).ok
     with silx.io.open(str(file)) as content:
         assert nxdata.get_default(content).plot_style.signal_scale_type == "log"
