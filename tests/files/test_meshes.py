@@ -1,5 +1,6 @@
 """OBJ and glTF: as trimesh reads them by itself, and files that lie or overwhelm."""
 
+import json
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,12 @@ def refused(path, *texts):
     assert "\n" not in message
     for text in texts:
         assert text in message
+
+
+def test_a_buffer_without_data_is_named(tmp_path):
+    path = tmp_path / "mesh.gltf"
+    path.write_text(json.dumps(tetrahedron(buffers=[{"byteLength": 72}])))
+    refused(path, "buffer 0 with data")
 
 
 def test_a_chain_of_nodes_is_refused_before_trimesh_walks_it(tmp_path):

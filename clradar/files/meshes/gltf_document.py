@@ -64,8 +64,8 @@ def files_of(path: Path) -> list[Path]:
 
 def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
     """Return a glTF file's content for trimesh, and by their names the buffers in other files."""
-    text, rest = content, b""
-    if content.startswith(GLB_MAGIC):
+    text, rest, binary = content, b"", content.startswith(GLB_MAGIC)
+    if binary:
         end = _GLB_START + int.from_bytes(content[12:16], "little")
         text, rest = content[_GLB_START:end], content[end:]
     with reading(path, EXPECTED, error=MeshError):
@@ -75,13 +75,13 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
         nodes = document.get("nodes") or []
         roots = _roots(path, nodes)
         _check_meshes(path, document)
-        buffers = _buffers_beside(path, document.get("buffers") or [])
+        buffers = _buffers_beside(path, document.get("buffers") or [], binary=binary)
         if not document.get("scenes"):
             document |= {"scene": 0, "scenes": [{"nodes": roots}]}
         for node in nodes:
             node.pop("camera", None)  # trimesh takes none of such a node's triangles
         text = json.dumps(document).encode()
-    if content.startswith(GLB_MAGIC):
+    if binary:
         text = content[:12] + len(text).to_bytes(4, "little") + content[16:_GLB_START] + text
     return text + rest, buffers
 
@@ -128,10 +128,13 @@ def _check_meshes(path: Path, document: dict[str, Any]) -> None:
                 fail(path, wanted, got, error=MeshError)
 
 
-def _buffers_beside(path: Path, buffers: list[dict[str, Any]]) -> dict[str, bytes]:
+def _buffers_beside(path: Path, buffers: list[Any], *, binary: bool) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     for at, buffer in enumerate(buffers):
         uri = buffer.get("uri")
+        if uri is None and not (binary and at == 0):
+            got = "neither a uri nor a binary chunk"
+            fail(path, f"buffer {at} with data", got, error=MeshError)
         if uri is None or "base64," in uri or uri in found:
             continue
         left = limits.MAX_MESH_BUFFERS_BYTES - sum(map(len, found.values()))

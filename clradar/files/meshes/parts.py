@@ -40,17 +40,15 @@ class Parts:
         kept = [piece for piece in pieces if len(piece.faces)]
         if not kept:
             fail(label, "a mesh with at least one triangle", "none", error=MeshError)
-        offset = 0
-        faces = []
+        offset, faces = 0, list[np.ndarray]()
         for piece in kept:
             _check(label, piece)
             faces.append(piece.faces.astype(np.int64) + offset)
             offset += len(piece.vertices)
-        counts = [len(piece.faces) for piece in kept]
         return cls(
             np.concatenate([piece.vertices for piece in kept]).astype(np.float64, copy=False),
             np.concatenate(faces).astype(np.int32),
-            np.repeat(np.arange(len(kept), dtype=np.int32), counts),
+            np.repeat(np.arange(len(kept), dtype=np.int32), list(map(len, faces))),
             tuple(piece.name for piece in kept),
         )
 

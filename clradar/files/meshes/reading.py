@@ -38,8 +38,7 @@ def read_mesh_file(path: Path) -> Parts:
         fail(path, EXPECTED, f"a name that ends in '{suffix}'", error=MeshError)
     reader = confined_reader(EXPECTED, size, _MOST_BYTES, MeshError, _MODULES)
     found = process.run(reader, _contents, path)
-    names = tuple(found.pop("names"))
-    return Parts(**found, names=names)
+    return Parts(**{**found, "names": tuple(found["names"])})
 
 
 def confined_reader(
