@@ -200,7 +200,7 @@ def test_few_frequencies_need_a_grid(waveform, h, candidates, device):
     result = diagnose(apply_convention(capture, h), grid=grid, device=device)
     assert h in result.candidates
     assert candidates is None or (result.best, len(result.candidates)) == (h, candidates)
-    with pytest.raises(ModelError, match=f"a grid, since {waveform.n_freq} frequencies"):
+    with pytest.raises(ModelError, match=rf"a grid, since .* \({waveform.n_freq}\) show"):
         diagnose(capture, device=device)
 
 
