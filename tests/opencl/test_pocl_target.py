@@ -51,8 +51,18 @@ import clradar, clradar.reference
 from clradar.opencl.choice import fault
 
 opened = clradar.open_device("pocl")
+q = clradar.arrays.qar50()
+array = clradar.AntennaArray(q.tx_m[::8], q.rx_m[::8])
+noise = np.random.default_rng(1).normal(size=(array.n_tx, array.n_rx, 4, 2)) @ [1, 1j]
+capture = clradar.Capture(noise, array, clradar.Waveform.sfcw(72e9, 82e9, 4))
+grid = clradar.VoxelGrid.from_extent((-0.01, 0.01), (-0.01, 0.01), (0.3, 0.302), 2e-3)
+image = clradar.backproject(capture, grid, method="exact", device=opened, check_grid=False)
+z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+at_m = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+wanted = clradar.reference.backproject(capture, at_m)
 print(json.dumps({
     "target": opened.info.target, "fault": fault(opened.info.selector), "said": said,
+    "error": float(abs(image.data.ravel() - wanted).max() / abs(wanted).max()),
 }))
 """
 
@@ -70,6 +80,9 @@ def test_a_processor_that_pocl_does_not_know_gets_a_name_and_works():
     assert unknown.target in (by_features, "x86-64")
     assert len(unknown.said) == 1
     assert f"it compiles for {unknown.target}" in unknown.said[0]
+    # Phases are exact to 2^-22 cycles, 1.5e-6 of a term each; the peak of 576 random terms is some
+    # 70 of them: at worst 1.2e-5 of it.
+    assert unknown.error < 2e-5
 
 
 # A structure like PoCL's -------------------------------------------------------------------------

@@ -147,6 +147,9 @@ def test_at_rest_the_surface_is_the_files_own(tmp_path):
         for part in range(1, 6):
             shares = [m.to_trimesh().area_faces[m.part == part].sum() for m in (posed, ours)]
             assert shares[0] == pytest.approx(shares[1], rel=0.35)
+    left = read_rig(make(tmp_path, turn=MIRROR), handedness="left").posed("A")
+    right = read_rig(make(tmp_path)).posed("A")
+    np.testing.assert_allclose(left.texture_m, right.texture_m, atol=VERTEX_TOLERANCE_M)
 
 
 def test_a_bent_finger_has_its_closed_form(tmp_path):

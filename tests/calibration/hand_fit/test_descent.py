@@ -51,6 +51,27 @@ def bent() -> HandState:
     return stepped(state, np.r_[0.1, -0.15, 0.1, np.zeros(N_GEOMETRY - 3)], CENTRE_M)
 
 
+@pytest.mark.parametrize("kind", ["right", "left", "rig"])
+def test_rates_of_bones_are_differences(hands, kind):
+    model, state, step = hands[kind], bent(), 1e-5
+
+    def bones_at(changed: HandState):
+        return model.bones(changed.pose, changed.shape).moved(changed.transform)
+
+    # Tips carry no skin, and their axes have no meaning.
+    rates = bone_rates(model, state, bones_at(state), CENTRE_M)
+    for k, away in enumerate(step * np.eye(N_GEOMETRY)):
+        ahead, behind = (bones_at(stepped(state, sign * away, CENTRE_M)) for sign in (1, -1))
+        # Of lengths below 0.2 m: the next term, step^2 / 6, and rounding, 2e-17 / step, are below
+        # 4e-12; those of the shape are one-sided, with a step of 1e-6.
+        tolerance = 1e-6 if k >= SHAPE.start else 1e-10
+        origin_m = (ahead.origin_m - behind.origin_m) / (2 * step)
+        matrix = np.delete((ahead.matrix - behind.matrix) / (2 * step), TIPS, axis=0)
+        assert np.abs(rates.origin_m[k] - origin_m).max() < tolerance, k
+        assert np.abs(np.delete(rates.matrix[k], TIPS, axis=0) - matrix).max() < tolerance, k
+        assert origin_m.any() == (model.has_shape or k < SHAPE.start), k
+
+
 def test_rates_at_the_limits_of_a_shape_are_those_of_one_side(hands):
     model, state = hands["right"], bent()
     longest = replace(state, shape=replace(AVERAGE, length_m=0.26))

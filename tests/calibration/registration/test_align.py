@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import clradar
 from calibration import Alignment, align
-from calibration.registration.rigid_motion import moved
+from calibration.registration.rigid_motion import exp_twist, kabsch, moved
 from clradar.errors import CompareError, ModelError
 
 PIXEL_M = 2e-3
@@ -285,3 +285,21 @@ def test_an_alignment_of_any_numbers_is_refused_or_reported_without_warnings(nam
             assert found.report().startswith("The mesh is shifted by")
             assert len(found.to_dict()["remarks"]) == 2
     assert refused == 20 or np.abs(value) <= 1e9
+
+
+def test_kabsch_and_twists_are_exact():
+    rng = np.random.default_rng(1)
+    points_m = rng.normal(size=(10, 3))
+    centre_m, twist = rng.normal(size=3), rng.normal(size=6)
+    truth = exp_twist(twist, centre_m)
+    np.testing.assert_allclose(
+        kabsch(points_m, moved(truth, points_m), np.ones(10)), truth, atol=1e-12
+    )
+    np.testing.assert_allclose(exp_twist(-twist, centre_m) @ truth, np.eye(4), atol=1e-12)
+    # Halves add up, on both sides of where the series takes over.
+    for size in (1e-9, 0.004, 0.015, 0.4):
+        half = exp_twist(0.5 * size * twist, centre_m)
+        np.testing.assert_allclose(half @ half, exp_twist(size * twist, centre_m), atol=1e-12)
+    # A flat set must not come back mirrored.
+    flat_m = points_m * [1, 1, 0]
+    assert np.linalg.det(kabsch(flat_m, moved(truth, flat_m), np.ones(10))[:3, :3]) > 0
