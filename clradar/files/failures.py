@@ -23,7 +23,7 @@ def fail(
     cause: BaseException | None = None,
 ) -> NoReturn:
     """Raise the error that names the file, what was expected and what was found."""
-    raise error(f"{shown(path)}: expected {expected}, got {got}") from cause
+    raise error(f"{shown(path)}: expected {expected}, got {quoted(got, sys.maxsize)}") from cause
 
 
 def shown(path: str | os.PathLike[str]) -> str:

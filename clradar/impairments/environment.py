@@ -38,7 +38,7 @@ class Wall(Record):
         self._set(point_m=place("Wall.point_m", self.point_m), amplitude=amplitude)
         normal = self._set_array("normal", np.float64, (3,))
         length = float(np.linalg.norm(normal))
-        if not length > 0:
+        if not 0 < length < np.inf:
             checks.fail("Wall.normal", "a direction", f"{normal.tolist()}")
         self._set(normal=normal / length)
         self._set_array("normal", np.float64, (3,))

@@ -71,9 +71,6 @@ class AntennaArray(Record):
         self._set_array("tx_m", np.float64, (None, 3))
         self._set_array("rx_m", np.float64, (None, 3))
         checks.text("AntennaArray.name", self.name)
-        for side in ("tx_pattern", "rx_pattern"):
-            if getattr(self, side) is not None:
-                checks.instance(f"AntennaArray.{side}", getattr(self, side), AntennaPattern)
         for side, antennas_m in (("tx", self.tx_m), ("rx", self.rx_m)):
             self._check_side(side, len(antennas_m))
         both_m = np.concatenate([self.tx_m, self.rx_m])
@@ -87,15 +84,18 @@ class AntennaArray(Record):
         check_plausible("AntennaArray", "a distance from the origin", away_m, within)
 
     def _check_side(self, side: str, count: int) -> None:
+        if (pattern := getattr(self, f"{side}_pattern")) is not None:
+            checks.instance(f"AntennaArray.{side}_pattern", pattern, AntennaPattern)
         if getattr(self, f"{side}_gain") is not None:
             gain = self._set_array(f"{side}_gain", np.complex128, (count,))
             if not gain.any():
                 checks.fail(f"AntennaArray.{side}_gain", "gains not all of which are 0", "0")
         if getattr(self, f"{side}_boresight") is not None:
             raw = self._set_array(f"{side}_boresight", np.float64, (count, 3))
-            length = np.linalg.norm(raw, axis=1, keepdims=True)
-            if not length.all():
-                checks.fail(f"AntennaArray.{side}_boresight", "directions", "vectors of length 0")
+            with np.errstate(over="ignore"):
+                length = np.linalg.norm(raw, axis=1, keepdims=True)
+            if not ((length > 0) & (length < np.inf)).all():
+                checks.fail(f"AntennaArray.{side}_boresight", "directions", "length 0 or infinite")
             # Unit vectors stay as they are, to the bit, however often they are read and written.
             unit = np.where(np.abs(length - 1) < 1e-12, raw, raw / length)
             unit.flags.writeable = False

@@ -138,6 +138,7 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
         (f"[[antennas]]\n{LINE}\ngain_db = {2**64}", "tx_gain: expected finite numbers, got"),
         (f"[[antennas]]\n{LINE}\ngain_db = [1, 2]", "gain_db: expected one number, or one for"),
         (f"[[antennas]]\n{LINE}\nboresight = [0, 1]", "boresight: expected one row of 3 num"),
+        (f"[tx_pattern]\n[[rx]]\n{LINE}\n[[tx]]\n{LINE}\nboresight = [0, 1e200, 0]", "infinite"),
         (f"[[antennas]]\n{LINE}\nboresight = [0, 1, 0]", r"tx: expected \[tx_pattern\]"),
         (f"[[antennas]]\n{LINE}\ngain = [1, 0]\ngain_db = 3", "no gain_db and no phase_deg"),
         ('copy_of = "qar50"\npairs = "some"', "pairs: expected one of .all., .cluster."),
