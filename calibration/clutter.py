@@ -69,9 +69,8 @@ def average_frames(
         if groups:
             check_same_radar(field, capture, groups[0].first)
         profiles = delay_profiles(capture)
-        data = capture.data.astype(np.complex128)  # for phases in double precision
         for group in groups:
-            phase = float(np.angle(np.vdot(data, group.total))) if align_phase else 0.0
+            phase = float(np.angle(np.vdot(capture.data, group.total))) if align_phase else 0.0
             phasor = np.exp(1j * phase)
             turned = np.complex64(phasor) * profiles
             loss = averaging_loss_db(turned, group.profiles / np.float32(len(group.numbers)))

@@ -27,6 +27,7 @@ CALLS = {
     "MovingScene.bodies": lambda: clradar.MovingScene(SCENE),
     "MovingHand.poses": lambda: clradar.MovingHand([0.0], 3),
     "time_s": lambda: clradar.RigidMotion([0.0], [(0, 0, 0)]).at(float("nan")),
+    "time_s: expected a finite": lambda: clradar.MovingHand([0.0], "F").pose(float("nan")),
     "response: target: expected a FlatPlate or Sphere or CornerReflector": (
         lambda: calibration.response(0.3, ARRAY, BAND)
     ),

@@ -34,7 +34,7 @@ TREND_SHARE = 0.7
 """Share kept of the trend of the residuals' variance, which squares of few of them tell badly."""
 
 LEAST_VARIANCE = 1e-8
-"""Of a statistic: one that is the same in all simulations, as all of a plate is bright."""
+"""Of a statistic that is the same in all simulations, such as that all of a plate is bright."""
 
 WIDENED = 1.15
 """Of the standard deviations. The statistics are not quite normal: leaving out one simulation at a

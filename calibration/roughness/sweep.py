@@ -28,6 +28,7 @@ from calibration.roughness.surface_points import surface_points
 from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
+from clradar.compare.metrics import check_size
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.jobs.where import Where, open_devices
@@ -209,7 +210,7 @@ def sweep(
     checks.instance("sweep: array", radar, AntennaArray)
     checks.instance("sweep: waveform", frequencies, Waveform)
     measured_map = depth_map_of(measured, dynamic_range_db, "measured image")
-    metrics_of(measured_map, measured_map, dynamic_range_db)  # raises where it is too small
+    check_size(measured_map)
     check_within_grid(scene, measured.grid)
     devices = open_devices(device)
     devices.check_alike("a sweep")

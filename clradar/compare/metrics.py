@@ -45,13 +45,18 @@ def _correlation(first: DepthMap, second: DepthMap) -> float:
     return min(1.0, max(-1.0, ratio))
 
 
-def _ssim(first: DepthMap, second: DepthMap) -> float:
-    n_y, n_x = first.amplitude.shape
+def check_size(image: DepthMap) -> None:
+    """Raise `CompareError` unless an image has as many pixels as the metrics need."""
+    n_y, n_x = image.amplitude.shape
     if min(n_x, n_y) < SSIM_WINDOW:
         raise CompareError(
             f"compare: expected images of at least {SSIM_WINDOW} x {SSIM_WINDOW} pixels, the "
             f"window of the SSIM, got {n_x} x {n_y} (x, y)"
         )
+
+
+def _ssim(first: DepthMap, second: DepthMap) -> float:
+    check_size(first)
     from skimage.metrics import structural_similarity
 
     scaled = (clipped_db(image) / image.dynamic_range_db + 1.0 for image in (first, second))

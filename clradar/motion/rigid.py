@@ -83,7 +83,6 @@ class RigidMotion(Record):
 
     def at(self, time_s: float) -> np.ndarray:
         """Return the rigid transform at a time, shape (4, 4), float64, metres."""
-        time_s = checks.real("time_s", time_s)
         begin, share = between(self.times_s, time_s, self.profile, hold=self.beyond == "hold")
         end = min(begin + 1, len(self.times_s) - 1)
         made = np.eye(4)
@@ -143,6 +142,7 @@ def between(
     times_s: np.ndarray, time_s: float, profile: str, *, hold: bool = True
 ) -> tuple[int, float]:
     """Return the last key before a time, and the share of the way to the next one."""
+    time_s = checks.real("time_s", time_s)
     if len(times_s) == 1:
         return 0, 0.0
     begin = int(np.clip(np.searchsorted(times_s, time_s, "right") - 1, 0, len(times_s) - 2))

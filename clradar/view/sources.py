@@ -209,8 +209,7 @@ def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:
 
 def viewed(frame: Any) -> Capture | Volume:
     """Return a frame of `clradar.view.show`, or raise `ModelError` if it is none."""
-    if not isinstance(frame, Capture | Volume):
-        checks.fail("show: frames", "captures or volumes", type(frame).__name__)
+    checks.instance("show: frames", frame, Capture | Volume)
     return frame
 
 

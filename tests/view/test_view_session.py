@@ -268,8 +268,9 @@ def test_python_shows_a_capture_a_list_or_a_recording_that_is_not_read(tmp_path,
 
 @pytest.mark.parametrize(
     ("given", "words"),
-    [({"frames": [3]}, "captures or volumes, got int"), ({"frames": []}, "one frame, got none"),
-     ({"method": "fst"}, "show: method"), ({"window": "flat"}, "show: window")],
+    [({"frames": [3]}, "frames: expected a Capture or Volume, got int"),
+     ({"frames": []}, "one frame, got none"), ({"method": "fst"}, "show: method"),
+     ({"window": "flat"}, "show: window")],
     ids=["numbers", "nothing", "method", "window"],
 )  # fmt: skip
 def test_python_shows_nothing_else(given, words):
