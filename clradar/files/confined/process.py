@@ -293,6 +293,7 @@ def _forget_server() -> None:
     global _server, _lock
     if _server is not None:
         _server[0].returncode = 0  # it is not this process's to wait for
+        _server[1].close()
     _server, _lock = None, threading.Lock()
 
 
@@ -316,8 +317,7 @@ def serve(link_number: int) -> None:
             message, handles, _, _ = socket.recv_fds(link, MAX_REQUEST_BYTES, 1)
             if not message:
                 return
-            # Here, so that they are imported once and not by every process.
-            with suppress(Exception):
+            with suppress(Exception):  # once, and not by every process
                 _import_all(json.loads(message))
             if os.fork() == 0:
                 link.close()
