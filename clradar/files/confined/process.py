@@ -155,7 +155,7 @@ def run(
     if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
         fail(path, reader.expected, "an invalid answer of its process", error=reader.error)
     if "error" in answer:
-        raise reader.error(clean(answer["error"]))
+        raise reader.error(clean(answer["error"], 4))  # ours, with paths and words of the file
     return answer["result"]
 
 
