@@ -126,7 +126,9 @@ def _judged_here(target: Target, path: Path, watch: Watch | None = None) -> tupl
     def answer(message: bytes, most_bytes: int, _: float) -> Any:
         sent, limits = bytearray(), resource.getrlimit(resource.RLIMIT_NOFILE)
         try:
-            process._reply(json.loads(message), SimpleNamespace(sendall=sent.extend))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                process._reply(json.loads(message), SimpleNamespace(sendall=sent.extend))
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, limits)
         return wire.receive(SimpleNamespace(recv_into=io.BytesIO(sent).readinto), most_bytes)
@@ -209,7 +211,8 @@ class Watch:
             return None if own else f"opens {name!r}"
         if event == "import":
             name = str(arguments[0])
-            return None if name.split(".")[0] in _LATE_IMPORTS else f"imports {name}"
+            known = name in sys.modules or name.split(".")[0] in _LATE_IMPORTS  # or shut out there
+            return None if known else f"imports {name}"
         if event == "exec":
             # A module that is imported late is executed too; any other code is foreign.
             name = getattr(arguments[0], "co_name", "?")
