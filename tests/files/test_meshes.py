@@ -122,7 +122,7 @@ def test_a_buffer_without_data_is_named(tmp_path):
     path.write_text(json.dumps(tetrahedron(buffers=[{"byteLength": 72}])))
     refused(path, "buffer 0 with data")
     path.write_text(json.dumps(tetrahedron(buffers=[{"byteLength": 72, "uri": "x" * 1000}])))
-    with pytest.raises(MeshError, match="expected buffer 0 of mesh.gltf, got "):
+    with pytest.raises(MeshError, match=r"expected buffer 0 of mesh\.gltf, got "):
         Scene.from_mesh(path)
 
 
