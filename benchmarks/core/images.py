@@ -78,6 +78,6 @@ def exact_image(device: clradar.Device) -> Work:
     terms = len(points_m) * capture.data.size / 1e9
     return Work(
         f"exact sum, {terms:.1f} G terms", {"": ours},
-        {"numpy, complex GEMM per frequency": theirs},
+        peers.by_numpy("complex GEMM per frequency", theirs),
         f"{relative_rms_db(ours(), theirs()):.0f} dB between the two", terms, "G terms/s",
     )  # fmt: skip

@@ -67,7 +67,7 @@ def forward(device: clradar.Device, n_points: int) -> Work:
     theirs = partial(peers.forward_by_gemm, points_m, rho, ARRAY, WAVEFORM)
     return Work(
         f"forward, {n_points} points of a sphere", {"": ours},
-        {"numpy, complex GEMM per frequency": theirs},
+        peers.by_numpy("complex GEMM per frequency", theirs),
         f"{relative_rms_db(ours(), theirs()):.0f} dB between the two",
     )  # fmt: skip
 
@@ -113,7 +113,7 @@ def physical(device: clradar.Device, samples_per_mm2: float) -> Work:
 
     return Work(
         f"physical simulation of a hand, {len(position_m)} lit points", {"": ours},
-        {f"numpy, sum alone, from {len(chosen)} of {WAVEFORM.n_freq} frequencies": dense},
+        peers.by_numpy(f"sum alone, {len(chosen)} of {WAVEFORM.n_freq} frequencies timed", dense),
         f"{relative_rms_db(ours()[:, :, chosen], dense()):.0f} dB between the two",
         peer_share=len(chosen) / WAVEFORM.n_freq,
     )  # fmt: skip
