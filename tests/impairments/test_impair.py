@@ -208,14 +208,6 @@ def test_room_points_are_point_targets():
     close(data, 2j * point([0.01, 0.02, 0.3]).data.astype(complex))
 
 
-def test_room_adds_up_and_passes_the_channels(target):
-    room = room_capture(ARRAY, SWEEP, [Wall([0, 0, 1], [0, 0, 1])])
-    close(impair(target, room=room).data, target.data.astype(complex) + room.data)
-    channels = draw_channels(ARRAY, SWEEP)
-    alone = impair(zeros(), room=room, channels=channels).data
-    close(alone, impair(room, channels=channels).data.astype(complex))
-
-
 def test_frames_of_a_drift_may_be_asked_for_in_any_order():
     def drift(frame: int) -> np.ndarray:
         walks = {"phase_rad": 0.1, "gain_db": 0.1, "common_phase_rad": 0.1}

@@ -286,21 +286,6 @@ def test_after_a_device_failed_in_the_middle_all_is_free_and_the_next_call_works
         assert largest_error(WORKS[work](device), whole) == 0
 
 
-@pytest.mark.parametrize("most", [1, 640, 12345, 10**9])
-@pytest.mark.parametrize("size", [(64,), (320, 7), (16, 12, 9), (1, 1, 33)])
-def test_parts_have_every_item_once_in_whole_groups(size, most):
-    group = (16, 4, 1)[: len(size)] if size[0] > 1 else (1, 1, 1)
-    padded = tuple(-(-n // side) * side for n, side in zip(size, group, strict=True))
-    launched = np.zeros(padded, int)
-    for offset, part in launch_parts(padded, group, most):
-        assert math.prod(part) <= max(most, math.prod(group))
-        starts = offset or (0,) * len(padded)
-        for at, n, side in zip(starts, part, group, strict=True):
-            assert at % side == n % side == 0
-        launched[tuple(slice(at, at + n) for at, n in zip(starts, part, strict=True))] += 1
-    assert (launched == 1).all()
-
-
 def test_kernels_know_an_item_by_its_global_id_alone():
     """Else a launch in parts, or in other groups, would give other results."""
     for file in kernel_folder().rglob("*.*"):
