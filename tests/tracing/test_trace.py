@@ -53,13 +53,6 @@ def random_array(seed: int, n_tx: int, n_rx: int) -> AntennaArray:
 ARRAY = random_array(1, 9, 11)
 
 
-def same_bits(a: Paths, b: Paths) -> bool:
-    names = ("tx", "rx", "length_m", "amplitude", "bounces")
-    return a.statistics == b.statistics and all(
-        getattr(a, name).tobytes() == getattr(b, name).tobytes() for name in names
-    )
-
-
 def matched(got: Paths, expected: Paths) -> tuple[np.ndarray, np.ndarray, int]:
     """Rows of both that belong together, and how many of either have no partner.
 
@@ -192,27 +185,6 @@ def test_array_sizes_around_the_group(n_tx, n_rx, device):
 
 
 # --- buffers and numbers
-
-
-def test_a_full_reception_buffer_grows_and_changes_no_bit(device, monkeypatch):
-    arguments = {"samples_per_mm2": 0.5, "max_bounces": 2, "device": device}
-    whole = tracing(SCENES["bowl"], ARRAY, **arguments)
-    size_tiles, grow = Tracer._size_tiles, Tracer._grow
-    grown = []
-
-    def starved(self: Tracer) -> None:
-        size_tiles(self)
-        grow(self, 1)
-
-    def counted(self: Tracer, wanted: int) -> None:
-        grown.append(wanted)
-        grow(self, wanted)
-
-    monkeypatch.setattr(Tracer, "_size_tiles", starved)
-    monkeypatch.setattr(Tracer, "_grow", counted)
-    assert same_bits(whole, tracing(SCENES["bowl"], ARRAY, **arguments))
-    assert len(grown) >= 2
-    assert grown[-1] > 1
 
 
 def test_what_is_counted_in_32_bits_stays_below_them(device):
