@@ -252,13 +252,6 @@ def test_slopes_by_the_girth_are_those_of_surfaces_that_are_meshed_anew(fitter, 
     assert _alike(whole[GIRTH, by_power], anew) > _alike(alone[GIRTH, by_power], anew) + 0.1
 
 
-def test_nothing_is_missed_of_the_motion_and_of_what_is_not_fitted(fitter, started):
-    missed = missed_slopes(only(fitter, RING_BENT), started, 1)
-    for slopes in (missed.by_power, missed.by_range):
-        assert np.flatnonzero(slopes.any(axis=1)).tolist() == [RING_BENT]
-    assert not missed_slopes(only(fitter, 2), started, 1).by_power.any()
-
-
 @pytest.mark.slow
 def test_a_fit_settles_nearer_to_the_truth_and_never_in_a_higher_deviance(fitter, truth, started):
     step = np.zeros(N_GEOMETRY)
