@@ -163,12 +163,6 @@ def new(n: int, width: float = 3.2, height: float = 2.8) -> tuple[Figure, list[A
     return figure, axes
 
 
-def bars(a: Axes, x: list, y: list, errors: list, colour: str = "tab:red") -> None:
-    three = 3 * np.array(errors)
-    label = "clradar, 3 standard errors"
-    a.errorbar(x, y, three, fmt="o", ms=3.5, color=colour, capsize=2, lw=1, label=label)
-
-
 def save(figure: Figure, path: Path) -> None:
     figure.savefig(path, dpi=90, metadata={"Software": None})
 
@@ -223,12 +217,14 @@ def draw_means(found: list[Mean], path: Path) -> None:
     a.plot(g, gaussian.coherent(g), label="exp(-g/2)", **TRUTH)
     size = [abs(m.relative.mean()) for m in found]
     at = [m.g for m in found]
-    bars(a, at, size, [m.error for m in found])
+    a.errorbar(at, size, [3 * m.error for m in found], fmt="o", ms=3.5, color="tab:red", capsize=2,
+               lw=1, label="clradar, 3 standard errors")  # fmt: skip
     a.set(xscale="log", yscale="log", ylim=(2e-3, 2), xlabel="g = h² q²", ylabel="|mean field|")
     b.plot(at, [m.contrast for m in found], label="Gaussian heights, Goodman", **TRUTH)
     n = len(found[0].relative)
-    error = [(m.contrast + m.contrast**2) / np.sqrt(n) for m in found]
-    bars(b, at, [contrast(m.relative) for m in found], error)
+    error = [3 * (m.contrast + m.contrast**2) / np.sqrt(n) for m in found]
+    b.errorbar(at, [contrast(m.relative) for m in found], error, fmt="o", ms=3.5, color="tab:red",
+               capsize=2, lw=1, label="clradar, 3 standard errors")  # fmt: skip
     b.axhline(1, ls=":", color="grey")
     b.set(xscale="log", xlabel="g", ylabel="speckle contrast", ylim=(0, 1.6))
     for axes in (a, b):
@@ -244,7 +240,8 @@ def draw_incoherent(found: dict[str, list[Incoherent]], path: Path) -> None:
             angle, [i.endless for i in rows], ls="--", lw=1, color=colour, label=f"{name}: series"
         )
         a.plot(angle, [i.finite for i in rows], lw=1.4, color=colour, label="plate with its edges")
-        bars(a, angle, [i.found for i in rows], [i.error_db for i in rows], colour)
+        a.errorbar(angle, [i.found for i in rows], [3 * i.error_db for i in rows], fmt="o", ms=3.5,
+                   color=colour, capsize=2, lw=1, label="clradar, 3 standard errors")  # fmt: skip
     a.set(xlabel="angle (degrees)", ylabel="incoherent power per area (dB)")
     a.legend(fontsize=7)
     save(figure, path)
