@@ -11,7 +11,7 @@ from hand_registrations import ARRAY, CENTRE_M, RADAR, errors, motion, truth
 from scipy.ndimage import gaussian_filter
 from scipy.signal import convolve2d
 from scipy.spatial.transform import Rotation
-from shapes import box, plate, sphere
+from shapes import box, sphere
 
 import clradar
 from calibration import Alignment, Place, align_mesh
@@ -89,21 +89,6 @@ def empty_image(range_m=0.3):
     axis_m = np.arange(-0.06, 0.0601, 2e-3)
     shape = (len(axis_m), len(axis_m))
     return MeasuredImage(axis_m, axis_m, np.ones(shape), np.full(shape, range_m), (2e-3, 2e-3))
-
-
-def test_rendering_of_a_patch(device):
-    """A patch of one square millimetre is the power pattern at its place, at its range."""
-    vertices, faces = plate(1e-3, 0.3)
-    measured = empty_image()
-    with VisibleSurface(clradar.Scene(vertices, faces), 50.0, 1.0, device) as surface:
-        image = MeshRendering(surface, measured, APERTURE)
-        shift = motion(shift_m=(0.02, -0.01, 0.05))
-        image.update_visibility(shift)
-        power, range_m = image.render(shift, np.zeros_like(initial_log_brightness()))
-    row, column = np.unravel_index(power.argmax(), power.shape)
-    assert measured.x_m[column] == pytest.approx(0.02)
-    assert measured.y_m[row] == pytest.approx(-0.01)
-    assert range_m[row, column] == pytest.approx(np.linalg.norm([0.02, -0.01, 0.35]), abs=1e-5)
 
 
 def rendering_of_itself(mesh, transform, device):

@@ -41,17 +41,6 @@ def test_comes_to_rest_at_the_alpha_of_the_features_of(wanted):
     assert abs(alphas[-1] - wanted) < ALPHA_TOLERANCE
 
 
-def test_neighbours_are_averaged():
-    """Two simulations of nearly one alpha differ by speckle, which must not count as a slope."""
-    alphas = [*ALPHA_STARTS, 0.2, 0.21]
-    features = [features_of(a) for a in alphas]
-    features[-2], features[-1] = features[-2] + [1.5, 0.0, 0.0], features[-1] - [1.5, 0.0, 0.0]
-    # The mean of the two is off by nothing; a line through them would fall where features rise.
-    assert next_alpha(alphas, features, features_of(0.25)) == pytest.approx(
-        0.25, abs=ALPHA_TOLERANCE
-    )
-
-
 AXIS_M = np.arange(-40, 41) * 2e-3
 SHAPE = (len(AXIS_M), len(AXIS_M))
 CENTRE_M = np.zeros(3)
