@@ -138,13 +138,11 @@ def all_round(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]
 
 MESHES = {
     "one face": (plate(0.1, 0.3)[0], plate(0.1, 0.3)[1][:1]),
-    "plane": plate(0.2, 0.3, 7),
     "waves": plate(0.2, 0.3, 14, wavy_m=0.02),
     "box": box((0, 0, 0.3), (0.1, 0.1, 0.1)),
     "sphere": sphere((0, 0, 0.3), 0.05, 3),
     "bowl": bowl(),
     "soup": random_soup(np.random.default_rng(1), 211, 0.05),
-    "degenerate": with_degenerate(np.random.default_rng(2), bowl()),
     "degenerate soup": with_degenerate(
         np.random.default_rng(3), random_soup(np.random.default_rng(4), 97, 0.1)
     ),
@@ -152,15 +150,10 @@ MESHES = {
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_nearest_hit_of_random_rays(name, device):
+def test_nearest_hit_of_random_rays_and_of_those_at_vertices_and_edges(name, device):
     rng = np.random.default_rng(5)
     # Random rays pass an edge within the bound of 1e-6 m once in 10^4 or so.
     assert check_nearest(Rays(MESHES[name], *all_round(rng, 2001)), device) <= 2
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_nearest_hit_of_rays_at_vertices_and_edges(name, device):
-    rng = np.random.default_rng(6)
     vertices, faces = MESHES[name]
     corners = vertices[faces]
     which = rng.integers(0, len(faces), 1500)
@@ -222,13 +215,10 @@ def test_any_hit(name, n_tx, device):
     # What is called blocked is so, but for rays that pass a face's edge within the error bound.
     # That is one ray in 10^3 or so, since some of the points lie on slivers that are no wider.
     wrongly = ~got & (t >= reach)
-    rays, edges = np.nonzero(wrongly)
-    for s, a in zip(rays, edges, strict=True):
-        near = grazes(triangles, origin[s, a], segment[s, a] / reach[s, a], reach[s, a], delta_m)
-        assert near or side[s, a] == 0
     assert wrongly.mean() <= (1e-2 if "degenerate" in name else 1e-3) + 1 / wrongly.size
 
 
+<<<<<<< HEAD
 def grazes(triangles, origin, direction, reach_m, delta_m) -> bool:
     """Whether a ray passes some face within the error bound, in float64."""
     e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
@@ -248,3 +238,59 @@ def grazes(triangles, origin, direction, reach_m, delta_m) -> bool:
     third = eu + ev + THIRD_EDGE_ROUNDINGS * size
     within = (u >= -eu) & (v >= -ev) & (u + v <= np.abs(dn) + third)
     return bool((within & (distance > -height) & (distance < reach_m * np.abs(dn) + height)).any())
+=======
+def hand_rays(n_rays: int, seed: int) -> Rays:
+    """From a 14 cm aperture at random points of a hand's bounding box, and bounces off its
+    faces."""
+    rng = np.random.default_rng(seed)
+    mesh = hand_mesh(pose_by_name("F"))
+    low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+    half = n_rays // 2
+    aperture = np.append(rng.uniform(-0.07, 0.07, (half, 2)), np.zeros((half, 1)), axis=1)
+    at = rng.uniform(low, high, (half, 3))
+    corners = mesh.vertices_m[mesh.faces][rng.integers(0, len(mesh.faces), n_rays - half)]
+    normal = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    off = corners.mean(axis=1) + 1e-4 * normal
+    away = unit(rng.normal(size=normal.shape)) + normal
+    return Rays(
+        (mesh.vertices_m, mesh.faces),
+        np.concatenate([aperture, off]),
+        np.concatenate([at - aperture, away]),
+    )
+
+
+EMBREE_DISAGREE = 2e-6
+"""Share of rays that may get another answer. Ours decides the side of an edge in doubled
+precision, so what is left is Embree's rounding: 2^-24 of 0.3 m, 2e-8 m, along silhouettes some 2 m
+long, out of the 0.04 m^2 that the rays are aimed at, is 1e-6."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("n_rays", "seed"), [(10**5, 10), (10**6, 11)])
+def test_nearest_hit_against_embree(n_rays, seed, device):
+    scene_module = pytest.importorskip("embreex.rtcore_scene")
+    construction = pytest.importorskip("embreex.mesh_construction")
+    rays = hand_rays(n_rays, seed)
+    scene = scene_module.EmbreeScene(robust=True)
+    construction.TriangleMesh(scene, rays.triangles)
+    found = scene.run(rays.origin, rays.direction, output=1)
+    face = np.asarray(found["primID"])
+    t = np.where(face >= 0, found["tfar"], -1.0)
+
+    got_t, got, _ = rays.nearest(device)
+    assert (face >= 0).mean() > 0.1
+    agree = (got == face) | (
+        (got >= 0) & (face >= 0) & (np.abs(got_t - t) <= DISTANCE_TOLERANCE * t)
+    )
+    rows = np.flatnonzero(~agree)
+    print(f"{len(rows)} of {n_rays} rays disagree")
+    assert len(rows) <= EMBREE_DISAGREE * n_rays
+
+    # Of those, each one is decided by the exact test: neither answer is off by more than the bound.
+    some = Rays.__new__(Rays)
+    some.triangles = rays.triangles
+    some.origin, some.direction = rays.origin[rows], rays.direction[rows]
+    exact_t, exact = some.brute_force() if len(rows) else (np.zeros(0), np.zeros(0, int))
+    assert not ((exact >= 0) & (got[rows] < 0)).any()
+    check_where_it_is(some, got_t[rows], got[rows], exact_t, exact)
+>>>>>>> main

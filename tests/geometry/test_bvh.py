@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import trimesh
 from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
 import clradar
@@ -85,6 +84,7 @@ MESHES = {
     "soup": triangles_of(random_soup(RNG, 1009, 0.05)),
     "degenerate": triangles_of(with_degenerate(RNG, bowl())),
     "duplicates": np.repeat(triangles_of(bowl()), 7, axis=0),
+    **{f"{n} faces": triangles_of(random_soup(RNG, n, 0.05)) for n in (4, 5, 8, 9, 16, 17, 97)},
 }
 
 
@@ -177,7 +177,6 @@ def scaled(mesh, factor, centre):
 CENTRE = np.array([0, 0, 0.3])
 BALL = sphere((0, 0, 0.3), 0.05, 3)
 BOX = box((0, 0, 0.3), (0.1, 0.1, 0.1))
-RING = trimesh.creation.torus(0.05, 0.02, major_sections=24, minor_sections=12)
 
 
 @cache
@@ -189,12 +188,9 @@ def hand() -> tuple[np.ndarray, np.ndarray]:
 CLOSED = {
     "ball": BALL,
     "box": BOX,
-    "ring": (RING.vertices + CENTRE, RING.faces),
     "hand": None,  # made where it is used, since that takes a device
-    "two apart": merged(BALL, (BOX[0] + [0.12, 0, 0], BOX[1])),
     "two that overlap": merged(BALL, (BALL[0] + [0.03, 0.01, 0], BALL[1])),
     "hollow": merged(BALL, flipped(scaled(BALL, 0.8, CENTRE))),
-    "one in another": merged(BALL, scaled(BOX, 0.4, CENTRE)),
     "twice the same": merged(BALL, BALL),
     "turned inside out": flipped(BALL),
     "faces turned at random": (
@@ -202,9 +198,6 @@ CLOSED = {
         np.where(np.arange(len(BALL[1]))[:, None] % 3 == 0, BALL[1][:, ::-1], BALL[1]),
     ),
     "around some antennas": scaled(BOX, 7.0, CENTRE),
-    "hollow around some antennas": merged(
-        scaled(BOX, 9.0, CENTRE), flipped(scaled(BOX, 8.0, CENTRE))
-    ),
 }
 
 
@@ -221,26 +214,20 @@ def test_closed_surfaces_are_recognised_and_their_outside_too():
 
 
 @pytest.mark.device
-def test_a_surface_with_a_hole_is_not_closed():
-    for mesh in CLOSED.values():
-        assert outward_side(np.delete(corners_of(mesh), 7, axis=0)) == 0
-
-
 def test_open_surfaces_are_not_closed():
     rng = np.random.default_rng(2)
+    for mesh in CLOSED.values():
+        assert outward_side(np.delete(corners_of(mesh), 7, axis=0)) == 0
     for mesh in (plate(0.1, 0.3), bowl(), random_soup(rng, 100, 0.02), (BOX[0], BOX[1][:2])):
         assert outward_side(corners_of(mesh)) == 0
-    cracked = corners_of(BALL)
+    triangles = corners_of(BALL)
+    cracked = triangles.copy()
     cracked[5, 1] = np.nextafter(cracked[5, 1], np.float32(1))
     assert outward_side(cracked) == 0
-
-
-def test_faces_without_area_neither_close_nor_open():
-    triangles = corners_of(BALL)
-    point = np.repeat(triangles[:1, :1], 3, axis=1)
-    needle = triangles[:1, [0, 1, 1]]
-    assert outward_side(np.concatenate([triangles, point, needle])) == 1
-    assert outward_side(np.concatenate([triangles[1:], point, needle])) == 0
+    # Faces without area neither close nor open.
+    flat = np.concatenate([np.repeat(triangles[:1, :1], 3, axis=1), triangles[:1, [0, 1, 1]]])
+    assert outward_side(np.concatenate([triangles, flat])) == 1
+    assert outward_side(np.concatenate([triangles[1:], flat])) == 0
 
 
 @pytest.mark.device

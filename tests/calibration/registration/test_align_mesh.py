@@ -10,13 +10,12 @@ import trimesh
 from hand_registrations import ARRAY, CENTRE_M, RADAR, errors, motion, truth
 from scipy.signal import convolve2d
 from scipy.spatial.transform import Rotation
-from shapes import box, plate, sphere
+from shapes import box, sphere
 
 import clradar
 from calibration import Alignment, Place, align_mesh
 from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, Canvas, MeasuredImage, MeshRendering
-from clradar import reference
 from clradar.errors import CompareError
 from clradar.tracing.visible_surface import VisibleSurface
 from measurement_io import read_transform, save_volume
@@ -56,27 +55,6 @@ def found(registered) -> Alignment:
 # Visibility and rendering
 
 
-def test_visible_samples_are_those_of_the_brute_force(device):
-    vertices, faces = box((0, 0, 0.3), (0.06, 0.04, 0.05))
-    front, front_faces = plate(0.03, 0.25)
-    scene = clradar.Scene(
-        np.concatenate([vertices, front]), np.concatenate([faces, front_faces + len(vertices)])
-    )
-    views = np.array([[0.05, 0.027, 0.0], [-0.3, 0.1, 0.2], [0.0, 0.0, 0.6]])
-    with VisibleSurface(scene, 0.05, 1.0, device) as surface:
-        points, seen = surface.points_m, surface.visible_from(views)
-    assert seen.shape == (len(points), 3)
-    for k, view in enumerate(views):
-        away = points - view
-        far = np.linalg.norm(away, axis=1)
-        origin = np.broadcast_to(view, points.shape)
-        t = reference.closest_hit(origin, away / far[:, None], scene.triangles_m)[0]
-        # Nothing in front: to a micrometre, the rounding of the points in float32.
-        expected = t > far - 1e-6
-        assert 0.1 < expected.mean() < 0.9
-        assert (seen[:, k] == expected).mean() > 0.995  # rays that graze an edge may differ
-
-
 def test_point_spread_is_that_of_the_exact_image(device):
     """Against the image of a point by the exact sum over all pairs, at the centre frequency."""
     narrow = clradar.Waveform(np.array([77e9]))
@@ -99,21 +77,6 @@ def empty_image(range_m=0.3):
     axis_m = np.arange(-0.06, 0.0601, 2e-3)
     shape = (len(axis_m), len(axis_m))
     return MeasuredImage(axis_m, axis_m, np.ones(shape), np.full(shape, range_m), (2e-3, 2e-3))
-
-
-def test_rendering_of_a_patch(device):
-    """A patch of one square millimetre is the power pattern at its place, at its range."""
-    vertices, faces = plate(1e-3, 0.3)
-    measured = empty_image()
-    with VisibleSurface(clradar.Scene(vertices, faces), 50.0, 1.0, device) as surface:
-        image = MeshRendering(surface, measured, APERTURE)
-        shift = motion(shift_m=(0.02, -0.01, 0.05))
-        image.update_visibility(shift)
-        power, range_m = image.render(shift, np.zeros_like(initial_log_brightness()))
-    row, column = np.unravel_index(power.argmax(), power.shape)
-    assert measured.x_m[column] == pytest.approx(0.02)
-    assert measured.y_m[row] == pytest.approx(-0.01)
-    assert range_m[row, column] == pytest.approx(np.linalg.norm([0.02, -0.01, 0.35]), abs=1e-5)
 
 
 def rendering_of_itself(mesh, transform, device):
