@@ -1,4 +1,4 @@
-"""Any-hit and closest-hit traversal against a brute force in float64."""
+"""Any-hit and closest-hit traversal against a brute force in float64, the latter against Embree."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from shapes import bowl, box, plate, random_soup, sphere, with_degenerate
 
 from clradar import reference
 from clradar.geometry.bvh import error_bound_m, upload_tree
+from clradar.hand import hand_mesh, pose_by_name
 from clradar.opencl import Buffers, build
 from clradar.tracing.antenna_packets import VisibilityOptions, bundled, items, n_groups
 
@@ -218,27 +219,6 @@ def test_any_hit(name, n_tx, device):
     assert wrongly.mean() <= (1e-2 if "degenerate" in name else 1e-3) + 1 / wrongly.size
 
 
-<<<<<<< HEAD
-def grazes(triangles, origin, direction, reach_m, delta_m) -> bool:
-    """Whether a ray passes some face within the error bound, in float64."""
-    e1, e2 = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
-    to = triangles[:, 0] - origin
-    normal = np.cross(e1, e2)
-    dn = normal @ direction
-    sign = np.where(dn < 0, -1.0, 1.0)
-    u = np.cross(e2, to) @ direction * sign
-    v = np.cross(to, e1) @ direction * sign
-    size = np.linalg.norm(normal, axis=1)
-    # Where the ray starts is a float32 as well: two roundings of the distance to the origin.
-    start_m = 2 * 2.0**-24 * (np.abs(origin).sum() + delta_m)
-    bound_m = EDGE_ROUNDINGS * np.abs(to).sum(axis=1) + start_m
-    eu, ev = bound_m * np.linalg.norm(e2, axis=1), bound_m * np.linalg.norm(e1, axis=1)
-    distance = np.einsum("ij,ij->i", to, normal) * sign
-    height = (DISTANCE_ROUNDINGS * np.abs(to).sum(axis=1) + start_m) * size
-    third = eu + ev + THIRD_EDGE_ROUNDINGS * size
-    within = (u >= -eu) & (v >= -ev) & (u + v <= np.abs(dn) + third)
-    return bool((within & (distance > -height) & (distance < reach_m * np.abs(dn) + height)).any())
-=======
 def hand_rays(n_rays: int, seed: int) -> Rays:
     """From a 14 cm aperture at random points of a hand's bounding box, and bounces off its
     faces."""
@@ -293,4 +273,3 @@ def test_nearest_hit_against_embree(n_rays, seed, device):
     exact_t, exact = some.brute_force() if len(rows) else (np.zeros(0), np.zeros(0, int))
     assert not ((exact >= 0) & (got[rows] < 0)).any()
     check_where_it_is(some, got_t[rows], got[rows], exact_t, exact)
->>>>>>> main

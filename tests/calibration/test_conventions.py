@@ -1,6 +1,7 @@
 """Diagnosis of conventions: each of the eight is found, up to symmetries of array and scene."""
 
 import json
+import sys
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -201,15 +202,12 @@ def test_few_frequencies_need_a_grid(waveform, h, candidates, device):
         diagnose(capture, device=device)
 
 
-<<<<<<< HEAD
-=======
 def test_antennas_are_left_out_where_a_grid_is_large(device, monkeypatch):
     monkeypatch.setattr(sys.modules[diagnose.__module__], "MOST_TERMS", 2e8)
     h = Hypothesis(conjugated=True)
     assert diagnose(apply_convention(made("one point", THIN), h), device=device).best == h
 
 
->>>>>>> main
 def test_where_both_orders_are_alike_neither_is_chosen(device):
     # At half the ambiguous path the delays of either sign are alike: 0.95 m for 64 steps.
     capture = reference.point_targets(THIN, SHORT, [[0.02, 0.03, 0.46]], [1.0])

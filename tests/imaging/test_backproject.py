@@ -284,12 +284,8 @@ def test_grids_of_several_pieces_are_kept_on_the_host(frames, monkeypatch):
         np.testing.assert_array_equal(imager.depth_map().depth_m, alone.depth_map().depth_m)
 
 
-<<<<<<< HEAD
-def test_a_simulation_that_is_imaged_where_it_is_has_the_same_bits(device):
-=======
 def test_a_simulation_is_imaged_where_it_is(device):
     """The image has the same bits as by way of a capture."""
->>>>>>> main
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.015)
     scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0.01, 0.29]), alpha=0.5)
     for estimator in ("expected", "physical"):

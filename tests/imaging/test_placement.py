@@ -138,11 +138,7 @@ def line_m(length_m: float, count: int, axis: int) -> np.ndarray:
     [
         (0.094, 16, Waveform.sfcw(23e9, 26e9, 200), 7.0, 0.1),
         (0.025, 12, Waveform.sfcw(135e9, 145e9, 128), 0.3, 0.0),
-<<<<<<< HEAD
-        *nightly([(0.055, 12, Waveform.sfcw(60e9, 64e9, 128), 1.0, 0.4)]),
-=======
         *nightly([(0.045, 12, Waveform.sfcw(76e9, 81e9, 256), 3.0, -0.2)]),
->>>>>>> main
     ],
 )
 def test_grids_of_other_radars_hold_the_target_at_half_the_resolution(

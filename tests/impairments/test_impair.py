@@ -193,16 +193,6 @@ def test_room_points_are_point_targets():
     close(data, 2j * point([0.01, 0.02, 0.3]).data.astype(complex))
 
 
-<<<<<<< HEAD
-def test_frames_of_a_drift_may_be_asked_for_in_any_order():
-    def drift(frame: int) -> np.ndarray:
-        walks = {"phase_rad": 0.1, "gain_db": 0.1, "common_phase_rad": 0.1}
-        array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2])
-        return np.concatenate(drift_factors(array, seed=5, frame=frame, **walks))
-
-    frames = [0, 1, 2, 700, 703]
-    ascending = [drift(frame) for frame in frames]
-=======
 def test_room_adds_up_and_passes_the_channels(target):
     room = room_capture(ARRAY, SWEEP, [Wall([0, 0, 1], [0, 0, 1])])
     close(impair(target, room=room).data, target.data.astype(complex) + room.data)
@@ -214,7 +204,6 @@ def test_room_adds_up_and_passes_the_channels(target):
 def test_frames_of_a_drift_may_be_asked_for_in_any_order(target):
     frames = [0, 1, 700, 703]
     ascending = [impair(target, seed=5, frame=m, drift_phase_rad=0.1).data for m in frames]
->>>>>>> main
     channel_errors._WALKS.clear()
     for m, data in reversed([*zip(frames, ascending, strict=True)]):
         again = impair(target, seed=5, frame=m, drift_phase_rad=0.1).data

@@ -262,8 +262,6 @@ def small(device: clradar.Device) -> clradar.Device:
     return open_device(device.info.selector, memory_limit_bytes=4096)
 
 
-<<<<<<< HEAD
-=======
 def test_a_buffer_is_of_its_block_alone(small):
     with Buffers(small) as buffers:
         held = buffers.upload(np.ones(3))
@@ -278,7 +276,6 @@ def test_a_buffer_is_of_its_block_alone(small):
         buffers.empty(16)
 
 
->>>>>>> main
 def test_an_allocation_beyond_the_budget_names_device_and_remedy(small):
     label = re.escape(small.info.label)
     with Buffers(small) as buffers:
@@ -293,19 +290,6 @@ def test_an_allocation_beyond_the_budget_names_device_and_remedy(small):
 
 
 @pytest.mark.parametrize(
-<<<<<<< HEAD
-    ("module", "name", "error", "size"),
-    [(cl, "Buffer", cl.MemoryError("none"), 2**20), (np, "empty", MemoryError("none"), 2**23)],
-)
-def test_an_allocation_that_driver_or_system_refuses_names_device_and_remedy(
-    device, monkeypatch, module, name, error, size
-):
-    said = f"{size >> 20}.0 MiB could not be allocated .*none.*CLRADAR_DEVICE="
-    with Buffers(device) as buffers:
-        monkeypatch.setattr(module, name, raising(error))
-        with pytest.raises(DeviceError, match=f"^device {re.escape(device.info.label)}: {said}"):
-            buffers.empty(size)
-=======
     ("owner", "name", "error"),
     [
         (cl, "Buffer", cl.MemoryError("MEM_OBJECT_ALLOCATION_FAILURE")),
@@ -320,7 +304,6 @@ def test_an_allocation_that_is_refused_names_device_and_remedy(
         monkeypatch.setattr(owner, name, raising(error))
         with pytest.raises(DeviceError, match=f"^device {re.escape(device.info.label)}: {said}"):
             buffers.empty(2**23)
->>>>>>> main
 
 
 def test_all_buffers_of_a_device_share_its_budget(small):

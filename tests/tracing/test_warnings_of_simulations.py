@@ -248,16 +248,6 @@ def test_the_embedded_hand_is_fine_enough():
         assert remarks(hand, facets=facets) == []
 
 
-<<<<<<< HEAD
-def test_a_ball_of_twenty_faces_is_not():
-    """They turn by 42 degrees at the edges. Flat ones are 0.2 radii inside, curved ones 0.06."""
-    coarse = trimesh.creation.icosahedron().apply_scale(4e-3)
-    assert len(remarks(coarse, facets="flat", crease_deg=180.0)) == 1
-    (remark,) = remarks(coarse)
-    assert "edges of less than 70 degrees that stay sharp, beyond crease_deg=30" in remark
-    assert "take crease_deg=180 or a finer mesh" in remark
-    assert remarks(coarse, crease_deg=180.0) == []
-=======
 def test_edges_of_a_coarse_round_body_that_stay_sharp_are_remarked():
     """An icosahedron's, of 42 degrees."""
     coarse = trimesh.creation.icosphere(subdivisions=0, radius=0.02)
@@ -266,7 +256,6 @@ def test_edges_of_a_coarse_round_body_that_stay_sharp_are_remarked():
     assert "take crease_deg=180 or a finer mesh" in remark
     (remark,) = remarks(coarse, crease_deg=180.0, facets="flat")
     assert "faces too coarse for the curve that they stand for" in remark
->>>>>>> main
     assert remarks(coarse, normals="face") == []
 
 
