@@ -94,7 +94,7 @@ def test_the_float64_reference_gives_a_sphere_and_a_plate():
 
 def test_plates_near_and_far():
     distance = plates.over_distance(np.array([0.15, 10.0]))
-    tilt = plates.over_tilt(measured.physical, (0.0, 10.0), plates.FAR_M)
+    tilt = plates.over_tilt(measured.physical, (0.0, 30.0), plates.FAR_M)
     check(plates.rows(distance, tilt, plates.plane(3)))
 
 

@@ -84,9 +84,7 @@ def test_nodes_have_the_distance_near_the_surface_and_its_sign_elsewhere(flesh, 
     assert (np.sign(found_m[~close]) == np.sign(expected_m[~close])).all()
 
 
-def test_a_device_that_is_missing_or_too_small_is_an_error(device):
-    with pytest.raises(DeviceError, match="expected one of the devices here"):
-        hand_mesh("F", device="no such device")
+def test_a_device_that_is_too_small_is_an_error(device):
     small = clradar.open_device(device.info.selector, memory_limit_bytes=20_000)
     with pytest.raises(DeviceError, match="choose another device"):
         hand_mesh("F", COARSE_M, device=small)

@@ -36,18 +36,6 @@ def around(at_m: list[float], half_m: float = 0.15) -> clradar.VoxelGrid:
     )
 
 
-def test_lobes_are_where_the_grating_equation_has_them():
-    """sin = lambda / d at the middle of the band, along x and along y, off boresight, too."""
-    sine = clradar.constants.SPEED_OF_LIGHT_M_PER_S / BAND.center_hz / 5e-3
-    for direction in (0.0, 0.3):
-        at_m = 0.5 * np.array([direction, 0, np.sqrt(1 - direction**2)])
-        (found,) = ghosts(CROSS, BAND, at_m, lambda places_m: places_m[:, 2] > 0)
-        sines = [lobe.position_m[:2] / np.linalg.norm(lobe.position_m) for lobe in found]
-        shifts = np.abs(np.array(sines) - [direction, 0])
-        assert len(found) > 0
-        assert np.abs(shifts.max(axis=1) - sine).max() < 0.03
-
-
 def test_an_alias_is_as_bright_as_the_echo_far_away_and_not_near():
     for at_m, low, high in (([0, 0, 20.0], 0.99, 1.0), ([0, 0, 0.3], 0.2, 0.9)):
         ((place_m, level),) = range_aliases(CROSS, BAND, np.array(at_m), [1])

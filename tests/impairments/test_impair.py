@@ -103,21 +103,6 @@ def test_seeds_and_frames_reproduce_and_differ(target):
         assert not (impair(target, seed=seed, frame=frame, **settings).data == one).any()
 
 
-def test_noise_does_not_depend_on_other_faults(target):
-    noise = impair(zeros(), snr_db=20, reference_power=1.0, frame=2).data
-    others: dict[str, Any] = {
-        "channels": draw_channels(ARRAY, SWEEP),
-        "drift_phase_rad": 0.2,
-        "drift_gain_db": 0.3,
-        "drift_common_phase_rad": 0.1,
-        "coupling_db": 0.0,
-        "iq_gain_db": 1.0,
-    }
-    without = impair(target, frame=2, reference_power=1.0, **others).data
-    with_noise = impair(target, frame=2, reference_power=1.0, snr_db=20, **others).data
-    np.testing.assert_allclose(with_noise - without, noise, atol=4 * ROUNDING * abs(without).max())
-
-
 def test_streams_of_parts_seeds_and_frames_are_independent():
     draws = [
         random_stream(seed, part, frame).integers(2**63, size=1000)
@@ -216,17 +201,13 @@ def test_room_adds_up_and_passes_the_channels(target):
     close(alone, impair(room, channels=channels).data.astype(complex))
 
 
-def test_frames_of_a_drift_may_be_asked_for_in_any_order():
-    def drift(frame: int) -> np.ndarray:
-        walks = {"phase_rad": 0.1, "gain_db": 0.1, "common_phase_rad": 0.1}
-        array = clradar.AntennaArray(np.eye(3), np.eye(3)[:2])
-        return np.concatenate(drift_factors(array, seed=5, frame=frame, **walks))
-
-    frames = [0, 1, 2, 700, 703]
-    ascending = [drift(frame) for frame in frames]
+def test_frames_of_a_drift_may_be_asked_for_in_any_order(target):
+    frames = [0, 1, 700, 703]
+    ascending = [impair(target, seed=5, frame=m, drift_phase_rad=0.1).data for m in frames]
     channel_errors._WALKS.clear()
-    alone = [drift(frame) for frame in reversed(frames)][::-1]
-    np.testing.assert_array_equal(ascending, alone)
+    for m, data in reversed([*zip(frames, ascending, strict=True)]):
+        again = impair(target, seed=5, frame=m, drift_phase_rad=0.1).data
+        np.testing.assert_array_equal(again, data)
 
 
 def test_frame_zero_has_not_drifted(target):

@@ -313,7 +313,6 @@ def test_frames_without_duration_are_the_frames_of_a_still_hand():
     then = clradar.simulate(still, RADAR, WAVEFORM, samples_per_mm2=0.5)
     assert np.array_equal(capture.data, then.data)
     between = hand.during(0.39, 0.41)
-    assert np.abs(between.scene(0.4).vertices_m - hand.mesh(0.4).vertices_m).max() < 1e-12
     # The skin of one time, carried to another: on the surface there, whose vertices are others.
     carried = trimesh.proximity.closest_point(
         hand.mesh(0.39).to_trimesh(), between.scene(0.39).vertices_m[::40]

@@ -262,43 +262,6 @@ def small(device: clradar.Device) -> clradar.Device:
     return open_device(device.info.selector, memory_limit_bytes=4096)
 
 
-def test_buffers_count_what_they_hold(small):
-    with Buffers(small) as buffers:
-        assert (buffers.used_bytes, buffers.free_bytes) == (0, 4096)
-        values = np.arange(100.0)
-        one = buffers.upload(values)
-        zeros = buffers.zeros(400)
-        assert (buffers.used_bytes, buffers.free_bytes) == (1200, 2896)
-        np.testing.assert_array_equal(buffers.read(one, 100, np.float64), values)
-        np.testing.assert_array_equal(buffers.read(zeros, (10, 10), np.float32), np.zeros((10, 10)))
-        buffers.write(one, values[::-2])
-        got = buffers.read(one, 100, np.float64)
-        np.testing.assert_array_equal(got, np.concatenate([values[::-2], values[50:]]))
-        buffers.release(zeros)
-        assert buffers.used_bytes == 800
-        buffers.upload(np.zeros(0))  # OpenCL has no empty buffers; this one is tiny
-        assert 800 < buffers.used_bytes <= 832
-        assert buffers.read(one, 0, np.float64).shape == (0,)
-        buffers.write(one, np.zeros(0))
-    assert buffers.used_bytes == 0
-
-
-def test_borrowed_is_the_arrays_own_memory_on_a_cpu(small):
-    values = np.arange(100.0)
-    with Buffers(small) as buffers:
-        borrowed = buffers.borrow(values)
-        assert buffers.used_bytes == 800
-        np.testing.assert_array_equal(buffers.read(borrowed, 100, np.float64), values)
-        values[3] = -1.0
-        assert buffers.read(borrowed, 100, np.float64)[3] == -1.0
-        buffers.release(borrowed)
-        # Read-only, not contiguous, and too small for a buffer of its own.
-        values.flags.writeable = False
-        for view in (values, values[::-3], values[:1], values[:0]):
-            got = buffers.read(buffers.borrow(view), len(view), np.float64)
-            np.testing.assert_array_equal(got, view)
-
-
 def test_a_buffer_is_of_its_block_alone(small):
     with Buffers(small) as buffers:
         held = buffers.upload(np.ones(3))
@@ -326,35 +289,21 @@ def test_an_allocation_beyond_the_budget_names_device_and_remedy(small):
         buffers.empty(3072)  # exactly full
 
 
-def test_an_allocation_that_the_driver_refuses_names_device_and_remedy(device, monkeypatch):
-    refuse = raising(cl.MemoryError("MEM_OBJECT_ALLOCATION_FAILURE"))
-    said = "1.0 MiB could not be allocated .*MEM_OBJECT_ALLOCATION_FAILURE.*CLRADAR_DEVICE="
+@pytest.mark.parametrize(
+    ("owner", "name", "error"),
+    [
+        (cl, "Buffer", cl.MemoryError("MEM_OBJECT_ALLOCATION_FAILURE")),
+        (np, "empty", MemoryError("no more of it")),  # of a CPU's large buffers
+    ],
+)
+def test_an_allocation_that_is_refused_names_device_and_remedy(
+    device, monkeypatch, owner, name, error
+):
+    said = f"8.0 MiB could not be allocated .*{error}.*CLRADAR_DEVICE="
     with Buffers(device) as buffers:
-        monkeypatch.setattr(cl, "Buffer", refuse)
+        monkeypatch.setattr(owner, name, raising(error))
         with pytest.raises(DeviceError, match=f"^device {re.escape(device.info.label)}: {said}"):
-            buffers.empty(2**20)
-
-
-def test_a_large_buffer_on_a_cpu_is_numpys_memory(device, monkeypatch):
-    values = np.random.default_rng(1).normal(size=2**20)
-    with Buffers(device) as buffers:
-        large = buffers.upload(values)
-        assert (large.size, buffers.used_bytes) == (values.nbytes, values.nbytes)
-        assert large.flags & cl.mem_flags.USE_HOST_PTR
-        assert not buffers.empty(100).flags & cl.mem_flags.USE_HOST_PTR
-        np.testing.assert_array_equal(buffers.read(large, len(values), np.float64), values)
-
-        monkeypatch.setattr(np, "empty", raising(MemoryError("no more of it")))
-        with pytest.raises(DeviceError, match=r"could not be allocated .*no more of it"):
-            buffers.empty(values.nbytes)
-
-
-def test_a_write_beyond_the_buffer_is_an_error(device):
-    with (
-        Buffers(device) as buffers,
-        pytest.raises(DeviceError, match=re.escape(device.info.label)),
-    ):
-        buffers.write(buffers.empty(64), np.zeros(1000))
+            buffers.empty(2**23)
 
 
 def test_all_buffers_of_a_device_share_its_budget(small):
@@ -373,16 +322,14 @@ def test_all_buffers_of_a_device_share_its_budget(small):
     assert small.used_bytes == 0
 
 
-@pytest.mark.parametrize("on_device", [False, True])
-def test_after_an_exception_memory_is_freed_when_nothing_uses_it(small, on_device, monkeypatch):
+def test_after_an_exception_memory_is_freed_when_nothing_uses_it(small, monkeypatch):
     class Prepared(OnDevice):
         def _prepare(self) -> None:
             self._buffers.empty(16)
 
     order: list[str] = []
     queue = SimpleNamespace(finish=lambda: order.append("finish"))
-    device = replace(small, queue=queue)
-    block = Prepared(device) if on_device else Buffers(device)
+    block = Prepared(replace(small, queue=queue))
 
     class Recorded(cl.Buffer):
         def release(self) -> None:
@@ -392,13 +339,12 @@ def test_after_an_exception_memory_is_freed_when_nothing_uses_it(small, on_devic
 
     def interrupted() -> None:
         with block:
-            (block._buffers if on_device else block).empty(16)
+            block._buffers.empty(16)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    assert order[0] == "finish"
-    assert set(order[1:]) == {"release"}
+    assert order == ["finish", "release", "release"]
 
 
 # Threads and processes ---------------------------------------------------------------------------
@@ -515,21 +461,6 @@ def kernel_text(monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Iter
     yield use
     device.programs.clear()
     device.programs.update(known)
-
-
-def test_options_reach_the_kernel(device, kernel_text):
-    kernel_text(KERNEL)
-    x = np.linspace(-3, 3, 7, dtype=np.float32)
-    third = 1 / 3  # a float32 needs nine digits to come back the same
-    for options in (Options(third, -5), Options(1e-30, 0, True), Options(3e38, 7)):
-        with Buffers(device) as buffers:
-            buffer = buffers.upload(x)
-            build(device, "scale.cl", options).launch("scale", (7,), buffer)
-            sign = np.float32(-1 if options.negate else 1)
-            with np.errstate(over="ignore"):
-                want = sign * (np.float32(options.factor) * x + np.float32(options.offset))
-            # The compiler may fuse product and sum: one rounding of 6e-8 less.
-            np.testing.assert_allclose(buffers.read(buffer, 7, np.float32), want, rtol=2e-7)
 
 
 def test_a_damaged_cache_of_pyopencl_is_no_error(device, kernel_text, monkeypatch):

@@ -58,6 +58,12 @@ def simulated(estimator: str, scene: clradar.Scene = SCENE, **settings: Any) -> 
     return lambda device: [clradar.simulate(scene, ARRAY, WAVEFORM, device=device, **fields).data]
 
 
+def of_alphas(device: clradar.Device) -> list[np.ndarray]:
+    fields = {"samples_per_mm2": 0.05, "rays_per_sample": 4, "device": device}
+    made = simulation.simulate_alphas(SCENE, ARRAY, WAVEFORM, [0.0, 0.3, 1.0], **fields)
+    return [capture.data for (capture,) in made]
+
+
 def imaged(grid: clradar.VoxelGrid, method: str) -> Work:
     options: dict[str, Any] = {"method": method, "check_grid": False}
     return lambda device: [clradar.backproject(NOISE, grid, device=device, **options).data]
@@ -92,6 +98,7 @@ WORKS: dict[str, Work] = {
         clradar.synthesize(given_paths(), ARRAY, WAVEFORM, device=device).data
     ],
     "stochastic": simulated("stochastic", samples_per_mm2=0.05, max_bounces=2),
+    "alphas": of_alphas,
     "expected": simulated("expected", samples_per_mm2=0.05),
     "physical": simulated("physical", SCENE.with_material("metal"), samples_per_mm2=0.15),
     "rough": simulated("physical", SCENE.with_material(ROUGH), samples_per_mm2=0.15),
@@ -119,6 +126,7 @@ OTHER_TOLERANCE = 300 * 2.0**-24
 
 MEMORY_BYTES = {
     **{"trace": 500_000, "synthesize": 60_000, "stochastic": 900_000, "expected": 500_000},
+    "alphas": 900_000,
     **{"physical": 1_500_000, "rough": 1_500_000, "exact": 60_000, "range": 120_000},
     **{"fast": 400_000, "fast, fine": 600_000, "frames": 8_000_000, "operator": 4_000_000},
     "hand": 200_000,
@@ -173,6 +181,10 @@ WAYS: dict[str, Callable[..., Any]] = {
     "blocks of Tx": of_pieces(
         (simulation, "SUM_BYTES", 1), (kirchhoff_sum, "CAPTURE_SHARE", 1e-5)
     ),
+    # The buffer of receptions grows, and tiles are halved, also after some alphas are done.
+    "few receptions": of_pieces(
+        (stochastic.Tracer, "_most_receptions", lambda self: 100 if self._capacity else 1)
+    ),
     "a GPU": of_gpu(1),
     "a GPU, groups of 32": of_gpu(32, launch_work=3e5),
     "a GPU, groups of 256": of_gpu(256, launch_work=1e6),
@@ -223,6 +235,8 @@ NOT_DIVIDED = ("exact", "range", "hand")
 def matters(work: str, way: str) -> bool:
     if way == "blocks of Tx":
         return work in SIMULATIONS
+    if way == "few receptions":
+        return work in ("trace", "stochastic", "alphas")
     return way != "small pieces" or work not in NOT_DIVIDED
 
 
@@ -233,6 +247,7 @@ OFTEN = {
     "little memory": ("synthesize", "expected", "range"),  # and those that are made to fail
     "small pieces": ("synthesize", "expected", "rough", "fast", "operator"),
     "blocks of Tx": ("expected", "rough"),
+    "few receptions": ("alphas",),
     "a GPU": ("trace", "synthesize", "rough", "exact", "range", "fast", "operator"),
     "a GPU, groups of 32": ("synthesize",),
 }
@@ -248,7 +263,7 @@ def test_no_way_changes_a_result(work, way, n_parts):
     found = made(work, way)
     assert (max(n_parts) > 1) == ("groups" in way)  # that is where launches are divided
     assert all(np.abs(a).max() > 0 for a in found)
-    if way in ("little memory", "small pieces", "blocks of Tx"):
+    if way in ("little memory", "small pieces", "blocks of Tx", "few receptions"):
         assert largest_error(found, made(work)) == 0
         return
     assert largest_error(found, made(work)) <= WIDTH_TOLERANCE.get(work, OTHER_TOLERANCE)
@@ -284,21 +299,6 @@ def test_after_a_device_failed_in_the_middle_all_is_free_and_the_next_call_works
             assert device.used_bytes == used
         left = math.inf
         assert largest_error(WORKS[work](device), whole) == 0
-
-
-@pytest.mark.parametrize("most", [1, 640, 12345, 10**9])
-@pytest.mark.parametrize("size", [(64,), (320, 7), (16, 12, 9), (1, 1, 33)])
-def test_parts_have_every_item_once_in_whole_groups(size, most):
-    group = (16, 4, 1)[: len(size)] if size[0] > 1 else (1, 1, 1)
-    padded = tuple(-(-n // side) * side for n, side in zip(size, group, strict=True))
-    launched = np.zeros(padded, int)
-    for offset, part in launch_parts(padded, group, most):
-        assert math.prod(part) <= max(most, math.prod(group))
-        starts = offset or (0,) * len(padded)
-        for at, n, side in zip(starts, part, group, strict=True):
-            assert at % side == n % side == 0
-        launched[tuple(slice(at, at + n) for at, n in zip(starts, part, strict=True))] += 1
-    assert (launched == 1).all()
 
 
 def test_kernels_know_an_item_by_its_global_id_alone():

@@ -216,6 +216,10 @@ def test_a_receiver_hidden_in_part_counts_by_its_centre(edge_m, counts, device):
 # --- one lane
 
 
+"""Products may be fused with sums in one build and not in the other: roundings of 6e-8, which
+decide where a horizon cuts a disc and are magnified by up to a disc's 1/0.03 there."""
+
+
 LANES_TOLERANCE = 1e-4
 """Products may be fused with sums in one build and not in the other: roundings of 6e-8, which
 decide where a horizon cuts a disc and are magnified by up to a disc's 1/0.03 there."""

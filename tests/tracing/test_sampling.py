@@ -17,7 +17,6 @@ from clradar.geometry.normals import corner_normals
 from clradar.hand import hand_mesh
 from clradar.opencl import Buffers
 from clradar.opencl.sources import source
-from clradar.tracing.antenna_packets import BUNDLE, GROUP, bundled
 from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import resolve_settings
 from clradar.tracing.stochastic import Tracer
@@ -212,32 +211,6 @@ ARRAYS = {
     "along x": RNG.uniform([-0.9, -0.1, 0.2], [-0.8, 0.1, 0.4], (30, 3)),
     "same place": np.repeat([[0.0, 0.0, 0.1]], 70, axis=0),
 }
-
-
-@pytest.mark.parametrize("name", ARRAYS)
-def test_every_antenna_is_in_one_slot_and_in_its_boxes(name):
-    at = ARRAYS[name].astype(np.float32)
-    n_groups = -(-len(at) // GROUP)
-    flat = bundled(ARRAYS[name])
-    columns, header, bundles = np.split(flat, [3 * n_groups * GROUP, 3 * n_groups * GROUP + 8])
-    np.testing.assert_array_equal(columns.reshape(3, -1)[:, : len(at)], at.T)
-    bundles = bundles.view(BUNDLE)
-    assert header.view(np.int32)[0] == len(bundles)
-    found = []
-    for bundle in bundles:
-        antenna, positions = bundle["antenna"], bundle["position"]
-        assert (antenna[bundle["n_groups"] :] == -1).all()
-        for g in range(bundle["n_groups"]):
-            members = antenna[g][antenna[g] >= 0]
-            assert len(members) > 0
-            np.testing.assert_array_equal(positions[:, g, : len(members)], at[members].T)
-            np.testing.assert_array_equal(bundle["low"][:, g], at[members].min(axis=0))
-            np.testing.assert_array_equal(bundle["high"][:, g], at[members].max(axis=0))
-            if bundle["first"][g] >= 0:
-                successive = bundle["first"][g] + np.arange(len(members))
-                np.testing.assert_array_equal(members, successive)
-            found += members.tolist()
-    assert sorted(found) == list(range(len(at)))
 
 
 SCENES = {

@@ -33,25 +33,13 @@ def test_densities_of_a_resolved_record_stay_when_a_field_is_replaced():
     resolved = SimulationSettings(estimator="expected").resolved()
     assert (resolved.samples_per_mm2, resolved.rays_per_sample) == (1.0, 40)
     assert resolved.resolved() == resolved
+    of_rays = resolve_settings()
+    assert (of_rays.samples_per_mm2, of_rays.rays_per_sample) == (10.0, 4)
     drawn = resolve_settings(resolved, estimator="stochastic")
     assert (drawn.samples_per_mm2, drawn.rays_per_sample) == (1.0, 40)
     with pytest.raises(ModelError, match="one of the two"):
         replace(resolved, rays_per_face=3)
     assert replace(resolved, samples_per_mm2=None, rays_per_face=3).rays_per_sample == 40
-
-
-@pytest.mark.parametrize(
-    ("arguments", "resolved"),
-    [
-        ({}, (10.0, 4)),
-        ({"rays_per_face": 3}, (None, 1)),
-        ({"estimator": "expected"}, (1.0, 40)),
-        ({"estimator": "expected", "samples_per_mm2": 3.0, "rays_per_sample": 2}, (3.0, 2)),
-    ],
-)
-def test_densities_that_are_not_given(arguments, resolved):
-    settings = resolve_settings(**arguments)
-    assert (settings.samples_per_mm2, settings.rays_per_sample) == resolved
 
 
 @pytest.mark.parametrize(
@@ -98,35 +86,30 @@ def test_invalid_settings_are_refused(arguments, message, device):
         clradar.simulate(SCENE, ARRAY, WAVEFORM, device=device, **arguments)
 
 
+SKIN, MIRROR = SMALL.with_material("skin"), SMALL.with_alpha([1.0, 0.0])
+
+
 @pytest.mark.parametrize(
-    ("arguments", "estimator"),
+    ("scene", "arguments", "estimator"),
     [
-        ({}, "expected"),
-        ({"samples_per_mm2": 0.5, "seed": 3, "reception_radius_m": 0.02}, "expected"),
-        ({"rays_per_sample": 1}, "stochastic"),
-        ({"rays_per_face": 4000}, "stochastic"),
-        ({"max_bounces": 2}, "stochastic"),
+        (SMALL, {}, "expected"),
+        (SMALL, {"samples_per_mm2": 0.5, "seed": 3, "reception_radius_m": 0.02}, "expected"),
+        # Where random rays are asked for, or samples would be too few for so narrow a lobe.
+        (SMALL, {"rays_per_sample": 1}, "stochastic"),
+        (SMALL, {"rays_per_face": 4000}, "stochastic"),
+        (SMALL, {"max_bounces": 2}, "stochastic"),
+        (SMALL.with_alpha([1.0, 0.12]), {}, "expected"),
+        (SMALL.with_alpha([1.0, 0.11]), {}, "stochastic"),
+        (MIRROR, {}, "stochastic"),
+        (SKIN, {}, "physical"),
+        (SKIN, {"estimator": "expected"}, "expected"),
+        (SKIN, {"max_bounces": 2}, "stochastic"),
+        (SMALL.with_material("metal"), {}, "physical"),  # of a conductor anyway
     ],
 )
-def test_simulate_has_no_shot_noise_unless_random_rays_are_asked_for(arguments, estimator):
-    capture = clradar.simulate(SMALL, ARRAY, WAVEFORM, **arguments)
+def test_scene_and_settings_choose_the_estimator(scene, arguments, estimator):
+    capture = clradar.simulate(scene, ARRAY, WAVEFORM, **arguments)
     assert capture.meta["settings"]["estimator"] == estimator
-
-
-def test_nearly_specular_scenes_keep_the_many_samples_of_the_stochastic_default():
-    for alpha, estimator in ((0.0, "stochastic"), (0.11, "stochastic"), (0.12, "expected")):
-        capture = clradar.simulate(SMALL.with_alpha([1.0, alpha]), ARRAY, WAVEFORM)
-        assert capture.meta["settings"]["estimator"] == estimator
-
-
-def test_materials_are_for_the_physical_estimator_unless_rays_are_asked_for():
-    skin = SMALL.with_material("skin")
-    for arguments, estimator in (({}, "physical"), ({"estimator": "expected"}, "expected")):
-        capture = clradar.simulate(skin, ARRAY, WAVEFORM, **arguments)
-        assert capture.meta["settings"]["estimator"] == estimator
-    metal = SimulationSettings().for_scene(SMALL.with_material("metal"))
-    assert metal.estimator == "physical"  # asked for, though a face is of a conductor anyway
-    assert SimulationSettings(max_bounces=2).for_scene(skin).estimator is None
 
 
 @pytest.mark.parametrize(

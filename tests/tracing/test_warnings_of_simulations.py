@@ -1,7 +1,6 @@
 """Simulations that are probably not as intended say so and no others; faces that are too coarse."""
 
 import re
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from clradar import AntennaArray, ClradarWarning, Scene, SimulationSettings, Wav
 from clradar.arrays import qar50
 from clradar.errors import ModelError
 from clradar.geometry.normals import corner_normals
-from clradar.hand import HandMesh, hand_mesh
+from clradar.hand import hand_mesh
 from clradar.simulation import simulate_alphas
 from clradar.tracing.facets import curved_error_m, facet_sagitta_m, warn_of_coarse_facets
 from clradar.tracing.placement import doubtful
@@ -243,35 +242,20 @@ def test_flat_sides_are_not_coarse_however_large():
     assert remark.startswith("simulate: 100 % of the surface are faces too coarse")
 
 
-@cache
-def hand() -> HandMesh:
-    return hand_mesh("V", edge_length_m=4e-3)
-
-
 def test_the_embedded_hand_is_fine_enough():
+    hand = Scene.from_mesh(hand_mesh("V", edge_length_m=4e-3))
     for facets in ("curved", "flat"):
-        assert remarks(Scene.from_mesh(hand()), facets=facets) == []
+        assert remarks(hand, facets=facets) == []
 
 
-def merged_hand(cell_m: float) -> Scene:
-    """Vertices of one cell merged into one, as decimation leaves them."""
-    mesh = hand()
-    _, cell = np.unique(np.floor(mesh.vertices_m / cell_m).astype(int), axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
-    vertices = np.stack([np.bincount(cell, weights=axis) for axis in mesh.vertices_m.T], axis=1)
-    faces = cell[mesh.faces]
-    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    return Scene(vertices / np.bincount(cell)[:, None], faces, 0.5)
-
-
-def test_a_hand_of_a_thousand_vertices_is_not():
-    coarse = merged_hand(7e-3)
-    assert 1500 < coarse.n_faces < 2500
-    assert len(remarks(coarse, facets="flat", crease_deg=180.0)) == 1
+def test_edges_of_a_coarse_round_body_that_stay_sharp_are_remarked():
+    """An icosahedron's, of 42 degrees."""
+    coarse = trimesh.creation.icosphere(subdivisions=0, radius=0.02)
     (remark,) = remarks(coarse)
     assert "edges of less than 70 degrees that stay sharp, beyond crease_deg=30" in remark
     assert "take crease_deg=180 or a finer mesh" in remark
-    assert remarks(merged_hand(6e-3), crease_deg=180.0) == []
+    (remark,) = remarks(coarse, crease_deg=180.0, facets="flat")
+    assert "faces too coarse for the curve that they stand for" in remark
     assert remarks(coarse, normals="face") == []
 
 

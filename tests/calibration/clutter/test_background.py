@@ -1,8 +1,6 @@
 """Averaging, background subtraction and range gates, on recordings with known truth."""
 
 import json
-import weakref
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -84,21 +82,6 @@ def test_common_metadata_is_kept():
     mean = average_frames(frames)
     assert mean.meta == {"lab": "a", "average": {"frames": 2, "align_phase": False}}
     assert (mean.data == one.data).all()
-
-
-def test_frames_are_taken_one_at_a_time():
-    alive: list[weakref.ref[np.ndarray]] = []
-
-    def frames() -> Iterator[Capture]:
-        for i in range(20):
-            # The first is kept, and the one before until this one takes its name.
-            assert sum(ref() is not None for ref in alive) <= 2
-            capture = echo(0.3 + 1e-6 * i)
-            alive.append(weakref.ref(capture.data))
-            yield capture
-
-    average_frames(frames())
-    assert len(alive) == 20
 
 
 def test_a_common_drift_of_the_phase_is_corrected():

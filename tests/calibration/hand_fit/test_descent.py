@@ -6,12 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hand_renderings import TIPS, fitter_on, rendered_depth, state_of
-from scipy.spatial import KDTree
 
 from calibration.hand_fit.bone_rates import bone_rates
 from calibration.hand_fit.descent import (
     BRIGHTNESS,
-    COARSE,
     FINE,
     MIDDLE,
     Fitted,
@@ -21,11 +19,10 @@ from calibration.hand_fit.descent import (
 from calibration.hand_fit.hand_model import ParametricHand
 from calibration.hand_fit.hand_rendering import N_GEOMETRY, N_PARAMETERS, SHAPE, stepped
 from calibration.hand_fit.hand_shape_vector import vector_of
-from calibration.hand_fit.hand_state import HandState, angles_of, pose_with
+from calibration.hand_fit.hand_state import HandState
 from calibration.hand_fit.meshed_anew import missed_slopes, settled
 from calibration.hand_fit.misfit import deviance_map, misfit
 from calibration.hand_fit.prior import Prior, angle_covariance
-from calibration.hand_fit.skinned import SkinnedSamples
 from calibration.registration.mesh_fit import (
     POWER_FLOOR,
     TUKEY_CUTOFF,
@@ -115,38 +112,6 @@ def test_derivatives_are_differences_of_renderings(hands, kind):
             assert error < 4e-3, k
 
 
-@pytest.mark.parametrize("kind", ["right", "left", "rig"])
-def test_the_frame_of_the_hand_has_the_wrist_at_its_origin(hands, kind):
-    model = hands[kind]
-    pose = pose_by_name("K")
-    mesh = model.mesh(pose, AVERAGE, 4e-3)
-    joints_m = model.joints_m(pose, AVERAGE)
-    assert joints_m[0] == pytest.approx(0.0, abs=1e-12)
-    # 1e-12: the same sums in another order.
-    assert np.nanmax(np.abs(mesh.joints_m - joints_m)) < 1e-12
-    assert (joints_m[4, 0] > 0) == (kind == "left")  # the thumb
-
-
-@pytest.mark.parametrize("kind", ["right", "left", "rig"])
-def test_samples_follow_the_bones_as_the_mesh_does(hands, kind):
-    """A bent finger takes its skin along: 0.5 mm is what blending differs from a mesh made anew,
-    where 20 degrees at the knuckle move the tip by 30 mm."""
-    model, pose = hands[kind], pose_by_name("flat")
-    bent = pose_with(pose, angles_of(pose) + np.radians(20.0) * np.eye(23)[13])
-    mesh = model.mesh(pose, AVERAGE, 3e-3)
-    normals = mesh.to_trimesh().vertex_normals
-    bones = model.bones(pose, AVERAGE)
-    skin = model.skin(mesh, pose, AVERAGE, mesh.vertices_m, normals)
-    points_m, _ = SkinnedSamples.of(mesh.vertices_m, normals, skin, bones).posed(
-        model.bones(bent, AVERAGE)
-    )
-    anew = model.mesh(bent, AVERAGE, 3e-3).to_trimesh()
-    near_tip = np.argsort(np.linalg.norm(points_m - model.joints_m(bent, AVERAGE)[19], axis=1))[:60]
-    away_m, _ = KDTree(anew.vertices).query(points_m[near_tip])
-    assert np.median(away_m) < 1.6e-3  # half the spacing of the vertices
-    assert np.linalg.norm(points_m - mesh.vertices_m, axis=1).max() > 20e-3
-
-
 def test_the_gradient_of_the_deviance_is_the_score():
     """Of a pixel: c^2 / (1 + c^2) (...) has the derivative -s / (1 + s^2 / c^2) by ln(I + f)."""
     picture = SimpleNamespace()
@@ -177,30 +142,6 @@ def test_a_pixel_that_the_hand_does_not_cover_costs_as_much_as_an_outlier():
     hit, uncovered, outlier = deviance_map(canvas, (power, power), found)[0]
     assert hit == pytest.approx(0.0, abs=1e-12)
     assert uncovered == outlier == pytest.approx(TUKEY_CUTOFF**2 / 12)
-
-
-@pytest.mark.slow
-def test_a_hand_is_found_in_its_own_rendering(hands):
-    """Without speckle: told tips to a fraction of a pixel from 8 degrees off in every angle."""
-    model = hands["right"]
-    truth = state_of(pose_by_name("flat"), model)
-    rng = np.random.default_rng(3)
-    truth = truth.with_angles(truth.angles_rad + np.radians(8.0) * rng.normal(size=23))
-    depth = rendered_depth(model, truth)
-    start = state_of(pose_by_name("flat"), model)
-    fitter = fitter_on(depth, model)
-    prior = Prior.about(start, angle_covariance())
-    found = fitter.descend(start, initial_log_brightness(), prior, (COARSE, FINE))
-    true_m = model.joints_m(truth.pose, AVERAGE) + truth.transform[:3, 3]
-    joints_m = model.joints_m(found.state.pose, AVERAGE)
-    joints_m = joints_m @ found.state.transform[:3, :3].T + found.state.transform[:3, 3]
-    before_m = model.joints_m(start.pose, AVERAGE) + start.transform[:3, 3]
-    off_mm = 1e3 * np.linalg.norm(joints_m - true_m, axis=1)[TIPS]
-    before_mm = 1e3 * np.linalg.norm(before_m - true_m, axis=1)[TIPS]
-    assert np.median(off_mm) < 1.5
-    assert (off_mm < before_mm).all()
-    judged = [fitter.judged(found, prior, FINE, seed).deviance for seed in (5, 5, 6)]
-    assert judged[0] == judged[1] != judged[2]
 
 
 GIRTH = SHAPE.stop - 1
@@ -250,13 +191,6 @@ def test_slopes_by_the_girth_are_those_of_surfaces_that_are_meshed_anew(fitter, 
     by_power = slice(0, anew.size)
     # 0.67 and 0.49: the samples' pattern is in all of them.
     assert _alike(whole[GIRTH, by_power], anew) > _alike(alone[GIRTH, by_power], anew) + 0.1
-
-
-def test_nothing_is_missed_of_the_motion_and_of_what_is_not_fitted(fitter, started):
-    missed = missed_slopes(only(fitter, RING_BENT), started, 1)
-    for slopes in (missed.by_power, missed.by_range):
-        assert np.flatnonzero(slopes.any(axis=1)).tolist() == [RING_BENT]
-    assert not missed_slopes(only(fitter, 2), started, 1).by_power.any()
 
 
 @pytest.mark.slow

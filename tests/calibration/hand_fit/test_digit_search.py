@@ -93,22 +93,6 @@ def test_layers_picture_a_hand_as_its_rendering_does(fitter, skin, bent, digit):
     assert np.median(np.abs(found_m[0] - range_m)[lit]) < 0.5e-3
 
 
-def test_what_a_digit_hides_is_not_seen(fitter, skin):
-    """A middle finger bent over the palm: the palm's light behind it is gone."""
-    picture, brightness = fitter.picture(COARSE), initial_log_brightness()
-    whole = skin.drawn(NOMINAL.pose, AVERAGE)
-    rest = whole[~on_digit(whole, "middle")]
-    layers = LayeredRendering(picture, rest, picture.bones_at(NOMINAL), brightness)
-    angles = NOMINAL.angles_rad
-    angles[ANGLES_OF_DIGIT["middle"]] = np.radians([85.0, 0.0, 95.0, 20.0])
-    chain = DigitChain(fitter.model, NOMINAL, "middle")
-    ((_, samples),) = skin.of_digit("middle", angles[None])
-    ((_, range_m),) = layers.pictures(samples, chain.places(angles[None]))
-    ((_, without_m),) = layers.pictures(samples[:1], chain.places(angles[None]))
-    # A finger's thickness and more in front of the palm.
-    assert (without_m - range_m).max() > 10e-3
-
-
 def test_a_finger_far_from_its_start_is_found(fitter, skin, bent):
     """By the coarse pictures alone, within the reach of the descent: 8 mm."""
     prior = Prior.about(NOMINAL, angle_covariance())

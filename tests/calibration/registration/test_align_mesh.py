@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 import trimesh
 from hand_registrations import ARRAY, CENTRE_M, RADAR, errors, motion, truth
-from scipy.ndimage import gaussian_filter
 from scipy.signal import convolve2d
 from scipy.spatial.transform import Rotation
-from shapes import box, plate, sphere
+from shapes import box, sphere
 
 import clradar
 from calibration import Alignment, Place, align_mesh
 from calibration.registration.mesh_fit import fit_mesh, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, Canvas, MeasuredImage, MeshRendering
-from clradar import reference
 from clradar.errors import CompareError
 from clradar.tracing.visible_surface import VisibleSurface
 from measurement_io import read_transform, save_volume
@@ -44,17 +42,6 @@ def test_a_picture_is_convolved_wherever_it_is_lit(lit):
         assert np.abs(one - convolve2d(of, pattern, "same")).max() < 1e-14 * max(1, np.ptp(of))
 
 
-def test_a_blurred_picture_is_that_of_a_blurred_image():
-    drawn = np.zeros((31, 41))
-    drawn[15, 20] = 1.0
-    sharp, soft = (Canvas(SHOWN, APERTURE, blur_m) for blur_m in (0.0, 2 * STEP_M))
-    blurred = gaussian_filter(sharp.convolved(drawn), 2.0, mode="constant", truncate=8.0)
-    # The Gaussian in frequency and that of samples in space differ by their aliases, exp(-2 pi^2).
-    middle = np.s_[9:22, 12:29]  # as far from the edge as the blur reaches
-    assert np.abs(soft.convolved(drawn) - blurred)[middle].max() < 1e-4 * blurred.max()
-    assert soft.power.max() == pytest.approx(1.0)
-
-
 OWN_RENDERING_M = 5e-5
 """A fit to the mesh's own rendering has no noise: the convergence tolerance of 1e-5 m is what is
 left, and a factor of five for the visibility, which is updated every 0.2 mm only."""
@@ -66,27 +53,6 @@ def found(registered) -> Alignment:
 
 
 # Visibility and rendering
-
-
-def test_visible_samples_are_those_of_the_brute_force(device):
-    vertices, faces = box((0, 0, 0.3), (0.06, 0.04, 0.05))
-    front, front_faces = plate(0.03, 0.25)
-    scene = clradar.Scene(
-        np.concatenate([vertices, front]), np.concatenate([faces, front_faces + len(vertices)])
-    )
-    views = np.array([[0.05, 0.027, 0.0], [-0.3, 0.1, 0.2], [0.0, 0.0, 0.6]])
-    with VisibleSurface(scene, 0.05, 1.0, device) as surface:
-        points, seen = surface.points_m, surface.visible_from(views)
-    assert seen.shape == (len(points), 3)
-    for k, view in enumerate(views):
-        away = points - view
-        far = np.linalg.norm(away, axis=1)
-        origin = np.broadcast_to(view, points.shape)
-        t = reference.closest_hit(origin, away / far[:, None], scene.triangles_m)[0]
-        # Nothing in front: to a micrometre, the rounding of the points in float32.
-        expected = t > far - 1e-6
-        assert 0.1 < expected.mean() < 0.9
-        assert (seen[:, k] == expected).mean() > 0.995  # rays that graze an edge may differ
 
 
 def test_point_spread_is_that_of_the_exact_image(device):
@@ -111,21 +77,6 @@ def empty_image(range_m=0.3):
     axis_m = np.arange(-0.06, 0.0601, 2e-3)
     shape = (len(axis_m), len(axis_m))
     return MeasuredImage(axis_m, axis_m, np.ones(shape), np.full(shape, range_m), (2e-3, 2e-3))
-
-
-def test_rendering_of_a_patch(device):
-    """A patch of one square millimetre is the power pattern at its place, at its range."""
-    vertices, faces = plate(1e-3, 0.3)
-    measured = empty_image()
-    with VisibleSurface(clradar.Scene(vertices, faces), 50.0, 1.0, device) as surface:
-        image = MeshRendering(surface, measured, APERTURE)
-        shift = motion(shift_m=(0.02, -0.01, 0.05))
-        image.update_visibility(shift)
-        power, range_m = image.render(shift, np.zeros_like(initial_log_brightness()))
-    row, column = np.unravel_index(power.argmax(), power.shape)
-    assert measured.x_m[column] == pytest.approx(0.02)
-    assert measured.y_m[row] == pytest.approx(-0.01)
-    assert range_m[row, column] == pytest.approx(np.linalg.norm([0.02, -0.01, 0.35]), abs=1e-5)
 
 
 def rendering_of_itself(mesh, transform, device):

@@ -15,7 +15,6 @@ from scipy import ndimage
 
 import clradar
 from calibration import align_mesh, register
-from calibration.registration import closed_loop
 from calibration.registration.alignment import USUAL_RATIO
 from calibration.registration.alpha_cue import ALPHA_STARTS, ALPHA_TOLERANCE, next_alpha
 from calibration.registration.beyond_noise import NOMINAL_NOISE, ResidualImage, beyond_noise
@@ -40,17 +39,6 @@ def test_comes_to_rest_at_the_alpha_of_the_features_of(wanted):
         alphas.append(next_alpha(alphas, features, features_of(wanted)))
         features.append(features_of(alphas[-1]))
     assert abs(alphas[-1] - wanted) < ALPHA_TOLERANCE
-
-
-def test_neighbours_are_averaged():
-    """Two simulations of nearly one alpha differ by speckle, which must not count as a slope."""
-    alphas = [*ALPHA_STARTS, 0.2, 0.21]
-    features = [features_of(a) for a in alphas]
-    features[-2], features[-1] = features[-2] + [1.5, 0.0, 0.0], features[-1] - [1.5, 0.0, 0.0]
-    # The mean of the two is off by nothing; a line through them would fall where features rise.
-    assert next_alpha(alphas, features, features_of(0.25)) == pytest.approx(
-        0.25, abs=ALPHA_TOLERANCE
-    )
 
 
 AXIS_M = np.arange(-40, 41) * 2e-3
@@ -148,14 +136,6 @@ def test_too_few_simulations_near_the_pose_say_nothing():
 
 FLOAT32_M = 1e-7
 """A vertex in a PLY file is a float32 in metres: 2^-24 of 0.4 m is 2.4e-8."""
-
-
-def test_half_of_a_measurement_has_to_be_the_mesh(measured, monkeypatch):
-    monkeypatch.setattr(closed_loop, "overlap", lambda one, other: 0.49)
-    with pytest.raises(CompareError, match=r"by 0\.49, and 0\.50 is the least"):
-        closed_loop._checked_overlap(measured.depth_map(), measured)
-    monkeypatch.setattr(closed_loop, "overlap", lambda one, other: 0.51)
-    assert closed_loop._checked_overlap(measured.depth_map(), measured) == 0.51
 
 
 def test_registers_a_hand(measured, hand, registered):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from nightly import nightly
 from recorded_targets import edge_array, two_plates
 from scipy import stats
-from shapes import plate, sphere
+from shapes import plate
 
 import calibration
 import clradar
@@ -20,9 +20,8 @@ from calibration import Regions, RoughnessEstimate, sweep_roughness
 from calibration.roughness import figures, roughness_sweep as module
 from calibration.roughness.emulator import Emulator, Fit, Interval, at_ends, logarithms, terms
 from calibration.roughness.millimetres import RegionStatistics, estimate_roughness
-from calibration.roughness.surface_points import SPACING_M, SurfacePoints, surface_points
-from calibration.roughness.texture import SubApertures, TextureMeter, halves, of_power
-from clradar import reference
+from calibration.roughness.surface_points import SurfacePoints, surface_points
+from calibration.roughness.texture import TextureMeter
 from clradar.errors import CompareError, ModelError
 from measurement_io import save_capture
 
@@ -83,50 +82,12 @@ def apart(store):
 # --- points and images
 
 
-def test_points_of_a_sphere_have_its_normals_and_tilts(device):
-    centre_m, radius_m = np.array([0.0, 0.0, 0.34]), 0.04
-    scene = clradar.Scene(*sphere((0.0, 0.0, 0.34), radius_m, 4))
-    points = surface_points(scene, None, np.zeros(3), device)
-    outwards = (points.points_m - centre_m) / radius_m
-    to = -points.points_m / np.linalg.norm(points.points_m, axis=1)[:, None]
-    # The mean of a cell's points is below the surface by the sagitta of half its diagonal, and
-    # beyond the horizon nothing is seen.
-    sagitta_m = 3 * SPACING_M**2 / 4 / (2 * radius_m)
-    assert np.abs(np.linalg.norm(outwards, axis=1) - 1).max() * radius_m < 2 * sagitta_m
-    # On the horizon itself either side faces the aperture.
-    inside = np.einsum("pa,pa->p", outwards, to) > 0.1
-    assert np.einsum("pa,pa->p", outwards, points.normals)[inside].min() > 0.99
-    assert np.einsum("pa,pa->p", points.normals, to).min() > -1e-3
-    seen_m2 = 2 * np.pi * radius_m**2 * (1 - radius_m / 0.34)
-    # A plane across the cubes' grid meets 1 to 1.5 cubes per squared edge, in the mean over
-    # directions 1.5; some of them only at a corner.
-    assert 1.0 < len(points.points_m) * SPACING_M**2 / seen_m2 < 1.6
-    one = clradar.AntennaArray([[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0]])
-    expected = np.arccos(np.einsum("pa,pa->p", to, points.normals))
-    assert np.allclose(points.tilts([one])[0], expected)
-
-
 def test_a_hidden_region_is_an_error(device):
     hidden = clradar.Scene(*plate(0.01, 0.33, 1))
     behind = clradar.Scene.combine([clradar.Scene(*plate(0.1, 0.3, 4)), hidden])
     labels = np.repeat([0, 1], [behind.n_faces - hidden.n_faces, hidden.n_faces])
     with pytest.raises(CompareError, match="region '1' is not visible"):
         surface_points(behind, Regions.of_labels(labels), np.zeros(3), device)
-
-
-def test_quarters_of_the_aperture_add_up_to_the_image(device):
-    """Their mean, of equal halves, is the back-projection of the whole."""
-    tx, rx = halves(ARRAY.tx_m), halves(ARRAY.rx_m)
-    assert {float(np.sign(ARRAY.tx_m[half, 0]).mean()) for half in tx} == {-1.0, 1.0}
-    assert sorted(np.concatenate(rx)) == list(range(12))
-    points_m = np.random.default_rng(0).uniform((-0.03, -0.03, 0.29), (0.03, 0.03, 0.31), (30, 3))
-    rng = np.random.default_rng(1)
-    noise = rng.normal(size=(12, 12, 8)) + 1j * rng.normal(size=(12, 12, 8))
-    capture = clradar.Capture(noise, ARRAY, WAVEFORM)
-    images = SubApertures.of(ARRAY, WAVEFORM, points_m, device).images(capture)
-    expected = reference.backproject(capture, points_m)
-    # The operator is exact to some float32 roundings of the sum's terms.
-    assert np.abs(images.mean(axis=0) - expected).max() < 1e-4 * np.abs(expected).max()
 
 
 # --- statistics
@@ -169,14 +130,6 @@ def test_speckle_has_the_contrast_of_an_exponential_law_and_no_correlation(meter
     # One of ten degrees of freedom of a patch goes into its factor.
     level = np.mean(np.abs(smooth) ** 2)
     assert found["rest at 4 to 8 degrees"] == pytest.approx(math.log(2 * 0.9 / level), abs=0.1)
-
-
-def test_a_gain_adds_to_the_powers_alone(meter):
-    own, smooth = meter
-    rng = np.random.default_rng(7)
-    image = smooth + rng.normal(size=smooth.shape) + 1j * rng.normal(size=smooth.shape)
-    added = own.measure(10.0 * image) - own.measure(image)
-    assert np.allclose(added, 2 * math.log(10) * of_power(own.names), atol=1e-9)
 
 
 # --- the likelihood

@@ -24,7 +24,6 @@ from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand.flesh import PART_NAMES
 from clradar.plot import plane_of
 from clradar.simulation import simulate_alphas
-from clradar.tracing.stochastic import Tracer
 from measurement_io import save_capture
 
 # Two alphas in one measurement, few rays and short ranges of alpha give reasons for doubt, here on
@@ -207,33 +206,6 @@ def test_shared_visibility_gives_the_bits_of_simulate(device):
         alone = clradar.simulate(SCENE.with_alpha(alpha), ARRAY, WAVEFORM, device=device, **rays)
         assert np.array_equal(capture.data, alone.data)
         assert capture.meta == alone.meta
-
-
-def test_memory_changes_no_bit(device, monkeypatch):
-    """One alpha at a time, and a reception buffer that cannot grow: tiles are halved midway."""
-    rays = {**FEW, "seed": 5}
-    whole = list(simulate_alphas(SCENE, ARRAY, WAVEFORM, ALPHAS, device=device, **rays))
-    size_tiles = Tracer._size_tiles
-    counts = [capture.meta["rays"]["paths"] for (capture,) in whole]
-    room = counts[0]
-    assert max(counts[1:4]) > room  # so that the first alpha fits and a later one does not
-
-    def small(self: Tracer) -> None:
-        size_tiles(self)
-        self._grow(room)
-
-    monkeypatch.setattr("clradar.simulation.SUMS_AT_ONCE", 4)
-    monkeypatch.setattr(Tracer, "_size_tiles", small)
-    monkeypatch.setattr(Tracer, "_most_receptions", lambda self: room)
-    halved = []
-    tile_of = Tracer._tile_of
-    monkeypatch.setattr(
-        Tracer, "_tile_of", lambda self, *a: halved.append(len(a[2])) or tile_of(self, *a)
-    )
-    parts = list(simulate_alphas(SCENE, ARRAY, WAVEFORM, ALPHAS, device=device, **rays))
-    assert {1, 3} & set(halved)  # some were halved after others of their tile were done
-    for (one,), (other,) in zip(whole, parts, strict=True):
-        assert np.array_equal(one.data, other.data)
 
 
 def test_captures_of_regions_add_up(device):

@@ -10,10 +10,11 @@ import pytest
 import trimesh
 from matplotlib.figure import Figure
 from recorded_targets import HALF, SMALL, instrument
+from shapes import plate
 
 import clradar
 from calibration import FlatPlate, correct, estimate_channels, range_gate, subtract_background
-from measurement_io import open_capture, open_channels, save_capture
+from measurement_io import open_capture, save_capture
 
 FOLDER = Path(__file__).resolve().parents[3] / "calibration" / "scripts"
 
@@ -45,79 +46,72 @@ def start(monkeypatch, capsys, tmp_path):
     return run
 
 
-def recorded(seed: int) -> clradar.Capture:
-    """A plate 30 cm away, by an instrument whose channels differ."""
-    return instrument(seed, SMALL, n_freq=16).record_target(FlatPlate(0.3))
+@pytest.fixture
+def files(tmp_path):
+    """Plates 30 cm away by two instruments, and a rough one with its mesh, which is in place."""
+    for i, name in enumerate(("plate", "other")):
+        truth = instrument(i, SMALL, n_freq=16)
+        save_capture(tmp_path / f"{name}.h5", truth.record_target(FlatPlate(0.3)))
+    scene = clradar.Scene(*plate(0.06, 0.3), 0.5)
+    trimesh.Trimesh(scene.vertices_m, scene.faces, process=False).export(tmp_path / "plate.ply")
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
+    rays = {"samples_per_mm2": 5.0, "estimator": "stochastic", "device": "pocl"}
+    save_capture(tmp_path / "rough.h5", clradar.simulate(scene, HALF, waveform, **rays))
+    (tmp_path / "transform.json").write_text(json.dumps({"transform": np.eye(4).tolist()}))
 
 
-def test_background(start, tmp_path):
-    hand, empty = recorded(1), recorded(2)
-    save_capture(tmp_path / "hand.h5", hand)
-    save_capture(tmp_path / "empty.h5", empty)
-    clean = tmp_path / "clean.h5"
-    files = (tmp_path / "hand.h5", "--empty", tmp_path / "empty.h5", "-o", clean)
-    fine, _, err = start("background", *files, "--near-mm", 80, "--far-mm", 140)
+def cleaned(folder):
+    """What is in the file, and what the library gives."""
+    hand, empty = (open_capture(folder / f"{name}.h5") for name in ("plate", "other"))
+    found = subtract_background(hand, empty, scaling="common")
+    expected = range_gate(found, near_m=0.08, far_m=0.14).data
+    return open_capture(folder / "clean.h5").data, expected
+
+
+def corrected(folder):
+    plate, other = (open_capture(folder / f"{name}.h5") for name in ("plate", "other"))
+    expected = correct(other, estimate_channels(plate, FlatPlate(0.3))).data
+    return open_capture(folder / "corrected.h5").data, expected
+
+
+def aligned(folder):
+    """To some millimetres, the bias of a fit without correction."""
+    found = np.array(json.loads((folder / "found.json").read_text())["transform"])
+    at_m = np.array([0.0, 0.0, 0.3])
+    moved_m = np.linalg.norm(found[:3, :3] @ at_m + found[:3, 3] - at_m)
+    return moved_m < 3e-3, True
+
+
+@pytest.mark.parametrize(
+    ("line", "said", "result"),
+    [
+        ("background plate.h5 --empty other.h5 -o clean.h5 --near-mm 80 --far-mm 140", "", cleaned),
+        (
+            "channels plate.h5 -o channels.h5 --distance-mm 300 --correct other.h5 "
+            "--corrected corrected.h5",
+            "of the echoes is left",
+            corrected,
+        ),
+        (
+            "sweep rough.h5 plate.ply -o sweep.png --transform transform.json --alphas 3 "
+            "--samples-per-mm2 0.5 --seeds 2",
+            "alpha: 0.",
+            lambda folder: ((folder / "sweep.png").read_bytes()[:4], b"\x89PNG"),
+        ),
+        ("align rough.h5 plate.ply -o found.json --quick", "The mesh is shifted by", aligned),
+    ],
+    ids=["background", "channels", "sweep", "align"],
+)
+def test_a_script_does_what_the_library_does(start, files, tmp_path, line, said, result):
+    fine, out, err = start(*line.split())
     assert fine, err
-    expected = subtract_background(hand, empty, scaling="common")
-    expected = range_gate(expected, near_m=0.08, far_m=0.14)
-    assert np.array_equal(open_capture(clean).data, expected.data)
-    # A second time it would overwrite.
-    fine, _, err = start("background", *files)
+    assert said in out
+    found, expected = result(tmp_path)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_an_error_is_one_line(start, files):
+    fine, _, err = start("background", "plate.h5", "--empty", "none.h5", "-o", "clean.h5")
     assert not fine
     assert err.startswith("background.py: error: ")
     assert len(err.splitlines()) == 1
-
-
-def test_channels(start, tmp_path):
-    plate, other = recorded(3), recorded(4)
-    save_capture(tmp_path / "plate.h5", plate)
-    save_capture(tmp_path / "other.h5", other)
-    fine, out, err = start(
-        "channels", tmp_path / "plate.h5", "-o", tmp_path / "channels.h5", "--distance-mm", 300,
-        "--correct", tmp_path / "other.h5", "--corrected", tmp_path / "corrected.h5",
-    )  # fmt: skip
-    assert fine, err
-    channels = estimate_channels(plate, FlatPlate(0.3))
-    assert np.array_equal(
-        open_channels(tmp_path / "channels.h5").response.tx_gain, channels.response.tx_gain
-    )
-    expected = correct(other, channels)
-    assert np.array_equal(open_capture(tmp_path / "corrected.h5").data, expected.data)
-    assert "of the echoes is left" in out
-
-
-@pytest.fixture
-def plate_files(tmp_path):
-    """A rough plate in its place: a mesh and a capture."""
-    corners = [[-0.03, -0.03, 0.3], [0.03, -0.03, 0.3], [0.03, 0.03, 0.3], [-0.03, 0.03, 0.3]]
-    faces = [[0, 1, 2], [0, 2, 3]]
-    trimesh.Trimesh(corners, faces, process=False).export(tmp_path / "plate.ply")
-    waveform, scene = clradar.Waveform.sfcw(72e9, 82e9, 32), clradar.Scene(corners, faces, 0.5)
-    rays = {"samples_per_mm2": 5.0, "estimator": "stochastic", "device": "pocl"}
-    capture = clradar.simulate(scene, HALF, waveform, **rays)
-    save_capture(tmp_path / "capture.h5", capture)
-
-
-def test_sweep(start, plate_files, tmp_path):
-    place = {"transform": np.eye(4).tolist()}
-    (tmp_path / "transform.json").write_text(json.dumps(place))
-    fine, out, err = start(
-        "sweep", tmp_path / "capture.h5", tmp_path / "plate.ply", "-o", tmp_path / "sweep.png",
-        "--transform", tmp_path / "transform.json", "--alphas", 3, "--samples-per-mm2", 0.5,
-        "--seeds", 2,
-    )  # fmt: skip
-    assert fine, err
-    assert out.startswith("alpha: 0.")
-    assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_align(start, plate_files, tmp_path):
-    output = tmp_path / "transform.json"
-    arguments = ("align", tmp_path / "capture.h5", tmp_path / "plate.ply", "-o", output, "--quick")
-    fine, out, err = start(*arguments)
-    assert fine, err
-    found = np.array(json.loads(output.read_text())["transform"])
-    at_m = np.array([0.0, 0.0, 0.3])
-    # The mesh is in place already, and the bias of a fit without correction is a few millimetres.
-    assert np.linalg.norm(found[:3, :3] @ at_m + found[:3, 3] - at_m) < 3e-3
-    assert "The mesh is shifted by" in out
