@@ -6,7 +6,6 @@ import zipfile
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -102,8 +101,6 @@ AT_12_MM = clradar.Capture(
     SAMPLES, clradar.AntennaArray(TX_M, RX_M * [1, 1, 0] + [0, 0, 0.0125]), CAPTURE.waveform
 )
 STEPS = {"first": 72e9, "step": np.array([2e9]), "n": np.int16(6), "f_ghz": F_GHZ}
-
-Case = tuple[str, dict[str, Any], clradar.Capture]
 
 
 def cases():
