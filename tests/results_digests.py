@@ -1,7 +1,6 @@
 """Digests of results, to detect any change of a result.
 
     python tests/results_digests.py --write FILE.json     compute results, write their digests
-    python tests/results_digests.py --compare FILE.json   compute again; status 1 if some differ
 
 Results come from the public interface alone. Of each a digest is kept, SHA-256 of type, shape and
 bytes, and a fingerprint: a few numbers by which the same result of another machine is recognised.
@@ -215,15 +214,6 @@ def compare(expected: Mapping[str, Any], found: Mapping[str, Any]) -> Comparison
                 words = unlike(*prints, EXACT) or f"by some {EXACT:g} of the whole at most"
                 lines.append(f"{case}/{name}: other bits: {words}")
     return Comparison(*((compared, 0) if same_machine else (0, compared)), tuple(lines))
-
-
-def environment_differences(expected: Mapping[str, Any], found: Mapping[str, Any]) -> str:
-    """In what two environments differ, on one line."""
-    return "; ".join(
-        f"{key} {expected.get(key)}, now {found.get(key)}"
-        for key in {**expected, **found}
-        if expected.get(key) != found.get(key)
-    )
 
 
 # The table of cases
@@ -1108,12 +1098,7 @@ def data_set_physical(works: Works) -> Values:
 # The documents
 
 
-def document(
-    device: clradar.Device,
-    *,
-    only: Iterable[str] = (),
-    progress: Callable[[str], None] | None = None,
-) -> dict[str, Any]:
+def document(device: clradar.Device, *, only: Iterable[str] = ()) -> dict[str, Any]:
     """Compute the named cases, or all; their digests as JSON."""
     chosen = [c for c in CASES.values() if not only or c.name in only]
     results = {}
@@ -1124,8 +1109,6 @@ def document(
     ):
         works = Works(device, Path(folder))
         for c in chosen:
-            if progress is not None:
-                progress(c.name)
             results[c.name] = {k: r.record() for k, r in sorted(c.results(works).items())}
     return {
         "environment": environment(device),
@@ -1144,32 +1127,15 @@ def text_of(made: Mapping[str, Any]) -> str:
     return head[:-2] + ',\n "results": {\n' + ",\n".join(cases) + "\n }\n}\n"
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    action = parser.add_mutually_exclusive_group(required=True)
-    action.add_argument("--write", type=Path, metavar="FILE.json")
-    action.add_argument("--compare", type=Path, metavar="FILE.json")
-    parser.add_argument("--only", nargs="+", default=[], choices=list(CASES), metavar="CASE")
+    parser.add_argument("--write", type=Path, metavar="FILE.json", required=True)
     parser.add_argument("--width", type=int, choices=(1, 8), help="lanes, to round otherwise")
-    given = parser.parse_args(arguments)
+    given = parser.parse_args()
     device = clradar.open_device("pocl", width=given.width)
-    made = document(device, only=given.only, progress=lambda name: print(name, flush=True))
-    if given.write is not None:
-        given.write.write_text(text_of(made))
-        return 0
-    expected = json.loads(given.compare.read_text())
-    found = compare(expected, made)
-    for line in found.lines:
-        print(line)
-    if expected["environment"] != made["environment"]:
-        print(environment_differences(expected["environment"], made["environment"]))
-    print(
-        f"{found.by_bits} results compared by their bits, "
-        f"{found.by_fingerprint} by their fingerprints, {len(found.lines)} differ"
-    )
-    compared = found.by_bits + found.by_fingerprint
-    return 1 if found.lines or not compared else 0
+    made = document(device)
+    given.write.write_text(text_of(made))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -13,9 +13,6 @@ from dataset_plans import tiny
 from clradar.dataset import run
 from clradar.dataset.plan.plan import plan_from
 
-OWNERS: dict[str, str] = {}
-"""File: the example that wrote it."""
-
 GLINTS_MM = {"left": (-93.5, 46.8, 420.9), "right": (113.6, -37.9, 520.8)}
 """Where the line from the centre of tutorial 7's array to the centre of a ball meets the ball."""
 
@@ -34,26 +31,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def output_of(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> OutputOf:
-    """Run an example in the folder of all, where it writes pictures and no file of another; its
-    output."""
+    """Run an example in the folder of all; its output."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("CLRADAR_DEVICE", "pocl")
 
     def run(name: str, *pictures: str, arguments: tuple[str, ...] = ()) -> list[str]:
-        path, before = str(EXAMPLES / name), written()
+        path = str(EXAMPLES / name)
         monkeypatch.setattr(sys, "argv", [path, *arguments])
         capsys.readouterr()
         with warnings.catch_warnings():
             warnings.simplefilter("error", UserWarning)
             runpy.run_path(path, run_name="__main__")
-        for file in written().items() - before.items():
-            assert OWNERS.setdefault(file[0], name) == name, f"{file[0]} is of both"
         for picture in pictures:
             assert (folder / picture).read_bytes().startswith(b"\x89PNG")
         return capsys.readouterr().out.splitlines()
-
-    def written() -> dict[str, int]:
-        return {str(p): p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()}
 
     return run
 

@@ -1,7 +1,6 @@
 """What a release states about itself, and that the pages for contributors name what there is."""
 
 import importlib.util
-import re
 import shutil
 import sys
 from datetime import date
@@ -121,15 +120,3 @@ def test_the_recipe_needs_what_the_package_needs():
     assert recipe["about"]["license"] == PROJECT["license"]
     ((command, entry),) = PROJECT["scripts"].items()
     assert recipe["build"]["python"]["entry_points"] == [f"{command} = {entry}"]
-
-
-@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "SECURITY.md"])
-def test_contributors_are_sent_to_files_that_exist(page):
-    text = (ROOT / page).read_text("utf-8")
-    links = re.findall(r"\]\(([^)#]+)\)", text)
-    assert links
-    named = re.findall(r"`([\w./]+\.(?:py|cl|json|cff|yaml|md)|\w+/[\w./]*)`", text)
-    own = {"kernels/NAME.cl", "NAME.cl"}
-    for path in {*links, *named} - own:
-        beside = [ROOT / path, ROOT / "measurement_io" / "layouts" / path]
-        assert any(one.exists() for one in beside), path

@@ -195,29 +195,21 @@ NAMED = (
     "export|~ volume.h5|-o|~.ply",
     "image|~ missing.h5|-o|x.h5",
 )
-DEAR = (
-    "simulate|~ hand.ply|-o|~ 2.h5|--samples-per-mm2|0.05|--band|72:82:4",
-    "compare|~ sim.h5|~ sim.h5|-o|~.png",
-)
 
 
-@pytest.mark.parametrize(
-    ("language", "lines"),
-    [("C", NAMED), *nightly([("C", (*DEAR, *NAMED)), ("utf-8", (*DEAR, *NAMED))])],
-)
-def test_blanks_and_umlauts_in_every_path(made, tmp_path, language, lines):
+@pytest.mark.parametrize("language", ["C", *nightly(["utf-8"])])
+def test_blanks_and_umlauts_in_every_path(made, tmp_path, language):
     """A chain through all kinds of files, its folder and their names included."""
     folder = tmp_path / NAME
     folder.mkdir()
-    for name in ("hand.ply", "sim.h5"):
-        shutil.copy(made / name, folder / f"{NAME} {name}")
+    shutil.copy(made / "sim.h5", folder / f"{NAME} sim.h5")
     shutil.copytree(made / "recording", folder / f"{NAME} recording")
-    commands = [line.replace("~", NAME).replace("|", "\n") for line in lines]
+    commands = [line.replace("~", NAME).replace("|", "\n") for line in NAMED]
     variables = ASCII if language == "C" else {"PYTHONUTF8": "1"}
     done = python("-W", "error", "-c", CHAIN, *commands, cwd=folder, **variables)
     assert "Traceback" not in done.stderr
     *passed, (err, status) = [said.split("ended: ") for said in done.stderr.split(";\n")[:-1]]
-    assert [status for _, status in passed] == ["0"] * (len(lines) - 1), done.stderr
+    assert [status for _, status in passed] == ["0"] * (len(NAMED) - 1), done.stderr
     for name in (" volume.h5", " frame.h5", ".ply"):
         assert (folder / f"{NAME}{name}").exists()
     assert status == "1"

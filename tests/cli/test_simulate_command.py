@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from clradar.cli import simulations
 from clradar.cli.groups import paths_in, values_of
 from clradar.cli.options import MaterialOptions, PlacementOptions, SceneOptions, mesh_and_alpha
 from clradar.cli.simulations import ClusterSteps, Item
-from clradar.errors import ClradarError, ClradarWarning, ModelError
+from clradar.errors import ClradarError, ModelError
 from clradar.files.hashing import sha256_of
 from measurement_io import open_capture, open_recording, open_volume
 
@@ -63,20 +62,10 @@ def test_every_option_of_simulate_reaches_the_library(cli, place, monkeypatch):
         "--band 24:26:11 --device pocl"
     )
     cli.fails(line, "enough")
-    assert asdict(received["settings"]) == {
-        "samples_per_mm2": None,
-        "rays_per_face": 3,
-        "rays_per_sample": 2,
-        "reception_radius_m": 0.005,
-        "max_bounces": 4,
-        "normals": "face",
-        "crease_deg": 12.0,
-        "facets": "flat",
-        "amplitude": "unit",
-        "pattern_exponent": 0.0,
-        "seed": 9,
-        "estimator": None,
-    }
+    assert received["settings"] == clradar.SimulationSettings(
+        rays_per_face=3, rays_per_sample=2, reception_radius_m=0.005, max_bounces=4,
+        normals="face", crease_deg=12.0, facets="flat", seed=9,
+    )  # fmt: skip
     assert (received["array"].name, received["array"].n_tx) == ("lab", 5)
     assert np.array_equal(received["waveform"].frequencies_hz, np.linspace(24e9, 26e9, 11))
     assert "portable" in received["device"].info.platform.lower()
@@ -203,14 +192,6 @@ def test_wrong_names_list_what_is_known(scene, own, options, message):
         options = {"material": str(options["material"]).format(own=own)}
     with pytest.raises((typer.BadParameter, ClradarError), match=message):
         of(**options).on(scene)
-
-
-def test_a_material_chooses_the_estimator_that_knows_it():
-    assert MaterialOptions().estimator(None) is None
-    assert MaterialOptions().estimator("stochastic") == "stochastic"
-    assert of(material_of=["thumb=skin"]).estimator(None) == "physical"
-    with pytest.warns(ClradarWarning, match="--material: not used by --estimator expected"):
-        assert of(material="palm").estimator("expected") == "expected"
 
 
 # ---- clusters, whose Tx are measured with their own Rx only

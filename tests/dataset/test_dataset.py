@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from dataset_plans import DEVICE, PLAN, digests, light_file, plan_of
 from rig_files import RigMaker
+from scipy.spatial.transform import Rotation
 
 import clradar
 from clradar.dataset import (
@@ -56,29 +57,16 @@ def test_a_sample_equals_its_stages_run_one_by_one(made):
     shape = HandShape(**{**shape, "finger_lengths": tuple(shape["finger_lengths"])})
     mesh = hand_mesh(POSES["F"], 4e-3, hands["handedness"], (0.0, 0.0, 0.0), shape)
     # About y alone, as the plan has it.
-    angle = np.deg2rad(place["rotation_y_deg"])
-    center_m = [place[f"{axis}_mm"] / 1e3 for axis in "xyz"]
-    cosine, sine = np.cos(angle), np.sin(angle)
-    turn = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]])
-    vertices_m = mesh.vertices_m @ turn.T + center_m
-    joints_m = mesh.joints_m @ turn.T + center_m
+    turn = Rotation.from_euler("y", place["rotation_y_deg"], degrees=True).as_matrix()
+    mesh = mesh.moved(turn, [place[f"{axis}_mm"] / 1e3 for axis in "xyz"])
     alpha = {name: wanted["alpha"].get(name, wanted["alpha"]["others"]) for name in mesh.part_names}
-    scene = clradar.Scene(
-        vertices_m, mesh.faces, 0.5, mesh.part, mesh.part_names, mesh.normals @ turn.T
-    ).with_alpha(alpha)
-    array = clradar.arrays.qar50()
-    array = clradar.AntennaArray(array.tx_m[::8], array.rx_m[::8], "thinned")
-    waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    array, every = clradar.arrays.qar50(), slice(None, None, 8)
     capture = clradar.simulate(
-        scene,
-        array,
-        waveform,
-        samples_per_mm2=0.05,
-        rays_per_sample=160,
+        clradar.Scene.from_mesh(mesh, alpha=alpha),
+        array.part(every, every), clradar.Waveform.sfcw(72e9, 82e9, 16), device=DEVICE,
+        samples_per_mm2=0.05, rays_per_sample=160, estimator="expected",
         seed=wanted["simulation"]["seed"],
-        estimator="expected",
-        device=DEVICE,
-    )
+    )  # fmt: skip
     faults = wanted["impairments"]
     capture = clradar.impair(capture, seed=faults["seed"], snr_db=faults["snr_db"])
     grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 0.01)
@@ -87,8 +75,8 @@ def test_a_sample_equals_its_stages_run_one_by_one(made):
     sample, _ = read_sample(made / "shards" / "shard-00001.h5", 2, PLAN)
     assert sample.recipe == wanted
     found = sample.arrays
-    np.testing.assert_allclose(found["joints"], joints_m, rtol=0, atol=POINT_ERROR_M)
-    np.testing.assert_allclose(found["mesh_vertices"], vertices_m, rtol=0, atol=HALF_FLOAT_M)
+    np.testing.assert_allclose(found["joints"], mesh.joints_m, rtol=0, atol=POINT_ERROR_M)
+    np.testing.assert_allclose(found["mesh_vertices"], mesh.vertices_m, rtol=0, atol=HALF_FLOAT_M)
     np.testing.assert_array_equal(found["mesh_faces"], mesh.faces)
     np.testing.assert_array_equal(found["mesh_part"], mesh.part)
     # The turned vertices differ in their last bits, by which borderline rays may go otherwise.

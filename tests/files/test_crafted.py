@@ -161,7 +161,7 @@ CRAFTED: dict[str, tuple[str, Callable[[Path], None] | bytes]] = {
 }  # fmt: skip
 CRAFTED |= {
     f"a pipe for {name}": (name, lambda path: os.mkfifo(path))
-    for name in ("frame.npy", "mesh.ply", "hand.pkl", "depth.png")
+    for name in ("frame.npy", "mesh.ply", "hand.pkl", "depth.png", "input.h5")
 }
 CRAFTED |= {
     f"a device for {name}": (name, lambda path: os.symlink("/dev/zero", path))

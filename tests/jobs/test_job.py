@@ -21,13 +21,11 @@ from clradar.errors import (
     ClradarWarning,
     DeviceError,
     MeasurementError,
-    ModelError,
     OutputError,
     handled_warnings,
     warn,
 )
-from clradar.files.atomic import remove_temporaries, write_file
-from clradar.files.hashing import content_record, holds_still
+from clradar.files.atomic import write_file
 from clradar.jobs import FolderStore, Job, Where
 from clradar.jobs.job import KEY
 from clradar.jobs.lock import LOCK, held, scratch_folder
@@ -150,11 +148,6 @@ def test_what_fails_before_there_is_anything_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_place_at_a_time():
-    with pytest.raises(ModelError, match="one of the two"):
-        Where(workers=2, scheduler="tcp://127.0.0.1:1")
-
-
 @pytest.mark.device
 def test_an_item_of_a_scheduler_is_made_in_the_folder_of_the_client(tmp_path, monkeypatch):
     workers = pytest.importorskip("clradar.jobs.workers")
@@ -228,29 +221,6 @@ def test_scratch_folders_of_killed_processes_are_removed(tmp_path, monkeypatch):
 
 
 # ---- locks, and what tells that a file is the same
-
-
-def test_remains_are_removed_and_nothing_else(tmp_path):
-    for name in (".a.npz.012.tmp", "b.tmp", ".c"):
-        (tmp_path / name).write_text("")
-    remove_temporaries(tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [".c", "b.tmp"]
-
-
-@posix_only
-def test_a_file_holds_still_by_its_content_alone(tmp_path):
-    path = tmp_path / "frame"
-    path.write_bytes(b"one")
-    record, before = content_record(path), path.stat()
-    os.utime(path, (0, 0))
-    assert holds_still(path, record)
-    path.write_bytes(b"two")
-    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert not holds_still(path, record)
-    path.unlink()
-    os.mkfifo(path)  # which would be read for ever
-    with pytest.raises(MeasurementError, match="frame: expected a readable file, got something"):
-        holds_still(path, record)
 
 
 @pytest.mark.device

@@ -55,12 +55,6 @@ def test_max_projection_is_the_largest_amplitude_along_z():
     np.testing.assert_allclose(image, amplitude.max(axis=0), rtol=3e-7)
 
 
-@pytest.mark.parametrize("vertex", [3.0, 3.2, 2.51])
-def test_a_parabola_is_found_where_it_is(vertex):
-    samples = 1.0 - 0.1 * (np.arange(7) - vertex) ** 2
-    assert depth_in_voxels(column(*samples))[0, 0] == pytest.approx(vertex, abs=VERTEX_ERROR)
-
-
 @pytest.mark.parametrize(
     ("samples", "depth"),
     [

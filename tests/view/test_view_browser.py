@@ -1,12 +1,8 @@
 """The live view, and a view as one file, in a browser: pixels, keys, nothing from elsewhere."""
 
 import base64
-import contextlib
 import io
 import json
-import signal
-import subprocess
-import sys
 import threading
 import time
 
@@ -18,15 +14,15 @@ from PIL import Image
 
 import clradar
 import clradar.view
-from calibration import CornerReflector, response
 from clradar.errors import ClradarError, OutputError
 from clradar.view import server
+from clradar.view.beside import Others
 from clradar.view.page_file import write_page
 from clradar.view.panel import Panel
 from clradar.view.session import View
 from clradar.view.sources import open_source
 from clradar.view.wish import Wish
-from measurement_io import save_capture, save_recording, save_volume
+from measurement_io import save_volume
 
 pytest.importorskip("viser")
 
@@ -95,37 +91,6 @@ class Tab:
                 return measured
 
 
-@contextlib.contextmanager
-def viewing(source, *options):
-    """`clradar view` on a free port, and the address that it prints."""
-    arguments = ("-m", "clradar", "view", source, "--port", "0", *options)
-    program = [sys.executable, *map(str, arguments)]
-    with subprocess.Popen(
-        program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        try:
-            lines = (line.split()[0] for line in process.stdout)
-            yield process, next(word for word in lines if word.startswith("http:"))
-        finally:
-            process.kill()
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    """Two frames of a small corner reflector, to the left and in the middle."""
-    folder = tmp_path_factory.mktemp("recording") / "corner/30"
-    array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
-    captures = [
-        clradar.Capture(
-            response(CornerReflector((x_m, 0.0, 0.3)), array, waveform), array, waveform
-        )
-        for x_m in (0.03, 0.0)
-    ]
-    save_recording(folder, captures, timestamps_us=[0, 125_000])
-    save_capture(folder.parent / "middle.h5", captures[1])
-    return folder
-
-
 @needs_a_browser
 def test_frames_follow_the_keys_and_nothing_comes_from_elsewhere(tmp_path):
     """Without WebGL, whose software drawing takes most of the time: not the 3-D scene."""
@@ -141,15 +106,23 @@ def test_frames_follow_the_keys_and_nothing_comes_from_elsewhere(tmp_path):
         assert [url for url in asked if not url.startswith((address, "data:", "blob:"))] == []
 
 
+def spot(x_m):
+    """A volume that is bright at one place."""
+    grid = clradar.VoxelGrid.from_extent((-0.08, 0.08), (-0.08, 0.08), (0.28, 0.32), 4e-3)
+    z, y, x = np.meshgrid(grid.z_m, grid.y_m, grid.x_m, indexing="ij")
+    power = ((x - x_m) ** 2 + y**2 + (z - 0.3) ** 2) / 8e-3**2
+    return clradar.Volume(np.exp(-power).astype(np.complex64), grid)
+
+
 @pytest.mark.slow
 @needs_a_browser
-def test_frames_keys_reload_two_browsers_and_the_end(recording, tmp_path):
-    with contextlib.ExitStack() as stack:
-        options = ("--simulated", recording.parent / "middle.h5")
-        process, address = stack.enter_context(viewing(recording, *options))
-        page = stack.enter_context(chromium.chromium(tmp_path, webgl=True))
+def test_frames_keys_reload_and_two_browsers(tmp_path):
+    source, along = frames(spot(0.03), spot(0.0)), frames(spot(0.0), name="simulated")
+    view = View(source=source, wish=Wish(), beside=Others(source, (along,)))
+    with server.serving(view, 0) as (port, _), chromium.chromium(tmp_path, webgl=True) as page:
+        address = f"http://127.0.0.1:{port}"
         tab = Tab(page, address)
-        tab.load(" simulated")
+        tab.load("simulated")
         tab.says("dB correlation")
         for _ in range(2):  # pictures and points, pictures alone, points alone
             page.key("l", "KeyL")
@@ -166,7 +139,7 @@ def test_frames_keys_reload_two_browsers_and_the_end(recording, tmp_path):
         page.key("b", "KeyB")
         page.js("document.activeElement.blur()")
         page.key("n", "KeyN")
-        tab.says("frame 1: image of")
+        tab.says("rec 1: volume of")
         # It has moved to the right: the key did not turn the camera, which shows it in the middle.
         tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 25)
         page.key("v", "KeyV")
@@ -176,17 +149,13 @@ def test_frames_keys_reload_two_browsers_and_the_end(recording, tmp_path):
         tab.load("voxels drawn")
         tab.lit(lambda m, s: len(m) > 50 and m.mean() > left.mean() + 25)
         other = Tab(page.another(), address)
-        other.load("frame 1: image of")
+        other.load("rec 1: volume of")
         other.page.key("p", "KeyP")
-        other.says("frame 0: image of")
-        tab.says("frame 0: image of")
+        other.says("rec 0: volume of")
+        tab.says("rec 0: volume of")
         other.page.key(" ", "Space")  # plays
         for frame in (1, 0, 1):
-            tab.says(f"frame {frame}: image of")
-        process.send_signal(signal.SIGINT)
-        assert process.communicate()[1] == ""
-        assert process.returncode == 0
-        assert "errorText" in page.call("Page.navigate", url=address)
+            tab.says(f"rec {frame}: volume of")
 
 
 def test_an_iterable_is_shown_until_its_error(monkeypatch):

@@ -231,6 +231,7 @@ def test_the_truth_is_that_of_the_recipe(letters):
 def test_samples_are_chosen_by_pose_and_hand(letters):
     source = SampleFrames(letters)
     assert source.poses == ("A", "B", "F")
+    assert source.frames() == (0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11)
     truths = {frame: source.truth(frame).lines[0] for frame in source.frames()}
     for hand in ("right", "left"):
         source.choose("F", hand)

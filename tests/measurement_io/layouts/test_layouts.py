@@ -113,8 +113,6 @@ def cases():
     yield "parts", (edited(('key = "data"', 'real = "re"\nimag = "im"')), parts, CAPTURE)
     for sides in (f"{APART}{FLAT}", f"{TURNED}{FLAT}", f"[tx]\nvalues = {TX_M.tolist()}\n{FLAT}"):
         yield f"positions {sides[:12]}", (DATA + sides + METRES + FREQUENCY, COLUMNS, AT_12_MM)
-    text = DATA + f'[tx]\nfile = "Tx.dat"\n{FLAT}' + METRES + FREQUENCY
-    yield "positions of a file", (text, COLUMNS, AT_12_MM)
     text = DATA + f'{APART}[rx]\nkey = "yx"\nz = 0.0125\n{METRES}columns = ["y", "x"]\n' + FREQUENCY
     yield "positions by two columns", (text, COLUMNS, AT_12_MM)
     for form in (
@@ -122,7 +120,6 @@ def cases():
         "values = [72, 74, 76, 78, 80, 82]\nunit = 'GHz'",
         "start = 72\nstop = 82.0\npoints = 6\nunit = 'GHz'",
         "start = 72000\nstep = 2000\npoints = 6\nunit = 'MHz'",
-        "start = 72e6\nstop = 82e6\npoints = 6\nunit = 'kHz'",
         "start = 'first'\nstep = 'step'\npoints = 'n'\nunit = 'Hz'",
         "start = 'first'\nstop = 82e9\npoints = 'n'\nunit = 'Hz'",
     ):
@@ -138,8 +135,6 @@ def cases():
 
 @pytest.mark.parametrize(("text", "changes", "want"), dict(cases()).values(), ids=dict(cases()))
 def test_the_capture_is_what_the_layout_describes(tmp_path, text, changes, want):
-    lines = "\n".join(",".join(map(repr, row)) for row in TX_M.tolist())
-    (tmp_path / "Tx.dat").write_text("x,y,z\n" + lines + "\n")
     for container in ("npz", "hdf5 gzip", "mat v5", "mat v7.3"):
         path = write(container, tmp_path / container, tree_of(CAPTURE, **changes))
         read = open_with_layout(path, layout(tmp_path, text))
@@ -246,7 +241,6 @@ UNFIT = [
     ({"f": [72e9, 74e9, 73e9, 75e9, 76e9, 77e9]}, "74000000000, then 73000000000"),
     ({"f": [72.0, 74, 76, 78, 80, 82]}, "72 Hz, read in Hz"),
     ({"f": HERTZ[:-1]}, "6 in the data"),
-    ({"f": [72e9, 74e9, np.nan, 78e9, 80e9, 82e9]}, "NaN"),
     ({"f": HERTZ.reshape(2, 3)}, "to be a list"),
     ({"tx": TX_M[:-1]}, "4 positions and 5 channels"),
     ({"data": SAMPLES[:, :-1]}, "4 positions and 3 channels"),
@@ -254,11 +248,8 @@ UNFIT = [
     ({"data": np.where(LAST, np.nan, SAMPLES)}, "1 of 120"),
     ({"data": SAMPLES.astype(complex) * 1e300}, "120 of 120"),
     ({"data": SAMPLES[:0]}, "length 0"),
-    ({"data": np.zeros((5, 4, 6), bool)}, "to hold numbers"),
     ({"data": np.array("text")}, "3 axes"),
-    ({"tx": TX_M.astype(complex)}, "real numbers"),
     ({"tx": TX_M[0]}, "x, y, z in the columns"),
-    ({"tx": np.zeros((0, 3))}, "at least one element"),
 ]
 UNFIT_LAYOUTS = [
     (edited(("[tx]", "[tx]\nchannels = 7")), {}, "channels = 7"),
@@ -363,12 +354,6 @@ def dataset(*arguments, **options):
     return make
 
 
-def missing_chunk(path):
-    with without_data(path) as file:
-        made = file.create_dataset("data", (5, 4, 6), "c8", chunks=(1, 4, 6))
-        made[:-1] = SAMPLES[:-1]
-
-
 def nested(path):
     write("hdf5", path, tree_of(CAPTURE))
     with h5py.File(path, "r+") as file:
@@ -379,8 +364,6 @@ HOSTILE = {
     "twice": (twice, "every key once"),
     "no arrays": (lambda path: archive_of(path, "data.txt", "data"), "no .npy array"),
     "encrypted": (encrypted, "encrypted"),
-    "missing chunk": (missing_chunk, "5 chunks stored"),
-    "nothing stored": (dataset((5, 4, 6), "c8"), "bytes stored"),
     "filter": (dataset(data=SAMPLES.real.astype("i4"), scaleoffset=4), "filter"),
     "chunks": (
         dataset((5, 4, 6), "c8", chunks=(2**9,) * 3, maxshape=(None,) * 3),
