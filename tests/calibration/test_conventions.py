@@ -20,7 +20,6 @@ from measurement_io import open_capture, save_capture
 
 C = 299_792_458.0
 QAR50 = clradar.arrays.qar50()
-SWEEP = Waveform.sfcw(72e9, 82e9, 128)
 SHORT = Waveform.sfcw(72e9, 82e9, 64)
 
 LINE = np.r_[0:47:6, 46]

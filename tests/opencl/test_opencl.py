@@ -474,16 +474,8 @@ def test_a_build_error_has_device_options_and_log(device, kernel_text):
         assert part in message  # options, what to do, the compiler's log
 
 
-@pytest.mark.parametrize(
-    ("error", "words"),
-    [
-        (cl.MemoryError("OUT_OF_RESOURCES"), "out of memory in kernel scale of scale.cl"),
-        (cl.LogicError("INVALID_WORK_ITEM"), r"kernel scale of scale.cl failed over \(7,\) items"),
-    ],
-)
-def test_a_launch_that_fails_names_device_kernel_and_remedy(
-    device, kernel_text, monkeypatch, error, words
-):
+def test_a_launch_that_fails_names_device_kernel_and_remedy(device, kernel_text, monkeypatch):
+    error, words = cl.MemoryError("OUT_OF_RESOURCES"), "out of memory in kernel scale of scale.cl"
     kernel_text(KERNEL)
     program = build(device, "scale.cl", Options())
     monkeypatch.setattr(cl, "enqueue_nd_range_kernel", raising(error))
