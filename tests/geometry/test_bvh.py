@@ -137,23 +137,6 @@ def test_without_a_cpu_device_numpy_builds_the_same_tree(triangles, monkeypatch,
         np.testing.assert_array_equal(getattr(found, field), getattr(expected, field))
 
 
-def test_normals_and_areas_of_faces():
-    normal, area = face_normals(
-        np.array(
-            [
-                [[0, 0, 0], [2, 0, 0], [0, 3, 0]],
-                [[0, 0, 0], [0, 3, 0], [2, 0, 0]],
-                [[0, 0, 0], [1, 0, 0], [2, 0, 0]],
-                [[5, 5, 5], [5, 5, 5], [5, 5, 5]],
-                [[0, 0, 0], [1, 0, 0], [0.5, 1e-13, 0]],  # below 2^-40 of its length squared
-            ],
-            dtype=float,
-        )
-    )
-    np.testing.assert_array_equal(normal, [[0, 0, 1], [0, 0, -1], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
-    np.testing.assert_array_equal(area, [3, 3, 0, 0, 0])
-
-
 def merged(*meshes):
     """Several meshes as one."""
     vertices, faces, n = [], [], 0

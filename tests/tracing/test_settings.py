@@ -33,25 +33,13 @@ def test_densities_of_a_resolved_record_stay_when_a_field_is_replaced():
     resolved = SimulationSettings(estimator="expected").resolved()
     assert (resolved.samples_per_mm2, resolved.rays_per_sample) == (1.0, 40)
     assert resolved.resolved() == resolved
+    of_rays = resolve_settings()
+    assert (of_rays.samples_per_mm2, of_rays.rays_per_sample) == (10.0, 4)
     drawn = resolve_settings(resolved, estimator="stochastic")
     assert (drawn.samples_per_mm2, drawn.rays_per_sample) == (1.0, 40)
     with pytest.raises(ModelError, match="one of the two"):
         replace(resolved, rays_per_face=3)
     assert replace(resolved, samples_per_mm2=None, rays_per_face=3).rays_per_sample == 40
-
-
-@pytest.mark.parametrize(
-    ("arguments", "resolved"),
-    [
-        ({}, (10.0, 4)),
-        ({"rays_per_face": 3}, (None, 1)),
-        ({"estimator": "expected"}, (1.0, 40)),
-        ({"estimator": "expected", "samples_per_mm2": 3.0, "rays_per_sample": 2}, (3.0, 2)),
-    ],
-)
-def test_densities_that_are_not_given(arguments, resolved):
-    settings = resolve_settings(**arguments)
-    assert (settings.samples_per_mm2, settings.rays_per_sample) == resolved
 
 
 @pytest.mark.parametrize(

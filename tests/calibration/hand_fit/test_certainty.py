@@ -159,13 +159,6 @@ def test_averaged_residuals_have_the_variance_of_independent_ones():
     alone[30, 40] = 0.7
     assert smoothed_ratio(3.0 * ones, alone, width, 2.0) == pytest.approx(9.0 / 2.0, rel=1e-3)
     assert smoothed_ratio(ones, 0.0 * ones, width, 2.0) == 0.0
-    rng = np.random.default_rng(0)
-    weight = rng.uniform(size=ones.shape) * (rng.uniform(size=ones.shape) > 0.3)
-    ratios = [
-        smoothed_ratio(rng.standard_normal(ones.shape), weight, width, 1.0) for _ in range(10)
-    ]
-    # Of 32 000 / (4 pi 12) = 212 windows each: the mean scatters by sqrt(2 / 2120) = 3 %.
-    assert np.mean(ratios) == pytest.approx(1.0, abs=0.12)
 
 
 def test_a_hand_whose_ranges_disagree_is_uncertain(fitter, known):

@@ -10,7 +10,6 @@ from hand_renderings import TIPS, fitter_on, rendered_depth, state_of
 from calibration.hand_fit.bone_rates import bone_rates
 from calibration.hand_fit.descent import (
     BRIGHTNESS,
-    COARSE,
     FINE,
     MIDDLE,
     Fitted,
@@ -143,30 +142,6 @@ def test_a_pixel_that_the_hand_does_not_cover_costs_as_much_as_an_outlier():
     hit, uncovered, outlier = deviance_map(canvas, (power, power), found)[0]
     assert hit == pytest.approx(0.0, abs=1e-12)
     assert uncovered == outlier == pytest.approx(TUKEY_CUTOFF**2 / 12)
-
-
-@pytest.mark.slow
-def test_a_hand_is_found_in_its_own_rendering(hands):
-    """Without speckle: told tips to a fraction of a pixel from 8 degrees off in every angle."""
-    model = hands["right"]
-    truth = state_of(pose_by_name("flat"), model)
-    rng = np.random.default_rng(3)
-    truth = truth.with_angles(truth.angles_rad + np.radians(8.0) * rng.normal(size=23))
-    depth = rendered_depth(model, truth)
-    start = state_of(pose_by_name("flat"), model)
-    fitter = fitter_on(depth, model)
-    prior = Prior.about(start, angle_covariance())
-    found = fitter.descend(start, initial_log_brightness(), prior, (COARSE, FINE))
-    true_m = model.joints_m(truth.pose, AVERAGE) + truth.transform[:3, 3]
-    joints_m = model.joints_m(found.state.pose, AVERAGE)
-    joints_m = joints_m @ found.state.transform[:3, :3].T + found.state.transform[:3, 3]
-    before_m = model.joints_m(start.pose, AVERAGE) + start.transform[:3, 3]
-    off_mm = 1e3 * np.linalg.norm(joints_m - true_m, axis=1)[TIPS]
-    before_mm = 1e3 * np.linalg.norm(before_m - true_m, axis=1)[TIPS]
-    assert np.median(off_mm) < 1.5
-    assert (off_mm < before_mm).all()
-    judged = [fitter.judged(found, prior, FINE, seed).deviance for seed in (5, 5, 6)]
-    assert judged[0] == judged[1] != judged[2]
 
 
 GIRTH = SHAPE.stop - 1

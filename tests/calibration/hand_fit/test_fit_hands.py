@@ -246,11 +246,6 @@ def test_a_hand_that_is_gone_is_not_fitted_to_something_else(searched):
     assert outcome[5][0].start == "frame 3"
 
 
-def test_no_hand_at_all_is_an_error():
-    with pytest.raises(CompareError, match="nothing is there; and no hand in any other frame"):
-        run(MadeUp(), [None, None])
-
-
 @pytest.mark.parametrize("at", [1, 4])
 def test_going_on_after_a_track_gives_the_same(at):
     """Through the arrays that a folder keeps, bit by bit."""
