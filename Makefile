@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # The embedded CPU device, unless the caller wants another one.
 export CLRADAR_DEVICE ?= pocl
-# Processes that run the tests. COSTS=FILE.json: what each file of tests and each fixture costs.
+# Processes that run the tests. SLOWEST=20: which tests and fixtures took longest.
 JOBS ?= 2
 # Tests start many programs, and each would compile the package anew.
 unexport PYTHONDONTWRITEBYTECODE
@@ -18,7 +18,7 @@ demo: $(VENV)/.installed
 # There is a process for every core already: threads of BLAS would wait for each other.
 test: export OPENBLAS_NUM_THREADS := 1
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(if $(COSTS),--costs $(COSTS))
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(if $(SLOWEST),--durations $(SLOWEST))
 
 # With the readers of systems that cannot fork: a process is started for every file.
 test-spawn: export CLRADAR_READERS := spawn
@@ -45,11 +45,11 @@ nightly: lint-windows test-slow memcheck gpucheck test-spawn test-lowest test-in
 test-lowest: $(VENV)-lowest/.installed
 	$(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile
 
-# Mutated files for every reader: 100 000 of each take some hours, so that a night tries fewer, and
+# Mutated files for every reader: 100 000 of each take over an hour, so that a night tries fewer, and
 # others every day.
 RUNS ?= 100000
 SEED ?= 1
-fuzz-night: RUNS = 5000
+fuzz-night: RUNS = 20000
 fuzz-night: SEED = $(shell date +%j)
 fuzz-night: fuzz
 fuzz: export PYTHONPATH := tests:tests/support

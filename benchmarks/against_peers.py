@@ -10,37 +10,34 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from core import images, operators, phasor_sums, physical, rays
-from core.timing import Row
+from core import images, rays, sums
+from core.work import Row, Work, rows_of
 
 import clradar
 from clradar.files.json_file import write_json
 
-SUITE: dict[str, Callable[[clradar.Device, int, bool], list[Row]]] = {
-    "visibility": lambda device, n, quick: rays.visibility(device, n, 8192 if quick else 65536),
-    "bounces": lambda device, n, quick: rays.bounces(device, n, 200_000 if quick else 2_000_000),
-    "trees": lambda device, n, quick: rays.trees(device, n, (224,) if quick else (224, 708)),
-    "phasors": lambda device, n, quick: phasor_sums.phasor_sum(
-        device, n, 500_000 if quick else 5_000_000
-    ),
-    "images": lambda device, n, quick: images.images(device, n, images.noise(), 5 if quick else 81),
-    "operators": lambda device, n, quick: [operators.forward(device, n, 500 if quick else 2000)],
-    "exact": lambda device, n, quick: [images.exact_image(device, n, images.noise())],
-    "physical": lambda device, n, quick: physical.physical(device, n, 1.0 if quick else 4.0),
+SUITE: dict[str, Callable[[clradar.Device, bool], Iterable[Work]]] = {
+    "visibility": lambda device, quick: rays.visibility(device, 8192 if quick else 65536),
+    "bounces": lambda device, quick: rays.bounces(device, 200_000 if quick else 2_000_000),
+    "trees": lambda device, quick: rays.trees(device, (224,) if quick else (224, 708)),
+    "phasors": lambda device, quick: [sums.phasor_sum(device, 500_000 if quick else 5_000_000)],
+    "images": lambda device, quick: [images.paper_volume(device, 5 if quick else 81)],
+    "operators": lambda device, quick: [sums.forward(device, 500 if quick else 2000)],
+    "exact": lambda device, quick: [images.exact_image(device)],
+    "physical": lambda device, quick: [sums.physical(device, 1.2 if quick else 4.0)],
 }
-"""By name: what gives the rows on a device, of medians of n, with smaller sizes if it is quick."""
+"""By name: what gives the work on a device, of smaller sizes if it is quick."""
 
 
 def print_row(row: Row) -> None:
-    """Print one piece of work: ours, the peer's, the ratio."""
-    print(f"{row.work}\n    ours  {row.ours}", flush=True)
-    if row.peer:
-        print(f"    peer  {row.peer}\n    ratio {row.ratio:.1f} x   ({row.check})", flush=True)
+    """Print one piece of work: ours, the peers', the ratio."""
+    print(f"{row.work}\n    ours  {row.ours}\n    peers {row.peer}")
+    print(f"    ratio {row.ratio:.1f} x   ({row.check})", flush=True)
 
 
 def main() -> None:
@@ -59,9 +56,10 @@ def main() -> None:
         print(f"{where}, medians of {repeats}", flush=True)
         rows = []
         for kind in chosen.only or list(SUITE):
-            for row in SUITE[kind](device, repeats, chosen.quick):
-                print_row(row)
-                rows.append(asdict(row))
+            for work in SUITE[kind](device, chosen.quick):
+                for row in rows_of(work, repeats):
+                    print_row(row)
+                    rows.append(asdict(row))
         results.append({"device": dict(device.describe()), "cores": os.cpu_count(), "rows": rows})
     if chosen.json is not None:
         write_json(chosen.json, {"repeats": repeats, "results": results}, force=True)

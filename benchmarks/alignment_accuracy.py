@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from study import Row, image, middle_m, parser, quantiles, random_motion, run, timed
+from study import Row, image, middle_m, parser, random_motion, run, summarize, timed
 
 import clradar
 from calibration import align, align_mesh, register
@@ -92,12 +92,9 @@ def main() -> None:
             rows.append({"pose": name, "alpha": alpha, "method": method, **found})
         return rows
 
-    rows = run(given, one)
-    for method in given.method or METHODS:
-        mine = [row for row in rows if row["method"] == method]
-        failed = sum("failure" in row for row in mine)
-        keys = ("position_mm", "rotation_deg", "error_over_std", "time_s")
-        print(f"{method}, {failed} failed:", "; ".join(quantiles(mine, key) for key in keys))
+    groups = {m: lambda row, m=m: row["method"] == m for m in given.method or METHODS}
+    keys = ("position_mm", "rotation_deg", "error_over_std", "time_s")
+    summarize(run(given, one), groups, *keys)
 
 
 if __name__ == "__main__":

@@ -11,11 +11,10 @@ aside. DIR keeps the images. Prints the RMS and largest error, u, and how often 
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
-from study import ARRAY, WAVEFORM
+from study import ARRAY, WAVEFORM, Row, parser, run, summarize
 
 import clradar
 from calibration.roughness.alpha import BrightnessMeter, estimate_alpha
@@ -42,9 +41,8 @@ def images(scene: clradar.Scene, seed: int, store: FolderStore) -> list[clradar.
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    options = parser(__doc__ or "", 12, 0)
     options.add_argument("--work", type=Path, required=True)
-    options.add_argument("--cases", type=int, default=12, help="seeds, more than --seeds")
     options.add_argument("--seeds", type=int, default=3, help="of a sweep")
     options.add_argument("--step", type=int, default=1)
     options.add_argument("--off-mm", type=float, default=0.0)
@@ -57,27 +55,30 @@ def main() -> None:
     statistics = np.array([[meter.measure(one) for one in row] for row in made])
     displaced = np.array([[meter.displaced(one) for one in row] for row in made])
     off_m = (1e-3 * given.off_mm, 0.0)
-    measured = np.array([[meter.measure(one, off_m) for one in row] for row in made])
-    swept, rng = np.arange(0, 11, given.step), np.random.default_rng(0)
-    errors, stds, within = [], [], []
-    for case in range(given.cases):
+    swept, rng = np.arange(0, 11, given.step), np.random.default_rng(given.first_seed)
+    made_of = np.tile(ALPHAS[swept], given.seeds)
+
+    def one(case: int) -> list[Row]:
+        rows = []
         others = [seed for seed in range(given.cases) if seed != case]
-        for chosen in (rng.choice(others, given.seeds, replace=False) for _ in range(DRAWS)):
-            made_of = np.tile(ALPHAS[swept], given.seeds)
-            n = len(made_of)
-            rows = [one[chosen][:, swept].reshape(n, -1) for one in (statistics, displaced)]
-            for alpha, seen in zip(ALPHAS, measured[case], strict=True):
-                found = estimate_alpha("all", meter.names, seen, made_of, *rows, meter.n_points)
-                errors.append(found.alpha - alpha)
-                stds.append(found.uncertainty)
+        for _ in range(DRAWS):
+            chosen = rng.choice(others, given.seeds, replace=False)
+            of = [
+                all_[chosen][:, swept].reshape(len(made_of), -1) for all_ in (statistics, displaced)
+            ]
+            for alpha, image in zip(ALPHAS, made[case], strict=True):
+                seen = meter.measure(image, off_m)
+                found = estimate_alpha("all", meter.names, seen, made_of, *of, meter.n_points)
                 # Half a step of the likelihood's grid more: at the ends of the range.
                 low, high = found.interval.low95 - 1e-3, found.interval.high95 + 1e-3
-                within.append(low <= alpha <= high)
-    rms, largest = np.sqrt(np.mean(np.square(errors))), np.abs(errors).max()
-    print(
-        f"{len(errors)} estimates: RMS error {rms:.3f}, largest {largest:.2f}; u "
-        f"{np.median(stds):.3f}, largest {max(stds):.2f}; within 95 %: {np.mean(within):.1%}"
-    )
+                error = abs(found.alpha - float(alpha))
+                within = bool(low <= alpha <= high)
+                rows.append({"error": error, "u": found.uncertainty, "in_95": within})
+        return rows
+
+    rows = run(given, one)
+    print(f"RMS error {np.sqrt(np.mean([row['error'] ** 2 for row in rows])):.3f}")
+    summarize(rows, {"all": lambda row: True}, "error", "u", "in_95")
 
 
 if __name__ == "__main__":

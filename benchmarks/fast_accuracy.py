@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from study import ARRAY as QAR50, Row, parser, run
+from study import ARRAY as QAR50, Row, parser, run, summarize
 
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform
@@ -168,8 +168,8 @@ def one(number: int, seed: int, device: clradar.Device) -> Row:
     return {
         "kinds": ", ".join(kinds), "antennas": f"{array.n_tx} x {array.n_rx}",
         "steps": waveform.n_freq, "counts": str(grid.counts), "tolerance_db": tolerance_db,
-        "volume_margin_db": tolerance_db - volume_db,
-        "corners_margin_db": tolerance_db - corners_db,
+        "volume_beyond_db": volume_db - tolerance_db,
+        "corners_beyond_db": corners_db - tolerance_db,
     }  # fmt: skip
 
 
@@ -184,12 +184,7 @@ def main() -> None:
     if given.interpolate:
         block_tree.FEW_KEPT = np.inf
     rows = run(given, lambda number: [one(number, given.first_seed, device)])
-    for name in ("volume_margin_db", "corners_margin_db"):
-        margins = np.array([row[name] for row in rows])
-        beyond = int((margins < 0).sum())
-        print(
-            f"{name}: {beyond} of {len(rows)} beyond, {margins.min():.1f}, {np.median(margins):.1f}"
-        )
+    summarize(rows, {"all": lambda row: True}, "volume_beyond_db", "corners_beyond_db")
 
 
 if __name__ == "__main__":

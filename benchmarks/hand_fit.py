@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from study import Row, image, parser, quantiles, random_motion, run, timed
+from study import Row, image, parser, random_motion, run, summarize, timed
 
 import clradar
 from calibration import fit_hand
@@ -136,11 +136,7 @@ def main() -> None:
         "all": lambda r: True,
     }
     keys = ("tips_mm", "determined_mm", "joints_mm", "tips_over_std", "time_s")
-    for name, chosen in groups.items():
-        mine = [row for row in rows if chosen(row)]
-        refused = sum("failure" in row for row in mine)
-        print(f"{name}, {len(mine)} ({refused} refused):", end=" ")
-        print("; ".join(quantiles(mine, key) for key in keys))
+    summarize(rows, groups, *keys)
 
 
 if __name__ == "__main__":

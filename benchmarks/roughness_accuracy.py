@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
-from study import ARRAY, SNR_DB, WAVEFORM, Row, parser, quantiles, random_motion, run
+from study import ARRAY, SNR_DB, WAVEFORM, Row, parser, random_motion, run, summarize
 
 import clradar
 from calibration import Regions, RoughnessSweep, sweep_roughness
@@ -125,9 +125,10 @@ def rows_of(found: RoughnessSweep, truths: list[tuple[float, float]]) -> list[Ro
             {
                 "region": one.name,
                 "h_error": abs(h.median / height_m - 1),
+                "h_within_20": abs(h.median / height_m - 1) < 0.2,
                 "h_std_share": h.std / height_m,
-                "h_in_68": float(h.low <= height_m <= h.high),
-                "h_in_95": float(h.low95 <= height_m <= h.high95),
+                "h_in_68": h.low <= height_m <= h.high,
+                "h_in_95": h.low95 <= height_m <= h.high95,
                 "l_error": abs(np.log(length.median / length_m)),
                 "slope_error": abs(np.log(slope.median * length_m / (np.sqrt(2) * height_m))),
                 "text": one.text(),
@@ -163,16 +164,9 @@ def main() -> None:
             return [{"object": name, **row} for row in rows_of(found, truths)]
 
         everything += run(given, one)
-    keys = ("h_error", "h_std_share", "l_error", "slope_error")
-    for name in (*given.scene, "all"):
-        mine = [row for row in everything if name in (row["object"], "all")]
-        within = [np.mean([row[key] for row in mine]) for key in ("h_in_68", "h_in_95")]
-        share = np.mean([row["h_error"] < 0.2 for row in mine])
-        print(
-            f"{name}: within 20 % {share:.0%}, intervals {within[0]:.0%} and {within[1]:.0%};",
-            end=" ",
-        )
-        print("; ".join(quantiles(mine, key) for key in keys))
+    groups = {n: lambda row, n=n: row["object"] == n for n in given.scene}
+    keys = ("h_within_20", "h_in_68", "h_in_95", "h_error", "h_std_share", "l_error", "slope_error")
+    summarize(everything, groups | {"all": lambda row: True}, *keys)
 
 
 if __name__ == "__main__":

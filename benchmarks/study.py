@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from core.timing import ARRAY, WAVEFORM
+from core.work import ARRAY, WAVEFORM
 from scipy.spatial.transform import Rotation
 
 import clradar
@@ -59,12 +59,22 @@ def timed(estimate: Callable[[], Row]) -> Row:
     return found | {"time_s": time.process_time() - start_s}
 
 
-def quantiles(rows: list[Row], key: str) -> str:
-    """Median, 95 % and count of a number, or of all numbers of lists."""
+def summarize(rows: list[Row], groups: Mapping[str, Callable[[Row], bool]], *keys: str) -> None:
+    """Print of each group median, 95 % and maximum of numbers, and how often a truth holds."""
+    for name, chosen in groups.items():
+        mine = [row for row in rows if chosen(row)]
+        refused = sum("failure" in row for row in mine)
+        texts = [f"{key} {_summary(mine, key)}" for key in keys]
+        print(f"{name}, {len(mine)} ({refused} refused): {'; '.join(texts)}")
+
+
+def _summary(rows: list[Row], key: str) -> str:
     values = np.concatenate([np.ravel(row[key]) for row in rows if key in row] or [np.empty(0)])
     if not values.size:
-        return f"{key} -"
-    return f"{key} {np.median(values):.2f}, {np.quantile(values, 0.95):.2f} ({values.size})"
+        return "-"
+    if values.dtype == bool:
+        return f"{values.mean():.1%}"
+    return f"{np.median(values):.2f}, {np.quantile(values, 0.95):.2f}, {values.max():.2f}"
 
 
 def middle_m(scene: clradar.Scene) -> np.ndarray:

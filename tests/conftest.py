@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import costs
 import pytest
 from command_line import Cli
 
@@ -16,13 +15,7 @@ os.fsync = lambda handle: None
 HERE = Path(__file__).parent
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--costs", metavar="FILE", help="write processor seconds by file and fixture")
-
-
 def pytest_configure(config: pytest.Config) -> None:
-    # Not by its hooks here: fixtures of the session would not be seen.
-    config.pluginmanager.register(costs)
     if hasattr(config.option, "loadscopereorder"):  # in the order here, not by number of tests
         config.option.loadscopereorder = False
     worker = getattr(config, "workerinput", {"workerid": "gw0", "workercount": 1})

@@ -2,10 +2,7 @@
 
 import ast
 from functools import cache
-from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("clradar", "measurement_io", "calibration")
@@ -95,12 +92,6 @@ def breaches(importers: list[str], forbidden: list[str]) -> list[str]:
     ]
 
 
-# Of clradar.dataset, in the same order.
-DATASET_LAYERS = (
-    *("plan", "sample", "shards", "folder", "check", "contact_sheet", "runs", "readers"),
-)
-
-
 def modules(*packages: str) -> list[str]:
     return [name for name in sorted(FILES) if any(within(name, p) for p in packages)]
 
@@ -118,29 +109,6 @@ def test_clradar_imports_downwards():
             there = package_of(imported)
             if within(imported, "clradar") and there != here:
                 assert RANK[there] < RANK[here], f"{name} imports {imported}, which is not below it"
-
-
-def test_data_sets_import_downwards():
-    for name in modules("clradar.dataset"):
-        for imported in imports()[name] if name != "clradar.dataset" else ():
-            if within(imported, "clradar.dataset"):
-                here, there = (DATASET_LAYERS.index(n.split(".")[2]) for n in (name, imported))
-                assert there <= here, f"{name} imports {imported}"
-
-
-def test_packages_of_calibration_import_nothing_from_each_other():
-    packages = {"registration", "roughness", "channels", "conventions", "clutter", "hand_fit"}
-    found = {name.split(".")[1] for name in modules("calibration") if "." in name}
-    assert found == packages | {"cleaning", "scripts"}
-    for name in modules("calibration"):
-        if "." in name and (here := package_of(name)) in packages:
-            others = [
-                i for i in imports()[name] if within(i, "calibration") and package_of(i) != here
-            ]
-            # The fit of a hand continues the registration of a mesh; rooms drift as channels do.
-            known = {"hand_fit": "registration", "clutter": "channels"}.get(here)
-            others = [i for i in others if package_of(i) != known]
-            assert not others, f"{name} imports {others}"
 
 
 def test_only_the_opencl_package_imports_pyopencl():
@@ -171,18 +139,6 @@ def test_the_reference_shares_no_code_with_what_it_checks():
     for module in modules("clradar.reference"):
         ours = {name for name in imports()[module] if within(name, "clradar")}
         assert ours - {"clradar.reference"} == {"clradar.model"}
-
-
-def test_there_are_no_circles():
-    # What a package imports itself from is its own modules; that is how it shows them.
-    graph = {
-        name: {n for n in imported if n in FILES and n != name}
-        for name, imported in imports().items()
-    }
-    try:
-        TopologicalSorter(graph).prepare()
-    except CycleError as error:
-        pytest.fail(" imports ".join(reversed(error.args[1])))
 
 
 def test_nothing_unpickles_arrays():

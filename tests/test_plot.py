@@ -110,16 +110,6 @@ def test_columns_of_a_comparison(count):
         np.testing.assert_allclose(axes.collections[0].get_clim(), (290, 320), atol=1.0)
 
 
-def test_levels_are_below_the_own_maximum():
-    figure = comparison_figure(blob(), [("weaker", Volume(0.01 * blob().data, blob().grid))])
-    for axes in figure.axes[:2]:
-        assert axes.collections[0].get_clim() == (-15.0, 0.0)
-        assert drawn(axes).max() == 0.0
-        assert drawn(axes).min() > -15.0
-        assert drawn(axes).mask.any()
-    assert image_figure(blob(), dynamic_range_db=30.0).axes[0].collections[0].get_clim()[0] == -30.0
-
-
 def test_caption():
     images = [blob(), blob(0.0), blob(-60.0)]
     given = Metrics(0.654, 0.876, 0.5, 0.25, float("nan"), 0.0123, 0.9)

@@ -74,32 +74,9 @@ def test_another_version_is_found(copy, name):
     assert f"{name} 9.8.7" in line
 
 
-def test_another_date_and_another_address_are_found(copy):
-    dated = Stated.read(copy).dates["CITATION.cff"]
-    changed(copy, "CITATION.cff", dated, "2001-02-03")
-    changed(copy, "pyproject.toml", 'repository = ""', 'repository = "https://a.example/b"')
-    lines = Stated.read(copy).contradictions()
-    assert [line[:22] for line in lines] == ["expected one date, fou", "expected one repositor"]
-    changed(copy, "CITATION.cff", "type:", 'repository-code: "https://a.example/b"\ntype:')
-    assert len(Stated.read(copy).contradictions()) == 1
-
-
 def all_is_released(copy: Path) -> None:
     log = (copy / "CHANGELOG.md").read_text("utf-8")
     (copy / "CHANGELOG.md").write_text(log[log.index("\n## 0") :], "utf-8")
-
-
-def test_what_stands_in_the_way_of_an_upload(copy):
-    all_is_released(copy)
-    stated = Stated.read(copy)
-    day = date.fromisoformat(stated.dates["CHANGELOG.md"])
-    (address,) = stated.before_upload(day)
-    assert "has no repository" in address
-    changed(copy, "CHANGELOG.md", "\n## ", "\n## Unreleased\n\n- A thing.\n\n## ")
-    lines = Stated.read(copy).before_upload(date(2001, 2, 3))
-    assert len(lines) == 3
-    assert "'Unreleased'" in lines[0]
-    assert f"dated {day}, and today is 2001-02-03" in lines[1]
 
 
 def test_a_tag_is_of_the_version_that_is_ready(copy):

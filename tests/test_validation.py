@@ -143,18 +143,6 @@ def test_a_rough_plate_is_that_of_the_float64_sum_whichever_way_it_is_wound(inve
     assert 20 * np.log10(error) < -60
 
 
-def test_the_page_gets_new_numbers_at_its_marks(tmp_path, monkeypatch):
-    from truths import __main__ as program, page
-
-    text = (program.ROOT / "docs" / "validation.md").read_text("utf-8")
-    (tmp_path / "validation.md").write_text(text, "utf-8")
-    rows = {mark: [Row("one", 1, 1.05, 0.1)] for mark in page.MARKED.findall(text)[1:]}
-    monkeypatch.setattr(program, "SECTIONS", {"all": lambda _: rows})
-    monkeypatch.setattr("sys.argv", ["truths", "--docs", str(tmp_path)])
-    program.main()
-    assert "\n13 of 13 comparisons hold." in (tmp_path / "validation.md").read_text("utf-8")
-
-
 FAR_M = 20.0
 """The near field of a sphere of 15 mm changes its echo by (a / R)^2 at most."""
 

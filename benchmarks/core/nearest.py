@@ -14,18 +14,7 @@ CACHE_BYTES = 2**22
 
 
 class NearestHits(OnDevice):
-    """A mesh and rays on a device.
-
-    A context manager: its device memory is freed when the block ends.
-
-    Parameters
-    ----------
-    triangles_m : array_like, shape (n_faces, 3, 3), metres
-    origins_m : array_like, shape (n, 3), metres
-    directions : array_like, shape (n, 3)
-        Unit vectors.
-    device : Device
-    """
+    """Triangles, shape (n_faces, 3, 3), and rays on a device; origins and unit vectors (n, 3)."""
 
     def __init__(
         self, triangles_m: np.ndarray, origins_m: np.ndarray, directions: np.ndarray, device: Device
@@ -69,21 +58,10 @@ class NearestHits(OnDevice):
         self._buffers.write(self._order, np.argsort(cells, kind="stable").astype(np.uint32))
 
     def hits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Read the hits that `trace` found.
-
-        Returns
-        -------
-        distance_m : ndarray, shape (n,), float32, metres
-            -1 where nothing is hit.
-        face : ndarray, shape (n,), int32
-            -1 where nothing is hit.
-        weights : ndarray, shape (n, 2), float32
-            Barycentric weights of the face's second and third corner.
-        """
+        """What `trace` found: distance and face, -1 for none, weights (n, 2) of corners 2 and 3."""
         n, read = len(self._rays[0]), self._buffers.read
-        distance, face, weights = self._out
-        return (
-            read(distance, n, np.float32),
-            read(face, n, np.int32),
-            read(weights, (n, 2), np.float32),
+        kinds = (n, np.float32), (n, np.int32), ((n, 2), np.float32)
+        distance, face, weights = (
+            read(out, *kind) for out, kind in zip(self._out, kinds, strict=True)
         )
+        return distance, face, weights

@@ -4,12 +4,14 @@ Mitsuba."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import finufft
 import numba
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 
@@ -124,6 +126,16 @@ def range_backprojection(
                 total[ix] += inner[ix] * tx_phasor[t, ix]
         out[iz, iy] = total / (n_tx * n_rx)
     return out
+
+
+def by_numpy(name: str, call: Callable[[], Any]) -> dict[str, Callable[[], Any]]:
+    """A peer whose matrix products numpy gives to BLAS, with all its threads and with one."""
+
+    def in_one_thread() -> Any:
+        with threadpool_limits(1, "blas"):
+            return call()
+
+    return {f"numpy, {name}": call, "BLAS in one thread": in_one_thread}
 
 
 def exact_by_gemm(capture: Any, points_m: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -14,7 +14,7 @@ from clradar.tracing.visible_surface import VisibleSurface
 from core import meshes
 from core.nearest import NearestHits
 from core.peers import EmbreeRays, MitsubaRays
-from core.timing import ARRAY, Row, interleaved_s
+from core.work import ARRAY, Work
 
 PAUSE_S = 0.1
 """Mitsuba's threads wait actively for a while after each call."""
@@ -22,79 +22,54 @@ PAUSE_S = 0.1
 LIFT_M = 2e-6
 """Height above its face at which a ray begins."""
 
+SCENES = {"closed": partial(meshes.ball, 203, 202), "concave": partial(meshes.waves, 708)}
 
-def visibility(device: clradar.Device, repeats: int, n_points: int) -> list[Row]:
+
+def visibility(device: clradar.Device, n_points: int) -> Iterator[Work]:
     """Rays from points of a mesh to the Tx: the bulk of the tracing."""
-    rows = []
-    for name, scene in (("closed", meshes.ball(203, 202)), ("concave", meshes.waves(708))):
-        with surface_of(scene, n_points, device) as surface:
-            origins, directions = rays_of(surface)
+    for name, make in SCENES.items():
+        scene = make()
+        area_mm2 = face_normals(scene.triangles_m)[1].sum() * 1e6
+        with VisibleSurface(scene, n_points / area_mm2, 0.2, device) as surface:
+            # From each point to each Tx, one point after the other, as the kernel traces them.
+            origins = surface.ray_origins(ARRAY.tx_m)
+            directions = (ARRAY.tx_m[None] - origins).astype(np.float32)
             ours = partial(surface.visible_bits, ARRAY.tx_m)
-            queries, names = peers_of(scene, origins, directions, "blocked")
-            visible = surface.visible_from(ARRAY.tx_m).ravel()
-            differ = [float(np.mean(visible == peer())) for peer, _ in queries]
-            times = interleaved_s([ours, *(run for _, run in queries)], repeats, PAUSE_S)
-        what = f"visibility, {visible.size / 1e6:.2g} M rays, {scene.n_faces} faces, {name}"
-        rows.append(_row(what, visible.size, times, names, differ))
-    return rows
+            hidden = ~surface.visible_from(ARRAY.tx_m).ravel()
+            rays = origins.reshape(-1, 3), directions.reshape(-1, 3)
+            yield _against(f"visibility, {name}", scene, rays, "blocked", ours, hidden)
 
 
-def bounces(device: clradar.Device, repeats: int, n_rays: int) -> list[Row]:
+def bounces(device: clradar.Device, n_rays: int) -> Iterator[Work]:
     """Incoherent rays: off random points of a mesh, in random order, to all sides."""
-    rows = []
-    for name, scene in (("closed", meshes.ball(203, 202)), ("concave", meshes.waves(708))):
-        origins, directions = bounces_of(scene, n_rays)
-        with NearestHits(scene.triangles_m, origins, directions, device) as rays:
-            rays.trace()
-            face = rays.hits()[1]
-            queries, names = peers_of(scene, origins, directions, "faces")
-            differ = [float(np.mean(face != peer())) for peer, _ in queries]
-            times = interleaved_s([rays.trace, *(run for _, run in queries)], repeats, PAUSE_S)
-        what = f"bounces, {n_rays / 1e6:.2g} M rays, {scene.n_faces} faces, {name}"
-        rows.append(_row(what, n_rays, times, names, differ))
-    return rows
+    for name, make in SCENES.items():
+        scene = make()
+        origins, directions = rays = bounces_of(scene, n_rays)
+        with NearestHits(scene.triangles_m, origins, directions, device) as hits:
+            hits.trace()
+            yield _against(f"bounces, {name}", scene, rays, "faces", hits.trace, hits.hits()[1])
 
 
-def trees(device: clradar.Device, repeats: int, cells: tuple[int, ...]) -> list[Row]:
+def trees(device: clradar.Device, cells: tuple[int, ...]) -> Iterator[Work]:
     """Building the tree, as the kernels read it."""
-    rows = []
     for n in cells:
         triangles = meshes.waves(n).triangles_m
-        works = [partial(our_tree, triangles, device), partial(embree_tree, triangles)]
-        ours_s, theirs_s = np.median(interleaved_s(works, repeats), axis=0)
-        rows.append(
-            Row(
-                work=f"tree of {len(triangles)} faces",
-                ours=f"{ours_s:.2f} s",
-                peer=f"Embree through embreex, copying the mesh included, {theirs_s:.2f} s",
-                ratio=theirs_s / ours_s,
-                check="tests/geometry/test_bvh.py",
-            )
-        )
-    return rows
+        yield Work(
+            f"tree of {len(triangles)} faces", {"": partial(_our_tree, triangles, device)},
+            {"Embree through embreex, copying the mesh included": partial(_embree_tree, triangles)},
+            "tests/geometry/test_bvh.py",
+        )  # fmt: skip
 
 
-def our_tree(triangles_m: np.ndarray, device: clradar.Device) -> None:
+def _our_tree(triangles_m: np.ndarray, device: clradar.Device) -> None:
     flatten(build_bvh(triangles_m, device), triangles_m, LIFT_M)
 
 
-def embree_tree(triangles_m: np.ndarray) -> None:
+def _embree_tree(triangles_m: np.ndarray) -> None:
     one = np.ones((1, 3), np.float32)
     embree = EmbreeRays(triangles_m)
     embree.prepare(one, one)
     embree.faces()  # it builds in the first query
-
-
-def surface_of(scene: clradar.Scene, n_points: int, device: clradar.Device) -> VisibleSurface:
-    area_mm2 = face_normals(scene.triangles_m)[1].sum() * 1e6
-    return VisibleSurface(scene, n_points / area_mm2, 0.2, device)
-
-
-def rays_of(surface: VisibleSurface) -> tuple[np.ndarray, np.ndarray]:
-    """From each point to each Tx, one point after the other, as `visible_antennas` traces them."""
-    origins = surface.ray_origins(ARRAY.tx_m)
-    directions = (ARRAY.tx_m[None] - origins).astype(np.float32)
-    return origins.reshape(-1, 3), directions.reshape(-1, 3)
 
 
 def bounces_of(scene: clradar.Scene, n_rays: int) -> tuple[np.ndarray, np.ndarray]:
@@ -111,29 +86,26 @@ def bounces_of(scene: clradar.Scene, n_rays: int) -> tuple[np.ndarray, np.ndarra
     return origins.astype(np.float32), away.astype(np.float32)
 
 
-def peers_of(
-    scene: clradar.Scene, origins: np.ndarray, directions: np.ndarray, query: str
-) -> tuple[list[tuple[Callable[[], np.ndarray], Callable[[], Any]]], list[str]]:
-    """For each peer: the query with its results as an array, the query that is timed; its name."""
+def _against(
+    name: str,
+    scene: clradar.Scene,
+    rays: tuple[np.ndarray, np.ndarray],
+    query: str,
+    ours: Any,
+    found: np.ndarray,
+) -> Work:
+    """The same rays by both peers; `found` is our answer to `query`, a method of theirs."""
     embree, mitsuba = EmbreeRays(scene.triangles_m), MitsubaRays(scene.triangles_m)
-    embree.prepare(origins, directions)
-    mitsuba.prepare(origins, directions)
-    own = getattr(embree, query)
-    runs = [(own, own), (getattr(mitsuba, query), getattr(mitsuba, f"query_{query}"))]
-    return runs, [embree.name, mitsuba.name]
-
-
-def _row(work: str, n_rays: int, times_s: np.ndarray, names: list[str], differ: list[float]) -> Row:
-    """A row against the fastest of the peers; `times_s` has ours first."""
-    speed = [n_rays / s / 1e6 for s in np.median(times_s, axis=0)]
-    best = int(np.argmax(speed[1:]))
-    others = ", ".join(f"{name} {v:.1f} M rays/s" for name, v in zip(names, speed[1:], strict=True))
-    ratios = times_s[:, 1 + best] / times_s[:, 0]
-    shares = " and ".join(f"{d:.1e}" for d in differ)
-    return Row(
-        work=work,
-        ours=f"{speed[0]:.1f} M rays/s",
-        peer=f"the faster of: {others}",
-        ratio=float(np.median(ratios)),
-        check=f"ratios {ratios.min():.1f} to {ratios.max():.1f}; {shares} of the results differ",
-    )
+    shares = []
+    for peer in (embree, mitsuba):
+        peer.prepare(*rays)
+        shares.append(f"{np.mean(getattr(peer, query)() != found):.1e}")
+    n = len(rays[0])
+    return Work(
+        f"{name}, {n / 1e6:.2g} M rays, {scene.n_faces} faces", {"": ours},
+        {
+            embree.name: getattr(embree, query),
+            mitsuba.name: getattr(mitsuba, f"query_{query}"),
+        },
+        f"{' and '.join(shares)} of the results differ", n / 1e6, "M rays/s", pause_s=PAUSE_S,
+    )  # fmt: skip

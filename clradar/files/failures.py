@@ -31,9 +31,9 @@ def shown(path: str | os.PathLike[str]) -> str:
     return clean(os.fspath(path))
 
 
-def clean(text: object) -> str:
+def clean(text: object, times: int = 1) -> str:
     """Return a message of another program on one printable line of bounded length."""
-    return quoted(text, MAX_MESSAGE_CHARACTERS)
+    return quoted(text, times * MAX_MESSAGE_CHARACTERS)
 
 
 @contextmanager

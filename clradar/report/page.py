@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -120,7 +119,6 @@ def html_report(
         result=metrics_section(labels, metrics),
         notes=notes,
         settings=settings,
-        settings_of="This comparison",
     )  # fmt: skip
 
 
@@ -162,7 +160,6 @@ def image_report(
         result=f"<section><h2>Facts</h2>{facts}</section>",
         notes=notes,
         settings=settings,
-        settings_of="This page",
     )  # fmt: skip
 
 
@@ -178,7 +175,6 @@ def _page(
     result: str,
     notes: Sequence[str],
     settings: Mapping[str, Any] | None,
-    settings_of: str,
 ) -> str:
     """Return the page of some images; `hint` and `result` are HTML, all else is text."""
     dynamic_range_db = maps[0].dynamic_range_db
@@ -202,7 +198,9 @@ def _page(
         style_hash=_policy_hash(style),
         script=script,
         script_hash=_policy_hash(script),
-        notes="".join(f'<p class="note">{_paragraph(note)}</p>' for note in notes),
+        notes="".join(
+            f'<p class="note">{"<br>".join(map(escaped, note.splitlines()))}</p>' for note in notes
+        ),
         view_data=script_json(data),
         slices_hidden="" if slices else " hidden",
         slices_note=coarser if factor > 1 else "",
@@ -213,7 +211,7 @@ def _page(
         clouds="".join(map(_cloud_toggle, count(), inputs, drawn)),
         result=result,
         inputs="".join(_input_details(i, m) for i, m in zip(inputs, maps, strict=True)),
-        settings=_details(settings_of, settings_table(settings)) if settings else "",
+        settings=_details("This page", settings_table(settings)) if settings else "",
     )
 
 
@@ -224,7 +222,7 @@ def _part(name: str) -> str:
 def _policy_hash(content: str) -> str:
     """Return the name of an inline script or style in a content security policy."""
     digest = hashlib.sha256(content.encode("utf-8")).digest()
-    return f"sha256-{base64.b64encode(digest).decode('ascii')}"
+    return f"sha256-{base64_of(digest)}"
 
 
 def _own_style(colours: Sequence[str]) -> str:
@@ -233,10 +231,6 @@ def _own_style(colours: Sequence[str]) -> str:
     least = max(len(colours), 2) * PANEL_PX
     widths = f".figure img,.columns{{min-width:{least}px}}#slices{{min-width:{1.6 * least:g}px}}"
     return f"@media screen{{{widths}}}\n{swatches}"
-
-
-def _paragraph(note: str) -> str:
-    return "<br>".join(escaped(line) for line in note.splitlines())
 
 
 def _details(summary: str, content: str) -> str:

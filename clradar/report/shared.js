@@ -19,11 +19,6 @@ const report = (() => {
     return new Uint8Array(await new Response(stream).arrayBuffer());
   }
 
-  /* Say in the place of a canvas that its bytes cannot be unpacked: a browser from before 2023. */
-  function missing(canvas) {
-    canvas.replaceWith("This part needs a newer browser.");
-  }
-
   /* The smallest of 1, 2, 5 times a power of ten that is not below. */
   function roundStep(wanted) {
     const decade = 10 ** Math.floor(Math.log10(wanted));
@@ -126,7 +121,7 @@ const report = (() => {
   darkScreen.addEventListener("change", redrawAll);
 
   return {
-    data, theme, bytesOf, unpacked, missing, roundStep, ticks, text, prepared, drawPixels, scaleOf, fitting, choose,
+    data, theme, bytesOf, unpacked, roundStep, ticks, text, prepared, drawPixels, scaleOf, fitting, choose,
     MAX_PIXEL_RATIO,
     place: () => place,
     onChoose: (follow) => followers.push(follow),

@@ -198,5 +198,5 @@
       volumes = found;
       canvas.dataset.ready = "yes";
       report.choose(report.place() || brightest(volumes[0]));
-    }, () => report.missing(canvas));
+    }, () => canvas.replaceWith("This part needs a newer browser.")); // than one of 2022
 })();

@@ -22,10 +22,6 @@ MAX_ROWS = 200
 MAX_NAME, MAX_VALUE = 120, 400
 """Characters of one row."""
 
-MAX_DEPTH = 16
-"""Nesting of settings; deeper values are replaced by a note."""
-
-
 MEANINGS = {
     "overlap": (
         "Agreement in position and brightness: cosine between the two depth maps, each point "
@@ -162,9 +158,9 @@ def image_facts(
 
 def settings_table(record: Mapping[str, Any]) -> str:
     """Return a record as rows of dotted names and values, limited in rows and characters."""
-    found = list(_flat(record, "", 0))
+    found = list(_flat(record, ""))
     rows = "".join(
-        f'<tr><th scope="row">{_breakable(escaped(shortened(name, MAX_NAME)))}</th>'
+        f'<tr><th scope="row">{escaped(shortened(name, MAX_NAME))}</th>'
         f"<td>{escaped(shortened(value, MAX_VALUE))}</td></tr>"
         for name, value in found[:MAX_ROWS]
     )
@@ -174,26 +170,19 @@ def settings_table(record: Mapping[str, Any]) -> str:
     return table
 
 
-def _breakable(name: str) -> str:
-    """Return an escaped dotted name with optional line breaks after dots and underscores."""
-    return name.replace(".", ".<wbr>").replace("_", "_<wbr>")
-
-
-def _flat(value: Any, name: str, depth: int) -> Iterator[tuple[str, str]]:
+def _flat(value: Any, name: str) -> Iterator[tuple[str, str]]:
     """Yield (dotted name, text) for every value in nested mappings and lists."""
     inner = isinstance(value, Mapping) or (
         isinstance(value, list | tuple) and any(isinstance(v, Mapping | list) for v in value)
     )
     if not inner:
         yield name, _setting_text(value)
-    elif depth == MAX_DEPTH:
-        yield name, "… (nested deeper)"
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            yield from _flat(item, f"{name}.{key}" if name else str(key), depth + 1)
+            yield from _flat(item, f"{name}.{key}" if name else str(key))
     else:
         for i, item in enumerate(value):
-            yield from _flat(item, f"{name}[{i}]", depth + 1)
+            yield from _flat(item, f"{name}[{i}]")
 
 
 def _setting_text(value: Any) -> str:

@@ -44,10 +44,9 @@ class Cloud:
 
 def clouds(images: Sequence[DepthMap], most: int = MAX_POINTS) -> list[Cloud]:
     """Return one cloud for each image, the first of them the measured one."""
-    points = [image.points_m() for image in images]
-    share = _share([len(p) for p in points], most)
-    found = []
-    for i, (image, xyz_m) in enumerate(zip(images, points, strict=True)):
+    found, share = [], most // len(images)
+    for i, image in enumerate(images):
+        xyz_m = image.points_m()
         level = np.round(255 * (1 + clipped_db(image)[image.mask] / image.dynamic_range_db))
         kept = np.arange(len(xyz_m))
         if len(kept) > share:
@@ -79,17 +78,6 @@ def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, A
         "pixel_mm": float(min(steps_mm, default=1.0)),
         "depth_mm": list(depth_limits_mm(images)),
     }
-
-
-def _share(counts: Sequence[int], most: int) -> int:
-    """Return the largest number per image with which the total is at most `most`."""
-    left = most
-    for i, count in enumerate(sorted(counts)):
-        share = left // (len(counts) - i)
-        if count > share:
-            return share
-        left -= count
-    return max(counts)
 
 
 MAX_PACKED_BYTES = 1_500_000

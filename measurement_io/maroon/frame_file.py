@@ -108,8 +108,7 @@ def pixels(path: Path, most_pixels: int) -> np.ndarray:
 
     content = file_bytes(path, PNG, MAX_PNG_BYTES)
     with reading(path, PNG):
-        # Sizes are compared here; Pillow would warn of large ones.
-        Image.MAX_IMAGE_PIXELS = None
+        Image.MAX_IMAGE_PIXELS = None  # compared here; Pillow would warn of large ones
         with PngImagePlugin.PngImageFile(io.BytesIO(content)) as image:
             width, height = image.size
             if not 0 < width * height <= most_pixels:
@@ -119,6 +118,7 @@ def pixels(path: Path, most_pixels: int) -> np.ndarray:
                 fail(path, PNG, f"{form}one of the mode {image.mode}")
             image.verify()  # decoding alone does not compare the checksums of pixels
         with PngImagePlugin.PngImageFile(io.BytesIO(content)) as image:
+            image.load()  # or Pillow 10.0 loads modules in numpy's call to say what is wrong
             found = np.array(image)
         if found.shape != (height, width):
             fail(path, f"{height} rows of {width} pixels", f"an array of shape {found.shape}")

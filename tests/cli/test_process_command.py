@@ -138,9 +138,10 @@ def test_every_frame_is_what_the_single_steps_make_of_it(recorded, processed):
 
 @pytest.mark.usefixtures("quickly")
 def test_inputs_count_by_their_content(cli, recorded, processed, copy, done):
-    cli.ok(COMMAND)
+    channels = Path("channels.h5").rename("renamed.h5")
+    cli.ok(COMMAND.replace("channels.h5", channels.name))
     assert done == []
-    channels = Path("channels.h5")
+    channels = channels.rename("channels.h5")
     before = channels.stat()
     save_channels(channels, replace(channels_of(recorded.recorder), noisy_rx=[]), force=True)
     os.utime(channels, ns=(before.st_atime_ns, before.st_mtime_ns))

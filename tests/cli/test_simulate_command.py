@@ -22,9 +22,7 @@ import clradar
 from clradar.arrays import read_clusters
 from clradar.cli import simulations
 from clradar.cli.groups import paths_in, values_of
-from clradar.cli.inputs import ImageInput
 from clradar.cli.options import MaterialOptions, PlacementOptions, SceneOptions, mesh_and_alpha
-from clradar.cli.options.measured import RadarOptions
 from clradar.cli.simulations import ClusterSteps, Item
 from clradar.errors import ClradarError, ClradarWarning, ModelError
 from clradar.files.hashing import sha256_of
@@ -152,15 +150,6 @@ def test_what_is_no_transform_is_refused(tmp_path, text):
         PlacementOptions(transform=path).matrix()
 
 
-def test_a_volume_has_the_radar_of_the_options_and_a_capture_its_own(made):
-    options = RadarOptions(band=(60.0, 62.0, 5))
-    found = ImageInput(Path("v.h5"), open_volume(made / "volume.h5")).radar_or(options)
-    assert found["array"].same_positions(clradar.arrays.qar50(), 0.0)
-    assert found["waveform"].same_frequencies(clradar.Waveform.sfcw(60e9, 62e9, 5))
-    with pytest.raises(typer.BadParameter, match="capture and has its antennas"):
-        ImageInput(Path("c.h5"), open_capture(made / "sim.h5")).radar_or(options)
-
-
 # ---- materials
 
 
@@ -280,26 +269,6 @@ def test_the_image_is_the_sum_over_the_pairs_of_all_clusters(walled):
     assert (len(got.meta["capture"]), got.scale) == (3, None)
     with pytest.raises(ModelError, match="at least one capture"):
         clradar.backproject([], GRID)
-
-
-@pytest.mark.parametrize(("estimator", "tolerance"), [("expected", 1e-4), ("physical", 1e-3)])
-def test_a_cluster_sees_at_its_pose_what_it_sees_in_its_own_frame(walled, estimator, tolerance):
-    """Balls of which one hides a part of the other: only coordinates are rounded elsewhere."""
-    pose = trimesh.transformations.rotation_matrix(np.radians(10), [1, 0, 0])
-    pose[:3, 3] = [0, 0.1, 0]
-    places_m = ((0.002, 0, 0.25), (0.008, 0.003, 0.3))
-    balls = [ball(0.01, *at_m, subdivisions=3) for at_m in places_m]
-    own = clradar.Scene.combine(clradar.Scene.from_mesh(mesh) for mesh in balls)
-    placed = read_clusters("wall.toml")[2]
-    alone = clradar.AntennaArray(
-        *((side - pose[:3, 3]) @ pose[:3, :3] for side in (placed.tx_m, placed.rx_m))
-    )
-    np.testing.assert_allclose(alone.tx_m[:, 1:], 0, atol=1e-12)
-    settings = {"estimator": estimator, "samples_per_mm2": 4.0}
-    want = clradar.simulate(own, alone, BAND, **settings).data
-    got = clradar.simulate(own.transformed(pose), placed, BAND, **settings).data
-    error = np.sqrt(np.mean(np.abs(got - want) ** 2) / np.mean(np.abs(want) ** 2))
-    assert error < tolerance, error
 
 
 FILES = {"cluster_001.h5", "cluster_002.h5", "cluster_003.h5", "settings.json"}
@@ -443,9 +412,3 @@ def test_a_rig_goes_from_pose_to_pose_in_a_motion(cli):
     assert [path.name for path in motion.files] == ["motion.toml", "hand.glb"]
     hand = motion.hands[0]
     assert hand.joints_m(0.25) == pytest.approx(hand.mesh(0.25).joints_m, nan_ok=True)
-    options = "--band 72:72.1:2 --samples-per-mm2 0.05 --estimator expected --frames 1"
-    line = f"simulate --motion in/motion.toml {options} -o"
-    cli.ok(f"{line} moving")
-    with open("in/motion.toml", "a") as file:
-        file.write("\n[[hand]]\nrig = 'x.glb'\nedge_mm = 2\npose = []")
-    cli.fails(f"{line} x", "motion.toml")

@@ -12,7 +12,7 @@ from command_line import exit_status
 from dataset_plans import TINY, plan_of, tiny
 
 from clradar.dataset import PlanError, read_plan, recipe
-from clradar.dataset.plan.draws import Draw, fixed, stream
+from clradar.dataset.plan.draws import fixed, stream
 from clradar.dataset.plan.plan import plan_from, plan_record
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.files.toml_file import read_toml
@@ -28,9 +28,6 @@ from clradar.hand import (
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path()
-
-SIGMAS = 5.0
-"""A count that is more than five standard deviations off would be one seed in two million."""
 
 
 def test_the_least_plan_has_defaults():
@@ -205,16 +202,6 @@ def test_another_quantity_leaves_the_draws_as_they_are():
     assert more["placement"]["y_mm"] != 0.0
 
 
-def test_draws_have_the_distributions_that_they_are_named_after():
-    for draw, expected in (
-        (Draw("uniform", (2.0, 6.0)), stream(1, 0, "x").uniform(2.0, 6.0)),
-        (Draw("normal", (-1.0, 3.0)), stream(1, 0, "x").normal(-1.0, 3.0)),
-    ):
-        assert draw.draw(stream(1, 0, "x")) == expected
-    choice = Draw("choice", (0.0, 1.0, 7.0))
-    assert {choice.draw(stream(1, i, "x")) for i in range(40)} == {0.0, 1.0, 7.0}
-
-
 def test_streams_of_samples_quantities_and_seeds_differ():
     first = {stream(*key).random() for key in [(1, 2, "a"), (1, 2, "b"), (1, 3, "a"), (2, 2, "a")]}
     assert len(first) == 4
@@ -225,12 +212,9 @@ def test_poses_come_in_cycles_at_random_between_or_sampled():
     names = ["A", "B", "F"]
     cycle = plan_of(samples=7)
     assert [SamplePlan(cycle, i).pose.name for i in range(7)] == [names[i % 3] for i in range(7)]
-    random = plan_of(samples=90, poses={"order": "random"})
-    found = [SamplePlan(random, i).pose.name for i in range(90)]
-    assert found[:6] != names * 2
-    for name in names:
-        # Binomial: variance n p (1 - p) with p = 1/3.
-        assert abs(found.count(name) - 30) < SIGMAS * np.sqrt(90 * 2 / 9)
+    random = plan_of(samples=9, poses={"order": "random"})
+    found = [SamplePlan(random, i).pose.name for i in range(9)]
+    assert (set(found), found[:6] != names * 2) == (set(names), True)
     between = plan_of(poses={"kind": "interpolation", "share": {"choice": [0.25]}})
     poses = dict(zip(names, between.poses.poses, strict=True))
     for i in range(2):

@@ -6,21 +6,20 @@ import os
 import subprocess
 import sys
 from functools import partial
-from pathlib import Path
 
 import pytest
 from systems import posix_only
 
 from clradar.errors import MeasurementError, ModelError, OutputError, RigError
-from clradar.files import atomic, watched_folder
-from clradar.files.atomic import new_folder, replacing, swap_folder, write_file
+from clradar.files import atomic
+from clradar.files.atomic import new_folder, swap_folder, write_file
 from clradar.files.failures import clean, fail, read_bytes
 from clradar.files.json_differences import differences
 from clradar.files.json_file import read_json, read_json_object, write_json
 from clradar.files.json_text import parse_object, to_json
 from clradar.files.limits import MAX_JSON_DEPTH, MAX_MESSAGE_CHARACTERS, MAX_TOML_LINE_CHARACTERS
 from clradar.files.toml_file import parse_toml, read_toml, toml_brief, toml_document
-from clradar.files.watched_folder import RECHECKED, WatchedFolder
+from clradar.files.watched_folder import WatchedFolder
 from measurement_io import read_alignment
 
 
@@ -136,23 +135,6 @@ def names(folder):
     return [path.name for path in folder.changes()]
 
 
-def test_files_count_once_they_no_longer_grow(tmp_path):
-    folder = WatchedFolder(tmp_path, lambda name: name.endswith(".h5"))
-    (tmp_path / "10.h5").write_bytes(b"ab")
-    (tmp_path / "9.h5").write_bytes(b"ab")
-    (tmp_path / "notes.txt").write_bytes(b"ab")
-    (tmp_path / "folder.h5").mkdir()
-    (tmp_path / "begun.h5").touch()
-    assert names(folder) == []
-    assert names(folder) == ["9.h5", "10.h5"]
-    assert names(folder) == []
-    for content in (b"a", b"ab"):
-        (tmp_path / "begun.h5").write_bytes(content)
-        assert names(folder) == []
-    assert folder.is_there("begun.h5")
-    assert names(folder) == ["begun.h5"]
-
-
 def test_rewritten_files_come_again_and_removed_ones_go(tmp_path):
     folder = WatchedFolder(tmp_path)
     for name in ("a", "b"):
@@ -169,24 +151,6 @@ def test_rewritten_files_come_again_and_removed_ones_go(tmp_path):
     assert (names(folder), names(folder)) == ([], ["b"])
 
 
-def test_a_look_at_many_files_looks_at_few_of_them(tmp_path, monkeypatch):
-    count = 3 * RECHECKED + 1
-    for i in range(count):
-        (tmp_path / f"{i}.npy").write_bytes(b"a")
-    folder = WatchedFolder(tmp_path)
-    assert (len(folder.changes()), len(folder.changes())) == (0, count)
-    (tmp_path / "0.npy").write_bytes(b"ab")
-    looked: list[Path] = []
-    stamp = watched_folder._stamp
-    monkeypatch.setattr(watched_folder, "_stamp", lambda path: looked.append(path) or stamp(path))
-    found = []
-    for _ in range(5):
-        looked.clear()
-        found += names(folder)
-        assert len(looked) <= RECHECKED + 1
-    assert found == ["0.npy"]  # each comes up in turn
-
-
 def test_a_target_is_replaced_only_with_force(tmp_path):
     target = tmp_path / "a"
     write_file(target, b"1")
@@ -199,15 +163,6 @@ def test_a_target_is_replaced_only_with_force(tmp_path):
     with pytest.raises(OutputError, match="exists already"):
         write_file(tmp_path / "dangling", b"4")
     assert sorted(os.listdir(tmp_path)) == ["a", "dangling"]
-
-
-def test_a_target_that_appears_while_it_is_written(tmp_path):
-    target = tmp_path / "a"
-    with pytest.raises(OutputError, match="exists"), replacing(target) as temporary:  # noqa: PT012
-        temporary.write_bytes(b"ours")
-        target.write_bytes(b"somebody else's")
-    assert target.read_bytes() == b"somebody else's"
-    assert os.listdir(tmp_path) == ["a"]
 
 
 @pytest.mark.parametrize("links", [True, False])

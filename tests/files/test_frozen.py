@@ -33,7 +33,14 @@ from measurement_io import (
 
 FROZEN = sorted(path for path in Path(__file__).with_name("frozen").iterdir() if path.is_dir())
 
-NATIVE = tuple(f"{kind}-{v}.h5" for kind in ("capture", "volume", "channels") for v in (1, 2))
+KINDS = {
+    "capture": (open_capture, capture, "patterns"),
+    "volume": (open_volume, volume, "scale"),
+    "channels": (open_channels, channels, "patterns"),
+}
+"""How to read native files, how they were made, and what version 2 has besides."""
+
+NATIVE = tuple(f"{kind}-{v}.h5" for kind in KINDS for v in (1, 2))
 OTHERS = (
     *("recording", "movement", "data-set", "data-set-stopped"),
     *("pose.toml", "pose.json", "materials.toml", "materials.json"),
@@ -57,58 +64,13 @@ def test_what_is_frozen():
 
 @folders_with("capture-1.h5")
 @pytest.mark.parametrize("version", [1, 2])
-def test_captures(frozen, version):
-    path = frozen / f"capture-{version}.h5"
+@pytest.mark.parametrize("kind", KINDS)
+def test_native_files(frozen, kind, version):
+    read, made, besides = KINDS[kind]
+    path = frozen / f"{kind}-{version}.h5"
     with h5py.File(path) as file:
         assert file.attrs["clradar_version"] == version
-    assert same_record(open_capture(path), capture(patterns=version == 2))
-    assert check_file(path).ok
-
-
-@folders_with("volume-1.h5")
-@pytest.mark.parametrize("version", [1, 2])
-def test_volumes(frozen, version):
-    path = frozen / f"volume-{version}.h5"
-    with h5py.File(path) as file:
-        assert file.attrs["clradar_version"] == version
-    assert same_record(open_volume(path), volume(scale=version == 2))
-    assert check_file(path).ok
-
-
-@folders_with("volume-1.h5")
-@pytest.mark.parametrize("name", NATIVE)
-def test_viewers_show_native_files(frozen, name):
-    """By silx: what is drawn at once is valid, and has its units."""
-    with silx.io.open(str(frozen / name)) as file:
-        default = nxdata.get_default(file)
-        assert default.is_valid
-        groups = [group for group in file["entry"].values() if "NX_class" in group.attrs]
-        found = {group.name: nxdata.NXdata(group) for group in groups}
-        assert all(one.is_valid for one in found.values())
-        if frozen.name == "2026-11":  # before there were images and titles
-            assert (default.group.name, default.title) == ("/entry/data", "")
-            return
-        labels = [label for one in found.values() for label in one.axes_names]
-        if name.startswith("volume"):
-            assert default.group.name == "/entry/max_projection"
-            assert set(found) == {"/entry/data", "/entry/depth_map", "/entry/max_projection"}
-            assert {label[-3:] for label in labels} == {"(m)"}
-            largest = np.abs(counted(5, 3, 4)).max(axis=0)
-            np.testing.assert_array_equal(default.signal[()], largest)
-            assert found["/entry/depth_map"].signal_name == "depth (m)"
-        elif name.startswith("capture"):
-            assert labels[2] == "frequency (Hz)"
-        assert {one.interpretation for one in found.values()} == {
-            "image" if name.startswith("volume") else "spectrum"
-        }
-        assert all(one.title for one in found.values())
-
-
-@folders_with("channels-1.h5")
-@pytest.mark.parametrize("version", [1, 2])
-def test_channels(frozen, version):
-    path = frozen / f"channels-{version}.h5"
-    assert same_record(open_channels(path), channels(patterns=version == 2))
+    assert same_record(read(path), made(**{besides: version == 2}))
     assert check_file(path).ok
 
 

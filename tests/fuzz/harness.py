@@ -3,44 +3,53 @@
 Allowed: a result of the target, or its error on printable lines that name the file. A fault is
 anything else: another exception, a command run, a module imported, a file opened that is not the
 input, too much memory or time. What parses binary files has a process of its own, which may end.
+That takes ten times as long as most inputs need, so one process reads many, and an input that is
+at fault there, or ends it, is judged as users read it.
 """
 
 from __future__ import annotations
 
+import io
+import json
 import os
 import re
 import signal
 import sys
-import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 from typing import Any
+from unittest import mock
 
 from clradar.errors import ClradarWarning
+from clradar.files.confined import process, wire
 from fuzz.targets import Target
 
 _MOST_FAULTS = 20
 """A run ends after so many: they have one cause, mostly."""
 
+_LONG_S = 1.0
+"""Processor time that ends a process with many inputs: a library's loop raises no exception."""
+
 
 @dataclass(slots=True)
 class Outcome:
-    """What came of a run. Of each fault the number of the input, what it is, and the kept file."""
+    """What came of a run, and how many were judged again. Of each fault number, what, kept file."""
 
     results: int = 0
     errors: int = 0
+    again: int = 0
     faults: list[tuple[int, str, Path]] = field(default_factory=list)
-    slowest_s: float = 0.0
 
     def __str__(self) -> str:
         counts = f"{self.results} results, {self.errors} errors, {len(self.faults)} faults"
         lines = [f"input {index}: {what} [{saved}]" for index, what, saved in self.faults]
-        return "\n".join([f"{counts}; slowest {self.slowest_s:.2f} s", *lines])
+        return "\n".join([f"{counts}; {self.again} judged again", *lines])
 
 
 def run(target: Target, count: int, *, seed: int = 0, start: int = 0, keep: Path) -> Outcome:
@@ -55,25 +64,78 @@ def run(target: Target, count: int, *, seed: int = 0, start: int = 0, keep: Path
         path = target.place(Path(folder))
         for content in target.seeds():  # later nothing has to be imported or started
             path.write_bytes(content)
-            kind, fault = judge(target, path)
-            assert kind == "result", f"a seed of {target.file_name} gives: {kind} {fault}"
+            for found in (judge(target, path), _judged_here(target, path)):
+                assert found[0] == "result", f"a seed of {target.file_name} gives: {found}"
         watch = _watch()
         watch.folder = os.path.realpath(folder)
-        for index in range(start, start + count):
-            path.write_bytes(target.mutated(seed, index))
-            began = time.process_time()
-            kind, fault = judge(target, path, watch)
-            outcome.slowest_s = max(outcome.slowest_s, time.process_time() - began)
-            outcome.results += kind == "result"
-            outcome.errors += kind == "error"
-            if fault is not None:
-                keep.mkdir(parents=True, exist_ok=True)
-                saved = keep / f"{target.file_name.replace('/', '-')}-{seed}-{index}"
-                saved.write_bytes(path.read_bytes())
-                outcome.faults.append((index, fault, saved))
-                if len(outcome.faults) == _MOST_FAULTS:
-                    break
+        indices = list(range(start, start + count))
+        with closing(_kinds(target, path, seed, indices, watch)) as kinds:
+            for index, kind in kinds:
+                fault = None
+                if kind == "fault":
+                    path.write_bytes(target.mutated(seed, index))
+                    kind, fault = judge(target, path, watch)
+                    outcome.again += 1
+                outcome.results += kind == "result"
+                outcome.errors += kind == "error"
+                if fault is not None:
+                    keep.mkdir(parents=True, exist_ok=True)
+                    saved = keep / f"{target.file_name.replace('/', '-')}-{seed}-{index}"
+                    saved.write_bytes(path.read_bytes())
+                    outcome.faults.append((index, fault, saved))
+                    if len(outcome.faults) == _MOST_FAULTS:
+                        break
     return outcome
+
+
+def _kinds(
+    target: Target, path: Path, seed: int, left: list[int], watch: Watch
+) -> Iterator[tuple[int, str]]:
+    """Yield number and kind of inputs: "fault" also for one that ends the process."""
+    while left:
+        receiving, sending = os.pipe()
+        if (child := os.fork()) == 0:
+            with suppress(BaseException):
+                for index in left:
+                    path.write_bytes(target.mutated(seed, index))
+                    signal.setitimer(signal.ITIMER_VIRTUAL, _LONG_S)
+                    kind, _ = _judged_here(target, path, watch)
+                    os.write(sending, f"{kind}\n".encode())
+                    if kind == "fault":  # the other process takes the file
+                        break
+            os._exit(0)
+        os.close(sending)
+        kind = "result"
+        try:
+            with open(receiving) as kinds:
+                for kind in map(str.strip, kinds):
+                    yield left.pop(0), kind
+        finally:
+            os.waitpid(child, 0)
+        if left and kind != "fault":
+            yield left.pop(0), "fault"
+
+
+def _judged_here(target: Target, path: Path, watch: Watch | None = None) -> tuple[str, str | None]:
+    """`judge`, with binary files read in this process."""
+    resource = process.resource
+
+    def limit(what: int, most: tuple[int, int]) -> None:
+        resource.setrlimit(what, (most[0], resource.getrlimit(what)[1]))
+
+    def answer(message: bytes, most_bytes: int, _: float) -> Any:
+        sent, limits = bytearray(), resource.getrlimit(resource.RLIMIT_NOFILE)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                process._reply(json.loads(message), SimpleNamespace(sendall=sent.extend))
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+        return wire.receive(SimpleNamespace(recv_into=io.BytesIO(sent).readinto), most_bytes)
+
+    system = SimpleNamespace(**{**vars(resource), "setrlimit": limit})
+    with mock.patch.multiple(process, _answer_of=answer, _confined=True, resource=system):
+        return judge(target, path, watch)
 
 
 @cache
@@ -149,7 +211,8 @@ class Watch:
             return None if own else f"opens {name!r}"
         if event == "import":
             name = str(arguments[0])
-            return None if name.split(".")[0] in _LATE_IMPORTS else f"imports {name}"
+            known = name in sys.modules or name.split(".")[0] in _LATE_IMPORTS  # or shut out there
+            return None if known else f"imports {name}"
         if event == "exec":
             # A module that is imported late is executed too; any other code is foreign.
             name = getattr(arguments[0], "co_name", "?")

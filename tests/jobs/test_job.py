@@ -1,6 +1,5 @@
 """Folders of long work: what they resume, refuse and leave; and batches over several devices."""
 
-import hashlib
 import json
 import multiprocessing
 import os
@@ -28,7 +27,7 @@ from clradar.errors import (
     warn,
 )
 from clradar.files.atomic import remove_temporaries, write_file
-from clradar.files.hashing import content_record, holds_still, sha256_of
+from clradar.files.hashing import content_record, holds_still
 from clradar.jobs import FolderStore, Job, Where
 from clradar.jobs.job import KEY
 from clradar.jobs.lock import LOCK, held, scratch_folder
@@ -236,12 +235,6 @@ def test_remains_are_removed_and_nothing_else(tmp_path):
         (tmp_path / name).write_text("")
     remove_temporaries(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [".c", "b.tmp"]
-
-
-def test_hash_of_a_file_longer_than_a_block(tmp_path):
-    for content in (b"abc", b"a" * 10**6 + b"b" * 10**6):
-        (tmp_path / "a").write_bytes(content)
-        assert sha256_of(tmp_path / "a") == hashlib.sha256(content).hexdigest()
 
 
 @posix_only

@@ -1,9 +1,7 @@
 """Materials: reflection against boundary conditions; their files; what is refused of both."""
 
-import json
 import pickle
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +15,6 @@ from clradar.files.limits import MAX_TOML_BYTES
 from clradar.model.kirchhoff import check_kirchhoff, curvature_radius_m
 from clradar.model.known_materials import HORNY_LAYER, KNOWN
 from clradar.model.material_file import (
-    material_of,
-    material_record,
     read_materials,
     write_materials,
 )
@@ -106,22 +102,6 @@ def test_reflection_is_that_of_the_boundary_conditions(name):
 
 def test_a_conductor_turns_the_field_at_every_angle():
     assert np.array_equal(METAL.reflection(BAND, COSINES), np.full((3, 6), -1))
-
-
-def test_no_passive_material_reflects_more_than_it_gets():
-    rng = np.random.default_rng(0)
-    cosines = np.concatenate([[0.0, 1e-6, 1e-3, 1.0], rng.random(28)])
-    for _ in range(300):
-
-        def drawn() -> complex:
-            return complex(10 ** rng.uniform(-1, 2), -(10 ** rng.uniform(-6, 3)) * rng.integers(2))
-
-        coating = Coating(10 ** rng.uniform(-6, -2), drawn()) if rng.integers(2) else None
-        kind = {"conductor": True} if rng.integers(3) == 0 else {"permittivity": drawn()}
-        own = Material("x", coating=coating, **kind)
-        r_s, r_p = own.fresnel(rng.uniform(1e9, 9e11, 4), cosines)
-        assert np.abs(r_s).max() < 1 + 1e-9
-        assert np.abs(r_p).max() < 1 + 1e-9
 
 
 def test_dispersion_is_that_of_the_tables_of_gabriel():
@@ -352,18 +332,6 @@ def test_the_page_of_materials_is_right(tmp_path):
         assert [float(text or 0) / 1e3 for text in lengths_mm] == [m or 0 for m in lengths_m]
 
 
-def test_records_for_other_files():
-    for own in KNOWN.values():
-        again = material_of(json.loads(json.dumps(material_record(own))))
-        assert again == own
-        assert again.source == own.source
-    assert material_record(replace(KNOWN["skin"], source="")).keys() == {
-        "name", "permittivity", "roughness_rms_m", "correlation_length_m",
-    }  # fmt: skip
-    with pytest.raises(MeasurementError, match="plan: material: roughness_rms_m: expected an RMS"):
-        material_of({"name": "x", "permittivity": 2.0, "roughness_rms_m": 3}, "plan: material")
-
-
 WRONG_FILES = {
     "": "expected a table for each material, got nothing",
     "permittivity = 3": "permittivity: expected a table or object, got 3",
@@ -401,23 +369,6 @@ def test_mistakes_name_the_file_and_the_key(tmp_path, text):
     assert WRONG_FILES[text] in message
     assert "\n" not in message
     assert len(message) < 1000
-
-
-def test_files_that_are_none(tmp_path):
-    for name, content, words in (
-        ("x.txt", b"", r"ends in \.toml or \.json"),
-        ("x.json", b"[]", "list where a JSON object"),
-        ("x.json", b'{"x": {"conductor": true}, "x": {}}', "the key 'x' twice"),
-        ("x.json", b'{"x": 1}', "x: expected a table or object, got 1"),
-        ("x.toml", b"\xff", "bytes that are no UTF-8 text"),
-        ("x.toml", b"#" * (MAX_TOML_BYTES + 1), "of at most"),
-        ("gone/x.toml", None, "nothing there"),
-    ):
-        path = tmp_path / name
-        if content is not None:
-            path.write_bytes(content)
-        with pytest.raises(MeasurementError, match=words):
-            read_materials(path)
 
 
 def test_mistakes_of_several_materials_are_reported_at_once(tmp_path):

@@ -221,14 +221,6 @@ def test_the_callers_later_changes_do_not_reach_the_record(make):
             np.testing.assert_array_equal(getattr(record, name), value, err_msg=name)
 
 
-def test_an_immutable_array_is_not_copied():
-    data = np.ones((2, 3, 4), np.complex64)
-    data.flags.writeable = False
-    assert make_capture(data=data).data is data
-    view = np.frombuffer(data.tobytes(), np.complex64).reshape(2, 3, 4)
-    assert make_capture(data=view).data is view
-
-
 @pytest.mark.parametrize("make", [make_capture, make_volume])
 def test_meta_is_a_copy_and_cannot_be_written(make):
     meta = {"seed": 1, "nested": {"deep": [1, {"deeper": 2}]}}
@@ -365,13 +357,6 @@ def test_other_types_are_not_numbers(value):
         checks.real("field", value)
     with pytest.raises(ModelError, match=r"^field: expected a whole number in \[1, 9\], got "):
         checks.whole("field", value, 1, 9)
-
-
-def test_numbers_of_every_kind_are_numbers():
-    for value in (5, 5.0, np.int8(5), np.float32(5), np.array(5)):
-        assert checks.real("field", value) == 5.0
-        assert checks.whole("field", value, 1) == 5
-        assert type(checks.whole("field", value, 1)) is int
 
 
 @pytest.mark.parametrize(

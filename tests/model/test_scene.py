@@ -272,14 +272,6 @@ def test_normals_that_are_not_known_stay_so():
     assert Scene.combine([plain, plain]).normals is None
 
 
-def test_normals_count_in_the_digest_and_survive_pickling():
-    vertices, faces, _, normals = ellipsoid()
-    scene = Scene(vertices, faces, normals=normals)
-    assert scene.digest() != Scene(vertices, faces).digest()
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(scene)).normals, normals)
-    np.testing.assert_array_equal(scene.with_alpha(0.1).normals, normals)
-
-
 # Materials of faces, and the texture that moves with the body
 
 
@@ -359,6 +351,7 @@ def test_materials_and_texture_count_in_the_digest_unless_all_is_metal():
     assert plain.digest() != plain.transformed(rotated(1e-9)).digest()
     assert plain.digest() != plain.with_alpha(0.4).digest()
     assert plain.digest() == two_parts().with_material("metal").digest()
+    assert plain.digest() != replace(plain, normals=np.eye(3)[[0] * 8]).digest()
     textured = replace(plain, texture_m=2 * plain.vertices_m)
     assert textured.digest() == plain.digest()
     rougher = Material("palm", 3.0, roughness_rms_m=1e-4, correlation_length_m=1e-3)

@@ -2,7 +2,6 @@
 
 python tests/mutants/run.py                  all; status 1 if one survives that may not
 python tests/mutants/run.py tracing lobe     of these folders or files, or with ids that begin so
-python tests/mutants/run.py --write          and write what came out to the table
 
 Faults are put into copies of the working tree, which itself stays as it is.
 """
@@ -29,38 +28,13 @@ else:
 LIMIT_S = 300
 """For the tests of one fault: one that makes a loop endless is noticed."""
 
-FIELDS = ("id", "file", "what", "text", "becomes", "tests", "killed", "survived")
-
 Mutant = dict[str, Any]
 
 
 def table_of(root: Path) -> list[Mutant]:
-    """The table: without a word in `killed` or `survived` an outcome is not known yet."""
+    """The table of single faults."""
     found = tomllib.loads((root / "tests/mutants/mutants.toml").read_text("utf-8"))
     return list(found["mutant"])
-
-
-def write_table(root: Path, mutants: list[Mutant]) -> None:
-    path = root / "tests/mutants/mutants.toml"
-    head = path.read_text("utf-8").split("[[mutant]]")[0]
-    parts = ["[[mutant]]\n" + "".join(map(_line, m, m.values())) for m in mutants]
-    path.write_text(head + "\n".join(parts), "utf-8")
-
-
-def _with(mutant: Mutant, outcome: Mutant) -> Mutant:
-    """The fields in their order, with another outcome if there is one."""
-    known = {f: mutant[f] for f in FIELDS if f in mutant and not (outcome and f in FIELDS[-2:])}
-    return known | outcome
-
-
-def _line(field: str, value: Any) -> str:
-    if isinstance(value, list):
-        return f"{field} = [\n{''.join(f'    {_quoted(one)},{chr(10)}' for one in value)}]\n"
-    return f"{field} = {_quoted(value)}\n"
-
-
-def _quoted(text: str) -> str:
-    return f"'{text}'" if not set(text) & {"'", "\n"} else f"'''\n{text}'''"
 
 
 def is_chosen(mutant: Mutant, only: list[str]) -> bool:
@@ -149,7 +123,6 @@ def main(root: Path, arguments: list[str]) -> int:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("only", nargs="*", help="folders, files, or beginnings of ids")
-    parser.add_argument("--write", action="store_true", help="write the outcomes to the table")
     parser.add_argument("--jobs", type=int, default=2, help="how many at a time")
     options = parser.parse_args(arguments)
     chosen = [mutant for mutant in table_of(root) if is_chosen(mutant, options.only)]
@@ -157,7 +130,6 @@ def main(root: Path, arguments: list[str]) -> int:
         print(f"No mutant of {', '.join(options.only)}.")
         return 2
     counts, wrong = {"killed": 0, "survived": 0, "faulty": 0}, list[str]()
-    outcomes: dict[str, Mutant] = {}
     with (
         tempfile.TemporaryDirectory(prefix="mutants-") as folder,
         ThreadPoolExecutor(options.jobs) as pool,
@@ -177,15 +149,10 @@ def main(root: Path, arguments: list[str]) -> int:
                 print(f"{mutant['id']:32} {state:8} {seconds:6.1f} s  {reason}", flush=True)
                 if state == "faulty" or (state == "survived" and not reason):
                     wrong.append(mutant["id"])
-                if state != "faulty":
-                    outcomes[mutant["id"]] = {state: reason}
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             runner.stop()
             raise
-    if options.write:
-        # The table may have been edited meanwhile.
-        write_table(root, [_with(m, outcomes.get(m["id"], {})) for m in table_of(root)])
     print(", ".join(f"{n} {state}" for state, n in counts.items()))
     if wrong:
         print(f"Not as they should be: {', '.join(wrong)}; a survivor needs a reason in the table.")

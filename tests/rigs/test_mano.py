@@ -147,7 +147,6 @@ def as_npz(model):
 
 KINDS = {
     "protocol 0": lambda model: mano_pickle(model, 0, True),
-    "protocol 1": lambda model: mano_pickle(model, 1, True),
     "protocol 5": lambda model: mano_pickle(model, 5, False),
     "npz": as_npz,
 }

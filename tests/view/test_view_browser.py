@@ -189,15 +189,6 @@ def test_frames_keys_reload_two_browsers_and_the_end(recording, tmp_path):
         assert "errorText" in page.call("Page.navigate", url=address)
 
 
-def test_a_server_that_stops_leaves_no_thread():
-    before = set(threading.enumerate())
-    with server.serving(View(source=frames(volume()), wish=Wish()), 0) as (_, session):
-        session.settle()
-        assert set(threading.enumerate()) - before  # one of another test may end meanwhile
-    for thread in set(threading.enumerate()) - before:
-        thread.join()
-
-
 def test_an_iterable_is_shown_until_its_error(monkeypatch):
     """Ten lines of a lab: a generator that ends with an error once a frame was seen."""
     seen, draw = threading.Event(), Panel.show

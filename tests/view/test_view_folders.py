@@ -11,7 +11,6 @@ from fronts import Front, capture, frames, volume
 from nightly import nightly
 from systems import posix_only
 
-import clradar
 from clradar.errors import MeasurementError
 from clradar.hand import JOINT_NAMES
 from clradar.view import server
@@ -20,7 +19,7 @@ from clradar.view.session import Session, View
 from clradar.view.sources import open_source
 from clradar.view.truth import recording_truth
 from clradar.view.wish import Wish
-from measurement_io import save_capture, save_recording, save_volume
+from measurement_io import save_recording, save_volume
 
 
 class Watched(Front):
@@ -146,20 +145,6 @@ def test_folders_and_files_that_cannot_be_viewed(tmp_path):
     ):
         with pytest.raises(MeasurementError, match=words):
             open_source(tmp_path / name, watch=watch)
-
-
-def test_sources(tmp_path):
-    captures = [capture(1.0), capture(2.0)]
-    save_recording(tmp_path / "plate/30", captures, timestamps_us=[0, 125_000])
-    save_capture(tmp_path / "capture.h5", captures[1])
-    save_volume(tmp_path / "volume.h5", volume())
-    recording = open_source(tmp_path / "plate/30")
-    assert [recording.label(i) for i in recording.frames()] == ["frame 0", "frame 1"]
-    assert recording.read(1).data[0, 0, 0] == 2.0
-    single = open_source(tmp_path / "capture.h5")
-    assert (single.frames(), single.label(0)) == ((0,), "capture.h5")
-    assert single.read(0).data.shape == (2, 1, 3)
-    assert isinstance(open_source(tmp_path / "volume.h5").read(0), clradar.Volume)
 
 
 @pytest.mark.parametrize(

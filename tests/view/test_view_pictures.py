@@ -15,7 +15,7 @@ from clradar.jobs.outcome import Aside
 from clradar.view import samples
 from clradar.view.drawn import Drawn, Flat, clicked_m, level_colours, scale_of, voxels_of
 from clradar.view.pictures import image_pictures, overview_picture, pair_curves, slice_pictures
-from clradar.view.samples import KEPT_SAMPLES, SampleFrames
+from clradar.view.samples import SampleFrames
 from clradar.view.sources import open_source
 from clradar.view.wish import grid_mm
 
@@ -196,32 +196,6 @@ def data_set(folder, *products, count=12, size=5):
 @pytest.fixture(scope="module")
 def letters(tmp_path_factory):
     return data_set(tmp_path_factory.mktemp("view") / "letters", "joints", "mesh")
-
-
-def test_samples_are_read_when_they_are_looked_at(letters, monkeypatch):
-    read: list[tuple[str, int]] = []
-    read_sample = samples.read_sample
-
-    def counted(path, sample, plan):
-        read.append((path.name, sample))
-        return read_sample(path, sample, plan)
-
-    monkeypatch.setattr(samples, "read_sample", counted)
-    source = open_source(letters)
-    assert source.frames() == (0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11)
-    source.choose(pose="B")
-    source.choose()
-    assert read == []
-    for sample in (7, 7, 11):
-        assert source.read(sample).image.amplitude.max() == 1 + sample
-        source.truth(sample)
-    assert read == [("shard-00001.h5", 7), ("shard-00002.h5", 11)]
-    for sample in (*range(KEPT_SAMPLES - 2), 7):
-        source.read(sample)
-    assert len(read) == KEPT_SAMPLES  # two and six others: 7 was kept
-    source.read(9)
-    source.read(11)
-    assert len(read) == KEPT_SAMPLES + 2  # 11 had to go for 9
 
 
 def test_projection_and_depth_map_are_shown_without_a_volume(letters):

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from fronts import GRID, Front, SlowImager, capture, changed, frames, session_of, volume
+from fronts import GRID, SlowImager, capture, changed, frames, session_of, volume
 
 import clradar
 from clradar.errors import ClradarError, MeasurementError
@@ -66,31 +66,6 @@ def test_closing_ends_what_is_being_imaged():
         form.let.release()
         closing.join()
     assert not front.shown
-
-
-def test_playing_waits_for_every_frame_and_stops(monkeypatch):
-    monkeypatch.setattr("clradar.view.playing.PLAYED_HZ", 1e6)
-    enough = threading.Event()
-
-    class Steps:
-        events: tuple[str, ...] = ()
-
-        def step(self, by):
-            self.events += ("step",)
-
-        def settle(self):
-            self.events += ("settle",)
-            if len(self.events) >= 8:
-                enough.set()
-
-    steps = Steps()
-    player = Front().plays(steps, CAPTURES)
-    player.start()
-    player.play(True)
-    enough.wait()
-    player.play(False)
-    player.close()
-    assert steps.events == ("step", "settle") * (len(steps.events) // 2)
 
 
 class Following:

@@ -53,8 +53,11 @@ except ImportError:  # Windows
 
 _READY = b"ready"
 _NO_CONTENT = b"\xff" * 8
-_ENCODINGS = ("ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437")
-"""Of what is read; the last one is that of names in ZIP archives."""
+_ENCODINGS = (
+    "ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437",
+    "utf-16-le", "utf-16-be", "utf-32-le", "utf-32-be",
+)  # fmt: skip
+"""Of what is read: cp437 of names in ZIP archives, UTF-16 and UTF-32 of text in MATLAB files."""
 
 _LATE = ("numpy.ma", "unicodedata")
 """Modules that numpy and Python import late, when no file can be opened any more."""
@@ -152,7 +155,7 @@ def run(
     if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
         fail(path, reader.expected, "an invalid answer of its process", error=reader.error)
     if "error" in answer:
-        raise reader.error(clean(answer["error"]))
+        raise reader.error(clean(answer["error"], 4))  # ours, with paths and words of the file
     return answer["result"]
 
 
@@ -280,12 +283,10 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 def _stop_server() -> None:
     global _server
     with _lock:
-        if _server is None:
-            return
-        process, link = _server
+        if _server is not None:
+            _server[1].close()
+            _end(_server[0])
         _server = None
-        link.close()
-        _end(process)
 
 
 def _forget_server() -> None:
@@ -293,6 +294,7 @@ def _forget_server() -> None:
     global _server, _lock
     if _server is not None:
         _server[0].returncode = 0  # it is not this process's to wait for
+        _server[1].close()
     _server, _lock = None, threading.Lock()
 
 
@@ -316,8 +318,7 @@ def serve(link_number: int) -> None:
             message, handles, _, _ = socket.recv_fds(link, MAX_REQUEST_BYTES, 1)
             if not message:
                 return
-            # Here, so that they are imported once and not by every process.
-            with suppress(Exception):
+            with suppress(Exception):  # once, and not by every process
                 _import_all(json.loads(message))
             if os.fork() == 0:
                 link.close()
@@ -420,10 +421,7 @@ _handed: bytes | None = None
 def file_bytes(
     path: Path, expected: str, limit: int, *, error: type[ClradarError] = MeasurementError
 ) -> bytes:
-    """Return a file's content, the one that was handed over or as `read_bytes` does.
-
-    After that this process can open nothing any more.
-    """
+    """Return a file's content, handed over or read; then this process can open nothing any more."""
     content = read_bytes(path, expected, limit, error=error) if _handed is None else _handed
     forbid_opening()
     return content

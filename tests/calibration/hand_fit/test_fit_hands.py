@@ -155,10 +155,6 @@ def test_a_frame_is_followed_from_the_one_before():
     # The tip of the index, which bends.
     assert np.linalg.norm(found.joints_m - joints_m, axis=1)[tips].max() > 8e-3
     assert found.belief.known.stop == 23
-    # A measured belief is no wider than before, and a covariance.
-    widest = np.diag(belief.after(FRAME_S).covariance)[:23] * (1 + 1e-9)
-    assert (np.diag(found.belief.covariance)[:23] <= widest).all()
-    assert np.linalg.eigvalsh(found.belief.covariance).min() > 0
 
 
 @pytest.mark.slow

@@ -106,10 +106,6 @@ def test_the_shape_of_a_rig_is_not_stated(fit, tmp_path):
     write_json(tmp_path / "fit.json", of_rig.to_dict(), force=False)
     for source in (of_rig, tmp_path / "fit.json"):
         assert starts_of(source)[0].shape is None
-    lacking = {key: value for key, value in of_rig.to_dict().items() if key != "shape"}
-    write_json(tmp_path / "fit.json", lacking, force=True)
-    with pytest.raises(MeasurementError, match="'shape' of a fitted hand, got none"):
-        starts_of(tmp_path / "fit.json")
 
 
 def test_a_fit_is_read_as_the_next_start(fit, tmp_path):
@@ -284,6 +280,16 @@ def without_tips(fit: HandFit, more: float = 30.0) -> HandFit:
         fit, joints_m=cut(fit.joints_m), joint_covariance_m2=covariance_m2,
         basins=(best, replace(other, deviance=fit.deviance + more)),
     )  # fmt: skip
+
+
+def test_other_poses_are_told_apart_by_the_last_joints():
+    fit = without_tips(made_up_fit("F", "L"), more=1.0)
+    last = [tip - 1 for tip in TIPS]
+    apart_m = np.linalg.norm((fit.basins[1].joints_m - fit.joints_m)[last], axis=1)
+    np.testing.assert_array_equal(fit.tips_apart_m(fit.basins[1]), apart_m)
+    (remark,) = fit.remarks()
+    assert "(deviance +1.0), with the end of the " in remark
+    assert f" {1e3 * apart_m.max():.0f} mm away" in remark
 
 
 def test_the_result_says_that_there_are_no_tips():

@@ -1,11 +1,11 @@
 """Layouts: a capture written in strange ways comes back with the same bits, or one clear error."""
 
 import io
+import struct
 import zipfile
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -102,8 +102,6 @@ AT_12_MM = clradar.Capture(
 )
 STEPS = {"first": 72e9, "step": np.array([2e9]), "n": np.int16(6), "f_ghz": F_GHZ}
 
-Case = tuple[str, dict[str, Any], clradar.Capture]
-
 
 def cases():
     """Layouts by name, what the file then holds, and the capture that it stands for."""
@@ -148,6 +146,23 @@ def test_the_capture_is_what_the_layout_describes(tmp_path, text, changes, want)
         assert same_capture(read, want), container
         reversed_ = "data" in changes and "f" in changes
         assert read.meta["frequencies_reversed"] is reversed_
+
+
+@pytest.mark.parametrize(("kind", "codec"), [(17, "utf-16-le"), (18, "utf-32-le")])
+def test_matlabs_wide_text(tmp_path, kind, codec):
+    path = write("mat v5", tmp_path / "c.mat", tree_of(CAPTURE, note=16 * "x"))
+    data = "µm, 30 °C".encode(codec)[:16]
+    text = data.decode(codec)
+    changed = path.read_bytes()
+    for old, new in (
+        (struct.pack("<II", 16, 16) + b"x" * 16, struct.pack("<II", kind, 16) + data),
+        (struct.pack("<IIII", 5, 8, 1, 16), struct.pack("<IIII", 5, 8, 1, len(text))),
+    ):
+        assert changed.count(old) == 1
+        changed = changed.replace(old, new)
+    path.write_bytes(changed)
+    read = open_with_layout(path, layout(tmp_path, PLAIN + '[meta]\nkeys = ["note"]\n'))
+    assert read.meta["file"] == {"note": text}
 
 
 @pytest.mark.parametrize("fields", ["r i <f4", "Real Imag >f8", "I Q >f4", "real imag <f8"])
