@@ -2,7 +2,10 @@
 
 import ast
 from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("clradar", "measurement_io", "calibration")
@@ -171,3 +174,15 @@ def test_only_frames_and_hand_models_are_pickles():
         ]
         # There it is the base of a class whose find_class has a list of exact names.
         assert len(loads) == (name == reader), name
+
+
+def test_there_are_no_circles():
+    # What a package imports itself from is its own modules; that is how it shows them.
+    graph = {
+        name: {n for n in imported if n in FILES and n != name}
+        for name, imported in imports().items()
+    }
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))

@@ -11,18 +11,15 @@ import pytest
 from command_line import Cli
 from matplotlib.figure import Figure
 from nightly import nightly
-from shapes import plate
 
 import clradar
-from calibration import HYPOTHESES, Hypothesis, apply_convention, diagnose
+from calibration import Hypothesis, apply_convention, diagnose
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform, reference
 from clradar.errors import ModelError
-from clradar.hand import hand_mesh
 from measurement_io import open_capture, save_capture
 
 C = 299_792_458.0
 QAR50 = clradar.arrays.qar50()
-SWEEP = Waveform.sfcw(72e9, 82e9, 128)
 SHORT = Waveform.sfcw(72e9, 82e9, 64)
 
 LINE = np.r_[0:47:6, 46]
@@ -149,25 +146,6 @@ def test_the_imagers_symmetry_leaves_swapped_axes(device):
     assert set(result.candidates) == swapped_too(h)
     assert result.best == Hypothesis(conjugated=True)  # the least that has to be changed
     assert not result.decided
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("h", HYPOTHESES, ids=lambda h: h.label)
-@pytest.mark.parametrize("scene", ["point", "plate", "rough plate", "hand"])
-def test_the_whole_imager_under_all(h, scene, device):
-    if scene == "point":
-        capture = reference.point_targets(QAR50, SWEEP, [[0.03, -0.05, 0.3]], [1.0])
-    else:
-        if scene == "hand":
-            hand = hand_mesh("F")
-            target = clradar.Scene(hand.vertices_m, hand.faces, 0.5)
-        else:
-            vertices, faces = plate(0.1, 0.3)
-            target = clradar.Scene(vertices, faces, 0.0 if scene == "plate" else 0.5)
-        capture = clradar.simulate(target, QAR50, SWEEP, samples_per_mm2=1.0, device=device)
-    result = diagnose(apply_convention(capture, h), device=device)
-    assert h in result.candidates
-    assert set(result.candidates) <= swapped_too(h)
 
 
 def test_unequal_numbers_of_antennas_rule_swapped_axes_out(device):

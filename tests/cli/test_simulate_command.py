@@ -393,3 +393,23 @@ def test_a_rig_goes_from_pose_to_pose_in_a_motion(cli):
     assert [path.name for path in motion.files] == ["motion.toml", "hand.glb"]
     hand = motion.hands[0]
     assert hand.joints_m(0.25) == pytest.approx(hand.mesh(0.25).joints_m, nan_ok=True)
+
+
+@pytest.mark.parametrize(("estimator", "tolerance"), [("expected", 1e-4), ("physical", 1e-3)])
+def test_a_cluster_sees_at_its_pose_what_it_sees_in_its_own_frame(walled, estimator, tolerance):
+    """Balls of which one hides a part of the other: only coordinates are rounded elsewhere."""
+    pose = trimesh.transformations.rotation_matrix(np.radians(10), [1, 0, 0])
+    pose[:3, 3] = [0, 0.1, 0]
+    places_m = ((0.002, 0, 0.25), (0.008, 0.003, 0.3))
+    balls = [ball(0.01, *at_m, subdivisions=3) for at_m in places_m]
+    own = clradar.Scene.combine(clradar.Scene.from_mesh(mesh) for mesh in balls)
+    placed = read_clusters("wall.toml")[2]
+    alone = clradar.AntennaArray(
+        *((side - pose[:3, 3]) @ pose[:3, :3] for side in (placed.tx_m, placed.rx_m))
+    )
+    np.testing.assert_allclose(alone.tx_m[:, 1:], 0, atol=1e-12)
+    settings = {"estimator": estimator, "samples_per_mm2": 4.0}
+    want = clradar.simulate(own, alone, BAND, **settings).data
+    got = clradar.simulate(own.transformed(pose), placed, BAND, **settings).data
+    error = np.sqrt(np.mean(np.abs(got - want) ** 2) / np.mean(np.abs(want) ** 2))
+    assert error < tolerance, error

@@ -26,8 +26,6 @@ def check_flat(bvh: Bvh, triangles_m: np.ndarray) -> None:
     """Walk what the kernels read, as they do, and hold it against ``kernels/common/bvh.h``."""
     corners = np.asarray(triangles_m, dtype=np.float32)
     nodes, records, most_kept, _ = flatten(bvh, triangles_m, DELTA_M)
-    assert nodes.dtype == records.dtype == np.float32
-    assert nodes.shape[1:] == (64,)
     n_blocks = int(nodes.view(np.int32)[0, 56])
     assert records.shape == (n_blocks * 104,)
     blocks, faces = np.split(records, [n_blocks * 96])
@@ -36,9 +34,6 @@ def check_flat(bvh: Bvh, triangles_m: np.ndarray) -> None:
     low, high = rows[:, 1:4].transpose(0, 2, 1), rows[:, 4:7].transpose(0, 2, 1)
     child = rows.view(np.int32)[:, 0]
     used = low[:, :, 0] <= high[:, :, 0]
-    parents = np.bincount(child[used & (child >= 0)], minlength=len(nodes))
-    assert parents[0] == 0
-    assert (parents[1:] == 1).all()
 
     # The kernels' walk: all children of a node are put on the stack, and the last is taken next.
     most = 0
@@ -51,7 +46,6 @@ def check_flat(bvh: Bvh, triangles_m: np.ndarray) -> None:
     assert most <= most_kept
 
     filled = faces >= 0
-    assert (blocks.transpose(0, 2, 1)[~filled] == 0).all()
     np.testing.assert_array_equal(np.sort(faces[filled]), np.sort(bvh.order))
     of_leaf = -1 - child[used & (child < 0)]
     np.testing.assert_array_equal(np.sort(of_leaf), np.arange(len(of_leaf)))
@@ -92,19 +86,6 @@ MESHES = {
 def test_every_face_is_in_one_leaf_and_in_its_boxes(name, device):
     bvh = build_bvh(MESHES[name], device)
     check_flat(bvh, MESHES[name])
-
-
-def test_faces_without_area_are_left_out(device):
-    point = np.full((1, 3, 3), 0.3)
-    line = np.array([[[0, 0, 0.3], [0.1, 0, 0.3], [0.2, 0, 0.3]]])
-    real = triangles_of(plate(0.1, 0.3))
-    for triangles, kept in (
-        (np.concatenate([point, real[:1], line, real[1:]]), [1, 3]),
-        (np.full((5, 3, 3), 0.1), []),
-    ):
-        bvh = build_bvh(triangles, device)
-        np.testing.assert_array_equal(np.sort(bvh.order), kept)
-        check_flat(bvh, triangles)
 
 
 @pytest.mark.parametrize("n_faces", [3, 4099])

@@ -73,15 +73,12 @@ NVIDIA = ("sm_70", "sm_80", "sm_90")
 AMD = {"gfx90a": 8, "gfx1100": 16}
 """Most wavefronts of a SIMD."""
 
-GROUP_ITEMS = 64
-"""Work-group for which shared memory is counted."""
-
 
 @dataclass(frozen=True, slots=True)
 class Use:
     """What a kernel takes of a GPU: registers of an item (vector registers on AMD's), bytes of an
     item in local memory and how many of these are spilled registers, instructions that load a
-    single byte, percent of the items that a processor can hold by registers and shared memory."""
+    single byte, percent of the items that a processor can hold by registers."""
 
     registers: int
     stack: int
@@ -170,12 +167,8 @@ def _nvidia_uses(ptx: str, target: str, most: int | None, folder: Path) -> dict[
         stack, stores, _ = _numbers(
             r"(\d+) bytes stack frame, (\d+) bytes spill stores, (\d+) bytes spill loads", part
         )
-        shared = re.search(r"(\d+) bytes smem", part)
         # A quarter of a multiprocessor has 16384 registers, given out to 32 items by 256.
         warps = min(16, 16384 // (32 * 8 * math.ceil(registers / 8)))
-        if shared:
-            most = 65536 // int(shared.group(1)) * GROUP_ITEMS // 128
-            warps = min(warps, most)
         bytes_loaded = len(re.findall(r"\bld(?:\.\w+)*\.[usb]8\b", code[kernel]))
         uses[kernel] = Use(registers, stack, stores, bytes_loaded, round(100 * warps / 16))
     return uses

@@ -154,3 +154,17 @@ def test_antennas_on_both_sides_of_a_sheet():
 def test_an_antenna_on_the_surface_is_refused(at_m):
     with pytest.raises(ModelError, match=r"antennas at least 0[.]75 mm"):
         lit_points(measured.plate((0.02, 0.02), 0.2), clradar.AntennaArray([[0, 0, 0]], [at_m]))
+
+
+def test_a_material_keeps_its_roughness_whatever_else_is_in_the_scene():
+    own = ball(1, 0.006).with_material(ROUGH)
+    aside = trimesh.transformations.translation_matrix([0.03, 0.03, 0.03])
+    other = ball(1, 0.002).transformed(aside).with_material("palm")
+    alone = lit_points(own, AROUND, seed=5)
+    for scenes in ([own, other], [other, own]):
+        both = clradar.Scene.combine(scenes)
+        lit = lit_points(both, AROUND, seed=5)
+        here = lit.position_m[lit.material == both.materials.index(ROUGH)]
+        assert len(here) == len(alone.sample)
+        # float32 relative to the middle of another scene; heights are 0.15 mm.
+        assert cKDTree(here).query(alone.position_m)[0].max() < 2e-8

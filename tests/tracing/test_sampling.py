@@ -12,7 +12,6 @@ from shapes import bowl, plate, random_soup, sphere, with_degenerate
 import clradar
 from clradar import reference
 from clradar.errors import MeshError
-from clradar.geometry.bvh import face_normals
 from clradar.geometry.normals import corner_normals
 from clradar.hand import hand_mesh
 from clradar.opencl import Buffers
@@ -20,7 +19,6 @@ from clradar.opencl.sources import source
 from clradar.tracing.sampled_surface import samples_per_face
 from clradar.tracing.settings import resolve_settings
 from clradar.tracing.stochastic import Tracer
-from clradar.tracing.surface_samples import sampled_as
 from clradar.tracing.visible_surface import VisibleSurface
 
 POINT_TOLERANCE_M = 3e-7
@@ -136,22 +134,6 @@ def test_as_many_samples_as_32_bits_count():
     assert abs(counts.sum() - 2147.48e6) <= 2
     with pytest.raises(MeshError, match=r"fewer than 2\^31 samples, got 2147490000"):
         samples_per_face(scene, resolve_settings(samples_per_mm2=2147.49))
-
-
-def test_a_body_that_bends_keeps_the_samples_of_its_faces():
-    """Those of another state, but for faces that have lost their area."""
-    flat, settings = scene_of(plate(0.02, 0.3, 4)), resolve_settings(samples_per_mm2=3.7)
-    vertices_m = flat.vertices_m * [1.0, 1.7, 1.0] + [0.0, 0.0, 0.01]
-    vertices_m[0] = vertices_m[1]
-    bent = clradar.Scene(vertices_m, flat.faces)
-    wanted = samples_per_face(flat, settings)
-    with sampled_as(flat):
-        counts = samples_per_face(bent, settings)
-    gone = face_normals(bent.triangles_m)[1] == 0
-    assert 0 < gone.sum() < 4
-    assert (counts[gone] == 0).all()
-    assert np.abs(counts - wanted)[~gone].max() <= 1  # the running areas are shorter by the lost
-    assert samples_per_face(bent, settings).sum() > 1.5 * counts.sum()
 
 
 def test_random_numbers_never_reach_the_ends_of_their_interval(device):

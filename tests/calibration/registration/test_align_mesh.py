@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from hand_registrations import ARRAY, CENTRE_M, RADAR, errors, motion, truth
+from scipy.ndimage import gaussian_filter
 from scipy.signal import convolve2d
 from scipy.spatial.transform import Rotation
 from shapes import box, sphere
@@ -40,6 +41,17 @@ def test_a_picture_is_convolved_wherever_it_is_lit(lit):
     for one, of in zip(seen.reshape(6, 31, 41), drawn.reshape(6, 31, 41), strict=True):
         # 1e-14: some hundred sums in double precision of numbers of about 1.
         assert np.abs(one - convolve2d(of, pattern, "same")).max() < 1e-14 * max(1, np.ptp(of))
+
+
+def test_a_blurred_picture_is_that_of_a_blurred_image():
+    drawn = np.zeros((31, 41))
+    drawn[15, 20] = 1.0
+    sharp, soft = (Canvas(SHOWN, APERTURE, blur_m) for blur_m in (0.0, 2 * STEP_M))
+    blurred = gaussian_filter(sharp.convolved(drawn), 2.0, mode="constant", truncate=8.0)
+    # The Gaussian in frequency and that of samples in space differ by their aliases, exp(-2 pi^2).
+    middle = np.s_[9:22, 12:29]  # as far from the edge as the blur reaches
+    assert np.abs(soft.convolved(drawn) - blurred)[middle].max() < 1e-4 * blurred.max()
+    assert soft.power.max() == pytest.approx(1.0)
 
 
 OWN_RENDERING_M = 5e-5
