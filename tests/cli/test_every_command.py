@@ -5,7 +5,9 @@ import os
 import re
 import sys
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -151,6 +153,35 @@ FOLDER_OUTPUTS = (
     "simulate in.ply --array wall.toml --device abacus -o {} --force",
 )
 LINES = FILE_OUTPUTS + FOLDER_OUTPUTS
+OUTPUTS = {"output", "png", "joints", "plot", "json", "json_file", "fix_to", "report", "html"}
+INPUTS = {
+    *("rig", "mapping", "theta", "transform", "capture", "captures", "source", "sources", "layout"),
+    *("rx_file", "tx_file", "empty", "file", "files", "materials", "measured", "simulated", "mesh"),
+    *("channels", "plan", "replay", "rigs", "path", "recording", "motion"),
+}
+"""Parameters of commands that are paths."""
+
+
+def is_path(hint: Any) -> bool:
+    return hint is Path or any(is_path(part) for part in get_args(hint))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_output_of_every_command_is_tried_here(name):
+    lines = [line.split() for line in LINES]
+    for key, parameter in list(parameters_of(name).items())[1:]:  # after the context
+        hint, declared = get_args(parameter.annotation)
+        if not is_path(hint):
+            continue
+        assert key in OUTPUTS | INPUTS, f"clradar {name}: is {key} read or written?"
+        if key in INPUTS:
+            continue
+        options = {declared.default, *declared.param_decls}  # as typer keeps those of Annotated
+        assert any(
+            line[0] == name and option in options and "{}" in value
+            for line in lines
+            for option, value in pairwise(line)
+        ), f"clradar {name}: no line above writes to {sorted(options)}"
 
 
 @pytest.fixture
