@@ -140,7 +140,7 @@ FAR[2, 0] = -1.7e308
 
 
 FLAT = np.eye(4)
-FLAT[:3, :3] = np.outer([0.3, 0.1, 0.7], [0.2, 0.9, 0.4])
+FLAT[:3, :3] = np.outer([3, 1, 7], [2, 9, 4]) / 100 + np.outer([1, 5, 3], [7, 3, 1]) / 100
 
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a tuple": (lambda: Scene.from_mesh((1, 2, 3)), "expected a mesh file.*got tuple"),
@@ -166,7 +166,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         r"alpha: .*each of the parts \['mesh'\], got unknown \['glove'\]",
     ),
     "a flat transform": (
-        # Two equal columns in a rotated frame: their determinant is rounding, not zero.
+        # Of rank two: its determinant is rounding, not zero.
         lambda: Scene.from_mesh(box(), transform=FLAT),
         r"Scene\.from_mesh: transform: expected an invertible 4x4 matrix, got a singular one",
     ),
