@@ -45,11 +45,11 @@ nightly: lint-windows test-slow memcheck gpucheck test-spawn test-lowest test-in
 test-lowest: $(VENV)-lowest/.installed
 	$(VENV)-lowest/bin/python -m pytest -n $(JOBS) --dist loadfile
 
-# Mutated files for every reader: 100 000 of each take over an hour, so that a night tries fewer, and
+# Mutated files for every reader: 100 000 of each take some hours, so that a night tries fewer, and
 # others every day.
 RUNS ?= 100000
 SEED ?= 1
-fuzz-night: RUNS = 20000
+fuzz-night: RUNS = 10000
 fuzz-night: SEED = $(shell date +%j)
 fuzz-night: fuzz
 fuzz: export PYTHONPATH := tests:tests/support
