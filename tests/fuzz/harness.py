@@ -64,12 +64,13 @@ def run(target: Target, count: int, *, seed: int = 0, start: int = 0, keep: Path
         path = target.place(Path(folder))
         for content in target.seeds():  # later nothing has to be imported or started
             path.write_bytes(content)
-            for found in (judge(target, path), _judged_here(target, path)):
-                assert found[0] == "result", f"a seed of {target.file_name} gives: {found}"
+            found = [judge(target, path)]
+            with _readers_here():
+                found.append(judge(target, path))
+            assert found == 2 * [("result", None)], f"a seed of {target.file_name} gives: {found}"
         watch = _watch()
         watch.folder = os.path.realpath(folder)
-        indices = list(range(start, start + count))
-        with closing(_kinds(target, path, seed, indices, watch)) as kinds:
+        with closing(_kinds(target, path, seed, list(range(start, start + count)))) as kinds:
             for index, kind in kinds:
                 fault = None
                 if kind == "fault":
@@ -88,18 +89,16 @@ def run(target: Target, count: int, *, seed: int = 0, start: int = 0, keep: Path
     return outcome
 
 
-def _kinds(
-    target: Target, path: Path, seed: int, left: list[int], watch: Watch
-) -> Iterator[tuple[int, str]]:
+def _kinds(target: Target, path: Path, seed: int, left: list[int]) -> Iterator[tuple[int, str]]:
     """Yield number and kind of inputs: "fault" also for one that ends the process."""
     while left:
         receiving, sending = os.pipe()
         if (child := os.fork()) == 0:
-            with suppress(BaseException):
+            with suppress(BaseException), _readers_here():
                 for index in left:
                     path.write_bytes(target.mutated(seed, index))
                     signal.setitimer(signal.ITIMER_VIRTUAL, _LONG_S)
-                    kind, _ = _judged_here(target, path, watch)
+                    kind, _ = judge(target, path, _watch())
                     os.write(sending, f"{kind}\n".encode())
                     if kind == "fault":  # the other process takes the file
                         break
@@ -116,8 +115,9 @@ def _kinds(
             yield left.pop(0), "fault"
 
 
-def _judged_here(target: Target, path: Path, watch: Watch | None = None) -> tuple[str, str | None]:
-    """`judge`, with binary files read in this process."""
+@contextmanager
+def _readers_here() -> Iterator[None]:
+    """Read binary files in this process."""
     resource = process.resource
 
     def limit(what: int, most: tuple[int, int]) -> None:
@@ -135,7 +135,7 @@ def _judged_here(target: Target, path: Path, watch: Watch | None = None) -> tupl
 
     system = SimpleNamespace(**{**vars(resource), "setrlimit": limit})
     with mock.patch.multiple(process, _answer_of=answer, _confined=True, resource=system):
-        return judge(target, path, watch)
+        yield
 
 
 @cache
