@@ -19,6 +19,9 @@ costs a page fault for every 4 KiB that is used, some microseconds each."""
 
 PAGE_BYTES = 4096
 
+FEWEST_BYTES = 16
+"""Of a buffer: OpenCL has no empty ones."""
+
 Prepared = TypeVar("Prepared", bound="OnDevice")
 
 
@@ -76,7 +79,7 @@ class Buffers:
 
     def empty(self, n_bytes: int) -> Any:
         """Allocate at least `n_bytes`, contents undefined."""
-        size = max(int(n_bytes), 16)  # OpenCL has no empty buffers
+        size = max(int(n_bytes), FEWEST_BYTES)
         if self.device.info.kind != "cpu" or size < HUGE_BYTES:
             return self._hold(size, cl.mem_flags.READ_WRITE)
         self._check_room(size)
@@ -128,7 +131,7 @@ class Buffers:
         On a CPU it is the array's own memory and nothing is copied.
         """
         array = np.require(array, requirements=["C", "A"])
-        if self.device.info.kind != "cpu" or array.nbytes < 16:
+        if self.device.info.kind != "cpu" or array.nbytes < FEWEST_BYTES:
             return self.upload(array)
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
         return self._hold(array.nbytes, flags, array)

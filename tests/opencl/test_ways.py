@@ -270,6 +270,13 @@ def test_no_way_changes_a_result(work, way, n_parts):
     assert largest_error(found, made(work, "a GPU")) == 0
 
 
+@pytest.mark.parametrize(("work", "memory_bytes"), [("stochastic", 300_000), ("alphas", 550_000)])
+def test_the_share_of_the_sums_has_room_for_all_that_they_need(work, memory_bytes, monkeypatch):
+    monkeypatch.setitem(MEMORY_BYTES, work, memory_bytes)
+    with WAYS["little memory"](work) as device:
+        assert largest_error(WORKS[work](device), made(work)) == 0
+
+
 @pytest.mark.parametrize(
     "work",
     [*OFTEN_FAILING, *nightly(work for work in WORKS if work not in OFTEN_FAILING)],
