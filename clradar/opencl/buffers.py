@@ -18,9 +18,7 @@ HUGE_BYTES = 4 * 2**20
 costs a page fault for every 4 KiB that is used, some microseconds each."""
 
 PAGE_BYTES = 4096
-
-FEWEST_BYTES = 16
-"""Of a buffer: OpenCL has no empty ones."""
+FEWEST_BYTES = 16  # of a buffer: OpenCL has no empty ones
 
 Prepared = TypeVar("Prepared", bound="OnDevice")
 
@@ -109,10 +107,7 @@ class Buffers:
     def _hold(self, size: int, flags: int, of: np.ndarray | None = None) -> Any:
         self._check_room(size)
         try:
-            if of is None:
-                buffer = cl.Buffer(self.device.context, flags, size)
-            else:
-                buffer = cl.Buffer(self.device.context, flags, hostbuf=of)
+            buffer = cl.Buffer(self.device.context, flags, 0 if of is not None else size, of)
         except cl.Error as error:
             raise self._no_memory(size, error) from error
         self._held[id(buffer)] = (buffer, size)

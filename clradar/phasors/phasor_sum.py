@@ -183,25 +183,13 @@ class PhasorSum(OnDevice):
             start = self._buffers.borrow(starts[first - at : stop - at + 1])
             self._fetch(part)
             wait = self._program.start(
-                "add_paths",
-                (stop - first,),
-                np.uint32(stop - first),
-                np.uint32(part.stop - part.first),
-                np.uint32(first - part.first),
-                np.uint32(total),
-                np.uint32(self._n_columns),
-                np.uint32(self._blocks.n_slots),
-                np.float32(self._blocks.block_m),
-                np.float32(self._blocks.per_half_block),
-                *hi_lo(self._blocks.wavenumber),
-                start,
-                *columns,
-                self._table,
-                self._tag,
-                self._moments,
-                self._sum,
-                work=350.0 * total / (stop - first),
-            )
+                "add_paths", (stop - first,), np.uint32(stop - first),
+                np.uint32(part.stop - part.first), np.uint32(first - part.first), np.uint32(total),
+                np.uint32(self._n_columns), np.uint32(self._blocks.n_slots),
+                np.float32(self._blocks.block_m), np.float32(self._blocks.per_half_block),
+                *hi_lo(self._blocks.wavenumber), start, *columns, self._table, self._tag,
+                self._moments, self._sum, work=350.0 * total / (stop - first),
+            )  # fmt: skip
             if len(self._slices) == 1:
                 # The host prepares the next call while this one runs.
                 self._finish_call()
