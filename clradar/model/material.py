@@ -27,19 +27,9 @@ class Coating(Record):
 
     Parameters
     ----------
-    thickness_m : float, metres
+    thickness_m : float
     permittivity : complex, ColeCole, PowerLaw or PermittivityTable
         Relative, eps' - j eps''.
-
-    Raises
-    ------
-    ModelError
-        A thickness in another unit than metres, or a permittivity with gain.
-
-    Examples
-    --------
-    >>> clradar.Coating(140e-6, 3.1 - 0.4j)
-    Coating(thickness_m=0.00014, permittivity=(3.1-0.4j))
     """
 
     thickness_m: float
@@ -55,32 +45,26 @@ class Coating(Record):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Material(Record):
-    """What a surface is made of, and how rough it is.
+    """What a surface is made of, and how rough it is (docs/materials.md).
 
     Parameters
     ----------
     name : str
     permittivity : complex, ColeCole, PowerLaw or PermittivityTable, optional
-        Relative, eps' - j eps'' for the time factor exp(+j w t); of a half space. Needed unless
+        Relative, eps' - j eps'' for the time factor exp(+j w t), of a half space. Either this or
         `conductor`.
     conductor : bool
-        A perfect conductor.
+        Whether it is a perfect conductor.
     coating : Coating, optional
         One layer on it.
-    roughness_rms_m : float, metres
-        Root mean square h of the heights, which are Gaussian with correlation exp(-r^2/l^2).
-    correlation_length_m : float, metres, optional
+    roughness_rms_m : float
+        RMS h of the heights, which are Gaussian with correlation exp(-r^2/l^2).
+    correlation_length_m : float, optional
         Their correlation length l. Needed if h > 0.
-    micro_roughness_rms_m : float, metres
-        Root mean square of heights that are finer than the samples of a simulation.
+    micro_roughness_rms_m : float
+        RMS of heights that are finer than a simulation's points.
     source : str
-        Where the values are from; materials that differ in it alone are equal.
-
-    Raises
-    ------
-    ModelError
-        Neither or both of permittivity and conductor, a permittivity with gain, a length in
-        another unit than metres, roughness without a correlation length.
+        Where the values are from; no part of equality.
 
     Examples
     --------
@@ -142,13 +126,7 @@ class Material(Record):
         return float(np.sqrt(2) * self.roughness_rms_m / self.correlation_length_m)
 
     def permittivity_at(self, frequency_hz: Any) -> np.ndarray:
-        """Return the permittivity below a coating, complex128, shape (n,), eps' - j eps''.
-
-        Raises
-        ------
-        ModelError
-            A conductor, which has none; frequencies outside a table or in another unit.
-        """
+        """Return the permittivity below a coating, complex128, shape (n,); a conductor has none."""
         if self.permittivity is None:
             checks.fail("Material.permittivity_at", "a dielectric", f"the conductor {self.name!r}")
         return self._at("permittivity", self.permittivity, frequency_hz)
@@ -164,9 +142,9 @@ class Material(Record):
 
         Parameters
         ----------
-        frequency_hz : array_like, shape (n,), hertz
+        frequency_hz : array_like, shape (n,)
         cos_incidence : array_like, shape (m,)
-            Cosine of the angle between the ray and the normal, in [0, 1].
+            Cosine of the angle between ray and normal, in [0, 1].
 
         Returns
         -------
@@ -184,24 +162,11 @@ class Material(Record):
         return fresnel.coated(eps, layer[:, None], self.coating.thickness_m, frequencies, cosines)
 
     def reflection(self, frequency_hz: Any, cos_incidence: Any) -> np.ndarray:
-        """Return the reflection coefficient of the simulation, averaged over polarisation.
+        """Return the simulation's reflection coefficient, complex128, shape (n, m): (r_s - r_p) /
+        2.
 
-        Parameters
-        ----------
-        frequency_hz : array_like, shape (n,), hertz
-        cos_incidence : array_like, shape (m,)
-            Cosine of the angle between the ray and the normal, in [0, 1].
-
-        Returns
-        -------
-        ndarray, shape (n, m), complex128
-            (r_s - r_p) / 2, see `fresnel`: -1 for a conductor at every angle. Its magnitude is at
-            most 1.
-
-        Raises
-        ------
-        ModelError
-            Frequencies outside a table or in another unit than hertz, cosines outside [0, 1].
+        It is -1 for a conductor at every angle, and its magnitude at most 1. Arguments as of
+        `fresnel`.
         """
         r_s, r_p = self.fresnel(frequency_hz, cos_incidence)
         return (r_s - r_p) / 2
