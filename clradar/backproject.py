@@ -75,8 +75,7 @@ def backproject(
     --------
     The image of a point reflector has its maximum where the point is.
 
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> capture = clradar.room_capture(array, waveform, [], points_m=[[0.01, -0.02, 0.3]])
     >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.28, 0.32), 2e-3)

@@ -144,13 +144,12 @@ def simulate_image(
     Examples
     --------
     >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
-    >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
+    >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
     >>> array = clradar.arrays.qar50().part(slice(None, None, 6), slice(None, None, 6))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> grid = clradar.VoxelGrid.from_extent((-0.03, 0.03), (-0.03, 0.03), (0.27, 0.33), 2e-3)
     >>> with clradar.FrameImager(array, waveform, grid) as imager:
-    ...     clradar.simulate_image(scene, imager, samples_per_mm2=5)
+    ...     clradar.simulate_image(clradar.Scene.from_mesh(ball), imager, samples_per_mm2=5)
     ...     imager.depth_map().depth_m.shape
     (31, 31)
     """

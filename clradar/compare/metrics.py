@@ -153,16 +153,8 @@ class Metrics(Record):
     dynamic_range_db : float
         Level below each image's own maximum at which it was clipped and its mask cut.
     missing, surplus : tuple of UnmatchedObject
-        Bright objects of the measurement that the simulation lacks, and the reverse, the largest
-        share of the energy first.
-
-    Examples
-    --------
-    NaN, here of two masks without a common pixel, becomes None for JSON.
-
-    >>> metrics = clradar.Metrics(0.0, 0.1, 0.2, 0.0, float("nan"), 0.012, 0.009)
-    >>> print(metrics.to_dict()["depth_rmse_m"])
-    None
+        Bright objects that the simulation lacks, or has beyond the measurement, the largest share
+        of the energy first.
     """
 
     overlap: float
@@ -256,9 +248,8 @@ def compare(
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
     >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
-    >>> metrics = clradar.compare(near, far)
-    >>> print(f"{metrics.overlap:.3f} {metrics.ssim:.3f} {1e3 * metrics.depth_rmse_m:.1f} mm")
-    0.779 1.000 2.0 mm
+    >>> print(f"{clradar.compare(near, far).overlap:.3f}")
+    0.779
     """
     metrics = metrics_of(measured, simulated, dynamic_range_db)
     if metrics.misleading:

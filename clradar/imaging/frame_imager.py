@@ -62,21 +62,14 @@ class FrameImager:
     waveform : Waveform
     grid : VoxelGrid
     method, window, tolerance_db, device
-        As of `backproject`. Images are kept in the host's memory with "exact" and "range", with
-        more than 2^23 voxels or 1024 transmitters or receivers, and with so few voxels that the
-        brute-force sum is faster.
-
-    Attributes
-    ----------
-    weights : ndarray, shape (n_freq,), float64
-        The window over frequency.
+        As of `backproject`. Images are kept in the host's memory with "exact" and "range", more
+        than 2^23 voxels or 1024 transmitters or receivers, or few voxels.
 
     Examples
     --------
     A point reflector that moves away by 2 mm.
 
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::6], q.rx_m[::6])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 6), slice(None, None, 6))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.28, 0.32), 2e-3)
     >>> with clradar.FrameImager(array, waveform, grid, window="hann") as imager:
@@ -141,14 +134,8 @@ class FrameImager:
         self._frame = self._capture = self._data = None
 
     def form(self, capture: Capture, progress: Progress | None = None) -> None:
-        """Form the image of a frame, in place of the last one.
-
-        Parameters
-        ----------
-        capture : Capture
-            By the same antennas and frequencies.
-        progress : callable, optional
-            Called with (done, total) steps.
+        """Form the image of a frame, by the same antennas and frequencies, in place of the last
+        one.
         """
         checks.instance("FrameImager.form: capture", capture, Capture)
         same = capture.array.same_positions(self.array)
@@ -171,16 +158,10 @@ class FrameImager:
     def form_on_device(
         self, samples: Any, stride: int, meta: Mapping[str, Any], progress: Progress | None = None
     ) -> None:
-        """Form the image of samples that a kernel wrote on this device, where it `keeps_image`.
+        """Form the image of finite samples on this device, complex64, shape (n_tx, n_rx, stride),
+        of which the first n_freq count; only where it `keeps_image`.
 
-        Parameters
-        ----------
-        samples : Buffer
-            complex64, shape (n_tx, n_rx, stride), of which the first n_freq count; finite.
-        stride : int
-        meta : mapping
-            As a capture's.
-        progress : callable, optional
+        :meta private:
         """
         assert self._resident is not None
         self._frame = self._capture = None
@@ -189,7 +170,10 @@ class FrameImager:
 
     @property
     def keeps_image(self) -> bool:
-        """Whether the image is kept on the device."""
+        """Whether the image is kept on the device.
+
+        :meta private:
+        """
         return self._resident is not None
 
     def volume(self) -> Volume:
@@ -210,15 +194,9 @@ class FrameImager:
             raise self._overflow() from error
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
-        """Return the depth map of the last frame; the volume stays on the device.
+        """Return `Volume.depth_map` of the last frame, whose volume stays on the device.
 
-        It is that of `volume`, but of voxels along z that are equally strong to the rounding of
-        float32 either may be taken.
-
-        Parameters
-        ----------
-        dynamic_range_db : float
-            As of `Volume.depth_map`.
+        Of voxels along z that are equally strong to the rounding of float32 either may be taken.
         """
         if self._resident is None:
             return self.volume().depth_map(dynamic_range_db)

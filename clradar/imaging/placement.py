@@ -65,10 +65,10 @@ def place_grid(
 ) -> VoxelGrid:
     """Return a voxel grid for the object, or the objects, in a capture (docs/conventions.md).
 
-    It is that of the paper, x and y from -100 to 100 mm and z from 260 to 340 mm every 1 mm, larger
-    where the object goes on beyond a face, if an echo in it is at most 20 dB below the strongest,
-    or nothing is seen above the noise; else one around the strongest echo beyond the direct
-    coupling and others up to 15 dB below it. An axis without aperture has one voxel.
+    It is that of the paper, x and y from -100 to 100 mm and z from 260 to 340 mm every 1 mm, if an
+    echo in it is at most 20 dB below the strongest, or nothing is seen above the noise; else one
+    around the strongest echo beyond the direct coupling and others up to 15 dB below it. An axis
+    without aperture has one voxel.
 
     Parameters
     ----------
@@ -87,13 +87,11 @@ def place_grid(
 
     Examples
     --------
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::3], q.rx_m[::3])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 3), slice(None, None, 3))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
     >>> capture = clradar.room_capture(array, waveform, [], points_m=[[0, 0, 1.5]])
-    >>> grid = clradar.place_grid(capture, device="pocl")
-    >>> print(grid.counts, grid.z_m[[0, -1]])
-    (41, 41, 51) [1.45 1.55]
+    >>> clradar.place_grid(capture).counts
+    (41, 41, 51)
     """
     checks.instance("place_grid: capture", capture, Capture)
     return placement(capture, open_device(device), everything=everything).grid

@@ -76,8 +76,7 @@ def draw_channels(
     waveform : Waveform
         The gains are those at its centre frequency.
     seed : int
-        Gain, phase and delay of Tx and Rx have streams of their own: another `gain_db` does not
-        change the phases.
+        Gain, phase and delay have streams of their own: another `gain_db` leaves the phases.
     gain_db : float
     phase_rad : float, at most pi
         With pi all phases are equally likely.

@@ -22,7 +22,7 @@ GAIN_ROUNDING = 1e-9
 class AntennaArray(Record):
     """Transmit and receive antennas in the antenna frame: z along boresight, y up, right-handed.
 
-    Apertures are 1 mm to 5 m wide and within 5 m of the origin (docs/conventions.md).
+    Apertures are 1 mm to 5 m wide and within 5 m of the origin.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ class AntennaArray(Record):
     tx_pattern, rx_pattern : AntennaPattern, optional
         Of all Tx and of all Rx. None: isotropic with gain 1.
     tx_gain, rx_gain : array_like, shape (n_tx,) and (n_rx,), complex128, optional
-        Amplitude and phase of each antenna beside its pattern, by which the samples of its pairs
-        are multiplied. None: 1. Images take samples as they are: see `Capture.without_gains`.
+        Amplitude and phase of each antenna beside its pattern, by which samples are multiplied.
+        None: 1. Images take samples as they are: see `Capture.without_gains`.
     tx_boresight, rx_boresight : array_like, shape (n_tx, 3) and (n_rx, 3), float64, optional
         What each antenna's pattern is about; stored as unit vectors. None: +z.
 
@@ -41,10 +41,9 @@ class AntennaArray(Record):
     --------
     The middles of the pairs sample the aperture.
 
-    >>> array = clradar.AntennaArray([[-0.07, 0, 0], [0.07, 0, 0]], [[0, 0.07, 0]], name="cross")
-    >>> (array.tx_m + array.rx_m) / 2
-    array([[-0.035,  0.035,  0.   ],
-           [ 0.035,  0.035,  0.   ]])
+    >>> array = clradar.AntennaArray([[-0.07, 0, 0], [0.07, 0, 0]], [[0, 0.07, 0]])
+    >>> (array.tx_m[:, None] + array.rx_m).shape  # n_tx, n_rx, 3
+    (2, 1, 3)
     """
 
     tx_m: np.ndarray
@@ -131,13 +130,8 @@ class AntennaArray(Record):
         return replace(self, tx_gain=None, rx_gain=None)
 
     def part(self, tx: Any, rx: Any, name: str | None = None) -> AntennaArray:
-        """Return some of the antennas, with their patterns and gains.
-
-        Parameters
-        ----------
-        tx, rx : slice, or array_like of int or bool
-        name : str, optional
-            None: the same as before.
+        """Return some of the antennas, by a slice, indices or bools of each side, with all that
+        they have.
         """
         name = self.name if name is None else name
         own = {
@@ -149,7 +143,10 @@ class AntennaArray(Record):
         return replace(self, name=name, **own)
 
     def refuse_patterns(self, function: str) -> None:
-        """Raise a `ModelError` for a function that leaves patterns out."""
+        """Raise a `ModelError` for a function that leaves patterns out.
+
+        :meta private:
+        """
         if self.has_patterns:
             checks.fail(
                 f"{function}: array",

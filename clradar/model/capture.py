@@ -60,8 +60,8 @@ class Capture(Record):
     def absolute(self) -> bool:
         """Whether the samples are S-parameters, so that images can be read in dBsm.
 
-        So says ``meta["absolute"]``, which `clradar.simulate` sets with ``estimator="physical"``,
-        and you after a calibration of the level (docs/absolute-scale.md).
+        So says ``meta["absolute"]``, which the physical estimator sets, and you after a calibration
+        of the level (docs/absolute-scale.md).
         """
         return self.meta.get("absolute") is True
 
@@ -92,21 +92,16 @@ class Capture(Record):
         return labelled.capture_dataset(self)
 
     def rcs_dbsm(self, at_m: Any) -> np.ndarray:
-        """Return the radar cross section that each sample tells of all that is around a point.
+        """Return the radar cross section that each sample tells of all that is around a point
+        `at_m`.
 
         Unlike an image it holds for targets of any size, about their nearest point.
-
-        Parameters
-        ----------
-        at_m : array_like, shape (3,)
-            Not at an antenna.
 
         Returns
         -------
         ndarray, shape (n_tx, n_rx, n_freq), float64, dBsm
-            ``sigma = 4 pi R_t^2 R_r^2 |u|^2`` with ``u = s (4 pi / lambda) / (a_t a_r)``, a the
-            patterns' field amplitudes; -inf where a sample is 0, NaN where an antenna does not
-            look.
+            ``4 pi R_t^2 R_r^2 |u|^2`` with ``u = s (4 pi / lambda) / (a_t a_r)``, a the patterns'
+            field amplitudes; -inf where a sample is 0, NaN where an antenna does not look.
         """
         if not self.absolute:
             checks.fail("Capture.meta", "'absolute': True, for S-parameters", "a relative scale")

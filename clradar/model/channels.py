@@ -70,7 +70,7 @@ def _response(gain: np.ndarray, delay_s: np.ndarray, offset_hz: np.ndarray) -> n
 class ChannelCalibration(Record):
     """The channel responses of an instrument as measured with a known target, with uncertainties.
 
-    `calibration.estimate_channels` makes one; docs/channel-calibration.md says how.
+    `calibration.estimate_channels` makes one (docs/channel-calibration.md).
 
     Parameters
     ----------
@@ -86,18 +86,16 @@ class ChannelCalibration(Record):
     target : str
         "plate", "sphere" or "corner".
     target_position : mapping of str to float
-        Estimated; names end with the unit, "_m" or "_deg".
+        Names end with the unit, "_m" or "_deg".
     target_covariance : array_like, shape (n, n), float64
         Of `target_position`, in its order and units; 0 for what was held fixed.
     tx_phase_std_rad, rx_phase_std_rad : array_like, shape (n_tx,) and (n_rx,), float64
-        Standard deviation of phase and relative gain, given the target's position; 0 if dead.
+        Of phase and relative gain, given the target's position; 0 if dead.
     tx_delay_std_s, rx_delay_std_s : array_like, shape (n_tx,) and (n_rx,), float64
-        The same of the delay.
     target_amplitude : float
         Of the echo relative to the model of the target, for gains of mean 0 dB.
     residual_db : float
-        Energy that the fit leaves, relative to that of all echoes, each pair's frequencies summed
-        coherently.
+        Energy that the fit leaves of the echoes, each pair's frequencies summed coherently.
     noise_residual_db : float
         What noise alone would leave.
     meta : mapping

@@ -61,14 +61,10 @@ class VoxelGrid(Record):
 
     @classmethod
     def from_extent(cls, x_m: Any, y_m: Any, z_m: Any, spacing_m: Any) -> VoxelGrid:
-        """Return the grid that spans these extents.
+        """Return the grid between the first and last voxel centres of each axis; one voxel if they
+        are equal.
 
-        Parameters
-        ----------
-        x_m, y_m, z_m : pair of floats
-            First and last voxel centre. Equal ends give one voxel.
-        spacing_m : float or three floats
-            Of which each extent is a whole number.
+        Each extent is a whole number of `spacing_m`, one for all axes or three.
         """
         spacing_in = np.asarray(spacing_m, dtype=object)
         if spacing_in.shape not in ((), (3,)):

@@ -54,26 +54,16 @@ class Material(Record):
         Relative, eps' - j eps'' for the time factor exp(+j w t), of a half space. Either this or
         `conductor`.
     conductor : bool
-        Whether it is a perfect conductor.
+        Whether it is a perfect one.
     coating : Coating, optional
-        One layer on it.
     roughness_rms_m : float
         RMS h of the heights, which are Gaussian with correlation exp(-r^2/l^2).
     correlation_length_m : float, optional
-        Their correlation length l. Needed if h > 0.
+        Their l. Needed if h > 0.
     micro_roughness_rms_m : float
         RMS of heights that are finer than a simulation's points.
     source : str
         Where the values are from; no part of equality.
-
-    Examples
-    --------
-    >>> plaster = clradar.Material(
-    ...     "plaster", permittivity=2.94 - 0.06j, roughness_rms_m=0.1e-3, correlation_length_m=2e-3
-    ... )
-    >>> gamma = plaster.reflection([72e9, 82e9], [1.0, 0.5])
-    >>> print(gamma.shape, f"{abs(gamma[0, 0]) ** 2:.3f}")
-    (2, 2) 0.069
     """
 
     name: str
@@ -140,17 +130,14 @@ class Material(Record):
     def fresnel(self, frequency_hz: Any, cos_incidence: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the reflection coefficients r_s and r_p, complex128, shape (n, m) each.
 
+        r_s is that of the electric field across the plane of incidence, r_p of the magnetic one:
+        r_p = -r_s at normal incidence; -1 and +1 for a conductor.
+
         Parameters
         ----------
         frequency_hz : array_like, shape (n,)
         cos_incidence : array_like, shape (m,)
             Cosine of the angle between ray and normal, in [0, 1].
-
-        Returns
-        -------
-        r_s, r_p : ndarray
-            Of the electric field across the plane of incidence, and of the magnetic field across
-            it: r_p = -r_s at normal incidence; -1 and +1 for a conductor.
         """
         frequencies, cosines = _axes(frequency_hz, cos_incidence)
         eps = None if self.permittivity is None else self.permittivity_at(frequencies)[:, None]
@@ -165,8 +152,7 @@ class Material(Record):
         """Return the simulation's reflection coefficient, complex128, shape (n, m): (r_s - r_p) /
         2.
 
-        It is -1 for a conductor at every angle, and its magnitude at most 1. Arguments as of
-        `fresnel`.
+        -1 for a conductor at every angle. Arguments as of `fresnel`.
         """
         r_s, r_p = self.fresnel(frequency_hz, cos_incidence)
         return (r_s - r_p) / 2

@@ -21,15 +21,16 @@ class TraceStatistics(Record):
     visible : int
         (sample, Tx) pairs with a free line of sight.
     outgoing : int
-        Outgoing directions drawn: visible pairs x rays per sample, and one per further bounce; 0
-        with the expected estimator.
+        Directions drawn: visible pairs x rays per sample, and one per further bounce; 0 with the
+        expected estimator.
     absorbed : int
         Of those, draws that pointed below the geometric face.
 
     Examples
     --------
-    >>> first = clradar.TraceStatistics(samples=1000, visible=4000, outgoing=16000, absorbed=400)
-    >>> both = first + clradar.TraceStatistics(1000, 4000, 16000, 240)
+    >>> both = clradar.TraceStatistics(1000, 4000, 16000, 400) + clradar.TraceStatistics(
+    ...     1000, 4000, 16000, 240
+    ... )
     >>> both.samples, both.absorbed_share
     (2000, 0.02)
     """
@@ -84,13 +85,11 @@ class Paths(Record):
     --------
     Two paths of one pair, whose lengths differ by half a wavelength, cancel.
 
-    >>> waveform = clradar.Waveform([75e9])
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
     >>> half_m = 0.5 * 299_792_458 / 75e9
-    >>> paths = clradar.Paths([0, 0], [1, 1], [0.6, 0.6 + half_m], [1, 1], [1, 1], n_tx=1, n_rx=2)
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[-0.01, 0, 0], [0.01, 0, 0]])
-    >>> capture = clradar.synthesize(paths, array, waveform)
-    >>> print(f"{abs(capture.data[0, 1, 0]):.4f}")
-    0.0000
+    >>> paths = clradar.Paths([0, 0], [0, 0], [0.6, 0.6 + half_m], [1, 1], [1, 1], n_tx=1, n_rx=1)
+    >>> bool(abs(clradar.synthesize(paths, array, clradar.Waveform([75e9])).data) < 1e-4)
+    True
     """
 
     tx: np.ndarray

@@ -121,11 +121,11 @@ class Scene(Record):
         Parameters
         ----------
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or with a `to_trimesh()`
-            Every object, group, material and instance of a file becomes a part, of a PLY file every
-            number of the property "part" of its faces; normals in files are ignored, texture is
-            read from PLY. An object may have `normals`, `texture_m`, `part` and `part_names`, too.
+            Every object, group, material and instance of a file becomes a part, of PLY every value
+            of the faces' property "part". Normals in files are ignored, texture is read from PLY.
+            An object may have `normals`, `texture_m`, `part` and `part_names`, too.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
-            An array goes part by part, of a PLY file in the order of its faces.
+            An array goes part by part, of PLY in the order of the faces.
         unit : "m", "cm", "mm" or "inch"
             Of the mesh's coordinates.
         transform : array_like, shape (4, 4), optional
@@ -166,9 +166,8 @@ class Scene(Record):
 
     @classmethod
     def combine(cls, scenes: Iterable[Scene]) -> Scene:
-        """Return one scene of several, with their alpha, materials and texture.
-
-        Part names are made unique.
+        """Return one scene of several, with their alpha, materials and texture, and unique part
+        names.
         """
         vertices, faces, alpha, part, normals, texture = [], [], [], [], [], []
         materials = []
@@ -217,13 +216,8 @@ class Scene(Record):
         return replace(self, alpha=alpha)
 
     def with_material(self, material: Materials) -> Scene:
-        """Return the same triangles of other materials.
-
-        Parameters
-        ----------
-        material : Material, str, mapping or sequence
-            A material, or a name that `clradar.material` has; a mapping from part names, where
-            other parts keep theirs (``{"thumb": "skin"}``); or a material per face.
+        """Return the same triangles of another material, or name of `clradar.material`; one per
+        face; or by part name (``{"thumb": "skin"}``), where other parts keep theirs.
         """
         now = (self.materials, np.asarray(self.material))
         part = (np.asarray(self.part), self.part_names)
@@ -231,10 +225,10 @@ class Scene(Record):
         return replace(self, materials=materials, material=index)
 
     def transformed(self, transform: Any) -> Scene:
-        """Return the scene moved by an affine transform, shape (4, 4).
+        """Return the scene moved by an affine transform, shape (4, 4); its texture stays with the
+        body.
 
-        The texture stays fixed to the body; what the transform stretches, it stretches along the
-        axes of the texture.
+        What the transform stretches, it stretches along the axes of the texture.
         """
         matrix = checks.transform("Scene.transformed: transform", transform)
         normals = None if self.normals is None else _transformed_normals(self.normals, matrix)
@@ -248,18 +242,17 @@ class Scene(Record):
 
     @property
     def body_m(self) -> np.ndarray:
-        """The texture's coordinates of every vertex, shape (n_vertices, 3), metres."""
+        """The texture's coordinates of every vertex, shape (n_vertices, 3)."""
         return self.vertices_m if self.texture_m is None else self.texture_m
 
     @property
     def triangles_m(self) -> np.ndarray:
-        """Corners of every face, shape (n_faces, 3, 3), metres."""
+        """Corners of every face, shape (n_faces, 3, 3)."""
         return self.vertices_m[self.faces]
 
     def digest(self) -> str:
-        """Return a SHA-256 of triangles, alpha and given normals, for provenance.
-
-        Where a face is not of metal, of materials and texture, too.
+        """Return a SHA-256 of triangles, alpha, given normals, and of materials and texture where a
+        face is not of metal.
         """
         return sha256_of_blocks(self._blocks())
 

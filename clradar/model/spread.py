@@ -15,8 +15,8 @@ from clradar.model.volume import DepthMap, Volume
 class Spread(Record):
     """How an image varies from one seed to another: what `clradar.spread` finds.
 
-    Standard deviations are those of single seeds, with n - 1 in the denominator; the mean over n
-    seeds is better by the square root of n.
+    Standard deviations are those of single seeds (n - 1); the mean is better by the square root of
+    n.
 
     Parameters
     ----------
@@ -25,10 +25,9 @@ class Spread(Record):
     amplitude, amplitude_sd : array_like, shape (n_y, n_x), float64
         Mean and standard deviation of their maximum projections, linear.
     depth_m, depth_sd_m : array_like, shape (n_y, n_x), float64
-        The same of the depths, over the seeds in which the pixel has one; NaN with none, or fewer
-        than two.
+        The same over the seeds in which the pixel has a depth; NaN with none, or fewer than two.
     depth_count : array_like, shape (n_y, n_x), int32
-        In how many seeds the pixel has a depth.
+        How many these are.
     seeds : tuple of int
     varying_share : float, 0 to 1
         Share of the images' power that changes from seed to seed, all voxels together.

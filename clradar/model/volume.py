@@ -174,29 +174,21 @@ class Volume(Record):
         return Volume(data, self.grid, self.meta)
 
     def rcs_dbsm(self) -> np.ndarray:
-        """Return the radar cross section of the isotropic point target that each voxel would show.
+        """Return the radar cross section that each voxel shows, dBsm, shape (n_z, n_y, n_x),
+        float32.
 
-        Its maximum over the image of a point target is that of the target; larger targets read less
-        (docs/absolute-scale.md).
-
-        Returns
-        -------
-        ndarray, shape (n_z, n_y, n_x), float32, dBsm
-            -inf where the image is 0 and where no antenna looks.
+        The maximum over a point target's image is that of the target; larger targets read less
+        (docs/absolute-scale.md). -inf where the image is 0 and where no antenna looks.
         """
         with np.errstate(divide="ignore"):
             return np.float32(20) * np.log10(_amplitude(self.as_rcs().data))
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
-        """Return the depth of the maximum along z where it is within the dynamic range.
+        """Return the depth of the maximum along z, NaN where it is more than the dynamic range
+        below the image's maximum.
 
         The strongest voxel's z is refined by the parabola through its amplitude and those of its
         two neighbours, by half a spacing at most; not at the ends of the grid.
-
-        Parameters
-        ----------
-        dynamic_range_db : float
-            Pixels more than this below the image's maximum get NaN; at most 1000.
         """
         return depth_map_of_planes(self.data, self.grid, dynamic_range_db)
 

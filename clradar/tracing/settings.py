@@ -75,7 +75,7 @@ class SimulationSettings:
     """How rays are launched, reflected and received: the settings of a simulation.
 
     Functions that simulate take these fields as keyword arguments, or a record as `settings`. The
-    paper, and equations E1 to E7 and E12: docs/equations.md.
+    paper, and the equations E1 to E12: docs/equations.md.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class SimulationSettings:
         Density of surface samples, whatever the tessellation. None: `rays_per_face` counts, or
         where that is None, too, 10 (1 with the expected estimator, 4 with the physical one).
     rays_per_face : int, 1 to 2^20, optional
-        Instead of a density, as in the paper: so many samples on every face.
+        So many samples on every face instead, as in the paper.
     rays_per_sample : int, 1 to 2^16, optional
         Outgoing rays per sample and Tx. None: 4 with a density, 1 with `rays_per_face`; with the
         expected estimator and no density ten times as many, which keeps the scale.
@@ -97,27 +97,20 @@ class SimulationSettings:
     crease_deg : float
         Edges sharper than this stay sharp in "smooth".
     facets : "curved" or "flat"
-        Where paths are reflected: on the curved surface that the normals at the corners of a face
-        describe, or on the flat face (E1).
+        Where paths are reflected: on the surface that the normals at the corners of a face
+        describe, or on the face (E1).
     amplitude : "unit" or "spreading"
-        1 per path as in the paper, or 1 / (R1 R2): R1 the length up to the last reflection, R2 from
-        there on, metres.
+        1 per path as in the paper, or 1 / (R1 R2), with R1 the length up to the last reflection and
+        R2 from there on, metres.
     pattern_exponent : float, 0 to 10 000
         With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
     seed : int, 0 to 2^64 - 1
     estimator : "stochastic", "expected" or "physical", optional
-        "stochastic" is the paper's, of random rays. "expected" is its mean over their directions,
-        for the same samples: without shot noise, so that fewer suffice. "physical" is the Kirchhoff
-        sum over the scene's materials: S-parameters, without alpha, with the array's patterns;
-        fields about rays keep their defaults. None: "stochastic", but `clradar.simulate` takes
-        "physical" for a scene with a material, else "expected" unless rays or several bounces are
-        asked for or an alpha is below about 0.12. See docs/estimators.md.
-
-    Examples
-    --------
-    >>> settings = clradar.SimulationSettings(estimator="expected").resolved()
-    >>> settings.samples_per_mm2, settings.rays_per_sample
-    (1.0, 40)
+        "stochastic": random rays, as in the paper. "expected": their mean over directions, without
+        shot noise. "physical": the Kirchhoff sum over the scene's materials, S-parameters; without
+        alpha, and fields about rays keep their defaults. None: "stochastic", but `clradar.simulate`
+        takes "physical" for a scene with a material, else "expected" unless rays or several bounces
+        are asked for or an alpha is below about 0.12. See docs/estimators.md.
     """
 
     samples_per_mm2: float | None = None
@@ -170,7 +163,10 @@ class SimulationSettings:
 
     @property
     def radius_m(self) -> float:
-        """The reception radius, with the default where it is None."""
+        """The reception radius, with the default where it is None.
+
+        :meta private:
+        """
         return RECEPTION_RADIUS_M if self.reception_radius_m is None else self.reception_radius_m
 
     def resolved(self) -> SimulationSettings:
@@ -201,10 +197,7 @@ class SimulationSettings:
     def for_scene(
         self, scene: Scene, array: AntennaArray | None = None, waveform: Waveform | None = None
     ) -> SimulationSettings:
-        """Choose the estimator of `clradar.simulate`, and what suits the range, if not given.
-
-        Without antennas and frequencies the range plays no part.
-        """
+        """Choose the estimator of `clradar.simulate`, and what suits the range, if not given."""
         if array is None or waveform is None:
             return self._with_estimator(scene, EXPECTED_ALPHA)
         radius_m = suited_radius_m(scene, array, waveform)
