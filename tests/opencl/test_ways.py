@@ -244,7 +244,7 @@ OFTEN_FAILING = ("stochastic", "rough", "fast")
 """Of which a device of little memory is made to fail in every run: of rays, points, images."""
 
 OFTEN = {
-    "little memory": ("synthesize", "expected", "alphas", "range"),  # and those that are made to fail
+    "little memory": ("synthesize", "expected", "alphas", "range"),  # and those made to fail
     "small pieces": ("synthesize", "expected", "rough", "fast", "operator"),
     "blocks of Tx": ("expected", "rough"),
     "few receptions": ("alphas",),
