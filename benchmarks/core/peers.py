@@ -15,23 +15,6 @@ from threadpoolctl import threadpool_limits
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 
 
-@numba.njit(parallel=True, fastmath=True, cache=False)
-def _points_and_strengths(
-    length_m: np.ndarray,
-    amplitude: np.ndarray,
-    k: float,
-    dk: float,
-    point: np.ndarray,
-    strength: np.ndarray,
-) -> None:
-    for i in numba.prange(len(length_m)):
-        cycles = k * length_m[i]
-        angle = np.float32(-2.0 * math.pi) * np.float32(cycles - math.floor(cycles))
-        strength[i] = complex(math.cos(angle) * amplitude[i], math.sin(angle) * amplitude[i])
-        cycles = dk * length_m[i]
-        point[i] = 2.0 * math.pi * (cycles - math.floor(cycles + 0.5))
-
-
 class FinufftPhasorSum:
     """SFCW sum of paths sorted by pair, equal steps, by finufft's type 1.
 
@@ -46,10 +29,11 @@ class FinufftPhasorSum:
         self.k, self.dk = k[self.n_freq // 2], (k[-1] - k[0]) / (self.n_freq - 1)
 
     def prepare(self, length_m: np.ndarray, amplitude: np.ndarray) -> None:
-        """Points and strengths, complex64, by numba in two threads."""
-        self.point = np.empty(len(length_m), dtype=np.float32)
-        self.strength = np.empty(len(length_m), dtype=np.complex64)
-        _points_and_strengths(length_m, amplitude, self.k, self.dk, self.point, self.strength)
+        """Points and strengths, complex64."""
+        turns, steps = self.k * length_m, self.dk * length_m
+        phasor = np.exp(-2j * np.pi * (turns - np.rint(turns)))
+        self.strength = (amplitude * phasor).astype(np.complex64)
+        self.point = (2 * np.pi * (steps - np.rint(steps))).astype(np.float32)
 
     def transform(self, threads: int = 1) -> np.ndarray:
         """Shape (n_pairs, n_freq), complex64."""
