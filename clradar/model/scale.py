@@ -36,11 +36,6 @@ class ImageScale(Record):
     waveform : Waveform
     weights : array_like, shape (n_freq,), float64
         The window over frequency, as it was used.
-
-    Raises
-    ------
-    ModelError
-        Another number of weights than of frequencies, or NaN or infinite ones.
     """
 
     array: AntennaArray

@@ -73,6 +73,8 @@ def adapted(app: Sphinx, what: str, name: str, item: Any, options: Any, lines: l
     for i, line in enumerate(lines):
         with_links = PAGE.sub(r":doc:`/\g<page>`", line)
         lines[i] = FOOTNOTE.sub(lambda found: f"[#{label}-{found[1] or found[2]}]", with_links)
+    if what in ("attribute", "property"):
+        lines[:0] = ["..", ""]  # else napoleon takes what is before a colon for the type
 
 
 def plain_types(app: Sphinx, doctree: nodes.document) -> None:
@@ -92,6 +94,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Register the directive."""
     app.add_config_value("public_packages", [], "env")
     app.add_directive("public-names", PublicNames)
-    app.connect("autodoc-process-docstring", adapted)
+    app.connect("autodoc-process-docstring", adapted, priority=400)  # before napoleon
     app.connect("doctree-read", plain_types)
     return {"parallel_read_safe": True}
