@@ -104,9 +104,9 @@ def test_site_is_built_without_warnings_and_needs_no_network(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-Dplot_gallery=0", *folders]
     done = run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    pages = sorted((tmp_path / "site").rglob("*.html"))
-    assert len(pages) > 50
-    outside = {str(p): ASSET.findall(p.read_text("utf-8")) for p in pages}
-    assert not any(outside.values()), outside
+    texts = {str(p): p.read_text("utf-8") for p in (tmp_path / "site").rglob("*.html")}
+    assert len(texts) > 50
+    # From elsewhere; and sentences of which napoleon takes the first words for a type.
+    assert not {p: m for p, t in texts.items() if (m := ASSET.findall(t) or re.findall(">Type<", t))}
     for sheet in (tmp_path / "site" / "_static").rglob("*.css"):
         assert not re.search(r"url\([\"']?(https?:)?//", sheet.read_text("utf-8")), sheet
