@@ -84,8 +84,8 @@ def run(
     Warns
     -----
     ClradarWarning
-        Samples were made with other versions or on another device, are made again, are probably
-        not as intended, or were set aside.
+        Samples were made with other versions or on another device, are probably not as intended, or
+        were set aside.
 
     Examples
     --------

@@ -48,13 +48,7 @@ class DeviceInfo:
         Global memory and the largest single buffer.
     compute_units : int
     target : str or None
-        The processor that an old PoCL was told to compile for, since it does not know this one.
-
-    Examples
-    --------
-    >>> info = clradar.open_device("pocl").info
-    >>> info.kind, info.is_interpreter, info.max_alloc_bytes <= info.memory_bytes
-    ('cpu', False, True)
+        The processor that a PoCL was told to compile for, where it does not know this one.
     """
 
     selector: str
@@ -80,7 +74,7 @@ class DeviceInfo:
 
     @property
     def is_interpreter(self) -> bool:
-        """Oclgrind: a memory checker, chosen by name only."""
+        """Whether it is Oclgrind, a memory checker, chosen by name only."""
         return "oclgrind" in self.platform.lower()
 
 
@@ -188,10 +182,9 @@ def forget_devices() -> None:
 
     Examples
     --------
-    >>> from clradar.opencl import forget_devices, open_device
-    >>> before = open_device("pocl")
-    >>> forget_devices()
-    >>> open_device("pocl") is before
+    >>> before = clradar.open_device("pocl")
+    >>> clradar.opencl.forget_devices()
+    >>> clradar.open_device("pocl") is before
     False
     """
     _open.cache_clear()

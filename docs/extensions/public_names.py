@@ -61,7 +61,8 @@ def described(package: str, name: str, item: Any) -> list[str]:
     if inspect.ismodule(item):
         return []
     if inspect.isclass(item):
-        return [f".. autoclass:: {full}", "   :members:", ""]
+        hidden = "   :exclude-members: model_config, model_post_init"  # of pydantic
+        return [f".. autoclass:: {full}", "   :members:", hidden, ""]
     if inspect.isroutine(item):
         return [f".. autofunction:: {full}", ""]
     return [f".. py:data:: {full}", f"   :type: {type(item).__name__}", ""]
@@ -84,9 +85,16 @@ def adapted(app: Sphinx, what: str, name: str, item: Any, options: Any, lines: l
         lines[i] = TYPE.sub(linked, line)
 
 
+def fields_of(app: Sphinx, what: str, name: str, item: Any, *_: Any) -> tuple[str, str] | None:
+    """The signature of a file's record: names alone, as its page has the defaults."""
+    fields = getattr(item, "model_fields", None)
+    return (f"(*, {', '.join(fields)})", "") if fields else None
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the directive."""
     app.add_config_value("public_packages", [], "env")
     app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", adapted)
+    app.connect("autodoc-process-signature", fields_of)
     return {"parallel_read_safe": True}
