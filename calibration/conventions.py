@@ -253,10 +253,6 @@ def diagnose(
     expected_m : three floats, optional
         Position of a known target, x, y, z, within some 20 mm: it distinguishes an image from its
         mirror image, which is as sharp.
-    device : Device, str or None
-        See `clradar.open_device`.
-    progress : callable, optional
-        Called with (done, total) images.
 
     Returns
     -------

@@ -63,7 +63,7 @@ def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None
     Of a native file: format, version, types, shapes, checksums, finite values, axes against the
     grid. Of a recording: every frame of both variants, all with the same frequencies, numbering,
     time stamps, cached products and the JSON files. What cannot be opened is a problem in the
-    report and raises nothing; `progress` is called with (frames done, frames).
+    report and raises nothing.
 
     Examples
     --------

@@ -103,8 +103,6 @@ def estimate_channels(
         five standard deviations of its noise; noisy with this much more noise than the median.
     max_residual_db : float
         Largest residual energy relative to the echoes', summed over the frequencies of each pair.
-    progress : callable, optional
-        Called with (done, total).
 
     Returns
     -------

@@ -105,7 +105,7 @@ def fit_hand(
         7/12, that of the palm's arch 5/12 of it.
     array, waveform : AntennaArray and Waveform, optional
         As for `align_mesh`; default: those of a capture.
-    search_deg, device, progress
+    search_deg
         As for `align_mesh`.
     seed : int
         Of all that is drawn.

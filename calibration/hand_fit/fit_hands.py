@@ -80,12 +80,10 @@ def fit_hands(
         Ascending numbers, the recording's own if it has them; all by default.
     fit_shape : bool
         Fit the shape to all frames; not of a rig.
-    rig, handedness, shape, angle_std_deg, array, waveform, search_deg, seed, device
+    rig, handedness, shape, angle_std_deg, array, waveform, search_deg, seed
         As for `fit_hand`.
     after : Track, optional
         Continue after the frame of this track.
-    progress : callable, optional
-        Called with (done, total) frames.
 
     Yields
     ------

@@ -92,8 +92,6 @@ def align(
         Largest residual of the inliers.
     max_iterations : int
         Steps before it stops unconverged.
-    progress : callable, optional
-        Called with (done, total).
 
     Returns
     -------

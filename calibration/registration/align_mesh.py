@@ -68,10 +68,8 @@ def align_mesh(
         Smallest fraction of the measured amplitude on the mesh.
     seed : int
         Of the first simulation; the others count up from there.
-    search_deg, max_iterations, progress
+    search_deg, max_iterations
         As for `align`.
-    device : Device, str or None
-        See `clradar.open_device`.
 
     Returns
     -------

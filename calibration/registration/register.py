@@ -68,7 +68,7 @@ def register(
     settings, **fields
         Of the simulations, as of `clradar.simulate`; rounds use seeds from `seed` upwards.
     array, waveform, dynamic_range_db, search_deg, min_inlier_share, max_iterations
-        As for `align_mesh`, as are `device` and `progress`.
+        As for `align_mesh`.
 
     Returns
     -------

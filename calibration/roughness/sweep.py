@@ -158,8 +158,6 @@ def sweep(
     store : mutable mapping, optional
         Keeps images as they are simulated, so that an interrupted sweep resumes to the same bits;
         those of other arguments are passed over.
-    progress : callable, optional
-        Called with (done, total).
     settings, **fields
         Of `clradar.SimulationSettings`.
 

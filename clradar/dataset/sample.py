@@ -62,8 +62,6 @@ def make_sample(
     ----------
     recipe : mapping, or its JSON text
         As of `clradar.dataset.recipe`, or as it is stored with a sample.
-    device : Device, str or None
-        See `clradar.open_device`.
     rigs : path-like
         The folder that the names of rig files are relative to; the current one by default.
 

@@ -148,12 +148,11 @@ def hand_mesh(
     center_m : array_like, shape (3,)
         Where the centre of the surface's bounding box goes.
     shape : HandShape
-    device : Device, str or None
-        See `clradar.open_device`; on the same device and driver the bits are the same.
 
     Returns
     -------
     HandMesh
+        On the same device and driver the same bits.
 
     Examples
     --------

@@ -78,6 +78,7 @@ def save_recording(
     captures : iterable of Capture
         All of one array and waveform; they get the numbers 0, 1, 2 ... Where neither the iterable
         nor the time stamps have a length, each frame is written twice: it names how many there are.
+        The total of `progress` then is 0.
     variant : {"raw", "emptyfiltered"}
         What `captures` are.
     emptyfiltered : iterable of Capture, optional
@@ -89,8 +90,6 @@ def save_recording(
         Content of `metadata.json` and `alignment.json`.
     meshes : iterable of path-like
         Files to be copied to `photogrammetry/`.
-    progress : callable, optional
-        Called with (frames written, frames in all); in all is 0 if not known.
     force : bool
         Replace the radar folder of this waveform, and files of the same name beside it.
 
