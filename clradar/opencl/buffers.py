@@ -24,16 +24,15 @@ Prepared = TypeVar("Prepared", bound="OnDevice")
 
 
 class Buffers:
-    """Buffers of one call, freed together.
+    """Buffers of one call, freed together; a context manager.
 
-    A context manager. Every buffer counts against the device's budget, which all that are open at a
-    time share. A caller that may exceed it tiles its work; an allocation beyond the budget is
-    therefore a `DeviceError`, not a slow-down.
+    Every buffer counts against the device's budget; an allocation beyond it is a `DeviceError`, so
+    tile the work.
 
     Examples
     --------
-    >>> from clradar.opencl import Buffers, open_device
-    >>> with Buffers(open_device("pocl", memory_limit_bytes=4096)) as buffers:
+    >>> device = clradar.open_device("pocl", memory_limit_bytes=4096)
+    >>> with clradar.opencl.Buffers(device) as buffers:
     ...     lengths_m = buffers.upload(np.array([0.6, 0.7]))
     ...     buffers.read(lengths_m, 2, np.float64), buffers.free_bytes
     (array([0.6, 0.7]), 4080)
@@ -121,10 +120,7 @@ class Buffers:
         return buffer
 
     def borrow(self, array: np.ndarray) -> Any:
-        """A read-only buffer of `array`, which must not change meanwhile.
-
-        On a CPU it is the array's own memory and nothing is copied.
-        """
+        """A read-only buffer of `array`, which must not change meanwhile; a CPU copies nothing."""
         array = np.require(array, requirements=["C", "A"])
         if self.device.info.kind != "cpu" or array.nbytes < FEWEST_BYTES:
             return self.upload(array)
