@@ -79,12 +79,10 @@ def simulate(
     Warns
     -----
     ClradarWarning
-        Faces or points too coarse, ambiguities, too few rays, and so on: docs/messages.md.
+        Coarse faces or points, ambiguities, too few rays, and so on: docs/messages.md.
 
     Examples
     --------
-    A ball of 4 cm, and a part of the imager.
-
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
     >>> scene = clradar.Scene.from_mesh(ball, alpha=0.5)

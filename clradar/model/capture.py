@@ -33,7 +33,7 @@ class Capture(Record):
 
     Examples
     --------
-    A point 0.3 m in front of one Tx and Rx: the slope of the phase is the path length.
+    A point at 0.3 m: the slope of the phase is the path length.
 
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
