@@ -34,7 +34,7 @@ def write_captures(
     check_place_of_folder(output)
     there = frames(find_radar_folder(source)) if source.is_dir() else {}
     first = variant or next((name for name, found in there.items() if found), "raw")
-    recording = open_recording(source, variant=first, **opt.values_of(antennas))
+    recording = open_recording(source, variant=first, **opt.arguments_of(antennas))
     place, radar = output.resolve(), recording.path.resolve()
     if radar in (place, *place.parents):
         raise OutputError(f"{output}: lies in the recording that is read; choose another folder")
@@ -45,7 +45,7 @@ def write_captures(
         for name, view in views.items()
         for i, n in enumerate(view.frame_numbers)
     }
-    beside, written = opt.paths_in(opt.values_of(antennas)), list[str]()
+    beside, written = opt.paths_in(opt.arguments_of(antennas)), list[str]()
     if output.is_dir():
         check_outputs(files)
     with made_folder(output), progress_bar("converting") as progress:
@@ -79,12 +79,12 @@ def write_recording(sources: Sequence[Path], output: Path, antennas: opt.Antenna
             fail(path, "a capture, with --to maroon", "a folder")
     check_folder(output)
     check_place_of_folder(output, [*BESIDE, *(path.name for path in output.glob("radar_*"))])
-    beside, opened = opt.paths_in(opt.values_of(antennas)), list[Path]()
+    beside, opened = opt.paths_in(opt.arguments_of(antennas)), list[Path]()
 
     def read(path: Path) -> cl.Capture:
         opened.append(path)
         own = antennas if kind_of(path) == "frame" else opt.AntennaOptions()
-        return described(open_capture(path, **opt.values_of(own)), provenance([path, *beside]))
+        return described(open_capture(path, **opt.arguments_of(own)), provenance([path, *beside]))
 
     captures = ReadOnAccess(sources, read)
     with progress_bar("converting") as progress:

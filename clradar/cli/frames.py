@@ -27,36 +27,29 @@ _FRAME = re.compile(r"([0-9]+)(?:_(emptyfiltered))?\Z")
 
 
 class Frames:
-    """Captures or volumes by their numbers; None where a path is a single one.
+    """Captures or volumes by their numbers; a single one, which has no `files`, is at each.
 
     Of a recording, a folder of captures or volumes (.h5), or a single one.
     """
 
     def __init__(self, path: Path, variant: str | None = None) -> None:
-        self.path = path
-        self.numbers: tuple[int, ...] | None = None
+        self.path, self.files = path, dict[int, Path]()
         self.read: Callable[[int], Content]
-        self.files: Callable[[int], list[Path]]
         if not path.is_dir():
             content = ImageInput.open(path).content
-            self.read, self.files = lambda _: content, lambda _: [path]
+            self.read = lambda _: content
         elif any(path.glob("*.h5")) and not any(path.glob("radar_*")):
-            named = _captures_by_number(path, variant)
-            self.numbers = tuple(named)
-            self.read = lambda number: ImageInput.open(named[number]).content
-            self.files = lambda number: [named[number]]
+            self.files = _captures_by_number(path, variant)
+            self.read = lambda number: ImageInput.open(self.files[number]).content
         else:
-            self._open_recording(variant or "raw")
+            from measurement_io import open_recording
+            from measurement_io.maroon.folders import frames
 
-    def _open_recording(self, variant: str) -> None:
-        from measurement_io import open_recording
-        from measurement_io.maroon.folders import frames
-
-        recording = open_recording(self.path, variant=variant)
-        numbers, paths = recording.frame_numbers, frames(recording.path)[recording.variant]
-        self.numbers = numbers
-        self.read = lambda number: recording[numbers.index(number)]
-        self.files = lambda number: [paths[number]]
+            recording = open_recording(path, variant=variant or "raw")
+            self.files = frames(recording.path)[recording.variant]
+            if not self.files:
+                fail(path, f"frames of the variant {recording.variant}", "none")
+            self.read = lambda number: recording[recording.frame_numbers.index(number)]
 
     def capture(self, number: int) -> cl.Capture:
         """The capture of a frame; of a single capture that capture."""
@@ -65,14 +58,14 @@ class Frames:
             fail(self.path, "captures", f"the volume of frame {number}")
         return found
 
-    def files_of(self, numbers: Sequence[int] | None = None) -> list[Path]:
+    def files_of(self, numbers: Iterable[int] | None = None) -> list[Path]:
         """The files of these frames or of all, or the one file that the path is."""
-        chosen = numbers if numbers is not None and self.numbers else self.numbers or (0,)
-        return list(dict.fromkeys(file for number in chosen for file in self.files(number)))
+        chosen = self.files if numbers is None else numbers
+        return [self.files[number] for number in chosen] if self.files else [self.path]
 
     def check_frames(self, numbers: Sequence[int], recording: Path) -> None:
         """Raise unless all these frames of a recording are there, or one is the same at each."""
-        missing = [n for n in numbers if self.numbers is not None and n not in self.numbers]
+        missing = [n for n in numbers if self.files and n not in self.files]
         if missing:
             fail(self.path, f"the frames of '{recording}'", f"none of number {_listed(missing)}")
 
@@ -195,7 +188,7 @@ class FrameSteps:
     def _simulated(self, i: int, number: int) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
         frames, name = _opened(self.simulated[i], None, self.run_name), f"simulated-{i}"
-        if frames.numbers is not None:
+        if frames.files:
             return self._imaged(frames.read(number))
         if name not in FolderStore(self.folder / MAPS):
             self.keep_map(name, self._imaged(frames.read(number)))

@@ -26,6 +26,9 @@ REQUIRED = Parameter.empty
 UNITS = ("mm", "deg", "db", "hz", "ps", "s")
 """Of names of options: the help shows them in place of the value."""
 
+SCALES = {"mm": ("m", 1e3), "ps": ("s", 1e12)}
+"""What functions take in place of them, and how many are one of it."""
+
 Read = Callable[[str, Any], Any]
 """Reads or checks what was given: called with the option's name and the value."""
 
@@ -235,6 +238,20 @@ def given(group: Any) -> dict[str, Any]:
     }
 
 
-def values_of(group: Any) -> dict[str, Any]:
-    """The values of a group by the names of its fields."""
-    return {one.name: getattr(group, one.name) for one in fields(group)}
+def arguments_of(group: Any, part: Any = None) -> dict[str, Any]:
+    """The arguments that a group, or what it has of `part`, is for a function: what is not None.
+
+    Functions take metres and seconds: `edge_m` of `edge_mm`.
+    """
+    found = {}
+    for one in fields(part or group):
+        value, (name, _, unit) = getattr(group, one.name), one.name.rpartition("_")
+        base, scale = SCALES.get(unit, (unit, 1.0))
+        if value is not None:
+            found[f"{name}_{base}".lstrip("_")] = scaled(value, scale) if scale != 1.0 else value
+    return found
+
+
+def scaled(value: Any, scale: float) -> Any:
+    """A number of a unit, or several, in the unit that is `scale` times as large."""
+    return value / scale if isinstance(value, float) else tuple(one / scale for one in value)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,7 +122,7 @@ class RecordingWork:
             if not mean.is_file():
                 room = Frames(steps.how.empty)
                 with progress_bar("averaging"):
-                    frames = map(room.capture, room.numbers or ())
+                    frames = map(room.capture, room.files)
                     save(mean, average_frames(frames), steps.origin)
             steps = replace(steps, how=replace(steps.how, empty=mean))
         store = FolderStore(folder / MAPS)
@@ -231,33 +230,25 @@ LEVELS = {"peak dB": "peak_db", "recorded RMS dB": "recorded_db", "cleaned RMS d
 
 def table(records: Sequence[Record], labels: Sequence[str]) -> dict[str, np.ndarray]:
     """The columns of the table by name, each of shape (n,), float64; NaN where there is none."""
-    column = partial(_column, records)
-    stamps = column(lambda one: one["time_us"])
-    start = stamps[np.isfinite(stamps)][:1]
-    found = {"frame": column(lambda one: one["frame"])}
-    found["time s"] = (stamps - start) / 1e6 if start.size else stamps
-    for name, key in LEVELS.items():
-        found[name] = column(lambda one, key=key: one[key])
-    for what in ("peak", "centre"):
-        for i, axis in enumerate("xyz"):
-            place = f"{what} {axis} mm"
-            found[place] = column(lambda one, key=f"{what}_m", i=i: 1e3 * one[key][i])
-    for i, label in enumerate(labels):
-        for metric in METRIC_TABLE:
-            value = lambda one, i=i, m=metric: m.scale * one["metrics"][i][m.field]  # noqa: E731
-            found[f"{label}: {metric.name}" if len(labels) > 1 else metric.name] = column(value)
+    rows = [_row(one, labels) for one in records]
+    found = {name: np.array([row[name] for row in rows], np.float64) for name in rows[0]}
+    stamps = found["time s"]
+    found["time s"] = (stamps - [*stamps[np.isfinite(stamps)], 0.0][0]) / 1e6
     return found | (_motion(records) if any("alignment" in one for one in records) else {})
 
 
-def _column(records: Sequence[Record], value: Callable[..., Any]) -> np.ndarray:
-    values = []
-    for one in records:
-        try:
-            found = value(one)
-        except (KeyError, TypeError):  # a frame without an image, or that could not be aligned
-            found = None
-        values.append(np.nan if found is None else float(found))
-    return np.array(values)
+def _row(record: Record, labels: Sequence[str]) -> dict[str, float | None]:
+    row = {"frame": record["frame"], "time s": record["time_us"]}
+    row |= {name: record[key] for name, key in LEVELS.items()}
+    for what in ("peak", "centre"):
+        for axis, place_m in zip("xyz", record[f"{what}_m"] or 3 * [np.nan], strict=True):
+            row[f"{what} {axis} mm"] = 1e3 * place_m
+    for label, metrics in zip(labels, record["metrics"], strict=True):
+        for metric in METRIC_TABLE:
+            value = (metrics or {}).get(metric.field)
+            name = f"{label}: {metric.name}" if len(labels) > 1 else metric.name
+            row[name] = None if value is None else metric.scale * value
+    return row
 
 
 def _motion(records: Sequence[Record]) -> dict[str, np.ndarray]:

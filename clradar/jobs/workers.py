@@ -299,22 +299,18 @@ class Workers:
 
     def in_order(self, function: Function, items: Sequence[Any]) -> Iterator[Outcome]:
         """Yield the outcomes of all items in their order; the first error ends all."""
-
-        def read(i: int, future: Future) -> Outcome:
+        for i, future in self._finished(function, [*enumerate(items)], AHEAD, ordered=True):
             try:
-                outcome: Outcome = future.result()
+                result, warned = future.result()
             except KilledWorker as error:
                 name = self.names[int(str(error.last_worker.name))]
                 raise DeviceError(
                     f"device {name}: its process died at item {i}; choose other devices, see "
                     "`clradar devices`"
                 ) from error
-            if isinstance(outcome[0], BaseException):
-                raise outcome[0]
-            return outcome
-
-        for _, outcome in self._read(function, [*enumerate(items)], read, AHEAD, ordered=True):
-            yield outcome
+            if isinstance(result, BaseException):
+                raise result
+            yield result, warned
 
     def outcomes(self, function: Function, items: Sequence[Any]) -> Iterator[tuple[int, Outcome]]:
         """Yield the number of each item with its outcome, as soon as it is known.
@@ -322,56 +318,46 @@ class Workers:
         When a worker dies, Dask blames all items that it had. So those that it gives up are
         retried at the end, each alone in the whole cluster. Workers that died are back at the end.
         """
-        blamed = []
-        for number, outcome in self._outcomes(function, [*enumerate(items)]):
-            if outcome is None:
-                blamed.append(number)
-            else:
-                yield number, outcome
+        blamed: list[int] = []
+        yield from self._outcomes(function, [*enumerate(items)], blamed)
         for number in sorted(blamed):
-            outcome = None
-            if len(items) > 1:
-                ((_, outcome),) = self._outcomes(function, [(number, items[number])])
-            yield number, outcome or (ClradarError("its worker process died each time"), [])
+            alone = [(number, items[number])] if len(items) > 1 else []
+            died = number, (ClradarError("its worker process died each time"), list[str]())
+            yield [*self._outcomes(function, alone, []), died][0]
         if blamed:
             self._await_workers(RETURN_S)
 
     def _outcomes(
-        self, function: Function, items: Sequence[tuple[int, Any]]
-    ) -> Iterator[tuple[int, Outcome | None]]:
-        """The same without another try; None where a worker died."""
-
-        def read(number: int, future: Future) -> Outcome | None:
+        self, function: Function, items: Sequence[tuple[int, Any]], blamed: list[int]
+    ) -> Iterator[tuple[int, Outcome]]:
+        """The same without another try; items at which a worker died become `blamed`."""
+        for number, future in self._finished(function, items, WAITING):
             try:
-                outcome: Outcome = future.result()
+                yield number, future.result()
             except KilledWorker:
-                return None
+                blamed.append(number)
             except (CancelledError, CommClosedError) as error:
                 raise ClusterError(
                     "the scheduler is gone, or cancelled the samples; the same command resumes"
                 ) from error
             except Exception as error:
-                return ClradarError(reason_of(error)), []
-            return outcome
+                yield number, (ClradarError(reason_of(error)), [])
 
-        return self._read(function, items, read, WAITING)
-
-    def _read(
+    def _finished(
         self,
         function: Function,
         items: Sequence[tuple[int, Any]],
-        read: Callable[[int, Future], Any],
         ahead: int,
         *,
         ordered: bool = False,
-    ) -> Iterator[tuple[int, Any]]:
-        """Yield the numbers of items with what is read of their futures as soon as they are done.
+    ) -> Iterator[tuple[int, Future]]:
+        """Yield the numbers of items with their futures as soon as they are done.
 
         At most `ahead` items for each worker are submitted and not yielded.
         """
         run, finished = secrets.token_hex(4), as_completed([], loop=self.client.loop)
         pending: dict[Future, int] = {}
-        ready: dict[int, Any] = {}
+        ready: dict[int, Future] = {}
         submitted = 0
         try:
             for turn, (expected, _) in enumerate(items):
@@ -385,8 +371,7 @@ class Workers:
                     submitted += 1
                 while not ready or (ordered and expected not in ready):
                     future = next(finished)
-                    number = pending.pop(future)
-                    ready[number] = read(number, future)
+                    ready[pending.pop(future)] = future
                 number = expected if ordered else next(iter(ready))
                 yield number, ready.pop(number)
             self._await_late(run)

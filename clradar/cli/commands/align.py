@@ -40,9 +40,9 @@ def command(
     radar: opt.RadarOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """The 4 x 4 matrix in the JSON file, "transform", moves the simulated object, or the mesh, onto
-    the measured one, as `clradar simulate --transform` does. Captures are imaged first. --frame and
-    --variant are those of MEASURED. A mesh is more exact than an image: docs/calibration.md.
+    """The 4 x 4 matrix in the JSON file, "transform", moves image or mesh onto MEASURED, as
+    `clradar simulate --transform` does. --frame and --variant are those of MEASURED. A mesh is more
+    exact than an image: docs/calibration.md.
     """
     from calibration import align, align_mesh
 

@@ -23,13 +23,10 @@ def command(
     mean: opt.AverageOptions,
     frames: opt.FrameOptions,
 ) -> None:
-    """In this order: average the frames, subtract EMPTY, gate, correct. At least one has to be
-    requested. `clradar process` does the same to every frame of a recording.
-
-    --frame and --variant are those of CAPTURE. Of an EMPTY folder the first frame is taken, as
-    recorded, or the mean of all. Half path lengths are (|p - tx| + |p - rx|) / 2: at least a
-    point's z, and at most its distance from the farthest antenna. Pairs with a dead or noisy
-    channel are set to zero. Another array or other frequencies are refused.
+    """In this order: average the frames, subtract EMPTY, gate, correct. --frame and --variant are
+    those of CAPTURE; of an EMPTY folder the first frame is taken, as recorded, or the mean of all.
+    Half path lengths are (|p - tx| + |p - rx|) / 2: at least a point's z. Pairs with a dead or
+    noisy channel are set to zero. Every frame of a recording: `clradar process`.
     """
     room = cleaning.empty
     if not (room or cleaning.gate_mm or cleaning.channels or mean.average):

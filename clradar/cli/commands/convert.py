@@ -37,7 +37,7 @@ def command(
     antennas: opt.AntennaOptions,
 ) -> None:
     """The content of a SOURCE decides its kind, not its name. The data stays as recorded, bit by
-    bit. A recording that is written (--to maroon) has one frame for each capture.
+    bit.
     """
     from measurement_io import open_capture
 
@@ -53,7 +53,7 @@ def command(
         conversions.write_captures(source, output, frames.variant, antennas)
         return
     check_outputs([output])
-    how = {**opt.values_of(frames), **opt.values_of(antennas)}
+    how = {**opt.arguments_of(frames), **opt.arguments_of(antennas)}
     capture = opt.noted(source, open_capture(source, layout=layout, **how))
     if layout is not None:
         sides = (capture.meta["layout"][name] for name in ("tx", "rx"))

@@ -34,12 +34,10 @@ def command(
     device: str | None = opt.DEVICE,
     force: bool = opt.option("Write into a folder that holds files already.", False),
 ) -> None:
-    """Simulates the letter F at alpha 0, 0.5 and 1, and by the physical estimator with the
-    materials palm and skin, forms the images, and compares them with a synthetic measurement: the
-    physical estimator, another seed, and complex white Gaussian noise at an SNR of 20 dB.
-    The measurement is saved and read again in the file format of the instrument.
-
-    The hand is turned by 25 degrees, so that the palm does not outshine the fingers.
+    """The letter F at alpha 0, 0.5 and 1, and of the materials palm and skin, is compared with a
+    synthetic measurement: those materials, another seed, noise at an SNR of 20 dB, written and read
+    in the file format of the instrument. The hand is turned by 25 degrees, so that the palm does
+    not outshine the fingers.
     """
     radar.antennas()  # wrong usage is reported before anything is made
     check_folder(output)

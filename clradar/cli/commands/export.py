@@ -32,10 +32,8 @@ def command(
     depth: opt.DepthMapOptions,
     frames: opt.FrameOptions,
 ) -> None:
-    """A volume goes to .vti (ParaView, VTK: amplitude, and real and imaginary part), its depth map
-    to .ply (MeshLab, Blender: a surface with the amplitude as grey), and either of them or a
-    capture to .mat (MATLAB) or .npz (numpy). Lengths are metres, frequencies hertz, in the antenna
-    frame.
+    """A volume goes to .vti (ParaView), its depth map to .ply (MeshLab, Blender: the amplitude as
+    grey), and either of them or a capture to .mat (MATLAB) or .npz (numpy), in metres and hertz.
     """
     from measurement_io import export_file
     from measurement_io.export import check_export

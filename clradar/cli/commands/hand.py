@@ -27,12 +27,10 @@ def command(
     list_poses: bool = opt.option("List the poses and exit.", False, "--list"),
     device: str | None = opt.DEVICE,
 ) -> None:
-    """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .ply file keeps
-    palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha and
-    material, and has the texture: the roughness of a material stays on the skin from pose to pose.
-
-    With --rig, a hand of one's own is posed, wherever it is in the file (docs/rigs.md). With --from
-    A --to B the hand goes from pose to pose (docs/movement.md).
+    """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .ply file has
+    palm, thumb, index, middle, ring and pinky apart, for an alpha or a material each, and the
+    texture, which stays on the skin from pose to pose. Rigs: docs/rigs.md; motion files:
+    docs/movement.md.
     """
     from clradar.hand import POSES
     from clradar.hand.pose_file import pose_of

@@ -27,13 +27,11 @@ def command(
     processes: opt.WorkerOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
-    1 mm, if the object is in it and the radar resolves it there, and larger where it would cut the
-    object; else one around the echoes beyond the direct coupling, up to 15 dB below the strongest,
-    with voxels of half the resolution at most. The command says which. Of a volume, which is an
-    image already, --png and --report are drawn. Several captures, and a grid of more than 2^23
-    voxels piece by piece, are imaged by parts: what is done is kept beside the output until all is,
-    and the same command resumes. Workers and devices share the parts.
+    """Without ranges the grid is the paper's, 201 x 201 x 81 voxels of 1 mm, if the object is in it
+    and the radar resolves it there; else one around the echoes up to 15 dB below the strongest,
+    with voxels of half the resolution at most. Several captures, and grids of more than 2^23
+    voxels, are imaged by parts, which workers and devices share: what is done is kept beside the
+    output, and the same command resumes.
     """
     to_write = [file for file in (files.output, files.png, files.report) if file is not None]
     if not to_write:

@@ -30,19 +30,18 @@ def command(
     processes: opt.WorkerOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Each frame is freed of the empty room (the mean of its frames), gated, corrected, imaged,
-    compared and aligned, and a hand is fitted to it, as far as the options ask for it; all images
-    are on one grid: that of the options, or the one that shows the object of the first frame. DIR
-    gets a table over time, curves, a picture of every frame and an animation. One frame is in
-    memory at a time.
+    """As far as the options ask for it, each frame is freed of the empty room (the mean of its
+    frames), gated, corrected, imaged, compared and aligned, and a hand is fitted to it. Without
+    ranges the first frame places the grid of all. DIR gets a table over time, curves, a picture of
+    every frame and an animation.
     """
     others = tuple(simulated or ())
     starts = None if how.fit_hand is None else opt.StartNames(how.fit_hand)
     check_place_of_folder(output, OWN_NAMES)
     source = Frames(recording, how.variant)
-    if source.numbers is None:
+    if not source.files:
         raise opt.wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
-    numbers, compared = chosen_frames(how.frames, source.numbers), list(map(Frames, others))
+    numbers, compared = chosen_frames(how.frames, [*source.files]), list(map(Frames, others))
     for frames in compared:
         frames.check_frames(numbers, recording)
     hand = None if starts is None else how.settings(starts)

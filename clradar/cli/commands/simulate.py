@@ -29,15 +29,12 @@ def command(
     processes: opt.WorkerOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0, or that of --array.
-    Meshes are in its frame: x to the right of a person who faces the aperture, y up, z away.
+    """The radar is in the plane z = 0. Meshes are in its frame: x to the right of a person who
+    faces the aperture, y up, z away. The parts that --alpha can name are the geometries of the
+    files.
 
-    The parts that --alpha can name are the geometries of the files. With --motion the scene moves
-    while the imager records it (docs/movement.md).
-
-    An --array of clusters whose Tx are measured with their own Rx only makes a folder with a
-    capture of each, of which `clradar image DIR/cluster_*.h5` makes one image (docs/bodies.md);
-    workers and devices divide them. With --motion clusters record one after the other.
+    An --array of clusters makes a folder with a capture of each, which workers and devices divide;
+    `clradar image DIR/cluster_*.h5` makes one image of them (docs/bodies.md).
     """
     if not scenery.meshes and moving.motion is None:
         raise opt.wrong_usage("MESH", "expected a mesh file, or --motion with a hand")

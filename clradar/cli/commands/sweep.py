@@ -45,14 +45,13 @@ def command(
     frames: opt.FrameOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
-    gets sweep.png, sweep.csv, sweep.json and the settings. MESH is where --transform has it, as
-    `clradar align --mesh` finds it. The same command resumes where a killed one stopped; other
-    settings in the same DIR are refused, unless --force begins anew. Frequencies are those of
-    MEASURED, where it is a capture. See docs/sweep.md.
+    """Simulates MESH, where --transform has it, at every alpha with several seeds, and compares
+    each image with MEASURED. DIR gets a figure, tables and the settings. The same command resumes
+    where a killed one stopped; other settings are refused, unless --force begins anew. See
+    docs/sweep.md.
 
-    With --roughness-mm it estimates roughness and correlation length in millimetres, of a MESH
-    of given --material, by the physical estimator.
+    With --roughness-mm it estimates roughness and correlation length in millimetres, of a MESH of
+    given --material.
     """
     from calibration.roughness.figures import figure_of
     from calibration.roughness.sweep import check_within_grid

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli import parse
-from clradar.cli.groups import argument, option, wrong_usage
+from clradar.cli.groups import argument, arguments_of, option, wrong_usage
 from clradar.cli.options.measured import SearchOptions, alpha_or_fit, own_option, rig_option
 from clradar.files.failures import fail
 from clradar.files.json_file import read_json
@@ -37,10 +37,7 @@ class ShapeOptions:
         """Length, breadth, finger lengths, girth, if there is one of them."""
         from clradar.hand import HandShape
 
-        known: dict[str, Any] = {"finger_lengths": self.finger_lengths, "girth": self.girth}
-        for name, value_mm in {"length_m": self.length_mm, "breadth_m": self.breadth_mm}.items():
-            known[name] = None if value_mm is None else value_mm / 1e3
-        known = {name: value for name, value in known.items() if value is not None}
+        known = arguments_of(self, ShapeOptions)
         return HandShape(**known) if known else None
 
 
@@ -200,9 +197,9 @@ class PoseOptions:
     )
 
     @property
-    def center_m(self) -> list[float]:
+    def center_m(self) -> tuple[float, ...]:
         """The centre in metres."""
-        return parse.metres(self.center_mm)
+        return tuple(value / 1e3 for value in self.center_mm)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import clradar as cl
 from clradar.cli import parse
 from clradar.cli.call import call
-from clradar.cli.groups import REQUIRED, argument, option, values_of
+from clradar.cli.groups import REQUIRED, argument, arguments_of, option
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import VoxelGrid, checks
 
@@ -285,14 +285,12 @@ class CleaningOptions:
         from calibration import clean
         from measurement_io import open_channels
 
-        gate = None
+        known = arguments_of(self, CleaningOptions)
+        gate: dict[str, Any] = {n: known[n] for n in ("edge_m", "clutter_db") if n in known}
         if self.gate_mm is not None:
-            edge_m = None if self.edge_mm is None else self.edge_mm / 1e3
-            more = {"edge_m": edge_m, "clutter_db": self.clutter_db}
-            given = {name: value for name, value in more.items() if value is not None}
-            gate = dict(zip(("near_m", "far_m"), parse.metres(self.gate_mm), strict=True)) | given
+            gate |= dict(zip(("near_m", "far_m"), known["gate_m"], strict=True))
         return clean(
-            capture, empty=empty, scaling=self.scaling, gate=gate,
+            capture, empty=empty, scaling=self.scaling, gate=gate or None,
             channels=None if self.channels is None else open_channels(self.channels),
             mask=("dead",) if self.keep_noisy else ("dead", "noisy"),
         )  # fmt: skip
@@ -330,7 +328,7 @@ def open_frame(path: Path, frames: FrameOptions) -> cl.Capture:
     """The capture of a file or folder."""
     from measurement_io import open_capture
 
-    return noted(path, open_capture(path, **values_of(frames)))
+    return noted(path, open_capture(path, **arguments_of(frames)))
 
 
 Content = TypeVar("Content", cl.Capture, "cl.Volume | cl.Capture")

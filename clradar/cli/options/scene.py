@@ -12,7 +12,7 @@ import numpy as np
 
 import clradar as cl
 from clradar.cli import parse
-from clradar.cli.groups import argument, option, values_of, wrong_usage
+from clradar.cli.groups import argument, arguments_of, option, wrong_usage
 from clradar.cli.options.measured import SearchOptions, UnitOptions, alpha_or_fit
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
@@ -56,7 +56,7 @@ class SamplingOptions:
 
 
 def _radius_mm(name: str, value: float) -> float:
-    parse.check_unit(name, "a radius", value, PLAUSIBLE_RADIUS_M, "mm")
+    parse.check_unit(name, value, "a radius", PLAUSIBLE_RADIUS_M, "mm")
     return value
 
 
@@ -81,10 +81,7 @@ class SimulationOptions(SamplingOptions):
 
     def settings(self, **more: Any) -> SimulationSettings:
         """The settings of the simulation; `more` are seed and estimator."""
-        fields = values_of(self)
-        radius_mm = fields.pop("reception_radius_mm")
-        radius_m = None if radius_mm is None else radius_mm / 1e3
-        return SimulationSettings(**fields, reception_radius_m=radius_m, **more)
+        return SimulationSettings(**arguments_of(self), **more)
 
 
 @dataclass(frozen=True, kw_only=True)
