@@ -58,9 +58,6 @@ COMMANDS = {name: text for panel in PANELS.values() for name, text in panel.item
 """Subcommand, which names its module (`module_of`), and the line that describes it."""
 
 
-TYPES = {"path": "FILE", "float": "X", "int range": "N"}
-
-
 def help_record(one: Any, context: Any) -> tuple[str, str] | None:
     """The name of an argument or option and its help, as typer has them, without Python's types."""
     record = one.get_help_record(context)
@@ -69,7 +66,7 @@ def help_record(one: Any, context: Any) -> tuple[str, str] | None:
     name, text = record
     if one.param_type_name == "argument":
         name = re.sub(r" <[^<>]*>$", "" if one.nargs == 1 else "...", name)
-    return re.sub("<(path|float|int range)>", lambda kind: TYPES[kind[1]], name), text
+    return name, text
 
 
 class _Command(TyperCommand):

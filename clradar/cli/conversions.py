@@ -8,7 +8,6 @@ from pathlib import Path
 
 import clradar as cl
 from clradar.cli import options as opt
-from clradar.cli.call import call
 from clradar.cli.console import counted, print_line, print_warning, progress_bar
 from clradar.cli.inputs import ReadOnAccess
 from clradar.cli.outputs import (
@@ -57,7 +56,7 @@ def write_captures(
                 continue
             own = {key: capture.meta[key] for key in ("frame", "variant")}
             inputs = [*(opt.frame_files(capture) if source.is_dir() else [source]), *beside]
-            save(path, capture, provenance(inputs, **own), force=call.force)
+            save(path, capture, provenance(inputs, **own), force=opt.call.force)
             written.append(path.name)
             del capture  # before the next one is read
             if progress is not None:
@@ -89,7 +88,7 @@ def write_recording(sources: Sequence[Path], output: Path, antennas: opt.Antenna
     captures = ReadOnAccess(sources, read)
     with progress_bar("converting") as progress:
         try:
-            radar = save_recording(output, captures, force=call.force, progress=progress)
+            radar = save_recording(output, captures, force=opt.call.force, progress=progress)
         except ModelError as error:
             raise ModelError(f"{opened[-1]}: {error}") from error
     print_line(f"{radar}: {counted(len(sources), 'frame')}")

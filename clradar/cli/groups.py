@@ -1,4 +1,4 @@
-"""Groups of options: a command takes one record for options that belong together.
+"""Groups of options, of which a command takes a record each, and the command that runs.
 
 A group is a dataclass whose fields are made by `option`, `argument` and `output_option`; they are
 the defaults of single parameters of a command, too. What a field says of its option is checked for
@@ -8,17 +8,17 @@ all commands alike: its text, its limits, what it goes with, and that its output
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Set
 from contextlib import suppress
-from dataclasses import Field, field, fields, is_dataclass
+from dataclasses import Field, dataclass, field, fields, is_dataclass
 from inspect import Parameter
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from clradar.cli.call import Call, call
 from clradar.errors import ClradarError
+from clradar.files.hashing import content_record
 
 REQUIRED = Parameter.empty
 """The default of an option without which a command is wrong usage."""
@@ -26,11 +26,67 @@ REQUIRED = Parameter.empty
 UNITS = ("mm", "deg", "db", "hz", "ps", "s")
 """Of names of options: the help shows them in place of the value."""
 
+METAVARS: dict[Any, str] = {Path: "FILE", int: "N", float: "X"}
+"""What the help shows in place of other values."""
+
 SCALES = {"mm": ("m", 1e3), "ps": ("s", 1e12)}
 """What functions take in place of them, and how many are one of it."""
 
 Read = Callable[[str, Any], Any]
 """Reads or checks what was given: called with the option's name and the value."""
+
+
+@dataclass
+class Call:
+    """A command, its options that count for results, all that were typed, inputs and outputs."""
+
+    command: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    typed: Set[str] = frozenset()
+    inputs: dict[str, list[Path]] = field(default_factory=dict)  # by option: files and folders
+    force: bool = False
+    read: dict[Path, list[Path]] = field(default_factory=dict)  # of an input: its files
+    records: dict[Path, dict[str, Any]] = field(default_factory=dict)  # of files, by content
+
+    @property
+    def paths(self) -> list[Path]:
+        """All inputs, as they were typed."""
+        return [path for paths in self.inputs.values() for path in paths]
+
+    def files_of(self, paths: Iterable[Path]) -> list[Path]:
+        """The files whose content these inputs are, each once."""
+        found = (file for path in paths for file in self.read.get(path, [path]))
+        return [*dict.fromkeys(one for file in found if not file.is_dir() for one in _parts(file))]
+
+    def records_of(self, files: Iterable[Path]) -> dict[Path, dict[str, Any]]:
+        """What files held when it was first asked for: before the work (`content_record`)."""
+        self.records |= {path: content_record(path) for path in files if path not in self.records}
+        return self.records
+
+
+def _parts(file: Path) -> list[Path]:
+    """A file, and those that belong to it: buffers of glTF, the antennas of a recorded frame."""
+    if file.suffix == ".npy":
+        from measurement_io.maroon.folders import antennas_file
+
+        antennas = antennas_file(file)
+        return [file, antennas] if antennas is not None and antennas.is_file() else [file]
+    from clradar.files.meshes.gltf_document import files_of
+
+    return files_of(file)
+
+
+call = Call()
+
+
+def plain(value: Any, *, paths: bool = True) -> Any:
+    """A value in types that JSON reads back as they were; None in place of `paths`, if wanted."""
+    if isinstance(value, Path):
+        return str(value) if paths else None
+    if isinstance(value, dict):
+        return {name or "": plain(item, paths=paths) for name, item in value.items()}
+    many = isinstance(value, list | tuple)
+    return [plain(item, paths=paths) for item in value] if many else value
 
 
 def wrong_usage(option: str, text: str) -> typer.BadParameter:
@@ -104,7 +160,7 @@ FORCE: Any = option("Replace files that exist.", False, "--force", panel="Output
 def option_name(name: str, one: Field[Any]) -> str:
     """The name of the option of a field, or that which help gives an argument."""
     if one.metadata["kind"] is typer.Argument:
-        return str(one.metadata["details"].get("metavar") or name.upper())
+        return str(one.metadata["details"].get("metavar") or name.upper().removesuffix("S"))
     return str((one.metadata["names"] or ("--" + name.replace("_", "-"),))[0])
 
 
@@ -179,12 +235,15 @@ def _inputs(declared: dict[str, Field[Any]], values: dict[str, Any]) -> dict[str
 def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:
     known, details = one.metadata, dict(one.metadata["details"])
     names, unit, default = known["names"], name.rpartition("_")[2], known["default"]
+    kind = next((kind for kind in METAVARS if kind in (hint, *get_args(hint))), None)
     if known["parse"] is not None:
         hint = known["text"] if default is not None else known["text"] | None
-    if known["kind"] is typer.Option:
+    if known["kind"] is typer.Argument:
+        details["metavar"] = option_name(name, one)
+    else:
         names = names or (option_name(name, one),)
-        if unit in UNITS:
-            details.setdefault("metavar", unit.upper())
+        shown = unit.upper() if unit in UNITS else METAVARS.get(kind)
+        details.setdefault("metavar", shown)
         details["rich_help_panel"] = known["panel"] or panel or None
     annotation: Any = Annotated[hint, known["kind"](*names, **details)]
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)

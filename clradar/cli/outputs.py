@@ -21,8 +21,8 @@ import numpy as np
 
 import clradar as cl
 from clradar import __version__
-from clradar.cli.call import call, plain
 from clradar.cli.console import print_line, progress_bar
+from clradar.cli.groups import call, plain
 from clradar.errors import OutputError
 from clradar.files.atomic import (
     move_folder,

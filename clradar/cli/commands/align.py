@@ -18,9 +18,7 @@ def command(
     *,
     measured: Path = opt.MEASURED,
     output: Path = opt.output_option("JSON file for transform and report.", opt.REQUIRED),
-    simulated: Path | None = opt.argument(
-        "Volume or capture; not with --mesh.", metavar="SIMULATED", without="--mesh"
-    ),
+    simulated: Path | None = opt.argument("Volume or capture; not with --mesh.", without="--mesh"),
     mesh: Path | None = opt.option("Align this mesh instead of an image.", metavar="MESH"),
     unit: opt.UnitOptions,
     search: opt.SearchOptions,

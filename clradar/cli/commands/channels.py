@@ -16,7 +16,6 @@ def command(
     capture: Path = opt.argument(
         "Of the target: native capture, recorded .npy frame, or radar folder.",
         opt.REQUIRED,
-        metavar="CAPTURE",
     ),
     target: opt.TargetOptions,
     output: Path = opt.output_option("Channels to write (HDF5).", opt.REQUIRED),

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Literal
 
 from clradar.cli import conversions, options as opt
-from clradar.cli.call import call
 from clradar.cli.outputs import check_outputs, write
 
 
@@ -16,7 +15,6 @@ def command(
         "Recorded .npy frame, radar folder, or the folder that holds one; with --layout another "
         "program's .h5, .mat, .npz or .npy; with --to maroon one or several captures.",
         opt.REQUIRED,
-        metavar="SOURCE",
     ),
     output: Path = opt.output_option(
         "Capture to write (HDF5); else the folder to make.", opt.REQUIRED, folder=True
@@ -57,7 +55,7 @@ def command(
     capture = opt.noted(source, open_capture(source, layout=layout, **how))
     if layout is not None:
         sides = (capture.meta["layout"][name] for name in ("tx", "rx"))
-        call.inputs["--layout"] += [Path(side["file"]) for side in sides if "file" in side]
+        opt.call.inputs["--layout"] += [Path(side["file"]) for side in sides if "file" in side]
         check_outputs([output])  # they are known only now
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)

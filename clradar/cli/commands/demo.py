@@ -11,7 +11,6 @@ from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt
-from clradar.cli.call import call
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.outputs import check_folder, made_folder, turned, write
@@ -63,7 +62,7 @@ def run_demo(
     write(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
-    call.inputs["hand"] = [mesh]
+    opt.call.inputs["hand"] = [mesh]
     how: dict[str, Any] = {"force": True, "rays": rays, "grid": opt.grid_text(grid)}
     simulated: dict[str, Any] = {
         MEASUREMENT: (skin, physical, 1),

@@ -8,7 +8,6 @@ from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt, parse
-from clradar.cli.call import call
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput
 from clradar.cli.outputs import provenance
@@ -22,7 +21,7 @@ def _format(option: str, path: Path) -> Path:
 
 def command(
     source: Path = opt.argument(
-        "Volume or capture, recorded .npy frame, or radar folder.", opt.REQUIRED, metavar="SOURCE"
+        "Volume or capture, recorded .npy frame, or radar folder.", opt.REQUIRED
     ),
     *,
     output: Path = opt.output_option(
@@ -47,7 +46,7 @@ def command(
     else:
         content = replace(content, meta={**content.meta, **provenance()})
     check_export(output, type(content))
-    export_file(output, content, force=call.force)
+    export_file(output, content, force=opt.call.force)
     kind = {cl.Capture: "capture", cl.Volume: "volume"}.get(type(content), "depth map")
     shape = content.__array__().shape[:: 1 if kind == "capture" else -1]  # x first, as everywhere
     print_line(f"{output}: {kind}, {' x '.join(map(str, shape))}")

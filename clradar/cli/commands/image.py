@@ -17,11 +17,10 @@ def command(
         "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
         "captures, as those of clusters, make one image.",
         opt.REQUIRED,
-        metavar="CAPTURE",
     ),
     *,
-    files: opt.ImageFiles,
-    imaging: opt.ImageOptions,
+    files: images.ImageFiles,
+    imaging: images.ImageOptions,
     depth: opt.DepthMapOptions,
     frames: opt.FrameOptions,
     processes: opt.WorkerOptions,

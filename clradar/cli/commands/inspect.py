@@ -18,7 +18,6 @@ def command(
         "Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
         "folder that holds one, or the folder of a data set.",
         opt.REQUIRED,
-        metavar="FILE",
     ),
     *,
     check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),

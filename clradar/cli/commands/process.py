@@ -15,12 +15,9 @@ from clradar.cli.recordings import OWN_NAMES, RecordingWork
 
 def command(
     *,
-    recording: Path = opt.argument(
-        "Radar folder, or folder of captures (.h5).", opt.REQUIRED, metavar="RECORDING"
-    ),
+    recording: Path = opt.argument("Radar folder, or folder of captures (.h5).", opt.REQUIRED),
     simulated: list[Path] | None = opt.argument(
         "Compare with these: each a recording with the same frames, or one volume or capture.",
-        metavar="SIMULATED",
     ),
     output: Path = opt.output_option(
         "Folder to write; a begun one is resumed.", opt.REQUIRED, metavar="DIR", folder=True

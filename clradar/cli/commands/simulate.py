@@ -7,7 +7,6 @@ from time import perf_counter
 
 import clradar as cl
 from clradar.cli import options as opt, simulations
-from clradar.cli.call import call
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.outputs import provenance, write
 from clradar.errors import warn
@@ -46,8 +45,8 @@ def command(
     simulations.check_output(output, moving, several)
     motion = None if moving.motion is None else cl.read_motion(moving.motion)
     if motion is not None:
-        call.inputs["--motion"] = list(motion.files)
-        call.records_of(motion.files)
+        opt.call.inputs["--motion"] = list(motion.files)
+        opt.call.records_of(motion.files)
         simulations.check_output(output, moving, several)  # they are known only now
     kind = scenery.estimator(estimator.estimator)
     if kind == opt.PHYSICAL and scenery.has_alpha:

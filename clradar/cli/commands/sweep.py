@@ -28,7 +28,7 @@ the rest of a removal that is cut short then belongs to no sweep."""
 def command(
     *,
     measured: Path = opt.MEASURED,
-    mesh: Path = opt.argument("Mesh file.", opt.REQUIRED, metavar="MESH"),
+    mesh: Path = opt.argument("Mesh file.", opt.REQUIRED),
     output: Path = opt.output_option(
         "New folder, or one to resume.", opt.REQUIRED, metavar="DIR", folder=True
     ),

@@ -110,7 +110,7 @@ class HandOptions(ShapeOptions, RigOptions, SearchOptions):
         needs="--fit-hand",
         check=checks.positive,
     )
-    seed: int = option("Of all that is drawn.", 0, metavar="N", needs="--fit-hand")
+    seed: int = option("Of all that is drawn.", 0, needs="--fit-hand")
 
     def settings(self, starts: StartNames) -> dict[str, Any]:
         """The arguments that `calibration.fit_hand` and `calibration.fit_hands` have both."""

@@ -10,18 +10,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import clradar as cl
 from clradar.cli import parse
-from clradar.cli.call import call
-from clradar.cli.groups import REQUIRED, argument, arguments_of, option
+from clradar.cli.groups import REQUIRED, argument, arguments_of, call, option
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import VoxelGrid, checks
 
 if TYPE_CHECKING:
     from clradar.jobs import Where
 
-CAPTURE: Any = argument(
-    "Native capture, recorded .npy frame, or radar folder.", REQUIRED, metavar="CAPTURE"
-)
-MEASURED: Any = argument("Volume, capture or recording.", REQUIRED, metavar="MEASURED")
+CAPTURE: Any = argument("Native capture, recorded .npy frame, or radar folder.", REQUIRED)
+MEASURED: Any = argument("Volume, capture or recording.", REQUIRED)
 DEVICE: Any = option(
     "OpenCL device: selector or part of its name, or several to divide the work among: with "
     "commas, or all (all GPUs). [default: as `clradar devices` shows]",
@@ -82,7 +79,6 @@ class WorkerOptions:
     workers: int | None = option(
         "Worker processes (pip install 'dask[distributed]'), each with a GPU or a share of the "
         "cores. [default: one for each of several devices, else this one]",
-        metavar="N",
         min=1,
         without=ITERATED,
         kept=False,
@@ -157,7 +153,7 @@ class FrameOptions:
 
     PANEL = "Input"
 
-    frame: int | None = option("Frame of a recording. [default: 0]", metavar="N")
+    frame: int | None = option("Frame of a recording. [default: 0]")
     variant: Variant | None = option("Variant of a recording's frame. [default: raw]")
 
 

@@ -45,12 +45,10 @@ class SamplingOptions:
 
     samples_per_mm2: float | None = option(
         f"Surface samples per mm^2. [default: {SAMPLES_PER_MM2:g} if stochastic]",
-        metavar="N",
         panel="Expert",
     )
     rays_per_sample: int | None = option(
         f"Rays per sample and Tx. [default: {RAYS_PER_SAMPLE}; 1 if samples are given per face]",
-        metavar="N",
         panel="Expert",
     )
 
@@ -66,13 +64,13 @@ class SimulationOptions(SamplingOptions):
 
     PANEL = "Expert"
 
-    rays_per_face: int | None = option("Samples on every face, not a density.", metavar="N")
+    rays_per_face: int | None = option("Samples on every face, not a density.")
     reception_radius_mm: float | None = option(
         f"A ray this near to an Rx is received. [default: {1e3 * RECEPTION_RADIUS_M:g}; of random "
         "rays what suits range and frequency]",
         check=_radius_mm,
     )
-    max_bounces: int = option("Reflections per path at most.", 1, metavar="N")
+    max_bounces: int = option("Reflections per path at most.", 1)
     normals: Literal["smooth", "face"] = option("Of the vertices, or the faces.", "smooth")
     crease_deg: float = option("Edges sharper than this stay sharp.", CREASE_DEG)
     facets: Literal["curved", "flat"] = option(
@@ -263,7 +261,7 @@ class MotionOptions:
         metavar="MOTION.toml",
     )
     frames: int | None = option(
-        "Make a recording of so many frames.", metavar="N", needs="--motion", min=1, max=10_000
+        "Make a recording of so many frames.", needs="--motion", min=1, max=10_000
     )
     rate_hz: float = option(
         "Frames per second, from time 0 on.", 8.0, needs="--motion", check=checks.positive
@@ -278,7 +276,7 @@ class EstimatorOptions:
         f"{ESTIMATORS} [default: physical with --material, stochastic with rays or bounces, else "
         "expected]",
     )
-    seed: int = option("Same seed, same device: same bits.", 0, metavar="N")
+    seed: int = option("Same seed, same device: same bits.", 0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -289,7 +287,7 @@ class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
         f"{ESTIMATORS} [default: stochastic, or physical with --material]"
     )
     alpha: float | str = alpha_or_fit()
-    seed: int = option("Of the first round; counts up from there.", 0, metavar="N")
+    seed: int = option("Of the first round; counts up from there.", 0)
     max_rounds: int = option(
-        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10, metavar="N"
+        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10
     )
