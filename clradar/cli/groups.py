@@ -1,8 +1,7 @@
 """Groups of options, of which a command takes a record each, and the command that runs.
 
-A group is a dataclass whose fields are made by `option`, `argument` and `output_option`; they are
-the defaults of single parameters of a command, too. What a field says of its option is checked for
-all commands alike: its text, its limits, what it goes with, and that its output can be written.
+A group is a dataclass of fields by `option`, `argument`, `written` and `output_option`, which are
+defaults of single parameters of a command, too. What they say is checked for all commands alike.
 """
 
 from __future__ import annotations
@@ -145,10 +144,7 @@ def written(help: str, *names: str, **details: Any) -> Any:
 def output_option(
     help: str, default: Any = None, *names: str, folder: bool = False, **details: Any
 ) -> Any:
-    """A field that is the option ``-o``, ``--output``, and has other names, too.
-
-    That a `folder` may be written is for the command to check.
-    """
+    """A field that is the option ``-o``; a `folder` is for the command to check."""
     names = ("-o", "--output", *names)
     return option(help, default, *names, panel="Output", writes=not folder, **details)
 

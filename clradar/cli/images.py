@@ -1,7 +1,4 @@
-"""Images of ``clradar image``: drawn, and those of large grids or several captures made by parts.
-
-A part is one capture on a piece of the grid; parts are kept in a folder until all are there.
-"""
+"""Images of ``clradar image``: drawn, or made by parts, each a capture on a piece of the grid."""
 
 from __future__ import annotations
 
@@ -131,10 +128,7 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
 
 
 def remove_remains(folder: Path) -> None:
-    """Remove a folder whose image was complete when the process was killed.
-
-    Its settings go first at the end, so that nothing could resume there.
-    """
+    """Remove a folder that was killed at the end, when its settings, which go first, were gone."""
     names = {path.name for path in folder.iterdir()} if folder.is_dir() else {KEY}
     if names <= {PARTS, WHOLE, LOCK}:
         with held(folder, "image"):
@@ -193,10 +187,7 @@ class PartSteps:
         return self.piece_file(part[0]).is_file() or self.file_of(part).is_file()
 
     def join(self, piece: int) -> None:
-        """Sum the parts of a piece that are all there, in the order of the captures; remove them.
-
-        So the parts of few pieces are on disk at the same time.
-        """
+        """Sum the parts of a piece, if all are there, and remove them: few are on disk at once."""
         parts = [self.file_of((piece, number)) for number in range(len(self.captures))]
         whole = self.piece_file(piece)
         if not whole.is_file() and all(path.is_file() for path in parts):
@@ -261,10 +252,7 @@ class PartedImage:
 def image_by_parts(
     steps: PartSteps, samples: cl.Capture, files: ImageFiles, where: Where, range_db: float
 ) -> None:
-    """Write and draw an image of a large grid, or of several captures.
-
-    `samples` are those of the first capture.
-    """
+    """Write and draw an image of a large grid, or of several captures, of which one is read."""
     from clradar.imaging.frame_imager import image_meta
     from clradar.imaging.grid_check import warn_of_grid
     from clradar.imaging.several_captures import KeptCaptures

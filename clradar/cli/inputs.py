@@ -110,10 +110,7 @@ def grid_for(
     *,
     everything: bool = False,
 ) -> cl.VoxelGrid:
-    """The grid of the options; without them one that shows what is in the capture, and say which.
-
-    `everything` is that of `clradar.place_grid`; what was found is logged in full.
-    """
+    """The grid of the options; else that of `clradar.place_grid`, which is said, and logged."""
     from clradar.imaging.grid_words import lengths_words, place_words
     from clradar.imaging.placement import placement, placement_words
 

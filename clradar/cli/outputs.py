@@ -1,8 +1,7 @@
 """Checks of the names of outputs, before the long work starts, and the files that are written.
 
-One rule for all commands: the folder that an output goes into exists. A command whose output is a
-folder makes that one, and none above it. Nothing is written over an input, nor into a data set or
-a recording.
+The folder that an output goes into exists; one that is the output is made. Nothing is written over
+an input, nor into a data set or a recording.
 """
 
 from __future__ import annotations
@@ -115,10 +114,7 @@ def check_place_of_folder(folder: Path, replaced: Collection[str] = ()) -> None:
 
 
 def _check_place(output: Path, known: dict[Path, bool]) -> None:
-    """Raise unless an output's folder exists, can be written to, and is nobody else's.
-
-    `known` keeps which folders are recordings: some have many frames to look through.
-    """
+    """Raise unless an output's folder can be written to; `known`: which are recordings, of many."""
     if not output.parent.is_dir():
         raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")
     if not output.is_dir() and not os.access(output.parent, os.W_OK | os.X_OK):
@@ -251,11 +247,7 @@ def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool =
 
 
 def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, Any]:
-    """The record that goes into the `meta` of a written file: versions, options, digests of inputs.
-
-    The options are those of the command that runs, and `more`; so are the inputs, if none are
-    given.
-    """
+    """What goes into `meta` of files: versions, options and `more`, digests of (these) inputs."""
     files = call.files_of(call.paths if inputs is None else inputs)
     records = call.records_of(files)
     return {
@@ -303,11 +295,7 @@ def mesh_file(path: Path, mesh: HandMesh | cl.Scene) -> bytes:
 
 
 def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:
-    """A capture whose provenance is a JSON text, which the file format can hold.
-
-    A frame holds numbers and strings alone, so all of `meta` goes into one string: that of the
-    capture, and `origin`, how it was converted or made.
-    """
+    """A capture with all of `meta` and `origin` as a JSON text: frames hold numbers and strings."""
     record = {**capture.meta, **origin}
     with suppress(KeyError, TypeError, ValueError):
         # An earlier conversion's is text; as text in text its escapes would double every time.

@@ -188,10 +188,7 @@ def whole_steps(option: str, text: str, first: float, last: float, step: float) 
 def ascending(
     noun: str, limits: tuple[float, float], *, least: int = 1, most: int = 1001
 ) -> Callable[[str, str], tuple[float, ...]]:
-    """Reads the numbers of ``FIRST:LAST:STEP`` or of a list with commas.
-
-    `noun` says what they are, in the plural; they have to be within `limits`.
-    """
+    """Reads numbers of ``FIRST:LAST:STEP`` or of a list with commas; `noun` is in the plural."""
 
     def read(option: str, text: str) -> tuple[float, ...]:
         is_range = ":" in text

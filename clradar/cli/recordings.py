@@ -107,10 +107,7 @@ class RecordingWork:
         return [n for n in self.numbers if record_file(self.steps.folder, n).is_file()]
 
     def _prepare(self) -> None:
-        """Complete the steps with what all frames need: the mean of the empty room, the grid.
-
-        Without ranges in the options the first frame that can be read places the grid.
-        """
+        """Complete the steps with what all frames need: the mean of the empty room, the grid."""
         from calibration import average_frames
 
         steps, folder = self.steps, self.steps.folder
@@ -135,6 +132,7 @@ class RecordingWork:
         self.steps = replace(steps, grid=grid)
 
     def _placed(self, steps: FrameSteps) -> cl.VoxelGrid:
+        """The grid by the first frame that can be read."""
         failures = []
         for number in self.numbers:
             try:
@@ -157,11 +155,7 @@ class RecordingWork:
                 pass
 
     def _hands(self, records: Sequence[Record]) -> list[FrameFit] | None:
-        """The hands that are fitted to the frames; None where that is impossible.
-
-        Each is fitted from the one before, so that is done by this process alone, whoever did the
-        frames; from the depth maps that are kept of them.
-        """
+        """The hands of the frames, each fitted from the one before, here; None if impossible."""
         numbers = [int(one["frame"]) for one in records]
         images = KeptImages(
             numbers, lambda number: self.steps.map_of(f"{number:06d}-hand"),

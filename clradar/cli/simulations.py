@@ -153,11 +153,7 @@ def record_movement(
     moving: opt.MotionOptions,
     **how: Any,
 ) -> str:
-    """Write a capture of what moves, or a recording, whole or not at all; return what it is.
-
-    Of several clusters a folder of them. One frame is in memory at a time. `how` as of
-    `clradar.simulate_moving`.
-    """
+    """Write a capture of what moves, or a recording, or a folder of clusters; return what it is."""
     from measurement_io import save_recording
 
     several, n_frames = len(clusters) > 1, moving.frames

@@ -145,11 +145,7 @@ class Where:
     def made(
         self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
     ) -> Iterator[tuple[int, Result]]:
-        """Make the results of all items; yields the number of an item with each, in their order.
-
-        Work and items are pickled for other processes. The first error ends the batch; a warning of
-        workers is given once.
-        """
+        """Yield the results of all items in order, each with its item's number; or an error."""
         items = list(items)
         if self.here or len(items) < 2:
             for i, item, part in _with_progress(items, progress):
@@ -172,9 +168,8 @@ class Where:
     ) -> Iterator[tuple[Item, Outcome]]:
         """Run the steps of every item; yield items with their outcomes, as they are done.
 
-        `steps` is a dataclass with a field `device` and a method `run`, which is called with an
-        item and a progress callback or None, and writes into `folder`. It can be pickled, and so
-        can the items.
+        `steps` is a dataclass with a field `device` and a method `run` of an item and a progress
+        callback or None, which writes into `folder`; it can be pickled, and so can the items.
         """
         if self.here:
             for _, item, part in _with_progress(items, progress):

@@ -98,11 +98,7 @@ def own_cores() -> list[int]:
 
 
 def partition(workers: int, devices: Sequence[DeviceInfo], cores: Sequence[int]) -> list[Share]:
-    """Assign devices and cores to so many processes.
-
-    Devices are assigned in turn, so there may be more workers than GPUs. The cores of CPU devices
-    are divided as equally as possible.
-    """
+    """Assign devices in turn, and cores of CPU devices in equal shares, to so many processes."""
     is_gpu, n_cores = devices[0].kind == "gpu", len(cores)
     if not is_gpu and workers > n_cores:
         raise ModelError(
@@ -351,10 +347,7 @@ class Workers:
         *,
         ordered: bool = False,
     ) -> Iterator[tuple[int, Future]]:
-        """Yield the numbers of items with their futures as soon as they are done.
-
-        At most `ahead` items for each worker are submitted and not yielded.
-        """
+        """Yield numbers of items with futures that are done; `ahead` for each worker are begun."""
         run, finished = secrets.token_hex(4), as_completed([], loop=self.client.loop)
         pending: dict[Future, int] = {}
         ready: dict[int, Future] = {}
@@ -402,10 +395,7 @@ class Workers:
             sleep(LATE_STEP_S)
 
     def _await_late(self, run: str) -> None:
-        """Wait for items that are made twice, so that no file is written after the run.
-
-        Dask reschedules the items of a dying worker, even finished ones.
-        """
+        """Wait for items of a worker that died, even finished ones, which Dask has made twice."""
         until_s = monotonic() + LATE_S
         while monotonic() < until_s:
             if not any(self.client.run(_is_busy, run, on_error="ignore").values()):

@@ -157,10 +157,7 @@ class MaterialOptions:
         return self.material is not None or bool(self.material_of)
 
     def estimator(self, chosen: Estimator | None) -> Estimator | None:
-        """The estimator: `chosen`, or with a material the one that knows materials.
-
-        Warns of a material that another one does not use.
-        """
+        """The `chosen` estimator, or with a material the one that knows materials."""
         if not self.given or chosen == PHYSICAL:
             return chosen
         if chosen is None:
