@@ -30,69 +30,52 @@ def backproject(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """Form the complex image of a capture by back-projection::
+    """Form the complex image of a capture by back-projection (E8 in docs/equations.md)::
 
         V(v) = 1 / (n_tx n_rx n_freq) sum_{tx, rx, n} w_n s[tx, rx, n]
                exp(+j 2 pi f_n (|v - tx| + |v - rx|) / c)
 
+    For many captures by one radar make one `clradar.FrameImager`.
+
     Parameters
     ----------
     capture : Capture, or iterable of Capture
-        Of several, such as those of clusters whose Tx are measured with their own Rx only, the sum
-        goes over the pairs of all. One is held at a time.
+        Of several, such as clusters, the sum goes over the pairs of all. One is held at a time.
     grid : VoxelGrid
-        `clradar.place_grid` finds one that shows the object.
+        `clradar.place_grid` finds one.
     method : "fast", "range" or "exact"
-        All take any antennas, frequencies and grid. "exact": the brute-force sum, with an RMS error
-        of -80 dB relative to the image's RMS or better. "range": one range profile per pair, read
-        by linear interpolation, about -54 dB. "fast": fast factorised back-projection over a tree
-        of blocks of voxels, to `tolerance_db`; some hundred times faster than "range" for large
-        grids, and the brute-force sum for grids so small that it is the faster.
+        "exact": this sum, with an RMS error of -80 dB of the image's RMS or better. "range": one
+        range profile per pair, read by linear interpolation, about -54 dB. "fast": over a tree of
+        blocks of voxels, to `tolerance_db`; some hundred times faster than "range" for large grids.
     window : "rect", "hann", "taylor", or array_like of shape (n_freq,)
-        Weights w_n over frequency; see `frequency_weights`.
+        Weights w_n over frequency.
     tolerance_db : float, optional
-        For "fast": RMS error relative to the RMS of the whole image, -80 to -30; default -50.
+        For "fast": RMS error relative to the image's RMS, -80 to -30; default -50.
     check_grid : bool
-        Warn where the grid does not fit the capture; of several captures a thousand pairs of each
-        tell. Turn it off for many images of one capture, or for a grid that is beside the object
-        on purpose.
+        Warn where the grid does not fit the capture (docs/messages.md). Turn it off for many images
+        of one capture, or for a grid that is beside the object on purpose.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
         Called with (done, total) steps.
 
-    For many captures by one radar make one `clradar.FrameImager`.
-
     Returns
     -------
     Volume
-        complex64, shape (n_z, n_y, n_x). Of a capture of S-parameters (`Capture.absolute`) it can
-        be read in dBsm: `Volume.rcs_dbsm`; not of several. `meta["capture"]` then is the list of
-        theirs.
+        complex64, shape (n_z, n_y, n_x). Of one capture of S-parameters it can be read in dBsm. Of
+        several `meta["capture"]` is the list of theirs.
 
     Raises
     ------
     ModelError
-        No capture; unknown method or window; a tolerance out of range, or with a method other than
-        "fast"; an image that complex64 cannot hold, or this machine's memory: 9 bytes per voxel,
-        of several captures 24.
-    DeviceError
-        The device is missing, out of memory or fails. A volume larger than its memory is tiled.
-
-    Warns
-    -----
-    ClradarWarning
-        The strongest echo lies outside the grid, 15 dB above all that is in it. The object goes on
-        beyond a face of the grid. The grid reaches beyond the unambiguous range c / (2 df), and no
-        focus tells the echoes in it from their aliases. The brightest voxel has a grating lobe of
-        -3 dB or more in the grid, or is the lobe or the alias of an echo elsewhere.
+        Also where this machine's memory is too small: 9 bytes per voxel, of several captures 24.
+        The device's may be smaller.
 
     Examples
     --------
     The image of a point reflector has its maximum where the point is.
 
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> capture = clradar.room_capture(array, waveform, [], points_m=[[0.01, -0.02, 0.3]])
     >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.28, 0.32), 2e-3)

@@ -75,7 +75,7 @@ class ClradarWarning(UserWarning):
 
     Examples
     --------
-    Turn the warnings of a script into exceptions:
+    Make them exceptions:
 
     >>> import warnings
     >>> warnings.simplefilter("error", clradar.ClradarWarning)

@@ -50,9 +50,7 @@ def simulate(
     progress: Progress | None = None,
     **fields: Any,
 ) -> Capture:
-    """Simulate a capture: trace and synthesize tile by tile.
-
-    The memory needed depends on neither the number of samples nor that of paths (docs/bodies.md).
+    """Simulate a capture: trace and synthesize tile by tile, in little memory (docs/bodies.md).
 
     Parameters
     ----------
@@ -60,8 +58,8 @@ def simulate(
     array : AntennaArray
     waveform : Waveform
     settings : SimulationSettings, optional
-        The defaults if not given: see `SimulationSettings` for the estimator. With the stochastic
-        one the result has the bits of ``synthesize(trace(...))`` with the same radius.
+        With the stochastic estimator the result has the bits of ``synthesize(trace(...))`` with the
+        same radius.
     device : Device, str or None
         See `clradar.open_device`.
     progress : callable, optional
@@ -77,23 +75,15 @@ def simulate(
     Raises
     ------
     ModelError
-        An argument or setting is invalid; with the physical estimator, an antenna is on the surface
-        or a material's table misses the band.
+        Also with the physical estimator for an antenna on the surface, or a material's table that
+        misses the band.
     MeshError
         The scene has no face with area, or more samples than 2^31.
-    DeviceError
-        The device is missing, out of memory or fails.
 
     Warns
     -----
     ClradarWarning
-        Faces of a curved surface are so coarse that the two-way phase is off by more than a quarter
-        of a wavelength on 5 % of the area, or edges between them stay sharp; the scene reaches
-        behind the antennas, or beyond the unambiguous range, or is as wide as the array's grating
-        lobes, or its size and range are most likely in another unit; no ray arrives, or so few
-        that a tenth of the pairs has none by chance. With the physical estimator also: no Tx and Rx
-        see a common point; lit parts that face each other; points too sparse for the wavelength or
-        the roughness; a roughness that the Kirchhoff approximation does not hold for.
+        Faces or points too coarse, ambiguities, too few rays, and so on: docs/messages.md.
 
     Examples
     --------
@@ -102,8 +92,7 @@ def simulate(
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
     >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
-    >>> imager = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(imager.tx_m[::12], imager.rx_m[::12])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> capture = clradar.simulate(scene, array, waveform, samples_per_mm2=5)
     >>> capture.data.shape, capture.meta["settings"]["samples_per_mm2"]
@@ -141,38 +130,26 @@ def simulate_image(
 ) -> None:
     """Simulate a capture and form its image, which `imager` holds then.
 
-    With the bits of ``imager.form(simulate(scene, imager.array, imager.waveform, ...))``; but the
-    samples stay on the device, unless the estimator is physical, antennas have gains, the image
-    is not kept there, or the sums of all pairs do not fit at once.
+    It has the bits of ``imager.form(simulate(scene, imager.array, imager.waveform, ...))``; but
+    samples stay on the device, unless the estimator is physical, antennas have gains, the image is
+    not kept there, or the sums of all pairs do not fit at once.
 
     Parameters
     ----------
     scene : Scene
     imager : FrameImager
     settings, progress, **fields
-        As `simulate` takes them.
-
-    Raises
-    ------
-    ModelError, MeshError, DeviceError
-        As `simulate`.
-
-    Warns
-    -----
-    ClradarWarning
-        As `simulate`.
+        As of `simulate`.
 
     Examples
     --------
     >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
-    >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
-    >>> radar = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(radar.tx_m[::6], radar.rx_m[::6])
+    >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 6), slice(None, None, 6))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> grid = clradar.VoxelGrid.from_extent((-0.03, 0.03), (-0.03, 0.03), (0.27, 0.33), 2e-3)
     >>> with clradar.FrameImager(array, waveform, grid) as imager:
-    ...     clradar.simulate_image(scene, imager, samples_per_mm2=5)
+    ...     clradar.simulate_image(clradar.Scene.from_mesh(ball), imager, samples_per_mm2=5)
     ...     imager.depth_map().depth_m.shape
     (31, 31)
     """

@@ -27,8 +27,8 @@ def synthesize(
     paths : Paths
         In any order; the sum of a pair is formed in the order of its paths.
     array : AntennaArray
+        Without patterns.
     waveform : Waveform
-        Any ascending list of frequencies.
     device : Device, str or None
         See `clradar.open_device`.
     meta : mapping, optional
@@ -37,14 +37,7 @@ def synthesize(
     Returns
     -------
     Capture
-        complex64, shape (n_tx, n_rx, n_freq). The phase of each path is exact to 1e-6 rad.
-
-    Raises
-    ------
-    ModelError
-        `paths` and `array` differ in size; antennas with a pattern, which paths do not have.
-    DeviceError
-        The device is missing, out of memory or fails.
+        The phase of each path is exact to 1e-6 rad.
 
     Examples
     --------
@@ -54,9 +47,8 @@ def synthesize(
     >>> waveform = clradar.Waveform.sfcw(72e9, 73e9, 2)
     >>> paths = clradar.Paths([0], [0], [0.075], [1.0], [1], n_tx=1, n_rx=1)
     >>> data = clradar.synthesize(paths, array, waveform).data[0, 0]
-    >>> cycles = np.angle(data[1] / data[0]) / (2 * np.pi)
-    >>> print(f"{abs(data[0]):.3f}, {cycles:.3f} cycles")
-    1.000, -0.250 cycles
+    >>> print(f"{np.angle(data[1] / data[0]) / (2 * np.pi):.3f} cycles")
+    -0.250 cycles
     """
     checks.instance("synthesize: paths", paths, Paths)
     checks.instance("synthesize: array", array, AntennaArray)

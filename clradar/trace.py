@@ -29,44 +29,26 @@ def trace(
     progress: Progress | None = None,
     **fields: Any,
 ) -> Paths:
-    """Trace rays from every Tx over the scene to every Rx [1]_.
+    """Trace rays from every Tx over the scene to every Rx (E1 to E6 in docs/equations.md).
 
     Parameters
     ----------
     scene : Scene
     array : AntennaArray
     settings : SimulationSettings, optional
-        Of the stochastic estimator; the defaults if not given.
-    device : Device, str or None
-        See `clradar.open_device`.
-    progress : callable, optional
-        Called with (done, total) samples.
-    **fields
-        Fields of `SimulationSettings`, in place of those of `settings`.
+        Of the stochastic estimator.
+    device, progress, **fields
+        As of `clradar.simulate`.
 
     Returns
     -------
     Paths
-        Sorted by pair, then sample, ray and bounce; the same bits for the same seed and device.
+        The same bits for the same seed and device.
 
     Raises
     ------
-    ModelError
-        An argument or setting is invalid.
     MeshError
         The scene has no face with area, or more samples than 2^31.
-    DeviceError
-        The device is missing, out of memory or fails.
-
-    Warns
-    -----
-    ClradarWarning
-        The scene reaches behind the antennas.
-
-    References
-    ----------
-    .. [1] J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for Hand Pose Imaging",
-       EuRAD 2023.
 
     Examples
     --------

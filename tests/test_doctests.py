@@ -98,9 +98,9 @@ def test_example(name, tmp_path, monkeypatch, namespace):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "plan.toml").write_text(PLAN)
     item = DOCUMENTED[name]
-    finder = doctest.DocTestFinder(recurse=False)
-    (test,) = finder.find(item, name, module=False, globs=dict(namespace))
-    assert test.examples or inspect.isclass(item), f"{name} has no example in its docstring"
+    own, *methods = doctest.DocTestFinder().find(item, name, module=False, globs=dict(namespace))
+    assert own.examples or inspect.isclass(item), f"{name} has no example in its docstring"
     output: list[str] = []
-    doctest.DocTestRunner(optionflags=FLAGS).run(test, out=output.append)
+    for test in (own, *methods):
+        doctest.DocTestRunner(optionflags=FLAGS).run(test, out=output.append)
     assert not output, "".join(output)

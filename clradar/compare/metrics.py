@@ -134,38 +134,27 @@ METRICS = tuple(one.field for one in METRIC_TABLE)
 
 @dataclass(frozen=True, slots=True)
 class Metrics(Record):
-    """Agreement between a measured and a simulated image, by the formulas of `docs/metrics.md`.
+    """Agreement between a measured and a simulated image, by the formulas of docs/metrics.md.
 
     Attributes
     ----------
     overlap : float
-        Cosine between the two depth maps as blurred points in space, in [0, 1]; 1 is best.
+        Cosine between the two depth maps as blurred points in space, 0 to 1, the best.
     db_correlation : float
-        Pearson correlation of the clipped dB images, in [-1, 1]; 1 is best. NaN where one of them
-        is constant.
+        Pearson correlation of the clipped dB images, -1 to 1. NaN where one of them is constant.
     ssim : float
-        Mean structural similarity of the clipped dB images scaled to [0, 1]; at most 1, the best.
+        Mean structural similarity of the clipped dB images, at most 1.
     mask_iou : float
-        Pixels in both masks over pixels in either, in [0, 1]; 1 is best.
-    depth_rmse_m : float, metres
-        Root mean square difference of depth over the pixels in both masks; 0 is best. NaN where
-        the masks have no pixel in common.
-    chamfer_simulated_to_measured_m, chamfer_measured_to_simulated_m : float, metres
-        Mean distance from each depth point of the one to the nearest of the other; 0 is best.
-    dynamic_range_db : float, decibel
+        Pixels in both masks over pixels in either, 0 to 1.
+    depth_rmse_m : float
+        RMS difference of depth over the pixels in both masks. NaN where there is none.
+    chamfer_simulated_to_measured_m, chamfer_measured_to_simulated_m : float
+        Mean distance from each depth point of the one to the nearest of the other.
+    dynamic_range_db : float
         Level below each image's own maximum at which it was clipped and its mask cut.
     missing, surplus : tuple of UnmatchedObject
-        Bright objects of the measurement that the simulation lacks, and the reverse, the largest
-        share of the energy first; see `disagreement`.
-
-    Examples
-    --------
-    NaN, here of two masks without a common pixel, becomes None for JSON.
-
-    >>> metrics = clradar.Metrics(0.0, 0.1, 0.2, 0.0, float("nan"), 0.012, 0.009)
-    >>> record = metrics.to_dict()
-    >>> record["mask_iou"], record["depth_rmse_m"]
-    (0.0, None)
+        Bright objects that the simulation lacks, or has beyond the measurement, the largest share
+        of the energy first.
     """
 
     overlap: float
@@ -228,12 +217,13 @@ def compare(
 ) -> Metrics:
     """Compare a simulated image with a measured one on the same pixels.
 
+    Each is relative to its own maximum. What values mean: docs/metrics.md.
+
     Parameters
     ----------
     measured, simulated : Volume or DepthMap
-        Both with the same pixel centres along x and y. Their z axes may differ: only the maximum
-        projection and the depth map of a volume are used.
-    dynamic_range_db : float, decibel
+        With the same pixel centres along x and y, at least 11 x 11; z axes may differ.
+    dynamic_range_db : float
         Each image is clipped, and its mask cut, this far below its own maximum.
 
     Returns
@@ -243,19 +233,13 @@ def compare(
     Raises
     ------
     CompareError
-        One of them is not an image, is zero everywhere, has no depth anywhere, or is a depth map
-        that was cut at a smaller dynamic range; the pixels differ; or the images are smaller than
-        the SSIM window, 11 x 11 pixels.
+        The pixels differ or are too few; an image is zero or has no depth everywhere, or is a depth
+        map cut at a smaller dynamic range.
 
     Warns
     -----
     ClradarWarning
-        The overlap is 0.8 or more and misleading: the dB correlation is below 0.6, or one image has
-        a bright object that the other lacks (`Metrics.remarks`).
-
-    Notes
-    -----
-    The overall level of an image has no influence: each is normalised to its own maximum.
+        The overlap is 0.8 or more although an object or the dB correlation contradicts it.
 
     Examples
     --------
@@ -264,9 +248,8 @@ def compare(
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
     >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
-    >>> metrics = clradar.compare(near, far)
-    >>> print(f"{metrics.overlap:.3f} {metrics.ssim:.3f} {1e3 * metrics.depth_rmse_m:.1f} mm")
-    0.779 1.000 2.0 mm
+    >>> print(f"{clradar.compare(near, far).overlap:.3f}")
+    0.779
     """
     metrics = metrics_of(measured, simulated, dynamic_range_db)
     if metrics.misleading:

@@ -50,12 +50,11 @@ def image_meta(
 
 
 class FrameImager:
-    """Images of one frame after the other, by one radar over one grid.
+    """Images of frame after frame, by one radar over one grid: each with the bits of `backproject`.
 
-    Array, grid, tree, skeletons, programs and buffers are made once and kept on the device, as is
-    the image; of a frame its samples go there, and what is asked for comes back: the depth map
-    (28 bytes per pixel) or the volume. `backproject` is this for a single frame, with the same
-    bits.
+    What frames share is made once and stays on the device, as does the image; samples go there, and
+    the depth map (28 bytes per pixel) or the volume comes back. The end of a ``with`` block, or
+    `close`, frees the device's memory. Not for several threads at once.
 
     Parameters
     ----------
@@ -63,47 +62,23 @@ class FrameImager:
     waveform : Waveform
     grid : VoxelGrid
     method, window, tolerance_db, device
-        As `backproject` takes them. With "exact" and "range", with grids of more than 2^23 voxels,
-        with more than 1024 transmitters or receivers, and with so few voxels that the brute-force
-        sum is faster, images are kept in the host's memory.
-
-    Attributes
-    ----------
-    array : AntennaArray
-    waveform : Waveform
-    grid : VoxelGrid
-    weights : ndarray, shape (n_freq,), float64
-        The window over frequency.
-    device : Device
-
-    Raises
-    ------
-    ModelError
-        As `backproject`.
-    DeviceError
-        The device is missing, or out of memory.
-
-    Notes
-    -----
-    A context manager: the device's memory is freed at the end of the block, or by `close`. Frames
-    are imaged one at a time; calls from several threads at once are not possible.
+        As of `backproject`. Images are kept in the host's memory with "exact" and "range", more
+        than 2^23 voxels or 1024 transmitters or receivers, or few voxels.
 
     Examples
     --------
-    A point reflector that moves away by 2 mm per frame.
+    A point reflector that moves away by 2 mm.
 
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::6], q.rx_m[::6])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 6), slice(None, None, 6))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> grid = clradar.VoxelGrid.from_extent((-0.04, 0.04), (-0.04, 0.04), (0.28, 0.32), 2e-3)
     >>> with clradar.FrameImager(array, waveform, grid, window="hann") as imager:
-    ...     for z_m in (0.300, 0.302, 0.304):
+    ...     for z_m in (0.300, 0.302):
     ...         point_m = [[0.01, -0.02, z_m]]
     ...         imager.form(clradar.room_capture(array, waveform, [], points_m=point_m))
     ...         print(f"{np.nanmean(imager.depth_map(2.0).depth_m):.4f}")
     0.3000
     0.3020
-    0.3040
     """
 
     def __init__(
@@ -159,21 +134,8 @@ class FrameImager:
         self._frame = self._capture = self._data = None
 
     def form(self, capture: Capture, progress: Progress | None = None) -> None:
-        """Form the image of a frame, in place of the last one.
-
-        Parameters
-        ----------
-        capture : Capture
-            By the same antennas and frequencies.
-        progress : callable, optional
-            Called with (done, total) steps.
-
-        Raises
-        ------
-        ModelError
-            A capture by another radar.
-        DeviceError
-            The device is out of memory or fails.
+        """Form the image of a frame, by the same antennas and frequencies, in place of the last
+        one.
         """
         checks.instance("FrameImager.form: capture", capture, Capture)
         same = capture.array.same_positions(self.array)
@@ -196,18 +158,10 @@ class FrameImager:
     def form_on_device(
         self, samples: Any, stride: int, meta: Mapping[str, Any], progress: Progress | None = None
     ) -> None:
-        """Form the image of samples that a kernel wrote on this device.
+        """Form the image of finite samples on this device, complex64, shape (n_tx, n_rx, stride),
+        of which the first n_freq count; only where it `keeps_image`.
 
-        Only where `keeps_image`.
-
-        Parameters
-        ----------
-        samples : Buffer
-            complex64, shape (n_tx, n_rx, stride), of which the first n_freq count; finite.
-        stride : int
-        meta : mapping
-            As a capture's.
-        progress : callable, optional
+        :meta private:
         """
         assert self._resident is not None
         self._frame = self._capture = None
@@ -216,17 +170,14 @@ class FrameImager:
 
     @property
     def keeps_image(self) -> bool:
-        """Whether the image is kept on the device, see the class."""
+        """Whether the image is kept on the device.
+
+        :meta private:
+        """
         return self._resident is not None
 
     def volume(self) -> Volume:
-        """Return the image of the last frame: the bits and `meta` of `backproject`.
-
-        Raises
-        ------
-        ModelError
-            No frame yet, or an image that complex64 cannot hold.
-        """
+        """Return the image of the last frame."""
         frame = self._formed()
         data = self._data if self._resident is None else self._resident.read()
         assert data is not None
@@ -243,20 +194,9 @@ class FrameImager:
             raise self._overflow() from error
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
-        """Return the depth map of the last frame, whose amplitude is the maximum projection.
+        """Return `Volume.depth_map` of the last frame, whose volume stays on the device.
 
-        It is that of `volume`, and of voxels along z that are equally strong to the rounding of
-        float32 either may be taken; but the volume stays on the device.
-
-        Parameters
-        ----------
-        dynamic_range_db : float, decibel
-            As `Volume.depth_map`.
-
-        Raises
-        ------
-        ModelError
-            As `volume` and `Volume.depth_map`.
+        Of voxels along z that are equally strong to the rounding of float32 either may be taken.
         """
         if self._resident is None:
             return self.volume().depth_map(dynamic_range_db)

@@ -39,65 +39,42 @@ class ImagingOperator:
         s[tx, rx, n] = sum_p rho_p exp(-j 2 pi f_n (|p - tx| + |p - rx|) / c)
         V(p) = sum_{tx, rx, n} s[tx, rx, n] exp(+j 2 pi f_n (|p - tx| + |p - rx|) / c)
 
-    V is the image by `backproject` times the number of samples.
+    V is the image by `backproject` times the number of samples. See docs/operators.md.
 
     Parameters
     ----------
     array : AntennaArray
     waveform : Waveform
-    grid_or_points : VoxelGrid, or array_like of shape (n_points, 3), float64, metres
-        The voxels or points that reflect. Points may lie anywhere, also where antennas are.
+    grid_or_points : VoxelGrid, or array_like of shape (n_points, 3), float64
+        What reflects, within 100 m; points also at antennas.
     tolerance_db : float, optional
-        RMS error of captures and images relative to their RMS, -80 to -30; default -50. Forward and
-        adjoint are adjoint to each other far below it, to rounding of float32.
-    tx_visible : array_like, shape (n_points, n_tx), bool, optional
-        Whether an antenna sees a point. A pair of which one does not has no echo from the point.
-        By default every antenna sees every point. For points only; points that some antennas do not
-        see are summed term by term.
-    rx_visible : array_like, shape (n_points, n_rx), bool, optional
+        RMS error of captures and images relative to their RMS, -80 to -30; default -50.
+    tx_visible, rx_visible : array_like, shape (n_points, n_tx) and (n_points, n_rx), bool, optional
+        Whether an antenna sees a point, without which its pairs have no echo from there; not for
+        grids. Points that some antennas do not see are summed term by term. None: all see all.
     device : Device, str or None
         See `clradar.open_device`.
 
     Attributes
     ----------
-    array : AntennaArray
-    waveform : Waveform
     grid : VoxelGrid or None
         None for points.
     domain_shape : tuple of ints
-        Shape of the reflectivity: (n_z, n_y, n_x), or (n_points,).
-    range_shape : tuple of 3 ints
-        Shape of the capture's data: (n_tx, n_rx, n_freq).
-
-    Raises
-    ------
-    ModelError
-        An argument of the wrong type or shape, points that are NaN, infinite or more than 100 m
-        away, no point, a tolerance out of range, visibility together with a grid.
-    DeviceError
-        The device is missing, out of memory or fails.
+        Of the reflectivity: (n_z, n_y, n_x), or (n_points,).
+    range_shape : tuple of ints
+        (n_tx, n_rx, n_freq).
 
     Examples
     --------
-    The dot test: both ways agree on the product of any reflectivity and any capture.
+    The dot test: forward and adjoint agree on any reflectivity and any capture.
 
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> array = clradar.AntennaArray([[-0.05, 0, 0]], [[0.05, 0, 0], [0, 0.05, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> grid = clradar.VoxelGrid.from_extent((-0.01, 0.01), (-0.01, 0.01), (0.29, 0.31), 2e-3)
-    >>> operator = clradar.ImagingOperator(array, waveform, grid)
+    >>> operator = clradar.ImagingOperator(array, waveform, [[0, 0, 0.3], [0, 0, 0.4]])
     >>> rng = np.random.default_rng(0)
     >>> rho, samples = rng.normal(size=operator.domain_shape), rng.normal(size=operator.range_shape)
-    >>> one = np.vdot(samples, operator.forward(rho))
-    >>> other = np.vdot(operator.adjoint(samples), rho)
-    >>> bool(abs(one - other) < 1e-5 * abs(one))
-    True
-
-    Its adjoint is the image by `backproject`, times the number of samples.
-
-    >>> capture = clradar.Capture(samples, array, waveform)
-    >>> image = clradar.backproject(capture, grid, check_grid=False)
-    >>> bool(np.allclose(operator.adjoint(capture), image.data * samples.size, atol=0.1))
+    >>> ways = np.vdot(samples, operator.forward(rho)), np.vdot(operator.adjoint(samples), rho)
+    >>> bool(np.isclose(*ways, rtol=1e-5))
     True
     """
 
@@ -183,20 +160,8 @@ class ImagingOperator:
         return int(np.prod(self.range_shape)), int(np.prod(self.domain_shape))
 
     def forward(self, reflectivity: Any, progress: Progress | None = None) -> np.ndarray:
-        """Return the capture's data of a reflectivity, shape (n_tx, n_rx, n_freq), complex64.
-
-        Parameters
-        ----------
-        reflectivity : Volume, or array_like of shape `domain_shape`, complex64
-        progress : callable, optional
-            Called with (done, total) steps.
-
-        Raises
-        ------
-        ModelError
-            A wrong shape or grid, NaN or infinite values, or a result that complex64 cannot hold.
-        DeviceError
-            The device is out of memory or fails.
+        """Return the samples of a reflectivity, a volume or an array of `domain_shape`; complex64,
+        shape `range_shape`.
         """
         field = "ImagingOperator.forward: reflectivity"
         if isinstance(reflectivity, Volume):
@@ -210,21 +175,8 @@ class ImagingOperator:
         return _finite(field, out, values)
 
     def adjoint(self, samples: Any, progress: Progress | None = None) -> np.ndarray:
-        """Return the image of samples, shape `domain_shape`, complex64, not scaled.
-
-        Parameters
-        ----------
-        samples : Capture, or array_like of shape (n_tx, n_rx, n_freq), complex64
-        progress : callable, optional
-            Called with (done, total) steps.
-
-        Raises
-        ------
-        ModelError
-            A wrong shape, array or waveform, NaN or infinite values, or a result that complex64
-            cannot hold.
-        DeviceError
-            The device is out of memory or fails.
+        """Return the image of samples, a capture or an array of `range_shape`; complex64, shape
+        `domain_shape`, not scaled.
         """
         field = "ImagingOperator.adjoint: samples"
         if isinstance(samples, Capture):
@@ -246,10 +198,9 @@ class ImagingOperator:
             yield part, lambda share, i=i: whole((i + share) / n)  # type: ignore[misc]
 
     def as_linear_operator(self) -> Any:
-        """Return a `scipy.sparse.linalg.LinearOperator` of shape `shape`, dtype complex64.
+        """Return a `scipy.sparse.linalg.LinearOperator`, for scipy's solvers and PyLops.
 
-        Vectors are the raveled reflectivity, [z, y, x] or points, and the raveled capture,
-        [tx, rx, freq]. scipy's solvers and PyLops take it as it is.
+        Vectors are raveled reflectivity, [z, y, x] or points, and raveled samples, [tx, rx, freq].
         """
         from scipy.sparse.linalg import LinearOperator
 
@@ -273,46 +224,33 @@ def forward(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Capture:
-    """Return what an array records of points that reflect: one path per point and pair::
+    """Return what an array records of points that reflect: `ImagingOperator.forward`, once.
 
-        s[tx, rx, n] = sum_p rho_p exp(-j 2 pi f_n (|p - tx| + |p - rx|) / c)
-
-    There is no spreading loss. For several captures of the same points make one `ImagingOperator`.
+    There is one path per point and pair, and no spreading loss.
 
     Parameters
     ----------
-    points_m : array_like, shape (n_points, 3), float64, metres; or VoxelGrid
+    points_m : array_like, shape (n_points, 3), float64; or VoxelGrid
     reflectivity : array_like, shape (n_points,) or that of the grid, complex64
     array : AntennaArray
     waveform : Waveform
     tolerance_db, tx_visible, rx_visible, device
-        See `ImagingOperator`.
+        As of `ImagingOperator`.
     progress : callable, optional
         Called with (done, total) steps.
 
     Returns
     -------
     Capture
-        complex64, shape (n_tx, n_rx, n_freq).
-
-    Raises
-    ------
-    ModelError
-        See `ImagingOperator` and `ImagingOperator.forward`.
-    DeviceError
-        The device is missing, out of memory or fails.
 
     Examples
     --------
-    Two points of opposite sign at the same place cancel; one alone has unit samples.
+    A point alone has unit samples.
 
     >>> array = clradar.AntennaArray([[-0.05, 0, 0]], [[0.05, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 4)
     >>> one = clradar.forward([[0, 0, 0.3]], [1.0], array, waveform)
     >>> bool(np.allclose(np.abs(one.data), 1.0, atol=1e-6))
-    True
-    >>> two = clradar.forward([[0, 0, 0.3], [0, 0, 0.3]], [1.0, -1.0], array, waveform)
-    >>> bool(np.abs(two.data).max() < 1e-6)
     True
     """
     operator = ImagingOperator(

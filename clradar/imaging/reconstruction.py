@@ -54,86 +54,50 @@ def reconstruct(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Volume:
-    """Find the reflectivity of the voxels that explains a capture, by iteration.
+    """Find the reflectivity of the voxels that explains a capture, by iteration; it needs PyLops.
 
-    With A the imaging operator (`ImagingOperator`), s the samples and N their number,
-    "least-squares" looks for the minimum of ``|A rho - s|^2 + d N |rho|^2`` and "sparse" for that
-    of ``|A rho - s|^2 / 2 + m sum |rho|``.
+    With A the `ImagingOperator`, s the samples and N their number, "least-squares" looks for the
+    minimum of ``|A rho - s|^2 + d N |rho|^2`` and "sparse" for that of
+    ``|A rho - s|^2 / 2 + m sum |rho|``. What each brings: docs/model-based-imaging.md.
 
     Parameters
     ----------
     capture : Capture
     grid : VoxelGrid
-        All that reflects has to lie in it: voxels explain what lies beside it otherwise. Two to
-        four voxels per resolution cell; finer ones take more iterations.
+        All that reflects has to lie in it; two to four voxels per resolution cell.
     method : "least-squares" or "sparse"
-        Conjugate gradients (CGLS), or fast iterative shrinkage (FISTA), both of PyLops.
+        By conjugate gradients (CGLS), or fast iterative shrinkage (FISTA).
     damping_db : float, optional
-        For "least-squares": d in decibel; none if not given, since stopping early regularises.
+        For "least-squares": d in decibel. None: no damping, since stopping early regularises.
     sparsity_db : float, optional
-        For "sparse": m relative to the largest ``|A^H s|``, the maximum of the back-projected
-        image, below 0; default -30. At 0 dB all voxels are 0.
+        For "sparse": m relative to the largest ``|A^H s|``, below 0; default -30.
     iterations : int, optional
         At most; default 30 for "least-squares", 100 for "sparse".
     tolerance_db : float, optional
-        Of the operator, see `ImagingOperator`.
-    check_grid : bool
-        Warn where the grid does not fit the capture, as `clradar.backproject` does.
-    device : Device, str or None
-        See `clradar.open_device`.
-    progress : callable, optional
-        Called with (done, total) iterations.
+        Of the operator.
+    check_grid, device, progress
+        As of `clradar.backproject`; progress counts iterations.
 
     Returns
     -------
     Volume
-        complex64. `meta` has `iterations`, the `residual_db` ``|A rho - s| / |s|`` that is left,
-        and why it `stopped`: see Notes. Not on an absolute scale.
-
-    Raises
-    ------
-    ModelError
-        Unknown method; an option of the other one, or out of range.
-    MissingPackage
-        PyLops is missing.
-    DeviceError
-        The device is missing, out of memory or fails.
-
-    Warns
-    -----
-    ClradarWarning
-        As `clradar.backproject`.
-
-    Notes
-    -----
-    It stops for one of three reasons, `meta["stopped"]`:
-
-    - "noise": least squares alone. ``|A^H r| <= |r| sqrt(n_voxels)``, r the residual: its image is
-      no stronger than that of white noise of its power, so there is nothing left to explain. The
-      level of the noise is not asked for.
-    - "change": the reflectivity changes by less than 0.2 % per iteration.
-    - "iterations": as many as asked for.
-
-    The value of a voxel is its share of the reflectivity. That of a point is spread over the voxels
-    of its resolution cell by "least-squares", and lowered by m by "sparse": compare levels within
-    one image.
+        complex64, on a relative scale. `meta` has `iterations`, the `residual_db` ``|A rho - s| /
+        |s|`` that is left, and why it `stopped`: "noise", where the image of what least squares
+        leave is no stronger than that of white noise; "change", of less than 0.2 % per iteration;
+        or "iterations".
 
     Examples
     --------
     Two points 0.7 widths at -3 dB apart, with phases 90 degrees apart.
 
-    >>> q = clradar.arrays.qar50()
-    >>> array = q.part(slice(None, None, 6), slice(None, None, 6))
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 6), slice(None, None, 6))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 8)
     >>> points_m = [[-0.0013, 0, 0.3], [0.0013, 0, 0.3]]
     >>> capture = clradar.forward(points_m, [1, 1j], array, waveform)
     >>> grid = clradar.VoxelGrid.from_extent((-0.01, 0.01), (0, 0), (0.3, 0.3), 5e-4)
-    >>> blurred = clradar.backproject(capture, grid, check_grid=False)
     >>> sharp = clradar.reconstruct(capture, grid, method="sparse", check_grid=False)
-    >>> for image in (blurred, sharp):  # at one point, between them, at the other
-    ...     amplitude = image.max_projection()[0]
-    ...     print((amplitude[17:24:3] / amplitude.max()).round(1))
-    [0.9 1.  0.9]
+    >>> amplitude = sharp.max_projection()[0]  # at one point, between them, at the other
+    >>> print((amplitude[17:24:3] / amplitude.max()).round(1))
     [1.  0.1 1. ]
     """
     checks.instance("reconstruct: capture", capture, Capture)

@@ -68,7 +68,7 @@ def draw_channels(
     dead_tx: Iterable[int] = (),
     dead_rx: Iterable[int] = (),
 ) -> ChannelResponse:
-    """Draw the gains and delays of an uncalibrated instrument.
+    """Draw the gains and delays of an uncalibrated instrument, each uniform within +- its spread.
 
     Parameters
     ----------
@@ -76,27 +76,22 @@ def draw_channels(
     waveform : Waveform
         The gains are those at its centre frequency.
     seed : int
-    gain_db : float, dB
-        Gains of each channel are uniform in decibels within +- this.
-    phase_rad : float, radians, at most pi
-        Phases are uniform within +- this; with pi all phases are equally likely.
-    delay_s : float, seconds
-        Delays are uniform within +- this.
+        Gain, phase and delay have streams of their own: another `gain_db` leaves the phases.
+    gain_db : float
+    phase_rad : float, at most pi
+        With pi all phases are equally likely.
+    delay_s : float
     dead_tx, dead_rx : iterable of int
         Channels whose gain is 0.
 
     Returns
     -------
     ChannelResponse
-        Gain, phase and delay of Tx and Rx have independent random streams: another `gain_db` does
-        not change the phases.
 
     Examples
     --------
     >>> array, waveform = clradar.arrays.qar50(), clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> channels = clradar.draw_channels(array, waveform, seed=1, gain_db=3, dead_rx=[12])
-    >>> print(abs(channels.rx_gain[12]))
-    0.0
     >>> bool(0.70 < abs(channels.tx_gain).min() < abs(channels.tx_gain).max() < 1.42)  # 3 dB
     True
     """

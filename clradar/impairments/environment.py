@@ -20,13 +20,13 @@ class Wall(Record):
 
     Parameters
     ----------
-    point_m : array_like, shape (3,), float64, metres
-        Any point of the plane, antenna frame.
+    point_m : array_like, shape (3,), float64
+        Any point of the plane.
     normal : array_like, shape (3,), float64
-        Its normal, of any length and either sign.
+        Of any length and either sign.
     amplitude : float
-        RMS over the pairs of antennas of its echo, in the units of a capture; negative where the
-        reflection reverses the sign.
+        RMS over the pairs of its echo, in the units of a capture; negative where the reflection
+        reverses the sign.
     """
 
     point_m: np.ndarray
@@ -52,43 +52,32 @@ def room_capture(
     points_m: Any = None,
     point_amplitudes: Any = None,
 ) -> Capture:
-    """Return the capture of an empty room: walls and small reflectors.
+    """Return the capture of an empty room: walls and small reflectors (E10 in docs/equations.md).
 
     Parameters
     ----------
     array : AntennaArray
     waveform : Waveform
     walls : iterable of Wall
-        Each gives one specular reflection per pair; double reflections are left out.
-    points_m : array_like, shape (n, 3), float64, metres, optional
+        Each gives one specular reflection per pair.
+    points_m : array_like, shape (n, 3), float64, optional
         Small isotropic reflectors, such as lamps and screws.
     point_amplitudes : array_like, shape (n,), complex128, optional
-        One per point, as received; default 1. Antenna patterns and gains change neither
-        these nor the walls' amplitudes.
+        As received; default 1. Patterns and gains change neither these nor the walls' amplitudes.
 
     Returns
     -------
     Capture
         `meta["room"]` holds the walls and the points.
 
-    Notes
-    -----
-    The image of a Tx at t behind the plane through q with unit normal n is t - 2 n (n . (t - q)),
-    and the length of the path its distance from the Rx (docs/equations.md, E10)::
-
-        s[tx, rx, n] = a (1/d) / rms(1/d) exp(-j 2 pi f_n d / c),  d = |image(tx) - rx|.
-
     Examples
     --------
+    The slope of the phase is the path by way of the wall: ``2 |(0.3 m, 0.4 m)| = 1 m``.
+
     >>> array = clradar.AntennaArray([[-0.3, 0, 0]], [[0.3, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
     >>> wall = clradar.Wall(point_m=(0, 0, 0.4), normal=(0, 0, -1), amplitude=2.0)
     >>> room = clradar.room_capture(array, waveform, [wall])
-    >>> print(f"{abs(room.data[0, 0, 0]):.3f}")
-    2.000
-
-    The slope of the phase gives the path by way of the wall: ``2 |(0.3 m, 0.4 m)| = 1 m``.
-
     >>> k = 2 * np.pi * waveform.frequencies_hz / 299_792_458
     >>> print(f"{-np.polyfit(k, np.unwrap(np.angle(room.data[0, 0])), 1)[0]:.3f} m")
     1.000 m

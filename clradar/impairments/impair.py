@@ -45,74 +45,54 @@ def impair(
 ) -> Capture:
     """Return the capture as an instrument with these faults would have recorded it.
 
-    Every fault is off unless its setting is given. They act in the order of the signal chain, which
-    is also that of the parameters: the echoes of scene, room and coupling are added, then pass the
-    channels, the mixer and the converter.
+    Every fault is off unless its setting is given. They act in the order of the parameters, which
+    is that of the signal chain (docs/impairments.md; E10 in docs/equations.md).
 
     Parameters
     ----------
     capture : Capture
         The scene alone.
     seed : int, 0 to 2**64 - 1
-        Same seed and settings, same numbers. Each random part has its own stream, so switching one
-        fault on leaves the draws of the others as they are.
+        Each random part has its own stream of numpy's: one more fault leaves the draws of the
+        others.
     frame : int, 0 to 999999
-        Which frame of a recording: new noise, and more drift with every frame.
+        Of a recording: new noise, and more drift with every frame.
     reference_power : float, optional
-        The mean ``|s|^2`` per sample that the decibels of `coupling_db` and `snr_db` are relative
-        to. That of `capture` by default. Give that of the scene to record the empty room.
+        Mean ``|s|^2`` per sample that `coupling_db` and `snr_db` are relative to. None: that of
+        `capture`. Give that of the scene to record the empty room.
     room : Capture, optional
-        Added as it is; see `clradar.room_capture`. Same array and waveform.
-    coupling_db, coupling_delay_s : float, dB and seconds, optional
-        Mean power of the direct coupling Tx -> Rx over all pairs. Its amplitude goes with
-        ``1 / |tx - rx|``, and it arrives after ``|tx - rx| / c`` and this delay of the instrument.
+        Added as it is; see `clradar.room_capture`.
+    coupling_db, coupling_delay_s : float, optional
+        Mean power of the direct coupling over all pairs, which goes with ``1 / |tx - rx|``, and the
+        instrument's delay beside ``|tx - rx| / c``.
     channels : ChannelResponse, optional
-        Gain, phase and delay of every channel; see `clradar.draw_channels`.
-    drift_phase_rad, drift_gain_db, drift_common_phase_rad : float, radians and dB per frame
-        Standard deviation of the step that every channel's phase and gain, and a phase that all
-        pairs share, take from one frame to the next. Frame 0 has not drifted.
-    iq_gain_db, iq_phase_rad : float or array_like, shape (n_rx,), dB and radians
-        Gain of a receiver's quadrature component relative to the in-phase component, and its phase
-        error: its difference from 90 degrees.
-    snr_db : float, dB, optional
-        Reference power over the mean power of the noise, per sample. The noise is thermal: complex
-        normal, circular, independent from sample to sample, the same on weak and dead channels.
+        See `clradar.draw_channels`.
+    drift_phase_rad, drift_gain_db, drift_common_phase_rad : float
+        Standard deviation of the step per frame of every channel's phase and gain, and of a phase
+        that all pairs share. Frame 0 has not drifted.
+    iq_gain_db, iq_phase_rad : float or array_like, shape (n_rx,)
+        Gain of a receiver's quadrature component relative to the in-phase one, and the difference
+        of their phase from 90 degrees.
+    snr_db : float, optional
+        Reference power over that of the noise, per sample: complex normal, circular, the same on
+        weak and dead channels.
     adc_bits, adc_full_scale : int, 2 to 24, and float, optional
-        Bits of the converters of both components, and the amplitude at which they clip: the largest
-        one in this frame if not given.
+        Bits of the converters of both components, and the amplitude at which they clip. None: the
+        largest in this frame.
 
     Returns
     -------
     Capture
         `meta["impairments"]` is a list with one mapping per call: all settings as they were used.
 
-    Notes
-    -----
-    With s the scene, w the room, l the coupling, h the channels, d the drift, q the rounding to the
-    converter's steps (docs/equations.md, E10)::
-
-        x = (s + w + l) h_tx h_rx d_tx d_rx
-        y = (1 + g exp(j phi)) / 2 x + (1 - g exp(-j phi)) / 2 conj(x)
-        result = q(y + noise)
-
-    conj(x) reverses the phase of an echo: the image of a target at path length d lies at -d, which
-    for equal frequency steps df is the same as c/df - d.
-
-    Computed in float64, one transmitter at a time, and rounded to complex64 at the end. The streams
-    are numpy's, which keeps them within a version and seldom changes them between versions.
-
     Examples
     --------
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
     >>> clean = clradar.room_capture(array, waveform, [], points_m=[[0, 0, 0.3]])
     >>> noisy = clradar.impair(clean, snr_db=20, seed=1)
-    >>> power = np.mean(np.abs(noisy.data - clean.data) ** 2)
-    >>> print(f"{10 * np.log10(power):.0f} dB")
+    >>> print(f"{10 * np.log10(np.mean(np.abs(noisy.data - clean.data) ** 2)):.0f} dB")
     -20 dB
-    >>> noisy.meta["impairments"][0]["snr_db"]
-    20.0
     """
     checks.instance("impair: capture", capture, Capture)
     n_tx, n_rx = capture.array.n_tx, capture.array.n_rx

@@ -20,41 +20,30 @@ GAIN_ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AntennaArray(Record):
-    """Positions and patterns of the transmit and receive antennas in the antenna frame.
+    """Transmit and receive antennas in the antenna frame: z along boresight, y up, right-handed.
+
+    Apertures are 1 mm to 5 m wide and within 5 m of the origin.
 
     Parameters
     ----------
-    tx_m : array_like, shape (n_tx, 3), float64, metres
-        Transmit antennas in the antenna frame: z along boresight, y up, right-handed.
-    rx_m : array_like, shape (n_rx, 3), float64, metres
-        Receive antennas, same frame.
+    tx_m, rx_m : array_like, shape (n_tx, 3) and (n_rx, 3), float64
     name : str
-        Name in files and figures.
+        In files and figures.
     tx_pattern, rx_pattern : AntennaPattern, optional
-        Of all Tx and of all Rx; None stands for isotropic antennas with gain 1.
+        Of all Tx and of all Rx. None: isotropic with gain 1.
     tx_gain, rx_gain : array_like, shape (n_tx,) and (n_rx,), complex128, optional
-        Amplitude and phase of each antenna beside its pattern; None stands for 1. Samples of a pair
-        are multiplied by both. Image formation takes samples as they are: `without_gains`.
+        Amplitude and phase of each antenna beside its pattern, by which samples are multiplied.
+        None: 1. Images take samples as they are: see `Capture.without_gains`.
     tx_boresight, rx_boresight : array_like, shape (n_tx, 3) and (n_rx, 3), float64, optional
-        Where each antenna's pattern is about; None stands for +z. Stored as unit vectors.
-
-    Raises
-    ------
-    ModelError
-        Wrong shape, empty, NaN or infinite; gains of 0 for a whole side; a boresight of length 0;
-        an aperture of more than 5 m or, with more than two
-        antennas, less than 1 mm; an antenna more than 5 m away from the origin.
+        What each antenna's pattern is about; stored as unit vectors. None: +z.
 
     Examples
     --------
-    Two transmitters 14 cm apart and one receiver; the middles of the pairs sample the aperture.
+    The middles of the pairs sample the aperture.
 
-    >>> array = clradar.AntennaArray([[-0.07, 0, 0], [0.07, 0, 0]], [[0, 0.07, 0]], name="cross")
-    >>> array.n_tx, array.n_rx
-    (2, 1)
-    >>> (array.tx_m + array.rx_m) / 2
-    array([[-0.035,  0.035,  0.   ],
-           [ 0.035,  0.035,  0.   ]])
+    >>> array = clradar.AntennaArray([[-0.07, 0, 0], [0.07, 0, 0]], [[0, 0.07, 0]])
+    >>> (array.tx_m[:, None] + array.rx_m).shape  # n_tx, n_rx, 3
+    (2, 1, 3)
     """
 
     tx_m: np.ndarray
@@ -111,12 +100,12 @@ class AntennaArray(Record):
 
     @property
     def has_patterns(self) -> bool:
-        """Whether the antennas of a side have a pattern."""
+        """Whether a side has a pattern."""
         return self.tx_pattern is not None or self.rx_pattern is not None
 
     @property
     def has_gains(self) -> bool:
-        """Whether antennas have gains of their own."""
+        """Whether a side has gains."""
         return self.tx_gain is not None or self.rx_gain is not None
 
     @property
@@ -141,14 +130,8 @@ class AntennaArray(Record):
         return replace(self, tx_gain=None, rx_gain=None)
 
     def part(self, tx: Any, rx: Any, name: str | None = None) -> AntennaArray:
-        """Return some of the antennas, with their patterns and gains.
-
-        Parameters
-        ----------
-        tx, rx : slice, or array_like of int or bool
-            Which antennas of each side.
-        name : str, optional
-            The same as before if not given.
+        """Return some of the antennas, by a slice, indices or bools of each side, with all that
+        they have.
         """
         name = self.name if name is None else name
         own = {
@@ -160,7 +143,10 @@ class AntennaArray(Record):
         return replace(self, name=name, **own)
 
     def refuse_patterns(self, function: str) -> None:
-        """Raise a `ModelError` for a function that would leave the patterns out."""
+        """Raise a `ModelError` for a function that leaves patterns out.
+
+        :meta private:
+        """
         if self.has_patterns:
             checks.fail(
                 f"{function}: array",

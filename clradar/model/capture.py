@@ -29,25 +29,16 @@ class Capture(Record):
     array : AntennaArray
     waveform : Waveform
     meta : mapping
-        Provenance, in types of JSON: numbers, strings, lists and mappings. With ``"absolute":
-        True`` the samples are S-parameters: see `absolute`.
-
-    Raises
-    ------
-    ModelError
-        The shape does not fit `array` and `waveform`, or `data` has NaN or infinite values.
+        Provenance, in types of JSON.
 
     Examples
-    --------
-    The echo of a point 0.3 m in front of one Tx and Rx: the slope of its phase over frequency gives
-    the path length back.
+    -------- A point 0.3 m in front of one Tx and Rx: the slope of the phase over frequency is the
+    path length.
 
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
     >>> k_per_m = waveform.frequencies_hz / 299_792_458
     >>> capture = clradar.Capture([[np.exp(-2j * np.pi * k_per_m * 0.6)]], array, waveform)
-    >>> capture.data.shape
-    (1, 1, 64)
     >>> slope = np.polyfit(2 * np.pi * k_per_m, np.unwrap(np.angle(capture.data[0, 0])), 1)[0]
     >>> print(f"{-slope:.4f} m")
     0.6000 m
@@ -69,26 +60,13 @@ class Capture(Record):
     def absolute(self) -> bool:
         """Whether the samples are S-parameters, so that images can be read in dBsm.
 
-        As ``meta["absolute"]`` says, which `clradar.simulate` sets for ``estimator="physical"``,
-        and which belongs to measurements whose level has been calibrated.
+        So says ``meta["absolute"]``, which the physical estimator sets, and you after a calibration
+        of the level (docs/absolute-scale.md).
         """
         return self.meta.get("absolute") is True
 
     def without_gains(self) -> Capture:
-        """Return the capture divided by the gains of its antennas, which are 1 then.
-
-        Raises
-        ------
-        ModelError
-            A gain is 0.
-
-        Examples
-        --------
-        >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0.01, 0]], tx_gain=[2j])
-        >>> capture = clradar.Capture([[[4j]]], array, clradar.Waveform([76e9]))
-        >>> capture.without_gains().data
-        array([[[2.+0.j]]], dtype=complex64)
-        """
+        """Return the capture divided by the gains of its antennas, none of which may be 0."""
         factor = np.ones((1, 1, 1), np.complex128)
         for name, shape in (("tx", (-1, 1, 1)), ("rx", (1, -1, 1))):
             gain = getattr(self.array, f"{name}_gain")
@@ -110,58 +88,20 @@ class Capture(Record):
         """Return `capture` along tx, rx and frequency_hz, with antennas, units and `meta` as JSON.
 
         Names are those of `clradar.open_dataset`.
-
-        Raises
-        ------
-        MissingPackage
-            xarray is not installed.
-        ModelError
-            `meta` holds what JSON cannot hold.
-
-        Examples
-        --------
-        >>> array = clradar.AntennaArray([[0, 0, 0], [0.01, 0, 0]], [[0, 0.01, 0]])
-        >>> waveform = clradar.Waveform([76e9, 77e9, 78e9])
-        >>> capture = clradar.Capture([[[1, 2, 3]], [[4, 5, 6]]], array, waveform)
-        >>> capture.to_xarray().capture.sel(tx=1, frequency_hz=77e9).values
-        array([5.+0.j], dtype=complex64)
         """
         return labelled.capture_dataset(self)
 
     def rcs_dbsm(self, at_m: Any) -> np.ndarray:
-        """Return the radar cross section that each sample tells of all that is around a point.
+        """Return the radar cross section that each sample tells of all that is around a point
+        `at_m`.
 
-        Unlike an image it holds for targets of any size: a sphere, or a plate, about its nearest
-        point.
-
-        Parameters
-        ----------
-        at_m : array_like, shape (3,), metres
-            Where the target is.
+        Unlike an image it holds for targets of any size, about their nearest point.
 
         Returns
         -------
         ndarray, shape (n_tx, n_rx, n_freq), float64, dBsm
-            ``sigma = 4 pi R_t^2 R_r^2 |u|^2`` with ``u = s (4 pi / lambda) / (a_t a_r)``, a the
-            patterns' field amplitudes; -inf where a sample is 0, NaN where an antenna does not
-            look.
-
-        Raises
-        ------
-        ModelError
-            The samples are not S-parameters; a point at an antenna.
-
-        Examples
-        --------
-        A large metal plate mirrors the Tx, ``|u| = 1/2R``: pi R^2.
-
-        >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
-        >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 2)
-        >>> wavelength_m = 299_792_458 / waveform.frequencies_hz
-        >>> s = wavelength_m / (4 * np.pi) / 0.6 * np.exp(-2j * np.pi * 0.6 / wavelength_m)
-        >>> capture = clradar.Capture(s[None, None], array, waveform, {"absolute": True})
-        >>> capture.rcs_dbsm([0, 0, 0.3]).round(2)
-        array([[[-5.49, -5.49]]])
+            ``4 pi R_t^2 R_r^2 |u|^2`` with ``u = s (4 pi / lambda) / (a_t a_r)``, a the patterns'
+            field amplitudes; -inf where a sample is 0, NaN where an antenna does not look.
         """
         if not self.absolute:
             checks.fail("Capture.meta", "'absolute': True, for S-parameters", "a relative scale")

@@ -16,35 +16,26 @@ from clradar.model.waveform import Waveform
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ChannelResponse(Record):
-    """Complex gain and delay of every transmit and receive channel.
-
-    The response of channel k at frequency f is::
+    """Complex gain and delay of every channel: the response of channel k at frequency f is::
 
         h_k(f) = g_k exp(-j 2 pi (f - f_ref) tau_k)
 
-    The gain is the response at `reference_hz`, and a capture s becomes
-    ``s[tx, rx, n] h_tx(f_n) h_rx(f_n)``.
+    A capture s becomes ``s[tx, rx, n] h_tx(f_n) h_rx(f_n)``.
 
     Parameters
     ----------
     tx_gain, rx_gain : array_like, shape (n_tx,) and (n_rx,), complex128
         Linear; 0 for a dead channel.
-    tx_delay_s, rx_delay_s : array_like, shape (n_tx,) and (n_rx,), float64, seconds
+    tx_delay_s, rx_delay_s : array_like, shape (n_tx,) and (n_rx,), float64
     reference_hz : float
-        Frequency at which the gain is the whole response.
-
-    Raises
-    ------
-    ModelError
-        Lengths that differ, NaN or infinite values.
+        f_ref, where the gain is the whole response.
 
     Examples
     --------
-    A delay of 10 ps rotates the phase by -36 degrees from the reference at 77 GHz to 87 GHz.
+    10 ps rotate the phase by -36 degrees from the reference to 10 GHz above it.
 
     >>> channels = clradar.ChannelResponse([1.0, 0.5j], [1.0], [10e-12, 0.0], [0.0], 77e9)
-    >>> response = channels.tx_response(np.array([77e9, 87e9]))
-    >>> np.round(np.degrees(np.angle(response)))
+    >>> np.round(np.degrees(np.angle(channels.tx_response(np.array([77e9, 87e9])))))
     array([[  0., -36.],
            [ 90.,  90.]])
     """
@@ -77,63 +68,38 @@ def _response(gain: np.ndarray, delay_s: np.ndarray, offset_hz: np.ndarray) -> n
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ChannelCalibration(Record):
-    """The channel responses of one instrument as measured with a known target, with uncertainties.
+    """The channel responses of an instrument as measured with a known target, with uncertainties.
+
+    `calibration.estimate_channels` makes one (docs/channel-calibration.md).
 
     Parameters
     ----------
     response : ChannelResponse
-        Gain and delay of every channel, both 0 for a dead channel.
+        Gain and delay both 0 for a dead channel.
     array : AntennaArray
     waveform : Waveform
-        Antennas and frequencies of the measurement, to which it applies.
+        Those of the measurement, to which alone it applies.
     tx_noise, rx_noise : array_like, shape (n_tx,) and (n_rx,), float64
-        RMS of the noise of one sample by channel, relative to the target's echo in a median pair:
-        0.1 for a signal-to-noise ratio of 20 dB.
+        RMS noise of a sample, relative to the target's echo in a median pair: 0.1 at 20 dB.
     dead_tx, dead_rx, noisy_tx, noisy_rx : array_like of int
         Indices, ascending; a channel is not in two of them.
     target : str
         "plate", "sphere" or "corner".
     target_position : mapping of str to float
-        Estimated position of the target. A name ends with its unit, "_m" or "_deg".
+        Names end with the unit, "_m" or "_deg".
     target_covariance : array_like, shape (n, n), float64
         Of `target_position`, in its order and units; 0 for what was held fixed.
     tx_phase_std_rad, rx_phase_std_rad : array_like, shape (n_tx,) and (n_rx,), float64
-        Standard deviation of the phase, and of the relative gain, given the target's position; 0
-        for a dead channel.
-    tx_delay_std_s, rx_delay_std_s : array_like, shape (n_tx,) and (n_rx,), float64, seconds
-        The same of the delay.
+        Of phase and relative gain, given the target's position; 0 if dead.
+    tx_delay_std_s, rx_delay_std_s : array_like, shape (n_tx,) and (n_rx,), float64
     target_amplitude : float
-        Amplitude of the target's echo relative to the model of the target, for gains of mean 0 dB.
+        Of the echo relative to the model of the target, for gains of mean 0 dB.
     residual_db : float
-        Energy of the fit's residual relative to that of all echoes, after the frequencies of each
-        pair are summed coherently.
+        Energy that the fit leaves of the echoes, each pair's frequencies summed coherently.
     noise_residual_db : float
-        The residual that noise alone would cause.
+        What noise alone would leave.
     meta : mapping
         Provenance, in types of JSON.
-
-    Raises
-    ------
-    ModelError
-        Lengths that do not fit the array, indices outside it, NaN or infinite values.
-
-    Examples
-    --------
-    `calibration.estimate_channels` estimates one; by hand, with a plate known to 1 mm:
-
-    >>> result = clradar.ChannelCalibration(
-    ...     response=clradar.ChannelResponse([1.0], [1.0], [0.0], [0.0], 77e9),
-    ...     array=clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]]),
-    ...     waveform=clradar.Waveform.sfcw(72e9, 82e9, 16),
-    ...     tx_noise=[0.1], rx_noise=[0.1],
-    ...     dead_tx=[], dead_rx=[], noisy_tx=[], noisy_rx=[],
-    ...     target="plate", target_position={"distance_m": 0.3}, target_covariance=[[1e-6]],
-    ...     tx_phase_std_rad=[0.02], rx_phase_std_rad=[0.02],
-    ...     tx_delay_std_s=[1e-13], rx_delay_std_s=[1e-13],
-    ...     target_amplitude=0.9, residual_db=-30, noise_residual_db=-32,
-    ... )
-    >>> print(f"{1e3 * result.target_std['distance_m']:.1f} mm")
-    1.0 mm
     """
 
     response: ChannelResponse

@@ -19,32 +19,24 @@ MAX_VOXELS = 2**31 - 1
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class VoxelGrid(Record):
-    """A regular grid of voxel centres in the antenna frame.
+    """A regular grid of voxel centres in the antenna frame, at most 2^31 - 1 of them.
 
     Parameters
     ----------
-    origin_m : array_like, shape (3,), metres
+    origin_m : array_like, shape (3,)
         Centre of the first voxel: x, y, z.
-    spacing_m : array_like, shape (3,), metres
-        Distance between neighbours along x, y, z; positive.
+    spacing_m : array_like, shape (3,)
+        Steps, at least 10 um.
     counts : tuple of 3 ints
-        Number of voxels along x, y, z.
-
-    Raises
-    ------
-    ModelError
-        Wrong shapes, spacing that is not positive or, between two voxels, below 10 um; no voxel, or
-        more than 2^31 - 1; coordinates beyond 100 m, or all of several voxels within 1 mm.
+        Voxels along x, y, z.
 
     Examples
     --------
-    The volume of a hand in front of the aperture; a volume is indexed [z, y, x].
+    A hand in front of the aperture; volumes are indexed [z, y, x].
 
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-3)
     >>> grid.shape
     (41, 101, 101)
-    >>> grid.z_m[[0, -1]]
-    array([0.26, 0.34])
     """
 
     origin_m: np.ndarray
@@ -69,19 +61,10 @@ class VoxelGrid(Record):
 
     @classmethod
     def from_extent(cls, x_m: Any, y_m: Any, z_m: Any, spacing_m: Any) -> VoxelGrid:
-        """Return the grid that spans the given extents, both ends included.
+        """Return the grid between the first and last voxel centres of each axis; one voxel if they
+        are equal.
 
-        Parameters
-        ----------
-        x_m, y_m, z_m : pair of floats, metres
-            First and last voxel centre along each axis. Equal ends give one voxel.
-        spacing_m : float or three floats, metres
-            Spacing for all axes, or along x, y, z. Each extent must be a whole number of steps.
-
-        Raises
-        ------
-        ModelError
-            A descending extent, spacing that is not positive, or a last step that falls short.
+        Each extent is a whole number of `spacing_m`, one for all axes or three.
         """
         spacing_in = np.asarray(spacing_m, dtype=object)
         if spacing_in.shape not in ((), (3,)):
@@ -117,29 +100,29 @@ class VoxelGrid(Record):
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Shape of a volume on this grid: (n_z, n_y, n_x)."""
+        """(n_z, n_y, n_x), that of a volume."""
         return self.counts[::-1]
 
     @property
     def x_m(self) -> np.ndarray:
-        """Voxel centres along x, shape (n_x,), metres."""
+        """Voxel centres along x, shape (n_x,)."""
         return self._axis(0)
 
     @property
     def y_m(self) -> np.ndarray:
-        """Voxel centres along y, shape (n_y,), metres."""
+        """Voxel centres along y, shape (n_y,)."""
         return self._axis(1)
 
     @property
     def z_m(self) -> np.ndarray:
-        """Voxel centres along z, shape (n_z,), metres."""
+        """Voxel centres along z, shape (n_z,)."""
         return self._axis(2)
 
     def _axis(self, axis: int) -> np.ndarray:
         return self.origin_m[axis] + self.spacing_m[axis] * np.arange(self.counts[axis])
 
     def same_voxels(self, other: VoxelGrid, tolerance_m: float = 1e-7) -> bool:
-        """Whether both grids have the same voxel centres, within `tolerance_m`."""
+        """Whether both have the same voxel centres, within `tolerance_m`."""
         if self.counts != other.counts:
             return False
         ends = [

@@ -93,11 +93,6 @@ KNOWN = {known.name: known for known in _ALL}
 def material(name: str) -> Material:
     """Return a known material, such as "skin", "palm" or "metal"; docs/materials.md lists them.
 
-    Raises
-    ------
-    ModelError
-        No material has that name.
-
     Examples
     --------
     >>> palm = clradar.material("palm")

@@ -27,19 +27,9 @@ class Coating(Record):
 
     Parameters
     ----------
-    thickness_m : float, metres
+    thickness_m : float
     permittivity : complex, ColeCole, PowerLaw or PermittivityTable
         Relative, eps' - j eps''.
-
-    Raises
-    ------
-    ModelError
-        A thickness in another unit than metres, or a permittivity with gain.
-
-    Examples
-    --------
-    >>> clradar.Coating(140e-6, 3.1 - 0.4j)
-    Coating(thickness_m=0.00014, permittivity=(3.1-0.4j))
     """
 
     thickness_m: float
@@ -55,41 +45,25 @@ class Coating(Record):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Material(Record):
-    """What a surface is made of, and how rough it is.
+    """What a surface is made of, and how rough it is (docs/materials.md).
 
     Parameters
     ----------
     name : str
     permittivity : complex, ColeCole, PowerLaw or PermittivityTable, optional
-        Relative, eps' - j eps'' for the time factor exp(+j w t); of a half space. Needed unless
+        Relative, eps' - j eps'' for the time factor exp(+j w t), of a half space. Either this or
         `conductor`.
     conductor : bool
-        A perfect conductor.
+        Whether it is a perfect one.
     coating : Coating, optional
-        One layer on it.
-    roughness_rms_m : float, metres
-        Root mean square h of the heights, which are Gaussian with correlation exp(-r^2/l^2).
-    correlation_length_m : float, metres, optional
-        Their correlation length l. Needed if h > 0.
-    micro_roughness_rms_m : float, metres
-        Root mean square of heights that are finer than the samples of a simulation.
+    roughness_rms_m : float
+        RMS h of the heights, which are Gaussian with correlation exp(-r^2/l^2).
+    correlation_length_m : float, optional
+        Their l. Needed if h > 0.
+    micro_roughness_rms_m : float
+        RMS of heights that are finer than a simulation's points.
     source : str
-        Where the values are from; materials that differ in it alone are equal.
-
-    Raises
-    ------
-    ModelError
-        Neither or both of permittivity and conductor, a permittivity with gain, a length in
-        another unit than metres, roughness without a correlation length.
-
-    Examples
-    --------
-    >>> plaster = clradar.Material(
-    ...     "plaster", permittivity=2.94 - 0.06j, roughness_rms_m=0.1e-3, correlation_length_m=2e-3
-    ... )
-    >>> gamma = plaster.reflection([72e9, 82e9], [1.0, 0.5])
-    >>> print(gamma.shape, f"{abs(gamma[0, 0]) ** 2:.3f}")
-    (2, 2) 0.069
+        Where the values are from; no part of equality.
     """
 
     name: str
@@ -142,13 +116,7 @@ class Material(Record):
         return float(np.sqrt(2) * self.roughness_rms_m / self.correlation_length_m)
 
     def permittivity_at(self, frequency_hz: Any) -> np.ndarray:
-        """Return the permittivity below a coating, complex128, shape (n,), eps' - j eps''.
-
-        Raises
-        ------
-        ModelError
-            A conductor, which has none; frequencies outside a table or in another unit.
-        """
+        """Return the permittivity below a coating, complex128, shape (n,); a conductor has none."""
         if self.permittivity is None:
             checks.fail("Material.permittivity_at", "a dielectric", f"the conductor {self.name!r}")
         return self._at("permittivity", self.permittivity, frequency_hz)
@@ -162,17 +130,14 @@ class Material(Record):
     def fresnel(self, frequency_hz: Any, cos_incidence: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the reflection coefficients r_s and r_p, complex128, shape (n, m) each.
 
+        r_s is that of the electric field across the plane of incidence, r_p of the magnetic one:
+        r_p = -r_s at normal incidence; -1 and +1 for a conductor.
+
         Parameters
         ----------
-        frequency_hz : array_like, shape (n,), hertz
+        frequency_hz : array_like, shape (n,)
         cos_incidence : array_like, shape (m,)
-            Cosine of the angle between the ray and the normal, in [0, 1].
-
-        Returns
-        -------
-        r_s, r_p : ndarray
-            Of the electric field across the plane of incidence, and of the magnetic field across
-            it: r_p = -r_s at normal incidence; -1 and +1 for a conductor.
+            Cosine of the angle between ray and normal, in [0, 1].
         """
         frequencies, cosines = _axes(frequency_hz, cos_incidence)
         eps = None if self.permittivity is None else self.permittivity_at(frequencies)[:, None]
@@ -184,24 +149,10 @@ class Material(Record):
         return fresnel.coated(eps, layer[:, None], self.coating.thickness_m, frequencies, cosines)
 
     def reflection(self, frequency_hz: Any, cos_incidence: Any) -> np.ndarray:
-        """Return the reflection coefficient of the simulation, averaged over polarisation.
+        """Return the simulation's reflection coefficient, complex128, shape (n, m): (r_s - r_p) /
+        2.
 
-        Parameters
-        ----------
-        frequency_hz : array_like, shape (n,), hertz
-        cos_incidence : array_like, shape (m,)
-            Cosine of the angle between the ray and the normal, in [0, 1].
-
-        Returns
-        -------
-        ndarray, shape (n, m), complex128
-            (r_s - r_p) / 2, see `fresnel`: -1 for a conductor at every angle. Its magnitude is at
-            most 1.
-
-        Raises
-        ------
-        ModelError
-            Frequencies outside a table or in another unit than hertz, cosines outside [0, 1].
+        -1 for a conductor at every angle. Arguments as of `fresnel`.
         """
         r_s, r_p = self.fresnel(frequency_hz, cos_incidence)
         return (r_s - r_p) / 2

@@ -37,19 +37,17 @@ Made = TypeVar("Made")
 
 
 def read_materials(path: str | os.PathLike[str]) -> dict[str, Material]:
-    """Return the materials of a file whose name ends in .toml or .json, in its order.
+    """Return the materials of a .toml or .json file by name, in its order (docs/materials.md).
 
     Raises
     ------
     MeasurementError
-        Missing, too large, neither TOML nor JSON, no material in it, an unknown key, an invalid
-        value. The message names the file, the key, what was expected, what was found.
+        The file or a value is invalid; the message names file, key, expected and found.
 
     Examples
     --------
     >>> from pathlib import Path
-    >>> text = '[resin]\\npermittivity = "2.9 - 0.04j"\\nroughness_rms_m = 0.05e-3\\n'
-    >>> _ = Path("lab.toml").write_text(text + 'correlation_length_m = 2e-3\\n')
+    >>> _ = Path("lab.toml").write_text('[resin]\\npermittivity = "2.9 - 0.04j"\\n')
     >>> clradar.read_materials("lab.toml")["resin"].permittivity
     (2.9-0.04j)
     """
@@ -83,18 +81,11 @@ def write_materials(
     Parameters
     ----------
     path : path-like
-        Target. Its folder has to exist.
+        In an existing folder.
     materials : iterable of Material
         With different names.
     force : bool
         Replace an existing file.
-
-    Raises
-    ------
-    ModelError
-        Not a list of materials, or two of one name.
-    OutputError
-        The file exists, its folder does not, or it cannot be written.
 
     Examples
     --------

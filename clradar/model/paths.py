@@ -12,7 +12,7 @@ from clradar.model.record import Record
 
 @dataclass(frozen=True, slots=True, repr=False)
 class TraceStatistics(Record):
-    """Counts of the samples and rays of one trace.
+    """Counts of the samples and rays of one trace; those of several add up.
 
     Attributes
     ----------
@@ -21,18 +21,16 @@ class TraceStatistics(Record):
     visible : int
         (sample, Tx) pairs with a free line of sight.
     outgoing : int
-        Outgoing directions drawn: visible pairs x rays per sample, and one per further bounce.
+        Directions drawn: visible pairs x rays per sample, and one per further bounce; 0 with the
+        expected estimator.
     absorbed : int
         Of those, draws that pointed below the geometric face.
 
-    With ``simulate(..., estimator="expected")`` no direction is drawn: both are 0.
-
     Examples
     --------
-    Statistics of several traces add up.
-
-    >>> first = clradar.TraceStatistics(samples=1000, visible=4000, outgoing=16000, absorbed=400)
-    >>> both = first + clradar.TraceStatistics(1000, 4000, 16000, 240)
+    >>> both = clradar.TraceStatistics(1000, 4000, 16000, 400) + clradar.TraceStatistics(
+    ...     1000, 4000, 16000, 240
+    ... )
     >>> both.samples, both.absorbed_share
     (2000, 0.02)
     """
@@ -66,41 +64,32 @@ class TraceStatistics(Record):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Paths(Record):
-    """One row per reception. Rows are sorted by pair, then by sample, ray and bounce.
+    """One row per reception. Those of `clradar.trace` are sorted by pair, sample, ray and bounce.
 
     Parameters
     ----------
     tx, rx : array_like, shape (n_paths,), int32
-        Indices into the array's antennas.
-    length_m : array_like, shape (n_paths,), float64, metres
-        Total length ``|Tx -> p| + ... + |p -> Rx centre|``, positive.
+        Indices of the antennas.
+    length_m : array_like, shape (n_paths,), float64
+        ``|Tx -> p| + ... + |p -> Rx centre|``, positive.
     amplitude : array_like, shape (n_paths,), float32
-        Real weight of the path in the phasor sum.
+        Real weight in the phasor sum.
     bounces : array_like, shape (n_paths,), uint8
-        Number of reflections on the mesh, at least 1.
+        Reflections on the mesh, at least 1.
     n_tx, n_rx : int
-        Size of the array that `tx` and `rx` index.
+        Size of the array.
     statistics : TraceStatistics or None
-        From the tracer; None for paths from another source.
-
-    Raises
-    ------
-    ModelError
-        Columns of different length, indices outside the array, NaN, lengths that are not positive.
+        From the tracer.
 
     Examples
     --------
     Two paths of one pair, whose lengths differ by half a wavelength, cancel.
 
-    >>> waveform = clradar.Waveform([75e9])
+    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
     >>> half_m = 0.5 * 299_792_458 / 75e9
-    >>> paths = clradar.Paths([0, 0], [1, 1], [0.6, 0.6 + half_m], [1, 1], [1, 1], n_tx=1, n_rx=2)
-    >>> len(paths), paths.pair
-    (2, array([1, 1]))
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[-0.01, 0, 0], [0.01, 0, 0]])
-    >>> capture = clradar.synthesize(paths, array, waveform)
-    >>> print(f"{abs(capture.data[0, 1, 0]):.4f}")
-    0.0000
+    >>> paths = clradar.Paths([0, 0], [0, 0], [0.6, 0.6 + half_m], [1, 1], [1, 1], n_tx=1, n_rx=1)
+    >>> bool(abs(clradar.synthesize(paths, array, clradar.Waveform([75e9])).data) < 1e-4)
+    True
     """
 
     tx: np.ndarray

@@ -17,48 +17,30 @@ MOST_EXPONENT = 10_000.0
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AntennaPattern(Record):
-    """Gain of an antenna over the angle between a direction and +z, the same all around z.
+    """Gain of an antenna over the angle to its boresight, the same all around it.
 
-    The field amplitude in a direction, relative to an isotropic antenna without loss, is
-    ``sqrt(10^(gain_dbi / 10))`` times cos^q of the angle, or times a table over the angle. With
-    neither it is the same in all directions.
+    The field amplitude, relative to an isotropic antenna without loss, is ``sqrt(10^(gain_dbi /
+    10))`` times cos^q of the angle, or times a table over the angle; with neither the same
+    everywhere.
 
     Parameters
     ----------
-    gain_dbi : float, dBi
+    gain_dbi : float
         Power gain where cos^q or the table is 1; within 100 dB of 0.
     exponent : float
-        q of the field pattern cos^q, 0 to 10 000; with q > 0 it is zero beyond 90 degrees.
-    angle_deg : array_like, shape (n,), float64, degrees, optional
-        Angles to +z of a table, ascending from 0 to 180.
+        q, 0 to 10 000; with q > 0 the field is zero beyond 90 degrees.
+    angle_deg : array_like, shape (n,), float64, optional
+        Angles of a table, ascending from 0 to 180.
     field : array_like, shape (n,), float64, optional
         Field amplitude at each angle, relative to the gain; at least 0, linear in between.
-
-    Raises
-    ------
-    ModelError
-        An exponent together with a table; one column of a table without the other, of another
-        length, or not from 0 to 180 degrees; a negative field, or one that is 0 everywhere; a gain
-        or an exponent out of range.
 
     Examples
     --------
     A patch of 5 dBi, 60 degrees off boresight: cos^1 is -6 dB.
 
     >>> patch = clradar.AntennaPattern(gain_dbi=5.0, exponent=1.0)
-    >>> cos_angle = np.cos(np.deg2rad([0.0, 60.0, 120.0]))
-    >>> with np.errstate(divide="ignore"):
-    ...     print(20 * np.log10(patch.amplitude(cos_angle)).round(3))
-    [  5.    -1.02   -inf]
-
-    The same from a table, to its steps of 5 degrees.
-
-    >>> angle_deg = np.linspace(0, 180, 37)
-    >>> field = np.maximum(np.cos(np.deg2rad(angle_deg)), 0)
-    >>> measured = clradar.AntennaPattern(gain_dbi=5.0, angle_deg=angle_deg, field=field)
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0.1, 0]], tx_pattern=measured)
-    >>> bool(np.allclose(array.tx_pattern.amplitude(cos_angle), patch.amplitude(cos_angle)))
-    True
+    >>> print(20 * np.log10(patch.amplitude(np.cos(np.deg2rad([0.0, 60.0])))).round(3))
+    [ 5.   -1.02]
     """
 
     gain_dbi: float = 0.0
@@ -94,17 +76,12 @@ class AntennaPattern(Record):
             checks.fail(f"{name}.field", "amplitudes >= 0, not all of them 0", found)
 
     def amplitude(self, cos_angle: np.ndarray) -> np.ndarray:
-        """Return the field amplitude in directions, relative to an isotropic antenna.
+        """Return the field amplitude in directions, float64; its square is the power gain.
 
         Parameters
         ----------
         cos_angle : array_like, any shape
-            Cosine of the angle between each direction and +z.
-
-        Returns
-        -------
-        ndarray, the same shape, float64
-            Its square is the power gain.
+            Cosine of the angle to boresight.
         """
         cosine = np.clip(np.asarray(cos_angle, dtype=np.float64), -1.0, 1.0)
         top = 10.0 ** (self.gain_dbi / 20.0)

@@ -25,27 +25,20 @@ LONGEST_TAU_S = 1.0
 
 @dataclass(frozen=True, slots=True, repr=False)
 class ColeCole(Record):
-    """Permittivity by Debye or Cole-Cole terms and a conductivity.
+    """Permittivity by Debye or Cole-Cole terms and a conductivity::
+
+        eps(f) = eps_inf + sum_i delta_i / (1 + (j w tau_i)^(1 - alpha_i)) + sigma / (j w eps_0)
+
+    (K. S. Cole, R. H. Cole, J. Chem. Phys. 9 (1941) 341).
 
     Parameters
     ----------
     eps_inf : float
         Permittivity far above all relaxations.
     poles : sequence of (delta, tau_s) or (delta, tau_s, alpha)
-        Strength, relaxation time in seconds, and broadening alpha in [0, 1), 0 for Debye.
+        Strength, relaxation time in seconds, and broadening in [0, 1), 0 for Debye; at most 16.
     sigma_s_per_m : float
-        Static conductivity, S/m.
-
-    Raises
-    ------
-    ModelError
-        A value that would amplify: a negative strength, time or conductivity, alpha outside
-        [0, 1); `eps_inf` that is not positive; more than 16 poles.
-
-    Notes
-    -----
-    eps(f) = eps_inf + sum_i delta_i / (1 + (j w tau_i)^(1 - alpha_i)) + sigma / (j w eps_0),
-    w = 2 pi f (K. S. Cole, R. H. Cole, J. Chem. Phys. 9 (1941) 341).
+        Static conductivity.
 
     Examples
     --------
@@ -91,11 +84,6 @@ class PowerLaw(Record):
     c, d : float
         Conductivity c f^d in S/m; eps'' = conductivity / (2 pi f eps_0), f in hertz.
 
-    Raises
-    ------
-    ModelError
-        `a` that is not positive, a negative `c`, an exponent beyond -10 to 10.
-
     Examples
     --------
     >>> wood = clradar.PowerLaw(1.99, 0.0, 0.0047, 1.0718)
@@ -127,20 +115,14 @@ class PowerLaw(Record):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class PermittivityTable(Record):
-    """Permittivity measured at some frequencies; linear in both parts between them.
+    """Permittivity measured at some frequencies, linear in both parts between them.
 
     Parameters
     ----------
-    frequency_hz : sequence of float, hertz
-        Strictly ascending, at least two, from 0.1 GHz to 1 THz.
+    frequency_hz : sequence of float
+        At least two, ascending.
     permittivity : sequence of complex
-        eps' - j eps'', as many.
-
-    Raises
-    ------
-    ModelError
-        Lengths that differ, a frequency out of order or in another unit, a positive imaginary
-        part, a real part that is not positive.
+        eps' - j eps'' at each.
 
     Examples
     --------
@@ -164,13 +146,7 @@ class PermittivityTable(Record):
         self._set(frequency_hz=tuple(axis.tolist()), permittivity=values)
 
     def at(self, frequency_hz: Any) -> np.ndarray:
-        """Return the permittivity, complex128, shape (n,), at frequencies in hertz.
-
-        Raises
-        ------
-        ModelError
-            A frequency outside the table; nothing is extrapolated.
-        """
+        """Return the permittivity, complex128, shape (n,), at frequencies within the table."""
         asked = _frequencies(frequency_hz)
         low, high = self.frequency_hz[0], self.frequency_hz[-1]
         if asked.min() < low or asked.max() > high:

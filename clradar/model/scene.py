@@ -38,49 +38,37 @@ class Scene(Record):
 
     Parameters
     ----------
-    vertices_m : array_like, shape (n_vertices, 3), float64, metres
+    vertices_m : array_like, shape (n_vertices, 3), float64
     faces : array_like, shape (n_faces, 3), int32
-        Indices into `vertices_m`. Faces are two-sided; their winding does not matter.
+        Indices into `vertices_m`, of either winding: faces are two-sided.
     alpha : float or array_like, shape (n_faces,), float64
-        0 specular ... 1 diffuse, per face.
-    part : array_like, shape (n_faces,), int32
-        Index into `part_names` of each face.
+        0 specular ... 1 diffuse.
+    part : int or array_like, shape (n_faces,), int32
+        Index into `part_names`.
     part_names : tuple of str
-        Unique names of the parts.
+        All different.
     normals : array_like, shape (n_vertices, 3), float64, optional
-        Normals of the smooth surface that the faces approximate, of either sign: of unit length, or
-        0 where unknown. Unknown normals are estimated from the faces.
+        Unit normals, of either sign, of the smooth surface that the faces approximate; 0 where they
+        are to be estimated from the faces.
     materials : tuple of Material
-        What the physical estimator takes the faces to be made of; the other estimators use `alpha`.
-        A perfect conductor if not given.
+        For the physical estimator; the others use `alpha`.
     material : int or array_like, shape (n_faces,), int32
-        Index into `materials` of each face.
-    texture_m : array_like, shape (n_vertices, 3), float64, metres, optional
-        Coordinates that are fixed to the body, in which the roughness of a material is a height
-        field: a point keeps its bumps however the body moves. None: `vertices_m`.
-
-    Raises
-    ------
-    ModelError
-        Wrong shapes, NaN, no face, indices outside the vertices, parts or materials, alpha outside
-        [0, 1], normals that are not of unit length.
+        Index into `materials`.
+    texture_m : array_like, shape (n_vertices, 3), float64, optional
+        Coordinates fixed to the body, over which roughness is a height field (docs/conventions.md).
+        None: `vertices_m`.
 
     Examples
     --------
+    The texture stays with a body that moves.
+
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=40)
     >>> scene = clradar.Scene.from_mesh(ball, alpha=0.3, unit="mm").transformed(
     ...     trimesh.transformations.translation_matrix([0, 0, 0.3])
     ... )
-    >>> scene.n_faces, scene.part_names
-    (320, ('mesh',))
-    >>> print(scene.vertices_m.max(axis=0))
-    [0.04 0.04 0.34]
-
-    Its roughness moves with it:
-
-    >>> print(scene.texture_m.max(axis=0).round(3), scene.with_material("palm").materials[0].name)
-    [0.04 0.04 0.04] palm
+    >>> print(scene.vertices_m.max(axis=0), scene.texture_m.max(axis=0).round(3))
+    [0.04 0.04 0.34] [0.04 0.04 0.04]
     """
 
     vertices_m: np.ndarray
@@ -132,29 +120,24 @@ class Scene(Record):
 
         Parameters
         ----------
-        mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or an object that has
-            ``to_trimesh()``, and may have `normals` and `texture_m`, shape (n_vertices, 3), and
-            `part` and `part_names`, as a hand of `clradar.hand` has them. Files are those of
-            `clradar.files.meshes.reading.FORMATS`; every object, group, material and instance
-            becomes a part, of a PLY file every number of the property "part" of its faces. Normals
-            in files are ignored, texture is read from PLY (docs/conventions.md).
+        mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or with a `to_trimesh()`
+            Every object, group, material and instance of a file becomes a part, of PLY every value
+            of the faces' property "part". Normals in files are ignored, texture is read from PLY.
+            An object may have `normals`, `texture_m`, `part` and `part_names`, too.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
-            0 specular ... 1 diffuse. An array goes part by part, in the order of
-            `part_names`; of a PLY file, in the order of its faces.
+            An array goes part by part, of PLY in the order of the faces.
         unit : "m", "cm", "mm" or "inch"
-            Unit of the mesh's coordinates.
+            Of the mesh's coordinates.
         transform : array_like, shape (4, 4), optional
-            Affine transform into the antenna frame, applied after the unit.
+            Affine, into the antenna frame; applied after the unit.
         material : Material, str, mapping or sequence, optional
-            What `with_material` takes.
+            See `with_material`.
 
         Raises
         ------
         MeshError
-            The file is missing, unreadable or beyond the limits of docs/untrusted-files.md; there
-            is no triangle, a NaN coordinate, or a size that is implausible for the unit.
-        ModelError
-            `alpha`, `unit`, `transform` or `material` is invalid.
+            The file is unreadable or beyond the limits of docs/untrusted-files.md; there is no
+            triangle, a NaN, or a size that is implausible for the unit.
         """
         checks.one_of("Scene.from_mesh: unit", unit, tuple(MESH_UNITS_M))
         matrix = np.eye(4)
@@ -183,9 +166,8 @@ class Scene(Record):
 
     @classmethod
     def combine(cls, scenes: Iterable[Scene]) -> Scene:
-        """Return one scene of several, which keep their alpha, materials and texture.
-
-        Part names are made unique. Copies of one body have the same texture.
+        """Return one scene of several, with their alpha, materials and texture, and unique part
+        names.
         """
         vertices, faces, alpha, part, normals, texture = [], [], [], [], [], []
         materials = []
@@ -234,27 +216,8 @@ class Scene(Record):
         return replace(self, alpha=alpha)
 
     def with_material(self, material: Materials) -> Scene:
-        """Return the same triangles of other materials.
-
-        Parameters
-        ----------
-        material : Material, str, mapping or sequence
-            A material, or the name of one of `clradar.material`; a mapping part name -> material,
-            where parts that it does not name keep theirs; or a material per face.
-
-        Raises
-        ------
-        ModelError
-            There is no material or no part of that name, or not one material per face.
-
-        Examples
-        --------
-        >>> from clradar import Material, Scene
-        >>> ends = [(0, 0, 0.3), (0.01, 0, 0.3), (0, 0.01, 0.3)]
-        >>> scene = Scene(ends, [(0, 1, 2), (0, 2, 1)], part=[0, 1], part_names=("front", "back"))
-        >>> mixed = scene.with_material("skin").with_material({"back": "plaster"})
-        >>> [m.name for m in mixed.materials], mixed.material.tolist()
-        (['skin', 'plaster'], [0, 1])
+        """Return the same triangles of another material, or name of `clradar.material`; one per
+        face; or by part name (``{"thumb": "skin"}``), where other parts keep theirs.
         """
         now = (self.materials, np.asarray(self.material))
         part = (np.asarray(self.part), self.part_names)
@@ -262,10 +225,10 @@ class Scene(Record):
         return replace(self, materials=materials, material=index)
 
     def transformed(self, transform: Any) -> Scene:
-        """Return the scene moved by a 4x4 affine transform, shape (4, 4).
+        """Return the scene moved by an affine transform, shape (4, 4); its texture stays with the
+        body.
 
-        The texture stays fixed to the body; what the transform stretches, it stretches along the
-        axes of the texture.
+        What the transform stretches, it stretches along the axes of the texture.
         """
         matrix = checks.transform("Scene.transformed: transform", transform)
         normals = None if self.normals is None else _transformed_normals(self.normals, matrix)
@@ -279,18 +242,17 @@ class Scene(Record):
 
     @property
     def body_m(self) -> np.ndarray:
-        """The texture's coordinates of every vertex, shape (n_vertices, 3), metres."""
+        """The texture's coordinates of every vertex, shape (n_vertices, 3)."""
         return self.vertices_m if self.texture_m is None else self.texture_m
 
     @property
     def triangles_m(self) -> np.ndarray:
-        """Corners of every face, shape (n_faces, 3, 3), metres."""
+        """Corners of every face, shape (n_faces, 3, 3)."""
         return self.vertices_m[self.faces]
 
     def digest(self) -> str:
-        """Return a SHA-256 of the triangles, alpha and given normals, for provenance.
-
-        Where a face is not of metal, of the materials and the texture, too.
+        """Return a SHA-256 of triangles, alpha, given normals, and of materials and texture where a
+        face is not of metal.
         """
         return sha256_of_blocks(self._blocks())
 

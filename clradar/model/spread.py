@@ -15,47 +15,27 @@ from clradar.model.volume import DepthMap, Volume
 class Spread(Record):
     """How an image varies from one seed to another: what `clradar.spread` finds.
 
-    Standard deviations are those of single seeds, with n - 1 in the denominator; the mean over n
-    seeds is better by the square root of n.
+    Standard deviations are those of single seeds (n - 1); the mean is better by the square root of
+    n.
 
     Parameters
     ----------
     mean : Volume
         Complex mean of the images: what is the same in all.
-    amplitude : array_like, shape (n_y, n_x), float64
-        Mean of their maximum projections, linear.
-    amplitude_sd : array_like, shape (n_y, n_x), float64
-        Standard deviation of these.
-    depth_m : array_like, shape (n_y, n_x), float64, metres
-        Mean depth over the seeds in which the pixel has one; NaN where it has one in none.
-    depth_sd_m : array_like, shape (n_y, n_x), float64, metres
-        Standard deviation of these; NaN where it has one in fewer than two.
+    amplitude, amplitude_sd : array_like, shape (n_y, n_x), float64
+        Mean and standard deviation of their maximum projections, linear.
+    depth_m, depth_sd_m : array_like, shape (n_y, n_x), float64
+        The same over the seeds in which the pixel has a depth; NaN with none, or fewer than two.
     depth_count : array_like, shape (n_y, n_x), int32
-        In how many seeds the pixel has a depth.
+        How many these are.
     seeds : tuple of int
     varying_share : float, 0 to 1
         Share of the images' power that changes from seed to seed, all voxels together.
     varies : str
         What changes: "shot noise of random rays", "choice of samples", "roughness", or "nothing",
         with "and noise" where impairments were added.
-    dynamic_range_db : float, decibel
+    dynamic_range_db : float
         Of the depth maps.
-
-    Raises
-    ------
-    ModelError
-        Shapes that do not fit the grid of `mean`, fewer than two seeds, a share outside [0, 1].
-
-    Examples
-    --------
-    >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3, 1e-3, 1e-3], (1, 1, 1))
-    >>> pixel = lambda value: np.full((1, 1), value)
-    >>> found = clradar.Spread(
-    ...     clradar.Volume(np.ones((1, 1, 1)), grid), pixel(1.1), pixel(0.2), pixel(0.3),
-    ...     pixel(np.nan), pixel(1), (0, 1), 0.04, "roughness",
-    ... )
-    >>> found.to_depth_map().depth_m
-    array([[0.3]])
     """
 
     mean: Volume
@@ -87,12 +67,12 @@ class Spread(Record):
 
     @property
     def x_m(self) -> np.ndarray:
-        """Pixel centres along x, metres."""
+        """Pixel centres along x."""
         return self.mean.grid.x_m
 
     @property
     def y_m(self) -> np.ndarray:
-        """Pixel centres along y, metres."""
+        """Pixel centres along y."""
         return self.mean.grid.y_m
 
     def to_depth_map(self) -> DepthMap:

@@ -46,20 +46,14 @@ class DepthMap(Record):
 
     Parameters
     ----------
-    depth_m : array_like, shape (n_y, n_x), float64, metres
+    depth_m : array_like, shape (n_y, n_x), float64
         z in the antenna frame; NaN where the amplitude is below the dynamic range.
     amplitude : array_like, shape (n_y, n_x), float32
-        Linear amplitude of the maximum projection, everywhere.
-    x_m, y_m : array_like, shape (n_x,) and (n_y,), metres
+        Maximum projection, linear, everywhere.
+    x_m, y_m : array_like, shape (n_x,) and (n_y,)
         Pixel centres, ascending.
     dynamic_range_db : float
-        Level of the cut below the maximum, decibel.
-
-    Raises
-    ------
-    ModelError
-        Shapes that do not fit, axes that do not ascend, infinite depths, a negative amplitude, a
-        coordinate farther than 1000 km, a dynamic range that is not above 0 and at most 1000 dB.
+        Level of the cut below the maximum, at most 1000.
 
     Examples
     --------
@@ -96,19 +90,7 @@ class DepthMap(Record):
         return self._own_array(dtype, copy)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return `depth_m` and `amplitude` along y_m and x_m, with units.
-
-        Raises
-        ------
-        MissingPackage
-            xarray is not installed.
-
-        Examples
-        --------
-        >>> image = clradar.DepthMap([[0.30], [0.31]], [[1.0], [0.5]], x_m=[0.0], y_m=[0.0, 0.01])
-        >>> float(image.to_xarray().depth_m.sel(y_m=0.01).item())
-        0.31
-        """
+        """Return `depth_m` and `amplitude` along y_m and x_m, with units."""
         return labelled.depth_dataset(self)
 
     @property
@@ -133,13 +115,7 @@ class Volume(Record):
     meta : mapping
         Provenance, in types of JSON.
     scale : ImageScale, optional
-        Antennas, frequencies and window of an image on an absolute scale: of a capture whose
-        samples are S-parameters (`Capture.absolute`).
-
-    Raises
-    ------
-    ModelError
-        `data` does not have the grid's shape, or has NaN or infinite values.
+        Antennas, frequencies and window of an image of S-parameters (`Capture.absolute`).
 
     Examples
     --------
@@ -147,8 +123,6 @@ class Volume(Record):
 
     >>> grid = clradar.VoxelGrid([0, 0, 0.30], [1e-3, 1e-3, 1e-3], (1, 1, 4))
     >>> volume = clradar.Volume([[[0.2]], [[1.0]], [[0.8]], [[0.1]]], grid)
-    >>> volume.max_projection()
-    array([[1.]], dtype=float32)
     >>> print(f"{1e3 * volume.depth_map().depth_m[0, 0]:.1f} mm")
     301.3 mm
     """
@@ -169,50 +143,23 @@ class Volume(Record):
         return self._own_array(dtype, copy)
 
     def to_xarray(self) -> xarray.DataArray:
-        """Return the voxels along z_m, y_m and x_m, with units and `meta` as JSON.
-
-        Raises
-        ------
-        MissingPackage
-            xarray is not installed.
-        ModelError
-            `meta` holds what JSON cannot hold.
-
-        Examples
-        --------
-        >>> grid = clradar.VoxelGrid([0, 0, 0.30], [1e-3, 1e-3, 1e-3], (1, 1, 3))
-        >>> voxels = clradar.Volume([[[0.2]], [[1.0]], [[0.8]]], grid).to_xarray()
-        >>> voxels.dims, abs(voxels).max("z_m").item()
-        (('z_m', 'y_m', 'x_m'), 1.0)
-        """
+        """Return the voxels along z_m, y_m and x_m, with units and `meta` as JSON."""
         return labelled.volume_array(self)
 
     @property
     def absolute(self) -> bool:
-        """Whether the image is on an absolute scale, so that it can be read in dBsm."""
+        """Whether it can be read in dBsm: whether it has a `scale`."""
         return self.scale is not None
 
     def max_projection(self) -> np.ndarray:
-        """Return the maximum of the amplitude over z, shape (n_y, n_x), float32, linear.
-
-        Raises
-        ------
-        ModelError
-            An amplitude is beyond the range of float32, although both its parts are within it.
-        """
+        """Return the maximum of the amplitude over z, shape (n_y, n_x), float32, linear."""
         highest = np.zeros(self.grid.shape[1:], np.float32)
         for slab in plane_slabs(self.grid):
             np.maximum(highest, _amplitude(self.data[slab]).max(axis=0), out=highest)
         return highest
 
     def as_rcs(self) -> Volume:
-        """Return the image in units of radar cross section: its squared amplitude is in m^2.
-
-        Raises
-        ------
-        ModelError
-            The image is not on an absolute scale (`scale` is None).
-        """
+        """Return the image whose squared amplitude is a radar cross section in m^2."""
         if self.scale is None:
             checks.fail(
                 "Volume.scale",
@@ -227,63 +174,21 @@ class Volume(Record):
         return Volume(data, self.grid, self.meta)
 
     def rcs_dbsm(self) -> np.ndarray:
-        """Return the radar cross section that each voxel reads, dBsm (decibel over 1 m^2).
+        """Return the radar cross section that each voxel shows, dBsm, shape (n_z, n_y, n_x),
+        float32.
 
-        It is that of an isotropic point target in the voxel, and the maximum over a point target's
-        image is its radar cross section. What larger targets read is in docs/absolute-scale.md.
-
-        Returns
-        -------
-        ndarray, shape (n_z, n_y, n_x), float32
-            -inf where the image is 0 and where no antenna looks.
-
-        Raises
-        ------
-        ModelError
-            As `as_rcs`.
-
-        Examples
-        --------
-        A sphere of 1 cm, far larger than the wavelength: pi a^2 is -35 dBsm.
-
-        >>> q = clradar.arrays.qar50()
-        >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
-        >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-        >>> to_tx, to_rx = (np.linalg.norm(a - [0, 0, 0.3], axis=1) for a in (q.tx_m, q.rx_m))
-        >>> to_tx, to_rx = to_tx[::12, None, None], to_rx[::12, None]
-        >>> wavelength_m = 299_792_458 / waveform.frequencies_hz
-        >>> u = np.sqrt(np.pi * 0.01**2 / (4 * np.pi)) / (to_tx * to_rx)
-        >>> turns = np.exp(-2j * np.pi * (to_tx + to_rx) / wavelength_m)
-        >>> s = wavelength_m / (4 * np.pi) * u * turns
-        >>> capture = clradar.Capture(s, array, waveform, {"absolute": True})
-        >>> grid = clradar.VoxelGrid([0, 0, 0.298], [1e-3] * 3, (1, 1, 5))
-        >>> image = clradar.backproject(capture, grid)
-        >>> print(f"{image.rcs_dbsm().max():.1f} dBsm")
-        -35.0 dBsm
+        The maximum over a point target's image is that of the target; larger targets read less
+        (docs/absolute-scale.md). -inf where the image is 0 and where no antenna looks.
         """
         with np.errstate(divide="ignore"):
             return np.float32(20) * np.log10(_amplitude(self.as_rcs().data))
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
-        """Return the depth of the maximum along z where it is within the dynamic range.
+        """Return the depth of the maximum along z, NaN where it is more than the dynamic range
+        below the image's maximum.
 
-        Parameters
-        ----------
-        dynamic_range_db : float, decibel
-            Pixels more than this below the image's maximum get NaN.
-
-        Returns
-        -------
-        DepthMap
-            The depth of the strongest voxel, refined by the parabola through the amplitudes of
-            that voxel and its two neighbours along z, clamped to the voxel (half a spacing to
-            either side). At the ends of the grid there is no refinement.
-
-        Raises
-        ------
-        ModelError
-            `dynamic_range_db` is not above 0 and at most 1000; or an amplitude is beyond the range
-            of float32, although both its parts are within it.
+        The strongest voxel's z is refined by the parabola through its amplitude and those of its
+        two neighbours, by half a spacing at most; not at the ends of the grid.
         """
         return depth_map_of_planes(self.data, self.grid, dynamic_range_db)
 

@@ -56,7 +56,10 @@ class MovingBody(Record):
         checks.instance("MovingBody.motion", self.motion, RigidMotion)
 
     def during(self, begin_s: float, end_s: float) -> BodyInSweep:
-        """Return the body during a sweep."""
+        """Return the body during a sweep.
+
+        :meta private:
+        """
         return BodyInSweep(self.motion.marks_s(begin_s, end_s), self._at, self._vertices_m)
 
     def _at(self, time_s: float) -> Scene:
@@ -76,25 +79,19 @@ class MovingScene(Record):
     ----------
     bodies : sequence of MovingBody or MovingHand
     finish : callable, optional
-        From the scene of all bodies to that which is simulated, with the same faces: sets alphas
-        or materials.
+        From the scene of all bodies to that which is simulated, with the same faces: sets alphas or
+        materials.
 
     Examples
     --------
-    A ball that falls in front of a plate.
+    A ball that falls.
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
-    >>> plate = trimesh.creation.box([0.1, 0.1, 0.01]).apply_translation([0, 0, 0.4])
     >>> fall = clradar.RigidMotion.steady(velocity_m_per_s=(0, -1.0, 0))
-    >>> scene = clradar.MovingScene(
-    ...     [
-    ...         clradar.MovingBody(clradar.Scene.from_mesh(ball), fall),
-    ...         clradar.MovingBody(clradar.Scene.from_mesh(plate)),
-    ...     ]
-    ... )
-    >>> print(scene.at(0.1).vertices_m.min(axis=0).round(3))
-    [-0.05 -0.12  0.28]
+    >>> body = clradar.MovingBody(clradar.Scene.from_mesh(ball), fall)
+    >>> print(clradar.MovingScene([body]).at(0.1).vertices_m.min(axis=0).round(3))
+    [-0.02 -0.12  0.28]
     """
 
     bodies: Sequence[Body]
@@ -108,7 +105,10 @@ class MovingScene(Record):
         self._set(bodies=bodies)
 
     def during(self, begin_s: float, end_s: float) -> SceneInSweep:
-        """Return the scene during a sweep."""
+        """Return the scene during a sweep.
+
+        :meta private:
+        """
         if not begin_s <= end_s:
             checks.fail("begin_s, end_s", "begin_s <= end_s", f"{begin_s:g}, {end_s:g}")
         return SceneInSweep(tuple(b.during(begin_s, end_s) for b in self.bodies), self.finish)

@@ -39,23 +39,21 @@ class MovingHand(Record):
 
     Parameters
     ----------
-    times_s : array_like, shape (n,), float64, seconds
-        Increasing; of the poses. Before the first and after the last one the pose stays.
+    times_s : array_like, shape (n,), float64
+        Of the poses, increasing. Before the first and after the last one the pose stays.
     poses : sequence of str, path-like or HandPose
         Names in `POSES`, pose files or poses.
     profile : {"smooth", "linear"}
-        Of the joint angles between two poses: from rest to rest with the least jerk, or evenly.
+        Of the joint angles: from rest to rest with the least jerk, or evenly.
     motion : RigidMotion, optional
-        Of the whole hand, in the antenna frame.
-    center_m : array_like, shape (3,), metres
-        Where the centre of the box around the joints of all poses is. The wrist stays while the
-        pose changes.
+        Of the whole hand.
+    center_m : array_like, shape (3,)
+        Centre of the box around the joints of all poses; the wrist stays while the pose changes.
     shape, edge_length_m, handedness
-        As `clradar.hand.hand_mesh` takes them; not used with a rig, but for the shape.
+        As of `clradar.hand.hand_mesh`; a rig takes only the shape.
     rig : Rig, optional
-        A rigged hand in place of that of this package.
+        In place of this package's hand.
     alpha : float
-        Roughness of the whole hand.
     device : Device, str or None
         Where the surface is sampled, see `clradar.open_device`.
     """
@@ -103,7 +101,10 @@ class MovingHand(Record):
 
     @property
     def mirror(self) -> np.ndarray:
-        """Factors of the coordinates, (3,), from the right hand's frame to that of the hand."""
+        """Factors of the coordinates, (3,), from the right hand's frame to that of the hand.
+
+        :meta private:
+        """
         return np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
 
     def transform(self, time_s: float) -> np.ndarray:
@@ -113,9 +114,8 @@ class MovingHand(Record):
         return np.asarray(self.motion.at(time_s) @ made)
 
     def joints_m(self, time_s: float) -> np.ndarray:
-        """Return the joints at a time, shape (25, 3), antenna frame, metres.
-
-        NaN for those that a rig does not have.
+        """Return the joints at a time, shape (25, 3), antenna frame; NaN for those that a rig
+        lacks.
         """
         if self.rig is not None:
             return self.mesh(time_s).joints_m
@@ -131,6 +131,8 @@ class MovingHand(Record):
 
         The hand of this package is meshed in the middle of the sweep, and its skin moves with the
         bones from there, on the surface of each pose; a rig has the same faces in all poses.
+
+        :meta private:
         """
         poses = self.poses
         ways = pieces(self.times_s, begin_s, end_s)

@@ -32,18 +32,18 @@ class RigidMotion(Record):
 
     Parameters
     ----------
-    times_s : array_like, shape (n,), float64, seconds
-        Increasing; of the places that are given.
-    shifts_m : array_like, shape (n, 3), float64, metres
-    turns_rad : array_like, shape (n, 3), float64, radians, optional
-        Rotation vectors (axis times angle); none: it does not turn. Between two of one axis the
-        angle is interpolated, over any number of turns; between others the shortest rotation.
-    about_m : array_like, shape (3,), metres
-        The point about which the body turns.
+    times_s : array_like, shape (n,), float64
+        Of the places, increasing.
+    shifts_m : array_like, shape (n, 3), float64
+    turns_rad : array_like, shape (n, 3), float64, optional
+        Rotation vectors, axis times angle. Between two of one axis the angle is interpolated, over
+        any number of turns; between others the shortest rotation. None: it does not turn.
+    about_m : array_like, shape (3,)
     profile : {"linear", "smooth"}
-        Constant velocity between two places, or from rest to rest (`minimum_jerk`).
+        Constant velocity between two places, or from rest to rest with the least jerk.
     beyond : {"hold", "continue"}
-        Before the first and after the last place: stay, or go on with the velocity there.
+        Before the first and after the last place: stay, or go on with the velocity there
+        ("linear").
     """
 
     times_s: Any
@@ -82,7 +82,7 @@ class RigidMotion(Record):
         return cls(np.array([0.0, 1.0]), *places, about_m, beyond="continue")
 
     def at(self, time_s: float) -> np.ndarray:
-        """Return the rigid transform at a time, shape (4, 4), float64, metres."""
+        """Return the rigid transform at a time, shape (4, 4), float64."""
         begin, share = between(self.times_s, time_s, self.profile, hold=self.beyond == "hold")
         end = min(begin + 1, len(self.times_s) - 1)
         made = np.eye(4)
@@ -100,6 +100,8 @@ class RigidMotion(Record):
         They are the keys where something may change, and so many between them that the body turns
         by no more than an eighth of a turn from one to the next: in whatever sweep, it cannot come
         back to its place between two marks.
+
+        :meta private:
         """
         found: list[np.ndarray] = []
         hold = self.beyond == "hold"

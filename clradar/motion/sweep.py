@@ -48,10 +48,10 @@ def simulate_moving(
     progress: Progress | None = None,
     **fields: Any,
 ) -> Capture:
-    """Simulate a capture of a scene that moves while it is recorded.
+    """Simulate a capture of a scene that moves while it is recorded (docs/movement.md).
 
-    The scene is simulated at some instants of the sweep, of few Tx each or of all, and every sample
-    is interpolated to its own time (E15 in ``docs/equations.md``).
+    It is simulated at some instants of the sweep, and every sample is interpolated to its own time
+    (E15 in docs/equations.md).
 
     Parameters
     ----------
@@ -59,42 +59,36 @@ def simulate_moving(
     array : AntennaArray
     waveform : Waveform
     timing : SweepTiming, optional
-        When samples are recorded. Not given: `SweepTiming.in_order`, Tx by Tx.
-    start_s : float, seconds
-        When the sweep begins: added to the times of `timing`.
-    tolerance_db : float, decibels
-        Of the largest error of the interpolated phasors exp(j phase) of points on the surface;
-        negative. It decides on the number of instants. Samples may be off by more, where the
-        surface bends, turns away or shadows itself.
+        When samples are recorded. None: `SweepTiming.in_order`, Tx by Tx.
+    start_s : float
+        When the sweep begins.
+    tolerance_db : float
+        Largest error of the interpolated phasors of points on the surface, which decides on the
+        number of instants; negative. Samples may be off by more where the surface bends, turns away
+        or shadows itself.
     settings, device, progress, **fields
-        As `clradar.simulate` takes them; progress counts instants times Tx.
+        As of `clradar.simulate`; progress counts instants times Tx.
 
     Returns
     -------
     Capture
-        Of a scene that does not move during the sweep, with the bits of ``simulate(moving.at(t),
-        ...)``. ``meta["movement"]`` has the times, the instants, `phase_error_db`, the error of
-        the phasors of points, and `sample_error_db`, what the samples of one piece of the time
-        differ by from a simulation between its instants; what else `meta` has is of the first one.
-
-    Warns
-    -----
-    ClradarWarning
-        As `clradar.simulate`, of the first instant; a hand bends so far that its skin tears.
+        ``meta["movement"]`` has the times, the instants, `phase_error_db` of the phasors, and
+        `sample_error_db`, of samples against a simulation between its instants; what else `meta`
+        has is of the first one. A scene that does not move gives the bits of
+        ``simulate(moving.at(t), ...)``.
 
     Examples
     --------
-    A ball that comes nearer by 1 mm in the 1.9 ms of a sweep, seen by a part of the imager.
+    A ball that comes nearer by 1 mm in the 1.9 ms of a sweep.
 
     >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
-    >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
+    >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
     >>> nearer = clradar.RigidMotion.steady(velocity_m_per_s=(0, 0, -0.5))
-    >>> imager = clradar.arrays.qar50().part(slice(None, None, 24), slice(None, None, 12))
+    >>> moving = clradar.MovingScene([clradar.MovingBody(clradar.Scene.from_mesh(ball), nearer)])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 24), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> moving = clradar.MovingScene([clradar.MovingBody(scene, nearer)])
     >>> timing = clradar.SweepTiming.in_order(4, 16, step_s=30e-6)
-    >>> capture = clradar.simulate_moving(moving, imager, waveform, timing=timing)
+    >>> capture = clradar.simulate_moving(moving, array, waveform, timing=timing)
     >>> capture.data.shape, capture.meta["movement"]["sweep_s"]
     ((4, 8, 16), 0.00189)
     """

@@ -26,15 +26,14 @@ class SweepTiming(Record):
 
     Parameters
     ----------
-    times_s : array_like, shape (n_tx, n_rx or 1, n_freq), float64, seconds
-        Of every sample of a capture; with one column all Rx record at the same time.
+    times_s : array_like, shape (n_tx, n_rx or 1, n_freq), float64
+        Of every sample; with one column all Rx record at the same time.
 
     Examples
     --------
     Two Tx one after the other, each with three frequencies of 1 ms.
 
-    >>> from clradar import SweepTiming
-    >>> timing = SweepTiming.in_order(2, 3, step_s=1e-3)
+    >>> timing = clradar.SweepTiming.in_order(2, 3, step_s=1e-3)
     >>> timing.times_s[:, 0].tolist()
     [[0.0, 0.001, 0.002], [0.003, 0.004, 0.005]]
     """
@@ -74,7 +73,10 @@ class SweepTiming(Record):
         return float(self.times_s.max())
 
     def check(self, array: AntennaArray, waveform: Waveform) -> None:
-        """Raise `ModelError` unless it is the timing of captures of this radar."""
+        """Raise `ModelError` unless it is the timing of captures of this radar.
+
+        :meta private:
+        """
         wanted = (array.n_tx, array.n_rx, waveform.n_freq)
         n_tx, n_rx, n_freq = self.times_s.shape
         if (n_tx, n_freq) != wanted[::2] or n_rx not in (1, wanted[1]):

@@ -39,7 +39,7 @@ class DeviceInfo:
     Attributes
     ----------
     selector : str
-        "platform:device", the pair of indices that selects it by ``CLRADAR_DEVICE``.
+        "platform:device", the indices by which ``CLRADAR_DEVICE`` names it.
     name, platform, version : str
         As the driver gives them.
     kind : str
@@ -49,12 +49,6 @@ class DeviceInfo:
     compute_units : int
     target : str or None
         The processor that an old PoCL was told to compile for, since it does not know this one.
-
-    Examples
-    --------
-    >>> info = clradar.open_device("pocl").info
-    >>> info.kind, info.is_interpreter, info.max_alloc_bytes <= info.memory_bytes
-    ('cpu', False, True)
     """
 
     selector: str
@@ -88,7 +82,7 @@ class DeviceInfo:
 class Device:
     """An opened device: one context, one in-order queue, and the programs built for it.
 
-    Make one with `open_device`.
+    Make one with `open_device`. Several threads may use it.
 
     Attributes
     ----------
@@ -99,23 +93,16 @@ class Device:
         Lanes per work-item: 8 on a CPU, where wide vectors pay, and 1 on a GPU, where neighbouring
         items are the lanes.
     group_items : int
-        Most items of a work-group: 64 on a GPU; 1 on a CPU, where an item is 8 lanes wide and PoCL
-        keeps the private arrays of a whole group on the stack.
+        Most items of a work-group: 64 on a GPU; 1 on a CPU, where PoCL keeps the private arrays of
+        a whole group on the stack.
     launch_work : float
-        Operations, roughly, from which on `Program.start` splits a launch; none on a CPU.
+        Operations, roughly, from which on a launch is split; none on a CPU.
     launched : list or None
-        Of a device that was opened with ``profiling=True``: the events of its kernels.
+        With ``profiling=True``: the events of its kernels.
     buffers : WeakSet
-        The `clradar.opencl.Buffers` that are open.
+        The open `clradar.opencl.Buffers`.
     lock : RLock
-        Taken to build a program, to give a kernel its arguments and start it, and to count memory:
-        several threads may use a device.
-
-    Examples
-    --------
-    >>> device = clradar.open_device("pocl", memory_limit_bytes=10**6)
-    >>> device.budget_bytes, device.width
-    (1000000, 8)
+        Held to build a program, start a kernel with its arguments, and count memory.
     """
 
     info: DeviceInfo
@@ -142,12 +129,8 @@ class Device:
             return sum(buffers.used_bytes for buffers in self.buffers)
 
     def kernel_time_s(self) -> float:
-        """Seconds that the device has run kernels since the previous call.
-
-        Raises
-        ------
-        DeviceError
-            The device was not opened with ``profiling=True``.
+        """Seconds that the device, opened with ``profiling=True``, has run kernels since the last
+        call.
         """
         if self.launched is None:
             raise DeviceError(f"device {self.info.label}: expected it opened with profiling=True")
@@ -168,11 +151,6 @@ class Device:
 def list_devices() -> list[DeviceInfo]:
     """All OpenCL devices of this machine, in the order of platforms.
 
-    Raises
-    ------
-    DeviceError
-        There is no OpenCL platform.
-
     Examples
     --------
     >>> any("Portable Computing Language" in info.platform for info in clradar.list_devices())
@@ -188,10 +166,9 @@ def forget_devices() -> None:
 
     Examples
     --------
-    >>> from clradar.opencl import forget_devices, open_device
-    >>> before = open_device("pocl")
-    >>> forget_devices()
-    >>> open_device("pocl") is before
+    >>> before = clradar.open_device("pocl")
+    >>> clradar.opencl.forget_devices()
+    >>> clradar.open_device("pocl") is before
     False
     """
     _open.cache_clear()

@@ -74,66 +74,43 @@ CHECKS: dict[str, tuple[Any, ...]] = {
 class SimulationSettings:
     """How rays are launched, reflected and received: the settings of a simulation.
 
-    `clradar.trace`, `clradar.simulate` and what is built on them take these fields as keyword
-    arguments, or a record as `settings`.
+    Functions that simulate take these fields as keyword arguments, or a record as `settings`. The
+    paper, and the equations E1 to E12: docs/equations.md.
 
     Attributes
     ----------
-    samples_per_mm2 : float, 1/mm^2, optional
+    samples_per_mm2 : float, optional
         Density of surface samples, whatever the tessellation. None: `rays_per_face` counts, or
         where that is None, too, 10 (1 with the expected estimator, 4 with the physical one).
     rays_per_face : int, 1 to 2^20, optional
-        As in the paper [1]_: this many samples on every face, instead of a density.
+        So many samples on every face instead, as in the paper.
     rays_per_sample : int, 1 to 2^16, optional
         Outgoing rays per sample and Tx. None: 4 with a density, 1 with `rays_per_face`; with the
-        expected estimator and no density, ten times as many, which keeps the scale.
-    reception_radius_m : float, metres, 0.1 mm to 1 m, optional
+        expected estimator and no density ten times as many, which keeps the scale.
+    reception_radius_m : float, 0.1 mm to 1 m, optional
         A ray is received by every Rx whose sphere of this radius it enters before it hits anything.
-        None: 10 mm; but where `clradar.simulate` draws random rays 10 mm times the power of two
-        that is nearest to sqrt(range / 0.3 m * 77 GHz / centre frequency), which keeps the phase
-        error within a factor of two.
+        None: 10 mm, which grows with range where `clradar.simulate` draws random rays (E4).
     max_bounces : int, 1 to 255
         Reflections per path at most; 1 with the expected estimator.
     normals : "smooth" or "face"
         Shading normals, interpolated from the vertices or those of the faces.
-    crease_deg : float, degrees
+    crease_deg : float
         Edges sharper than this stay sharp in "smooth".
     facets : "curved" or "flat"
-        Where paths are reflected: on the curved surface that the normals at the corners of a face
-        describe, or on the flat face (E1 in ``docs/equations.md``). The same for flat sides and
-        with ``normals="face"``.
+        Where paths are reflected: on the surface that the normals at the corners of a face
+        describe, or on the face (E1).
     amplitude : "unit" or "spreading"
-        1 per path as in the paper, or 1 / (R1 R2): R1 the length up to the last reflection, R2 from
-        there on, metres.
+        1 per path as in the paper, or 1 / (R1 R2), with R1 the length up to the last reflection and
+        R2 from there on, metres.
     pattern_exponent : float, 0 to 10 000
         With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
     seed : int, 0 to 2^64 - 1
     estimator : "stochastic", "expected" or "physical", optional
-        None: "stochastic", the paper's; but `clradar.simulate` takes "physical" where the scene has
-        a material given to it, and else "expected" unless rays or several bounces are asked for or
-        an alpha is below 0.12.
-        "expected" is the mean of "stochastic" over the random outgoing directions, for the same
-        samples: each of them, Tx and Rx adds one path whose amplitude is `rays_per_sample` times
-        the probability that the outgoing ray enters the Rx sphere. It has no shot noise, so fewer
-        samples suffice. An Rx is hidden if the centre of its sphere is. "physical" is the Kirchhoff
-        sum over the scene's materials: S-parameters, without alpha; fields about rays have to keep
-        their defaults, and patterns are those of the array. See ``docs/estimators.md``.
-
-    Raises
-    ------
-    ModelError
-        A field is out of its range, or two fields contradict each other.
-
-    References
-    ----------
-    .. [1] J. Braeunig et al., "A Realistic Radar Ray Tracing Simulator for Hand Pose Imaging",
-       EuRAD 2023.
-
-    Examples
-    --------
-    >>> settings = clradar.SimulationSettings(estimator="expected").resolved()
-    >>> settings.samples_per_mm2, settings.rays_per_sample
-    (1.0, 40)
+        "stochastic": random rays, as in the paper. "expected": their mean over directions, without
+        shot noise. "physical": the Kirchhoff sum over the scene's materials, S-parameters; without
+        alpha, and fields about rays keep their defaults. None: "stochastic", but `clradar.simulate`
+        takes "physical" for a scene with a material, else "expected" unless rays or several bounces
+        are asked for or an alpha is below about 0.12. See docs/estimators.md.
     """
 
     samples_per_mm2: float | None = None
@@ -186,7 +163,10 @@ class SimulationSettings:
 
     @property
     def radius_m(self) -> float:
-        """The reception radius, metres, with the default where it is None."""
+        """The reception radius, with the default where it is None.
+
+        :meta private:
+        """
         return RECEPTION_RADIUS_M if self.reception_radius_m is None else self.reception_radius_m
 
     def resolved(self) -> SimulationSettings:
@@ -217,10 +197,7 @@ class SimulationSettings:
     def for_scene(
         self, scene: Scene, array: AntennaArray | None = None, waveform: Waveform | None = None
     ) -> SimulationSettings:
-        """Choose the estimator of `clradar.simulate`, and what suits the range, if not given.
-
-        Without antennas and frequencies the range plays no part.
-        """
+        """Choose the estimator of `clradar.simulate`, and what suits the range, if not given."""
         if array is None or waveform is None:
             return self._with_estimator(scene, EXPECTED_ALPHA)
         radius_m = suited_radius_m(scene, array, waveform)

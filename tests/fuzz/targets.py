@@ -120,14 +120,19 @@ def _corpus(target: Target) -> tuple[bytes, ...]:
     return tuple(target.seeds())
 
 
+def _files(*patterns: str) -> Seeds:
+    return partial(seeds.files, *patterns)
+
+
 def _and_check(opener: Callable[[Path], object], path: Path) -> object:
     found = opener(path)
     check_file(path)  # looks at more than opening does
     return found
 
 
-def _native(name: str, native_seeds: Seeds, opener: Callable[[Path], object], kind: type) -> Target:
-    return Target(name, native_seeds, partial(_and_check, opener), kind, _HDF5)
+def _native(name: str, opener: Callable[[Path], object], kind: type) -> Target:
+    read = partial(_and_check, opener)
+    return Target(f"{name}.h5", _files(f"{name}-*.h5"), read, kind, _HDF5)
 
 
 def _with_layout(path: Path) -> object:
@@ -135,16 +140,15 @@ def _with_layout(path: Path) -> object:
     return open_with_layout(path, path.with_name("lab.toml"))
 
 
-def _lab(*kinds: str, form: Format = Format()) -> Target:
-    files = partial(seeds.containers, *kinds)
-    around = partial(dict, {"lab.toml": seeds.LAYOUT})
-    return Target("lab.bin", files, _with_layout, Capture, form, around)
+def _lab(*names: str, form: Format = Format()) -> Target:
+    (layout,) = seeds.files("lab.toml")
+    around = partial(dict, {"lab.toml": layout})
+    return Target("lab.bin", _files(*names), _with_layout, Capture, form, around)
 
 
 def _mesh(ending: str, form: Format) -> Target:
-    files = partial(seeds.named_meshes, ending)
     few = {"error": MeshError, "short_run": 20}
-    return Target(f"mesh.{ending}", files, Scene.from_mesh, Scene, form, **few)
+    return Target(f"mesh.{ending}", _files(f"mesh*.{ending}"), Scene.from_mesh, Scene, form, **few)
 
 
 def _rig(name: str, rig_seeds: Seeds, form: Format) -> Target:
@@ -160,37 +164,38 @@ def _manifest(path: Path) -> object:
         raise MeasurementError(worst) from error
 
 
-_DEPTH = f"{seeds.RADAR}/depth/000000.png"
+_DEPTH = "depth/000000.png"
+_PRODUCTS = partial(seeds.radar_folder, "calibration.json", _DEPTH, "maxproj/000000.png")
 _NO_FRAME = {f"{seeds.RADAR}/calibrated_data/000000.npy": b"which takes no time to read"}
-_MANIFESTS = partial(seeds.frozen, "data-set/manifest.json", "data-set-stopped/manifest.json")
-_POSED = {"motion/bent.toml": seeds.frozen("pose.toml")[0]}
+_POSED = {"motion/bent.toml": _files("pose.toml")()[0]}
 
 TARGETS = {
     "frame": Target("000000.npy", seeds.frames, open_capture, Capture, _PICKLE),
-    "native_capture": _native("capture.h5", seeds.native_captures, open_capture, Capture),
-    "native_volume": _native("volume.h5", seeds.native_volumes, open_volume, Volume),
-    "native_channels": _native(
-        "channels.h5", lambda: seeds.in_both_forms(*seeds.frozen("channels-2.h5")), open_channels,
-        ChannelCalibration,
-    ),
-    "lab_npz": _lab("npz", "npz deflated", form=_ZIP),
-    "lab_hdf5": _lab("hdf5", "hdf5 gzip", "hdf5 lzf", "mat v7.3", form=_HDF5),
-    "lab_mat": _lab("mat v5", "mat v5 deflated"),
+    "native_capture": _native("capture", open_capture, Capture),
+    "native_volume": _native("volume", open_volume, Volume),
+    "native_channels": _native("channels", open_channels, ChannelCalibration),
+    "lab_npz": _lab("lab*.npz", form=_ZIP),
+    "lab_hdf5": _lab("lab*.h5", "lab-7.3.mat", form=_HDF5),
+    "lab_mat": _lab("lab-5*.mat"),
     "calibration_json": Target(
-        f"{seeds.RADAR}/calibration.json", seeds.calibrations, lambda path: describe(path.parent),
-        Description, _JSON, lambda: _NO_FRAME,
+        f"{seeds.RADAR}/calibration.json",
+        _files("calibration-*.json", f"recording/30/{seeds.RADAR}/calibration.json"),
+        lambda path: describe(path.parent), Description, _JSON, lambda: _NO_FRAME,
     ),
     "alignment_json": Target(
-        "alignment.json", seeds.alignments, read_alignment, SensorAlignment, _JSON
+        "alignment.json", _files("alignment-*.json"), read_alignment, SensorAlignment, _JSON
     ),
     "metadata_json": Target(
-        "metadata.json", seeds.metadata, read_metadata, RecordingMetadata, _JSON
+        "metadata.json", _files("metadata-*.json", "recording/30/metadata.json"), read_metadata,
+        RecordingMetadata, _JSON,
     ),
     "depth_png": Target(
-        _DEPTH, lambda: [seeds.products()[_DEPTH]],
-        lambda path: read_depth_map(path.parents[1], 0), DepthMap, _PNG, seeds.products,
+        f"{seeds.RADAR}/{_DEPTH}", partial(list, seeds.radar_folder(_DEPTH).values()),
+        lambda path: read_depth_map(path.parents[1], 0), DepthMap, _PNG, _PRODUCTS,
     ),
-    "antennas": Target("Rx.dat", seeds.antenna_files, read_antenna_file, np.ndarray, _text()),
+    "antennas": Target(
+        "Rx.dat", _files("antennas-*.dat"), read_antenna_file, np.ndarray, _text()
+    ),
     "mesh_obj": _mesh(
         "obj", _text(b"f 1 2 3\n", b"f 99999999999 1 2\n", b"v 0 0 0\n", b"mtllib ")
     ),
@@ -202,26 +207,29 @@ TARGETS = {
     "mesh_stl": _mesh("stl", _text(b"facet normal", b"endsolid")),
     "mesh_off": _mesh("off", _text()),
     "rig_glb": _rig("hand.glb", seeds.rigs, _GLB),
-    "mano_npz": _rig("model.npz", seeds.hand_archives, _ZIP),
+    "mano_npz": _rig("model.npz", _files("model.npz"), _ZIP),
     "mano_pickle": _rig("model.pkl", seeds.hand_models, _PICKLE),
-    "manifest": Target("manifest.json", _MANIFESTS, _manifest, Manifest, _JSON),
+    "manifest": Target(
+        "manifest.json", _files("data-set*/manifest.json"), _manifest, Manifest, _JSON
+    ),
     "layout_toml": Target(
-        "lab.toml", seeds.layouts, read_layout, Layout, _toml(b"[data]", b"axes", b'"tx"')
+        "lab.toml", _files("lab.toml", "examples/layouts/*.toml"), read_layout, Layout,
+        _toml(b"[data]", b"axes", b'"tx"'),
     ),
     "materials_toml": Target(
-        "materials.toml", lambda: [seeds.of_page("materials.md")], read_materials, dict,
+        "materials.toml", partial(seeds.of_page, "materials.md"), read_materials, dict,
         _toml(b"permittivity", b"poles", b"frequency_hz", b'"1-1j"'),
     ),
     "array_toml": Target(
-        "array.toml", seeds.arrays, read_clusters, tuple,
+        "array.toml", _files("array-*.toml"), read_clusters, tuple,
         _toml(b"n = 20000", b"[[pose]]", b"points_m", b"gain_db"),
     ),
     "pose_toml": Target(
-        "pose.toml", partial(seeds.frozen, "pose.toml"), read_pose, HandPose,
+        "pose.toml", _files("pose.toml"), read_pose, HandPose,
         _toml(b"_deg", b"joints"),
     ),
     "motion_toml": Target(
-        "motion/motion.toml", lambda: [seeds.of_page("movement.md")],
+        "motion/motion.toml", partial(seeds.of_page, "movement.md"),
         read_motion, Motion, _toml(b"time_s", b"place", b"[[hand]]", b"mesh"), lambda: _POSED,
     ),
 }  # fmt: skip
