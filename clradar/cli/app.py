@@ -162,8 +162,10 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
     for name, summary in COMMANDS.items():
         function: Callable[..., Any] = _not_loaded
         if name == requested:
+            from clradar.cli.outputs import check_outputs
+
             module = import_module(module_of(name))
-            function = _guarded(expanded(module.command), debug)
+            function = _guarded(expanded(module.command, check_outputs), debug)
             summary = f"{summary}\n\n{inspect.getdoc(module.command)}"
         app.command(name, cls=_Command, help=summary, short_help=COMMANDS[name])(function)
     return app

@@ -13,7 +13,6 @@ from clradar.cli.inputs import ReadOnAccess
 from clradar.cli.outputs import (
     check_folder,
     check_outputs,
-    check_place_of_folder,
     described,
     made_folder,
     provenance,
@@ -30,7 +29,7 @@ def write_captures(
     from measurement_io import open_recording
     from measurement_io.maroon.folders import find_radar_folder, frames
 
-    check_place_of_folder(output)
+    check_folder(output, resumed=True)
     there = frames(find_radar_folder(source)) if source.is_dir() else {}
     first = variant or next((name for name, found in there.items() if found), "raw")
     recording = open_recording(source, variant=first, **opt.arguments_of(antennas))
@@ -77,7 +76,7 @@ def write_recording(sources: Sequence[Path], output: Path, antennas: opt.Antenna
         if path.is_dir():
             fail(path, "a capture, with --to maroon", "a folder")
     check_folder(output)
-    check_place_of_folder(output, [*BESIDE, *(path.name for path in output.glob("radar_*"))])
+    check_folder(output, [*BESIDE, *(path.name for path in output.glob("radar_*"))], resumed=True)
     beside, opened = opt.paths_in(opt.arguments_of(antennas)), list[Path]()
 
     def read(path: Path) -> cl.Capture:

@@ -160,8 +160,13 @@ def option_name(name: str, one: Field[Any]) -> str:
     return str((one.metadata["names"] or ("--" + name.replace("_", "-"),))[0])
 
 
-def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command one keyword for each field of its groups: the parameters that typer reads."""
+def expanded(
+    command: Callable[..., Any], check: Callable[[list[Any]], None] = lambda outputs: None
+) -> Callable[..., Any]:
+    """Give a command one keyword for each field of its groups: the parameters that typer reads.
+
+    Before it runs, `check` raises where an output cannot be written.
+    """
     shown = inspect.signature(command, eval_str=True)
     groups: dict[str, Any] = {
         n: p.annotation for n, p in shown.parameters.items() if is_dataclass(p.annotation)
@@ -198,10 +203,7 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
         single = {name: values[name] for name in shown.parameters if name not in groups}
         vars(call).update(vars(Call(label, kept, typed, _inputs(declared, values), force)))
         try:
-            if outputs := [values[n] for n, one in declared.items() if one.metadata["writes"]]:
-                from clradar.cli.outputs import check_outputs
-
-                check_outputs(outputs)
+            check([values[name] for name, one in declared.items() if one.metadata["writes"]])
             if any(values[name] is not None for name in writing):
                 for path in filter(Path.is_file, call.paths):
                     with suppress(ClradarError):  # the reader of the file says why

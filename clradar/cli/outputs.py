@@ -75,28 +75,13 @@ def _same(one: Path, other: Path) -> bool:
     return one.exists() and other.exists() and one.samefile(other)
 
 
-def check_folder(folder: Path, replaced: Collection[str] | None = None) -> None:
-    """Raise unless a folder is missing or empty, or may be written into with --force.
+def check_folder(
+    folder: Path, replaced: Collection[str] | None = None, *, resumed: bool = False
+) -> None:
+    """Raise unless a folder is missing or empty, or may be written into with --force, or `resumed`.
 
     `replaced` names the only files that it may replace, none of which is an input; None: any.
     """
-    check_place_of_folder(folder, replaced or ())
-    with writing(folder):
-        there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    if there and not call.force:
-        raise OutputError(
-            f"{folder}: holds files already; choose another folder, or replace an earlier result "
-            "with --force"
-        )
-    for name in there:
-        if replaced is not None and name not in replaced:
-            raise OutputError(
-                f"{folder}: holds '{name}', which --force would delete; choose another folder"
-            )
-
-
-def check_place_of_folder(folder: Path, replaced: Collection[str] = ()) -> None:
-    """Raise unless there is or may be such a folder, with no input among what is `replaced`."""
     with writing(folder):
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
@@ -106,11 +91,23 @@ def check_place_of_folder(folder: Path, replaced: Collection[str] = ()) -> None:
             if _same(folder, path):
                 raise OutputError(f"{folder}: is also an input; choose another folder")
             place = Path(os.path.realpath(path))
-            if any(place.is_relative_to(os.path.realpath(folder / name)) for name in replaced):
+            kept = (os.path.realpath(folder / name) for name in replaced or ())
+            if any(map(place.is_relative_to, kept)):
                 raise OutputError(
                     f"{folder}: holds the input '{path}', which would be replaced; choose another "
                     "folder"
                 )
+        there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    if there and not (call.force or resumed):
+        raise OutputError(
+            f"{folder}: holds files already; choose another folder, or replace an earlier result "
+            "with --force"
+        )
+    for name in there:
+        if replaced is not None and name not in replaced and not resumed:
+            raise OutputError(
+                f"{folder}: holds '{name}', which --force would delete; choose another folder"
+            )
 
 
 def _check_place(output: Path, known: dict[Path, bool]) -> None:

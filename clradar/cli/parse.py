@@ -39,11 +39,12 @@ Axis = tuple[float, float, float]
 
 def check_unit(
     option: str, value: float, what: str, bounds: tuple[float, float], unit: str
-) -> None:
-    """Raise where a value of an option is in another unit; see `clradar.model.plausible`."""
+) -> float:
+    """A value of an option, which is not in another unit; see `clradar.model.plausible`."""
     fault = implausible(what, value, bounds, unit)
     if fault is not None:
         raise wrong_usage(option, "expected {}, got {}".format(*fault))
+    return value
 
 
 def ends_in(*suffixes: str) -> Callable[[str, Path], Path]:
@@ -79,7 +80,7 @@ def numbers(text: str, separator: str = ",") -> list[float]:
 
 
 def so_many(
-    count: int,
+    count: int | None,
     expected: str,
     separator: str = ",",
     holds: Callable[..., bool] = lambda *_: True,
@@ -89,7 +90,7 @@ def so_many(
 
     def read(option: str, text: str) -> tuple[float, ...]:
         found = numbers(text, separator)
-        if len(found) != count or not holds(*found):
+        if len(found) != (count or len(found) or 1) or not holds(*found):
             raise wrong_usage(option, f"expected {expected}, got '{text}'")
         for value in map(abs, found if plausible else ()):
             check_unit(option, value, *plausible)
@@ -101,6 +102,7 @@ def so_many(
 FREQUENCY = ("a frequency", PLAUSIBLE_HZ, "GHz")
 """As `check_unit` has it."""
 
+some = so_many(None, "numbers")
 pair = so_many(2, "2 numbers with commas between")
 position_mm = so_many(3, "X,Y,Z in millimetres")
 window_mm = so_many(

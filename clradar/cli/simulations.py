@@ -14,7 +14,6 @@ from clradar.cli.outputs import (
     begun,
     check_folder,
     check_outputs,
-    check_place_of_folder,
     described,
     joints_record,
     provenance,
@@ -46,7 +45,7 @@ _scenes: dict[str, cl.Scene] = {}
 def check_output(output: Path, moving: opt.MotionOptions, several: bool) -> None:
     """Raise unless the capture, the recording or the folder of clusters may be written."""
     if several and moving.motion is None:
-        check_place_of_folder(output, cluster_files(output))
+        check_folder(output, cluster_files(output), resumed=True)
     elif several or moving.frames is not None:
         check_folder(output, recording_files(output))
     else:

@@ -13,19 +13,13 @@ from clradar.cli.inputs import ImageInput
 from clradar.cli.outputs import provenance
 
 
-def _format(option: str, path: Path) -> Path:
-    from measurement_io.export import FORMATS
-
-    return parse.ends_in(*FORMATS)(option, path)
-
-
 def command(
     source: Path = opt.argument(
         "Volume or capture, recorded .npy frame, or radar folder.", opt.REQUIRED
     ),
     *,
     output: Path = opt.output_option(
-        "File to write; its ending decides: .vti, .ply, .mat or .npz.", opt.REQUIRED, check=_format
+        "File to write; its ending decides: .vti, .ply, .mat or .npz.", opt.REQUIRED
     ),
     depth_map: bool = opt.option("Of a volume its depth map; to .ply it is that anyway.", False),
     depth: opt.DepthMapOptions,
@@ -35,8 +29,9 @@ def command(
     grey), and either of them or a capture to .mat (MATLAB) or .npz (numpy), in metres and hertz.
     """
     from measurement_io import export_file
-    from measurement_io.export import check_export
+    from measurement_io.export import FORMATS, check_export
 
+    parse.ends_in(*FORMATS)("-o", output)
     loaded = ImageInput.open(source, frames)
     content: Any = loaded.content
     if depth_map and isinstance(content, cl.Capture):

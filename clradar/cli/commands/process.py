@@ -8,7 +8,7 @@ from secrets import token_hex
 from clradar.cli import options as opt
 from clradar.cli.comparison import figure_labels
 from clradar.cli.frames import RECORDS, Frames, FrameSteps, ProcessOptions
-from clradar.cli.outputs import begun, check_place_of_folder, provenance
+from clradar.cli.outputs import begun, check_folder, provenance
 from clradar.cli.parse import chosen_frames
 from clradar.cli.recordings import OWN_NAMES, RecordingWork
 
@@ -34,7 +34,7 @@ def command(
     """
     others = tuple(simulated or ())
     starts = None if how.fit_hand is None else opt.StartNames(how.fit_hand)
-    check_place_of_folder(output, OWN_NAMES)
+    check_folder(output, OWN_NAMES, resumed=True)
     source = Frames(recording, how.variant)
     if not source.files:
         raise opt.wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")

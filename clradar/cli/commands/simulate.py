@@ -23,7 +23,11 @@ def command(
     ),
     *,
     simulation: opt.SimulationOptions,
-    estimator: opt.EstimatorOptions,
+    estimator: opt.Estimator | None = opt.option(
+        f"{opt.ESTIMATORS} [default: physical with --material, stochastic with rays or bounces, "
+        "else expected]",
+    ),
+    seed: int = opt.option("Same seed, same device: same bits.", 0),
     radar: opt.RadarOptions,
     processes: opt.WorkerOptions,
     device: str | None = opt.DEVICE,
@@ -48,12 +52,16 @@ def command(
         opt.call.inputs["--motion"] = list(motion.files)
         opt.call.records_of(motion.files)
         simulations.check_output(output, moving, several)  # they are known only now
-    kind = scenery.estimator(estimator.estimator)
-    if kind == opt.PHYSICAL and scenery.has_alpha:
+    kind = scenery.estimator(estimator)
+    meshes = scenery.meshes or []
+    has_alpha = scenery.alpha or any(alpha is not None for _, alpha in meshes)
+    if kind == opt.PHYSICAL and has_alpha:
         warn(f"--alpha: not used by --estimator {kind}; --material has the roughness")
-    settings = simulation.settings(seed=estimator.seed, estimator=kind)
+    settings = simulation.settings(seed=seed, estimator=kind)
     scene, waveform = scenery.load() if motion is None else None, radar.waveform()
-    bodies = {} if motion is None else scenery.bodies_by_name()
+    names = [path.name for path, _ in meshes]
+    if motion is not None and len(set(names)) < len(names):
+        raise opt.wrong_usage("MESH", "expected different names of files with --motion")
     where = processes.where(device)
     opened, label = where.first, where.first.info.label
     if len(where.infos) > 1 and not (several and still):
@@ -61,6 +69,7 @@ def command(
     start_s = perf_counter()
     if motion is not None:
         alpha = scenery.default_alpha
+        bodies = dict(zip(names, scenery.bodies(), strict=True))
         scenes = motion.scene(bodies, finish=scenery.finished, alpha=alpha, device=opened)
         text = simulations.record_movement(
             output, motion, scenes, clusters, waveform, moving, settings=settings, device=opened

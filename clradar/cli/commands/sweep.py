@@ -11,7 +11,7 @@ from clradar.cli import options as opt
 from clradar.cli.comparison import write_csv
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import measurement
-from clradar.cli.outputs import begun, check_place_of_folder, write
+from clradar.cli.outputs import begun, check_folder, write
 from clradar.cli.tables import print_sweep
 from clradar.jobs import KEY, FolderStore, open_devices
 from clradar.versions import package_versions
@@ -57,7 +57,7 @@ def command(
     from calibration.roughness.sweep import check_within_grid
     from clradar.compare import depth_map_of
 
-    check_place_of_folder(output, OWN_NAMES)
+    check_folder(output, OWN_NAMES, resumed=True)
     kind = alphas if roughness.roughness_mm is None else roughness
     settings = simulation.settings(seed=alphas.seed, estimator=kind.estimator)
     devices = open_devices(device)

@@ -54,13 +54,6 @@ def _unit_of_rig(option: str, text: str) -> str | float:
     return values_mm[0]
 
 
-def _betas(option: str, text: str) -> list[float]:
-    found = parse.numbers(text)
-    if not found:
-        raise wrong_usage(option, f"expected numbers, got '{text}'")
-    return found
-
-
 @dataclass(frozen=True, kw_only=True)
 class RigOptions:
     """A rigged hand."""
@@ -81,8 +74,10 @@ class RigOptions:
     rig_hand: Literal["right", "left"] | None = rig_option(
         "Which hand the rig is. [default: as its names say, else right]"
     )
-    betas: list[float] | None = rig_option(
-        "Shape of a MANO hand, up to 10 numbers.", metavar="B,B,...", parse=_betas
+    betas: tuple[float, ...] | None = rig_option(
+        "Shape of a MANO hand, up to 10 numbers.",
+        metavar="B,B,...",
+        parse=parse.some,
     )
 
     def read_rig(self) -> Rig:

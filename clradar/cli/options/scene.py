@@ -53,11 +53,6 @@ class SamplingOptions:
     )
 
 
-def _radius_mm(name: str, value: float) -> float:
-    parse.check_unit(name, value, "a radius", PLAUSIBLE_RADIUS_M, "mm")
-    return value
-
-
 @dataclass(frozen=True, kw_only=True)
 class SimulationOptions(SamplingOptions):
     """How rays are launched, reflected and received."""
@@ -68,7 +63,7 @@ class SimulationOptions(SamplingOptions):
     reception_radius_mm: float | None = option(
         f"A ray this near to an Rx is received. [default: {1e3 * RECEPTION_RADIUS_M:g}; of random "
         "rays what suits range and frequency]",
-        check=_radius_mm,
+        check=partial(parse.check_unit, what="a radius", bounds=PLAUSIBLE_RADIUS_M, unit="mm"),
     )
     max_bounces: int = option("Reflections per path at most.", 1)
     normals: Literal["smooth", "face"] = option("Of the vertices, or the faces.", "smooth")
@@ -210,11 +205,6 @@ class SceneOptions(PlacementOptions, MaterialOptions):
         """The alpha of what has no other."""
         return (self.alpha or {}).get(None, DEFAULT_ALPHA)
 
-    @property
-    def has_alpha(self) -> bool:
-        """Whether an alpha was given."""
-        return bool(self.alpha) or any(alpha is not None for _, alpha in self.meshes or [])
-
     def load(self) -> cl.Scene:
         """All meshes as one scene."""
         return self.finished(cl.Scene.combine(self.bodies()))
@@ -229,13 +219,6 @@ class SceneOptions(PlacementOptions, MaterialOptions):
             )
             for path, alpha in self.meshes or []
         ]  # fmt: skip
-
-    def bodies_by_name(self) -> dict[str, cl.Scene]:
-        """The same by the names of their files."""
-        names = [path.name for path, _ in self.meshes or []]
-        if len(set(names)) < len(names):
-            raise wrong_usage("MESH", "expected different names of files with --motion")
-        return dict(zip(names, self.bodies(), strict=True))
 
     def finished(self, scene: cl.Scene) -> cl.Scene:
         """The scene with the alphas of named parts, and of these materials."""
@@ -263,17 +246,6 @@ class MotionOptions:
     rate_hz: float = option(
         "Frames per second, from time 0 on.", 8.0, needs="--motion", check=checks.positive
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimatorOptions:
-    """Estimator of the received field, and its random numbers."""
-
-    estimator: Estimator | None = option(
-        f"{ESTIMATORS} [default: physical with --material, stochastic with rays or bounces, else "
-        "expected]",
-    )
-    seed: int = option("Same seed, same device: same bits.", 0)
 
 
 @dataclass(frozen=True, kw_only=True)
