@@ -139,8 +139,7 @@ def figure_of(
 
     found = measurement_io.open(path)
     if isinstance(found, cl.Volume):
-        reason = nothing_to_draw(found)
-        if reason is not None:
+        if (reason := nothing_to_draw(found)) is not None:
             warn(f"{path}: not drawn, since the image is {reason}")
             return None
         return volume_figure(found, title_of(path, found.meta), plane, view=view)

@@ -73,23 +73,18 @@ class Frames:
 def _captures_by_number(folder: Path, variant: str | None) -> dict[int, Path]:
     """Without a variant raw ones, if there are any; other names count from 0."""
     files = sorted(folder.glob("*.h5"))
-    found: dict[str, dict[int, Path]] = {"raw": {}, "emptyfiltered": {}}
-    others = []
-    for path in files:
-        match = _FRAME.match(path.stem)
-        if match is None:
-            others.append(path.name)
-        else:
-            found[match[2] or "raw"][int(match[1])] = path
-    if len(others) == len(files) and variant != "emptyfiltered":
+    named = [(match, path) for path in files if (match := _FRAME.match(path.stem))]
+    if not named and variant != "emptyfiltered":
         return dict(enumerate(files))
-    chosen = found[variant or ("raw" if found["raw"] else "emptyfiltered")]
-    if not chosen:
+    raw = any(match[2] is None for match, _ in named)
+    chosen = variant or ("raw" if raw else "emptyfiltered")
+    found = {int(match[1]): path for match, path in named if (match[2] or "raw") == chosen}
+    if not found:
         there = _listed(path.name for path in files)
-        fail(folder, f"frames of the variant {variant} by their names", there)
-    if others:
+        fail(folder, f"frames of the variant {chosen} by their names", there)
+    if others := [path.name for path in files if not _FRAME.match(path.stem)]:
         warn(f"{folder}: left out, as they are not named like frames: {_listed(others)}")
-    return dict(sorted(chosen.items()))
+    return dict(sorted(found.items()))
 
 
 def _listed(items: Iterable[object]) -> str:
@@ -97,12 +92,9 @@ def _listed(items: Iterable[object]) -> str:
     return ", ".join(texts[:5]) + (", ..." if len(texts) > 5 else "")
 
 
-MAPS = "maps"
-"""Folder of depth maps, one .npz for each frame; written before the record of the frame."""
-
-RECORDS = "frames"
-"""Folder of records, one .json for each frame that is done."""
-
+# Folders with a file for each frame.
+MAPS = "maps"  # depth maps, .npz; written before the record of the frame
+RECORDS = "frames"  # .json, of frames that are done
 CAPTURES, VOLUMES = "captures", "volumes"
 
 

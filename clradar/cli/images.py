@@ -29,15 +29,11 @@ from clradar.model import ImageScale
 from clradar.model.progress import Progress
 from clradar.model.volume import plane_slabs
 
-PARTS = "parts"
-"""Folder of the images of single captures on pieces of the grid, and of the pieces of the image,
-which are there once all their parts are."""
+# Names in the folder of a begun image.
+PARTS = "parts"  # images of captures on pieces of the grid; of all, once all their parts are there
+WHOLE = "volume.h5"  # before it gets its name beside the folder
 
-WHOLE = "volume.h5"
-"""The file that is written, before it gets its name beside the folder."""
-
-Part = tuple[int, int]
-"""Numbers of a piece and of a capture."""
+Part = tuple[int, int]  # numbers of a piece and of a capture
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,17 +14,12 @@ from clradar.constants import FINEST_SPACING_M, PLAUSIBLE_HZ, PLAUSIBLE_RANGE_M
 from clradar.errors import ModelError, OutputError
 from clradar.model.plausible import implausible
 
-WHOLE_STEPS = 1e-6
-"""How far a range may be from a whole number of steps: allows for rounded decimals."""
+# Of ranges.
+WHOLE_STEPS = 1e-6  # as far may one be from a whole number of steps: allows for rounded decimals
+MOST_STEPS = 2**31  # beyond it neighbours are the same number
+DECIMALS = 9  # 3 * 0.1 is then 0.3, as where it is typed
 
-MOST_STEPS = 2**31
-"""Of a range; beyond it neighbours are the same number."""
-
-DECIMALS = 9
-"""Of a number in a range: 3 * 0.1 is then 0.3, as where it is typed."""
-
-FIT = "fit"
-"""In place of a value that is to be found."""
+FIT = "fit"  # in place of a value that is to be found
 
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
 GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
@@ -99,8 +94,7 @@ def so_many(
     return read
 
 
-FREQUENCY = ("a frequency", PLAUSIBLE_HZ, "GHz")
-"""As `check_unit` has it."""
+FREQUENCY = ("a frequency", PLAUSIBLE_HZ, "GHz")  # as `check_unit` has it
 
 some = so_many(None, "numbers")
 pair = so_many(2, "2 numbers with commas between")

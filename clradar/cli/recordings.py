@@ -27,24 +27,16 @@ if TYPE_CHECKING:
     from calibration.hand_fit.frame_fit import FrameFit
     from calibration.hand_fit.movement_figure import Picture
 
+# Names in the folder.
 RESULT, TABLE, FIGURE, MOVIE = "recording.json", "frames.csv", "time-line.png", "movie.gif"
 PICTURES = "pictures"
-
-GRID = "grid"
-"""Under which the grid is kept among the maps."""
-
-HANDS, WORK = "hand", "work"
-"""Folder of the fit of a hand, with records as of all frames, and what it is resumed by."""
-
+EMPTY = "empty.h5"  # the mean of the empty room's frames
+GRID = "grid"  # among the maps
+HANDS, WORK = "hand", "work"  # the fit of a hand, with records as of all frames; resumes by WORK
 MOVEMENT, SHEET = "movement.png", "contact-sheet.png"
-
-TRACK, NUMBERS = "track", "numbers"
-"""In the work folder: what is remembered after the last frame, and of which frames."""
+TRACK, NUMBERS = "track", "numbers"  # in WORK: what is remembered after the last frame; all frames
 
 SHEET_PIXEL_M = 2e-3
-
-EMPTY = "empty.h5"
-"""The mean of the empty room's frames."""
 
 OWN_NAMES = (
     RESULT, KEY, EMPTY, TABLE, FIGURE, MOVIE,
@@ -53,8 +45,7 @@ OWN_NAMES = (
 """Names in the folder that are its own; --force replaces no others. The result goes first, so that
 what is left is never taken for finished."""
 
-DEFAULT_STEP_S = 0.1
-"""Between the pictures of frames without time stamps."""
+DEFAULT_STEP_S = 0.1  # between the pictures of frames without time stamps
 
 MISSED = (DeviceError, OutputError, ClusterError)
 """Errors that are not of a single frame, and end the run."""

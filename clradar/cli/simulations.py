@@ -28,13 +28,10 @@ from clradar.model.progress import Progress, part_of
 if TYPE_CHECKING:
     from clradar.motion.motion_record import Motion
 
-CLUSTER_NAME = "cluster_{:03d}"
-"""Capture or recording of one cluster, counted from 1, in the folder of all."""
-
+# Names in the folder of clusters, and beside the frames of a recording.
+CLUSTER_NAME = "cluster_{:03d}"  # capture or recording of a cluster, counted from 1
 PATTERN = "cluster_*.h5"
-
-TRUTH = "truth"
-"""Folder beside the frames with what a recording was made of."""
+TRUTH = "truth"  # what a recording was made of
 
 Item = tuple[int, "cl.AntennaArray"]
 

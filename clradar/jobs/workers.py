@@ -213,18 +213,15 @@ class Terms:
     files: tuple[str, ...]
     here: str  # the client's folder: names of files may be relative to it
 
-    def breach(self) -> str | None:
-        """The condition that this process violates, or None."""
-        different = differences(json.loads(self.made_with), worker_facts(self.device))
-        if different:
-            return f"expected versions and device of the other workers: {'; '.join(different)}"
-        unseen = [file for file in self.files if not os.path.exists(file)]
-        return f"cannot see {shown(unseen[0])}; share it under this name" if unseen else None
-
 
 @lru_cache(maxsize=4)
-def _breach(terms: Terms) -> str | None:
-    return terms.breach()
+def breach(terms: Terms) -> str | None:
+    """The condition that this process violates, or None."""
+    different = differences(json.loads(terms.made_with), worker_facts(terms.device))
+    if different:
+        return f"expected versions and device of the other workers: {'; '.join(different)}"
+    unseen = [file for file in terms.files if not os.path.exists(file)]
+    return f"cannot see {shown(unseen[0])}; share it under this name" if unseen else None
 
 
 def run_item(function: Function, item: Any, terms: Terms | None) -> Outcome:
@@ -236,8 +233,8 @@ def run_item(function: Function, item: Any, terms: Terms | None) -> Outcome:
             text = str(result).removeprefix(f"device {device.info.label}: ")
             result = DeviceError(f"device {device.info.selector} {device.info.label}: {text}")
         return result, warned
-    if (breach := _breach(terms)) is not None:
-        return OutputError(f"worker on {gethostname()}: {breach}"), []
+    if (violated := breach(terms)) is not None:
+        return OutputError(f"worker on {gethostname()}: {violated}"), []
     before = os.getcwd()
     moves = before != terms.here and os.path.isdir(terms.here)
     try:

@@ -62,7 +62,7 @@ def motion_of(folder: Path, pose: opt.PoseOptions, surface: opt.SurfaceOptions) 
     """A motion file in this folder, of the embedded hand or of a rig."""
     from clradar.hand.pose_file import pose_of
 
-    hand = {"center_mm": list(pose.center_mm), **surface.motion_keys(folder)}
+    hand = {"center_mm": pose.center_mm, **surface.motion_keys(folder)}
     text = "[[hand]]\n" + toml_document(hand)
     if pose.turn_deg:
         text += f"about_mm = {list(pose.center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"

@@ -253,7 +253,7 @@ class SurfaceOptions(ShapeOptions, RigOptions):
         keys = {
             "handedness": self.handedness, "length_mm": 1e3 * shape.length_m,
             "breadth_mm": 1e3 * shape.breadth_m, "girth": shape.girth,
-            "finger_lengths": list(shape.finger_lengths),
+            "finger_lengths": shape.finger_lengths,
         }  # fmt: skip
         return keys if self.edge_mm is None else {**keys, "edge_mm": self.edge_mm}
 

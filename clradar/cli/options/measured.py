@@ -310,16 +310,6 @@ class CleaningOptions:
         return steps
 
 
-@dataclass(frozen=True, kw_only=True)
-class AverageOptions:
-    """The mean over the frames of recordings."""
-
-    average: bool = option(
-        "Take the coherent mean of all frames of each radar folder.", False, without="--frame"
-    )
-    align_phase: bool = option("First rotate frames to a common phase.", False, needs="--average")
-
-
 def open_frame(path: Path, frames: FrameOptions) -> cl.Capture:
     """The capture of a file or folder."""
     from measurement_io import open_capture
