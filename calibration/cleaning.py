@@ -25,15 +25,12 @@ def clean(
     ----------
     capture : Capture
         A frame, or the mean of several (`average_frames`).
-    empty : Capture, optional
-        The same without the object.
-    scaling : {"none", "common", "channel"}
-        Of `empty`, as in `subtract_background`.
+    empty, scaling
+        As of `subtract_background`.
     gate : mapping, optional
         Arguments of `range_gate`: `near_m` and `far_m`, `edge_m`, `clutter_db`.
-    channels : ChannelCalibration, optional
-    mask : collection of str
-        Which channels are set to zero, as in `correct`.
+    channels, mask
+        `calibration` and `mask` of `correct`.
 
     Examples
     --------

@@ -35,13 +35,12 @@ def average_frames(
     Parameters
     ----------
     captures : iterable of Capture
-        One at a time is held, besides the sums.
     align_phase : bool
-        Rotate every frame by the phase that maximises its correlation with the sum of those before
-        it, against a drift common to all channels.
-    max_loss_db : float, decibel
-        Frames agree unless echoes of any delay would be this much weaker in their mean. Of frames
-        that do not agree the largest group counts.
+        First rotate every frame by the phase that maximises its correlation with the sum of those
+        before it, against a drift common to all channels.
+    max_loss_db : float
+        Frames agree unless echoes of any delay would be this much weaker in their mean. The largest
+        group of frames that agree is averaged.
 
     Returns
     -------
@@ -126,6 +125,8 @@ class _Mean:
 def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "none") -> Capture:
     """Subtract a capture that was recorded without the object.
 
+    The noise of `empty` is added to the result: average many frames without the object.
+
     Parameters
     ----------
     capture, empty : Capture
@@ -141,10 +142,8 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
 
     Notes
     -----
-    The factors minimise ``sum_q w_q |Y_q - u_tx v_rx E_q|^2`` over the delay bins q of both. The
-    object is the disturbance here, so each bin is weighted by the inverse of its residual power,
-    averaged over the pairs, and the fit is repeated (feasible generalised least squares).
-    The noise of `empty` is added to the result: average many frames without the object.
+    The factors minimise ``sum_q w_q |Y_q - u_tx v_rx E_q|^2`` over the delay bins q, w the inverse
+    of the residual power, averaged over the pairs, in turn (feasible generalised least squares).
 
     Examples
     --------
@@ -283,17 +282,17 @@ def range_gate(
     """Remove the echoes from outside a range window.
 
     Range is half of the path length, ``(|p - tx| + |p - rx|) / 2``, the same window for every pair.
-    The direct coupling lies below half of the aperture's diagonal (0.1 m for the 14 cm imager).
+    docs/background.md has what is lost and rejected, E11 of docs/equations.md the gate.
 
     Parameters
     ----------
     capture : Capture
-    near_m, far_m : float, metres
-        Echoes from near_m to far_m are kept.
-    edge_m : float, metres, optional
-        Of the bands on either side in which echoes may be attenuated by any amount; those beyond
-        are rejected. Default: four resolution cells c / 2B, 60 mm for 10 GHz.
-    clutter_db : float, dB
+    near_m, far_m : float
+        Echoes in between are kept; far_m is below the unambiguous range c / 2 df.
+    edge_m : float, optional
+        Width of the bands on either side, beyond which echoes are rejected. Default: four
+        resolution cells c / 2B, 60 mm for 10 GHz.
+    clutter_db : float
         Power of the echoes outside relative to those inside, roughly: more rejects better, and
         distorts the window more.
 
@@ -301,14 +300,7 @@ def range_gate(
     -------
     Capture
         `meta["range_gate"]` holds the window, `passband_db`, the smallest gain of an echo in it,
-        ``|<s, G s>| / <s, s>``, and `rejection_db`, the smallest suppression of the RMS of an echo
-        beyond the transition bands.
-
-    Raises
-    ------
-    ModelError
-        A single frequency, a window beyond the unambiguous range c / 2 df, or edges that leave
-        nothing to reject.
+        and `rejection_db`, the smallest suppression of one beyond the bands.
 
     Examples
     --------

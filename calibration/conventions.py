@@ -70,24 +70,21 @@ EXPECTED_MARGIN_DB, EXPECTED_FLOOR_DB = 3.0, -20.0
 
 @dataclass(frozen=True, slots=True, order=True)
 class Hypothesis:
-    """How the convention of a file differs from that of clradar.
+    """How the convention of a file differs from that of clradar: docs/diagnose.md.
 
-    Each of the four changes is its own inverse and they commute, so applying a hypothesis twice
-    restores the capture: see `apply_convention`.
+    Each of the four changes is its own inverse, and they commute.
 
     Attributes
     ----------
     swapped : bool
-        The data is [rx, tx, freq], although its axes are called [tx, rx, freq]. The antenna
-        positions are right.
+        The data is [rx, tx, freq]; the antenna positions are right.
     conjugated : bool
         A path of length d contributes exp(+j 2 pi f d / c) instead of exp(-j 2 pi f d / c).
     reversed : bool
-        Along the frequency axis the data runs from the highest frequency to the lowest, although
-        the list of frequencies ascends.
+        The data runs from the highest frequency to the lowest, though the list of frequencies
+        ascends.
     mirrored : bool
-        The antenna positions are in a frame whose x axis points the other way: an antenna listed
-        at x is at -x.
+        An antenna listed at x is at -x.
     """
 
     swapped: bool = False
@@ -102,7 +99,7 @@ class Hypothesis:
 
     @property
     def changes(self) -> int:
-        """How many of the four differ from clradar's convention, 0 to 4."""
+        """How many of the four there are."""
         return self.swapped + self.conjugated + self.reversed + self.mirrored
 
     @property
@@ -170,7 +167,6 @@ class Score:
     peak_m : ndarray, shape (3,), metres
         Brightest voxel, x, y, z.
     image : DepthMap
-        Amplitude over x and y.
     """
 
     hypothesis: Hypothesis
@@ -186,20 +182,19 @@ class Diagnosis:
     Attributes
     ----------
     scores : tuple of Score
-        In the order of `HYPOTHESES`; of swapped axes where there are as many Tx as Rx. None without
-        an echo.
+        In the order of `HYPOTHESES`, swapped axes only with as many Tx as Rx; empty without an
+        echo.
     candidates : tuple of Hypothesis
-        Those that remain, the one with the fewest changes first. They are mirrored where a known
-        target says so; without one the image and its mirror image are as good.
+        Those within `margin_db` of the sharpest, fewest changes first; mirrored where a known
+        target says so.
     best : Hypothesis or None
-        The first candidate. None if undecidable: no echo, or candidates remain that differ in the
-        sign of the phase or the order of frequencies.
+        The first candidate. None if undecidable: no echo, or candidates that differ in the sign of
+        the phase or the order of frequencies.
     mirror_known : bool
         Whether a known target decided between the image and its mirror image.
     recommendation : str
         What to change, in words.
     margin_db : float
-        Hypotheses within this of the sharpest remain.
     """
 
     scores: tuple[Score, ...]
@@ -245,26 +240,23 @@ def diagnose(
 ) -> Diagnosis:
     """Find out in which of eight conventions a capture was written.
 
+    docs/diagnose.md has what is observable, and how it is judged.
+
     Parameters
     ----------
     capture : Capture
         Antenna positions and frequencies are right, except for the changes of a `Hypothesis`.
     grid : VoxelGrid, optional
-        Voxels to image, coarse: eight images are formed, from a subset of the antennas if that is
-        too much work (`MOST_TERMS`). Default: around the strongest echo beyond the direct coupling,
-        in the nearer half of the range that the waveform tells apart.
-    expected_m : three floats, metres, optional
-        Rough position of a known target, x, y, z, within some 20 mm: it distinguishes an image from
-        its mirror image, which is as sharp.
-    device : Device, str or None
-        See `clradar.open_device`.
-    progress : callable, optional
-        Called with (done, total) images.
+        Coarse: eight images are formed, where that is too much work from a subset of the antennas.
+        Default: around the strongest echo beyond the direct coupling; fewer than 8 frequencies need
+        a grid.
+    expected_m : three floats, optional
+        Position of a known target, x, y, z, within some 20 mm: it distinguishes an image from its
+        mirror image, which is as sharp.
 
-    Raises
-    ------
-    ModelError
-        No grid, and a waveform whose range profile cannot find the scene.
+    Returns
+    -------
+    Diagnosis
 
     Examples
     --------

@@ -13,7 +13,7 @@ from clradar.imaging.frame_imager import FrameImager
 from clradar.model import AntennaArray, Capture, Scene, TraceStatistics, Waveform, checks
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, open_device
-from clradar.phasors.phasor_sum import PhasorSum, sum_bytes_of_pair
+from clradar.phasors.phasor_sum import PhasorSum, pairs_within
 from clradar.phasors.physical import physical_samples
 from clradar.tracing.ambiguous import warn_of_ambiguity
 from clradar.tracing.expected import ExpectedTracer
@@ -185,8 +185,8 @@ def simulate_image(
 
 def _blocks_of_tx(array: AntennaArray, waveform: Waveform, device: Device) -> list[slice]:
     """Tx whose sums are held at the same time."""
-    room = min(SUM_BYTES, int(SUM_SHARE * device.budget_bytes))
-    most = max(1, room // (array.n_rx * sum_bytes_of_pair(waveform)))
+    room = min(SUM_BYTES, SUM_SHARE * device.budget_bytes)
+    most = max(1, pairs_within(room, waveform, device) // array.n_rx)
     starts = range(0, array.n_tx, most)
     return [slice(start, min(start + most, array.n_tx)) for start in starts]
 
@@ -286,8 +286,8 @@ def _in_batches(
     progress: Progress | None,
 ) -> Iterator[tuple[Capture, ...]]:
     n_regions = 1 if region is None else int(region.max()) + 1
-    room = device.budget_bytes // (64 * array.n_tx * array.n_rx * waveform.n_freq)
-    at_once = max(1, min(SUMS_AT_ONCE, int(room)) // n_regions)  # in a quarter of the memory
+    room = pairs_within(0.25 * device.budget_bytes, waveform, device)
+    at_once = max(1, min(SUMS_AT_ONCE, room // (array.n_tx * array.n_rx)) // n_regions)
     for start in range(0, len(scenes), at_once):
         batch = scenes[start : start + at_once]
         share = part_of(progress, start / len(scenes), (start + len(batch)) / len(scenes))

@@ -37,12 +37,10 @@ source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 default_role = "py:obj"
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-# "Attributes" become fields of their class: descriptions of their own would be given twice.
-napoleon_use_ivar = True
-# One entry for parameters that are described together.
+# One entry for parameters or attributes that are described together.
 napoleon_use_param = False
 napoleon_use_rtype = False
-napoleon_custom_sections = [("Warns", "params_style")]
+napoleon_custom_sections = [("Attributes", "params_style"), ("Warns", "params_style")]
 
 public_packages = (HERE / "api" / "index.md").read_text().split("```")[1].split()[3:]
 for package in map(import_module, public_packages):

@@ -31,15 +31,15 @@ makes two intervals of one."""
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Outcome of a verification.
+    """Outcome of a verification; `ok` without problems.
 
     Attributes
     ----------
     path : str
     checked : tuple of str
-        What was verified and found right.
+        What was found right.
     problems : tuple of str
-        What is wrong; empty if all is well.
+        What is wrong.
     """
 
     path: str
@@ -60,31 +60,19 @@ class CheckReport:
 def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None) -> CheckReport:
     """Verify a native file, a recorded frame or a recording; all of its data is read.
 
-    Of a native file: format and version, types and shapes, checksums of every dataset, finite
-    values, axes against the grid. Of a recording: every frame of both variants, all with the same
-    frequencies, numbering, time stamps, cached products, `calibration.json`, `alignment.json`,
-    `metadata.json`.
-
-    Parameters
-    ----------
-    path : path-like
-    progress : callable, optional
-        Called with (frames done, frames) of a recording.
-
-    Returns
-    -------
-    CheckReport
-        A file that cannot be opened is a problem in the report and raises nothing.
+    Of a native file: format, version, types, shapes, checksums, finite values, axes against the
+    grid. Of a recording: every frame of both variants, all with the same frequencies, numbering,
+    time stamps, cached products and the JSON files. What cannot be opened is a problem in the
+    report and raises nothing.
 
     Examples
     --------
-    >>> from measurement_io import check_file, save_capture
-    >>> save_capture("capture.h5", capture)
-    >>> check_file("capture.h5").ok
+    >>> measurement_io.save_capture("capture.h5", capture)
+    >>> measurement_io.check_file("capture.h5").ok
     True
     >>> with open("capture.h5", "r+b") as file:
     ...     _ = file.truncate(5000)
-    >>> report = check_file("capture.h5")
+    >>> report = measurement_io.check_file("capture.h5")
     >>> report.ok, len(report.problems)
     (False, 1)
     """

@@ -54,9 +54,8 @@ def describe(path: str | os.PathLike[str]) -> Description:
 
     Examples
     --------
-    >>> from measurement_io import describe, save_capture
-    >>> save_capture("capture.h5", capture)
-    >>> print(describe("capture.h5").words["array"])
+    >>> measurement_io.save_capture("capture.h5", capture)
+    >>> print(measurement_io.describe("capture.h5").words["array"])
     lab: 2 Tx, 1 Rx
     """
     source = Path(path)

@@ -38,9 +38,8 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
     Parameters
     ----------
     path : path-like
-        The ending of the name decides: .vti (ParaView, VTK) holds a volume, .ply (MeshLab, Blender,
-        trimesh) a depth map; .mat (MATLAB v5) and .npz (numpy) hold anything. docs/files.md has
-        what is in each. Its folder has to exist.
+        The ending of the name decides: .vti holds a volume, .ply a depth map, .mat (MATLAB v5) and
+        .npz anything. docs/files.md has what is in each.
     record : Capture, Volume or DepthMap
         Antenna patterns and the scale of a volume are left out.
     force : bool
@@ -48,10 +47,8 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
 
     Examples
     --------
-    >>> from measurement_io import export_file
     >>> grid = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (3, 2, 4))
-    >>> volume = clradar.Volume(np.ones(grid.shape), grid)
-    >>> export_file("volume.npz", volume)
+    >>> measurement_io.export_file("volume.npz", clradar.Volume(np.ones(grid.shape), grid))
     >>> with np.load("volume.npz") as file:
     ...     file["data"].shape, file["z_m"].tolist()
     ((4, 2, 3), [0.3, 0.301, 0.302, 0.303])

@@ -40,29 +40,27 @@ def open_capture(
     Parameters
     ----------
     path : path-like
-        A native HDF5 file, a recorded `.npy` frame, a `radar_<low>_<high>_<points>` folder, or the
-        `<object>/<distance>` folder that holds one; with `layout`, the file of another program.
+        A native HDF5 file, a recorded `.npy` frame, the folder of a recording as for
+        `open_recording`, or with `layout` the file of another program.
     frame : int, optional
-        Which frame of a folder, or of a file whose layout has a frame axis; 0 if not given.
+        Of a folder, or of a file whose layout has a frame axis; 0 if not given.
     variant : {"raw", "emptyfiltered"}, optional
-        Which variant of a folder's frame; "raw" if not given.
-    rx_file, tx_file : path-like, optional
-        Antenna positions of a recorded frame; those of `clradar.arrays.qar50()` if not given.
+        Of a folder's frame; "raw" if not given.
+    rx_file, tx_file
+        Of a recorded frame, as for `open_recording`.
     layout : path-like or Layout, optional
-        A TOML file with the keys, axes and units of `path` (docs/layouts.md), see
-        `open_with_layout`. Needed for what is neither a native file nor a recorded frame.
+        As for `open_with_layout`.
 
     Returns
     -------
     Capture
-        data[tx, rx, freq], complex64. `meta` of a recorded frame has `source`, `format` ("maroon"),
-        `frame`, `variant`, `timestamp_us`, and the numbers and strings that the file adds.
+        `meta` of a recorded frame has `source`, `format` ("maroon"), `frame`, `variant`,
+        `timestamp_us`, and the numbers and strings that the file adds.
 
     Examples
     --------
-    >>> from measurement_io import open_capture, save_capture
-    >>> save_capture("capture.h5", capture)
-    >>> read = open_capture("capture.h5")
+    >>> measurement_io.save_capture("capture.h5", capture)
+    >>> read = measurement_io.open_capture("capture.h5")
     >>> step_rad = np.angle(read.data[0, 0, 0] / read.data[0, 0, 1])  # 2 pi d / c * 1 GHz, wrapped
     >>> round(0.299792458 * (2 + float(step_rad) / (2 * np.pi)), 3)  # metres, two whole cycles
     0.6
@@ -130,7 +128,6 @@ def open(path: str | os.PathLike[str]) -> Capture | Volume | ChannelCalibration 
 
     Examples
     --------
-    >>> import measurement_io
     >>> measurement_io.save_capture("capture.h5", capture)
     >>> measurement_io.open("capture.h5").data.shape
     (2, 1, 3)

@@ -35,11 +35,11 @@ class Fact:
     Attributes
     ----------
     name : str
-        Name, such as "array".
+        Such as "array".
     words : str
         Text of one or several lines.
     value : JSON value
-        The same as numbers, strings, lists and mappings, in SI units; None for "none".
+        The same in SI units; None for "none".
     """
 
     name: str
@@ -58,7 +58,7 @@ class Description:
         "native capture", "native volume", "native channels", "recorded frame" or "recording".
     facts : tuple of Fact
     problems : tuple of str
-        What contradicts itself or cannot be read; empty for a file that is well.
+        What contradicts itself or cannot be read.
     missing : tuple of str
         What a recording could have and has not, which is no fault.
     template : str
@@ -83,7 +83,7 @@ class Description:
         return {fact.name.replace(" ", "_"): fact.value for fact in self.facts}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it as strict JSON: a number that is not finite becomes a string."""
+        """All of it as strict JSON; a number that is not finite becomes a string."""
         return {
             "path": self.path,
             "kind": self.kind,

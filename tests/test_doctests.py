@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from nightly import nightly
 
-import calibration
 import clradar
 from clradar.errors import ClradarError
 from clradar.hand import HandPose, posed_skeleton
@@ -89,7 +88,8 @@ def namespace() -> dict[str, Any]:
     data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     qar50, three = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])
     frames = [clradar.Capture((i + 1) * data, qar50, three) for i in range(3)]
-    packages = {"np": np, "clradar": clradar, "calibration": calibration}
+    names = ("clradar", "calibration", "measurement_io")
+    packages = {name: importlib.import_module(name) for name in names} | {"np": np}
     return {**packages, "frames": frames, "capture": capture, "channels": channels, "rig": rig}
 
 

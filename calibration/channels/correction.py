@@ -20,14 +20,13 @@ def correct(
     """Divide a capture by the responses of its channels.
 
     a s[tx, rx, n] / (h_tx(f_n) h_rx(f_n)), and 0 for every pair with a masked channel. a is 1 over
-    the fraction of pairs that remain, so that a point is as bright as with all pairs in an image,
-    which divides by their total number.
+    the fraction of pairs that remain: a point is as bright in an image as with all pairs.
 
     Parameters
     ----------
     capture : Capture
     calibration : ChannelCalibration
-        Of the same array and waveform.
+        Of the same array (to 1 µm) and waveform, else a `CalibrationError`.
     mask : collection of "dead", "noisy"
         Channels whose pairs are set to 0. Dead ones have to be: they have no gain.
 
@@ -37,22 +36,14 @@ def correct(
         `meta["channels"]` has the masked channels, `live_share`, the fraction of pairs that remain,
         and `factor`, the a above.
 
-    Raises
-    ------
-    CalibrationError
-        Another array or another waveform; the message names the difference.
-
     Examples
     --------
-    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
-    >>> plate = calibration.FlatPlate(0.3)
-    >>> echo = calibration.response(plate, array, waveform := clradar.Waveform.sfcw(72e9, 82e9, 16))
-    >>> echo[3] *= 2j
-    >>> capture = clradar.Capture(echo, array, waveform)
-    >>> channels = calibration.estimate_channels(capture, plate, refine_position=False)
+    The second Tx of `channels` is 90 degrees ahead:
+
     >>> corrected = calibration.correct(capture, channels)
-    >>> [round(float(abs(c.data[3] / c.data[0]).mean()), 3) for c in (capture, corrected)]
-    [2.0, 1.0]
+    >>> ratio = corrected.data[1, 0] / corrected.data[0, 0]
+    >>> round(float(np.degrees(np.angle(ratio[1]))))
+    -90
     """
     checks.instance("correct: capture", capture, Capture)
     checks.instance("correct: calibration", calibration, ChannelCalibration)

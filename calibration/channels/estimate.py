@@ -77,8 +77,7 @@ def estimate_channels(
 ) -> ChannelCalibration:
     """Estimate gain and delay of every channel, and the pose of the target.
 
-    A phase or a delay that is the sum of a Tx term and an Rx term may belong to the channels or to
-    the path: docs/channel-calibration.md.
+    docs/channel-calibration.md has the model, what cannot be determined, and the set-up.
 
     Parameters
     ----------
@@ -88,40 +87,34 @@ def estimate_channels(
         In its nominal pose.
     refine_position : bool
         Estimate the pose (position, or a plate's distance and tilt), too; it is fixed otherwise.
-    position_tolerance_m : float, metres
-        Standard deviation of the nominal position, per axis. The estimate may be up to three times
-        as far off.
-    tilt_tolerance_deg : float, degrees
-        The same of a plate's tilt.
-    max_delay_s : float, seconds
+    position_tolerance_m, tilt_tolerance_deg : float
+        Standard deviation of the nominal position, per axis, and of a plate's tilt. The estimate
+        may be up to three times as far off.
+    max_delay_s : float
         Largest delay of a pair of channels in the search.
     common_delay : "zero" or "free"
         Whether delays scatter about zero or about an unknown common delay. With "free" the range of
         a corner reflector stays nominal.
-    gate_m : float, metres, optional
+    gate_m : float, optional
         Use only echoes whose range is at most this far from the target's: more than the tolerance
         and the delays.
-    dead_db, noisy_db : float, decibel
+    dead_db, noisy_db : float
         A channel is dead with this much less gain than the median of its side, or an echo below
         five standard deviations of its noise; noisy with this much more noise than the median.
-    max_residual_db : float, decibel
+    max_residual_db : float
         Largest residual energy relative to the echoes', summed over the frequencies of each pair.
-    progress : callable, optional
-        Called with (done, total) before every step of the fit, and at its end with the total.
 
     Returns
     -------
     ChannelCalibration
-        Gains have a mean of 0 dB over the live channels of either side, so that a correction keeps
-        the level; the first live Tx has phase 0; the delays of Tx and Rx have equal means.
-        `meta["outlying_pairs"]` is the share of pairs whose echo differs from that of the model:
-        they have nearly no weight.
+        Gains have a mean of 0 dB over the live channels of either side, the first live Tx phase 0,
+        the delays of Tx and Rx equal means. `meta["outlying_pairs"]` is the share of pairs with
+        another echo than the model's, which have nearly no weight.
 
     Raises
     ------
     CalibrationError
-        The target does not explain the capture: wrong target, wrong pose, pure noise, too few live
-        channels, or a fit that does not converge.
+        The target does not explain the capture, or too few channels are live.
 
     Examples
     --------

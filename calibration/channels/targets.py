@@ -62,20 +62,13 @@ class _AtPosition:
 class CornerReflector(_AtPosition):
     """A trihedral corner reflector, or a point target: all paths lead via its apex.
 
-    Three reflections return a ray as if from the apex, with path length
-    ``|tx - p| + |p - rx|``: exactly for monostatic antennas, and for Tx and Rx closer together than
-    the opening.
+    The path length is ``|tx - p| + |p - rx|``: exact for monostatic antennas, and for Tx and Rx
+    closer together than the opening.
 
     Parameters
     ----------
-    position_m : array_like, shape (3,), metres
-        The apex (phase centre), antenna frame.
-
-    Examples
-    --------
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.4, 0, 0]])
-    >>> calibration.CornerReflector([0, 0, 0.3]).echo(array).length_m.round(3).tolist()
-    [[0.8]]
+    position_m : array_like, shape (3,)
+        The apex, antenna frame.
     """
 
     kind: ClassVar[str] = "corner"
@@ -92,27 +85,16 @@ class CornerReflector(_AtPosition):
 class Sphere(_AtPosition):
     """A sphere: one specular path per pair by the law of reflection (Alhazen's problem).
 
-    The point of reflection lies in the plane of centre, Tx and Rx. With a and b the distances of
-    the two from the centre, g the angle between them there and t the angle from Tx to the point::
+    With a and b the distances of Tx and Rx from the centre, g the angle between them there and t
+    that from Tx to the point of reflection, the path length is the minimum over t in [0, g] of::
 
         L(t) = sqrt(a^2 + r^2 - 2 a r cos t) + sqrt(b^2 + r^2 - 2 b r cos(g - t))
 
-    It is convex where the point faces both antennas; the path length is its minimum (Fermat's
-    principle), found as the root of L'(t) between 0 and g.
-
     Parameters
     ----------
-    position_m : array_like, shape (3,), metres
+    position_m : array_like, shape (3,)
         The centre, antenna frame.
-    radius_m : float, metres
-
-    Examples
-    --------
-    A monostatic echo comes from the point of the sphere nearest to the antenna:
-
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
-    >>> calibration.Sphere([0, 0, 0.35], 0.05).echo(array).length_m.round(3).tolist()
-    [[0.6]]
+    radius_m : float
     """
 
     kind: ClassVar[str] = "sphere"
@@ -155,21 +137,13 @@ class FlatPlate:
 
     Parameters
     ----------
-    distance_m : float, metres
+    distance_m : float
         Along z, from the origin to the plate.
-    tilt_x_deg, tilt_y_deg : float, degrees
-        Positive where the plate is farther away towards +x, +y.
-    size_m : (float, float), metres, optional
-        Width (along x) and height of the plate, with its middle at x = y = 0. A pair whose point of
-        reflection is not on it has no echo. None for a plate large enough for all pairs.
-
-    Examples
-    --------
-    The path length is the distance from the image of the Tx at z = 0.6 m:
-
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.8, 0, 0]])
-    >>> calibration.FlatPlate(0.3).echo(array).length_m.round(3).tolist()
-    [[1.0]]
+    tilt_x_deg, tilt_y_deg : float
+        Positive where the plate is farther away towards +x, +y; up to 60 degrees.
+    size_m : (float, float), optional
+        Width (along x) and height, with the middle at x = y = 0. A pair whose point of reflection
+        is not on the plate has no echo. None: large enough for all pairs.
     """
 
     kind: ClassVar[str] = "plate"

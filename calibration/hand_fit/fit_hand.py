@@ -75,46 +75,40 @@ def fit_hand(
 ) -> HandFit:
     """Fit joint angles, shape, place, brightness and alpha of a hand to its measurement.
 
+    docs/hand-fit-method.md has the equations and their sources. Every remark of the result is a
+    warning.
+
     Parameters
     ----------
     measured : Capture, Volume or DepthMap
-        In the antenna frame, on evenly spaced pixels. A capture is imaged first, on the grid of
+        In the antenna frame, on evenly spaced pixels. A capture is imaged on the grid of
         `clradar.place_grid`.
-    pose : str, Path, HandPose, HandFit, Start, or several of them
-        Where the fit starts, and the mean of its prior: a name in `clradar.hand.POSES`, "all" for
-        all letters, a pose file, a pose, or an earlier fit, which brings its shape, its place and
-        which hand it is, too (also as the folder that `clradar fit-hand` wrote). Several starts are
-        fitted coarsely, and the best three to the end; the best is returned, and the others are
-        among its `basins`.
+    pose : str, Path, HandPose, HandFit, or several of them
+        Start, and mean of the prior: a name in `clradar.hand.POSES`, "all" letters, a pose file, a
+        pose, or an earlier fit (also its folder), which brings shape, place and side. Several are
+        fitted coarsely, the best three to the end; the others are among the `basins` of the best.
     rig : Rig, optional
-        Fit this hand (`clradar.rigs.read_rig`) instead of the one of `clradar.hand`.
+        Fit this hand instead of that of `clradar.hand`.
     handedness : "right", "left" or "either"
-        Which hand it is; "either" tries both. A rig is one hand already.
+        Of a rig its own.
     shape : HandShape, optional
-        Size and proportions, where they are known; not of a rig. None: those of an average adult,
-        whose spread among adults is part of the standard deviations.
+        Where it is known; not of a rig. None: that of an average adult, with the spread among
+        adults in the standard deviations.
     fit_shape : bool
-        Fit them, too.
+        Fit the shape, too.
     alpha : float, optional
-        Of the simulations, 0 specular to 1 diffuse. None: estimated where the loop is closed.
+        Of the simulations. None: estimated in the closed loop.
     closed_loop : bool
-        Simulate the hand that was found, and correct half of what the fit to the simulation is off,
-        where the simulation does not overlap less with the measurement then.
-    angle_std_deg : float, degrees
+        Correct the fit by the errors of fits to simulations of it.
+    angle_std_deg : float
         Standard deviation of the prior, of flexion and of the thumb's angles; that of abduction is
         7/12, that of the palm's arch 5/12 of it.
-    array : AntennaArray, optional
-    waveform : Waveform, optional
-        Of the measurement. Default: those of a capture; else the 94 x 94 imager and 72 to 82 GHz in
-        128 steps.
-    search_deg : float, degrees
-        Largest rotation about boresight of the search for the place of the hand.
+    array, waveform : AntennaArray and Waveform, optional
+        As for `align_mesh`; default: those of a capture.
+    search_deg
+        As for `align_mesh`.
     seed : int
         Of all that is drawn.
-    device : Device, str or None
-        See `clradar.open_device`.
-    progress : callable, optional
-        Called with (done, total), from 0 to the total once, over search, descent and simulations.
 
     Returns
     -------
@@ -123,32 +117,7 @@ def fit_hand(
     Raises
     ------
     CompareError
-        "could not fit the hand, because ...": nothing or too little is seen, the rendering of the
-        fit and the image correlate by less than 0.6, or the fit, simulated, overlaps with the
-        measurement by less than 0.65: it is no hand, the other one, or in another pose.
-    ModelError
-        An unknown pose, or an argument out of its range.
-    MeasurementError
-        A pose file or an earlier fit that cannot be read.
-
-    Warns
-    -----
-    ClradarWarning
-        Every remark of the result (`HandFit.remarks`).
-
-    Notes
-    -----
-    The rendering of the hand, its expected power and range in every pixel with the skin moving with
-    its bones [1]_, is fitted by Fisher scoring on the likelihood of speckle [2]_ with a correlated
-    prior about the start. With the closed loop the fit F is corrected by simulations of the hand S
-    and the fits G to these, ``S <- F - mean(G - S) / 2``. docs/hand-fit.md has the equations, what
-    is determined and what is not, what is refused, and how exact it is.
-
-    References
-    ----------
-    .. [1] A. Tagliasacchi et al., "Robust articulated-ICP for real-time hand tracking", Computer
-       Graphics Forum 34(5), 2015.
-    .. [2] J. W. Goodman, "Speckle Phenomena in Optics", 2007.
+        No hand, the other hand or another pose: docs/hand-fit.md has the limits.
 
     Examples
     --------

@@ -66,55 +66,40 @@ def fit_hands(
 ) -> Iterator[tuple[FrameFit, Track | None]]:
     """Fit a moving hand to the frames of a recording, each from the one before.
 
-    The first frame is searched for from the starting poses, as `fit_hand` does. Each following one
-    starts where angles, place and their velocities predict it. A frame whose misfit is large, or
-    whose tips moved too fast, is searched for again; the search's pose is taken if it fits clearly
-    better.
+    The first frame is searched for from the starting poses, the others start where angles, place
+    and velocities predict them. A frame whose misfit is large, or whose tips moved too fast, is
+    searched for again. No simulations are run. docs/hand-movement.md has limits and accuracy.
 
     Parameters
     ----------
     recording : sequence of Capture, Volume or DepthMap
-        A recording of `measurement_io.open_recording`, or any other sequence. Frames are read one
-        by one. Depth maps have no time: the sequence may tell it by `time_us(index)`.
-    pose : str, Path, HandPose, HandFit, Start, or several of them
+        Read one by one. Depth maps have no time: the sequence may have `time_us(index)`.
+    pose : str, Path, HandPose, HandFit, or several of them
         Where searches start, as for `fit_hand`. For lost tracks give the poses that occur.
     frames : sequence of int, optional
-        Numbers of the frames, ascending; all by default. They are the recording's own, else
-        those of the sequence.
-    rig, handedness, shape, array, waveform, search_deg, seed, device
-        As for `fit_hand`.
+        Ascending numbers, the recording's own if it has them; all by default.
     fit_shape : bool
-        Fit the shape, too: what the frames tell of it adds up. Not of a rig.
-    angle_std_deg : float, degrees
-        As for `fit_hand`: of the prior about starting poses.
+        Fit the shape to all frames; not of a rig.
+    rig, handedness, shape, angle_std_deg, array, waveform, search_deg, seed
+        As for `fit_hand`.
     after : Track, optional
-        Continue after the frame of this track, as if the frames before had been fitted here.
-    progress : callable, optional
-        Called with (done, total) frames.
+        Continue after the frame of this track.
 
     Yields
     ------
     frame : FrameFit
+        Without a state where no hand was found or the frame cannot be read.
     track : Track or None
-        What is remembered after the frame; None as long as no hand was found.
+        What is remembered after the frame; None before any hand is found.
 
     Raises
     ------
     CompareError
-        No hand in any of the frames, by the reason of the first one. Single frames without a hand,
-        and those that cannot be read, are `FrameFit` without a state.
-    ModelError
-        An invalid argument, or a frame that the recording does not have.
-
-    Notes
-    -----
-    Angles, shape and angular velocities are filtered by Kalman's equations; the measurement update
-    is the fit of the frame with the prediction as its prior. No closed loop of simulations is run.
-    docs/hand-movement.md has the equations and how exact it is.
+        No hand in any of the frames.
 
     Examples
     --------
-    Frames of a recording, and where nothing is seen:
+    Where nothing is seen:
 
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
     >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)

@@ -27,36 +27,24 @@ class FrameFit:
     ----------
     frame : int
         Its number in the recording.
-    time_s : float, seconds
-        Since the first frame.
+    time_s : float
+        By its time stamp; without one, frames are 1/8 s apart.
     how : "searched", "followed" or "nothing found"
-        From starting poses, or from the frame before.
     start : str
         The starting pose, or "frame 3".
     notes : tuple of str
-        Why a frame was searched anew, or has no hand; one clause each.
-    handedness : "right" or "left"
+        Why it was searched anew, or has no hand.
     state : HandState or None
-        Pose, shape and place; None where no hand was found.
-    joints_m, joint_std_m : ndarray, shape (25, 3) and (25,), metres
+        Its `pose`, `shape` and `transform`; None where no hand was found.
+    handedness, joints_m, joint_std_m, angle_std_rad
         As of `HandFit`; NaN without a hand.
-    angle_std_rad : ndarray, shape (23,), radians
-        As of `HandFit`.
     shape_std : ndarray, shape (8,)
-        Of the logarithms of the shape's factors, `SHAPE_NAMES`; 0 where it is not fitted.
+        Of the logarithms of length, breadth, the digits' lengths and girth; 0 where not fitted.
     untold : tuple of str
-        Angles that this frame does not tell: they keep what the frames before say.
-    misfit : float
-        Robust deviance of the measured image, in units of a log likelihood.
-    misfit_per_cell : float
-        The same for each resolution cell that holds the measured or the fitted hand.
-
-    Examples
-    --------
-    >>> from calibration import FrameFit
-    >>> dark = FrameFit.nothing(3, 0.375, ("nothing is seen",), "right")
-    >>> dark.to_dict()["how"], dark.state
-    ('nothing found', None)
+        Angles that this frame does not determine: they keep what the frames before say.
+    misfit, misfit_per_cell : float
+        Robust deviance of the image, as a log likelihood; the same for each resolution cell with
+        the measured or the fitted hand.
     """
 
     frame: int
@@ -76,12 +64,12 @@ class FrameFit:
 
     @property
     def tips_m(self) -> np.ndarray:
-        """Tips of thumb, index, middle, ring and little finger, shape (5, 3), metres."""
+        """Tips of the digits, shape (5, 3)."""
         return self.joints_m[list(TIPS)]
 
     @property
     def tip_std_m(self) -> np.ndarray:
-        """Standard deviation of the tips, shape (5,), metres, as `joint_std_m`."""
+        """`joint_std_m` of the tips, shape (5,)."""
         return self.joint_std_m[list(TIPS)]
 
     def to_dict(self) -> dict[str, Any]:
@@ -115,13 +103,7 @@ class FrameFit:
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any], path: Path) -> FrameFit:
-        """The frame of a record of `to_dict`; `path` is what errors name.
-
-        Raises
-        ------
-        MeasurementError
-            A key is missing, or has a value of another type.
-        """
+        """The frame of a record of `to_dict`; `path` is what errors name."""
         with reading(path, "the record of a fitted frame"):
             about = (record["how"], record["start"], tuple(record["notes"]), record["handedness"])
             if "pose" not in record:
@@ -150,7 +132,7 @@ class FrameFit:
     def nothing(
         cls, frame: int, time_s: float, notes: tuple[str, ...], handedness: str
     ) -> FrameFit:
-        """A frame in which no hand was found; `notes` say why."""
+        """A frame in which no hand was found."""
         n = len(JOINT_NAMES)
         return cls(
             frame, time_s, NOTHING, "", notes, handedness, None, np.full((n, 3), np.nan),

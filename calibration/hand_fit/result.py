@@ -48,24 +48,11 @@ class Basin:
     Attributes
     ----------
     start : str
-        Name of the starting pose that led there.
-    pose : HandPose
-    transform : ndarray, shape (4, 4), metres
-    joints_m : ndarray, shape (25, 3), metres
-        In the antenna frame.
+        The starting pose that led there.
+    pose, transform, joints_m, handedness
+        As of `HandFit`.
     deviance : float
-        Robust deviance per resolution cell plus that of the prior, on freshly drawn surfaces;
-        smaller is better, and a difference of 2 is noise.
-    handedness : "right" or "left"
-
-    Examples
-    --------
-    >>> from clradar.hand import pose_by_name
-    >>> pose, place, joints_m = pose_by_name("S"), np.eye(4), np.zeros((25, 3))
-    >>> one = calibration.Basin("S", pose, place, joints_m, 2310.5, "right")
-    >>> other = calibration.Basin("A", pose, place, joints_m, 2288.0, "right")
-    >>> min(one, other, key=lambda basin: basin.deviance).start
-    'A'
+        Robust deviance per resolution cell plus that of the prior; a difference of 2 is noise.
     """
 
     start: str
@@ -78,73 +65,48 @@ class Basin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandFit:
-    """A hand fitted to a measurement.
+    """A hand fitted to a measurement, in the antenna frame.
+
+    Joints come in the order of `clradar.hand.JOINT_NAMES`, tips from thumb to little finger, angles
+    as in `to_dict`.
 
     Attributes
     ----------
     pose : HandPose
-        The fitted angles; those of the wrist and the twists are those of the start.
+        Wrist and twists are those of the start.
     shape : HandShape or None
-        None: a rig has its own.
+        None of a rig.
     handedness : "right" or "left"
     transform : ndarray, shape (4, 4), metres
-        Rigid motion from the frame of the hand (`clradar.hand.posed_skeleton`; a left hand is its
-        mirror image in x) to the antenna frame.
-    scene : Scene
-        The mesh, placed, with its parts and texture and the alpha found.
-    joints_m : ndarray, shape (25, 3), metres
-        Joint centres in the antenna frame, NaN where a rig has none.
-    joint_covariance_m2 : ndarray, shape (25, 3, 3), square metres
-        Of each along x, y and z, with the spread over the `basins` by their likelihood.
-    angle_std_rad : ndarray, shape (23,), radians
-        Standard deviation of the angles of `FITTED_ANGLES`, of prior and measurement together.
+        Rigid motion from the frame of `clradar.hand.posed_skeleton`; a left hand is its mirror
+        image in x.
+    scene, started : Scene
+        The placed mesh with the alpha found; that of the starting pose, moved rigidly.
+    joints_m : ndarray, shape (25, 3)
+        NaN where a rig has no such joint.
+    joint_covariance_m2, angle_std_rad : ndarray, shape (25, 3, 3) and (23,)
+        Of prior and measurement together, with the spread over the `basins` by their likelihood.
     untold : tuple of str
-        Angles that the measurement does not tell, such as "index-finger-phalanx-distal flexion":
-        they keep the value of the prior.
+        Angles that the measurement does not determine: they keep the value of the prior.
     alpha : float or None
-        None where it was not estimated.
+        None where it was neither given nor estimated.
     log_brightness : ndarray, shape (7,)
-        Natural logarithm of the brightness at the angles of incidence of the rendering.
-    deviance : float
-        As in `Basin`.
+        Natural logarithm, at angles of incidence from 0 to 70 degrees.
+    deviance, start
+        As of `Basin`.
     basins : tuple of Basin
-        Other poses that were found, the best first, this one included.
-    start : str
-        Name of the starting pose.
-    likeness, overlap : float and float or None
-        Correlation of rendering and measurement in decibels; overlap of the last simulation.
-    capture, volume : Capture and Volume, optional
-        The last simulation of the closed loop, on the grid of the measured volume.
-    started : Scene
-        The mesh in the starting pose, moved rigidly onto the measurement: the picture before.
+        Poses in which the fit came to rest, this one first.
+    likeness : float
+        Correlation of rendering and measurement in decibels.
+    capture, volume : Capture and Volume, or None
+        The last simulation of the closed loop.
+    overlap : float or None
+        Of that simulation with the measurement (docs/metrics.md).
     converged : bool
     covariance : ndarray, shape (n, n)
-        Of `parameter_names`, radians, metres and natural logarithms of factors.
-    parameter_names : tuple of str
+        Of `parameter_names`, in radians, metres and natural logarithms of factors.
     notes : tuple of str
-        Reasons to doubt the result that the fit found on its way; `remarks` has all.
-
-    Examples
-    --------
-    What `calibration.fit_hand` returns, here made up:
-
-    >>> from clradar.hand import HandShape, hand_mesh, pose_by_name
-    >>> hand = hand_mesh("L", edge_length_m=4e-3)
-    >>> scene = clradar.Scene.from_mesh(hand, alpha=0.3)
-    >>> fit = calibration.HandFit(
-    ...     pose=pose_by_name("L"), shape=HandShape(), handedness="right", transform=np.eye(4),
-    ...     scene=scene, started=scene, joints_m=hand.joints_m,
-    ...     joint_covariance_m2=np.tile(np.diag([1e-6, 1e-6, 2e-6]), (25, 1, 1)),
-    ...     angle_std_rad=np.full(23, 0.1), untold=("thumb-phalanx-distal flexion",), alpha=0.3,
-    ...     log_brightness=np.zeros(7), deviance=2288.0, basins=(), start="L", likeness=0.91,
-    ...     overlap=0.96, converged=True, covariance=np.eye(23), parameter_names=())
-    >>> print(fit.report())
-    A right hand, fitted from 'L': converged. Its rendering correlates with the measurement by 0.91.
-    Alpha is 0.30. Simulated there, the overlap is 0.96.
-    Tips (x, y, z ± one standard deviation, mm): thumb ... ± 2.0; index ... ± 2.0; middle ... ± 2.0;
-    ring ... ± 2.0; pinky ... ± 2.0.
-    The measurement tells 22 of 23 angles. It does not tell, and the start gave:
-    thumb-phalanx-distal flexion.
+        Some of the `remarks`.
     """
 
     pose: HandPose
@@ -173,48 +135,35 @@ class HandFit:
 
     @property
     def tips_m(self) -> np.ndarray:
-        """Tips of thumb, index, middle, ring and little finger, shape (5, 3), metres."""
+        """Tips of the digits, shape (5, 3)."""
         return self.joints_m[list(TIPS)]
 
     @property
     def joint_std_m(self) -> np.ndarray:
-        """Standard deviation of the joints' distance from the true ones, shape (25,), metres.
-
-        The root of the sum of the variances along the three axes: within two of it are 95 % of the
-        joints whose errors lie along one direction, and more where all directions are uncertain.
-        """
+        """Root of the sum of the variances along x, y and z, shape (25,)."""
         std_m: np.ndarray = np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
         return std_m
 
     @property
     def tip_std_m(self) -> np.ndarray:
-        """Standard deviation of the tips, shape (5,), metres, as `joint_std_m`."""
+        """`joint_std_m` of the tips, shape (5,)."""
         return self.joint_std_m[list(TIPS)]
 
     @property
     def doubtful(self) -> bool:
-        """Whether it may be another object, the other hand or another pose, whatever is stated.
-
-        By the overlap of its simulation, or without one by the likeness of its rendering.
-        """
+        """Whether it may be another object, hand or pose, by the limits of docs/hand-fit.md."""
         if self.overlap is None:
             return self.likeness < DOUBTFUL_LIKENESS
         return self.overlap < DOUBTFUL_OVERLAP
 
     @property
     def told_tips(self) -> np.ndarray:
-        """Mask, shape (5,), of the tips whose standard deviation is below `TOLD_M`.
-
-        None where the fit is doubtful.
-        """
+        """Mask, shape (5,), of tips with a standard deviation below 4 mm; none if `doubtful`."""
         return (self.tip_std_m < TOLD_M) & (not self.doubtful)
 
     @property
     def told_angles(self) -> np.ndarray:
-        """Mask, shape (23,), of the angles that the measurement tells: all but those `untold`.
-
-        None where the fit is doubtful.
-        """
+        """Mask, shape (23,), of the angles that are not `untold`; none if `doubtful`."""
         known = [name not in self.untold for name in ANGLE_NAMES]
         return np.array(known) & (not self.doubtful)
 
@@ -250,16 +199,13 @@ class HandFit:
         return f"{simulated}, below {DOUBTFUL_OVERLAP:g}"
 
     def tips_apart_m(self, basin: Basin) -> np.ndarray:
-        """Distances of the tips of a basin from those of the fit, shape (5,), metres; of the last
-        joints where a rig has no tips."""
+        """Distances of the digits' ends from those of a basin, shape (5,)."""
         return ends_apart_m(basin.joints_m, self.joints_m)
 
     def to_dict(self) -> dict[str, Any]:
         """The result in types that JSON has, without meshes and simulations.
 
-        `pose` is what a pose file holds, `joints_m`, `joint_std_m` and `joint_covariance_m2` are by
-        joint, `told_tips` by digit, and `angles` has value and standard deviation of the fitted
-        angles, degrees, and whether the measurement tells them.
+        `pose` is what a pose file holds; joints, digits and angles are by name, angles in degrees.
         """
         told = self.told_angles.tolist()
         columns = (np.degrees(angles_of(self.pose)), np.degrees(self.angle_std_rad))
@@ -303,7 +249,7 @@ class HandFit:
         }
 
     def summary(self) -> str:
-        """What was fitted, and how well, in one line."""
+        """The first line of the report."""
         text = f"A {self.handedness} hand, fitted from '{self.start}'"
         text += ": converged." if self.converged else ": NOT converged, still moving."
         text += f" Its rendering correlates with the measurement by {self.likeness:.2f}."

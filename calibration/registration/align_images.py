@@ -73,23 +73,25 @@ def align(
 ) -> Alignment:
     """Find the rigid motion that brings the simulated depth map onto the measured one.
 
+    Biased where highlights move over the surface: if there is a mesh, use `align_mesh`. Trimmed ICP
+    (Besl and McKay, doi 10.1109/34.121791), then point to plane: docs/registration-method.md. Every
+    remark of the result is a warning.
+
     Parameters
     ----------
     measured, simulated : Volume or DepthMap
-        Each on its own pixels; nothing is resampled.
-    dynamic_range_db : float, decibel
+        Each on its own pixels.
+    dynamic_range_db : float
         Depth points are the pixels within this of their own image's maximum.
-    search_deg : float, degrees, in (0, 180]
-        The coarse search tries rotations about boresight up to this angle, together with tilts up
-        to 30 degrees. The result may turn further.
+    search_deg : float, in (0, 180]
+        Largest rotation about boresight in the search, together with tilts up to 30 degrees. The
+        result may turn further.
     min_inlier_share : float, in (0, 1]
         Smallest fraction of the simulated amplitude on the measured surface.
-    max_rms_m : float, metres
+    max_rms_m : float
         Largest residual of the inliers.
     max_iterations : int
-        Point-to-plane steps before it stops unconverged.
-    progress : callable, optional
-        Called with (done, total).
+        Steps before it stops unconverged.
 
     Returns
     -------
@@ -98,29 +100,7 @@ def align(
     Raises
     ------
     CompareError
-        "could not align, because …": one of them is not an image, is empty, or has too few depth
-        points; the two have no part in common, or too small a part; or they differ in shape.
-    ModelError
-        An option is out of its range.
-
-    Warns
-    -----
-    ClradarWarning
-        Every remark of the result: `Alignment.remarks`.
-
-    Notes
-    -----
-    A coarse search, refined by trimmed point-to-point ICP (Besl and McKay [1]_), then ICP from the
-    simulated points to the planes of the measured surface (Chen and Medioni [2]_) with Tukey's
-    weights. `docs/registration-method.md` has the equations. The result depends on the arguments
-    alone.
-
-    References
-    ----------
-    .. [1] P. J. Besl, N. D. McKay, "A method for registration of 3-D shapes", IEEE Transactions on
-       Pattern Analysis and Machine Intelligence 14(2), 1992, doi 10.1109/34.121791.
-    .. [2] Y. Chen, G. Medioni, "Object modelling by registration of multiple range images", Image
-       and Vision Computing 10(3), 1992, doi 10.1016/0262-8856(92)90066-C.
+        "could not align, because …": docs/calibration.md has the reasons.
 
     Examples
     --------
@@ -128,12 +108,10 @@ def align(
 
     >>> axis_m = np.arange(-20, 21) * 2e-3
     >>> x, y = np.meshgrid(axis_m, axis_m)
-    >>> def surface(x, y):
-    ...     return 0.3 + 2 * x**2 + 3 * y**2 + 0.003 * np.sin(150 * x + 100 * y)
-    >>> simulated = clradar.DepthMap(surface(x, y), np.ones(x.shape), axis_m, axis_m, 15.0)
-    >>> shifted = surface(x - 0.002, y) + 0.005
-    >>> measured = clradar.DepthMap(shifted, np.ones(x.shape), axis_m, axis_m, 15.0)
-    >>> found = calibration.align(measured, simulated, search_deg=10.0)
+    >>> def image(x_m, z_m):
+    ...     depth_m = 0.3 + 2 * x_m**2 + 3 * y**2 + 0.003 * np.sin(150 * x_m + 100 * y) + z_m
+    ...     return clradar.DepthMap(depth_m, np.ones(x.shape), axis_m, axis_m, 15.0)
+    >>> found = calibration.align(image(x - 0.002, 0.005), image(x, 0), search_deg=10.0)
     >>> np.abs(1e3 * found.shift_m).round(1), round(found.rotation_deg)
     (array([2., 0., 5.]), 0)
     """

@@ -48,6 +48,8 @@ def align_mesh(
 ) -> Alignment:
     """Find the rigid motion that brings a mesh onto its measured image.
 
+    docs/registration-method.md has the equations. Every remark of the result is a warning.
+
     Parameters
     ----------
     measured : Volume or DepthMap
@@ -55,59 +57,29 @@ def align_mesh(
     mesh : Scene
         In any pose, not necessarily in front of the radar. Its alpha has no influence.
     correct_bias : bool
-        Simulate the mesh in the estimated pose, a few times and on pixels of 2 mm, and subtract the
-        error of the fit to these simulations. Without it, the estimate takes a fraction of the time
-        and has a bias of up to some millimetres for specular surfaces
-        (docs/registration-method.md).
-    array : AntennaArray, optional
-    waveform : Waveform, optional
-        Of the measurement; they determine the point spread function. Default: the 94 x 94 imager
-        and 72 to 82 GHz in 128 steps.
-    dynamic_range_db : float, decibel, optional
-        Depth points are the pixels within this of the maximum. Default: 20, or that of a `DepthMap`
-        if it is less.
-    search_deg : float, degrees, in (0, 180]
-        The search tries rotations about boresight up to this angle, together with tilts up to 30
-        degrees. The result may turn further.
+        Subtract the error of fits to simulations of the mesh in the estimated pose. Without it, the
+        estimate takes a fraction of the time and is off by up to some millimetres for specular
+        surfaces.
+    array, waveform : AntennaArray and Waveform, optional
+        Of the measurement. Default: the 94 x 94 imager and 72 to 82 GHz in 128 steps.
+    dynamic_range_db : float, optional
+        As for `align`. Default: 20, or that of a `DepthMap` if it is less.
     min_inlier_share : float, in (0, 1]
         Smallest fraction of the measured amplitude on the mesh.
-    max_iterations : int
-        Steps of the fit before it stops unconverged.
     seed : int
         Of the first simulation; the others count up from there.
-    device : Device, str or None
-        See `clradar.open_device`.
-    progress : callable, optional
-        Called with (done, total) from 0 to the total, once: the search is the first fifth, the
-        simulations are the rest.
+    search_deg, max_iterations
+        As for `align`.
 
     Returns
     -------
     Alignment
-        measured = transform . mesh. `inlier_share` is that of the measured amplitude; `iterations`
-        counts the simulations, or without bias correction the steps of the fit.
+        `iterations` counts the simulations, or without bias correction the steps of the fit.
 
     Raises
     ------
     CompareError
-        "could not align, because …": not an image, an empty one or one with too few depth points; a
-        mesh of another size than the measured object; too little of it on the mesh; or a simulation
-        of the mesh in its pose that does not look like the measurement.
-    ModelError
-        An option is out of its range.
-
-    Warns
-    -----
-    ClradarWarning
-        Every remark of the result: `Alignment.remarks`.
-
-    Notes
-    -----
-    The visible surface of the mesh, by rays from eight viewpoints of the aperture, is convolved
-    with the array's power pattern; brightness over the angle of incidence is fitted along with the
-    motion. Brightness is modelled as speckle, ranges scatter about the surface.
-    `docs/registration-method.md` has the equations. The result depends on the arguments and the
-    device alone.
+        As by `align`.
 
     Examples
     --------

@@ -38,59 +38,37 @@ class Alignment:
 
     Attributes
     ----------
-    transform : ndarray, shape (4, 4), float64
-        Rigid motion in the antenna frame, metres: measured = transform . simulated, or mesh.
-    rms_m : float, metres
-        Amplitude-weighted root mean square distance of the inliers: of images from the measured
-        surface, along its normals; of a measurement from the mesh, along the line of sight.
+    transform : ndarray, shape (4, 4), metres
+        In the antenna frame: measured = transform . simulated, or mesh.
+    rms_m : float
+        Amplitude-weighted root mean square distance of the inliers: of images along the measured
+        normals, of a mesh along the line of sight.
     inlier_share : float
-        Fraction of the simulated amplitude whose points lie on the measured surface, or of the
-        measured amplitude whose points lie on the mesh, in [0, 1].
+        Fraction of the simulated amplitude on the measured surface, or of the measured amplitude on
+        the mesh.
     iterations : int
         Point-to-plane steps, or rounds of simulation.
     converged : bool
-        Whether the last step was below the tolerance.
-    covariance : ndarray, shape (6, 6), float64
-        Of a small further motion about `centre_m`: rotation vector (radians), then translation
-        (metres). Along `degenerate_directions` the variance is `UNKNOWN_STD_M` squared (a rotation
-        moves a point at the object's radius by that much): practically unknown.
+    covariance : ndarray, shape (6, 6)
+        Of a small further motion about `centre_m`: rotation vector (radians), translation (metres).
+        Along `degenerate_directions` the standard deviation is 1 m at the object's radius: unknown.
     degenerate_directions : tuple of str
-        Unobservable degrees of freedom, constrained to no motion, one clause for each; empty if all
-        six are observable.
-    centre_m : ndarray, shape (3,), float64, metres
-        Amplitude-weighted median of the measured depth points, coordinate by coordinate; of a mesh
-        the mean of its visible surface after `transform`.
+        Unobservable degrees of freedom, constrained to no motion.
+    centre_m : ndarray, shape (3,)
+        Median of the measured depth points by amplitude; of a mesh the mean of its visible surface
+        after `transform`.
     moved : "simulated image" or "mesh"
-        What `transform` moves.
     likeness : float or None
-        Of a mesh: correlation of its rendering with the measured image, in decibels, at most 1.
+        Of a mesh: correlation of its rendering with the measured image, in decibels.
     overlap : float or None
-        Of a mesh simulated in the pose found: the overlap (docs/metrics.md) with the measurement,
-        0 to 1.
-    searched_deg : float or None, degrees
+        Of the mesh, simulated in the pose found, with the measurement (docs/metrics.md).
+    searched_deg : float or None
         Of a mesh: the largest rotation about boresight of the search.
     residual_ratio : float or None
-        Of a mesh simulated in the pose found: root mean square of the residuals of the measurement,
-        relative to the noise, which is the scatter of the simulations. 1 where only noise is left;
-        larger ones widen `covariance`. None if too few simulations were in nearly one pose.
+        Root mean square of the measurement's residuals relative to the scatter of simulations of
+        the mesh: 1 is noise, more widens `covariance`. None with too few simulations.
     places : tuple of Place
-        Where they are largest, worst first.
-
-    Raises
-    ------
-    ModelError
-        A matrix that is not finite, or implausibly large, a transform that is not rigid, or a
-        negative variance.
-
-    Examples
-    --------
-    >>> quarter = np.eye(4)
-    >>> quarter[:3] = [[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0.01]]
-    >>> found = calibration.Alignment(
-    ...     quarter, rms_m=1e-3, inlier_share=0.9, iterations=5, converged=True,
-    ...     covariance=1e-6 * np.eye(6), degenerate_directions=(), centre_m=np.array([0, 0, 0.3]))
-    >>> round(found.rotation_deg), found.shift_m.round(3).tolist()
-    (90, [0.0, 0.0, 0.01])
+        Where the residuals are largest, worst first.
     """
 
     transform: np.ndarray
@@ -126,7 +104,7 @@ class Alignment:
 
     @property
     def rotation_deg(self) -> float:
-        """Angle of the rotation, degrees, in [0, 180]."""
+        """Angle of the rotation, 0 to 180."""
         return float(np.degrees(np.linalg.norm(self.rotation_vector)))
 
     @property
@@ -136,11 +114,11 @@ class Alignment:
 
     @property
     def shift_m(self) -> np.ndarray:
-        """Shift of the point that is moved to `centre_m`, shape (3,), metres."""
+        """Shift of the point that is moved to `centre_m`, shape (3,)."""
         return self.centre_m - moved_back(self.transform, self.centre_m)
 
     def to_dict(self) -> dict[str, Any]:
-        """The result in types that JSON has; `transform` is four rows of four numbers."""
+        """The result in types that JSON has."""
         return {
             "transform": self.transform.tolist(),
             "moved": self.moved,

@@ -95,16 +95,14 @@ class Place:
 
     Attributes
     ----------
-    position_m : ndarray, shape (3,), metres
+    position_m : ndarray, shape (3,)
         On the measured surface, in the antenna frame.
-    area_m2 : float, square metres
+    area_m2 : float
         Across the line of sight.
     ratio : float
         Root mean square of the residuals there, relative to the noise.
-    closer_m : float, metres
-        By which the measured surface is closer to the radar; NaN where either has no depth.
-    brighter_db : float, decibel
-        By which the measured power is higher.
+    closer_m, brighter_db : float
+        By how much the measured surface is. `closer_m` is NaN where either has no depth.
 
     Examples
     --------

@@ -76,16 +76,9 @@ class Round:
     transform : ndarray, shape (4, 4)
         Pose of the simulation.
     alpha : float or None
-        Of the simulation, if alpha is estimated.
-    moved_m : float, metres
-        Motion of the mesh in the round: the larger of the shift of its centre and the rotation's
-        shift of points at its radius.
-
-    Examples
-    --------
-    >>> rounds = [calibration.Round(np.eye(4), None, step_m) for step_m in (2e-3, 3e-4, 5e-5)]
-    >>> [step.moved_m < 1e-4 for step in rounds]
-    [False, False, True]
+        Of the simulation, if it is estimated.
+    moved_m : float
+        Motion of the mesh: shift of its centre, or rotation times its radius if that is larger.
     """
 
     transform: np.ndarray
@@ -113,22 +106,13 @@ class Registration:
     Attributes
     ----------
     alignment : Alignment
-        measured = transform . mesh, at the last simulation.
     scene : Scene
         The mesh in that pose, with the alpha of the last simulation.
-    capture : Capture
-    volume : Volume
+    capture, volume : Capture and Volume
         The last simulation, on the grid of the measured volume.
     rounds : tuple of Round
     converged : bool
         Whether the last round moved the mesh by less than the tolerance.
-
-    Examples
-    --------
-    >>> rounds = tuple(calibration.Round(np.eye(4), 0.3, moved_m) for moved_m in (2e-3, 5e-5))
-    >>> found = calibration.Registration(None, None, None, None, rounds, converged=True)
-    >>> len(found.rounds), found.rounds[-1].alpha, found.rounds[-1].moved_m
-    (2, 0.3, 5e-05)
     """
 
     alignment: Alignment

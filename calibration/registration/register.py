@@ -48,33 +48,27 @@ def register(
 ) -> Registration:
     """Find the measured pose of a mesh, and simulate it there.
 
+    docs/registration-method.md has the equations. Every remark of the alignment is a warning.
+
     Parameters
     ----------
     measured : Volume
-        Of the object, in the antenna frame.
+        In the antenna frame.
     mesh : Scene
         In any pose; with the alpha of the simulations, or with a material, which chooses the
         physical estimator as in `clradar.simulate`.
     fit_alpha : bool
-        Estimate one alpha for the whole mesh instead, from how the brightness falls with the angle.
-    array : AntennaArray, optional
-    waveform : Waveform, optional
-        Of the measurement. Default: the 94 x 94 imager and 72 to 82 GHz in 128 steps.
-    dynamic_range_db, search_deg, min_inlier_share, max_iterations
-        As in `align_mesh`.
-    tolerance_m : float, metres
+        Estimate one alpha for the whole mesh instead; not with the physical estimator.
+    tolerance_m : float
+        Converged when a round moves the mesh by less.
     max_rounds : int
-        Rounds before it stops unconverged, at least two to converge. With `fit_alpha` at least 7:
-        the first four try fixed alphas, the others come to rest.
-    device : Device, str or None
+        Rounds before it stops unconverged, at least two to converge, with `fit_alpha` 7.
     callback : callable, optional
         Called with every `Round`.
-    progress : callable, optional
-        Called with (done, total) from 0 to the total, once, as in `align_mesh`.
-    settings : SimulationSettings, optional
-        Of the simulations, the defaults if not given; rounds use seeds from `seed` upwards.
-    **fields
-        Fields of `SimulationSettings`, in place of those of `settings`.
+    settings, **fields
+        Of the simulations, as of `clradar.simulate`; rounds use seeds from `seed` upwards.
+    array, waveform, dynamic_range_db, search_deg, min_inlier_share, max_iterations
+        As for `align_mesh`.
 
     Returns
     -------
@@ -83,37 +77,24 @@ def register(
     Raises
     ------
     CompareError
-        "could not align, because …", as `align_mesh`; or no ray of a simulation reaches a receiver,
-        or a simulation does not look like the mesh.
-    ModelError
-        An option is out of its range, or `fit_alpha` with the physical estimator.
-
-    Warns
-    -----
-    ClradarWarning
-        Every remark of the alignment (`Alignment.remarks`), or too few rounds to find alpha.
-
-    Notes
-    -----
-    docs/registration-method.md has the equations.
+        As by `align_mesh`; or no ray of a simulation reaches a receiver.
 
     Examples
     --------
-    A rough square plate, and a simulation of it 4 mm farther along x, in place of a measurement:
+    A rough plate, and a simulation of it 4 mm farther along x, in place of a measurement:
 
     >>> corners = [[-.02, -.02, .3], [.02, -.02, .3], [.02, .02, .3], [-.02, .02, .3]]
     >>> plate = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]], 0.5)
-    >>> q = clradar.arrays.qar50()
-    >>> radar = {"array": clradar.AntennaArray(q.tx_m[::2], q.rx_m[::2]),
+    >>> radar = {"array": clradar.arrays.qar50().part(slice(None, None, 2), slice(None, None, 2)),
     ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
     >>> rays = {"samples_per_mm2": 6.0, "rays_per_sample": 4}
     >>> there = np.eye(4)
     >>> there[0, 3] = 0.004
     >>> capture = clradar.simulate(plate.transformed(there), seed=9, **rays, **radar)
     >>> grid = clradar.VoxelGrid.from_extent((-0.036, 0.036), (-0.036, 0.036), (0.28, 0.32), 2e-3)
-    >>> image = clradar.backproject(capture, grid, device="pocl")
     >>> found = calibration.register(
-    ...     image, plate, search_deg=5.0, tolerance_m=1e-3, max_rounds=4, **rays, **radar)
+    ...     clradar.backproject(capture, grid, device="pocl"), plate,
+    ...     search_deg=5.0, tolerance_m=1e-3, max_rounds=4, **rays, **radar)
     >>> print(np.linalg.norm(found.alignment.shift_m - [0.004, 0, 0]) < 0.003)
     True
     """

@@ -109,11 +109,12 @@ class AlphaEstimate:
     name : str
         Of the region; "all" for the whole mesh.
     interval : Interval
-        Median, and the limits of 68 % and 95 % of the probability.
+        `median`, limits `low` and `high` of 68 % and `low95` and `high95` of 95 %; `bounded_below`
+        and `bounded_above`, where the swept range limits it.
     alphas, probability : ndarray, shape (1001,)
-        Values of the swept range and their probability; before the measurement all are alike.
+        Values of the swept range and their probability.
     fit : Fit
-        Statistics: measured, and of simulations at the best alpha.
+        `statistics`, `measured` and `fitted`, with their `spread`; `probability` of as bad a fit.
     """
 
     name: str
@@ -129,11 +130,11 @@ class AlphaEstimate:
 
     @property
     def uncertainty(self) -> float:
-        """One standard deviation: half of the interval of 68 %."""
+        """Half of the interval of 68 %."""
         return self.interval.std
 
     def text(self) -> str:
-        """The alpha and its uncertainty."""
+        """Alpha and its uncertainty."""
         return self.interval.text(1.0, "")
 
     def remarks(self) -> list[str]:

@@ -41,20 +41,14 @@ class RoughnessEstimate:
 
     Attributes
     ----------
-    name : str
-        Of the region; "all" for the whole mesh.
-    roughness_m : Interval
-        Of the height's root mean square h, metres.
-    correlation_m : Interval
-        Of the correlation length l, metres; one value where it was given.
-    slope : Interval
-        Of sqrt(2) h / l.
-    heights_m, lengths_m : ndarray, shape (n_heights,) and (n_lengths,), metres
+    roughness_m, correlation_m, slope : Interval
+        Of the height's root mean square h, of l (one value where it was given), and of sqrt(2) h/l;
+        as `AlphaEstimate.interval`.
+    heights_m, lengths_m : ndarray, shape (n_heights,) and (n_lengths,)
     probability : ndarray, shape (n_heights, n_lengths)
-        Of each pair; they add up to 1. Before the measurement all are alike: equal ratios of
-        heights, and of lengths, are equally likely.
-    fit : Fit
-        Statistics: measured, and of simulations at the best pair and gain.
+        Of each pair; they add up to 1. Before the measurement equal ratios are equally likely.
+    name, fit
+        As of `AlphaEstimate`.
     """
 
     name: str
@@ -68,28 +62,28 @@ class RoughnessEstimate:
 
     @property
     def tells_roughness(self) -> bool:
-        """Whether the measurement tells h: within 30 %, and not at an end of its range."""
+        """Whether the measurement determines h within 30 %, not at an end of its range."""
         height = self.roughness_m
         return not height.bounded and height.std <= KNOWN_SHARE * height.median
 
     @property
     def tells_correlation(self) -> bool:
-        """Whether it tells l: within an octave, and not at an end of its range."""
+        """Whether it determines l within an octave, not at an end of its range."""
         length = self.correlation_m
         return not length.bounded and length.high <= KNOWN_RATIO * length.low
 
     @property
     def tells_slope(self) -> bool:
-        """Whether it tells the slope: within 30 %."""
+        """Whether it determines the slope within 30 %."""
         return self.slope.std <= KNOWN_SHARE * self.slope.median
 
     @property
     def is_smooth(self) -> bool:
-        """Whether h is as small as the range has it, and only an upper limit is known."""
+        """Whether only an upper limit of h is known."""
         return self.roughness_m.bounded_below and not self.roughness_m.bounded_above
 
     def text(self) -> str:
-        """What the measurement tells, and what it does not."""
+        """What the measurement determines, and what it does not."""
         height, length = self.roughness_m, self.correlation_m
         if self.is_smooth:
             return f"h below {1e3 * height.high95:.2g} mm (95 %), too smooth for more"

@@ -34,11 +34,6 @@ class Regions:
     names : tuple of str
         Two or more, unique.
 
-    Raises
-    ------
-    ModelError
-        A region without a face, an index without a name, or fewer than two regions.
-
     Examples
     --------
     >>> regions = calibration.Regions.of_labels(["palm", "thumb", "palm"])
@@ -64,19 +59,15 @@ class Regions:
 
     @classmethod
     def of_labels(cls, labels: Sequence[Any] | np.ndarray) -> Regions:
-        """Regions from one label per face, whole numbers or strings."""
+        """From one label per face, whole numbers or strings."""
         values, face = np.unique(np.asarray(labels), return_inverse=True)
         return cls(face.reshape(-1), tuple(str(value) for value in values))
 
     @classmethod
     def of_parts(cls, scene: Scene, groups: Mapping[str, Sequence[str]] | None = None) -> Regions:
-        """Regions from the named parts of a scene, or from groups of them.
+        """From the named parts of a scene, or from groups of them.
 
-        Parameters
-        ----------
-        scene : Scene
-        groups : mapping region's name -> names of parts, optional
-            Every part exactly once. Default: each part is a region.
+        `groups` maps a region's name to the names of its parts, every part exactly once.
         """
         part = np.asarray(scene.part)
         # Without the names that no face has.
@@ -94,7 +85,7 @@ class Regions:
 
     @classmethod
     def read(cls, path: str | Path, scene: Scene) -> Regions:
-        """Regions from a file: a label per face (.npy, .json), or names of parts by region."""
+        """From a file: a label per face (.npy, .json), or names of parts by region (.json)."""
         path = Path(path)
         expected = "'parts', 'fingers', or a .npy or .json file with a label for each face"
         content = read_bytes(path, expected, LIMIT_BYTES)

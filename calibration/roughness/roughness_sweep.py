@@ -59,10 +59,10 @@ class RoughnessSweep(Estimates):
     ----------
     estimates : tuple of RoughnessEstimate
         One per region; of the whole mesh where there are none.
-    heights_m, lengths_m : ndarray, shape (n_heights,) and (n_lengths,), metres
+    heights_m, lengths_m : ndarray, shape (n_heights,) and (n_lengths,)
         That were simulated.
     seeds : tuple of int
-        First and last seed of the simulations.
+        First and last.
     gain_db : Interval
         Of the measurement over the simulations; 0 if it is calibrated.
     calibrated : bool
@@ -78,12 +78,12 @@ class RoughnessSweep(Estimates):
     calibrated: bool
 
     def report(self) -> str:
-        """The estimates and their caveats as text."""
+        """The estimates and their remarks as text."""
         gain = f"\ngain of the measurement over the simulations {self.gain_db.text(1.0, 'dB')}"
         return Estimates.report(self) + ("" if self.calibrated else gain)
 
     def tables(self) -> list[Table]:
-        """The limits of what was estimated of each region, and what the measurement tells."""
+        """Limits of what was estimated of each region, and what is determined."""
         pairs = [(q, limit) for q in ("roughness_m", "correlation_m", "slope") for limit in LIMITS]
         rows = [
             [one.name, *(getattr(getattr(one, q), limit) for q, limit in pairs), one.text()]
@@ -116,9 +116,8 @@ def sweep_roughness(
 ) -> RoughnessSweep:
     """Estimate the roughness of a mesh by simulations with several roughnesses.
 
-    What is compared are statistics of images by the four quarters of the aperture, whose mean and
-    covariance over h and l follow from the simulations: docs/sweep-method.md. Every remark of the
-    result is a warning, and an estimate beyond what Kirchhoff's approximation allows.
+    docs/sweep-method.md has the statistics that are compared, and how exact it is. Every remark of
+    the result is a warning.
 
     Parameters
     ----------
@@ -126,16 +125,17 @@ def sweep_roughness(
         Of the object, in the antenna frame, without clutter.
     scene : Scene
         In its measured pose, with its materials; their roughness is replaced.
-    roughness_m : array_like, shape (n_heights,), metres
-        Root mean square heights h to simulate, ascending, at least three above 0. The smooth
-        surface is simulated in any case; of one below the lowest height only that is said.
-    correlation_m : float or array_like, shape (n_lengths,), metres
+    roughness_m : array_like, shape (n_heights,)
+        Root mean square heights h to simulate, ascending, at least three above 0. Of a surface
+        below the lowest only that is said.
+    correlation_m : float or array_like, shape (n_lengths,)
         Correlation lengths l, ascending. A single one is taken for known.
     seeds : int
-        Simulations for each pair, from the `seed` of the settings upwards, each another.
+        Simulations for each pair, each with its own seed from that of the settings upwards; 30 in
+        all at least.
     calibrated : bool
-        The capture is in S-parameters, and the antennas and materials are right: the level counts,
-        too. Otherwise its gain is found as well, one for all regions.
+        The capture is in S-parameters, and antennas and materials are right: the level counts, too.
+        Otherwise its gain is found, one for all regions.
     regions, device, store, progress, settings, **fields
         As of `sweep`, of the physical estimator.
 
@@ -152,8 +152,7 @@ def sweep_roughness(
     >>> warnings.simplefilter("ignore", clradar.ClradarWarning)  # of a coarse surface
     >>> plate = trimesh.creation.box((0.04, 0.04, 0.001)).apply_translation([0, 0, 0.3])
     >>> scene = clradar.Scene.from_mesh(plate)
-    >>> q = clradar.arrays.qar50()
-    >>> array = clradar.AntennaArray(q.tx_m[::12], q.rx_m[::12])
+    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 8)
     >>> rough = clradar.Material(
     ...     "rough", conductor=True, roughness_rms_m=0.2e-3, correlation_length_m=3e-3)

@@ -54,12 +54,12 @@ class Sweep(Estimates):
 
     Attributes
     ----------
-    alphas : ndarray, shape (A,)
+    alphas : ndarray, shape (n_alphas,)
     seeds : tuple of int
     metrics : tuple of tuple of Metrics
         Against the measurement, [seed][alpha]; NaN if no ray reached a receiver.
     estimates : tuple of AlphaEstimate
-        The alpha of the whole mesh, `estimate`, then those of the `regions`, if there are any.
+        That of the whole mesh, `estimate`, then those of the `regions`.
     measured : DepthMap
     images : tuple of DepthMap or None
         One per alpha, of the first seed.
@@ -84,15 +84,15 @@ class Sweep(Estimates):
 
     @property
     def nearest(self) -> int:
-        """Index of the simulated alpha that is nearest to that of the whole mesh."""
+        """Index of the simulated alpha nearest to that of the whole mesh."""
         return int(np.argmin(np.abs(self.alphas - self.estimate.alpha)))
 
     def of(self, metric: str) -> np.ndarray:
-        """One metric of all simulations, shape (K, A)."""
+        """One metric of all simulations, shape (n_seeds, n_alphas)."""
         return np.array([[getattr(m, metric) for m in row] for row in self.metrics])
 
     def tables(self) -> list[Table]:
-        """The metrics of each simulation, and the limits of each region's alpha."""
+        """Metrics of each simulation, and limits of each region's alpha."""
         rows = [
             [float(alpha), seed, *(getattr(self.metrics[k][i], name) for name in METRICS)]
             for i, alpha in enumerate(self.alphas)
@@ -134,8 +134,8 @@ def sweep(
 ) -> Sweep:
     """Simulate a mesh at several alphas and compare each image with a measured one.
 
-    What is compared are statistics of the brightness, whose mean and covariance over alpha follow
-    from the simulations: docs/sweep-method.md. Every remark of the result is a warning.
+    docs/sweep-method.md has the statistics that are compared. Every remark of the result is a
+    warning.
 
     Parameters
     ----------
@@ -143,35 +143,29 @@ def sweep(
         Of the object, in the antenna frame. Simulations are imaged on its grid.
     scene : Scene
         In its measured pose; its own alpha is not used.
-    alphas : array_like, shape (A,)
+    alphas : array_like, shape (n_alphas,)
         Ascending, in [0, 1], at least two.
     seeds : int
-        Number of seeds, from the `seed` of the settings upwards; with a single one at least five
-        alphas.
-    dynamic_range_db : float, decibel
-        As in `clradar.compare`.
+        Number of seeds, from that of the settings upwards; one needs at least five alphas.
     regions : Regions, optional
-        Estimate an alpha for each of these, too.
-    array : AntennaArray, optional
-    waveform : Waveform, optional
-        Of the measurement. Default: the 94 x 94 imager and 72 to 82 GHz in 128 steps.
-    method, window
-        As in `clradar.backproject`.
+        Estimate an alpha for each of these, too; single reflections only.
+    array, waveform
+        As for `align_mesh`.
+    dynamic_range_db, method, window
+        As of `clradar.compare` and `clradar.backproject`.
     device : Where, Device, str, sequence of str or None
         Several of one kind ("all") share the images, to the same bits.
     store : mutable mapping, optional
-        Images in it are not simulated again, new ones are stored one by one: an interrupted sweep
-        resumes, to the same bits. Those of other arguments are passed over.
-    progress : callable, optional
-        Called with (done, total).
+        Keeps images as they are simulated, so that an interrupted sweep resumes to the same bits;
+        those of other arguments are passed over.
     settings, **fields
         Of `clradar.SimulationSettings`.
 
     Raises
     ------
     CompareError
-        The measured image is zero or has no depth; the mesh lies outside of it, or a region is not
-        visible or too small; or no ray reaches a receiver at all alphas but one.
+        The measured image is zero or has no depth; the mesh lies outside of it; a region is not
+        visible or too small; or no ray reaches a receiver.
 
     Examples
     --------

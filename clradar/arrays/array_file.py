@@ -19,17 +19,7 @@ _EXPECTED = "an antenna array (a TOML file, see docs/arrays.md)"
 
 
 def read_array(path: str | os.PathLike[str]) -> AntennaArray:
-    """Return the array of a TOML file.
-
-    ``[[tx]]``, ``[[rx]]`` and ``[[antennas]]`` (which transmit and receive) each have one rule:
-    ``points_m``, ``line``, ``cross``, ``plane`` or ``ring``; or ``copy_of`` names a known array.
-    Beside a rule are ``gain_db``, ``phase_deg`` and ``boresight`` of these antennas. ``[[pose]]``
-    (a rule, and ``rotation_deg``) places a copy of all of them. ``[tx_pattern]`` and
-    ``[rx_pattern]`` are the fields of `clradar.AntennaPattern`.
-
-    Parameters
-    ----------
-    path : path-like
+    """Return the array of a TOML file; docs/arrays.md has its keys.
 
     Examples
     --------
@@ -54,8 +44,8 @@ def read_array(path: str | os.PathLike[str]) -> AntennaArray:
 def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
     """Return the arrays of a TOML file, one for each pose where it has ``pairs = "cluster"``.
 
-    A Tx then is measured with the Rx of its own pose only, so that each pose has a capture of its
-    own; `clradar.backproject` makes one image of them all. Without that key it is one array.
+    A Tx then is measured with the Rx of its own pose only: each pose has a capture of its own, of
+    all of which `clradar.backproject` makes one image. Without that key it is one array.
 
     Examples
     --------

@@ -21,20 +21,18 @@ class ArrayFigures:
     """What `array_figures` found."""
 
     focus_m: np.ndarray
-    """Shape (3,), metres."""
     widths_m: tuple[float, float, float]
-    """Full widths of the response at -3 dB along x, y and z; infinite where there is no aperture
-    (or, along z, neither aperture nor bandwidth)."""
+    """At -3 dB along x, y and z; infinite without an aperture (along z and bandwidth)."""
     range_cell_m: float
     """c / (2 B), the resolution in range."""
     unambiguous_range_m: float
-    """c / (2 df): echoes from so much farther away appear at the same range."""
+    """c / (2 df), after which ranges repeat."""
     lobes: tuple[Lobe, ...]
     """Strongest first."""
     within_deg: float
-    """Directions up to this angle to +z were searched."""
+    """Angle to +z that was searched."""
     over_directions: DirectionMap
-    """What was searched: the response at the middle frequency."""
+    """The response at the middle frequency."""
 
 
 def array_figures(
@@ -50,31 +48,20 @@ def array_figures(
     Parameters
     ----------
     array : AntennaArray, or sequence of AntennaArray
-        Several, as `read_clusters` returns them: figures are those of one image of all.
+        Several, as of `read_clusters`: figures are those of one image of all.
     waveform : Waveform
-    focus_m : sequence of 3 float, metres
+    focus_m : sequence of 3 float
         In the antenna frame, in front of the antennas.
-    within_deg : float, optional, degrees
+    within_deg : float, optional
         Lobes are looked for in directions up to this angle to +z, at the distance of the focus.
-        Default: 90, and less for so many antennas and directions that the search would take
-        minutes; `ArrayFigures.within_deg` has it.
-    level_db : float, decibel
+        Default: 90, less where the search would take minutes.
+    level_db : float
         Lobes below this level are left out; the strongest 20 are kept.
-
-    Returns
-    -------
-    ArrayFigures
-
-    Warns
-    -----
-    ClradarWarning
-        A focus that is so near to the antennas that it is most likely in another unit.
 
     Notes
     -----
     For lines with spacings d the lobes of one frequency are at sin(angle) = sin(focus) + m c/(f d)
-    (Balanis, Antenna Theory, 6.3). Bandwidth smears those that the aperture does not: the level is
-    that of the whole band, at the range where it is highest.
+    (Balanis, Antenna Theory, 6.3). Levels are of the whole band, at the range where it is highest.
 
     Examples
     --------

@@ -10,19 +10,13 @@ from clradar.model.array import AntennaArray
 def qar50() -> AntennaArray:
     """Return the 94 Tx x 94 Rx imager with a 14 cm aperture (QAR50 submodule, 72-82 GHz).
 
-    Returns
-    -------
-    AntennaArray
-        Rx: 47 at y = -70.5 mm, then 47 at y = +70.5 mm, each row x = -69 ... +69 mm in 3 mm steps.
-        Tx: 47 at x = -70.5 mm, then 47 at x = +70.5 mm, each column y = -69 ... +69 mm in 3 mm
-        steps; the four end elements are 1.5 mm outside their column, at x = -/+72 mm.
+    Rx are 47 at y = -70.5 mm, then 47 at y = +70.5 mm, each row x = -69 … +69 mm in 3 mm steps. Tx
+    are 47 at x = -70.5 mm, then 47 at x = +70.5 mm, each column y = -69 … +69 mm in 3 mm steps, but
+    that its end elements are at x = -/+72 mm.
 
     Examples
     --------
-    >>> array = clradar.arrays.qar50()
-    >>> array.n_tx, array.n_rx
-    (94, 94)
-    >>> print(1e3 * array.rx_m.max(axis=0))  # millimetres
+    >>> print(1e3 * clradar.arrays.qar50().rx_m.max(axis=0))  # millimetres
     [69.  70.5  0. ]
     """
     steps_m = np.arange(-23, 24) * 3e-3

@@ -23,8 +23,7 @@ from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
 from clradar.imaging.several_captures import mean_over_pairs
-from clradar.jobs import KEY, Job, Where, remove
-from clradar.jobs.lock import LOCK, held
+from clradar.jobs import KEY, Job, Where
 from clradar.model import ImageScale
 from clradar.model.progress import Progress
 from clradar.model.volume import plane_slabs
@@ -121,15 +120,6 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
         names = [name for name, value in chosen.items() if value is not None]
         if volume and names:
             raise opt.wrong_usage(names[0], "the input is a volume, which is an image already")
-
-
-def remove_remains(folder: Path) -> None:
-    """Remove a folder that was killed at the end, when its settings, which go first, were gone."""
-    names = {path.name for path in folder.iterdir()} if folder.is_dir() else {KEY}
-    if names <= {PARTS, WHOLE, LOCK}:
-        with held(folder, "image"):
-            remove(folder, names - {LOCK})
-        folder.rmdir()
 
 
 def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
@@ -281,12 +271,13 @@ def image_by_parts(
             known = {**meta, **provenance(grid=text)}
             save_planes(whole, image, grid, known, image.scale, force=True)
         draw(files, image, steps.captures, range_db, grid=text)
-        job.clear([KEY, PARTS])
+        job.clear([PARTS])  # killed from here on, the same command makes them again
         if output is not None:
             with replacing(output, force=opt.call.force) as temporary:
                 os.replace(whole, temporary)
             took = f"{perf_counter() - start_s:.1f} s on {opened.info.label}"
             print_line(f"{output}: {text}, {took}")
+        job.clear([KEY])
     with suppress(OSError):  # it is gone, or holds something else
         folder.rmdir()
 

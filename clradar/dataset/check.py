@@ -175,17 +175,11 @@ def replay(
     device: str | None = None,
     rigs: str | os.PathLike[str] = "",
 ) -> Replay:
-    """Make sample `index` of a data set again, from its recipe; one that is not stored, from the
-    plan.
+    """Make sample `index` of a data set again and compare it with the stored one.
 
-    Parameters
-    ----------
-    folder : path-like
-    index : int
-    device : str or None
-        See `clradar.open_device`.
-    rigs : path-like
-        The folder that the plan's names of rig files are relative to; the current one by default.
+    Returns a record with `sample`, `stored_in` (None where it is not stored, and made from the
+    plan), `differences` of bits, and `made_otherwise`, versions and devices that differ. `device`
+    and `rigs` are as for `make_sample`.
 
     Examples
     --------

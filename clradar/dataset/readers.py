@@ -165,18 +165,17 @@ class TorchDataset:
     Parameters
     ----------
     folder : path-like
-        A data set, as ``clradar dataset`` writes it.
     names : sequence of str
         Keys of each sample: products that all have one shape ("max_projection", "volume",
-        "joints", ...), labels ("alpha", "angles_rad", ...), "pose" and "handedness" as numbers (see
-        `poses`; 0 is right, 1 left), and "sample", its number in the plan.
+        "joints", ...), labels ("alpha", "angles_rad", ...), "pose" as an index into `poses`,
+        "handedness" (0 right, 1 left), and "sample", its number in the plan.
     transform : callable, optional
         Applied to each dictionary.
 
     Attributes
     ----------
     poses : tuple of str
-        Names of the poses by their numbers in "pose", where they have names.
+        Names of the poses, where they have names.
 
     Examples
     --------

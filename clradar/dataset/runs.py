@@ -70,22 +70,18 @@ def run(
     plan : Plan
     path : path-like
         Its folder; a data set of the same plan is resumed.
-    device : str or None
-        See `clradar.open_device`.
     where : clradar.jobs.Where, optional
         In place of `device`: worker processes, or a Dask scheduler.
     force : bool
         Replace the data set in the folder, of this plan or another.
     retry : bool
         Make the samples again that earlier runs set aside.
-    progress : callable, optional
-        Called with (done, total) units of work.
 
     Warns
     -----
     ClradarWarning
-        Samples were made with other versions or on another device, are made again, are probably
-        not as intended, or were set aside.
+        Samples were made with other versions or on another device, are probably not as intended, or
+        were set aside.
 
     Examples
     --------

@@ -39,7 +39,7 @@ class Sample:
     Attributes
     ----------
     recipe : mapping
-        As `clradar.dataset.recipe` returns it.
+        As of `clradar.dataset.recipe`.
     arrays : mapping of str to ndarray
         Its products; a mesh is "mesh_vertices", "mesh_faces" and "mesh_part".
     """
@@ -56,20 +56,14 @@ def make_sample(
 ) -> Sample:
     """Make the sample of a recipe.
 
+    Its bits depend on the device and its driver, not on earlier samples or the number of threads.
+
     Parameters
     ----------
     recipe : mapping, or its JSON text
-        As `clradar.dataset.recipe` returns it, or as it is stored with a sample.
-    device : Device, str or None
-        See `clradar.open_device`.
+        As of `clradar.dataset.recipe`, or as it is stored with a sample.
     rigs : path-like
         The folder that the names of rig files are relative to; the current one by default.
-
-    Returns
-    -------
-    Sample
-        With the products that the recipe lists. Their bits depend on the device and its driver,
-        not on earlier samples or the number of threads.
 
     Examples
     --------

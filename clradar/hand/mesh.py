@@ -46,26 +46,24 @@ _COARSE_M = 4e-3
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class HandMesh(Record):
-    """A closed triangle mesh of a hand, with its joints.
+    """A closed triangle mesh of a hand, with its joints, in the antenna frame.
 
     Parameters
     ----------
-    vertices_m : array_like, shape (V, 3), float64, metres
-        Vertices in the antenna frame.
+    vertices_m : array_like, shape (V, 3)
     faces : array_like, shape (F, 3), int32
         Vertex indices, counter-clockwise seen from outside.
-    joints_m : array_like, shape (25, 3), float64, metres
-        Joint centres in the antenna frame, in the order of `JOINT_NAMES`; NaN for a joint that a
-        rig does not have.
+    joints_m : array_like, shape (25, 3)
+        Joint centres in the order of `JOINT_NAMES`; NaN for one that a rig does not have.
     part : array_like, shape (F,), int32
-        For each face, the index into `part_names` of the part it belongs to.
+        For each face, the index into `part_names`.
     part_names : tuple of str
-        Names of the parts: palm, thumb, index, middle, ring, pinky.
-    normals : array_like, shape (V, 3), float64, optional
-        Outward unit normals of the implicit surface at each vertex; None for a rig.
-    texture_m : array_like, shape (V, 3), float64, metres, optional
-        Where each vertex is in the flat right hand, or in the rig at rest: coordinates that stay
-        with the skin, in which its roughness is defined. None: `vertices_m`.
+        palm, thumb, index, middle, ring, pinky.
+    normals : array_like, shape (V, 3), optional
+        Outward unit normals of the implicit surface; None for a rig.
+    texture_m : array_like, shape (V, 3), optional
+        Where each vertex is in the flat right hand, or in the rig at rest: coordinates in which the
+        skin's roughness is defined. None: `vertices_m`.
     """
 
     vertices_m: np.ndarray
@@ -92,10 +90,7 @@ class HandMesh(Record):
                 checks.fail(f"HandMesh.{name}", f"indices in [0, {count - 1}]", f"[{low}, {high}]")
 
     def moved(self, matrix: np.ndarray, shift_m: np.ndarray) -> HandMesh:
-        """Return the mesh rotated or mirrored by an orthogonal matrix (3, 3), then shifted, metres.
-
-        Its texture stays on the skin.
-        """
+        """The mesh turned or mirrored by an orthogonal matrix (3, 3), then shifted."""
         normals = None if self.normals is None else _rotated(self.normals, matrix)
         return replace(
             self,
@@ -108,7 +103,7 @@ class HandMesh(Record):
         )
 
     def to_trimesh(self) -> trimesh.Trimesh:
-        """Return the surface as a `trimesh.Trimesh` in metres, vertices and faces in this order."""
+        """The surface as a `trimesh.Trimesh` in metres."""
         import trimesh
 
         return trimesh.Trimesh(
@@ -144,18 +139,15 @@ def hand_mesh(
     Parameters
     ----------
     pose : str or HandPose
-        A name in `POSES`, upper or lower case, or a pose.
-    edge_length_m : float, metres
-        Spacing of the sampling grid, in [0.5, 4] mm; the triangles' edges are 0.95 of it in the
-        mean and at most 1.6 of it.
+        A name in `POSES`, or a pose.
+    edge_length_m : float
+        Spacing of the sampling grid, 0.5 to 4 mm; the triangles' edges are 0.95 of it in the mean
+        and at most 1.6 of it.
     handedness : {"right", "left"}
         A right hand's thumb points to -x, a left hand is its mirror image.
-    center_m : array_like, shape (3,), metres
-        Where the centre of the surface's bounding box goes, in the antenna frame.
+    center_m : array_like, shape (3,)
+        Where the centre of the surface's bounding box goes.
     shape : HandShape
-        Length, breadth, finger lengths, girth; an average adult's by default.
-    device : Device, str or None
-        Where the surface is sampled, see `clradar.open_device`.
 
     Returns
     -------
@@ -164,13 +156,10 @@ def hand_mesh(
 
     Examples
     --------
-    >>> from clradar.hand import hand_mesh
-    >>> mesh = hand_mesh("L", edge_length_m=4e-3, handedness="left", center_m=(0, 0, 0.25))
+    >>> mesh = clradar.hand.hand_mesh("L", 4e-3, handedness="left", center_m=(0, 0, 0.25))
     >>> size_m = mesh.vertices_m.max(axis=0) - mesh.vertices_m.min(axis=0)
     >>> [round(100 * length_m) for length_m in size_m.tolist()]  # centimetres
     [17, 18, 7]
-    >>> mesh.part_names
-    ('palm', 'thumb', 'index', 'middle', 'ring', 'pinky')
     """
     posed = pose if isinstance(pose, HandPose) else pose_by_name(pose)
     spacing_m = checked_edge_m(edge_length_m)

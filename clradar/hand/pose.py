@@ -18,12 +18,7 @@ _LIMIT_SLACK_DEG = 1e-7
 
 @dataclass(frozen=True, slots=True)
 class JointAngles:
-    """The three angles of a joint; `clradar.hand.joints` defines their signs.
-
-    Parameters
-    ----------
-    flexion_rad, abduction_rad, twist_rad : float, radians
-    """
+    """The three angles of a joint; docs/poses.md has their signs and limits."""
 
     flexion_rad: float = 0.0
     abduction_rad: float = 0.0
@@ -38,12 +33,12 @@ class JointAngles:
     def from_degrees(
         cls, flexion_deg: float = 0.0, abduction_deg: float = 0.0, twist_deg: float = 0.0
     ) -> JointAngles:
-        """Return the joint with these angles in degrees."""
+        """The joint with these angles."""
         given = zip(ANGLES, (flexion_deg, abduction_deg, twist_deg), strict=True)
         return cls(*(float(np.deg2rad(checks.real(f"{name}_deg", deg))) for name, deg in given))
 
     def degrees(self) -> tuple[float, float, float]:
-        """Return flexion, abduction and twist in degrees."""
+        """Flexion, abduction and twist."""
         with np.errstate(over="ignore"):  # to infinity, which no joint reaches
             flexion, abduction, twist = (float(np.rad2deg(angle)) for angle in astuple(self))
         return flexion, abduction, twist
@@ -62,21 +57,16 @@ class HandPose:
     ----------
     name : str
     joints : mapping of str to JointAngles
-        Angles by joint of `JOINT_NAMES`. A joint that is left out has all angles 0, and joints with
-        all angles 0 are dropped.
+        Angles by joint of `JOINT_NAMES`; all 0 where a joint is left out.
     description, source : str
         The appearance of the pose, and the publication that describes it.
 
     Examples
     --------
-    >>> from clradar.hand import HandPose, JointAngles
-    >>> bent = {"index-finger-phalanx-proximal": JointAngles.from_degrees(70.0)}
-    >>> pose = HandPose("pointing down", bent)
+    >>> bent = clradar.hand.JointAngles.from_degrees(70.0)
+    >>> pose = clradar.hand.HandPose("pointing down", {"index-finger-phalanx-proximal": bent})
     >>> [round(angle_deg) for angle_deg in pose.angles("index-finger-phalanx-proximal").degrees()]
     [70, 0, 0]
-    >>> HandPose("impossible", {"thumb-tip": JointAngles.from_degrees(10.0)})
-    Traceback (most recent call last):
-    clradar.errors.ModelError: joint thumb-tip: flexion: expected 0, since this joint ...
     """
 
     name: str
@@ -101,7 +91,7 @@ class HandPose:
         return HandPose, (self.name, dict(self.joints), self.description, self.source)
 
     def angles(self, joint: str) -> JointAngles:
-        """Return the angles of a joint, all 0 where none are given."""
+        """The angles of a joint."""
         return self.joints.get(joint, STRAIGHT)
 
 
@@ -124,13 +114,13 @@ def check_angles(joint: str, angles: Any) -> None:
 def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
     """Return the linear interpolation of two poses, angle by angle.
 
-    A share of 0 gives the angles of `a`, 1 those of `b`, to the last bit. Fingers may penetrate
-    each other on the way; `clradar.hand.sampler.overlaps` measures how deep.
+    A share of 0 gives the angles of `a`, 1 those of `b`. Fingers may penetrate each other on the
+    way.
 
     Examples
     --------
-    >>> from clradar.hand import POSES, interpolate_poses
-    >>> half = interpolate_poses(POSES["flat"], POSES["S"], 0.5)
+    >>> from clradar.hand import POSES
+    >>> half = clradar.hand.interpolate_poses(POSES["flat"], POSES["S"], 0.5)
     >>> round(half.angles("middle-finger-phalanx-intermediate").degrees()[0])
     57
     """

@@ -63,8 +63,7 @@ def pose_by_name(name: str) -> HandPose:
 
     Examples
     --------
-    >>> from clradar.hand import pose_by_name
-    >>> pose_by_name("f").name
+    >>> clradar.hand.pose_by_name("f").name
     'F'
     """
     wanted = checks.text("pose", name).strip().casefold()
@@ -85,15 +84,15 @@ def pose_of(pose: str | os.PathLike[str] | HandPose) -> HandPose:
 
 
 def read_pose(path: str | os.PathLike[str]) -> HandPose:
-    """Return the pose of a file whose name ends in .toml or .json; docs/poses.md has the format.
+    """Return the pose of a .toml or .json file; docs/poses.md has the format.
 
     Examples
     --------
     >>> from pathlib import Path
-    >>> from clradar.hand import read_pose
     >>> text = 'name = "hook"\\n[joints.index-finger-phalanx-intermediate]\\nflexion_deg = 80'
     >>> _ = Path("hook.toml").write_text(text)
-    >>> read_pose("hook.toml").angles("index-finger-phalanx-intermediate").degrees()
+    >>> hook = clradar.hand.read_pose("hook.toml")
+    >>> hook.angles("index-finger-phalanx-intermediate").degrees()
     (80.0, 0.0, 0.0)
     """
     from clradar.files.records import read_record
@@ -117,14 +116,12 @@ def pose_of_table(parsed: Any, path: Path) -> HandPose:
 def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = False) -> None:
     """Write a pose to a .toml or .json file, whole or not at all; `force` replaces one.
 
-    Reading it gives the pose again; an angle that is not a decimal number of degrees may come back
-    changed by its last bit.
+    Angles that are no decimal number of degrees may be read back with another last bit.
 
     Examples
     --------
-    >>> from clradar.hand import POSES, read_pose, write_pose
-    >>> write_pose("letter.json", POSES["W"])
-    >>> read_pose("letter.json") == POSES["W"]
+    >>> clradar.hand.write_pose("letter.json", clradar.hand.POSES["W"])
+    >>> clradar.hand.read_pose("letter.json") == clradar.hand.POSES["W"]
     True
     """
     target = Path(path)

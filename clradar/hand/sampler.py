@@ -41,18 +41,16 @@ _WRIST_SIGMA_DEG = (14.0, 7.0, 14.0)
 
 
 def random_pose(rng: np.random.Generator) -> HandPose:
-    """Draw a plausible pose; it depends on the state of the generator alone.
+    """Draw a plausible pose, the palm towards the radar.
 
-    Flexions are correlated: those of neighbouring fingers, those of a finger's knuckle and middle
-    joint, and the last joint follows the middle one. Fingers spread less the more they are bent.
-    The thumb moves into opposition as it comes to the front. The wrist is within its own range,
-    the palm towards the radar. Poses in which digits penetrate by more than `MOST_OVERLAP_M`, or
-    the palm by more than `MOST_PALM_OVERLAP_M`, are rejected.
+    Neighbouring fingers, and the joints of a finger, bend together. Fingers spread less the more
+    they are bent, the thumb moves into opposition as it comes to the front. Digits that penetrate
+    by more than 1.5 mm, or the palm by more than 4 mm, are rejected. docs/poses.md has the sources.
 
     Examples
     --------
-    >>> from clradar.hand import random_pose
-    >>> random_pose(np.random.default_rng(1)) == random_pose(np.random.default_rng(1))
+    >>> draw = clradar.hand.random_pose
+    >>> draw(np.random.default_rng(1)) == draw(np.random.default_rng(1))
     True
     """
     checks.instance("random_pose: rng", rng, np.random.Generator)
@@ -77,20 +75,19 @@ _SWEEPS = 6
 def pose_around(
     pose: HandPose, rng: np.random.Generator, spread_deg: float = SPREAD_DEG
 ) -> HandPose:
-    """Draw a plausible pose around another one; it depends on the state of the generator alone.
+    """Draw a plausible pose around another one.
 
     Flexions of the fingers and all angles of the thumb deviate by `spread_deg` (standard deviation,
-    0 to 45 degrees), abductions of the fingers by 7/12 and the arch of the palm by 5/12 of it.
-    Middle joint and knuckle of a finger are correlated by 0.6, and the last joint follows the
-    middle one by two thirds. Twists of the fingers and the wrist stay. Angles are clipped to the
-    limits of the joints. No parts penetrate more than in `random_pose`, or than in `pose` itself.
-    Digits are drawn one at a time, six times over, and a draw is kept if it fits between the other
-    digits as they are: Metropolis within Gibbs, as whole hands around a fist nearly all penetrate.
+    0 to 45 degrees), abductions of the fingers by 7/12 and the arch of the palm by 5/12 of it, with
+    the middle joint and the knuckle of a finger correlated by 0.6. Twists of the fingers and the
+    wrist stay. Angles are within the limits, and no parts penetrate more than in `random_pose`, or
+    than in `pose` itself: digits are drawn one at a time, six times over, and kept if they fit
+    (Metropolis within Gibbs).
 
     Examples
     --------
-    >>> from clradar.hand import POSES, pose_around
-    >>> pose_around(POSES["L"], np.random.default_rng(1), spread_deg=0.0) == POSES["L"]
+    >>> pose = clradar.hand.POSES["L"]
+    >>> clradar.hand.pose_around(pose, np.random.default_rng(1), spread_deg=0.0) == pose
     True
     """
     checks.instance("pose", pose, HandPose)

@@ -24,23 +24,22 @@ class HandShape:
 
     Parameters
     ----------
-    length_m : float, metres
+    length_m : float
         From the wrist crease to the tip of the straight middle finger.
-    breadth_m : float, metres
+    breadth_m : float
         Across the knuckles of index and little finger.
     finger_lengths : tuple of 5 floats
-        Lengths of thumb, index, middle, ring and little finger, relative to those that an average
-        hand scaled to this length has. `length_m` holds for any of them: the palm takes the rest.
+        Of thumb, index, middle, ring and little finger, relative to those that an average hand
+        scaled to this length has. `length_m` holds for any of them: the palm takes the rest.
     girth : float
         Thickness of palm and fingers, relative to that of an average hand of this breadth.
 
     Examples
     --------
-    >>> from clradar.hand import HandPose, HandShape, posed_skeleton
-    >>> long = HandShape(length_m=0.2, finger_lengths=(1.0, 1.0, 1.05, 1.0, 1.0))
-    >>> tip_m = posed_skeleton(HandPose("straight"), long).joint_m("middle-finger-tip")
-    >>> f"{tip_m[1]:.3f} m, without the soft tissue of the fingertip"
-    '0.196 m, without the soft tissue of the fingertip'
+    >>> long = clradar.hand.HandShape(length_m=0.2, finger_lengths=(1.0, 1.0, 1.05, 1.0, 1.0))
+    >>> straight = clradar.hand.posed_skeleton(clradar.hand.HandPose("straight"), long)
+    >>> f"{straight.joint_m('middle-finger-tip')[1]:.3f} m, without the fingertip's soft tissue"
+    "0.196 m, without the fingertip's soft tissue"
     """
 
     length_m: float = 0.1874
@@ -106,16 +105,11 @@ _GIRTH_SIGMA = 0.045
 
 
 def random_shape(rng: np.random.Generator) -> HandShape:
-    """Draw an adult's hand; it depends on the state of the generator alone.
-
-    Half of the hands are women's. Within a sex length and breadth are normal with a correlation of
-    0.6; the fingers' factors have a standard deviation of 0.024, girth one of 0.045. Draws outside
-    `ADULT_RANGES` are rejected.
+    """Draw an adult's hand within `ADULT_RANGES`; docs/poses.md has the distribution.
 
     Examples
     --------
-    >>> from clradar.hand import random_shape
-    >>> round(1e3 * random_shape(np.random.default_rng(1)).length_m)  # millimetres
+    >>> round(1e3 * clradar.hand.random_shape(np.random.default_rng(1)).length_m)  # millimetres
     188
     """
     checks.instance("random_shape: rng", rng, np.random.Generator)

@@ -68,13 +68,13 @@ class Skeleton:
 
     Parameters
     ----------
-    joints_m : ndarray, shape (25, 3), float64, metres
+    joints_m : ndarray, shape (25, 3)
         Joint centres in the order of `JOINT_NAMES`.
-    frames : ndarray, shape (25, 3, 3), float64
+    frames : ndarray, shape (25, 3, 3)
         Axes of the bone that begins at each joint, as columns: bending axis, along the bone, dorsal
         (the side of the nail). A tip has the axes of the last bone.
     thickness : float
-        Scale of the flesh around the bones, relative to the average hand.
+        Of the flesh around the bones, relative to the average hand.
     """
 
     joints_m: np.ndarray
@@ -82,16 +82,16 @@ class Skeleton:
     thickness: float = 1.0
 
     def joint_m(self, name: str) -> np.ndarray:
-        """Return the centre (3,) of the joint called `name`, metres."""
+        """The centre (3,) of a joint."""
         return self.joints_m[JOINT_INDEX[name]]
 
     def point_m(
         self, name: str, along: float, side_mm: float = 0.0, dorsal_mm: float = 0.0
     ) -> np.ndarray:
-        """Return a point (3,), metres, next to the bone that begins at a joint.
+        """A point (3,) next to the bone that begins at a joint, at a share of its length.
 
-        `along` is a share of the bone's length; offsets are along the bending axis (away from the
-        thumb) and towards the back, in an average hand: a thicker one has them larger.
+        Offsets are along the bending axis (away from the thumb) and towards the back, in an average
+        hand: a thicker one has them larger.
         """
         at = JOINT_INDEX[name]
         begin_m, end_m = self.joints_m[at], self.joints_m[at + 1]
@@ -235,8 +235,7 @@ def posed_skeleton(pose: str | HandPose, shape: HandShape = AVERAGE) -> Skeleton
 
     Examples
     --------
-    >>> from clradar.hand import HandPose, posed_skeleton
-    >>> straight = posed_skeleton(HandPose("straight"))
+    >>> straight = clradar.hand.posed_skeleton(clradar.hand.HandPose("straight"))
     >>> [round(1e3 * c, 1) for c in straight.joint_m("middle-finger-tip").tolist()]  # millimetres
     [-5.0, 183.6, 1.0]
     """

@@ -34,13 +34,8 @@ class ImageScale(Record):
     ----------
     array : AntennaArray
     waveform : Waveform
-    weights : array_like, shape (n_freq,), float64
+    weights : array_like, shape (n_freq,)
         The window over frequency, as it was used.
-
-    Raises
-    ------
-    ModelError
-        Another number of weights than of frequencies, or NaN or infinite ones.
     """
 
     array: AntennaArray
@@ -55,27 +50,8 @@ class ImageScale(Record):
     def of_square_metre(self, grid: VoxelGrid) -> np.ndarray:
         """Return what an isotropic point target of 1 m^2 in each voxel reads there.
 
-        Parameters
-        ----------
-        grid : VoxelGrid
-
-        Returns
-        -------
-        ndarray, shape (n_z, n_y, n_x), float32
-            Amplitudes; infinite at an antenna, 0 where all antennas of a side are blind.
-
-        Notes
-        -----
-        By the radar equation a target of radar cross section sigma at v gives (E9)::
-
-            s[t, r, n] = (lambda_n / 4 pi) a_t a_r sqrt(sigma / 4 pi) / (R_t R_r)
-                         exp(-j k_n (R_t + R_r))
-
-        with a the pattern's field amplitude times the antenna's gain. Back-projection
-        takes the phase away at v and averages::
-
-            V(v) = sqrt(sigma / 4 pi) mean_n(w_n lambda_n / 4 pi)
-                   mean_t(a_t / R_t) mean_r(a_r / R_r)
+        Amplitudes by E9 of docs/equations.md, shape (n_z, n_y, n_x), float32; infinite at an
+        antenna, 0 where all antennas of a side are blind.
         """
         wavelengths_m = SPEED_OF_LIGHT_M_PER_S / self.waveform.frequencies_hz
         factor = abs(float((self.weights * wavelengths_m).mean())) / (4 * np.pi) ** 1.5

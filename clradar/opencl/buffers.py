@@ -18,21 +18,21 @@ HUGE_BYTES = 4 * 2**20
 costs a page fault for every 4 KiB that is used, some microseconds each."""
 
 PAGE_BYTES = 4096
+FEWEST_BYTES = 16  # of a buffer: OpenCL has no empty ones
 
 Prepared = TypeVar("Prepared", bound="OnDevice")
 
 
 class Buffers:
-    """Buffers of one call, freed together.
+    """Buffers of one call, freed together; a context manager.
 
-    A context manager. Every buffer counts against the device's budget, which all that are open at a
-    time share. A caller that may exceed it tiles its work; an allocation beyond the budget is
-    therefore a `DeviceError`, not a slow-down.
+    Every buffer counts against the device's budget; an allocation beyond it is a `DeviceError`, so
+    tile the work.
 
     Examples
     --------
-    >>> from clradar.opencl import Buffers, open_device
-    >>> with Buffers(open_device("pocl", memory_limit_bytes=4096)) as buffers:
+    >>> device = clradar.open_device("pocl", memory_limit_bytes=4096)
+    >>> with clradar.opencl.Buffers(device) as buffers:
     ...     lengths_m = buffers.upload(np.array([0.6, 0.7]))
     ...     buffers.read(lengths_m, 2, np.float64), buffers.free_bytes
     (array([0.6, 0.7]), 4080)
@@ -76,7 +76,7 @@ class Buffers:
 
     def empty(self, n_bytes: int) -> Any:
         """Allocate at least `n_bytes`, contents undefined."""
-        size = max(int(n_bytes), 16)  # OpenCL has no empty buffers
+        size = max(int(n_bytes), FEWEST_BYTES)
         if self.device.info.kind != "cpu" or size < HUGE_BYTES:
             return self._hold(size, cl.mem_flags.READ_WRITE)
         self._check_room(size)
@@ -106,10 +106,7 @@ class Buffers:
     def _hold(self, size: int, flags: int, of: np.ndarray | None = None) -> Any:
         self._check_room(size)
         try:
-            if of is None:
-                buffer = cl.Buffer(self.device.context, flags, size)
-            else:
-                buffer = cl.Buffer(self.device.context, flags, hostbuf=of)
+            buffer = cl.Buffer(self.device.context, flags, 0 if of is not None else size, of)
         except cl.Error as error:
             raise self._no_memory(size, error) from error
         self._held[id(buffer)] = (buffer, size)
@@ -123,12 +120,9 @@ class Buffers:
         return buffer
 
     def borrow(self, array: np.ndarray) -> Any:
-        """A read-only buffer of `array`, which must not change meanwhile.
-
-        On a CPU it is the array's own memory and nothing is copied.
-        """
+        """A read-only buffer of `array`, which must not change meanwhile; a CPU copies nothing."""
         array = np.require(array, requirements=["C", "A"])
-        if self.device.info.kind != "cpu" or array.nbytes < 16:
+        if self.device.info.kind != "cpu" or array.nbytes < FEWEST_BYTES:
             return self.upload(array)
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
         return self._hold(array.nbytes, flags, array)

@@ -112,18 +112,12 @@ def default_device() -> DeviceInfo:
 def cpu_beside(device: Device) -> Device | None:
     """A CPU for what one thread does best: the device itself, else one of this machine, or None.
 
-    The memory checker stands for itself.
-
-    Warns
-    -----
-    ClradarWarning
-        There are CPUs beside it, but the first of them does not work, or none.
+    A CPU that does not work is a warning.
 
     Examples
     --------
-    >>> from clradar.opencl import cpu_beside
     >>> device = clradar.open_device("pocl")
-    >>> cpu_beside(device) is device
+    >>> clradar.opencl.cpu_beside(device) is device
     True
     """
     if device.info.kind == "cpu" or device.info.is_interpreter:
@@ -195,20 +189,11 @@ def _tell_skipped(skipped: Sequence[DeviceInfo], instead: str) -> None:
 def devices_like(device: str | None = None) -> list[DeviceInfo]:
     """The device that `open_device` would open, and all others of its name and driver.
 
-    Parameters
-    ----------
-    device : str or None
-        As for `open_device`. A selector means that device alone.
-
-    Raises
-    ------
-    DeviceError
-        No such device.
+    A selector means that device alone.
 
     Examples
     --------
-    >>> from clradar.opencl import devices_like
-    >>> {info.kind for info in devices_like("pocl")}
+    >>> {info.kind for info in clradar.opencl.devices_like("pocl")}
     {'cpu'}
     """
     chosen = default_device() if device is None else _first_working(_meant(device, "device"))

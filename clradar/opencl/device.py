@@ -48,7 +48,7 @@ class DeviceInfo:
         Global memory and the largest single buffer.
     compute_units : int
     target : str or None
-        The processor that an old PoCL was told to compile for, since it does not know this one.
+        The processor that a PoCL was told to compile for, where it does not know this one.
     """
 
     selector: str
@@ -74,7 +74,7 @@ class DeviceInfo:
 
     @property
     def is_interpreter(self) -> bool:
-        """Oclgrind: a memory checker, chosen by name only."""
+        """Whether it is Oclgrind, a memory checker, chosen by name only."""
         return "oclgrind" in self.platform.lower()
 
 

@@ -42,9 +42,8 @@ class Program:
         """Run kernel `name` over `global_size` items and wait for it.
 
         `args` are buffers and numpy scalars in the kernel's order. Sizes are padded to whole
-        work-groups of up to `Device.group_items`, and kernels do nothing beyond theirs. Where the
-        items, of `work` operations each, are more than `Device.launch_work`, they run in several
-        launches. No result depends on it.
+        work-groups: kernels do nothing beyond theirs. Items of `work` operations each run in
+        several launches where they are more than `Device.launch_work`, with the same result.
         """
         self.start(name, global_size, *args, work=work)()
 
@@ -53,7 +52,7 @@ class Program:
     ) -> Callable[[], None]:
         """As `launch`, without waiting; returns a function that waits.
 
-        Later commands run after it. Borrowed arrays must not change until it has run.
+        Borrowed arrays must not change until it has run.
         """
         check_process()
         kernel = self.kernels[name]
@@ -159,25 +158,14 @@ def launch_parts(
 def build(device: Device, file: str, options: Any) -> Program:
     """Build kernel file `file`, or return the program that the device has already.
 
-    A device's arithmetic is tested before its first program (`clradar.opencl.self_test`).
-
-    Parameters
-    ----------
-    options : frozen dataclass
-        Each field `name` becomes ``-DCLR_NAME=value``; booleans become 0 or 1, and floats are
-        written so that OpenCL reads back the same float32.
-
-    Raises
-    ------
-    DeviceError
-        The build failed; the message has the device, the options and the build log. Or the device
-        failed its test.
+    Each field of `options`, a frozen dataclass, becomes ``-DCLR_NAME=value``. A `DeviceError` has
+    the build log; or the device computes wrong, which is tested before its first program.
 
     Examples
     --------
     >>> from clradar.geometry.node_splits import BuildOptions
-    >>> from clradar.opencl import build, open_device
-    >>> list(build(open_device("pocl"), "build.cl", BuildOptions()).kernels)
+    >>> device = clradar.open_device("pocl")
+    >>> list(clradar.opencl.build(device, "build.cl", BuildOptions()).kernels)
     ['split_nodes']
     """
     key = (file, options)

@@ -9,7 +9,7 @@ import numpy as np
 
 from clradar.model import AntennaArray, Waveform, checks
 from clradar.opencl import Device, build
-from clradar.opencl.buffers import OnDevice
+from clradar.opencl.buffers import FEWEST_BYTES, OnDevice
 from clradar.opencl.double_single import hi_lo
 from clradar.phasors.length_blocks import MOMENTS, MOST_SLOTS, length_blocks
 from clradar.tracing.lit_surface import SUM_SHARE
@@ -35,9 +35,18 @@ class SynthesizeOptions:
     most_slots: int = MOST_SLOTS
 
 
-def sum_bytes_of_pair(waveform: Waveform) -> int:
-    """Return how much memory the sum of a pair takes, but for the padding of frequencies."""
-    return sum(_bytes_of_pair(length_blocks(waveform).n_slots, waveform.n_freq))
+def pairs_within(n_bytes: float, waveform: Waveform, device: Device) -> int:
+    """Return of how many pairs the sum takes at most so much memory.
+
+    With the table, and where the paths of each pair begin in a call and in the next.
+    """
+    blocks, n_columns = length_blocks(waveform), _n_columns(waveform, device)
+    whole = len(blocks.table) * 4 * n_columns + 2 * FEWEST_BYTES
+    return int(n_bytes - whole) // (sum(_bytes_of_pair(blocks.n_slots, n_columns)) + 2 * 4)
+
+
+def _n_columns(waveform: Waveform, device: Device) -> int:
+    return -(-waveform.n_freq // device.width) * device.width
 
 
 def _bytes_of_pair(n_slots: int, n_columns: int) -> tuple[int, int, int, int]:
@@ -68,7 +77,7 @@ class PhasorSum(OnDevice):
         super().__init__(device)
         self._array, self._waveform = array, waveform
         self._n_pairs = array.n_tx * array.n_rx
-        self._n_columns = -(-waveform.n_freq // device.width) * device.width
+        self._n_columns = _n_columns(waveform, device)
         self._blocks = length_blocks(waveform)
         self._item_pairs = 1 if device.width == 1 else GROUP_PAIRS
         options = SynthesizeOptions(width=device.width, in_parts=in_parts, pairs=self._item_pairs)
@@ -84,12 +93,10 @@ class PhasorSum(OnDevice):
     def _prepare(self) -> None:
         n_slots, n_columns = self._blocks.n_slots, self._n_columns
         tag, moments, total, out = _bytes_of_pair(n_slots, n_columns)
-        per_pair = tag + moments + total + out
-        room = min(
-            min(self._buffers.free_bytes, SUM_SHARE * self.device.budget_bytes) // per_pair,
-            self.device.max_buffer_bytes // max(moments, total),
-        )
-        count = int(max(1, min(self._n_pairs, room)))
+        room = min(self._buffers.free_bytes, SUM_SHARE * self.device.budget_bytes)
+        most = pairs_within(room, self._waveform, self.device)
+        most = min(most, self.device.max_buffer_bytes // max(moments, total))
+        count = max(1, min(self._n_pairs, most))
         firsts = range(0, self._n_pairs, count)
         self._slices = [_Slice(at, min(at + count, self._n_pairs), None) for at in firsts]
         fill = ((0, 0), (0, n_columns - self._waveform.n_freq))
@@ -176,25 +183,13 @@ class PhasorSum(OnDevice):
             start = self._buffers.borrow(starts[first - at : stop - at + 1])
             self._fetch(part)
             wait = self._program.start(
-                "add_paths",
-                (stop - first,),
-                np.uint32(stop - first),
-                np.uint32(part.stop - part.first),
-                np.uint32(first - part.first),
-                np.uint32(total),
-                np.uint32(self._n_columns),
-                np.uint32(self._blocks.n_slots),
-                np.float32(self._blocks.block_m),
-                np.float32(self._blocks.per_half_block),
-                *hi_lo(self._blocks.wavenumber),
-                start,
-                *columns,
-                self._table,
-                self._tag,
-                self._moments,
-                self._sum,
-                work=350.0 * total / (stop - first),
-            )
+                "add_paths", (stop - first,), np.uint32(stop - first),
+                np.uint32(part.stop - part.first), np.uint32(first - part.first), np.uint32(total),
+                np.uint32(self._n_columns), np.uint32(self._blocks.n_slots),
+                np.float32(self._blocks.block_m), np.float32(self._blocks.per_half_block),
+                *hi_lo(self._blocks.wavenumber), start, *columns, self._table, self._tag,
+                self._moments, self._sum, work=350.0 * total / (stop - first),
+            )  # fmt: skip
             if len(self._slices) == 1:
                 # The host prepares the next call while this one runs.
                 self._finish_call()

@@ -38,7 +38,7 @@ def array_figure(
 
     Axes in this order: elements and virtual aperture, as the radar sees the scene (x to the left);
     the response at the middle frequency over directions, with the lobes; cuts of the response of
-    the whole band along x, y and z through the focus. The title is the array's name by default.
+    the whole band along x, y and z through the focus.
     """
     figure = new_figure(*SIZE, title or clusters_of(array)[0].name)
     axes = figure.subplots(2, 2)

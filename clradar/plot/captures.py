@@ -28,9 +28,8 @@ PAIRS_DB = 30.0
 def capture_figure(capture: Capture, title: str | None = None) -> Figure:
     """Draw what is in a capture without forming an image.
 
-    Axes in this order: power over range, the mean of all pairs, dB below its maximum (not of a
-    single frequency); RMS level of every pair of antennas, dB below the strongest; its colour bar.
-    Range is half of the path length. Samples that are all zero are a `CompareError`.
+    Axes in this order: mean power over range, half of the path length, dB below its maximum (not of
+    a single frequency); RMS level of every pair of antennas; its colour bar.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -73,10 +72,9 @@ def recording_figure(
 ) -> Figure:
     """Draw the echoes of a recording over range and time, without forming images.
 
-    `captures` are the frames, all with one waveform, of which one is in memory at a time, `frames`
-    their numbers. Axes in this order: power over range for every frame, from some of the pairs, dB
-    below the maximum of all frames (not of a single frequency); RMS level of every frame, dB below
-    the strongest; the colour bar of the first. Samples that are all zero are a `CompareError`.
+    `captures` are the frames, one in memory at a time, `frames` their numbers. Axes in this order:
+    power over range for every frame, from some of the pairs, dB below the maximum of all frames
+    (not of a single frequency); RMS level of every frame; the colour bar of the first.
     """
     profiles: list[RangeProfile] = []
     levels = []

@@ -61,13 +61,11 @@ def comparison_figure(
 ) -> Figure:
     """Draw a measured image and simulated ones in a row, amplitude above depth.
 
-    `simulated` has (label, image), one column each; labels are plain text, long ones are wrapped.
-    `metrics` has one for each of them, printed below it: None computes them by `clradar.compare`,
-    an empty sequence omits them. Pixels more than `dynamic_range_db` below an image's own maximum
-    are background. `differences` draws a third row: where the level of each simulated image
-    disagrees with the measured one (`clradar.compare.disagreement`), with a ring around objects of
-    one of them alone. The axes of the figure are the amplitudes from left to right, the depths, the
-    differences, and the colour bars of each. Errors are those of `clradar.compare`.
+    `simulated` has (label, image), one column each; background is as in `image_figure`. `metrics`
+    has one for each of them, printed below it: None computes them by `clradar.compare`, an empty
+    sequence omits them. `differences` draws a third row, the difference of levels, with a ring
+    around objects of one image alone. The axes of the figure are amplitudes from left to right,
+    depths, differences, and the colour bars of each.
     """
     for one in checks.several("comparison_figure: simulated", simulated):
         if not isinstance(one, tuple | list) or len(one) != 2:

@@ -50,12 +50,12 @@ def image_figure(
 ) -> Figure:
     """Draw the amplitude and the depth of one image side by side, each with its colour bar.
 
-    `title` is plain text. Pixels more than `dynamic_range_db` below the maximum are background.
-    `view` names the axes of the figure, "xy", "xz" or "yz"; the volume is projected along the
-    third. Default: along an axis that is thin, an eighth of either other extent at most, else "xy",
-    the radar's view. "all": amplitude from all three sides. `dbsm` draws the radar cross section
-    that a voxel reads, in place of the level relative to the maximum. A single slice has no depth.
-    What cannot be drawn, as a line of voxels, is a `CompareError`.
+    Pixels more than `dynamic_range_db` below the maximum are background. `view` names the axes of
+    the figure, "xy", "xz" or "yz"; the volume is projected along the third. Default: along an axis
+    that is thin, an eighth of either other extent at most, else "xy", the radar's view. "all":
+    amplitude from all three sides. `dbsm` draws the radar cross section that a voxel reads instead
+    of the level. A single slice has no depth. What cannot be drawn, as a line of voxels, is a
+    `CompareError`.
     """
     if dbsm:
         image = rcs_image(image)
@@ -125,9 +125,8 @@ def panels_figure(
 ) -> Figure:
     """Draw the amplitudes of several images in rows, each relative to its own maximum.
 
-    `panels` has rows of (label, image), from top to bottom; a panel stays empty without an image,
-    or with one that is zero. Labels are plain text, whose line feeds are kept. Each panel has its
-    own axes; then comes the colour bar.
+    `panels` has rows of (label, image), from top to bottom; a panel stays empty without an image.
+    Each panel has its own axes; then comes the colour bar.
     """
     shown = [
         [

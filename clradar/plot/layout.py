@@ -165,11 +165,7 @@ def wrapped(text: object, width: float, size_pt: float, most: int = 3) -> list[s
 
 
 def printable(text: object) -> str:
-    """Return text on one line, with escapes for what cannot be printed.
-
-    A label can be a file's name, with control characters, undecodable bytes (lone surrogates, which
-    fonts refuse) and marks that reverse the direction of writing.
-    """
+    """Return text on one line, with escapes for what cannot be printed, such as in files' names."""
     line = " ".join(str(text).split())
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 

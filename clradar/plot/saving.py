@@ -28,8 +28,7 @@ SUFFIXES = tuple(METADATA)
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = False) -> Path:
     """Write a figure as .png, .pdf or .svg, whole or not at all; the same figure, the same bytes.
 
-    An existing file is replaced with `force` alone. What is refused is an `OutputError`, and a file
-    that was at `path` before is then unchanged.
+    An existing file is replaced with `force` alone.
     """
     target = Path(path)
     suffix = target.suffix.lower()
@@ -43,7 +42,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
 
 
 def png_bytes(figure: Figure, *, dpi: float = DPI) -> bytes:
-    """Return a figure as a PNG with `dpi` dots per inch; the same figure gives the same bytes."""
+    """Return a figure as a PNG with `dpi` dots per inch; the same figure, the same bytes."""
     stream = io.BytesIO()
     _render(figure, stream, ".png", dpi)
     return stream.getvalue()

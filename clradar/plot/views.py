@@ -56,8 +56,7 @@ def thin_view(grid: VoxelGrid) -> str:
 def plane_of(volume: Volume, axis: str, at_m: float | None = None) -> Volume:
     """Return the plane of voxels across an axis, "x", "y" or "z", that is nearest to a place.
 
-    By default through the strongest voxel. A place more than half a voxel outside of the volume is
-    a `CompareError`.
+    By default through the strongest voxel. A place outside of the volume is a `CompareError`.
     """
     checks.instance("plane_of: volume", volume, Volume)
     checks.one_of("plane_of: axis", axis, ("x", "y", "z"))

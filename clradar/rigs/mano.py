@@ -177,15 +177,14 @@ def _blend_of(rig: Rig) -> PoseBlend:
 def theta_of_components(
     rig: Rig, coefficients: Any, global_rad: Any = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
-    """Return a pose theta (48,), axis times angle, radians, of principal components of MANO.
+    """Return a pose theta (48,) of principal components of MANO.
 
     theta = [global, hands_mean + coefficients @ hands_components], of up to as many coefficients as
     the model has components; `global_rad` turns the whole hand, in the model's frame.
 
     Examples
     --------
-    >>> from clradar.rigs import theta_of_components
-    >>> theta_of_components(rig, [0.5])[3:6].tolist()
+    >>> clradar.rigs.theta_of_components(rig, [0.5])[3:6].tolist()
     [0.5, 0.0, 0.0]
     """
     blend = _blend_of(rig)
@@ -201,18 +200,17 @@ def theta_of_components(
 def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     """Return the absolute rotations that `Rig.turned` takes, (25, 3, 3), of a pose theta (48,).
 
-    Theta has, in radians, axis times angle of each of the 16 joints against its parent, in the
-    model's order and frame; the first turns the whole hand. Nothing is added: `hands_mean` is in it
-    or not. Joints that MANO lacks rotate with the wrist.
+    Theta has axis times angle, radians, of each of the 16 joints against its parent, in the model's
+    order and frame; the first turns the whole hand. `hands_mean` is not added. Joints that MANO
+    lacks rotate with the wrist.
 
     Examples
     --------
     A quarter turn about x bends the index finger's first joint of a hand along +y.
 
-    >>> from clradar.rigs import rotations_of_theta
     >>> theta = np.zeros(48)
     >>> theta[3] = -np.pi / 2
-    >>> (rotations_of_theta(rig, theta)[6] @ [0.0, 1.0, 0.0]).round(6).tolist()
+    >>> (clradar.rigs.rotations_of_theta(rig, theta)[6] @ [0.0, 1.0, 0.0]).round(6).tolist()
     [0.0, 0.0, -1.0]
     """
     from scipy.spatial.transform import Rotation
@@ -230,15 +228,13 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
 
 
 def theta_of_rotations(rig: Rig, rotations: np.ndarray) -> np.ndarray:
-    """Return the pose theta (48,), radians, of absolute rotations (25, 3, 3); inverse of the above.
-
-    With `Rig.rotations` of a pose, this is that pose in the parameters of MANO.
+    """Return the pose theta (48,) of absolute rotations (25, 3, 3), as of `Rig.rotations`.
 
     Examples
     --------
-    >>> from clradar.rigs import rotations_of_theta, theta_of_rotations
     >>> theta = np.linspace(-0.5, 0.5, 48)
-    >>> bool(np.allclose(theta_of_rotations(rig, rotations_of_theta(rig, theta)), theta))
+    >>> rotations = clradar.rigs.rotations_of_theta(rig, theta)
+    >>> bool(np.allclose(clradar.rigs.theta_of_rotations(rig, rotations), theta))
     True
     """
     from scipy.spatial.transform import Rotation

@@ -34,49 +34,36 @@ def read_rig(
     handedness: str | None = None,
     betas: Sequence[float] | None = None,
 ) -> Rig:
-    """Return the rigged hand of a file.
+    """Return the rigged hand of a file; docs/rigs.md has formats and checks.
 
     Parameters
     ----------
     path : path-like
-        Skinned glTF 2.0 (`.glb`, or `.gltf` with its buffers) or a MANO model (`.pkl`, `.npz`); the
-        content decides which. No code of a pickle is run.
+        Skinned glTF 2.0 (`.glb`, `.gltf`) or a MANO model (`.pkl`, `.npz`); the content decides.
     mapping : path-like or mapping, optional
         The node of each joint, for glTF files whose joints have no WebXR names: a TOML file with a
         table ``[joints]``, or WebXR name -> name or number of a node.
     unit : "m", "cm", "mm", "inch", or a number, metres, optional
-        The file's unit of length, metres by default, as the formats have it. Another one that a
-        hand's size shows is an error.
+        The file's unit of length, metres by default. Another one that a hand's size shows is an
+        error.
     handedness : "right" or "left", optional
         Of the hand, or of the one to read of two. By default from the names of joints and file,
         else right; joint positions that show the other one are an error.
     betas : sequence of float, optional
-        Shape of a MANO hand, at most as many as the model has; the remaining ones are 0.
-
-    Returns
-    -------
-    Rig
-
-    Warns
-    -----
-    ClradarWarning
-        Meshes of the file are left out.
+        Shape of a MANO hand; the remaining ones are 0.
 
     Examples
     --------
     A hand of three triangles in the format of MANO: every vertex is a joint.
 
-    >>> from clradar.hand import HandPose, posed_skeleton
-    >>> from clradar.rigs import read_rig
     >>> from clradar.rigs.mano import MANO_JOINTS, PARENTS
+    >>> rest = clradar.hand.posed_skeleton(clradar.hand.HandPose("rest"))
     >>> np.savez(
-    ...     "MANO_RIGHT.npz",
-    ...     v_template=1e3 * posed_skeleton(HandPose("rest")).joints_m[list(MANO_JOINTS)],
+    ...     "MANO_RIGHT.npz", v_template=1e3 * rest.joints_m[list(MANO_JOINTS)],
     ...     shapedirs=np.zeros((16, 3, 1)), posedirs=np.zeros((16, 3, 135)),
     ...     J_regressor=np.eye(16), weights=np.eye(16), f=[[1, 4, 7], [2, 5, 8], [3, 6, 9]],
-    ...     kintree_table=[PARENTS, range(16)],
-    ... )
-    >>> rig = read_rig("MANO_RIGHT.npz", unit="mm")
+    ...     kintree_table=[PARENTS, range(16)])
+    >>> rig = clradar.rigs.read_rig("MANO_RIGHT.npz", unit="mm")
     >>> rig.handedness, rig.unit_m
     ('right', 0.001)
     """

@@ -56,20 +56,21 @@ class Rig(Record):
         The file it came from.
     handedness : "right" or "left"
         Left hands are stored as their mirror image and mirrored again when they are posed.
-    unit_m : float, metres
-        The file's unit of length, given or estimated.
-    axes : array_like, shape (3, 3), float64
+    unit_m : float
+        The file's unit of length.
+    axes : array_like, shape (3, 3)
         Orthogonal: from the file's directions to this frame.
-    joints_m : array_like, shape (25, 3), float64, metres
+    joints_m : array_like, shape (25, 3)
         In the order of `JOINT_NAMES`; NaN where the rig has none.
-    frames : array_like, shape (25, 3, 3), float64
-        Axes of the bones at rest as columns, as in `Skeleton.frames`.
+    frames : array_like, shape (25, 3, 3)
+        Axes of the bones at rest, as `clradar.hand.Skeleton.frames`.
     faces : array_like, shape (F, 3), int32
-    skin : clradar.hand.skin.Skin
+    skin : Skin
         Of the vertices, in the coordinates of joints at rest.
     blend : PoseBlend, optional
+        Of MANO.
     ignored : tuple of str
-        Names of meshes of the file that do not belong to the hand.
+        Meshes of the file that do not belong to the hand.
     """
 
     label: str
@@ -93,36 +94,25 @@ class Rig(Record):
         self._set_array("faces", np.int32, (None, 3))
 
     def plain(self) -> dict[str, Any]:
-        """Return the fields in types that a message between processes can hold."""
+        """The fields in plain types, of which `of_plain` makes the rig again."""
         return asdict(self, dict_factory=_listed)
 
     @classmethod
     def of_plain(cls, plain: dict[str, Any]) -> Rig:
-        """Return the rig of what `plain` returned."""
+        """The rig of what `plain` returned."""
         blend = None if plain["blend"] is None else PoseBlend(**plain["blend"])
         return cls(**{**plain, "skin": Skin(**plain["skin"]), "blend": blend})
 
     @property
     def known(self) -> np.ndarray:
-        """Mask (25,) of the joints that the rig has, bool."""
+        """Mask (25,) of the joints that the rig has."""
         return np.isfinite(self.joints_m).all(axis=1)
 
     def posed(self, pose: str | HandPose = "F", center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
         """Return the surface of this hand in a pose, palm towards the radar.
 
-        Parameters
-        ----------
-        pose : str or HandPose
-            A name in `POSES`, upper or lower case, or a pose. Every bone gets the direction that it
-            has in the hand of this package; the lengths are the rig's.
-        center_m : array_like, shape (3,), metres
-            Where the centre of the surface's bounding box goes, in the antenna frame.
-
-        Returns
-        -------
-        HandMesh
-            Its `joints_m` are NaN where the rig has no joint. Its `texture_m` are the vertices at
-            rest.
+        As `clradar.hand.hand_mesh`: bones have the directions that they have there, and the rig's
+        lengths.
         """
         return self.turned(self.rotations(pose), center_m)
 
@@ -131,10 +121,9 @@ class Rig(Record):
         return posed_skeleton(pose).frames @ np.swapaxes(self.frames, 1, 2)
 
     def turned(self, rotations: np.ndarray, center_m: Any = DEFAULT_CENTER_M) -> HandMesh:
-        """Return the surface with every bone rotated from rest.
+        """Return the surface with every bone rotated from rest by (25, 3, 3), as of `rotations`.
 
-        x' = sum_j w_j (q_j + R_j (x - p_j)), where p_j is the joint at rest and q_j its position by
-        forward kinematics; rotations R (25, 3, 3) are absolute, in the canonical frame.
+        docs/rigs.md has the equation.
         """
         centre_m = place("center_m", center_m)
         places_m = self.joint_places_m(rotations)
@@ -151,7 +140,7 @@ class Rig(Record):
         return right.moved(mirror, centre_m - mirror @ middle_m)
 
     def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
-        """Return the joints (25, 3) by q_j = q_parent + R_parent (p_j - p_parent), NaN for none."""
+        """Return the joints (25, 3) after such rotations about the wrist at rest."""
         known, parents = self.known, parents_of(self.known)
         places_m = np.full_like(self.joints_m, np.nan)
         places_m[WRIST] = self.joints_m[WRIST]

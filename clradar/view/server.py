@@ -128,15 +128,14 @@ def show(
 ) -> None:
     """Show captures or volumes in a browser, until SIGINT or SIGTERM; print the page's address.
 
-    A sequence, such as a recording, is gone through by a slider. Any other iterable, such as a
-    generator that waits for a radar, is gone through in a thread of its own as fast as it yields:
-    the newest frame is shown, those that came meanwhile are dropped and counted, and the last 256
-    MiB of samples can be looked back at. What the iterable raises is raised here.
+    A slider goes through a sequence, such as a recording. Any other iterable, such as a generator
+    that waits for a radar, is read in a thread of its own: the newest frame is shown, those that
+    came meanwhile are dropped and counted, and the last 256 MiB of samples can be looked back at.
+    What the iterable raises is raised here.
 
-    `grid` is that of the images of captures, by default one around what the first of them shows, of
-    half a million voxels at most; `method`, `window`, `tolerance_db` and `dynamic_range_db` are as
-    `clradar.backproject` and `Volume.depth_map` take them. A `mesh` is drawn as a surface. The page
-    is at 127.0.0.1, at `port` or the next one that is free; `title` is plain text.
+    `grid` is that of the images of captures, by default around what the first of them shows; the
+    other settings are those of `clradar.backproject` and `Volume.depth_map`. A `mesh` is drawn as a
+    surface. The page is at 127.0.0.1, at `port` or the next one that is free.
 
     Examples
     --------

@@ -9,11 +9,11 @@ from typing import Any
 
 from docutils import nodes
 from docutils.statemachine import StringList
-from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 PAGE = re.compile(r"(?P<ticks>`{0,2})docs/(?P<page>[\w-]+)\.md(?P=ticks)")
+TYPE = re.compile(r"(\*\*[^*]+\*\*) \(\*(.+?)\*\)(?= --|$)")
 FOOTNOTE = re.compile(r"\[(\d+)\](?=_)|(?<=^\.\. )\[(\d+)\]")
 
 
@@ -61,31 +61,34 @@ def described(package: str, name: str, item: Any) -> list[str]:
     if inspect.ismodule(item):
         return []
     if inspect.isclass(item):
-        return [f".. autoclass:: {full}", "   :members:", ""]
+        hidden = "   :exclude-members: model_config, model_post_init"  # of pydantic
+        return [f".. autoclass:: {full}", "   :members:", hidden, ""]
     if inspect.isroutine(item):
         return [f".. autofunction:: {full}", ""]
     return [f".. py:data:: {full}", f"   :type: {type(item).__name__}", ""]
 
 
 def adapted(app: Sphinx, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
-    """Make links of the pages that a docstring names; number its footnotes apart from others."""
+    """Make links of the pages and types that a docstring names; number its footnotes apart."""
     label = re.sub(r"\W+", "-", name)
+    packages = map(importlib.import_module, app.config.public_packages)
+    public = {public for package in packages for public in package.__all__}
+
+    def linked(found: re.Match[str]) -> str:
+        """A type, with links of its public classes: "shape" is none to some attribute."""
+        words = re.sub(r"\b[A-Z]\w+", lambda w: f"`.{w[0]}`" if w[0] in public else w[0], found[2])
+        return f"{found[1]} ({words})"
+
     for i, line in enumerate(lines):
-        with_links = PAGE.sub(r":doc:`/\g<page>`", line)
-        lines[i] = FOOTNOTE.sub(lambda found: f"[#{label}-{found[1] or found[2]}]", with_links)
+        line = PAGE.sub(r":doc:`/\g<page>`", line)
+        line = FOOTNOTE.sub(lambda found: f"[#{label}-{found[1] or found[2]}]", line)
+        lines[i] = TYPE.sub(linked, line)
 
 
-def plain_types(app: Sphinx, doctree: nodes.document) -> None:
-    """Leave the words of types that are no public name: "shape" is no link to some attribute."""
-    public = {
-        name
-        for package in app.config.public_packages
-        for name in importlib.import_module(package).__all__
-    }
-    for link in list(doctree.findall(addnodes.pending_xref)):
-        of_type = link["refdomain"] == "py" and link["reftype"] == "class"
-        if of_type and link["reftarget"].split(".")[-1] not in public:
-            link.replace_self(link.children)
+def fields_of(app: Sphinx, what: str, name: str, item: Any, *_: Any) -> tuple[str, str] | None:
+    """The signature of a file's record: names alone, as its page has the defaults."""
+    fields = getattr(item, "model_fields", None)
+    return (f"(*, {', '.join(fields)})", "") if fields else None
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -93,5 +96,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_config_value("public_packages", [], "env")
     app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", adapted)
-    app.connect("doctree-read", plain_types)
+    app.connect("autodoc-process-signature", fields_of)
     return {"parallel_read_safe": True}

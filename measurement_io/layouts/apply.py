@@ -54,15 +54,12 @@ def open_with_layout(
     Returns
     -------
     Capture
-        data[tx, rx, freq], complex64, in the antenna frame and with the sign of the phase that this
-        program uses. `meta` has `source`, `format` ("layout"), `container`, `frame`, `frames`,
-        `frequencies_reversed`, `layout` (its settings), and under `file` the keys that the layout
-        asks for.
+        In the antenna frame and with clradar's sign of the phase. `meta` has the settings of the
+        layout, and under `file` the keys that it asks for.
 
     Examples
     --------
     >>> from pathlib import Path
-    >>> from measurement_io import open_with_layout
     >>> _ = Path("lab.toml").write_text('''
     ... data = {key = "s", axes = ["tx", "rx", "freq"]}
     ... tx.key = "tx_mm"
@@ -72,8 +69,8 @@ def open_with_layout(
     ... ''')
     >>> lab = {"tx_mm": np.eye(3), "rx_mm": np.eye(3)[:2], "f": np.linspace(72, 82, 5)}
     >>> np.savez("lab.npz", s=np.ones((3, 2, 5), np.complex64), **lab)
-    >>> capture = open_with_layout("lab.npz", "lab.toml")
-    >>> capture.data.shape, capture.array.tx_m[0].tolist(), capture.waveform.n_freq
+    >>> read = measurement_io.open_with_layout("lab.npz", "lab.toml")
+    >>> read.data.shape, read.array.tx_m[0].tolist(), read.waveform.n_freq
     ((3, 2, 5), [0.001, 0.0, 0.0], 5)
     """
     if frame is not None:

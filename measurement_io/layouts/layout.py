@@ -239,7 +239,7 @@ class MetaLayout(FileRecord):
 
 
 class Layout(FileRecord):
-    """The keys, axes, units and conventions of a file; `read_layout` reads one."""
+    """The keys, axes, units and conventions of a file: docs/layouts.md has them all."""
 
     data: DataLayout
     tx: AntennaLayout
@@ -269,16 +269,16 @@ class Layout(FileRecord):
 
     @property
     def array_name(self) -> str:
-        """What the array is called: a known one keeps its name."""
+        """Name of the array; a known one keeps its own."""
         known = self.tx.array if self.tx.array == self.rx.array else None
         return self.antennas.name or known or self._path.stem
 
     def file_of(self, side: AntennaLayout) -> Path | None:
-        """Return the antenna file of a side, beside the layout; None if it has none."""
+        """The antenna file of a side, beside the layout; None if it has none."""
         return None if side.file is None else self._path.parent / side.file
 
     def plain(self) -> dict[str, Any]:
-        """Return all settings in types that JSON knows; what is not set is left out."""
+        """The settings in types that JSON knows; what is not set is left out."""
         settings = self.model_dump(mode="json", exclude_none=True)
         for name in ("tx", "rx"):
             if (file := self.file_of(getattr(self, name))) is not None:
@@ -287,19 +287,18 @@ class Layout(FileRecord):
 
 
 def read_layout(path: str | os.PathLike[str]) -> Layout:
-    """Return the layout of a TOML file; docs/layouts.md lists its settings.
+    """Return the layout of a TOML file.
 
     Examples
     --------
     >>> from pathlib import Path
-    >>> from measurement_io import read_layout
     >>> _ = Path("lab.toml").write_text('''
     ... data = {key = "s", axes = ["tx", "rx", "freq"]}
     ... tx.array = "qar50"
     ... rx.array = "qar50"
     ... frequency = {start = 72, stop = 82, points = 128, unit = "GHz"}
     ... ''')
-    >>> read_layout("lab.toml").frequency.points
+    >>> measurement_io.read_layout("lab.toml").frequency.points
     128
     """
     found = read_record(Path(path), Layout, _EXPECTED)

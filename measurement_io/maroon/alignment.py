@@ -68,14 +68,13 @@ class _Transforms(RootModel[dict[str, Matrix]]):
 class SensorAlignment:
     """The transforms of one `alignment.json`.
 
-    Parameters
+    Attributes
     ----------
     path : str
-        The file, for messages.
-    given : mapping of (source, target) to ndarray, shape (4, 4), float64, read-only
+    given : mapping of (source, target) to ndarray, shape (4, 4)
         The transforms that the file holds: p_target = T p_source.
     unknown_keys : tuple of str
-        Keys of the file that are no transforms, and were not read.
+        Keys that are no transforms, and were not read.
     """
 
     path: str
@@ -91,15 +90,9 @@ class SensorAlignment:
     def transform(self, source: str, target: str) -> np.ndarray:
         """Return the 4 x 4 matrix from `source` to `target`, in the units of the two.
 
-        The file's own "<source>2<target>" if it is there; else by way of the radar,
-        inv(<target>2radar) <source>2radar; else the inverse of "<target>2<source>". A transform
-        to or from the radar may itself be given by its inverse.
-
-        Parameters
-        ----------
-        source, target : str
-            Names as in the file: "radar" (metres, mirrored in x), "photogrammetry" (metres),
-            "kinect", "zed", "realsense" (millimetres).
+        Names are as in the file: "radar" (metres, mirrored in x), "photogrammetry" (metres),
+        "kinect", "zed", "realsense" (millimetres). Where the file has no "<source>2<target>", by
+        way of the radar, or inverted.
         """
         checks.text("SensorAlignment.transform: source", source)
         checks.text("SensorAlignment.transform: target", target)
@@ -119,8 +112,8 @@ class SensorAlignment:
     def to_antenna(self, source: str) -> np.ndarray:
         """Return the 4 x 4 matrix from `source` to the antenna frame, metres.
 
-        diag(-1, 1, 1, 1) <source>2radar. Its determinant is negative for a source that is not
-        mirrored itself: turn the winding of a mesh's faces when it is moved by it.
+        diag(-1, 1, 1, 1) <source>2radar; where its determinant is negative, turn the winding of a
+        mesh's faces.
         """
         return MIRROR_X @ self.transform(source, RADAR)
 
@@ -135,19 +128,14 @@ class SensorAlignment:
 
 
 def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
-    """Return the transforms of an `alignment.json`.
-
-    Keys that are not of the form "<a>2<b>" are listed in `unknown_keys` and not read. A transform
-    that is null is one that is not there.
+    """Return the transforms of an `alignment.json`; those that are null are left out.
 
     Examples
     --------
-    >>> import json
     >>> from pathlib import Path
-    >>> from measurement_io import read_alignment
-    >>> matrix = [[0.001, 0, 0, 0.1], [0, 0.001, 0, 0], [0, 0, 0.001, 0], [0, 0, 0, 1]]
-    >>> _ = Path("alignment.json").write_text(json.dumps({"kinect2radar": matrix}))
-    >>> alignment = read_alignment("alignment.json")
+    >>> _ = Path("alignment.json").write_text('''{"kinect2radar":
+    ...     [[0.001, 0, 0, 0.1], [0, 0.001, 0, 0], [0, 0, 0.001, 0], [0, 0, 0, 1]]}''')
+    >>> alignment = measurement_io.read_alignment("alignment.json")
     >>> (alignment.transform("kinect", "radar") @ [200, 0, 300, 1])[:3].round(3).tolist()
     [0.3, 0.0, 0.3]
     """
@@ -175,20 +163,18 @@ def _pair(key: str) -> tuple[str, str] | None:
 
 
 def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
-    """Return the 4 x 4 matrix of a JSON file, shape (4, 4), float64.
+    """Return the matrix of a JSON file, shape (4, 4), metres.
 
-    The file holds four rows of four numbers or sixteen numbers in that order, in metres, or an
-    object whose "transform" is one of the two. Of the `alignment.json` of a recording it is the
-    matrix that moves the recording's own meshes into the antenna frame.
+    The file holds four rows of four numbers or sixteen numbers in that order, or an object whose
+    "transform" is one of the two. Of an `alignment.json` it is the matrix that moves the
+    recording's own meshes into the antenna frame.
 
     Examples
     --------
     >>> from pathlib import Path
-    >>> from measurement_io import read_transform
     >>> _ = Path("motion.json").write_text(
-    ...     '{"transform": [[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}'
-    ... )
-    >>> (read_transform("motion.json") @ [1, 0, 0, 1])[:3].tolist()
+    ...     '{"transform": [[0, -1, 0, 0.1], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}')
+    >>> (measurement_io.read_transform("motion.json") @ [1, 0, 0, 1])[:3].tolist()
     [0.1, 1.0, 0.0]
     """
     path = Path(path)

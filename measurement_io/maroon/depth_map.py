@@ -112,41 +112,25 @@ def read_frequencies(path: Path) -> tuple[Frequencies, set[int]]:
 
 
 def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
-    """Return `depth/%06d.png` of a frame.
+    """Return `depth/%06d.png` of a frame of a radar folder, in the antenna frame.
 
-    Parameters
-    ----------
-    radar : path-like
-        A radar folder.
-    number : int
-        The frame.
-
-    Returns
-    -------
-    DepthMap
-        In the antenna frame. The file's depths are whole millimetres; 0 becomes NaN. The
-        amplitude is that of `maxproj`, where there is one of the same shape, else 1 where there
-        is a depth and 0 elsewhere. `dynamic_range_db` is the magnitude of the threshold that
-        `calibration.json` names, or the default where it names none, or 0.
-
-    Notes
-    -----
-    The positions of the pixels are in `volume` of the frame's entry of `calibration.json` (its
-    `bb_min`, `bb_max`, `grid_size`, both ends included); else by the same keys in `depth`; else by
-    `depth: intrinsics`. An entry `depth: transform` means that the file's rows still run upwards.
+    Depths are whole millimetres in the file; 0 becomes NaN. The amplitude is that of `maxproj`
+    where there is one, else 1 where there is a depth. The pixels lie where `calibration.json` has
+    them, in `volume` or in `depth` of the frame (`bb_min`, `bb_max`, `grid_size`, both ends
+    included), or by `depth: intrinsics`; an entry `depth: transform` means rows that run upwards.
+    The dynamic range is that file's threshold, or the default.
 
     Examples
     --------
     >>> import json
     >>> from pathlib import Path
     >>> from PIL import Image
-    >>> from measurement_io import read_depth_map
     >>> radar = Path("plate/30/radar_72.0_82.0_3")
     >>> (radar / "depth").mkdir(parents=True)
     >>> Image.fromarray(np.array([[300, 0]], np.uint16)).save(radar / "depth" / "000000.png")
     >>> grid = {"bb_min": [-0.1, 0.0], "bb_max": [0.1, 0.0], "grid_size": [2, 1]}
     >>> _ = (radar / "calibration.json").write_text(json.dumps({"000000": {"depth": grid}}))
-    >>> depth = read_depth_map(radar, 0)
+    >>> depth = measurement_io.read_depth_map(radar, 0)
     >>> depth.depth_m.tolist(), depth.x_m.tolist()  # x is mirrored
     ([[nan, 0.3]], [-0.1, 0.1])
     """

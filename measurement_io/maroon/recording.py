@@ -47,13 +47,12 @@ def open_recording(
     variant : {"raw", "emptyfiltered"}
         As recorded, or with the empty room removed.
     rx_file, tx_file : path-like, optional
-        Antenna positions; those of the radar folder, or of `clradar.arrays.qar50()`, if not given.
+        Antenna positions; by default those of the radar folder, else of `clradar.arrays.qar50`.
 
     Examples
     --------
-    >>> from measurement_io import open_recording, save_recording
-    >>> radar = save_recording("plate/30", frames, timestamps_us=[0, 125_000, 250_000])
-    >>> recording = open_recording("plate/30")
+    >>> radar = measurement_io.save_recording("plate/30", frames)
+    >>> recording = measurement_io.open_recording("plate/30")
     >>> [float(abs(capture.data.real).max()) for capture in recording]
     [1.0, 2.0, 3.0]
     """
@@ -128,13 +127,10 @@ class _Files:
 class Recording(Sequence[Capture]):
     """The frames of a recording, read on access; made by `open_recording`.
 
-    ``recording[i]`` is the i-th frame that is there, whatever its number: the numbers of frames can
-    have gaps. The frame's number is in ``capture.meta["frame"]`` and in `frame_numbers`. A slice is
-    a recording of some of the frames, and reads nothing. Nothing that was read is kept, so one
-    frame is in memory at a time as long as the caller keeps no more.
-
-    A frame that is damaged, or has other frequencies than the first frame that can be read, raises
-    `MeasurementError` on access; all other frames can still be read (`readable`).
+    ``recording[i]`` is the i-th frame that is there: numbers of frames (`frame_numbers`,
+    ``capture.meta["frame"]``) can have gaps. A slice is a recording of some frames, and reads
+    nothing. Nothing that was read is kept. A frame that is damaged, or has other frequencies than
+    the first, raises `MeasurementError` on access; the others can still be read.
     """
 
     def __init__(self, files: _Files, variant: str, numbers: tuple[int, ...] | None = None) -> None:
@@ -166,13 +162,7 @@ class Recording(Sequence[Capture]):
         return map(self._capture_of_number, self._numbers)
 
     def readable(self) -> Iterator[Capture]:
-        """Go through the frames that can be read; a warning names each of the others.
-
-        Warns
-        -----
-        ClradarWarning
-            A frame is damaged, or has other frequencies than the first.
-        """
+        """Go through the frames that can be read; a warning names each of the others."""
         for number in self._numbers:
             try:
                 capture = self._capture_of_number(number)
@@ -191,7 +181,7 @@ class Recording(Sequence[Capture]):
 
     @property
     def frame_numbers(self) -> tuple[int, ...]:
-        """The number of every frame, as its file is named, by position."""
+        """The number of every frame, as its file is named."""
         return self._numbers
 
     @property
@@ -205,35 +195,31 @@ class Recording(Sequence[Capture]):
         return tuple(name for name, frames in self._files.frames.items() if frames)
 
     def with_variant(self, variant: str) -> Recording:
-        """Return the same recording in another variant.
-
-        Of a slice, the frames of the same numbers; of a whole recording, all that there are.
-        """
+        """The same recording in another variant; of a slice, the frames of the same numbers."""
         variant = checks.one_of("Recording.with_variant: variant", variant, folders.VARIANTS)
         return Recording(self._files, variant, None if self._all else self._numbers)
 
     @property
     def timestamps_us(self) -> tuple[int | float | None, ...]:
-        """Time stamp of every frame by position, microseconds.
+        """Time stamp of every frame; None where it has none or its file cannot be read.
 
-        The first one where a frame has several; None where it has none or its file cannot be read.
-        Every use reads the files of all frames, one after the other: keep what it returns.
+        Every use reads the files of all frames: keep what it returns.
         """
         return tuple(self._files.time_stamp(self._variant, number) for number in self._numbers)
 
     @property
     def waveform(self) -> Waveform:
-        """Frequencies of the first frame of the recording that can be read."""
+        """Frequencies of the first frame that can be read."""
         return self._files.waveform(self._variant)
 
     @property
     def array(self) -> AntennaArray:
-        """Antenna positions, the same for all frames."""
+        """Antennas of all frames."""
         return self._files.array
 
     @property
     def metadata(self) -> RecordingMetadata | None:
-        """The content of `metadata.json`; None if there is none."""
+        """The content of `metadata.json`, if there is one."""
         from measurement_io.maroon.metadata import read_metadata
 
         found: RecordingMetadata | None = self._files.beside(METADATA_FILE, read_metadata)
@@ -241,7 +227,7 @@ class Recording(Sequence[Capture]):
 
     @property
     def alignment(self) -> SensorAlignment | None:
-        """The transforms of `alignment.json`; None if there is none."""
+        """The transforms of `alignment.json`, if there is one."""
         from measurement_io.maroon.alignment import read_alignment
 
         found: SensorAlignment | None = self._files.beside(ALIGNMENT_FILE, read_alignment)
@@ -253,21 +239,11 @@ class Recording(Sequence[Capture]):
         return tuple(sorted(mesh_files(self._files.distance)))
 
     def scene(self, name: str = "mesh", *, alpha: float | np.ndarray = 0.5) -> Scene:
-        """Return a photogrammetric mesh in the antenna frame.
+        """Return a photogrammetric mesh, one of `mesh_names`, in the antenna frame.
 
-        Parameters
-        ----------
-        name : str
-            One of `mesh_names`.
-        alpha : float or array_like, shape (n_faces,)
-            0 specular ... 1 diffuse.
-
-        Returns
-        -------
-        Scene
-            p_antenna = diag(-1, 1, 1) T_photogrammetry2radar p_mesh, metres. Where that mirrors,
-            as it does for every proper `alignment.json`, the winding of the faces is turned, so
-            that they keep their outside.
+        p_antenna = diag(-1, 1, 1) T_photogrammetry2radar p_mesh, metres. Where that mirrors, the
+        winding of the faces is turned, so that they keep their outside. `alpha` is as of
+        `clradar.Scene`.
         """
         checks.text("Recording.scene: name", name)
         alignment = self.alignment
@@ -287,10 +263,7 @@ class Recording(Sequence[Capture]):
         return replace(scene, faces=scene.faces[:, ::turn], part_names=parts).with_alpha(alpha)
 
     def depth_map(self, index: int) -> DepthMap:
-        """Return the depth map that lies beside the frame at a position, in the antenna frame.
-
-        See `measurement_io.maroon.depth_map.read_depth_map`.
-        """
+        """Return the depth map beside the frame at a position, as `read_depth_map` does."""
         from measurement_io.maroon.depth_map import read_depth_map
 
         return read_depth_map(self.path, self._number(index))

@@ -74,24 +74,22 @@ def save_recording(
     Parameters
     ----------
     path : path-like
-        The `<object>/<distance>` folder. The folders above it are made where missing.
+        The `<object>/<distance>` folder; made where it is missing.
     captures : iterable of Capture
         All of one array and waveform; they get the numbers 0, 1, 2 ... Where neither the iterable
         nor the time stamps have a length, each frame is written twice: it names how many there are.
+        The total of `progress` then is 0.
     variant : {"raw", "emptyfiltered"}
         What `captures` are.
     emptyfiltered : iterable of Capture, optional
-        The same frames with the empty room removed: each goes beside the raw one of its number in
-        `meta["frame"]` where all have such a number, else there is one for each in order.
-    timestamps_us : sequence, microseconds, optional
-        A number, or a sequence of them, per frame. If not given, `meta["timestamp_us"]` of each
-        capture, else 0.
+        The same frames with the empty room removed, by the number in `meta["frame"]` where all have
+        one, else in order.
+    timestamps_us : sequence, optional
+        A number, or a sequence of them, per frame. Default: `meta["timestamp_us"]`, else 0.
     metadata, alignment : mapping, optional
-        Content of `metadata.json` and `alignment.json`, in types that JSON knows.
+        Content of `metadata.json` and `alignment.json`.
     meshes : iterable of path-like
         Files to be copied to `photogrammetry/`.
-    progress : callable, optional
-        Called with (frames written, frames in all) after each frame; in all is 0 if not known.
     force : bool
         Replace the radar folder of this waveform, and files of the same name beside it.
 
@@ -102,11 +100,10 @@ def save_recording(
 
     Examples
     --------
-    >>> from measurement_io import open_recording, save_recording
-    >>> radar = save_recording("plate/30", frames, timestamps_us=[0, 125_000, 250_000])
-    >>> radar.as_posix()
-    'plate/30/radar_72.0_82.0_3'
-    >>> open_recording("plate/30").timestamps_us
+    >>> stamps_us = [0, 125_000, 250_000]
+    >>> measurement_io.save_recording("plate/30", frames, timestamps_us=stamps_us).name
+    'radar_72.0_82.0_3'
+    >>> measurement_io.open_recording("plate/30").timestamps_us
     (0, 125000, 250000)
     """
     variant = checks.one_of(f"{_NAME}: variant", variant, VARIANTS)

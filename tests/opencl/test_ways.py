@@ -125,8 +125,8 @@ WIDTH_TOLERANCE = {"trace": 0.0, "hand": 0.0, "expected": 1e-4, "frames": 1e-4}
 OTHER_TOLERANCE = 300 * 2.0**-24
 
 MEMORY_BYTES = {
-    **{"trace": 500_000, "synthesize": 60_000, "stochastic": 900_000, "expected": 500_000},
-    "alphas": 900_000,
+    **{"trace": 500_000, "synthesize": 60_000, "stochastic": 300_000, "expected": 500_000},
+    "alphas": 550_000,
     **{"physical": 1_500_000, "rough": 1_500_000, "exact": 60_000, "range": 120_000},
     **{"fast": 400_000, "fast, fine": 600_000, "frames": 8_000_000, "operator": 4_000_000},
     "hand": 200_000,
@@ -244,7 +244,7 @@ OFTEN_FAILING = ("stochastic", "rough", "fast")
 """Of which a device of little memory is made to fail in every run: of rays, points, images."""
 
 OFTEN = {
-    "little memory": ("synthesize", "expected", "range"),  # and those that are made to fail
+    "little memory": ("synthesize", "expected", "alphas", "range"),  # and those made to fail
     "small pieces": ("synthesize", "expected", "rough", "fast", "operator"),
     "blocks of Tx": ("expected", "rough"),
     "few receptions": ("alphas",),

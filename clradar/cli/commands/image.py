@@ -36,7 +36,6 @@ def command(
     if not to_write:
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
-    images.remove_remains(folder)
     content, range_db = ImageInput.open(captures[0], frames).content, depth.dynamic_range_db
     imaging.check(content, captures, files, {**opt.given(processes), "--device": device})
     if isinstance(content, cl.Volume):

@@ -37,14 +37,12 @@ def recipe(plan: Plan, index: int) -> Recipe:
     """Return the plan of sample `index` alone, from which `make_sample` reproduces it.
 
     It has the keys and the units of a plan, every one written out, with a number in place of every
-    draw. Every quantity has random numbers of its own, keyed by the plan's seed, the number of the
-    sample and the quantity's path (`clradar.dataset.plan.draws.stream`). So a recipe depends
-    neither on other samples nor on other draws.
+    draw. Each quantity's random numbers are keyed by the plan's seed, the sample and the quantity's
+    path: a recipe depends neither on other samples nor on other draws.
 
     Examples
     --------
-    >>> from clradar.dataset import read_plan, recipe
-    >>> second = recipe(read_plan("plan.toml"), 1)
+    >>> second = clradar.dataset.recipe(clradar.dataset.read_plan("plan.toml"), 1)
     >>> second["poses"]["resolved"][0]["name"], second["placement"]["z_mm"]
     ('B', 300.0)
     """
