@@ -285,9 +285,9 @@ def paths_in(value: Any) -> list[Path]:
     return [value] if isinstance(value, Path) else []
 
 
-def given(group: Any) -> dict[str, Any]:
-    """The options of a group that were typed, or are not at their default: name -> value."""
-    values = {one: getattr(group, one.name) for one in fields(group)}
+def given(group: Any, part: Any = None) -> dict[str, Any]:
+    """The options of a group, or of a `part`, that were typed, or are not at their default."""
+    values = {one: getattr(group, one.name) for one in fields(part or group)}
     return {
         option_name(f.name, f): value
         for f, value in values.items()

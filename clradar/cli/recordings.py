@@ -115,7 +115,7 @@ class RecordingWork:
             steps = replace(steps, how=replace(steps.how, empty=mean))
         store = FolderStore(folder / MAPS)
         if GRID not in store:  # kept: another first frame may be readable when the run is resumed
-            grid = self.voxels.grid() if self.voxels.given else self._placed(steps)
+            grid = self.voxels.grid() if opt.given(self.voxels) else self._placed(steps)
             arrays = {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
             store[GRID] = {**arrays, "counts": np.array(grid.counts)}
         known = store[GRID]

@@ -287,7 +287,8 @@ class Workers:
         except Exception as error:
             got = reason_of(error)
         if got is not None:
-            raise ClusterError(f"{self._address}: {expected}, got {got}")
+            address = self.client.scheduler_info(n_workers=0)["address"]
+            raise ClusterError(f"{address}: {expected}, got {got}")
         return facts
 
     def in_order(self, function: Function, items: Sequence[Any]) -> Iterator[Outcome]:
@@ -371,10 +372,6 @@ class Workers:
             with suppress(Exception):
                 self.client.cancel(list(pending))
 
-    @property
-    def _address(self) -> str:
-        return str(self.client.scheduler_info(n_workers=0)["address"])
-
     def _known(self) -> dict[str, Any]:
         """The workers with a device by their addresses."""
         known = self.client.scheduler_info(n_workers=-1)["workers"]
@@ -384,7 +381,7 @@ class Workers:
         until_s = monotonic() + limit_s
         while not self._known():
             if monotonic() > until_s:
-                address = self._address
+                address = self.client.scheduler_info(n_workers=0)["address"]
                 raise ClusterError(
                     f"{address}: expected workers with a device, got none; start some by: "
                     f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'

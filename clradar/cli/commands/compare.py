@@ -38,7 +38,7 @@ def command(
 
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
     imaged = all(image.grid is not None for image in images)
-    if imaged and voxels.given:
+    if imaged and opt.given(voxels):
         text = "there is no capture to image: all inputs are volumes"
         raise opt.wrong_usage("--x-mm, --y-mm, --z-mm", text)
     opened = None if imaged else open_devices(device).first

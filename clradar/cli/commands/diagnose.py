@@ -44,7 +44,7 @@ def command(
     """
     from calibration import apply_convention, diagnose
 
-    grid = voxels.grid(COARSE_GRID_MM) if voxels.given else None
+    grid = voxels.grid(COARSE_GRID_MM) if opt.given(voxels) else None
     expected_m = None if expect_mm is None else opt.scaled(expect_mm, 1e3)
     loaded = opt.open_frame(capture, frames)
     opened = open_devices(device).first

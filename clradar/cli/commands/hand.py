@@ -46,14 +46,14 @@ def command(
         text = f"hand from {ends} in {pose.duration_s:g} s"
         write(output, motion_of(output.parent, pose, surface), text)
         return
-    name = pose.pose or "F"
+    name, center_m = pose.pose or "F", opt.scaled(pose.center_mm, 1e3)
     angles = pose_of(name)
     if surface.rig is None:
-        mesh = surface.posed(angles, pose.center_m, open_devices(device).first)
+        mesh = surface.posed(angles, center_m, open_devices(device).first)
         text = f"hand '{angles.name}'"
     else:
-        mesh, text = surface.rigged(angles, name, pose.center_m)
-    mesh = turned(mesh, pose.turn_deg, pose.center_m)
+        mesh, text = surface.rigged(angles, name, center_m)
+    mesh = turned(mesh, pose.turn_deg, center_m)
     write(joints, indented(joints_record(mesh.joints_m)))
     write(output, mesh, f"{text}, {len(mesh.faces)} faces")
 

@@ -191,11 +191,6 @@ class PoseOptions:
         "Time from pose to pose.", 1.0, needs="--from", check=checks.positive
     )
 
-    @property
-    def center_m(self) -> tuple[float, ...]:
-        """The centre in metres."""
-        return tuple(value / 1e3 for value in self.center_mm)
-
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceOptions(ShapeOptions, RigOptions):

@@ -181,11 +181,6 @@ class GridOptions:
     y_mm: parse.Axis | None = option("The same along y.", metavar="RANGE", parse=parse.axis_mm)
     z_mm: parse.Axis | None = option("The same along z.", metavar="RANGE", parse=parse.axis_mm)
 
-    @property
-    def given(self) -> bool:
-        """Whether there is an axis of the options."""
-        return (self.x_mm, self.y_mm, self.z_mm) != (None, None, None)
-
     def grid(self, defaults_mm: tuple[parse.Axis, ...] = PAPER_GRID_MM) -> VoxelGrid:
         """The grid, with default ranges for the axes that were not given."""
         own = (self.x_mm, self.y_mm, self.z_mm)

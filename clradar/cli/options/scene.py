@@ -146,14 +146,9 @@ class MaterialOptions:
         text=list[str],
     )
 
-    @property
-    def given(self) -> bool:
-        """Whether a mesh gets a material."""
-        return self.material is not None or bool(self.material_of)
-
     def estimator(self, chosen: Estimator | None) -> Estimator | None:
         """The `chosen` estimator, or with a material the one that knows materials."""
-        if not self.given or chosen == PHYSICAL:
+        if (self.material is None and not self.material_of) or chosen == PHYSICAL:
             return chosen
         if chosen is None:
             return PHYSICAL
