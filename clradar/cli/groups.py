@@ -19,9 +19,6 @@ import typer
 from clradar.errors import ClradarError
 from clradar.files.hashing import content_record
 
-REQUIRED = Parameter.empty
-"""The default of an option without which a command is wrong usage."""
-
 UNITS = ("mm", "deg", "db", "hz", "ps", "s")
 """Of names of options: the help shows them in place of the value."""
 
@@ -112,10 +109,11 @@ def option(
 ) -> Any:
     """A field that is an option; without `names` ``edge_mm`` is ``--edge-mm``.
 
-    `parse` makes a value of its `text`, `check` is of the value that typer makes. It goes with one
-    of the options `needs`, where the command has them, and never with those of `without`; one of
-    `due` demands it. These are names with blanks between them, or as ``--method=sparse|exact``. The
-    help shows it under the heading `panel`. It `writes` a file that must not be there, or names
+    Without a default it is required, unless its type has None. `parse` makes a value of its `text`,
+    `check` is of the value that typer makes. It goes with one of the options `needs`, where the
+    command has them, and never with those of `without`; one of `due` demands it. These are names
+    with blanks between them, or as ``--method=sparse|exact``. The help shows it under the heading
+    `panel`. It `writes` a file that must not be there, or names
     `files` to read in a value that is no path, and is `kept` among the settings of results, as all
     are but those of outputs. `details` are those of `typer.Option`.
     """
@@ -125,8 +123,6 @@ def option(
         "kept": panel != "Output" if kept is None else kept, "writes": writes, "files": files,
     }  # fmt: skip
     metadata = {**known, "details": {"help": help, **details}}
-    if default is REQUIRED:
-        return field(metadata=metadata)
     value = parse("", default) if parse is not None and isinstance(default, str) else default
     return field(metadata=metadata, default=value)
 
@@ -233,6 +229,7 @@ def _inputs(declared: dict[str, Field[Any]], values: dict[str, Any]) -> dict[str
 def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:
     known, details = one.metadata, dict(one.metadata["details"])
     names, unit, default = known["names"], name.rpartition("_")[2], known["default"]
+    required = default is None and type(None) not in get_args(hint)
     kind = next((kind for kind in METAVARS if kind in (hint, *get_args(hint))), None)
     if known["parse"] is not None:
         hint = known["text"] if default is not None else known["text"] | None
@@ -244,6 +241,7 @@ def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:
         details.setdefault("metavar", shown)
         details["rich_help_panel"] = known["panel"] or panel or None
     annotation: Any = Annotated[hint, known["kind"](*names, **details)]
+    default = Parameter.empty if required else default
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 

@@ -17,7 +17,7 @@ from clradar.model import checks
 def command(
     *,
     measured: Path = opt.MEASURED,
-    output: Path = opt.output_option("JSON file for transform and report.", opt.REQUIRED),
+    output: Path = opt.output_option("JSON file for transform and report."),
     simulated: Path | None = opt.argument("Volume or capture; not with --mesh.", without="--mesh"),
     mesh: Path | None = opt.option("Align this mesh instead of an image.", metavar="MESH"),
     unit: opt.UnitOptions,

@@ -18,7 +18,7 @@ from clradar.files.failures import fail
 def command(
     *,
     capture: Path = opt.CAPTURE,
-    output: Path = opt.output_option("Capture to write (HDF5).", opt.REQUIRED),
+    output: Path = opt.output_option("Capture to write (HDF5)."),
     cleaning: opt.CleaningOptions,
     average: bool = opt.option(
         "Take the coherent mean of all frames of each radar folder.", False, without="--frame"

@@ -15,8 +15,8 @@ from clradar.jobs import open_devices
 
 def command(
     *,
-    measured: Path = opt.argument("Volume or capture.", opt.REQUIRED),
-    simulated: list[Path] = opt.argument("Volumes or captures.", opt.REQUIRED),
+    measured: Path = opt.argument("Volume or capture."),
+    simulated: list[Path] = opt.argument("Volumes or captures."),
     output: Path | None = opt.output_option(
         "Figure to write: .png, .pdf or .svg.", None, "--figure", check=parse.figure
     ),

@@ -14,10 +14,9 @@ def command(
     sources: list[Path] = opt.argument(
         "Recorded .npy frame, radar folder, or the folder that holds one; with --layout another "
         "program's .h5, .mat, .npz or .npy; with --to maroon one or several captures.",
-        opt.REQUIRED,
     ),
     output: Path = opt.output_option(
-        "Capture to write (HDF5); else the folder to make.", opt.REQUIRED, folder=True
+        "Capture to write (HDF5); else the folder to make.", folder=True
     ),
     to: Literal["native", "maroon"] = opt.option(
         "One capture file, or a recording as a MAROON folder.", "native"

@@ -14,12 +14,10 @@ from clradar.cli.outputs import provenance
 
 
 def command(
-    source: Path = opt.argument(
-        "Volume or capture, recorded .npy frame, or radar folder.", opt.REQUIRED
-    ),
+    source: Path = opt.argument("Volume or capture, recorded .npy frame, or radar folder."),
     *,
     output: Path = opt.output_option(
-        "File to write; its ending decides: .vti, .ply, .mat or .npz.", opt.REQUIRED
+        "File to write; its ending decides: .vti, .ply, .mat or .npz."
     ),
     depth_map: bool = opt.option("Of a volume its depth map; to .ply it is that anyway.", False),
     depth: opt.DepthMapOptions,

@@ -26,7 +26,7 @@ FILES = (POSE, HAND_FIT, OVERLAY, *comparison.SIMULATION_FILES)
 def command(
     *,
     measured: Path = opt.MEASURED,
-    output: Path = opt.output_option("New folder.", opt.REQUIRED, metavar="DIR", folder=True),
+    output: Path = opt.output_option("New folder.", metavar="DIR", folder=True),
     fitting: opt.HandFitOptions,
     voxels: opt.GridOptions,
     imaging: opt.ImagingOptions,

@@ -16,7 +16,6 @@ def command(
     captures: list[Path] = opt.argument(
         "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
         "captures, as those of clusters, make one image.",
-        opt.REQUIRED,
     ),
     *,
     files: images.ImageFiles,

@@ -18,7 +18,6 @@ def command(
     file: Path = opt.argument(
         "Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
         "folder that holds one, or the folder of a data set.",
-        opt.REQUIRED,
     ),
     *,
     check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),

@@ -15,12 +15,12 @@ from clradar.cli.recordings import OWN_NAMES, RecordingWork
 
 def command(
     *,
-    recording: Path = opt.argument("Radar folder, or folder of captures (.h5).", opt.REQUIRED),
+    recording: Path = opt.argument("Radar folder, or folder of captures (.h5)."),
     simulated: list[Path] | None = opt.argument(
         "Compare with these: each a recording with the same frames, or one volume or capture.",
     ),
     output: Path = opt.output_option(
-        "Folder to write; a begun one is resumed.", opt.REQUIRED, metavar="DIR", folder=True
+        "Folder to write; a begun one is resumed.", metavar="DIR", folder=True
     ),
     how: ProcessOptions,
     voxels: opt.GridOptions,

@@ -22,8 +22,8 @@ FILES = (TRANSFORM, *comparison.SIMULATION_FILES)
 def command(
     *,
     measured: Path = opt.MEASURED,
-    mesh: Path = opt.argument("Mesh file, placed anywhere.", opt.REQUIRED),
-    output: Path = opt.output_option("New folder.", opt.REQUIRED, metavar="DIR", folder=True),
+    mesh: Path = opt.argument("Mesh file, placed anywhere."),
+    output: Path = opt.output_option("New folder.", metavar="DIR", folder=True),
     registration: opt.RegistrationOptions,
     made_of: opt.MaterialOptions,
     voxels: opt.GridOptions,

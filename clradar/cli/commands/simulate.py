@@ -18,7 +18,6 @@ def command(
     output: Path = opt.output_option(
         "Capture to write (HDF5); with --frames the folder of a recording to make, of clusters "
         "that of their captures, which is resumed if begun.",
-        opt.REQUIRED,
         folder=True,
     ),
     *,

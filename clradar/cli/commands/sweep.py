@@ -28,10 +28,8 @@ the rest of a removal that is cut short then belongs to no sweep."""
 def command(
     *,
     measured: Path = opt.MEASURED,
-    mesh: Path = opt.argument("Mesh file.", opt.REQUIRED),
-    output: Path = opt.output_option(
-        "New folder, or one to resume.", opt.REQUIRED, metavar="DIR", folder=True
-    ),
+    mesh: Path = opt.argument("Mesh file."),
+    output: Path = opt.output_option("New folder, or one to resume.", metavar="DIR", folder=True),
     alphas: opt.AlphaOptions,
     roughness: opt.RoughnessOptions,
     made_of: opt.MaterialOptions,

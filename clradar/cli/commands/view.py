@@ -15,7 +15,6 @@ def command(
     path: Path = opt.argument(
         "Recording (radar folder, or the folder that holds one), data set, capture, recorded .npy "
         "frame, volume, or a folder of these files.",
-        opt.REQUIRED,
     ),
     *,
     watch: bool = opt.option(

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import clradar as cl
 from clradar.cli import parse
-from clradar.cli.groups import REQUIRED, argument, arguments_of, call, option
+from clradar.cli.groups import argument, arguments_of, call, option
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import VoxelGrid, checks
 
 if TYPE_CHECKING:
     from clradar.jobs import Where
 
-CAPTURE: Any = argument("Native capture, recorded .npy frame, or radar folder.", REQUIRED)
-MEASURED: Any = argument("Volume, capture or recording.", REQUIRED)
+CAPTURE: Any = argument("Native capture, recorded .npy frame, or radar folder.")
+MEASURED: Any = argument("Volume, capture or recording.")
 DEVICE: Any = option(
     "OpenCL device: selector or part of its name, or several to divide the work among: with "
     "commas, or all (all GPUs). [default: as `clradar devices` shows]",

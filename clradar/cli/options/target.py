@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli import parse
-from clradar.cli.groups import REQUIRED, arguments_of, option
+from clradar.cli.groups import arguments_of, option
 
 if TYPE_CHECKING:
     from calibration.channels.targets import Target
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class TargetOptions:
     """The known target; each option belongs to some kinds of target only."""
 
-    target: Literal["plate", "sphere", "corner"] = option("Kind of the target.", REQUIRED)
+    target: Literal["plate", "sphere", "corner"] = option("Kind of the target.")
     distance_mm: float | None = option(
         "Plate: distance along z.", needs="--target=plate", due="--target=plate"
     )
