@@ -49,7 +49,10 @@ below the maximum."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportImage:
-    """An image of a report: its name, where it is from, and its settings, None for its own."""
+    """An image of a report: its name, where it is from, and its settings in types of JSON.
+
+    Without `meta` these are the image's own.
+    """
 
     label: str
     image: Volume | DepthMap
@@ -71,8 +74,8 @@ def html_report(
 
     The images are on the same pixels; `metrics` has one for each simulated one, None computes them
     with `clradar.compare`. `notes` are paragraphs below the title, `settings` those of the
-    comparison. The same arguments give the same text, to be written as UTF-8. It loads nothing, and
-    texts of untrusted files are escaped.
+    comparison, in types of JSON. The same arguments give the same text, to be written as UTF-8. It
+    loads nothing, and texts of untrusted files are escaped.
 
     Examples
     --------
