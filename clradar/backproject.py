@@ -44,9 +44,9 @@ def backproject(
     grid : VoxelGrid
         `clradar.place_grid` finds one.
     method : "fast", "range" or "exact"
-        "exact": this sum, with an RMS error of -80 dB of the image's RMS or better. "range": one
-        range profile per pair, read by linear interpolation, about -54 dB. "fast": over a tree of
-        blocks of voxels, to `tolerance_db`; some hundred times faster than "range" for large grids.
+        "exact": this sum, to -80 dB of the image's RMS or better. "range": one range profile per
+        pair, read by linear interpolation, about -54 dB. "fast": over a tree of blocks of voxels,
+        to `tolerance_db`; some hundred times faster for large grids.
     window : "rect", "hann", "taylor", or array_like of shape (n_freq,)
         Weights w_n over frequency.
     tolerance_db : float, optional
@@ -54,7 +54,7 @@ def backproject(
     check_grid : bool
         Warn where the grid does not fit the capture (docs/messages.md). Turn it off for many images
         of one capture, or for a grid that is beside the object on purpose.
-    device : Device, str or None
+    device
         See `clradar.open_device`.
     progress : callable, optional
         Called with (done, total) steps.

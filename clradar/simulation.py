@@ -58,9 +58,8 @@ def simulate(
     array : AntennaArray
     waveform : Waveform
     settings : SimulationSettings, optional
-        With the stochastic estimator the result has the bits of ``synthesize(trace(...))`` with the
-        same radius.
-    device : Device, str or None
+        The stochastic estimator gives the bits of ``synthesize(trace(...))`` with the same radius.
+    device
         See `clradar.open_device`.
     progress : callable, optional
         Called with (done, total) samples.
@@ -74,9 +73,6 @@ def simulate(
 
     Raises
     ------
-    ModelError
-        Also with the physical estimator for an antenna on the surface, or a material's table that
-        misses the band.
     MeshError
         The scene has no face with area, or more samples than 2^31.
 
@@ -90,8 +86,8 @@ def simulate(
     A ball of 4 cm, and a part of the imager.
 
     >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
-    >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
+    >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
+    >>> scene = clradar.Scene.from_mesh(ball, alpha=0.5)
     >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> capture = clradar.simulate(scene, array, waveform, samples_per_mm2=5)

@@ -29,7 +29,7 @@ def synthesize(
     array : AntennaArray
         Without patterns.
     waveform : Waveform
-    device : Device, str or None
+    device
         See `clradar.open_device`.
     meta : mapping, optional
         Becomes the capture's `meta`, with the device added.
@@ -46,9 +46,9 @@ def synthesize(
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.003, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 73e9, 2)
     >>> paths = clradar.Paths([0], [0], [0.075], [1.0], [1], n_tx=1, n_rx=1)
-    >>> data = clradar.synthesize(paths, array, waveform).data[0, 0]
-    >>> print(f"{np.angle(data[1] / data[0]) / (2 * np.pi):.3f} cycles")
-    -0.250 cycles
+    >>> first, last = clradar.synthesize(paths, array, waveform).data[0, 0]
+    >>> print(f"{np.degrees(np.angle(last / first)):.0f} degrees")
+    -90 degrees
     """
     checks.instance("synthesize: paths", paths, Paths)
     checks.instance("synthesize: array", array, AntennaArray)

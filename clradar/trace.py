@@ -45,11 +45,6 @@ def trace(
     Paths
         The same bits for the same seed and device.
 
-    Raises
-    ------
-    MeshError
-        The scene has no face with area, or more samples than 2^31.
-
     Examples
     --------
     A mirror in 0.3 m distance; the paths from a Tx to an Rx beside it are all close to 0.6 m.

@@ -1,5 +1,4 @@
-"""Independent implementations of the same work, each at its best: numba, numpy, finufft, Embree,
-Mitsuba."""
+"""Independent implementations of the same work, each at its best."""
 
 from __future__ import annotations
 
@@ -14,25 +13,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-
-_PART_RAYS = 2**16
-
-
-@numba.njit(parallel=True, fastmath=True, cache=False)
-def _points_and_strengths(
-    length_m: np.ndarray,
-    amplitude: np.ndarray,
-    k: float,
-    dk: float,
-    point: np.ndarray,
-    strength: np.ndarray,
-) -> None:
-    for i in numba.prange(len(length_m)):
-        cycles = k * length_m[i]
-        angle = np.float32(-2.0 * math.pi) * np.float32(cycles - math.floor(cycles))
-        strength[i] = complex(math.cos(angle) * amplitude[i], math.sin(angle) * amplitude[i])
-        cycles = dk * length_m[i]
-        point[i] = 2.0 * math.pi * (cycles - math.floor(cycles + 0.5))
 
 
 class FinufftPhasorSum:
@@ -49,10 +29,11 @@ class FinufftPhasorSum:
         self.k, self.dk = k[self.n_freq // 2], (k[-1] - k[0]) / (self.n_freq - 1)
 
     def prepare(self, length_m: np.ndarray, amplitude: np.ndarray) -> None:
-        """Points and strengths, complex64, by numba in two threads."""
-        self.point = np.empty(len(length_m), dtype=np.float32)
-        self.strength = np.empty(len(length_m), dtype=np.complex64)
-        _points_and_strengths(length_m, amplitude, self.k, self.dk, self.point, self.strength)
+        """Points and strengths, complex64."""
+        turns, steps = self.k * length_m, self.dk * length_m
+        phasor = np.exp(-2j * np.pi * (turns - np.rint(turns)))
+        self.strength = (amplitude * phasor).astype(np.complex64)
+        self.point = (2 * np.pi * (steps - np.rint(steps))).astype(np.float32)
 
     def transform(self, threads: int = 1) -> np.ndarray:
         """Shape (n_pairs, n_freq), complex64."""
@@ -163,41 +144,8 @@ def forward_by_gemm(points_m: np.ndarray, rho: np.ndarray, array: Any, waveform:
     return out
 
 
-class EmbreeRays:
-    """Embree through embreex, two threads."""
-
-    name = "Embree through embreex, two threads"
-
-    def __init__(self, triangles_m: np.ndarray) -> None:
-        from embreex import rtcore_scene
-        from embreex.mesh_construction import TriangleMesh
-
-        self._scene = rtcore_scene.EmbreeScene()
-        TriangleMesh(self._scene, np.ascontiguousarray(triangles_m, dtype=np.float32))
-        self._parts: list[tuple[np.ndarray, np.ndarray]] = []
-
-    def prepare(self, origins_m: np.ndarray, directions: np.ndarray) -> None:
-        """Hand over rays, shape (n, 3) float32 each; directions reach to where a ray ends."""
-        cuts = range(_PART_RAYS, len(origins_m), _PART_RAYS)
-        parts = zip(np.split(origins_m, cuts), np.split(directions, cuts), strict=True)
-        self._parts = list(parts)
-
-    def blocked(self) -> np.ndarray:
-        """Whether anything is met before each ray's end, shape (n,)."""
-        return self._query("OCCLUDED") >= 0
-
-    def faces(self) -> np.ndarray:
-        """The face that each ray hits first, however far, or -1."""
-        return self._query("INTERSECT")
-
-    def _query(self, query: str) -> np.ndarray:
-        with ThreadPoolExecutor(2) as pool:  # embreex releases the interpreter lock
-            run = pool.map(lambda part: self._scene.run(*part, query=query), self._parts)
-            return np.concatenate(list(run))
-
-
 class MitsubaRays:
-    """Mitsuba 3 with its LLVM backend, one thread per core; queries leave their results there."""
+    """Mitsuba 3 by LLVM and Embree, one thread per core; queries leave their results there."""
 
     name = "Mitsuba, LLVM, all cores"
 

@@ -139,19 +139,19 @@ class Metrics(Record):
     Attributes
     ----------
     overlap : float
-        Cosine between the two depth maps as blurred points in space, 0 to 1, the best.
+        Cosine between the depth maps as blurred points in space, 0 to 1, the best.
     db_correlation : float
-        Pearson correlation of the clipped dB images, -1 to 1. NaN where one of them is constant.
+        Pearson correlation of the clipped dB images. NaN where one of them is constant.
     ssim : float
-        Mean structural similarity of the clipped dB images, at most 1.
+        Mean structural similarity of the clipped dB images.
     mask_iou : float
-        Pixels in both masks over pixels in either, 0 to 1.
+        Pixels in both masks over pixels in either.
     depth_rmse_m : float
         RMS difference of depth over the pixels in both masks. NaN where there is none.
     chamfer_simulated_to_measured_m, chamfer_measured_to_simulated_m : float
         Mean distance from each depth point of the one to the nearest of the other.
     dynamic_range_db : float
-        Level below each image's own maximum at which it was clipped and its mask cut.
+        Level below each image's maximum at which it was clipped and its mask cut.
     missing, surplus : tuple of UnmatchedObject
         Bright objects that the simulation lacks, or has beyond the measurement, the largest share
         of the energy first.
@@ -176,7 +176,7 @@ class Metrics(Record):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What a single number does not show: objects of one image alone, and contradictions."""
+        """Objects of one image alone, and contradictions, in words."""
         remarks = []
         if self.missing:
             remarks.append(f"missing from the simulation: {_listed(self.missing)}")
@@ -217,7 +217,7 @@ def compare(
 ) -> Metrics:
     """Compare a simulated image with a measured one on the same pixels.
 
-    Each is relative to its own maximum. What values mean: docs/metrics.md.
+    What values mean: docs/metrics.md. It warns of a good overlap that other metrics contradict.
 
     Parameters
     ----------
@@ -229,17 +229,6 @@ def compare(
     Returns
     -------
     Metrics
-
-    Raises
-    ------
-    CompareError
-        The pixels differ or are too few; an image is zero or has no depth everywhere, or is a depth
-        map cut at a smaller dynamic range.
-
-    Warns
-    -----
-    ClradarWarning
-        The overlap is 0.8 or more although an object or the dB correlation contradicts it.
 
     Examples
     --------

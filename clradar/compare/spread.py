@@ -51,8 +51,7 @@ def spread(
     """Simulate and image a scene with several seeds: mean and standard deviation of the image.
 
     With ``estimator="physical"`` a seed is one realisation of the surface's roughness; with the
-    others the spread says how far to trust one image (docs/estimators.md). Memory does not depend
-    on the number of seeds.
+    others the spread says how far to trust one image (docs/estimators.md).
 
     Parameters
     ----------
@@ -87,16 +86,14 @@ def spread(
     How much of a small diffuse ball's image is shot noise.
 
     >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(subdivisions=3, radius=0.01)
-    >>> scene = clradar.Scene.from_mesh(ball.apply_translation([0, 0, 0.3]), alpha=0.5)
+    >>> ball = trimesh.creation.icosphere(radius=0.01).apply_translation([0, 0, 0.3])
+    >>> scene = clradar.Scene.from_mesh(ball, alpha=0.5)
     >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
     >>> grid = clradar.VoxelGrid.from_extent((-0.02, 0.02), (-0.02, 0.02), (0.28, 0.31), 2e-3)
     >>> for density in (10, 100):
-    ...     found = clradar.spread(
-    ...         scene, array, waveform, grid, seeds=4, estimator="stochastic",
-    samples_per_mm2=density
-    ...     )
+    ...     rays = {"estimator": "stochastic", "samples_per_mm2": density}
+    ...     found = clradar.spread(scene, array, waveform, grid, seeds=4, **rays)
     ...     print(f"{found.varies}: {found.varying_share:.1f}")
     shot noise of random rays: 0.4
     shot noise of random rays: 0.1

@@ -63,7 +63,13 @@ class FrameImager:
     grid : VoxelGrid
     method, window, tolerance_db, device
         As of `backproject`. Images are kept in the host's memory with "exact" and "range", more
-        than 2^23 voxels or 1024 transmitters or receivers, or few voxels.
+        than 2^23 voxels or 1024 transmitters or receivers, or with few voxels.
+
+    Attributes
+    ----------
+    array, waveform, grid, device
+    weights : ndarray, shape (n_freq,), float64
+        The window over frequency.
 
     Examples
     --------
@@ -134,9 +140,7 @@ class FrameImager:
         self._frame = self._capture = self._data = None
 
     def form(self, capture: Capture, progress: Progress | None = None) -> None:
-        """Form the image of a frame, by the same antennas and frequencies, in place of the last
-        one.
-        """
+        """Form the image of a frame by the same antennas and frequencies."""
         checks.instance("FrameImager.form: capture", capture, Capture)
         same = capture.array.same_positions(self.array)
         if not (same and capture.waveform.same_frequencies(self.waveform)):
@@ -158,8 +162,9 @@ class FrameImager:
     def form_on_device(
         self, samples: Any, stride: int, meta: Mapping[str, Any], progress: Progress | None = None
     ) -> None:
-        """Form the image of finite samples on this device, complex64, shape (n_tx, n_rx, stride),
-        of which the first n_freq count; only where it `keeps_image`.
+        """Form the image of samples on this device, where it `keeps_image`.
+
+        They are finite, complex64, shape (n_tx, n_rx, stride), of which the first n_freq count.
 
         :meta private:
         """

@@ -52,30 +52,18 @@ class ImagingOperator:
     tx_visible, rx_visible : array_like, shape (n_points, n_tx) and (n_points, n_rx), bool, optional
         Whether an antenna sees a point, without which its pairs have no echo from there; not for
         grids. Points that some antennas do not see are summed term by term. None: all see all.
-    device : Device, str or None
+    device
         See `clradar.open_device`.
 
     Attributes
     ----------
+    array, waveform, tolerance_db, device
     grid : VoxelGrid or None
         None for points.
     domain_shape : tuple of ints
         Of the reflectivity: (n_z, n_y, n_x), or (n_points,).
     range_shape : tuple of ints
         (n_tx, n_rx, n_freq).
-
-    Examples
-    --------
-    The dot test: forward and adjoint agree on any reflectivity and any capture.
-
-    >>> array = clradar.AntennaArray([[-0.05, 0, 0]], [[0.05, 0, 0], [0, 0.05, 0]])
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> operator = clradar.ImagingOperator(array, waveform, [[0, 0, 0.3], [0, 0, 0.4]])
-    >>> rng = np.random.default_rng(0)
-    >>> rho, samples = rng.normal(size=operator.domain_shape), rng.normal(size=operator.range_shape)
-    >>> ways = np.vdot(samples, operator.forward(rho)), np.vdot(operator.adjoint(samples), rho)
-    >>> bool(np.isclose(*ways, rtol=1e-5))
-    True
     """
 
     def __init__(
@@ -160,8 +148,9 @@ class ImagingOperator:
         return int(np.prod(self.range_shape)), int(np.prod(self.domain_shape))
 
     def forward(self, reflectivity: Any, progress: Progress | None = None) -> np.ndarray:
-        """Return the samples of a reflectivity, a volume or an array of `domain_shape`; complex64,
-        shape `range_shape`.
+        """Return the samples of a reflectivity, complex64, shape `range_shape`.
+
+        It is a `Volume` or an array of `domain_shape`.
         """
         field = "ImagingOperator.forward: reflectivity"
         if isinstance(reflectivity, Volume):
@@ -175,8 +164,9 @@ class ImagingOperator:
         return _finite(field, out, values)
 
     def adjoint(self, samples: Any, progress: Progress | None = None) -> np.ndarray:
-        """Return the image of samples, a capture or an array of `range_shape`; complex64, shape
-        `domain_shape`, not scaled.
+        """Return the image of samples, complex64, shape `domain_shape`, not scaled.
+
+        They are a `Capture` or an array of `range_shape`.
         """
         field = "ImagingOperator.adjoint: samples"
         if isinstance(samples, Capture):
@@ -248,10 +238,9 @@ def forward(
     A point alone has unit samples.
 
     >>> array = clradar.AntennaArray([[-0.05, 0, 0]], [[0.05, 0, 0]])
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 4)
-    >>> one = clradar.forward([[0, 0, 0.3]], [1.0], array, waveform)
-    >>> bool(np.allclose(np.abs(one.data), 1.0, atol=1e-6))
-    True
+    >>> capture = clradar.forward([[0, 0, 0.3]], [1.0], array, clradar.Waveform([77e9]))
+    >>> print(abs(capture.data).round(4))
+    [[[1.]]]
     """
     operator = ImagingOperator(
         array, waveform, points_m,

@@ -75,15 +75,15 @@ def place_grid(
     capture : Capture
     everything : bool
         Not the paper's grid, but one around all echoes up to 25 dB below the strongest.
-    device : Device, str or None
+    device
         See `clradar.open_device`.
 
     Notes
     -----
     The mean range profile over pairs gives the ranges. The direction of each is that in which the
-    profiles add up without their phases, which depends on path lengths alone; a coarse image there
-    gives the position. The paper's grid fits where its voxels are at most half of the resolution at
-    its middle, and it is at least twice as large as the resolution, along every axis.
+    profiles add up without their phases; a coarse image there gives the position. The paper's grid
+    fits where its voxels are at most half of the resolution at its middle, and it is at least twice
+    as large as the resolution, along every axis.
 
     Examples
     --------

@@ -82,9 +82,8 @@ def reconstruct(
     -------
     Volume
         complex64, on a relative scale. `meta` has `iterations`, the `residual_db` ``|A rho - s| /
-        |s|`` that is left, and why it `stopped`: "noise", where the image of what least squares
-        leave is no stronger than that of white noise; "change", of less than 0.2 % per iteration;
-        or "iterations".
+        |s|`` that is left, and why it `stopped`: "noise", where least squares leave no more than
+        white noise; "change", of less than 0.2 % per iteration; or "iterations".
 
     Examples
     --------

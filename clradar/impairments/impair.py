@@ -53,8 +53,7 @@ def impair(
     capture : Capture
         The scene alone.
     seed : int, 0 to 2**64 - 1
-        Each random part has its own stream of numpy's: one more fault leaves the draws of the
-        others.
+        Each fault has its own stream: another one leaves its draws.
     frame : int, 0 to 999999
         Of a recording: new noise, and more drift with every frame.
     reference_power : float, optional
@@ -63,19 +62,16 @@ def impair(
     room : Capture, optional
         Added as it is; see `clradar.room_capture`.
     coupling_db, coupling_delay_s : float, optional
-        Mean power of the direct coupling over all pairs, which goes with ``1 / |tx - rx|``, and the
-        instrument's delay beside ``|tx - rx| / c``.
+        Mean power of the direct coupling over all pairs, and its delay beside ``|tx - rx| / c``.
     channels : ChannelResponse, optional
         See `clradar.draw_channels`.
     drift_phase_rad, drift_gain_db, drift_common_phase_rad : float
         Standard deviation of the step per frame of every channel's phase and gain, and of a phase
         that all pairs share. Frame 0 has not drifted.
     iq_gain_db, iq_phase_rad : float or array_like, shape (n_rx,)
-        Gain of a receiver's quadrature component relative to the in-phase one, and the difference
-        of their phase from 90 degrees.
+        Gain of a receiver's quadrature component relative to the in-phase one, and phase error.
     snr_db : float, optional
-        Reference power over that of the noise, per sample: complex normal, circular, the same on
-        weak and dead channels.
+        Reference power over that of the noise, per sample; the same on weak and dead channels.
     adc_bits, adc_full_scale : int, 2 to 24, and float, optional
         Bits of the converters of both components, and the amplitude at which they clip. None: the
         largest in this frame.

@@ -42,8 +42,9 @@ class AntennaArray(Record):
     The middles of the pairs sample the aperture.
 
     >>> array = clradar.AntennaArray([[-0.07, 0, 0], [0.07, 0, 0]], [[0, 0.07, 0]])
-    >>> (array.tx_m[:, None] + array.rx_m).shape  # n_tx, n_rx, 3
-    (2, 1, 3)
+    >>> (array.tx_m + array.rx_m) / 2
+    array([[-0.035,  0.035,  0.   ],
+           [ 0.035,  0.035,  0.   ]])
     """
 
     tx_m: np.ndarray
@@ -110,14 +111,20 @@ class AntennaArray(Record):
 
     @property
     def sides(self) -> tuple[AntennaSide, AntennaSide]:
-        """The Tx and the Rx, each with all that they have."""
+        """The Tx and the Rx, each with all that they have.
+
+        :meta private:
+        """
         return (
             AntennaSide(self.tx_m, self.tx_pattern, self.tx_boresight, self.tx_gain),
             AntennaSide(self.rx_m, self.rx_pattern, self.rx_boresight, self.rx_gain),
         )
 
     def with_gains(self, data: np.ndarray) -> np.ndarray:
-        """Return samples, shape (n_tx, n_rx, n_freq), complex64, times the gains of both sides."""
+        """Return samples, shape (n_tx, n_rx, n_freq), complex64, times the gains of both sides.
+
+        :meta private:
+        """
         if not self.has_gains:
             return data
         tx, rx = (np.ones(1) if side.gain is None else side.gain for side in self.sides)
@@ -130,8 +137,9 @@ class AntennaArray(Record):
         return replace(self, tx_gain=None, rx_gain=None)
 
     def part(self, tx: Any, rx: Any, name: str | None = None) -> AntennaArray:
-        """Return some of the antennas, by a slice, indices or bools of each side, with all that
-        they have.
+        """Return some of the antennas, with all that they have.
+
+        Those of each side are given as a slice, indices or bools; `name` is that of before if None.
         """
         name = self.name if name is None else name
         own = {

@@ -32,16 +32,15 @@ class Capture(Record):
         Provenance, in types of JSON.
 
     Examples
-    -------- A point 0.3 m in front of one Tx and Rx: the slope of the phase over frequency is the
-    path length.
+    --------
+    A point 0.3 m in front of one Tx and Rx: the slope of the phase is the path length.
 
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
-    >>> k_per_m = waveform.frequencies_hz / 299_792_458
-    >>> capture = clradar.Capture([[np.exp(-2j * np.pi * k_per_m * 0.6)]], array, waveform)
-    >>> slope = np.polyfit(2 * np.pi * k_per_m, np.unwrap(np.angle(capture.data[0, 0])), 1)[0]
-    >>> print(f"{-slope:.4f} m")
-    0.6000 m
+    >>> k = 2 * np.pi * waveform.frequencies_hz / 299_792_458
+    >>> capture = clradar.Capture([[np.exp(-1j * k * 0.6)]], array, waveform)
+    >>> print(f"{-np.polyfit(k, np.unwrap(np.angle(capture.data[0, 0])), 1)[0]:.3f} m")
+    0.600 m
     """
 
     data: np.ndarray
@@ -92,16 +91,15 @@ class Capture(Record):
         return labelled.capture_dataset(self)
 
     def rcs_dbsm(self, at_m: Any) -> np.ndarray:
-        """Return the radar cross section that each sample tells of all that is around a point
-        `at_m`.
+        """Return the radar cross section that each sample tells of all around a point `at_m`.
 
         Unlike an image it holds for targets of any size, about their nearest point.
 
         Returns
         -------
         ndarray, shape (n_tx, n_rx, n_freq), float64, dBsm
-            ``4 pi R_t^2 R_r^2 |u|^2`` with ``u = s (4 pi / lambda) / (a_t a_r)``, a the patterns'
-            field amplitudes; -inf where a sample is 0, NaN where an antenna does not look.
+            ``4 pi R_t^2 R_r^2 |u|^2``, u as in docs/absolute-scale.md; -inf where a sample is 0,
+            NaN where an antenna does not look.
         """
         if not self.absolute:
             checks.fail("Capture.meta", "'absolute': True, for S-parameters", "a relative scale")

@@ -16,7 +16,7 @@ from clradar.model.waveform import Waveform
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ChannelResponse(Record):
-    """Complex gain and delay of every channel: the response of channel k at frequency f is::
+    """Complex gain and delay of every channel, whose response at frequency f is::
 
         h_k(f) = g_k exp(-j 2 pi (f - f_ref) tau_k)
 
@@ -25,7 +25,7 @@ class ChannelResponse(Record):
     Parameters
     ----------
     tx_gain, rx_gain : array_like, shape (n_tx,) and (n_rx,), complex128
-        Linear; 0 for a dead channel.
+        g_k, linear; 0 for a dead channel.
     tx_delay_s, rx_delay_s : array_like, shape (n_tx,) and (n_rx,), float64
     reference_hz : float
         f_ref, where the gain is the whole response.
@@ -54,11 +54,11 @@ class ChannelResponse(Record):
         self._set(reference_hz=reference_hz)
 
     def tx_response(self, frequencies_hz: np.ndarray) -> np.ndarray:
-        """Return the response of the transmit channels, shape (n_tx, n_freq), complex128."""
+        """Return the response of the Tx, shape (n_tx, n_freq), complex128."""
         return _response(self.tx_gain, self.tx_delay_s, frequencies_hz - self.reference_hz)
 
     def rx_response(self, frequencies_hz: np.ndarray) -> np.ndarray:
-        """Return the response of the receive channels, shape (n_rx, n_freq), complex128."""
+        """Return the response of the Rx, shape (n_rx, n_freq), complex128."""
         return _response(self.rx_gain, self.rx_delay_s, frequencies_hz - self.reference_hz)
 
 
@@ -90,7 +90,7 @@ class ChannelCalibration(Record):
     target_covariance : array_like, shape (n, n), float64
         Of `target_position`, in its order and units; 0 for what was held fixed.
     tx_phase_std_rad, rx_phase_std_rad : array_like, shape (n_tx,) and (n_rx,), float64
-        Of phase and relative gain, given the target's position; 0 if dead.
+        Standard deviation of phase and relative gain, given the target's position; 0 if dead.
     tx_delay_std_s, rx_delay_std_s : array_like, shape (n_tx,) and (n_rx,), float64
     target_amplitude : float
         Of the echo relative to the model of the target, for gains of mean 0 dB.

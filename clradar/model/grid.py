@@ -61,8 +61,8 @@ class VoxelGrid(Record):
 
     @classmethod
     def from_extent(cls, x_m: Any, y_m: Any, z_m: Any, spacing_m: Any) -> VoxelGrid:
-        """Return the grid between the first and last voxel centres of each axis; one voxel if they
-        are equal.
+        """Return the grid between first and last voxel centres, which may be equal, along each
+        axis.
 
         Each extent is a whole number of `spacing_m`, one for all axes or three.
         """

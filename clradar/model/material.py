@@ -149,8 +149,7 @@ class Material(Record):
         return fresnel.coated(eps, layer[:, None], self.coating.thickness_m, frequencies, cosines)
 
     def reflection(self, frequency_hz: Any, cos_incidence: Any) -> np.ndarray:
-        """Return the simulation's reflection coefficient, complex128, shape (n, m): (r_s - r_p) /
-        2.
+        """Return the coefficient (r_s - r_p) / 2 of the simulation, complex128, shape (n, m).
 
         -1 for a conductor at every angle. Arguments as of `fresnel`.
         """

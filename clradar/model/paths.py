@@ -25,14 +25,6 @@ class TraceStatistics(Record):
         expected estimator.
     absorbed : int
         Of those, draws that pointed below the geometric face.
-
-    Examples
-    --------
-    >>> both = clradar.TraceStatistics(1000, 4000, 16000, 400) + clradar.TraceStatistics(
-    ...     1000, 4000, 16000, 240
-    ... )
-    >>> both.samples, both.absorbed_share
-    (2000, 0.02)
     """
 
     samples: int
@@ -50,7 +42,7 @@ class TraceStatistics(Record):
 
     @property
     def absorbed_share(self) -> float:
-        """Fraction of outgoing directions that were absorbed, 0 to 1."""
+        """Fraction of outgoing directions that were absorbed."""
         return self.absorbed / self.outgoing if self.outgoing else 0.0
 
     def __add__(self, other: TraceStatistics) -> TraceStatistics:
@@ -80,16 +72,6 @@ class Paths(Record):
         Size of the array.
     statistics : TraceStatistics or None
         From the tracer.
-
-    Examples
-    --------
-    Two paths of one pair, whose lengths differ by half a wavelength, cancel.
-
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
-    >>> half_m = 0.5 * 299_792_458 / 75e9
-    >>> paths = clradar.Paths([0, 0], [0, 0], [0.6, 0.6 + half_m], [1, 1], [1, 1], n_tx=1, n_rx=1)
-    >>> bool(abs(clradar.synthesize(paths, array, clradar.Waveform([75e9])).data) < 1e-4)
-    True
     """
 
     tx: np.ndarray

@@ -33,14 +33,6 @@ class AntennaPattern(Record):
         Angles of a table, ascending from 0 to 180.
     field : array_like, shape (n,), float64, optional
         Field amplitude at each angle, relative to the gain; at least 0, linear in between.
-
-    Examples
-    --------
-    A patch of 5 dBi, 60 degrees off boresight: cos^1 is -6 dB.
-
-    >>> patch = clradar.AntennaPattern(gain_dbi=5.0, exponent=1.0)
-    >>> print(20 * np.log10(patch.amplitude(np.cos(np.deg2rad([0.0, 60.0])))).round(3))
-    [ 5.   -1.02]
     """
 
     gain_dbi: float = 0.0
@@ -76,12 +68,9 @@ class AntennaPattern(Record):
             checks.fail(f"{name}.field", "amplitudes >= 0, not all of them 0", found)
 
     def amplitude(self, cos_angle: np.ndarray) -> np.ndarray:
-        """Return the field amplitude in directions, float64; its square is the power gain.
+        """Return the field amplitude, float64, over the cosine of the angle to boresight.
 
-        Parameters
-        ----------
-        cos_angle : array_like, any shape
-            Cosine of the angle to boresight.
+        Its square is the power gain.
         """
         cosine = np.clip(np.asarray(cos_angle, dtype=np.float64), -1.0, 1.0)
         top = 10.0 ** (self.gain_dbi / 20.0)

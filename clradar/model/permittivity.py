@@ -27,7 +27,7 @@ LONGEST_TAU_S = 1.0
 class ColeCole(Record):
     """Permittivity by Debye or Cole-Cole terms and a conductivity::
 
-        eps(f) = eps_inf + sum_i delta_i / (1 + (j w tau_i)^(1 - alpha_i)) + sigma / (j w eps_0)
+        eps_inf + sum_i delta_i / (1 + (j w tau_i)^(1 - alpha_i)) + sigma / (j w eps_0)
 
     (K. S. Cole, R. H. Cole, J. Chem. Phys. 9 (1941) 341).
 
@@ -83,12 +83,6 @@ class PowerLaw(Record):
         eps' = a f^b, f in gigahertz.
     c, d : float
         Conductivity c f^d in S/m; eps'' = conductivity / (2 pi f eps_0), f in hertz.
-
-    Examples
-    --------
-    >>> wood = clradar.PowerLaw(1.99, 0.0, 0.0047, 1.0718)
-    >>> print(f"{wood.at(77e9)[0]:.2f}")
-    1.99-0.12j
     """
 
     a: float
@@ -123,12 +117,6 @@ class PermittivityTable(Record):
         At least two, ascending.
     permittivity : sequence of complex
         eps' - j eps'' at each.
-
-    Examples
-    --------
-    >>> resin = clradar.PermittivityTable([70e9, 80e9], [2.9 - 0.04j, 2.8 - 0.06j])
-    >>> print(f"{resin.at(75e9)[0]:.3f}")
-    2.850-0.050j
     """
 
     frequency_hz: Sequence[float]

@@ -63,7 +63,7 @@ class Scene(Record):
     The texture stays with a body that moves.
 
     >>> import trimesh
-    >>> ball = trimesh.creation.icosphere(subdivisions=2, radius=40)
+    >>> ball = trimesh.creation.icosphere(radius=40)
     >>> scene = clradar.Scene.from_mesh(ball, alpha=0.3, unit="mm").transformed(
     ...     trimesh.transformations.translation_matrix([0, 0, 0.3])
     ... )
@@ -123,9 +123,9 @@ class Scene(Record):
         mesh : path, trimesh.Trimesh, trimesh.Scene, (vertices, faces), or with a `to_trimesh()`
             Every object, group, material and instance of a file becomes a part, of PLY every value
             of the faces' property "part". Normals in files are ignored, texture is read from PLY.
-            An object may have `normals`, `texture_m`, `part` and `part_names`, too.
+            An object may have `normals`, `texture_m`, `part` and `part_names`.
         alpha : float, array_like of shape (n_faces,), or mapping part name -> float
-            An array goes part by part, of PLY in the order of the faces.
+            An array goes part by part, of PLY face by face.
         unit : "m", "cm", "mm" or "inch"
             Of the mesh's coordinates.
         transform : array_like, shape (4, 4), optional
@@ -136,8 +136,8 @@ class Scene(Record):
         Raises
         ------
         MeshError
-            The file is unreadable or beyond the limits of docs/untrusted-files.md; there is no
-            triangle, a NaN, or a size that is implausible for the unit.
+            The file is unreadable or beyond limits (docs/untrusted-files.md), or has no triangle, a
+            NaN, or a size that is implausible for the unit.
         """
         checks.one_of("Scene.from_mesh: unit", unit, tuple(MESH_UNITS_M))
         matrix = np.eye(4)
@@ -166,8 +166,9 @@ class Scene(Record):
 
     @classmethod
     def combine(cls, scenes: Iterable[Scene]) -> Scene:
-        """Return one scene of several, with their alpha, materials and texture, and unique part
-        names.
+        """Return one scene of several, each with its alpha, materials and texture.
+
+        Part names are made unique.
         """
         vertices, faces, alpha, part, normals, texture = [], [], [], [], [], []
         materials = []
@@ -216,8 +217,10 @@ class Scene(Record):
         return replace(self, alpha=alpha)
 
     def with_material(self, material: Materials) -> Scene:
-        """Return the same triangles of another material, or name of `clradar.material`; one per
-        face; or by part name (``{"thumb": "skin"}``), where other parts keep theirs.
+        """Return the same triangles of another material.
+
+        It is a material or a name of `clradar.material`; a sequence, one per face; or a mapping
+        from part names (``{"thumb": "skin"}``), where other parts keep theirs.
         """
         now = (self.materials, np.asarray(self.material))
         part = (np.asarray(self.part), self.part_names)
@@ -225,8 +228,7 @@ class Scene(Record):
         return replace(self, materials=materials, material=index)
 
     def transformed(self, transform: Any) -> Scene:
-        """Return the scene moved by an affine transform, shape (4, 4); its texture stays with the
-        body.
+        """Return the scene moved by an affine transform, shape (4, 4), with its texture.
 
         What the transform stretches, it stretches along the axes of the texture.
         """
@@ -251,8 +253,9 @@ class Scene(Record):
         return self.vertices_m[self.faces]
 
     def digest(self) -> str:
-        """Return a SHA-256 of triangles, alpha, given normals, and of materials and texture where a
-        face is not of metal.
+        """Return a SHA-256 of triangles, alpha and given normals.
+
+        Where a face is not of metal, of materials and texture, too.
         """
         return sha256_of_blocks(self._blocks())
 

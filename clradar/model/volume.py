@@ -115,7 +115,7 @@ class Volume(Record):
     meta : mapping
         Provenance, in types of JSON.
     scale : ImageScale, optional
-        Antennas, frequencies and window of an image of S-parameters (`Capture.absolute`).
+        Antennas, frequencies and window of an image of S-parameters.
 
     Examples
     --------
@@ -148,7 +148,7 @@ class Volume(Record):
 
     @property
     def absolute(self) -> bool:
-        """Whether it can be read in dBsm: whether it has a `scale`."""
+        """Whether it has a `scale`, and can be read in dBsm."""
         return self.scale is not None
 
     def max_projection(self) -> np.ndarray:
@@ -174,8 +174,7 @@ class Volume(Record):
         return Volume(data, self.grid, self.meta)
 
     def rcs_dbsm(self) -> np.ndarray:
-        """Return the radar cross section that each voxel shows, dBsm, shape (n_z, n_y, n_x),
-        float32.
+        """Return the radar cross section that each voxel shows, dBsm, float32.
 
         The maximum over a point target's image is that of the target; larger targets read less
         (docs/absolute-scale.md). -inf where the image is 0 and where no antenna looks.
@@ -184,11 +183,11 @@ class Volume(Record):
             return np.float32(20) * np.log10(_amplitude(self.as_rcs().data))
 
     def depth_map(self, dynamic_range_db: float = DYNAMIC_RANGE_DB) -> DepthMap:
-        """Return the depth of the maximum along z, NaN where it is more than the dynamic range
-        below the image's maximum.
+        """Return the depth of the maximum along z, at the strongest places.
 
-        The strongest voxel's z is refined by the parabola through its amplitude and those of its
-        two neighbours, by half a spacing at most; not at the ends of the grid.
+        It is that of the strongest voxel, refined by the parabola through the amplitudes of it and
+        its two neighbours, by half a spacing at most; not at the ends of the grid. Pixels more than
+        `dynamic_range_db` below the image's maximum get NaN.
         """
         return depth_map_of_planes(self.data, self.grid, dynamic_range_db)
 

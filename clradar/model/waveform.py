@@ -75,8 +75,7 @@ class Waveform(Record):
     def unambiguous_range_m(self) -> float:
         """c / (2 df), after which the range profile repeats; 0 for a single frequency.
 
-        For uneven steps, which do not repeat, df is the median step, or a quarter of the mean if
-        larger.
+        For uneven steps df is the median step, or a quarter of the mean if larger.
         """
         if self.n_freq == 1:
             return 0.0

@@ -79,8 +79,7 @@ class MovingScene(Record):
     ----------
     bodies : sequence of MovingBody or MovingHand
     finish : callable, optional
-        From the scene of all bodies to that which is simulated, with the same faces: sets alphas or
-        materials.
+        Sets alphas or materials of the scene of all bodies, with the same faces.
 
     Examples
     --------

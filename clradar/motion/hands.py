@@ -114,9 +114,7 @@ class MovingHand(Record):
         return np.asarray(self.motion.at(time_s) @ made)
 
     def joints_m(self, time_s: float) -> np.ndarray:
-        """Return the joints at a time, shape (25, 3), antenna frame; NaN for those that a rig
-        lacks.
-        """
+        """Return the joints at a time, shape (25, 3), antenna frame; NaN where a rig has none."""
         if self.rig is not None:
             return self.mesh(time_s).joints_m
         own_m = posed_skeleton(self.pose(time_s), self.shape).joints_m * self.mirror

@@ -72,10 +72,9 @@ def simulate_moving(
     Returns
     -------
     Capture
-        ``meta["movement"]`` has the times, the instants, `phase_error_db` of the phasors, and
-        `sample_error_db`, of samples against a simulation between its instants; what else `meta`
-        has is of the first one. A scene that does not move gives the bits of
-        ``simulate(moving.at(t), ...)``.
+        ``meta["movement"]`` has the times, the instants, and the errors of phasors and samples that
+        were reached; other entries are of the first instant. A scene that does not move gives the
+        bits of ``simulate(moving.at(t), ...)``.
 
     Examples
     --------

@@ -90,8 +90,7 @@ class Device:
     budget_bytes : int
         Memory that may be allocated at a time; larger problems are tiled.
     width : int
-        Lanes per work-item: 8 on a CPU, where wide vectors pay, and 1 on a GPU, where neighbouring
-        items are the lanes.
+        Lanes per work-item: 8 on a CPU, 1 on a GPU, where neighbouring items are the lanes.
     group_items : int
         Most items of a work-group: 64 on a GPU; 1 on a CPU, where PoCL keeps the private arrays of
         a whole group on the stack.
@@ -129,9 +128,7 @@ class Device:
             return sum(buffers.used_bytes for buffers in self.buffers)
 
     def kernel_time_s(self) -> float:
-        """Seconds that the device, opened with ``profiling=True``, has run kernels since the last
-        call.
-        """
+        """Seconds of kernels since the last call, if opened with ``profiling=True``."""
         if self.launched is None:
             raise DeviceError(f"device {self.info.label}: expected it opened with profiling=True")
         self.queue.finish()

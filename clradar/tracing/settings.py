@@ -74,14 +74,14 @@ CHECKS: dict[str, tuple[Any, ...]] = {
 class SimulationSettings:
     """How rays are launched, reflected and received: the settings of a simulation.
 
-    Functions that simulate take these fields as keyword arguments, or a record as `settings`. The
-    paper, and the equations E1 to E12: docs/equations.md.
+    Functions that simulate take these fields as keyword arguments, or a record as `settings`.
+    Equations, and the paper: docs/equations.md.
 
     Attributes
     ----------
     samples_per_mm2 : float, optional
-        Density of surface samples, whatever the tessellation. None: `rays_per_face` counts, or
-        where that is None, too, 10 (1 with the expected estimator, 4 with the physical one).
+        Density of surface samples. None: `rays_per_face` counts, or where that is None, too, 10 (1
+        with the expected estimator, 4 with the physical one).
     rays_per_face : int, 1 to 2^20, optional
         So many samples on every face instead, as in the paper.
     rays_per_sample : int, 1 to 2^16, optional
@@ -97,11 +97,10 @@ class SimulationSettings:
     crease_deg : float
         Edges sharper than this stay sharp in "smooth".
     facets : "curved" or "flat"
-        Where paths are reflected: on the surface that the normals at the corners of a face
-        describe, or on the face (E1).
+        Whether paths are reflected on the curved surface that the corners' normals describe (E1).
     amplitude : "unit" or "spreading"
-        1 per path as in the paper, or 1 / (R1 R2), with R1 the length up to the last reflection and
-        R2 from there on, metres.
+        1 per path as in the paper, or 1 / (R1 R2), the lengths up to the last reflection and from
+        there on in metres.
     pattern_exponent : float, 0 to 10 000
         With "spreading": both antennas have the field pattern cos(angle to +z)^exponent.
     seed : int, 0 to 2^64 - 1

@@ -85,6 +85,12 @@ def adapted(app: Sphinx, what: str, name: str, item: Any, options: Any, lines: l
         lines[i] = TYPE.sub(linked, line)
 
 
+def whole(app: Sphinx, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
+    """Keep napoleon from taking what is before the first colon of a property for its type."""
+    if what in ("attribute", "property"):
+        lines[:0] = ["..", ""]
+
+
 def fields_of(app: Sphinx, what: str, name: str, item: Any, *_: Any) -> tuple[str, str] | None:
     """The signature of a file's record: names alone, as its page has the defaults."""
     fields = getattr(item, "model_fields", None)
@@ -95,6 +101,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Register the directive."""
     app.add_config_value("public_packages", [], "env")
     app.add_directive("public-names", PublicNames)
+    app.connect("autodoc-process-docstring", whole, priority=400)  # before napoleon's, of 500
     app.connect("autodoc-process-docstring", adapted)
     app.connect("autodoc-process-signature", fields_of)
     return {"parallel_read_safe": True}

@@ -199,7 +199,7 @@ SCENES = {
     "hand": None,  # made where it is used, since that takes a device
     "bowl": clradar.Scene(*bowl(40, 80)),
     # Fine enough that groups and rays are traced apart from their bundle.
-    "fine ball": meshes.ball(201, 200),
+    "fine ball": meshes.ball(100),
 }
 
 
