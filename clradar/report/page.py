@@ -49,10 +49,7 @@ below the maximum."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportImage:
-    """An image of a report: its name, where it is from, and its settings in types of JSON.
-
-    Without `meta` these are the image's own.
-    """
+    """An image of a report with its name, source and settings (types of JSON; None: its own)."""
 
     label: str
     image: Volume | DepthMap
@@ -83,8 +80,8 @@ def html_report(
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
     >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
-    >>> images = ReportImage("measured", near), [ReportImage("alpha = 0.3", far)]
-    >>> "overlap" in clradar.report.html_report(*images)
+    >>> page = clradar.report.html_report(ReportImage("measured", near), [ReportImage("far", far)])
+    >>> "overlap" in page
     True
     """
     dynamic_range_db = checks.dynamic_range("html_report: dynamic_range_db", dynamic_range_db)

@@ -140,7 +140,7 @@ class Rig(Record):
         return right.moved(mirror, centre_m - mirror @ middle_m)
 
     def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
-        """Return the joints (25, 3) after rotations as of `turned`, the wrist at rest; NaN for none."""
+        """Return the joints (25, 3) after rotations as of `turned`; NaN for none."""
         known, parents = self.known, parents_of(self.known)
         places_m = np.full_like(self.joints_m, np.nan)
         places_m[WRIST] = self.joints_m[WRIST]
