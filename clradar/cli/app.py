@@ -58,9 +58,6 @@ COMMANDS = {name: text for panel in PANELS.values() for name, text in panel.item
 """Subcommand, which names its module (`module_of`), and the line that describes it."""
 
 
-TYPES = {"path": "FILE", "float": "X", "int range": "N"}
-
-
 def help_record(one: Any, context: Any) -> tuple[str, str] | None:
     """The name of an argument or option and its help, as typer has them, without Python's types."""
     record = one.get_help_record(context)
@@ -69,7 +66,7 @@ def help_record(one: Any, context: Any) -> tuple[str, str] | None:
     name, text = record
     if one.param_type_name == "argument":
         name = re.sub(r" <[^<>]*>$", "" if one.nargs == 1 else "...", name)
-    return re.sub("<(path|float|int range)>", lambda kind: TYPES[kind[1]], name), text
+    return name, text
 
 
 class _Command(TyperCommand):
@@ -165,8 +162,10 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
     for name, summary in COMMANDS.items():
         function: Callable[..., Any] = _not_loaded
         if name == requested:
+            from clradar.cli.outputs import check_outputs
+
             module = import_module(module_of(name))
-            function = _guarded(expanded(module.command), debug)
+            function = _guarded(expanded(module.command, check_outputs), debug)
             summary = f"{summary}\n\n{inspect.getdoc(module.command)}"
         app.command(name, cls=_Command, help=summary, short_help=COMMANDS[name])(function)
     return app

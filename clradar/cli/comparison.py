@@ -31,10 +31,7 @@ SIMULATION_FILES = (PLACED, CAPTURE, VOLUME, FIGURE, METRICS)
 
 
 def simulated_surface(meta: Mapping[str, Any]) -> str | None:
-    """What a capture or volume was simulated with: its one alpha, or its materials if physical.
-
-    None if unknown, or where alpha is not one number.
-    """
+    """What was simulated: the one alpha, or the materials if physical; None if there is neither."""
     from clradar.model.volume import capture_meta
 
     scene = capture_meta(meta).get("scene")
@@ -133,18 +130,16 @@ def write_simulation(
 def figure_of(
     path: Path, *, view: str | None = None, plane: tuple[str, float | None] | None = None
 ) -> Figure | None:
-    """A volume's image; echoes and channels of a capture, or over the frames of a recording.
+    """The image of a volume in a `view` or a `plane` (axis, mm); echoes, or gains, of the others.
 
-    `view` and `plane`, an axis and a place in millimetres, are of a volume. None, and a warning,
-    where it has nothing to see.
+    None, and a warning, where there is nothing to see.
     """
     import measurement_io
     from clradar.plot import capture_figure, recording_figure
 
     found = measurement_io.open(path)
     if isinstance(found, cl.Volume):
-        reason = nothing_to_draw(found)
-        if reason is not None:
+        if (reason := nothing_to_draw(found)) is not None:
             warn(f"{path}: not drawn, since the image is {reason}")
             return None
         return volume_figure(found, title_of(path, found.meta), plane, view=view)

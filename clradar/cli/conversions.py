@@ -8,13 +8,11 @@ from pathlib import Path
 
 import clradar as cl
 from clradar.cli import options as opt
-from clradar.cli.call import call
 from clradar.cli.console import counted, print_line, print_warning, progress_bar
 from clradar.cli.inputs import ReadOnAccess
 from clradar.cli.outputs import (
     check_folder,
     check_outputs,
-    check_place_of_folder,
     described,
     made_folder,
     provenance,
@@ -31,10 +29,10 @@ def write_captures(
     from measurement_io import open_recording
     from measurement_io.maroon.folders import find_radar_folder, frames
 
-    check_place_of_folder(output)
+    check_folder(output, resumed=True)
     there = frames(find_radar_folder(source)) if source.is_dir() else {}
     first = variant or next((name for name, found in there.items() if found), "raw")
-    recording = open_recording(source, variant=first, **opt.values_of(antennas))
+    recording = open_recording(source, variant=first, **opt.arguments_of(antennas))
     place, radar = output.resolve(), recording.path.resolve()
     if radar in (place, *place.parents):
         raise OutputError(f"{output}: lies in the recording that is read; choose another folder")
@@ -45,7 +43,7 @@ def write_captures(
         for name, view in views.items()
         for i, n in enumerate(view.frame_numbers)
     }
-    beside, written = opt.paths_in(opt.values_of(antennas)), list[str]()
+    beside, written = opt.paths_in(opt.arguments_of(antennas)), list[str]()
     if output.is_dir():
         check_outputs(files)
     with made_folder(output), progress_bar("converting") as progress:
@@ -57,7 +55,7 @@ def write_captures(
                 continue
             own = {key: capture.meta[key] for key in ("frame", "variant")}
             inputs = [*(opt.frame_files(capture) if source.is_dir() else [source]), *beside]
-            save(path, capture, provenance(inputs, **own), force=call.force)
+            save(path, capture, provenance(inputs, **own), force=opt.call.force)
             written.append(path.name)
             del capture  # before the next one is read
             if progress is not None:
@@ -78,18 +76,18 @@ def write_recording(sources: Sequence[Path], output: Path, antennas: opt.Antenna
         if path.is_dir():
             fail(path, "a capture, with --to maroon", "a folder")
     check_folder(output)
-    check_place_of_folder(output, [*BESIDE, *(path.name for path in output.glob("radar_*"))])
-    beside, opened = opt.paths_in(opt.values_of(antennas)), list[Path]()
+    check_folder(output, [*BESIDE, *(path.name for path in output.glob("radar_*"))], resumed=True)
+    beside, opened = opt.paths_in(opt.arguments_of(antennas)), list[Path]()
 
     def read(path: Path) -> cl.Capture:
         opened.append(path)
         own = antennas if kind_of(path) == "frame" else opt.AntennaOptions()
-        return described(open_capture(path, **opt.values_of(own)), provenance([path, *beside]))
+        return described(open_capture(path, **opt.arguments_of(own)), provenance([path, *beside]))
 
     captures = ReadOnAccess(sources, read)
     with progress_bar("converting") as progress:
         try:
-            radar = save_recording(output, captures, force=call.force, progress=progress)
+            radar = save_recording(output, captures, force=opt.call.force, progress=progress)
         except ModelError as error:
             raise ModelError(f"{opened[-1]}: {error}") from error
     print_line(f"{radar}: {counted(len(sources), 'frame')}")

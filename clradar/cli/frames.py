@@ -27,36 +27,29 @@ _FRAME = re.compile(r"([0-9]+)(?:_(emptyfiltered))?\Z")
 
 
 class Frames:
-    """Captures or volumes by their numbers; None where a path is a single one.
+    """Captures or volumes by their numbers; a single one, which has no `files`, is at each.
 
     Of a recording, a folder of captures or volumes (.h5), or a single one.
     """
 
     def __init__(self, path: Path, variant: str | None = None) -> None:
-        self.path = path
-        self.numbers: tuple[int, ...] | None = None
+        self.path, self.files = path, dict[int, Path]()
         self.read: Callable[[int], Content]
-        self.files: Callable[[int], list[Path]]
         if not path.is_dir():
             content = ImageInput.open(path).content
-            self.read, self.files = lambda _: content, lambda _: [path]
+            self.read = lambda _: content
         elif any(path.glob("*.h5")) and not any(path.glob("radar_*")):
-            named = _captures_by_number(path, variant)
-            self.numbers = tuple(named)
-            self.read = lambda number: ImageInput.open(named[number]).content
-            self.files = lambda number: [named[number]]
+            self.files = _captures_by_number(path, variant)
+            self.read = lambda number: ImageInput.open(self.files[number]).content
         else:
-            self._open_recording(variant or "raw")
+            from measurement_io import open_recording
+            from measurement_io.maroon.folders import frames
 
-    def _open_recording(self, variant: str) -> None:
-        from measurement_io import open_recording
-        from measurement_io.maroon.folders import frames
-
-        recording = open_recording(self.path, variant=variant)
-        numbers, paths = recording.frame_numbers, frames(recording.path)[recording.variant]
-        self.numbers = numbers
-        self.read = lambda number: recording[numbers.index(number)]
-        self.files = lambda number: [paths[number]]
+            recording = open_recording(path, variant=variant or "raw")
+            self.files = frames(recording.path)[recording.variant]
+            if not self.files:
+                fail(path, f"frames of the variant {recording.variant}", "none")
+            self.read = lambda number: recording[recording.frame_numbers.index(number)]
 
     def capture(self, number: int) -> cl.Capture:
         """The capture of a frame; of a single capture that capture."""
@@ -65,14 +58,14 @@ class Frames:
             fail(self.path, "captures", f"the volume of frame {number}")
         return found
 
-    def files_of(self, numbers: Sequence[int] | None = None) -> list[Path]:
+    def files_of(self, numbers: Iterable[int] | None = None) -> list[Path]:
         """The files of these frames or of all, or the one file that the path is."""
-        chosen = numbers if numbers is not None and self.numbers else self.numbers or (0,)
-        return list(dict.fromkeys(file for number in chosen for file in self.files(number)))
+        chosen = self.files if numbers is None else numbers
+        return [self.files[number] for number in chosen] if self.files else [self.path]
 
     def check_frames(self, numbers: Sequence[int], recording: Path) -> None:
         """Raise unless all these frames of a recording are there, or one is the same at each."""
-        missing = [n for n in numbers if self.numbers is not None and n not in self.numbers]
+        missing = [n for n in numbers if self.files and n not in self.files]
         if missing:
             fail(self.path, f"the frames of '{recording}'", f"none of number {_listed(missing)}")
 
@@ -80,23 +73,18 @@ class Frames:
 def _captures_by_number(folder: Path, variant: str | None) -> dict[int, Path]:
     """Without a variant raw ones, if there are any; other names count from 0."""
     files = sorted(folder.glob("*.h5"))
-    found: dict[str, dict[int, Path]] = {"raw": {}, "emptyfiltered": {}}
-    others = []
-    for path in files:
-        match = _FRAME.match(path.stem)
-        if match is None:
-            others.append(path.name)
-        else:
-            found[match[2] or "raw"][int(match[1])] = path
-    if len(others) == len(files) and variant != "emptyfiltered":
+    named = [(match, path) for path in files if (match := _FRAME.match(path.stem))]
+    if not named and variant != "emptyfiltered":
         return dict(enumerate(files))
-    chosen = found[variant or ("raw" if found["raw"] else "emptyfiltered")]
-    if not chosen:
+    raw = any(match[2] is None for match, _ in named)
+    chosen = variant or ("raw" if raw else "emptyfiltered")
+    found = {int(match[1]): path for match, path in named if (match[2] or "raw") == chosen}
+    if not found:
         there = _listed(path.name for path in files)
-        fail(folder, f"frames of the variant {variant} by their names", there)
-    if others:
+        fail(folder, f"frames of the variant {chosen} by their names", there)
+    if others := [path.name for path in files if not _FRAME.match(path.stem)]:
         warn(f"{folder}: left out, as they are not named like frames: {_listed(others)}")
-    return dict(sorted(chosen.items()))
+    return dict(sorted(found.items()))
 
 
 def _listed(items: Iterable[object]) -> str:
@@ -104,12 +92,9 @@ def _listed(items: Iterable[object]) -> str:
     return ", ".join(texts[:5]) + (", ..." if len(texts) > 5 else "")
 
 
-MAPS = "maps"
-"""Folder of depth maps, one .npz for each frame; written before the record of the frame."""
-
-RECORDS = "frames"
-"""Folder of records, one .json for each frame that is done."""
-
+# Folders with a file for each frame.
+MAPS = "maps"  # depth maps, .npz; written before the record of the frame
+RECORDS = "frames"  # .json, of frames that are done
 CAPTURES, VOLUMES = "captures", "volumes"
 
 
@@ -195,7 +180,7 @@ class FrameSteps:
     def _simulated(self, i: int, number: int) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
         frames, name = _opened(self.simulated[i], None, self.run_name), f"simulated-{i}"
-        if frames.numbers is not None:
+        if frames.files:
             return self._imaged(frames.read(number))
         if name not in FolderStore(self.folder / MAPS):
             self.keep_map(name, self._imaged(frames.read(number)))

@@ -1,33 +1,88 @@
-"""Groups of options: a command takes one record for options that belong together.
+"""Groups of options, of which a command takes a record each, and the command that runs.
 
-A group is a dataclass whose fields are made by `option`, `argument` and `output_option`; they are
-the defaults of single parameters of a command, too. What a field says of its option is checked for
-all commands alike: its text, its limits, what it goes with, and that its output can be written.
+A group is a dataclass of fields by `option`, `argument`, `written` and `output_option`, which are
+defaults of single parameters of a command, too. What they say is checked for all commands alike.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Set
 from contextlib import suppress
-from dataclasses import Field, field, fields, is_dataclass
+from dataclasses import Field, dataclass, field, fields, is_dataclass
 from inspect import Parameter
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from clradar.cli.call import Call, call
 from clradar.errors import ClradarError
-
-REQUIRED = Parameter.empty
-"""The default of an option without which a command is wrong usage."""
+from clradar.files.hashing import content_record
 
 UNITS = ("mm", "deg", "db", "hz", "ps", "s")
 """Of names of options: the help shows them in place of the value."""
 
+METAVARS: dict[Any, str] = {Path: "FILE", int: "N", float: "X"}
+"""What the help shows in place of other values."""
+
+SCALES = {"mm": ("m", 1e3), "ps": ("s", 1e12)}
+"""What functions take in place of them, and how many are one of it."""
+
 Read = Callable[[str, Any], Any]
 """Reads or checks what was given: called with the option's name and the value."""
+
+
+@dataclass
+class Call:
+    """A command, its options that count for results, all that were typed, inputs and outputs."""
+
+    command: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    typed: Set[str] = frozenset()
+    inputs: dict[str, list[Path]] = field(default_factory=dict)  # by option: files and folders
+    force: bool = False
+    read: dict[Path, list[Path]] = field(default_factory=dict)  # of an input: its files
+    records: dict[Path, dict[str, Any]] = field(default_factory=dict)  # of files, by content
+
+    @property
+    def paths(self) -> list[Path]:
+        """All inputs, as they were typed."""
+        return [path for paths in self.inputs.values() for path in paths]
+
+    def files_of(self, paths: Iterable[Path]) -> list[Path]:
+        """The files whose content these inputs are, each once."""
+        found = (file for path in paths for file in self.read.get(path, [path]))
+        return [*dict.fromkeys(one for file in found if not file.is_dir() for one in _parts(file))]
+
+    def records_of(self, files: Iterable[Path]) -> dict[Path, dict[str, Any]]:
+        """What files held when it was first asked for: before the work (`content_record`)."""
+        self.records |= {path: content_record(path) for path in files if path not in self.records}
+        return self.records
+
+
+def _parts(file: Path) -> list[Path]:
+    """A file, and those that belong to it: buffers of glTF, the antennas of a recorded frame."""
+    if file.suffix == ".npy":
+        from measurement_io.maroon.folders import antennas_file
+
+        antennas = antennas_file(file)
+        return [file, antennas] if antennas is not None and antennas.is_file() else [file]
+    from clradar.files.meshes.gltf_document import files_of
+
+    return files_of(file)
+
+
+call = Call()
+
+
+def plain(value: Any, *, paths: bool = True) -> Any:
+    """A value in types that JSON reads back as they were; None in place of `paths`, if wanted."""
+    if isinstance(value, Path):
+        return str(value) if paths else None
+    if isinstance(value, dict):
+        return {name or "": plain(item, paths=paths) for name, item in value.items()}
+    many = isinstance(value, list | tuple)
+    return [plain(item, paths=paths) for item in value] if many else value
 
 
 def wrong_usage(option: str, text: str) -> typer.BadParameter:
@@ -54,10 +109,11 @@ def option(
 ) -> Any:
     """A field that is an option; without `names` ``edge_mm`` is ``--edge-mm``.
 
-    `parse` makes a value of its `text`, `check` is of the value that typer makes. It goes with one
-    of the options `needs`, where the command has them, and never with those of `without`; one of
-    `due` demands it. These are names with blanks between them, or as ``--method=sparse|exact``. The
-    help shows it under the heading `panel`. It `writes` a file that must not be there, or names
+    Without a default it is required, unless its type has None. `parse` makes a value of its `text`,
+    `check` is of the value that typer makes. It goes with one of the options `needs`, where the
+    command has them, and never with those of `without`; one of `due` demands it. These are names
+    with blanks between them, or as ``--method=sparse|exact``. The help shows it under the heading
+    `panel`. It `writes` a file that must not be there, or names
     `files` to read in a value that is no path, and is `kept` among the settings of results, as all
     are but those of outputs. `details` are those of `typer.Option`.
     """
@@ -67,8 +123,6 @@ def option(
         "kept": panel != "Output" if kept is None else kept, "writes": writes, "files": files,
     }  # fmt: skip
     metadata = {**known, "details": {"help": help, **details}}
-    if default is REQUIRED:
-        return field(metadata=metadata)
     value = parse("", default) if parse is not None and isinstance(default, str) else default
     return field(metadata=metadata, default=value)
 
@@ -86,10 +140,7 @@ def written(help: str, *names: str, **details: Any) -> Any:
 def output_option(
     help: str, default: Any = None, *names: str, folder: bool = False, **details: Any
 ) -> Any:
-    """A field that is the option ``-o``, ``--output``, and has other names, too.
-
-    That a `folder` may be written is for the command to check.
-    """
+    """A field that is the option ``-o``; a `folder` is for the command to check."""
     names = ("-o", "--output", *names)
     return option(help, default, *names, panel="Output", writes=not folder, **details)
 
@@ -101,12 +152,17 @@ FORCE: Any = option("Replace files that exist.", False, "--force", panel="Output
 def option_name(name: str, one: Field[Any]) -> str:
     """The name of the option of a field, or that which help gives an argument."""
     if one.metadata["kind"] is typer.Argument:
-        return str(one.metadata["details"].get("metavar") or name.upper())
+        return str(one.metadata["details"].get("metavar") or name.upper().removesuffix("S"))
     return str((one.metadata["names"] or ("--" + name.replace("_", "-"),))[0])
 
 
-def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command one keyword for each field of its groups: the parameters that typer reads."""
+def expanded(
+    command: Callable[..., Any], check: Callable[[list[Any]], None] = lambda outputs: None
+) -> Callable[..., Any]:
+    """Give a command one keyword for each field of its groups: the parameters that typer reads.
+
+    Before it runs, `check` raises where an output cannot be written.
+    """
     shown = inspect.signature(command, eval_str=True)
     groups: dict[str, Any] = {
         n: p.annotation for n, p in shown.parameters.items() if is_dataclass(p.annotation)
@@ -143,10 +199,7 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
         single = {name: values[name] for name in shown.parameters if name not in groups}
         vars(call).update(vars(Call(label, kept, typed, _inputs(declared, values), force)))
         try:
-            if outputs := [values[n] for n, one in declared.items() if one.metadata["writes"]]:
-                from clradar.cli.outputs import check_outputs
-
-                check_outputs(outputs)
+            check([values[name] for name, one in declared.items() if one.metadata["writes"]])
             if any(values[name] is not None for name in writing):
                 for path in filter(Path.is_file, call.paths):
                     with suppress(ClradarError):  # the reader of the file says why
@@ -176,14 +229,19 @@ def _inputs(declared: dict[str, Field[Any]], values: dict[str, Any]) -> dict[str
 def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:
     known, details = one.metadata, dict(one.metadata["details"])
     names, unit, default = known["names"], name.rpartition("_")[2], known["default"]
+    required = default is None and type(None) not in get_args(hint)
+    kind = next((kind for kind in METAVARS if kind in (hint, *get_args(hint))), None)
     if known["parse"] is not None:
         hint = known["text"] if default is not None else known["text"] | None
-    if known["kind"] is typer.Option:
+    if known["kind"] is typer.Argument:
+        details["metavar"] = option_name(name, one)
+    else:
         names = names or (option_name(name, one),)
-        if unit in UNITS:
-            details.setdefault("metavar", unit.upper())
+        shown = unit.upper() if unit in UNITS else METAVARS.get(kind)
+        details.setdefault("metavar", shown)
         details["rich_help_panel"] = known["panel"] or panel or None
     annotation: Any = Annotated[hint, known["kind"](*names, **details)]
+    default = Parameter.empty if required else default
     return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
@@ -225,9 +283,9 @@ def paths_in(value: Any) -> list[Path]:
     return [value] if isinstance(value, Path) else []
 
 
-def given(group: Any) -> dict[str, Any]:
-    """The options of a group that were typed, or are not at their default: name -> value."""
-    values = {one: getattr(group, one.name) for one in fields(group)}
+def given(group: Any, part: Any = None) -> dict[str, Any]:
+    """The options of a group, or of a `part`, that were typed, or are not at their default."""
+    values = {one: getattr(group, one.name) for one in fields(part or group)}
     return {
         option_name(f.name, f): value
         for f, value in values.items()
@@ -235,6 +293,20 @@ def given(group: Any) -> dict[str, Any]:
     }
 
 
-def values_of(group: Any) -> dict[str, Any]:
-    """The values of a group by the names of its fields."""
-    return {one.name: getattr(group, one.name) for one in fields(group)}
+def arguments_of(group: Any, part: Any = None) -> dict[str, Any]:
+    """The arguments that a group, or what it has of `part`, is for a function: what is not None.
+
+    Functions take metres and seconds: `edge_m` of `edge_mm`.
+    """
+    found = {}
+    for one in fields(part or group):
+        value, (name, _, unit) = getattr(group, one.name), one.name.rpartition("_")
+        base, scale = SCALES.get(unit, (unit, 1.0))
+        if value is not None:
+            found[f"{name}_{base}".lstrip("_")] = scaled(value, scale) if scale != 1.0 else value
+    return found
+
+
+def scaled(value: Any, scale: float) -> Any:
+    """A number of a unit, or several, in the unit that is `scale` times as large."""
+    return value / scale if isinstance(value, float) else tuple(one / scale for one in value)

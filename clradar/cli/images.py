@@ -1,7 +1,4 @@
-"""Images of ``clradar image``: drawn, and those of large grids or several captures made by parts.
-
-A part is one capture on a piece of the grid; parts are kept in a folder until all are there.
-"""
+"""Images of ``clradar image``: drawn, or made by parts, each a capture on a piece of the grid."""
 
 from __future__ import annotations
 
@@ -12,47 +9,117 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli.call import call
+from clradar.cli import options as opt, parse
 from clradar.cli.comparison import volume_figure
 from clradar.cli.console import print_line, print_warning, progress_bar
 from clradar.cli.inputs import ImageInput, nothing_to_draw, title_of
 from clradar.cli.outputs import begun, provenance, write
+from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
 from clradar.imaging.several_captures import mean_over_pairs
-from clradar.jobs import KEY, Job, Where, remove
-from clradar.jobs.lock import LOCK, held
+from clradar.jobs import KEY, Job, Where
 from clradar.model import ImageScale
 from clradar.model.progress import Progress
 from clradar.model.volume import plane_slabs
 
-PARTS = "parts"
-"""Folder of the images of single captures on pieces of the grid, and of the pieces of the image,
-which are there once all their parts are."""
+# Names in the folder of a begun image.
+PARTS = "parts"  # images of captures on pieces of the grid; of all, once all their parts are there
+WHOLE = "volume.h5"  # before it gets its name beside the folder
 
-WHOLE = "volume.h5"
-"""The file that is written, before it gets its name beside the folder."""
-
-Part = tuple[int, int]
-"""Numbers of a piece and of a capture."""
+Part = tuple[int, int]  # numbers of a piece and of a capture
 
 
-def remove_remains(folder: Path) -> None:
-    """Remove a folder whose image was complete when the process was killed.
+@dataclass(frozen=True, kw_only=True)
+class ImageFiles(opt.PictureOptions):
+    """Files of an image, one of which has to be opt.written."""
 
-    Its settings go first at the end, so that nothing could resume there.
-    """
-    names = {path.name for path in folder.iterdir()} if folder.is_dir() else {KEY}
-    if names <= {PARTS, WHOLE, LOCK}:
-        with held(folder, "image"):
-            remove(folder, names - {LOCK})
-        folder.rmdir()
+    output: Path | None = opt.output_option("Volume to write (HDF5).")
+    png: Path | None = opt.written(
+        "Draw amplitude and depth: .png, .pdf or .svg.", "--png", "--figure", check=parse.figure
+    )
+    report: Path | None = opt.written(
+        "Page: figure, 3-D view, facts and settings in one .html file.", check=parse.page
+    )
+    dbsm: bool = opt.option(
+        "Draw radar cross sections in dBsm, of S-parameters.",
+        False,
+        without=opt.ITERATED,
+        kept=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageOptions(opt.GridOptions, opt.ImagingOptions):
+    """How an image is formed, also by iteration, and where."""
+
+    # A wider choice than that of the other commands.
+    method: Literal["fast", "range", "exact", "least-squares", "sparse"] = opt.option(  # type: ignore[assignment]
+        f"{opt.METHODS} By iteration (needs pylops): least-squares, or sparse, of few voxels.",
+        "fast",
+    )
+    iterations: int | None = opt.option(
+        "At most, of an image by iteration. [default: 30, sparse 100]",
+        min=1,
+        needs=opt.ITERATED,
+    )
+    damping_db: float | None = opt.option(
+        "Of least-squares: weight of the power. [default: none]", needs="--method=least-squares"
+    )
+    sparsity_db: float | None = opt.option(
+        "Of sparse: threshold below the maximum. [default: -30]", needs="--method=sparse"
+    )
+    everything: bool = opt.option(
+        "Without a grid: one around all echoes up to 25 dB below the strongest.",
+        False,
+        "--all-echoes",
+        without="--x-mm --y-mm --z-mm",
+    )
+    tolerance_db: float | None = opt.option(
+        "Error of fast and by iteration, RMS over RMS, -80 to -30. [default: -50]"
+    )
+    absolute: bool = opt.option("The samples are S-parameters.", False)
+
+    @property
+    def iterated(self) -> bool:
+        """Whether it is formed by iteration: by `clradar.reconstruct`."""
+        return self.method in ("least-squares", "sparse")
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Of `clradar.backproject`, or of `clradar.reconstruct`."""
+        names = ("iterations", "damping_db", "sparsity_db") if self.iterated else ("window",)
+        return {name: getattr(self, name) for name in ("method", "tolerance_db", *names)}
+
+    def check(
+        self,
+        content: cl.Capture | cl.Volume,
+        captures: list[Path],
+        files: ImageFiles,
+        others: Mapping[str, Any],
+    ) -> None:
+        """Raise where an option has no meaning for what is read."""
+        several, volume = len(captures) > 1, isinstance(content, cl.Volume)
+        if several and volume:
+            raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
+        wrong = {"--method": self.iterated, "--dbsm": files.dbsm, "--absolute": self.absolute}
+        if several and any(wrong.values()):
+            name = next(name for name, is_wrong in wrong.items() if is_wrong)
+            raise opt.wrong_usage(name, "expected with a single capture, not with several")
+        if files.dbsm and not (self.absolute or content.absolute):
+            raise MeasurementError(
+                f"{captures[0]}: expected S-parameters for --dbsm, got samples on a relative "
+                "scale; --absolute says that they are S-parameters"
+            )
+        chosen = {**opt.given(self), "-o": files.output, **others}
+        names = [name for name, value in chosen.items() if value is not None]
+        if volume and names:
+            raise opt.wrong_usage(names[0], "the input is a volume, which is an image already")
 
 
 def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
@@ -106,10 +173,7 @@ class PartSteps:
         return self.piece_file(part[0]).is_file() or self.file_of(part).is_file()
 
     def join(self, piece: int) -> None:
-        """Sum the parts of a piece that are all there, in the order of the captures; remove them.
-
-        So the parts of few pieces are on disk at the same time.
-        """
+        """Sum the parts of a piece, if all are there, and remove them: few are on disk at once."""
         parts = [self.file_of((piece, number)) for number in range(len(self.captures))]
         whole = self.piece_file(piece)
         if not whole.is_file() and all(path.is_file() for path in parts):
@@ -172,12 +236,9 @@ class PartedImage:
 
 
 def image_by_parts(
-    steps: PartSteps, samples: cl.Capture, files: opt.ImageFiles, where: Where, range_db: float
+    steps: PartSteps, samples: cl.Capture, files: ImageFiles, where: Where, range_db: float
 ) -> None:
-    """Write and draw an image of a large grid, or of several captures.
-
-    `samples` are those of the first capture.
-    """
+    """Write and draw an image of a large grid, or of several captures, of which one is read."""
     from clradar.imaging.frame_imager import image_meta
     from clradar.imaging.grid_check import warn_of_grid
     from clradar.imaging.several_captures import KeptCaptures
@@ -210,12 +271,13 @@ def image_by_parts(
             known = {**meta, **provenance(grid=text)}
             save_planes(whole, image, grid, known, image.scale, force=True)
         draw(files, image, steps.captures, range_db, grid=text)
-        job.clear([KEY, PARTS])
+        job.clear([PARTS])  # killed from here on, the same command makes them again
         if output is not None:
-            with replacing(output, force=call.force) as temporary:
+            with replacing(output, force=opt.call.force) as temporary:
                 os.replace(whole, temporary)
             took = f"{perf_counter() - start_s:.1f} s on {opened.info.label}"
             print_line(f"{output}: {text}, {took}")
+        job.clear([KEY])
     with suppress(OSError):  # it is gone, or holds something else
         folder.rmdir()
 
@@ -235,7 +297,7 @@ def _make_parts(job: Job, steps: PartSteps, where: Where) -> None:
 
 
 def draw(
-    files: opt.ImageFiles,
+    files: ImageFiles,
     image: cl.Volume | PartedImage,
     captures: Sequence[Path],
     range_db: float,

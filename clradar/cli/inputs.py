@@ -110,14 +110,11 @@ def grid_for(
     *,
     everything: bool = False,
 ) -> cl.VoxelGrid:
-    """The grid of the options; without them one that shows what is in the capture, and say which.
-
-    `everything` is that of `clradar.place_grid`; what was found is logged in full.
-    """
+    """The grid of the options; else that of `clradar.place_grid`, which is said, and logged."""
     from clradar.imaging.grid_words import lengths_words, place_words
     from clradar.imaging.placement import placement, placement_words
 
-    if options.given:
+    if given(options, GridOptions):
         return options.grid()
     placed = placement(capture, cl.open_device(device), everything=everything)
     if placed.shown:
@@ -135,7 +132,7 @@ def common_grid(
 ) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
     grids = [image.grid for image in images if image.grid is not None]
-    if grids and not options.given:
+    if grids and not given(options, GridOptions):
         return grids[0]
     captures = [image.content for image in images if isinstance(image.content, cl.Capture)]
     return grid_for(captures[0], options, device) if captures else options.grid()
@@ -162,7 +159,7 @@ def measurement(
     """Open a measurement, and form its image on the grid of the options if it is a capture."""
     image = ImageInput.open(path, frames)
     known = image.radar_or(radar)
-    if image.grid is not None and voxels.given:
+    if image.grid is not None and given(voxels):
         raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
     volume = image.volume(common_grid(voxels, image, device=device), imaging, device)
     return Measurement(path, image.content, volume, known)

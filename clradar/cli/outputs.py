@@ -1,8 +1,7 @@
 """Checks of the names of outputs, before the long work starts, and the files that are written.
 
-One rule for all commands: the folder that an output goes into exists. A command whose output is a
-folder makes that one, and none above it. Nothing is written over an input, nor into a data set or
-a recording.
+The folder that an output goes into exists; one that is the output is made. Nothing is written over
+an input, nor into a data set or a recording.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ import numpy as np
 
 import clradar as cl
 from clradar import __version__
-from clradar.cli.call import call, plain
 from clradar.cli.console import print_line, progress_bar
+from clradar.cli.groups import call, plain
 from clradar.errors import OutputError
 from clradar.files.atomic import (
     move_folder,
@@ -76,28 +75,13 @@ def _same(one: Path, other: Path) -> bool:
     return one.exists() and other.exists() and one.samefile(other)
 
 
-def check_folder(folder: Path, replaced: Collection[str] | None = None) -> None:
-    """Raise unless a folder is missing or empty, or may be written into with --force.
+def check_folder(
+    folder: Path, replaced: Collection[str] | None = None, *, resumed: bool = False
+) -> None:
+    """Raise unless a folder is missing or empty, or may be written into with --force, or `resumed`.
 
     `replaced` names the only files that it may replace, none of which is an input; None: any.
     """
-    check_place_of_folder(folder, replaced or ())
-    with writing(folder):
-        there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    if there and not call.force:
-        raise OutputError(
-            f"{folder}: holds files already; choose another folder, or replace an earlier result "
-            "with --force"
-        )
-    for name in there:
-        if replaced is not None and name not in replaced:
-            raise OutputError(
-                f"{folder}: holds '{name}', which --force would delete; choose another folder"
-            )
-
-
-def check_place_of_folder(folder: Path, replaced: Collection[str] = ()) -> None:
-    """Raise unless there is or may be such a folder, with no input among what is `replaced`."""
     with writing(folder):
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
@@ -107,18 +91,27 @@ def check_place_of_folder(folder: Path, replaced: Collection[str] = ()) -> None:
             if _same(folder, path):
                 raise OutputError(f"{folder}: is also an input; choose another folder")
             place = Path(os.path.realpath(path))
-            if any(place.is_relative_to(os.path.realpath(folder / name)) for name in replaced):
+            kept = (os.path.realpath(folder / name) for name in replaced or ())
+            if any(map(place.is_relative_to, kept)):
                 raise OutputError(
                     f"{folder}: holds the input '{path}', which would be replaced; choose another "
                     "folder"
                 )
+        there = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    if there and not (call.force or resumed):
+        raise OutputError(
+            f"{folder}: holds files already; choose another folder, or replace an earlier result "
+            "with --force"
+        )
+    for name in there:
+        if replaced is not None and name not in replaced and not resumed:
+            raise OutputError(
+                f"{folder}: holds '{name}', which --force would delete; choose another folder"
+            )
 
 
 def _check_place(output: Path, known: dict[Path, bool]) -> None:
-    """Raise unless an output's folder exists, can be written to, and is nobody else's.
-
-    `known` keeps which folders are recordings: some have many frames to look through.
-    """
+    """Raise unless an output's folder can be written to; `known`: which are recordings, of many."""
     if not output.parent.is_dir():
         raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")
     if not output.is_dir() and not os.access(output.parent, os.W_OK | os.X_OK):
@@ -251,11 +244,7 @@ def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool =
 
 
 def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, Any]:
-    """The record that goes into the `meta` of a written file: versions, options, digests of inputs.
-
-    The options are those of the command that runs, and `more`; so are the inputs, if none are
-    given.
-    """
+    """What goes into `meta` of files: versions, options and `more`, digests of (these) inputs."""
     files = call.files_of(call.paths if inputs is None else inputs)
     records = call.records_of(files)
     return {
@@ -303,11 +292,7 @@ def mesh_file(path: Path, mesh: HandMesh | cl.Scene) -> bytes:
 
 
 def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:
-    """A capture whose provenance is a JSON text, which the file format can hold.
-
-    A frame holds numbers and strings alone, so all of `meta` goes into one string: that of the
-    capture, and `origin`, how it was converted or made.
-    """
+    """A capture with all of `meta` and `origin` as a JSON text: frames hold numbers and strings."""
     record = {**capture.meta, **origin}
     with suppress(KeyError, TypeError, ValueError):
         # An earlier conversion's is text; as text in text its escapes would double every time.

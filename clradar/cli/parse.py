@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from operator import le
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +14,12 @@ from clradar.constants import FINEST_SPACING_M, PLAUSIBLE_HZ, PLAUSIBLE_RANGE_M
 from clradar.errors import ModelError, OutputError
 from clradar.model.plausible import implausible
 
-WHOLE_STEPS = 1e-6
-"""How far a range may be from a whole number of steps: allows for rounded decimals."""
+# Of ranges.
+WHOLE_STEPS = 1e-6  # as far may one be from a whole number of steps: allows for rounded decimals
+MOST_STEPS = 2**31  # beyond it neighbours are the same number
+DECIMALS = 9  # 3 * 0.1 is then 0.3, as where it is typed
 
-MOST_STEPS = 2**31
-"""Of a range; beyond it neighbours are the same number."""
-
-DECIMALS = 9
-"""Of a number in a range: 3 * 0.1 is then 0.3, as where it is typed."""
-
-FIT = "fit"
-"""In place of a value that is to be found."""
+FIT = "fit"  # in place of a value that is to be found
 
 RANGE_RULE = "FIRST:LAST:STEP, both ends included"
 GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
@@ -37,12 +33,13 @@ Axis = tuple[float, float, float]
 
 
 def check_unit(
-    option: str, what: str, value: float, bounds: tuple[float, float], unit: str
-) -> None:
-    """Raise where a value of an option is in another unit; see `clradar.model.plausible`."""
+    option: str, value: float, what: str, bounds: tuple[float, float], unit: str
+) -> float:
+    """A value of an option, which is not in another unit; see `clradar.model.plausible`."""
     fault = implausible(what, value, bounds, unit)
     if fault is not None:
         raise wrong_usage(option, "expected {}, got {}".format(*fault))
+    return value
 
 
 def ends_in(*suffixes: str) -> Callable[[str, Path], Path]:
@@ -77,51 +74,48 @@ def numbers(text: str, separator: str = ",") -> list[float]:
     return values if all(map(math.isfinite, values)) else []
 
 
-def so_many(count: int, what: str) -> Callable[[str, str], tuple[float, ...]]:
-    """Reads so many numbers with commas between them."""
+def so_many(
+    count: int | None,
+    expected: str,
+    separator: str = ",",
+    holds: Callable[..., bool] = lambda *_: True,
+    plausible: tuple[Any, ...] = (),
+) -> Callable[[str, str], tuple[float, ...]]:
+    """Reads so many numbers between separators; `plausible` is the end of `check_unit`."""
 
     def read(option: str, text: str) -> tuple[float, ...]:
-        found = numbers(text)
-        if len(found) != count:
-            raise wrong_usage(option, f"expected {what}, got '{text}'")
+        found = numbers(text, separator)
+        if len(found) != (count or len(found) or 1) or not holds(*found):
+            raise wrong_usage(option, f"expected {expected}, got '{text}'")
+        for value in map(abs, found if plausible else ()):
+            check_unit(option, value, *plausible)
         return tuple(found)
 
     return read
 
 
+FREQUENCY = ("a frequency", PLAUSIBLE_HZ, "GHz")  # as `check_unit` has it
+
+some = so_many(None, "numbers")
 pair = so_many(2, "2 numbers with commas between")
-
-
 position_mm = so_many(3, "X,Y,Z in millimetres")
-
-
-def metres(values_mm: Sequence[float]) -> list[float]:
-    """Lengths in metres."""
-    return [value / 1e3 for value in values_mm]
+window_mm = so_many(
+    2, "NEAR:FAR, half path lengths in millimetres, 0 <= NEAR < FAR", ":",
+    lambda near, far: 0 <= near < far,
+)  # fmt: skip
+ends_ghz = so_many(2, "FIRST:LAST with FIRST <= LAST", ":", le, FREQUENCY)
 
 
 def band(option: str, text: str) -> Band:
     """First and last frequency in gigahertz, and their number."""
-    values = numbers(text, ":")
-    if len(values) != 3 or values[2] % 1 or values[2] < 1:
-        raise wrong_usage(option, f"expected FIRST:LAST:STEPS, got '{text}'")
-    first, last, steps = values[0], values[1], int(values[2])
+    read = so_many(3, "FIRST:LAST:STEPS", ":", lambda _, __, steps: steps >= 1 and not steps % 1)
+    first, last, steps = read(option, text)
     for value in (first, last):
-        check_unit(option, "a frequency", value, PLAUSIBLE_HZ, "GHz")
+        check_unit(option, value, *FREQUENCY)
     if first >= last if steps > 1 else first != last:
         expected = "FIRST below LAST, or both equal for one step"
         raise wrong_usage(option, f"expected {expected}, got '{text}'")
-    return first, last, steps
-
-
-def ends_ghz(option: str, text: str) -> tuple[float, float]:
-    """The ends of a band in gigahertz."""
-    ends = numbers(text, ":")
-    if len(ends) != 2 or ends[1] < ends[0]:
-        raise wrong_usage(option, f"expected FIRST:LAST with FIRST <= LAST, got '{text}'")
-    for end in ends:
-        check_unit(option, "a frequency", end, PLAUSIBLE_HZ, "GHz")
-    return ends[0], ends[1]
+    return first, last, int(steps)
 
 
 def axis_mm(option: str, text: str) -> Axis:
@@ -130,14 +124,14 @@ def axis_mm(option: str, text: str) -> Axis:
     if len(values) not in (1, 3):
         raise wrong_usage(option, f"expected {GRID_RULE}, in millimetres; got '{text}'")
     farthest = max(map(abs, values[:2]))
-    check_unit(option, "coordinates", farthest, (0.0, PLAUSIBLE_RANGE_M[1]), "mm")
+    check_unit(option, farthest, "coordinates", (0.0, PLAUSIBLE_RANGE_M[1]), "mm")
     if len(values) == 1:
         return values[0], values[0], 1.0
     first, last, step = values
     if step <= 0 or last < first:
         raise wrong_usage(option, f"expected FIRST <= LAST and STEP > 0, got '{text}'")
     if last > first:
-        check_unit(option, "a step", step, (FINEST_SPACING_M, PLAUSIBLE_RANGE_M[1]), "mm")
+        check_unit(option, step, "a step", (FINEST_SPACING_M, PLAUSIBLE_RANGE_M[1]), "mm")
     whole_steps(option, text, first, last, step)
     return first, last, step
 
@@ -149,15 +143,6 @@ def plane(option: str, text: str) -> tuple[str, float | None]:
     if axis not in ("x", "y", "z") or len(values) != bool(equals):
         raise wrong_usage(option, f"expected x, y or z, or one with =MM; got '{text}'")
     return axis, values[0] if equals else None
-
-
-def window_mm(option: str, text: str) -> tuple[float, float]:
-    """The ends of a window ``NEAR:FAR``."""
-    ends = numbers(text, ":")
-    if len(ends) != 2 or not 0 <= ends[0] < ends[1]:
-        rule = "NEAR:FAR, half path lengths in millimetres, 0 <= NEAR < FAR"
-        raise wrong_usage(option, f"expected {rule}; got '{text}'")
-    return ends[0], ends[1]
 
 
 def alpha_of(option: str, text: str, other: str = "PART=number") -> float:
@@ -199,10 +184,7 @@ def whole_steps(option: str, text: str, first: float, last: float, step: float) 
 def ascending(
     noun: str, limits: tuple[float, float], *, least: int = 1, most: int = 1001
 ) -> Callable[[str, str], tuple[float, ...]]:
-    """Reads the numbers of ``FIRST:LAST:STEP`` or of a list with commas.
-
-    `noun` says what they are, in the plural; they have to be within `limits`.
-    """
+    """Reads numbers of ``FIRST:LAST:STEP`` or of a list with commas; `noun` is in the plural."""
 
     def read(option: str, text: str) -> tuple[float, ...]:
         is_range = ":" in text

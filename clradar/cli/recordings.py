@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,24 +27,16 @@ if TYPE_CHECKING:
     from calibration.hand_fit.frame_fit import FrameFit
     from calibration.hand_fit.movement_figure import Picture
 
+# Names in the folder.
 RESULT, TABLE, FIGURE, MOVIE = "recording.json", "frames.csv", "time-line.png", "movie.gif"
 PICTURES = "pictures"
-
-GRID = "grid"
-"""Under which the grid is kept among the maps."""
-
-HANDS, WORK = "hand", "work"
-"""Folder of the fit of a hand, with records as of all frames, and what it is resumed by."""
-
+EMPTY = "empty.h5"  # the mean of the empty room's frames
+GRID = "grid"  # among the maps
+HANDS, WORK = "hand", "work"  # the fit of a hand, with records as of all frames; resumes by WORK
 MOVEMENT, SHEET = "movement.png", "contact-sheet.png"
-
-TRACK, NUMBERS = "track", "numbers"
-"""In the work folder: what is remembered after the last frame, and of which frames."""
+TRACK, NUMBERS = "track", "numbers"  # in WORK: what is remembered after the last frame; all frames
 
 SHEET_PIXEL_M = 2e-3
-
-EMPTY = "empty.h5"
-"""The mean of the empty room's frames."""
 
 OWN_NAMES = (
     RESULT, KEY, EMPTY, TABLE, FIGURE, MOVIE,
@@ -54,8 +45,7 @@ OWN_NAMES = (
 """Names in the folder that are its own; --force replaces no others. The result goes first, so that
 what is left is never taken for finished."""
 
-DEFAULT_STEP_S = 0.1
-"""Between the pictures of frames without time stamps."""
+DEFAULT_STEP_S = 0.1  # between the pictures of frames without time stamps
 
 MISSED = (DeviceError, OutputError, ClusterError)
 """Errors that are not of a single frame, and end the run."""
@@ -108,10 +98,7 @@ class RecordingWork:
         return [n for n in self.numbers if record_file(self.steps.folder, n).is_file()]
 
     def _prepare(self) -> None:
-        """Complete the steps with what all frames need: the mean of the empty room, the grid.
-
-        Without ranges in the options the first frame that can be read places the grid.
-        """
+        """Complete the steps with what all frames need: the mean of the empty room, the grid."""
         from calibration import average_frames
 
         steps, folder = self.steps, self.steps.folder
@@ -123,12 +110,12 @@ class RecordingWork:
             if not mean.is_file():
                 room = Frames(steps.how.empty)
                 with progress_bar("averaging"):
-                    frames = map(room.capture, room.numbers or ())
+                    frames = map(room.capture, room.files)
                     save(mean, average_frames(frames), steps.origin)
             steps = replace(steps, how=replace(steps.how, empty=mean))
         store = FolderStore(folder / MAPS)
         if GRID not in store:  # kept: another first frame may be readable when the run is resumed
-            grid = self.voxels.grid() if self.voxels.given else self._placed(steps)
+            grid = self.voxels.grid() if opt.given(self.voxels) else self._placed(steps)
             arrays = {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
             store[GRID] = {**arrays, "counts": np.array(grid.counts)}
         known = store[GRID]
@@ -136,6 +123,7 @@ class RecordingWork:
         self.steps = replace(steps, grid=grid)
 
     def _placed(self, steps: FrameSteps) -> cl.VoxelGrid:
+        """The grid by the first frame that can be read."""
         failures = []
         for number in self.numbers:
             try:
@@ -158,11 +146,7 @@ class RecordingWork:
                 pass
 
     def _hands(self, records: Sequence[Record]) -> list[FrameFit] | None:
-        """The hands that are fitted to the frames; None where that is impossible.
-
-        Each is fitted from the one before, so that is done by this process alone, whoever did the
-        frames; from the depth maps that are kept of them.
-        """
+        """The hands of the frames, each fitted from the one before, here; None if impossible."""
         numbers = [int(one["frame"]) for one in records]
         images = KeptImages(
             numbers, lambda number: self.steps.map_of(f"{number:06d}-hand"),
@@ -231,33 +215,25 @@ LEVELS = {"peak dB": "peak_db", "recorded RMS dB": "recorded_db", "cleaned RMS d
 
 def table(records: Sequence[Record], labels: Sequence[str]) -> dict[str, np.ndarray]:
     """The columns of the table by name, each of shape (n,), float64; NaN where there is none."""
-    column = partial(_column, records)
-    stamps = column(lambda one: one["time_us"])
-    start = stamps[np.isfinite(stamps)][:1]
-    found = {"frame": column(lambda one: one["frame"])}
-    found["time s"] = (stamps - start) / 1e6 if start.size else stamps
-    for name, key in LEVELS.items():
-        found[name] = column(lambda one, key=key: one[key])
-    for what in ("peak", "centre"):
-        for i, axis in enumerate("xyz"):
-            place = f"{what} {axis} mm"
-            found[place] = column(lambda one, key=f"{what}_m", i=i: 1e3 * one[key][i])
-    for i, label in enumerate(labels):
-        for metric in METRIC_TABLE:
-            value = lambda one, i=i, m=metric: m.scale * one["metrics"][i][m.field]  # noqa: E731
-            found[f"{label}: {metric.name}" if len(labels) > 1 else metric.name] = column(value)
+    rows = [_row(one, labels) for one in records]
+    found = {name: np.array([row[name] for row in rows], np.float64) for name in rows[0]}
+    stamps = found["time s"]
+    found["time s"] = (stamps - [*stamps[np.isfinite(stamps)], 0.0][0]) / 1e6
     return found | (_motion(records) if any("alignment" in one for one in records) else {})
 
 
-def _column(records: Sequence[Record], value: Callable[..., Any]) -> np.ndarray:
-    values = []
-    for one in records:
-        try:
-            found = value(one)
-        except (KeyError, TypeError):  # a frame without an image, or that could not be aligned
-            found = None
-        values.append(np.nan if found is None else float(found))
-    return np.array(values)
+def _row(record: Record, labels: Sequence[str]) -> dict[str, float | None]:
+    row = {"frame": record["frame"], "time s": record["time_us"]}
+    row |= {name: record[key] for name, key in LEVELS.items()}
+    for what in ("peak", "centre"):
+        for axis, place_m in zip("xyz", record[f"{what}_m"] or 3 * [np.nan], strict=True):
+            row[f"{what} {axis} mm"] = 1e3 * place_m
+    for label, metrics in zip(labels, record["metrics"], strict=True):
+        for metric in METRIC_TABLE:
+            value = (metrics or {}).get(metric.field)
+            name = f"{label}: {metric.name}" if len(labels) > 1 else metric.name
+            row[name] = None if value is None else metric.scale * value
+    return row
 
 
 def _motion(records: Sequence[Record]) -> dict[str, np.ndarray]:

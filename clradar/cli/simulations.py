@@ -14,7 +14,6 @@ from clradar.cli.outputs import (
     begun,
     check_folder,
     check_outputs,
-    check_place_of_folder,
     described,
     joints_record,
     provenance,
@@ -29,13 +28,10 @@ from clradar.model.progress import Progress, part_of
 if TYPE_CHECKING:
     from clradar.motion.motion_record import Motion
 
-CLUSTER_NAME = "cluster_{:03d}"
-"""Capture or recording of one cluster, counted from 1, in the folder of all."""
-
+# Names in the folder of clusters, and beside the frames of a recording.
+CLUSTER_NAME = "cluster_{:03d}"  # capture or recording of a cluster, counted from 1
 PATTERN = "cluster_*.h5"
-
-TRUTH = "truth"
-"""Folder beside the frames with what a recording was made of."""
+TRUTH = "truth"  # what a recording was made of
 
 Item = tuple[int, "cl.AntennaArray"]
 
@@ -46,7 +42,7 @@ _scenes: dict[str, cl.Scene] = {}
 def check_output(output: Path, moving: opt.MotionOptions, several: bool) -> None:
     """Raise unless the capture, the recording or the folder of clusters may be written."""
     if several and moving.motion is None:
-        check_place_of_folder(output, cluster_files(output))
+        check_folder(output, cluster_files(output), resumed=True)
     elif several or moving.frames is not None:
         check_folder(output, recording_files(output))
     else:
@@ -153,11 +149,7 @@ def record_movement(
     moving: opt.MotionOptions,
     **how: Any,
 ) -> str:
-    """Write a capture of what moves, or a recording, whole or not at all; return what it is.
-
-    Of several clusters a folder of them. One frame is in memory at a time. `how` as of
-    `clradar.simulate_moving`.
-    """
+    """Write a capture of what moves, or a recording, or a folder of clusters; return what it is."""
     from measurement_io import save_recording
 
     several, n_frames = len(clusters) > 1, moving.frames

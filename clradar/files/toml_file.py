@@ -74,7 +74,7 @@ def _lines(table: Mapping[str, Any], place: tuple[str, ...]) -> list[str]:
 def _value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         items = [_value(item) for item in value]
         line = f"[{', '.join(items)}]"
         return line if len(line) <= _LIST_CHARACTERS else "[\n" + ",\n".join(items) + "\n]"

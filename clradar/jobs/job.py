@@ -60,11 +60,7 @@ class Job:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep other processes out of the folder, and begin in it or go on.
-
-        What fails before there is anything to resume with leaves nothing; an interruption is
-        resumed.
-        """
+        """Keep other processes out of the folder, and begin in it or go on."""
         with held(self.folder, self.work):
             self._begin()
             try:
@@ -135,9 +131,8 @@ class Job:
     ) -> Iterator[tuple[Item, Any]]:
         """Work on the items that are not done; yield each with its result, as they are done.
 
-        `done` is whether the files of an item are there; `name` stands in front of its warnings,
-        each of which is given once; an error that is `tolerated` is a warning, too. `steps` and
-        `where` as of `Where.outcomes`; `say` is told how many were done before.
+        `done`: whether the files of an item are there. `name` stands in front of its warnings, each
+        given once; an error that is `tolerated` is one. `say` is told how many were done before.
         """
         left = [item for item in items if not done(item)]
         before = len(items) - len(left)

@@ -35,10 +35,7 @@ NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.E
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """A folder for the time of the block, which goes with it, interrupted or not.
-
-    Those of processes that were killed are removed, too.
-    """
+    """A folder for the time of the block; those of processes that were killed are removed, too."""
     for left in Path(tempfile.gettempdir()).glob(f"{SCRATCH}*"):
         with suppress(OSError):
             if os.access(left / LOCK, os.W_OK):
@@ -71,9 +68,7 @@ def scratch_folder() -> Iterator[Path]:
 def held(folder: Path, work: str) -> Iterator[None]:
     """Make the folder, and keep other processes from working in it while the block runs.
 
-    The lock is there only meanwhile; a folder that was made and stays empty is removed again. A
-    `KeyboardInterrupt` gets the words that the work there is to be resumed. `work` is what is going
-    on in it, for the message: "sweep".
+    One that was made and stays empty is removed. `work` is for the message: "sweep".
     """
     missing = not os.path.isdir(folder)
     if missing and os.path.lexists(folder):
@@ -101,11 +96,9 @@ def held(folder: Path, work: str) -> Iterator[None]:
 
 
 def locked(path: Path, wait_s: float = WAIT_S) -> BaseFileLock | None:
-    """Lock a file, which is made; None if another process has it.
+    """Lock a file, which is made; None if another process has it. Locks end with their processes.
 
-    The system lets go of the lock when the process ends, however it ends. A file system without
-    locks gets a file that stands for one: filelock removes that of a process of this machine that
-    is gone.
+    The file that stands for one is removed by filelock once its process of this machine is gone.
     """
     from filelock import FileLock, SoftFileLock, Timeout
 

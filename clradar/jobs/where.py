@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -83,23 +83,16 @@ class Where:
     def made(
         self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
     ) -> Iterator[tuple[int, Result]]:
-        """Make the results of all items; yields the number of an item with each, in their order.
-
-        Work and items are pickled for other processes. The first error ends the batch; a warning of
-        workers is given once.
-        """
+        """Yield the results of all items in order, each with its item's number; or an error."""
         items = list(items)
         if self.here or len(items) < 2:
-            for i, item in enumerate(items):
-                part = part_of(progress, i / len(items), (i + 1) / len(items))
+            for i, item, part in _with_progress(items, progress):
                 for result in work(item, self.first, part or silent):
                     yield i, result
-                if part is not None:
-                    part(1, 1)
             return
         said: set[str] = set()
         with self._started(len(items), None) as started:
-            for i, (results, warned) in enumerate(started.in_order(_Listed(work), items)):
+            for i, (results, warned) in enumerate(started.in_order(partial(_all_of, work), items)):
                 for text in (text for text in warned if text not in said):
                     warn(text)
                     said.add(text)
@@ -113,18 +106,14 @@ class Where:
     ) -> Iterator[tuple[Item, Outcome]]:
         """Run the steps of every item; yield items with their outcomes, as they are done.
 
-        `steps` is a dataclass with a field `device` and a method `run`, which is called with an
-        item and a progress callback or None, and writes into `folder`. It can be pickled, and so
-        can the items.
+        `steps` is a dataclass with a field `device` and a method `run` of an item and a progress
+        callback or None, which writes into `folder`; it can be pickled, and so can the items.
         """
         if self.here:
-            for i, item in enumerate(items):
-                part = part_of(progress, i / len(items), (i + 1) / len(items))
-                yield item, outcome_of(replace(steps, device=self.first).run, item, part)
-                if part is not None:
-                    part(1, 1)
+            for _, item, part in _with_progress(items, progress):
+                yield item, outcome_of(_run, steps, item, self.first, part)
         elif items:
-            elsewhere = _Steps(replace(steps, device=None))  # each opens the device it is given
+            elsewhere = partial(_run, replace(steps, device=None))  # each opens its own
             with self._started(len(items), folder) as started:
                 found = started.outcomes(elsewhere, items)
                 for done, (number, outcome) in enumerate(found, start=1):
@@ -216,38 +205,36 @@ def map_devices(
     >>> list(clradar.map_devices(lanes, [1, 2, 3], device="pocl"))
     [8, 16, 24]
     """
-    made = open_devices(device).made(_Plain(function), items, progress)
+    made = open_devices(device).made(partial(_plain, function), items, progress)
     return (result for _, result in made)
 
 
-@dataclass(frozen=True, slots=True)
-class _Plain:
+# Of modules, so that they can be pickled.
+
+
+def _plain(function: Any, item: Any, device: Device, progress: Progress) -> list[Any]:
     """Work by a function that returns one result and says nothing meanwhile."""
-
-    function: Callable[[Any, Device], Any]
-
-    def __call__(self, item: Any, device: Device, progress: Progress) -> list[Any]:
-        return [self.function(item, device)]
+    return [function(item, device)]
 
 
-@dataclass(frozen=True, slots=True)
-class _Listed:
+def _all_of(work: Any, item: Any, device: Device, progress: Progress) -> list[Any]:
     """All results of work at once, as a worker returns them."""
-
-    work: Work[Any]
-
-    def __call__(self, item: Any, device: Device, progress: Progress) -> list[Any]:
-        return list(self.work(item, device, progress))
+    return list(work(item, device, progress))
 
 
-@dataclass(frozen=True, slots=True)
-class _Steps:
-    """The method of steps, as a worker calls it."""
+def _run(steps: Any, item: Any, device: Device, progress: Progress | None) -> Any:
+    return replace(steps, device=device).run(item, progress)
 
-    steps: Any
 
-    def __call__(self, item: Any, device: Device, progress: Progress) -> Any:
-        return replace(self.steps, device=device).run(item, progress)
+def _with_progress(
+    items: Sequence[Item], progress: Progress | None
+) -> Iterator[tuple[int, Item, Progress | None]]:
+    """Number each item, with the progress of its share, which is complete at the next one."""
+    for i, item in enumerate(items):
+        part = part_of(progress, i / len(items), (i + 1) / len(items))
+        yield i, item, part
+        if part is not None:
+            part(1, 1)
 
 
 def _listed(infos: Sequence[DeviceInfo]) -> str:

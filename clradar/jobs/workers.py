@@ -98,11 +98,7 @@ def own_cores() -> list[int]:
 
 
 def partition(workers: int, devices: Sequence[DeviceInfo], cores: Sequence[int]) -> list[Share]:
-    """Assign devices and cores to so many processes.
-
-    Devices are assigned in turn, so there may be more workers than GPUs. The cores of CPU devices
-    are divided as equally as possible.
-    """
+    """Assign devices in turn, and cores of CPU devices in equal shares, to so many processes."""
     is_gpu, n_cores = devices[0].kind == "gpu", len(cores)
     if not is_gpu and workers > n_cores:
         raise ModelError(
@@ -217,18 +213,15 @@ class Terms:
     files: tuple[str, ...]
     here: str  # the client's folder: names of files may be relative to it
 
-    def breach(self) -> str | None:
-        """The condition that this process violates, or None."""
-        different = differences(json.loads(self.made_with), worker_facts(self.device))
-        if different:
-            return f"expected versions and device of the other workers: {'; '.join(different)}"
-        unseen = [file for file in self.files if not os.path.exists(file)]
-        return f"cannot see {shown(unseen[0])}; share it under this name" if unseen else None
-
 
 @lru_cache(maxsize=4)
-def _breach(terms: Terms) -> str | None:
-    return terms.breach()
+def breach(terms: Terms) -> str | None:
+    """The condition that this process violates, or None."""
+    different = differences(json.loads(terms.made_with), worker_facts(terms.device))
+    if different:
+        return f"expected versions and device of the other workers: {'; '.join(different)}"
+    unseen = [file for file in terms.files if not os.path.exists(file)]
+    return f"cannot see {shown(unseen[0])}; share it under this name" if unseen else None
 
 
 def run_item(function: Function, item: Any, terms: Terms | None) -> Outcome:
@@ -240,8 +233,8 @@ def run_item(function: Function, item: Any, terms: Terms | None) -> Outcome:
             text = str(result).removeprefix(f"device {device.info.label}: ")
             result = DeviceError(f"device {device.info.selector} {device.info.label}: {text}")
         return result, warned
-    if (breach := _breach(terms)) is not None:
-        return OutputError(f"worker on {gethostname()}: {breach}"), []
+    if (violated := breach(terms)) is not None:
+        return OutputError(f"worker on {gethostname()}: {violated}"), []
     before = os.getcwd()
     moves = before != terms.here and os.path.isdir(terms.here)
     try:
@@ -294,27 +287,24 @@ class Workers:
         except Exception as error:
             got = reason_of(error)
         if got is not None:
-            raise ClusterError(f"{self._address}: {expected}, got {got}")
+            address = self.client.scheduler_info(n_workers=0)["address"]
+            raise ClusterError(f"{address}: {expected}, got {got}")
         return facts
 
     def in_order(self, function: Function, items: Sequence[Any]) -> Iterator[Outcome]:
         """Yield the outcomes of all items in their order; the first error ends all."""
-
-        def read(i: int, future: Future) -> Outcome:
+        for i, future in self._finished(function, [*enumerate(items)], AHEAD, ordered=True):
             try:
-                outcome: Outcome = future.result()
+                result, warned = future.result()
             except KilledWorker as error:
                 name = self.names[int(str(error.last_worker.name))]
                 raise DeviceError(
                     f"device {name}: its process died at item {i}; choose other devices, see "
                     "`clradar devices`"
                 ) from error
-            if isinstance(outcome[0], BaseException):
-                raise outcome[0]
-            return outcome
-
-        for _, outcome in self._read(function, [*enumerate(items)], read, AHEAD, ordered=True):
-            yield outcome
+            if isinstance(result, BaseException):
+                raise result
+            yield result, warned
 
     def outcomes(self, function: Function, items: Sequence[Any]) -> Iterator[tuple[int, Outcome]]:
         """Yield the number of each item with its outcome, as soon as it is known.
@@ -322,56 +312,43 @@ class Workers:
         When a worker dies, Dask blames all items that it had. So those that it gives up are
         retried at the end, each alone in the whole cluster. Workers that died are back at the end.
         """
-        blamed = []
-        for number, outcome in self._outcomes(function, [*enumerate(items)]):
-            if outcome is None:
-                blamed.append(number)
-            else:
-                yield number, outcome
+        blamed: list[int] = []
+        yield from self._outcomes(function, [*enumerate(items)], blamed)
         for number in sorted(blamed):
-            outcome = None
-            if len(items) > 1:
-                ((_, outcome),) = self._outcomes(function, [(number, items[number])])
-            yield number, outcome or (ClradarError("its worker process died each time"), [])
+            alone = [(number, items[number])] if len(items) > 1 else []
+            died = number, (ClradarError("its worker process died each time"), list[str]())
+            yield [*self._outcomes(function, alone, []), died][0]
         if blamed:
             self._await_workers(RETURN_S)
 
     def _outcomes(
-        self, function: Function, items: Sequence[tuple[int, Any]]
-    ) -> Iterator[tuple[int, Outcome | None]]:
-        """The same without another try; None where a worker died."""
-
-        def read(number: int, future: Future) -> Outcome | None:
+        self, function: Function, items: Sequence[tuple[int, Any]], blamed: list[int]
+    ) -> Iterator[tuple[int, Outcome]]:
+        """The same without another try; items at which a worker died become `blamed`."""
+        for number, future in self._finished(function, items, WAITING):
             try:
-                outcome: Outcome = future.result()
+                yield number, future.result()
             except KilledWorker:
-                return None
+                blamed.append(number)
             except (CancelledError, CommClosedError) as error:
                 raise ClusterError(
                     "the scheduler is gone, or cancelled the samples; the same command resumes"
                 ) from error
             except Exception as error:
-                return ClradarError(reason_of(error)), []
-            return outcome
+                yield number, (ClradarError(reason_of(error)), [])
 
-        return self._read(function, items, read, WAITING)
-
-    def _read(
+    def _finished(
         self,
         function: Function,
         items: Sequence[tuple[int, Any]],
-        read: Callable[[int, Future], Any],
         ahead: int,
         *,
         ordered: bool = False,
-    ) -> Iterator[tuple[int, Any]]:
-        """Yield the numbers of items with what is read of their futures as soon as they are done.
-
-        At most `ahead` items for each worker are submitted and not yielded.
-        """
+    ) -> Iterator[tuple[int, Future]]:
+        """Yield numbers of items with futures that are done; `ahead` for each worker are begun."""
         run, finished = secrets.token_hex(4), as_completed([], loop=self.client.loop)
         pending: dict[Future, int] = {}
-        ready: dict[int, Any] = {}
+        ready: dict[int, Future] = {}
         submitted = 0
         try:
             for turn, (expected, _) in enumerate(items):
@@ -385,8 +362,7 @@ class Workers:
                     submitted += 1
                 while not ready or (ordered and expected not in ready):
                     future = next(finished)
-                    number = pending.pop(future)
-                    ready[number] = read(number, future)
+                    ready[pending.pop(future)] = future
                 number = expected if ordered else next(iter(ready))
                 yield number, ready.pop(number)
             self._await_late(run)
@@ -395,10 +371,6 @@ class Workers:
             # to the next run.
             with suppress(Exception):
                 self.client.cancel(list(pending))
-
-    @property
-    def _address(self) -> str:
-        return str(self.client.scheduler_info(n_workers=0)["address"])
 
     def _known(self) -> dict[str, Any]:
         """The workers with a device by their addresses."""
@@ -409,7 +381,7 @@ class Workers:
         until_s = monotonic() + limit_s
         while not self._known():
             if monotonic() > until_s:
-                address = self._address
+                address = self.client.scheduler_info(n_workers=0)["address"]
                 raise ClusterError(
                     f"{address}: expected workers with a device, got none; start some by: "
                     f'dask worker {address} --nthreads 1 --memory-limit 0 --resources "{DEVICE}=1"'
@@ -417,10 +389,7 @@ class Workers:
             sleep(LATE_STEP_S)
 
     def _await_late(self, run: str) -> None:
-        """Wait for items that are made twice, so that no file is written after the run.
-
-        Dask reschedules the items of a dying worker, even finished ones.
-        """
+        """Wait for items of a worker that died, even finished ones, which Dask has made twice."""
         until_s = monotonic() + LATE_S
         while monotonic() < until_s:
             if not any(self.client.run(_is_busy, run, on_error="ignore").values()):

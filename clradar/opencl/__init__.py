@@ -1,25 +1,20 @@
-"""OpenCL devices, kernel sources, programs and buffers.
+"""OpenCL devices, kernel sources, programs and buffers; the only importer of pyopencl."""
 
-No other package imports pyopencl.
-"""
+from clradar.opencl.buffers import Buffers as Buffers
+from clradar.opencl.choice import (
+    cpu_beside as cpu_beside,
+    devices_like as devices_like,
+    open_device as open_device,
+)
+from clradar.opencl.device import (
+    Device as Device,
+    DeviceInfo,
+    forget_devices,
+    list_devices as list_devices,
+)
+from clradar.opencl.program import Program as Program, build as build
 
-from clradar.opencl.buffers import Buffers
-from clradar.opencl.choice import cpu_beside, devices_like, open_device
-from clradar.opencl.device import Device, DeviceInfo, forget_devices, list_devices
-from clradar.opencl.program import Program, build
-
-__all__ = [
-    "Buffers",
-    "Device",
-    "DeviceInfo",
-    "Program",
-    "build",
-    "cpu_beside",
-    "devices_like",
-    "forget_devices",
-    "list_devices",
-    "open_device",
-]
+__all__ = ["DeviceInfo", "forget_devices"]
 
 
 def __dir__() -> list[str]:

@@ -24,19 +24,7 @@ Prepared = TypeVar("Prepared", bound="OnDevice")
 
 
 class Buffers:
-    """Buffers of one call, freed together; a context manager.
-
-    Every buffer counts against the device's budget; an allocation beyond it is a `DeviceError`, so
-    tile the work.
-
-    Examples
-    --------
-    >>> device = clradar.open_device("pocl", memory_limit_bytes=4096)
-    >>> with clradar.opencl.Buffers(device) as buffers:
-    ...     lengths_m = buffers.upload(np.array([0.6, 0.7]))
-    ...     buffers.read(lengths_m, 2, np.float64), buffers.free_bytes
-    (array([0.6, 0.7]), 4080)
-    """
+    """Buffers of one call, which count against the device's budget and are freed together."""
 
     def __init__(self, device: Device) -> None:
         check_process()

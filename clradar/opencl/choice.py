@@ -97,29 +97,14 @@ def open_device(
 
 
 def default_device() -> DeviceInfo:
-    """The device that `open_device` opens for None.
-
-    Raises
-    ------
-    DeviceError
-        There is none, or none works.
-    """
+    """The device that `open_device` opens for None."""
     named = _named()
     meant = _meant(None, "device") if named is None else _meant(*reversed(named))
     return _first_working(meant)
 
 
 def cpu_beside(device: Device) -> Device | None:
-    """A CPU for what one thread does best: the device itself, else one of this machine, or None.
-
-    A CPU that does not work is a warning.
-
-    Examples
-    --------
-    >>> device = clradar.open_device("pocl")
-    >>> clradar.opencl.cpu_beside(device) is device
-    True
-    """
+    """A CPU for what one thread does best: the device itself, else one of this machine, or None."""
     if device.info.kind == "cpu" or device.info.is_interpreter:
         return device
     cpus = [info for info in list_devices() if info.kind == "cpu" and not info.is_interpreter]
@@ -131,16 +116,7 @@ def cpu_beside(device: Device) -> Device | None:
 
 
 def fault(selector: str) -> str | None:
-    """Why a device cannot be used, in a few words; None if it builds and passes its test.
-
-    Each device is tested once in a process.
-
-    Examples
-    --------
-    >>> from clradar.opencl.choice import fault
-    >>> fault(clradar.open_device("pocl").info.selector) is None
-    True
-    """
+    """Why a device cannot be used, in a few words, tested once; None if nothing is wrong."""
     error = _failure(selector)
     return None if error is None else quoted(str(error).split("; ")[0].split("]: ", 1)[-1], 120)
 
@@ -187,15 +163,7 @@ def _tell_skipped(skipped: Sequence[DeviceInfo], instead: str) -> None:
 
 
 def devices_like(device: str | None = None) -> list[DeviceInfo]:
-    """The device that `open_device` would open, and all others of its name and driver.
-
-    A selector means that device alone.
-
-    Examples
-    --------
-    >>> {info.kind for info in clradar.opencl.devices_like("pocl")}
-    {'cpu'}
-    """
+    """The device that `open_device` would open, and its like; of a selector that one alone."""
     chosen = default_device() if device is None else _first_working(_meant(device, "device"))
     named = _named()
     wanted = device or (named[1] if named else "")
@@ -215,13 +183,7 @@ def several(device: str | None) -> bool:
 
 
 def select_devices(device: str | Sequence[str] | None) -> list[DeviceInfo]:
-    """The devices that `clradar.opencl.open_devices` names.
-
-    Raises
-    ------
-    DeviceError
-        No such device, or one is named twice.
-    """
+    """The devices that a name means which may mean several (`several`), each once."""
     origin, named = "device", _named()
     if device is None and named is not None:
         origin, device = named

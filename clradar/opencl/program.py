@@ -156,17 +156,9 @@ def launch_parts(
 
 
 def build(device: Device, file: str, options: Any) -> Program:
-    """Build kernel file `file`, or return the program that the device has already.
+    """Build a kernel file, or return what the device has of it; fields of `options` are macros.
 
-    Each field of `options`, a frozen dataclass, becomes ``-DCLR_NAME=value``. A `DeviceError` has
-    the build log; or the device computes wrong, which is tested before its first program.
-
-    Examples
-    --------
-    >>> from clradar.geometry.node_splits import BuildOptions
-    >>> device = clradar.open_device("pocl")
-    >>> list(clradar.opencl.build(device, "build.cl", BuildOptions()).kernels)
-    ['split_nodes']
+    Before a device's first program its arithmetic is tested.
     """
     key = (file, options)
     with device.lock:

@@ -35,25 +35,7 @@ def self_test(device: Device, compiled: Callable[[Device, str, Any], Any]) -> No
     """Compare a device's exact float32 arithmetic with float64, once.
 
     Products and sums as two float32 are exact only if each step rounds to nearest and none is
-    fused or reordered, which a compiler may do by itself. `build` runs this before a device's
-    first program.
-
-    Parameters
-    ----------
-    compiled : callable
-        `clradar.opencl.program.compiled`.
-
-    Raises
-    ------
-    DeviceError
-        It does not build or run, or its results are wrong.
-
-    Examples
-    --------
-    >>> from clradar.opencl import open_device
-    >>> from clradar.opencl.program import compiled
-    >>> from clradar.opencl.self_test import self_test
-    >>> self_test(open_device("pocl"), compiled)
+    fused or reordered, which a compiler may do by itself.
     """
     key = ("self_test.cl", _Width(device.width))
     with device.lock:

@@ -18,7 +18,7 @@ from clradar.cli.app import COMMANDS, context_of, help_record
 CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--?[a-zA-Z][\w-]*|docs/[\w-]+\.md)")
 PAGE = re.compile(r"docs/([\w-]+)\.md")
 
-SHARED = 3
+SHARED = 2
 """So many commands that have an option make it one that is described once."""
 
 TITLE = "Options of several commands"

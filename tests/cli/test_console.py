@@ -13,8 +13,8 @@ from rig_files import RigMaker
 from systems import posix_only
 
 from clradar.cli import console
-from clradar.cli.call import call
 from clradar.cli.console import progress_bar
+from clradar.cli.groups import call
 from clradar.compare import METRIC_TABLE
 from clradar.errors import DeviceError, MeshError
 from clradar.model.progress import part_of, say_stage

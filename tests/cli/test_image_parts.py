@@ -10,14 +10,14 @@ from quick_figures import draw_quickly, seek_nothing_else
 
 import clradar
 from clradar.cli import images
-from clradar.cli.images import PartSteps, remove_remains
+from clradar.cli.images import PartSteps
 from clradar.imaging import fast
+from clradar.jobs import Job
 from measurement_io import check_file, open_capture, open_volume, save_capture
 
 GRID = clradar.VoxelGrid.from_extent((-0.099, 0.099), (-0.03, 0.03), (0.9, 0.99), 3e-3)
 OPTIONS = "--x-mm -99:99:3 --y-mm -30:30:3 --z-mm 900:990:3 -o"
-PIECE_VOXELS = 23_000
-"""Of 43 617: two pieces."""
+PIECE_VOXELS = 23_000  # of 43 617: two pieces
 
 
 @pytest.fixture(scope="module")
@@ -69,15 +69,23 @@ def test_the_parts_make_the_image_that_is_formed_in_memory(cli, captures, tmp_pa
     assert names == ["1.h5", "1.h5.png", "2.h5", "2.h5.png"]
 
 
-@pytest.mark.parametrize(("last", "kept"), [(3, 2), *nightly([(5, 3)])])
-def test_an_interrupted_image_resumes(cli, captures, tmp_path, monkeypatch, wanted, last, kept):
-    """While the first piece is joined, and at a part of the second."""
+@pytest.mark.parametrize(
+    ("step", "last", "kept"), [("write", 3, 2), ("clear", 2, 2), *nightly([("write", 5, 3)])]
+)
+def test_an_interrupted_image_resumes(
+    cli, captures, tmp_path, monkeypatch, wanted, step, last, kept
+):
+    """While the first piece is joined, at a part of the second, and while parts are removed."""
 
     def half(path: Path, _: object) -> None:
         path.with_name(f".{path.name}.0.tmp").write_bytes(b"half")  # as a kill leaves it
 
+    def some(job: Job, names: list[str]) -> None:
+        (job.folder / names[0] / "0000.npy").unlink()
+
     line = f"image {' '.join(map(str, captures))} {OPTIONS} out.h5"
-    with interrupted_at(images, "_write", last, half):
+    at = (images, "_write", last, half) if step == "write" else (Job, "clear", last, some)
+    with interrupted_at(*at):
         assert cli(line).status == 130
     assert not Path("out.h5").exists()
     # Other options are refused, and what is done stays.
@@ -91,14 +99,6 @@ def test_an_interrupted_image_resumes(cli, captures, tmp_path, monkeypatch, want
     assert len(made) == 4 - kept
     np.testing.assert_array_equal(open_volume("out.h5").data, wanted.data)
     assert [path.name for path in tmp_path.iterdir()] == ["out.h5"]
-
-
-def test_what_is_left_of_a_removal_is_removed(tmp_path):
-    """Of a process that was killed at the end: the settings go first, then the parts."""
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "0000.npy").touch()
-    remove_remains(tmp_path)
-    assert not tmp_path.exists()
 
 
 def test_a_grid_that_no_memory_holds(captures, monkeypatch):

@@ -20,7 +20,7 @@ from rig_files import RigMaker
 import clradar
 from clradar.arrays import read_clusters
 from clradar.cli import simulations
-from clradar.cli.groups import paths_in, values_of
+from clradar.cli.groups import arguments_of, paths_in
 from clradar.cli.options import MaterialOptions, PlacementOptions, SceneOptions, mesh_and_alpha
 from clradar.cli.simulations import ClusterSteps, Item
 from clradar.errors import ClradarError, ModelError
@@ -168,7 +168,7 @@ def test_materials_of_all_and_of_parts(scene, own):
     assert MaterialOptions().on(scene) is scene
     some = of(material="palm", material_of=["thumb=skin", f"nail={own}:resin"])
     assert names(some.on(scene)) == ["palm", "skin", "resin"]
-    assert paths_in(values_of(some)) == [own]
+    assert paths_in(arguments_of(some)) == [own]
     alone = of(material_of=["thumb=skin"]).on(scene)
     assert names(alone) == ["perfect conductor", "skin", "perfect conductor"]
     file = of(material=f"{own}:resin").on(scene)

@@ -148,12 +148,12 @@ def test_a_run_ends_after_samples_that_are_made_twice(cluster, tmp_path, monkeyp
 
 
 def test_the_error_of_an_unsuitable_worker_names_the_reason(tmp_path):
-    from clradar.jobs.workers import Terms, run_item, worker_facts
+    from clradar.jobs.workers import Terms, breach, run_item, worker_facts
 
     facts = worker_facts("pocl")
     terms = Terms(json.dumps(facts), "pocl", (str(tmp_path),), str(tmp_path))
-    assert terms.breach() is None
-    assert "cannot see /none" in str(replace(terms, files=("/none",)).breach())
+    assert breach(terms) is None
+    assert "cannot see /none" in str(breach(replace(terms, files=("/none",))))
     older = replace(terms, made_with=json.dumps({**facts, "clradar": "0.0.1"}))
     error, _ = run_item(ShardMaker(tmp_path, LIGHT).run, None, older)
     assert "device of the other workers: clradar 0.0.1, now" in str(error)

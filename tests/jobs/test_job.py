@@ -151,7 +151,7 @@ def test_what_fails_before_there_is_anything_leaves_nothing(tmp_path):
 @pytest.mark.device
 def test_an_item_of_a_scheduler_is_made_in_the_folder_of_the_client(tmp_path, monkeypatch):
     workers = pytest.importorskip("clradar.jobs.workers")
-    monkeypatch.setattr(workers, "_breach", lambda terms: None)
+    monkeypatch.setattr(workers, "breach", lambda terms: None)
     before = os.getcwd()
     for here, there in ((str(tmp_path), str(tmp_path)), ("/seen/by/the/client/alone", before)):
         terms = workers.Terms("{}", "pocl", (), here)

@@ -17,10 +17,8 @@ from clradar.model import checks
 def command(
     *,
     measured: Path = opt.MEASURED,
-    output: Path = opt.output_option("JSON file for transform and report.", opt.REQUIRED),
-    simulated: Path | None = opt.argument(
-        "Volume or capture; not with --mesh.", metavar="SIMULATED", without="--mesh"
-    ),
+    output: Path = opt.output_option("JSON file for transform and report."),
+    simulated: Path | None = opt.argument("Volume or capture; not with --mesh.", without="--mesh"),
     mesh: Path | None = opt.option("Align this mesh instead of an image.", metavar="MESH"),
     unit: opt.UnitOptions,
     search: opt.SearchOptions,
@@ -40,9 +38,9 @@ def command(
     radar: opt.RadarOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """The 4 x 4 matrix in the JSON file, "transform", moves the simulated object, or the mesh, onto
-    the measured one, as `clradar simulate --transform` does. Captures are imaged first. --frame and
-    --variant are those of MEASURED. A mesh is more exact than an image: docs/calibration.md.
+    """The 4 x 4 matrix in the JSON file, "transform", moves image or mesh onto MEASURED, as
+    `clradar simulate --transform` does. --frame and --variant are those of MEASURED. A mesh is more
+    exact than an image: docs/calibration.md.
     """
     from calibration import align, align_mesh
 

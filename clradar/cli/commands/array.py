@@ -25,10 +25,7 @@ class ArrayOptions(opt.RadarOptions):
     array: str = opt.array_option(kind=typer.Argument)
 
 
-def _focus_mm(option: str, text: str) -> tuple[float, ...]:
-    place_mm = parse.position_mm(option, text)
-    parse.check_unit(option, "a coordinate", max(map(abs, place_mm)), (0.0, 100.0), "mm")
-    return place_mm
+FOCUS_MM = parse.so_many(3, "X,Y,Z in millimetres", plausible=("a coordinate", (0.0, 100.0), "mm"))
 
 
 def command(
@@ -38,7 +35,7 @@ def command(
         "Figure: .png, .pdf or .svg.", None, "--figure", check=parse.figure
     ),
     at_mm: tuple[float, ...] = opt.option(
-        "Point that the array is focused on.", "0,0,300", metavar="X,Y,Z", parse=_focus_mm
+        "Point that the array is focused on.", "0,0,300", metavar="X,Y,Z", parse=FOCUS_MM
     ),
     within_deg: float | None = opt.option("Lobes up to this angle. [default: 90, or less]"),
     as_json: bool = opt.JSON,
@@ -53,7 +50,7 @@ def command(
     clusters, waveform = radar.clusters(), radar.waveform()
     name = clusters[0].name.partition(", cluster ")[0]
     with progress_bar("searching lobes"):
-        found = array_figures(clusters, waveform, parse.metres(at_mm), within_deg=within_deg)
+        found = array_figures(clusters, waveform, opt.scaled(at_mm, 1e3), within_deg=within_deg)
     first_ghz, last_ghz, _ = radar.band
     at = ",".join(f"{v:g}" for v in at_mm)
     title = f"{name}, {first_ghz:g} to {last_ghz:g} GHz, focused on {at} mm"

@@ -15,11 +15,9 @@ def command(
     *,
     capture: Path = opt.argument(
         "Of the target: native capture, recorded .npy frame, or radar folder.",
-        opt.REQUIRED,
-        metavar="CAPTURE",
     ),
     target: opt.TargetOptions,
-    output: Path = opt.output_option("Channels to write (HDF5).", opt.REQUIRED),
+    output: Path = opt.output_option("Channels to write (HDF5)."),
     estimate: opt.EstimateOptions,
     plot: Path | None = opt.written(
         "Also draw gains, phases and delays: .png, .pdf or .svg.",

@@ -18,29 +18,31 @@ from clradar.files.failures import fail
 def command(
     *,
     capture: Path = opt.CAPTURE,
-    output: Path = opt.output_option("Capture to write (HDF5).", opt.REQUIRED),
+    output: Path = opt.output_option("Capture to write (HDF5)."),
     cleaning: opt.CleaningOptions,
-    mean: opt.AverageOptions,
+    average: bool = opt.option(
+        "Take the coherent mean of all frames of each radar folder.", False, without="--frame"
+    ),
+    align_phase: bool = opt.option(
+        "First rotate frames to a common phase.", False, needs="--average"
+    ),
     frames: opt.FrameOptions,
 ) -> None:
-    """In this order: average the frames, subtract EMPTY, gate, correct. At least one has to be
-    requested. `clradar process` does the same to every frame of a recording.
-
-    --frame and --variant are those of CAPTURE. Of an EMPTY folder the first frame is taken, as
-    recorded, or the mean of all. Half path lengths are (|p - tx| + |p - rx|) / 2: at least a
-    point's z, and at most its distance from the farthest antenna. Pairs with a dead or noisy
-    channel are set to zero. Another array or other frequencies are refused.
+    """In this order: average the frames, subtract EMPTY, gate, correct. --frame and --variant are
+    those of CAPTURE; of an EMPTY folder the first frame is taken, as recorded, or the mean of all.
+    Half path lengths are (|p - tx| + |p - rx|) / 2: at least a point's z. Pairs with a dead or
+    noisy channel are set to zero. Every frame of a recording: `clradar process`.
     """
     room = cleaning.empty
-    if not (room or cleaning.gate_mm or cleaning.channels or mean.average):
+    if not (room or cleaning.gate_mm or cleaning.channels or average):
         expected = "--empty, --gate-mm, --channels or --average: nothing to do"
         raise opt.wrong_usage("--empty", f"expected {expected}")
-    if mean.average and not any(path.is_dir() for path in (capture, room) if path is not None):
+    if average and not any(path.is_dir() for path in (capture, room) if path is not None):
         raise opt.wrong_usage("--average", "expected a radar folder among CAPTURE and EMPTY")
-    loaded, averaged = read(capture, frames, mean)
+    loaded, averaged = read(capture, frames, average, align_phase)
     empty, steps = None, [averaged] if averaged else []
     if room is not None:
-        empty, averaged = read(room, opt.FrameOptions(), mean)
+        empty, averaged = read(room, opt.FrameOptions(), average, align_phase)
         steps.append(f"minus {room} (scaling {cleaning.scaling}{averaged and ', ' + averaged})")
     done = cleaning.cleaned(loaded, empty)
     write(output, done, "; ".join([*steps, *cleaning.steps(done.meta)]))
@@ -49,12 +51,14 @@ def command(
     print_line(f"{output}: power against {capture}: {change}")
 
 
-def read(path: Path, frames: opt.FrameOptions, mean: opt.AverageOptions) -> tuple[cl.Capture, str]:
+def read(
+    path: Path, frames: opt.FrameOptions, average: bool, align_phase: bool
+) -> tuple[cl.Capture, str]:
     """One frame or the mean of all, and of how many it is the mean."""
     from calibration import average_frames
     from measurement_io import open_recording
 
-    if not (mean.average and path.is_dir()):
+    if not (average and path.is_dir()):
         return opt.open_frame(path, frames), ""
     variant = frames.variant or "raw"
     recording = open_recording(path, variant=variant)
@@ -68,7 +72,7 @@ def read(path: Path, frames: opt.FrameOptions, mean: opt.AverageOptions) -> tupl
                 if progress is not None:
                     progress(number, len(recording))
 
-        found = average_frames(captures(), align_phase=mean.align_phase)
+        found = average_frames(captures(), align_phase=align_phase)
     expected, count = found.meta.get("number_of_measurements"), len(recording)
     if isinstance(expected, int) and expected != count:
         print_warning(f"{path}: {count} of {expected} frames are there; averaged those")

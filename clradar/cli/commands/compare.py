@@ -15,8 +15,8 @@ from clradar.jobs import open_devices
 
 def command(
     *,
-    measured: Path = opt.argument("Volume or capture.", opt.REQUIRED, metavar="MEASURED"),
-    simulated: list[Path] = opt.argument("Volumes or captures.", opt.REQUIRED, metavar="SIMULATED"),
+    measured: Path = opt.argument("Volume or capture."),
+    simulated: list[Path] = opt.argument("Volumes or captures."),
     output: Path | None = opt.output_option(
         "Figure to write: .png, .pdf or .svg.", None, "--figure", check=parse.figure
     ),
@@ -38,7 +38,7 @@ def command(
 
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
     imaged = all(image.grid is not None for image in images)
-    if imaged and voxels.given:
+    if imaged and opt.given(voxels):
         text = "there is no capture to image: all inputs are volumes"
         raise opt.wrong_usage("--x-mm, --y-mm, --z-mm", text)
     opened = None if imaged else open_devices(device).first

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Literal
 
 from clradar.cli import conversions, options as opt
-from clradar.cli.call import call
 from clradar.cli.outputs import check_outputs, write
 
 
@@ -15,11 +14,9 @@ def command(
     sources: list[Path] = opt.argument(
         "Recorded .npy frame, radar folder, or the folder that holds one; with --layout another "
         "program's .h5, .mat, .npz or .npy; with --to maroon one or several captures.",
-        opt.REQUIRED,
-        metavar="SOURCE",
     ),
     output: Path = opt.output_option(
-        "Capture to write (HDF5); else the folder to make.", opt.REQUIRED, folder=True
+        "Capture to write (HDF5); else the folder to make.", folder=True
     ),
     to: Literal["native", "maroon"] = opt.option(
         "One capture file, or a recording as a MAROON folder.", "native"
@@ -37,7 +34,7 @@ def command(
     antennas: opt.AntennaOptions,
 ) -> None:
     """The content of a SOURCE decides its kind, not its name. The data stays as recorded, bit by
-    bit. A recording that is written (--to maroon) has one frame for each capture.
+    bit.
     """
     from measurement_io import open_capture
 
@@ -53,11 +50,11 @@ def command(
         conversions.write_captures(source, output, frames.variant, antennas)
         return
     check_outputs([output])
-    how = {**opt.values_of(frames), **opt.values_of(antennas)}
+    how = {**opt.arguments_of(frames), **opt.arguments_of(antennas)}
     capture = opt.noted(source, open_capture(source, layout=layout, **how))
     if layout is not None:
         sides = (capture.meta["layout"][name] for name in ("tx", "rx"))
-        call.inputs["--layout"] += [Path(side["file"]) for side in sides if "file" in side]
+        opt.call.inputs["--layout"] += [Path(side["file"]) for side in sides if "file" in side]
         check_outputs([output])  # they are known only now
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from clradar.cli import options as opt
 from clradar.cli.console import counted, print_line, print_text, progress_bar
-from clradar.cli.outputs import check_place_of_folder
+from clradar.cli.outputs import check_folder
 from clradar.cli.tables import print_replay
 from clradar.errors import ClradarError
 from clradar.jobs import open_devices
@@ -68,7 +68,7 @@ def command(
         return
     if output is None:
         raise opt.wrong_usage("-o", "expected the folder of the data set, or --dry-run")
-    check_place_of_folder(output)
+    check_folder(output, resumed=True)
     where = processes.where(device, files=())
     with progress_bar("samples") as progress:
         result = run(wanted, output, where=where, force=force, retry=retry, progress=progress)

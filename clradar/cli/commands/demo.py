@@ -11,7 +11,6 @@ from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt
-from clradar.cli.call import call
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.outputs import check_folder, made_folder, turned, write
@@ -34,12 +33,10 @@ def command(
     device: str | None = opt.DEVICE,
     force: bool = opt.option("Write into a folder that holds files already.", False),
 ) -> None:
-    """Simulates the letter F at alpha 0, 0.5 and 1, and by the physical estimator with the
-    materials palm and skin, forms the images, and compares them with a synthetic measurement: the
-    physical estimator, another seed, and complex white Gaussian noise at an SNR of 20 dB.
-    The measurement is saved and read again in the file format of the instrument.
-
-    The hand is turned by 25 degrees, so that the palm does not outshine the fingers.
+    """The letter F at alpha 0, 0.5 and 1, and of the materials palm and skin, is compared with a
+    synthetic measurement: those materials, another seed, noise at an SNR of 20 dB, written and read
+    in the file format of the instrument. The hand is turned by 25 degrees, so that the palm does
+    not outshine the fingers.
     """
     radar.antennas()  # wrong usage is reported before anything is made
     check_folder(output)
@@ -65,7 +62,7 @@ def run_demo(
     write(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
-    call.inputs["hand"] = [mesh]
+    opt.call.inputs["hand"] = [mesh]
     how: dict[str, Any] = {"force": True, "rays": rays, "grid": opt.grid_text(grid)}
     simulated: dict[str, Any] = {
         MEASUREMENT: (skin, physical, 1),

@@ -8,9 +8,9 @@ COLUMNS = ("", "selector", "name", "platform", "kind", "memory", "units", "works
 
 
 def command() -> None:
-    """What a command would use is marked with an asterisk. Choose another with --device or the
-    environment variable CLRADAR_DEVICE: its selector, or part of its name. Every device is tested:
-    does it build kernels and compute as it must?
+    """An asterisk marks what a command would use; --device or the environment variable
+    CLRADAR_DEVICE choose another, by its selector or part of its name. Every device is tested: does
+    it build kernels and compute as it must?
     """
     from clradar.errors import DeviceError
     from clradar.opencl.choice import fault, select_devices

@@ -38,14 +38,14 @@ def command(
     frames: opt.FrameOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Forms a coarse image under each of eight hypotheses and compares how sharp they are. The
-    range profile shows where to image; with one of --x-mm, --y-mm, --z-mm, the grid is that of the
-    options, by default -100:100:4, -100:100:4, 260:340:10. See docs/diagnose.md.
+    """Compares how sharp coarse images are under eight hypotheses. The range profile shows where to
+    image; with a range, the grid is that of the options, by default -100:100:4, -100:100:4,
+    260:340:10. See docs/diagnose.md.
     """
     from calibration import apply_convention, diagnose
 
-    grid = voxels.grid(COARSE_GRID_MM) if voxels.given else None
-    expected_m = None if expect_mm is None else parse.metres(expect_mm)
+    grid = voxels.grid(COARSE_GRID_MM) if opt.given(voxels) else None
+    expected_m = None if expect_mm is None else opt.scaled(expect_mm, 1e3)
     loaded = opt.open_frame(capture, frames)
     opened = open_devices(device).first
     with progress_bar("imaging") as progress:

@@ -8,38 +8,28 @@ from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt, parse
-from clradar.cli.call import call
 from clradar.cli.console import print_line
 from clradar.cli.inputs import ImageInput
 from clradar.cli.outputs import provenance
 
 
-def _format(option: str, path: Path) -> Path:
-    from measurement_io.export import FORMATS
-
-    return parse.ends_in(*FORMATS)(option, path)
-
-
 def command(
-    source: Path = opt.argument(
-        "Volume or capture, recorded .npy frame, or radar folder.", opt.REQUIRED, metavar="SOURCE"
-    ),
+    source: Path = opt.argument("Volume or capture, recorded .npy frame, or radar folder."),
     *,
     output: Path = opt.output_option(
-        "File to write; its ending decides: .vti, .ply, .mat or .npz.", opt.REQUIRED, check=_format
+        "File to write; its ending decides: .vti, .ply, .mat or .npz."
     ),
     depth_map: bool = opt.option("Of a volume its depth map; to .ply it is that anyway.", False),
     depth: opt.DepthMapOptions,
     frames: opt.FrameOptions,
 ) -> None:
-    """A volume goes to .vti (ParaView, VTK: amplitude, and real and imaginary part), its depth map
-    to .ply (MeshLab, Blender: a surface with the amplitude as grey), and either of them or a
-    capture to .mat (MATLAB) or .npz (numpy). Lengths are metres, frequencies hertz, in the antenna
-    frame.
+    """A volume goes to .vti (ParaView), its depth map to .ply (MeshLab, Blender: the amplitude as
+    grey), and either of them or a capture to .mat (MATLAB) or .npz (numpy), in metres and hertz.
     """
     from measurement_io import export_file
-    from measurement_io.export import check_export
+    from measurement_io.export import FORMATS, check_export
 
+    parse.ends_in(*FORMATS)("-o", output)
     loaded = ImageInput.open(source, frames)
     content: Any = loaded.content
     if depth_map and isinstance(content, cl.Capture):
@@ -49,7 +39,7 @@ def command(
     else:
         content = replace(content, meta={**content.meta, **provenance()})
     check_export(output, type(content))
-    export_file(output, content, force=call.force)
+    export_file(output, content, force=opt.call.force)
     kind = {cl.Capture: "capture", cl.Volume: "volume"}.get(type(content), "depth map")
     shape = content.__array__().shape[:: 1 if kind == "capture" else -1]  # x first, as everywhere
     print_line(f"{output}: {kind}, {' x '.join(map(str, shape))}")

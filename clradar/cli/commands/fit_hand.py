@@ -26,7 +26,7 @@ FILES = (POSE, HAND_FIT, OVERLAY, *comparison.SIMULATION_FILES)
 def command(
     *,
     measured: Path = opt.MEASURED,
-    output: Path = opt.output_option("New folder.", opt.REQUIRED, metavar="DIR", folder=True),
+    output: Path = opt.output_option("New folder.", metavar="DIR", folder=True),
     fitting: opt.HandFitOptions,
     voxels: opt.GridOptions,
     imaging: opt.ImagingOptions,
@@ -34,11 +34,9 @@ def command(
     radar: opt.RadarOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Joint angles within their limits, place, alpha, and with --fit-shape the hand's size, so that
-    the hand looks like MEASURED. No mesh is needed. DIR gets pose.toml (for `clradar hand` and data
-    sets), placed.ply (for `clradar simulate`), fit.json with what the measurement tells and what
-    not, the hand's simulation (capture.h5, volume.h5), two pictures and the metrics: all or
-    nothing. Captures are imaged first, on the grid of the options. See docs/hand-fit.md.
+    """Finds joint angles, place and alpha; no mesh is needed. DIR gets pose.toml (for `clradar
+    hand` and data sets), placed.ply, fit.json with what the measurement tells and what not, the
+    hand's simulation, two pictures and the metrics: all or nothing. See docs/hand-fit.md.
     """
     from calibration import fit_hand
 

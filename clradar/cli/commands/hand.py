@@ -27,12 +27,10 @@ def command(
     list_poses: bool = opt.option("List the poses and exit.", False, "--list"),
     device: str | None = opt.DEVICE,
 ) -> None:
-    """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .ply file keeps
-    palm, thumb, index, middle, ring and pinky apart, so that each can have its own alpha and
-    material, and has the texture: the roughness of a material stays on the skin from pose to pose.
-
-    With --rig, a hand of one's own is posed, wherever it is in the file (docs/rigs.md). With --from
-    A --to B the hand goes from pose to pose (docs/movement.md).
+    """The mesh is closed, in metres and in the antenna frame, palm to the radar. A .ply file has
+    palm, thumb, index, middle, ring and pinky apart, for an alpha or a material each, and the
+    texture, which stays on the skin from pose to pose. Rigs: docs/rigs.md; motion files:
+    docs/movement.md.
     """
     from clradar.hand import POSES
     from clradar.hand.pose_file import pose_of
@@ -48,14 +46,14 @@ def command(
         text = f"hand from {ends} in {pose.duration_s:g} s"
         write(output, motion_of(output.parent, pose, surface), text)
         return
-    name = pose.pose or "F"
+    name, center_m = pose.pose or "F", opt.scaled(pose.center_mm, 1e3)
     angles = pose_of(name)
     if surface.rig is None:
-        mesh = surface.posed(angles, pose.center_m, open_devices(device).first)
+        mesh = surface.posed(angles, center_m, open_devices(device).first)
         text = f"hand '{angles.name}'"
     else:
-        mesh, text = surface.rigged(angles, name, pose.center_m)
-    mesh = turned(mesh, pose.turn_deg, pose.center_m)
+        mesh, text = surface.rigged(angles, name, center_m)
+    mesh = turned(mesh, pose.turn_deg, center_m)
     write(joints, indented(joints_record(mesh.joints_m)))
     write(output, mesh, f"{text}, {len(mesh.faces)} faces")
 
@@ -64,7 +62,7 @@ def motion_of(folder: Path, pose: opt.PoseOptions, surface: opt.SurfaceOptions) 
     """A motion file in this folder, of the embedded hand or of a rig."""
     from clradar.hand.pose_file import pose_of
 
-    hand = {"center_mm": list(pose.center_mm), **surface.motion_keys(folder)}
+    hand = {"center_mm": pose.center_mm, **surface.motion_keys(folder)}
     text = "[[hand]]\n" + toml_document(hand)
     if pose.turn_deg:
         text += f"about_mm = {list(pose.center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"

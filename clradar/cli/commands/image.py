@@ -16,30 +16,25 @@ def command(
     captures: list[Path] = opt.argument(
         "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
         "captures, as those of clusters, make one image.",
-        opt.REQUIRED,
-        metavar="CAPTURE",
     ),
     *,
-    files: opt.ImageFiles,
-    imaging: opt.ImageOptions,
+    files: images.ImageFiles,
+    imaging: images.ImageOptions,
     depth: opt.DepthMapOptions,
     frames: opt.FrameOptions,
     processes: opt.WorkerOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Without --x-mm, --y-mm and --z-mm the grid is that of the paper, 201 x 201 x 81 voxels of
-    1 mm, if the object is in it and the radar resolves it there, and larger where it would cut the
-    object; else one around the echoes beyond the direct coupling, up to 15 dB below the strongest,
-    with voxels of half the resolution at most. The command says which. Of a volume, which is an
-    image already, --png and --report are drawn. Several captures, and a grid of more than 2^23
-    voxels piece by piece, are imaged by parts: what is done is kept beside the output until all is,
-    and the same command resumes. Workers and devices share the parts.
+    """Without ranges the grid is the paper's, 201 x 201 x 81 voxels of 1 mm, if the object is in it
+    and the radar resolves it there; else one around the echoes up to 15 dB below the strongest,
+    with voxels of half the resolution at most. Several captures, and grids of more than 2^23
+    voxels, are imaged by parts, which workers and devices share: what is done is kept beside the
+    output, and the same command resumes.
     """
     to_write = [file for file in (files.output, files.png, files.report) if file is not None]
     if not to_write:
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
-    images.remove_remains(folder)
     content, range_db = ImageInput.open(captures[0], frames).content, depth.dynamic_range_db
     imaging.check(content, captures, files, {**opt.given(processes), "--device": device})
     if isinstance(content, cl.Volume):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import typer
@@ -17,8 +18,6 @@ def command(
     file: Path = opt.argument(
         "Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
         "folder that holds one, or the folder of a data set.",
-        opt.REQUIRED,
-        metavar="FILE",
     ),
     *,
     check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),
@@ -51,10 +50,7 @@ def command(
             report = (
                 check_dataset(file, progress) if dataset else check_file(file, progress=progress)
             )
-        record = {
-            "path": report.path, "ok": report.ok, "checked": list(report.checked),
-            "problems": list(report.problems),
-        }  # fmt: skip
+        record = {**asdict(report), "ok": report.ok}
         print_text(json.dumps(record, indent=2) if as_json else str(report))
         if not report.ok:
             print_error(f"{file}: {counted(len(report.problems), 'problem')} found")

@@ -8,41 +8,37 @@ from secrets import token_hex
 from clradar.cli import options as opt
 from clradar.cli.comparison import figure_labels
 from clradar.cli.frames import RECORDS, Frames, FrameSteps, ProcessOptions
-from clradar.cli.outputs import begun, check_place_of_folder, provenance
+from clradar.cli.outputs import begun, check_folder, provenance
 from clradar.cli.parse import chosen_frames
 from clradar.cli.recordings import OWN_NAMES, RecordingWork
 
 
 def command(
     *,
-    recording: Path = opt.argument(
-        "Radar folder, or folder of captures (.h5).", opt.REQUIRED, metavar="RECORDING"
-    ),
+    recording: Path = opt.argument("Radar folder, or folder of captures (.h5)."),
     simulated: list[Path] | None = opt.argument(
         "Compare with these: each a recording with the same frames, or one volume or capture.",
-        metavar="SIMULATED",
     ),
     output: Path = opt.output_option(
-        "Folder to write; a begun one is resumed.", opt.REQUIRED, metavar="DIR", folder=True
+        "Folder to write; a begun one is resumed.", metavar="DIR", folder=True
     ),
     how: ProcessOptions,
     voxels: opt.GridOptions,
     processes: opt.WorkerOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Each frame is freed of the empty room (the mean of its frames), gated, corrected, imaged,
-    compared and aligned, and a hand is fitted to it, as far as the options ask for it; all images
-    are on one grid: that of the options, or the one that shows the object of the first frame. DIR
-    gets a table over time, curves, a picture of every frame and an animation. One frame is in
-    memory at a time.
+    """As far as the options ask for it, each frame is freed of the empty room (the mean of its
+    frames), gated, corrected, imaged, compared and aligned, and a hand is fitted to it. Without
+    ranges the first frame places the grid of all. DIR gets a table over time, curves, a picture of
+    every frame and an animation.
     """
     others = tuple(simulated or ())
     starts = None if how.fit_hand is None else opt.StartNames(how.fit_hand)
-    check_place_of_folder(output, OWN_NAMES)
+    check_folder(output, OWN_NAMES, resumed=True)
     source = Frames(recording, how.variant)
-    if source.numbers is None:
+    if not source.files:
         raise opt.wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
-    numbers, compared = chosen_frames(how.frames, source.numbers), list(map(Frames, others))
+    numbers, compared = chosen_frames(how.frames, [*source.files]), list(map(Frames, others))
     for frames in compared:
         frames.check_frames(numbers, recording)
     hand = None if starts is None else how.settings(starts)

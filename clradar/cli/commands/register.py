@@ -22,8 +22,8 @@ FILES = (TRANSFORM, *comparison.SIMULATION_FILES)
 def command(
     *,
     measured: Path = opt.MEASURED,
-    mesh: Path = opt.argument("Mesh file, placed anywhere.", opt.REQUIRED, metavar="MESH"),
-    output: Path = opt.output_option("New folder.", opt.REQUIRED, metavar="DIR", folder=True),
+    mesh: Path = opt.argument("Mesh file, placed anywhere."),
+    output: Path = opt.output_option("New folder.", metavar="DIR", folder=True),
     registration: opt.RegistrationOptions,
     made_of: opt.MaterialOptions,
     voxels: opt.GridOptions,
@@ -31,12 +31,11 @@ def command(
     radar: opt.RadarOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Writes into DIR the placed mesh, the transform (for `clradar simulate --transform`), the
-    simulated capture and its volume, a figure and the metrics: all or nothing. Captures are imaged
-    first, on the grid of the options. Done when a round moves the mesh by less than 0.1 mm.
+    """DIR gets the placed mesh, its transform, its simulation (capture and volume), a figure and
+    the metrics: all or nothing. Done when a round moves the mesh by less than 0.1 mm.
     """
     check_folder(output, FILES)
-    how = opt.values_of(registration)
+    how = opt.arguments_of(registration)
     alpha, unit = how.pop("alpha"), how.pop("unit")
     how["estimator"] = made_of.estimator(registration.estimator)
     physical, fitted = how["estimator"] == opt.PHYSICAL, alpha == parse.FIT

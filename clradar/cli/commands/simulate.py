@@ -7,7 +7,6 @@ from time import perf_counter
 
 import clradar as cl
 from clradar.cli import options as opt, simulations
-from clradar.cli.call import call
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.outputs import provenance, write
 from clradar.errors import warn
@@ -19,25 +18,25 @@ def command(
     output: Path = opt.output_option(
         "Capture to write (HDF5); with --frames the folder of a recording to make, of clusters "
         "that of their captures, which is resumed if begun.",
-        opt.REQUIRED,
         folder=True,
     ),
     *,
     simulation: opt.SimulationOptions,
-    estimator: opt.EstimatorOptions,
+    estimator: opt.Estimator | None = opt.option(
+        f"{opt.ESTIMATORS} [default: physical with --material, stochastic with rays or bounces, "
+        "else expected]",
+    ),
+    seed: int = opt.option("Same seed, same device: same bits.", 0),
     radar: opt.RadarOptions,
     processes: opt.WorkerOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """The radar is the 94 x 94 imager with a 14 cm aperture in the plane z = 0, or that of --array.
-    Meshes are in its frame: x to the right of a person who faces the aperture, y up, z away.
+    """The radar is in the plane z = 0. Meshes are in its frame: x to the right of a person who
+    faces the aperture, y up, z away. The parts that --alpha can name are the geometries of the
+    files.
 
-    The parts that --alpha can name are the geometries of the files. With --motion the scene moves
-    while the imager records it (docs/movement.md).
-
-    An --array of clusters whose Tx are measured with their own Rx only makes a folder with a
-    capture of each, of which `clradar image DIR/cluster_*.h5` makes one image (docs/bodies.md);
-    workers and devices divide them. With --motion clusters record one after the other.
+    An --array of clusters makes a folder with a capture of each, which workers and devices divide;
+    `clradar image DIR/cluster_*.h5` makes one image of them (docs/bodies.md).
     """
     if not scenery.meshes and moving.motion is None:
         raise opt.wrong_usage("MESH", "expected a mesh file, or --motion with a hand")
@@ -49,15 +48,19 @@ def command(
     simulations.check_output(output, moving, several)
     motion = None if moving.motion is None else cl.read_motion(moving.motion)
     if motion is not None:
-        call.inputs["--motion"] = list(motion.files)
-        call.records_of(motion.files)
+        opt.call.inputs["--motion"] = list(motion.files)
+        opt.call.records_of(motion.files)
         simulations.check_output(output, moving, several)  # they are known only now
-    kind = scenery.estimator(estimator.estimator)
-    if kind == opt.PHYSICAL and scenery.has_alpha:
+    kind = scenery.estimator(estimator)
+    meshes = scenery.meshes or []
+    has_alpha = scenery.alpha or any(alpha is not None for _, alpha in meshes)
+    if kind == opt.PHYSICAL and has_alpha:
         warn(f"--alpha: not used by --estimator {kind}; --material has the roughness")
-    settings = simulation.settings(seed=estimator.seed, estimator=kind)
+    settings = simulation.settings(seed=seed, estimator=kind)
     scene, waveform = scenery.load() if motion is None else None, radar.waveform()
-    bodies = {} if motion is None else scenery.bodies_by_name()
+    names = [path.name for path, _ in meshes]
+    if motion is not None and len(set(names)) < len(names):
+        raise opt.wrong_usage("MESH", "expected different names of files with --motion")
     where = processes.where(device)
     opened, label = where.first, where.first.info.label
     if len(where.infos) > 1 and not (several and still):
@@ -65,6 +68,7 @@ def command(
     start_s = perf_counter()
     if motion is not None:
         alpha = scenery.default_alpha
+        bodies = dict(zip(names, scenery.bodies(), strict=True))
         scenes = motion.scene(bodies, finish=scenery.finished, alpha=alpha, device=opened)
         text = simulations.record_movement(
             output, motion, scenes, clusters, waveform, moving, settings=settings, device=opened

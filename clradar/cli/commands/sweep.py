@@ -11,7 +11,7 @@ from clradar.cli import options as opt
 from clradar.cli.comparison import write_csv
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.inputs import measurement
-from clradar.cli.outputs import begun, check_place_of_folder, write
+from clradar.cli.outputs import begun, check_folder, write
 from clradar.cli.tables import print_sweep
 from clradar.jobs import KEY, FolderStore, open_devices
 from clradar.versions import package_versions
@@ -28,10 +28,8 @@ the rest of a removal that is cut short then belongs to no sweep."""
 def command(
     *,
     measured: Path = opt.MEASURED,
-    mesh: Path = opt.argument("Mesh file.", opt.REQUIRED, metavar="MESH"),
-    output: Path = opt.output_option(
-        "New folder, or one to resume.", opt.REQUIRED, metavar="DIR", folder=True
-    ),
+    mesh: Path = opt.argument("Mesh file."),
+    output: Path = opt.output_option("New folder, or one to resume.", metavar="DIR", folder=True),
     alphas: opt.AlphaOptions,
     roughness: opt.RoughnessOptions,
     made_of: opt.MaterialOptions,
@@ -45,20 +43,19 @@ def command(
     frames: opt.FrameOptions,
     device: str | None = opt.DEVICE,
 ) -> None:
-    """Simulates MESH at every alpha with several seeds and compares each image with MEASURED. DIR
-    gets sweep.png, sweep.csv, sweep.json and the settings. MESH is where --transform has it, as
-    `clradar align --mesh` finds it. The same command resumes where a killed one stopped; other
-    settings in the same DIR are refused, unless --force begins anew. Frequencies are those of
-    MEASURED, where it is a capture. See docs/sweep.md.
+    """Simulates MESH, where --transform has it, at every alpha with several seeds, and compares
+    each image with MEASURED. DIR gets a figure, tables and the settings. The same command resumes
+    where a killed one stopped; other settings are refused, unless --force begins anew. See
+    docs/sweep.md.
 
-    With --roughness-mm it estimates roughness and correlation length in millimetres, of a MESH
-    of given --material, by the physical estimator.
+    With --roughness-mm it estimates roughness and correlation length in millimetres, of a MESH of
+    given --material.
     """
     from calibration.roughness.figures import figure_of
     from calibration.roughness.sweep import check_within_grid
     from clradar.compare import depth_map_of
 
-    check_place_of_folder(output, OWN_NAMES)
+    check_folder(output, OWN_NAMES, resumed=True)
     kind = alphas if roughness.roughness_mm is None else roughness
     settings = simulation.settings(seed=alphas.seed, estimator=kind.estimator)
     devices = open_devices(device)

@@ -7,7 +7,6 @@ from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt, parse
-from clradar.cli.call import call
 from clradar.cli.console import counted, print_line, print_warning
 from clradar.jobs import open_devices
 
@@ -16,8 +15,6 @@ def command(
     path: Path = opt.argument(
         "Recording (radar folder, or the folder that holds one), data set, capture, recorded .npy "
         "frame, volume, or a folder of these files.",
-        opt.REQUIRED,
-        metavar="PATH",
     ),
     *,
     watch: bool = opt.option(
@@ -28,7 +25,6 @@ def command(
     variant: opt.Variant = opt.option("Variant of a recording's frames.", "raw"),
     html: Path | None = opt.written(
         "Write scene and time line of all frames into this .html file, and serve nothing.",
-        metavar="FILE",
         check=parse.page,
     ),
     port: int = opt.option(
@@ -79,5 +75,5 @@ def command(
         return
     from clradar.view.page_file import write_page
 
-    count = write_page(view, html, force=call.force, warn=print_warning)
+    count = write_page(view, html, force=opt.call.force, warn=print_warning)
     print_line(f"{html}: {counted(count, 'frame')}, for any browser")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli import parse
-from clradar.cli.groups import argument, option, wrong_usage
+from clradar.cli.groups import argument, arguments_of, option, wrong_usage
 from clradar.cli.options.measured import SearchOptions, alpha_or_fit, own_option, rig_option
 from clradar.files.failures import fail
 from clradar.files.json_file import read_json
@@ -37,10 +37,7 @@ class ShapeOptions:
         """Length, breadth, finger lengths, girth, if there is one of them."""
         from clradar.hand import HandShape
 
-        known: dict[str, Any] = {"finger_lengths": self.finger_lengths, "girth": self.girth}
-        for name, value_mm in {"length_m": self.length_mm, "breadth_m": self.breadth_mm}.items():
-            known[name] = None if value_mm is None else value_mm / 1e3
-        known = {name: value for name, value in known.items() if value is not None}
+        known = arguments_of(self, ShapeOptions)
         return HandShape(**known) if known else None
 
 
@@ -55,13 +52,6 @@ def _unit_of_rig(option: str, text: str) -> str | float:
         known = f"one of {', '.join(UNITS_M)}, or a positive number of mm"
         raise wrong_usage(option, f"expected {known}, got '{text}'")
     return values_mm[0]
-
-
-def _betas(option: str, text: str) -> list[float]:
-    found = parse.numbers(text)
-    if not found:
-        raise wrong_usage(option, f"expected numbers, got '{text}'")
-    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +74,10 @@ class RigOptions:
     rig_hand: Literal["right", "left"] | None = rig_option(
         "Which hand the rig is. [default: as its names say, else right]"
     )
-    betas: list[float] | None = rig_option(
-        "Shape of a MANO hand, up to 10 numbers.", metavar="B,B,...", parse=_betas
+    betas: tuple[float, ...] | None = rig_option(
+        "Shape of a MANO hand, up to 10 numbers.",
+        metavar="B,B,...",
+        parse=parse.some,
     )
 
     def read_rig(self) -> Rig:
@@ -113,7 +105,7 @@ class HandOptions(ShapeOptions, RigOptions, SearchOptions):
         needs="--fit-hand",
         check=checks.positive,
     )
-    seed: int = option("Of all that is drawn.", 0, metavar="N", needs="--fit-hand")
+    seed: int = option("Of all that is drawn.", 0, needs="--fit-hand")
 
     def settings(self, starts: StartNames) -> dict[str, Any]:
         """The arguments that `calibration.fit_hand` and `calibration.fit_hands` have both."""
@@ -199,11 +191,6 @@ class PoseOptions:
         "Time from pose to pose.", 1.0, needs="--from", check=checks.positive
     )
 
-    @property
-    def center_m(self) -> list[float]:
-        """The centre in metres."""
-        return parse.metres(self.center_mm)
-
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceOptions(ShapeOptions, RigOptions):
@@ -261,7 +248,7 @@ class SurfaceOptions(ShapeOptions, RigOptions):
         keys = {
             "handedness": self.handedness, "length_mm": 1e3 * shape.length_m,
             "breadth_mm": 1e3 * shape.breadth_m, "girth": shape.girth,
-            "finger_lengths": list(shape.finger_lengths),
+            "finger_lengths": shape.finger_lengths,
         }  # fmt: skip
         return keys if self.edge_mm is None else {**keys, "edge_mm": self.edge_mm}
 

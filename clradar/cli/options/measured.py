@@ -10,18 +10,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import clradar as cl
 from clradar.cli import parse
-from clradar.cli.call import call
-from clradar.cli.groups import REQUIRED, argument, option, values_of
+from clradar.cli.groups import argument, arguments_of, call, option
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import VoxelGrid, checks
 
 if TYPE_CHECKING:
     from clradar.jobs import Where
 
-CAPTURE: Any = argument(
-    "Native capture, recorded .npy frame, or radar folder.", REQUIRED, metavar="CAPTURE"
-)
-MEASURED: Any = argument("Volume, capture or recording.", REQUIRED, metavar="MEASURED")
+CAPTURE: Any = argument("Native capture, recorded .npy frame, or radar folder.")
+MEASURED: Any = argument("Volume, capture or recording.")
 DEVICE: Any = option(
     "OpenCL device: selector or part of its name, or several to divide the work among: with "
     "commas, or all (all GPUs). [default: as `clradar devices` shows]",
@@ -82,7 +79,6 @@ class WorkerOptions:
     workers: int | None = option(
         "Worker processes (pip install 'dask[distributed]'), each with a GPU or a share of the "
         "cores. [default: one for each of several devices, else this one]",
-        metavar="N",
         min=1,
         without=ITERATED,
         kept=False,
@@ -157,7 +153,7 @@ class FrameOptions:
 
     PANEL = "Input"
 
-    frame: int | None = option("Frame of a recording. [default: 0]", metavar="N")
+    frame: int | None = option("Frame of a recording. [default: 0]")
     variant: Variant | None = option("Variant of a recording's frame. [default: raw]")
 
 
@@ -184,11 +180,6 @@ class GridOptions:
     )
     y_mm: parse.Axis | None = option("The same along y.", metavar="RANGE", parse=parse.axis_mm)
     z_mm: parse.Axis | None = option("The same along z.", metavar="RANGE", parse=parse.axis_mm)
-
-    @property
-    def given(self) -> bool:
-        """Whether there is an axis of the options."""
-        return (self.x_mm, self.y_mm, self.z_mm) != (None, None, None)
 
     def grid(self, defaults_mm: tuple[parse.Axis, ...] = PAPER_GRID_MM) -> VoxelGrid:
         """The grid, with default ranges for the axes that were not given."""
@@ -285,14 +276,12 @@ class CleaningOptions:
         from calibration import clean
         from measurement_io import open_channels
 
-        gate = None
+        known = arguments_of(self, CleaningOptions)
+        gate: dict[str, Any] = {n: known[n] for n in ("edge_m", "clutter_db") if n in known}
         if self.gate_mm is not None:
-            edge_m = None if self.edge_mm is None else self.edge_mm / 1e3
-            more = {"edge_m": edge_m, "clutter_db": self.clutter_db}
-            given = {name: value for name, value in more.items() if value is not None}
-            gate = dict(zip(("near_m", "far_m"), parse.metres(self.gate_mm), strict=True)) | given
+            gate |= dict(zip(("near_m", "far_m"), known["gate_m"], strict=True))
         return clean(
-            capture, empty=empty, scaling=self.scaling, gate=gate,
+            capture, empty=empty, scaling=self.scaling, gate=gate or None,
             channels=None if self.channels is None else open_channels(self.channels),
             mask=("dead",) if self.keep_noisy else ("dead", "noisy"),
         )  # fmt: skip
@@ -316,21 +305,11 @@ class CleaningOptions:
         return steps
 
 
-@dataclass(frozen=True, kw_only=True)
-class AverageOptions:
-    """The mean over the frames of recordings."""
-
-    average: bool = option(
-        "Take the coherent mean of all frames of each radar folder.", False, without="--frame"
-    )
-    align_phase: bool = option("First rotate frames to a common phase.", False, needs="--average")
-
-
 def open_frame(path: Path, frames: FrameOptions) -> cl.Capture:
     """The capture of a file or folder."""
     from measurement_io import open_capture
 
-    return noted(path, open_capture(path, **values_of(frames)))
+    return noted(path, open_capture(path, **arguments_of(frames)))
 
 
 Content = TypeVar("Content", cl.Capture, "cl.Volume | cl.Capture")

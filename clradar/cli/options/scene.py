@@ -12,7 +12,7 @@ import numpy as np
 
 import clradar as cl
 from clradar.cli import parse
-from clradar.cli.groups import argument, option, values_of, wrong_usage
+from clradar.cli.groups import argument, arguments_of, option, wrong_usage
 from clradar.cli.options.measured import SearchOptions, UnitOptions, alpha_or_fit
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
@@ -45,19 +45,12 @@ class SamplingOptions:
 
     samples_per_mm2: float | None = option(
         f"Surface samples per mm^2. [default: {SAMPLES_PER_MM2:g} if stochastic]",
-        metavar="N",
         panel="Expert",
     )
     rays_per_sample: int | None = option(
         f"Rays per sample and Tx. [default: {RAYS_PER_SAMPLE}; 1 if samples are given per face]",
-        metavar="N",
         panel="Expert",
     )
-
-
-def _radius_mm(name: str, value: float) -> float:
-    parse.check_unit(name, "a radius", value, PLAUSIBLE_RADIUS_M, "mm")
-    return value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,13 +59,13 @@ class SimulationOptions(SamplingOptions):
 
     PANEL = "Expert"
 
-    rays_per_face: int | None = option("Samples on every face, not a density.", metavar="N")
+    rays_per_face: int | None = option("Samples on every face, not a density.")
     reception_radius_mm: float | None = option(
         f"A ray this near to an Rx is received. [default: {1e3 * RECEPTION_RADIUS_M:g}; of random "
         "rays what suits range and frequency]",
-        check=_radius_mm,
+        check=partial(parse.check_unit, what="a radius", bounds=PLAUSIBLE_RADIUS_M, unit="mm"),
     )
-    max_bounces: int = option("Reflections per path at most.", 1, metavar="N")
+    max_bounces: int = option("Reflections per path at most.", 1)
     normals: Literal["smooth", "face"] = option("Of the vertices, or the faces.", "smooth")
     crease_deg: float = option("Edges sharper than this stay sharp.", CREASE_DEG)
     facets: Literal["curved", "flat"] = option(
@@ -81,10 +74,7 @@ class SimulationOptions(SamplingOptions):
 
     def settings(self, **more: Any) -> SimulationSettings:
         """The settings of the simulation; `more` are seed and estimator."""
-        fields = values_of(self)
-        radius_mm = fields.pop("reception_radius_mm")
-        radius_m = None if radius_mm is None else radius_mm / 1e3
-        return SimulationSettings(**fields, reception_radius_m=radius_m, **more)
+        return SimulationSettings(**arguments_of(self), **more)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,17 +146,9 @@ class MaterialOptions:
         text=list[str],
     )
 
-    @property
-    def given(self) -> bool:
-        """Whether a mesh gets a material."""
-        return self.material is not None or bool(self.material_of)
-
     def estimator(self, chosen: Estimator | None) -> Estimator | None:
-        """The estimator: `chosen`, or with a material the one that knows materials.
-
-        Warns of a material that another one does not use.
-        """
-        if not self.given or chosen == PHYSICAL:
+        """The `chosen` estimator, or with a material the one that knows materials."""
+        if (self.material is None and not self.material_of) or chosen == PHYSICAL:
             return chosen
         if chosen is None:
             return PHYSICAL
@@ -218,11 +200,6 @@ class SceneOptions(PlacementOptions, MaterialOptions):
         """The alpha of what has no other."""
         return (self.alpha or {}).get(None, DEFAULT_ALPHA)
 
-    @property
-    def has_alpha(self) -> bool:
-        """Whether an alpha was given."""
-        return bool(self.alpha) or any(alpha is not None for _, alpha in self.meshes or [])
-
     def load(self) -> cl.Scene:
         """All meshes as one scene."""
         return self.finished(cl.Scene.combine(self.bodies()))
@@ -237,13 +214,6 @@ class SceneOptions(PlacementOptions, MaterialOptions):
             )
             for path, alpha in self.meshes or []
         ]  # fmt: skip
-
-    def bodies_by_name(self) -> dict[str, cl.Scene]:
-        """The same by the names of their files."""
-        names = [path.name for path, _ in self.meshes or []]
-        if len(set(names)) < len(names):
-            raise wrong_usage("MESH", "expected different names of files with --motion")
-        return dict(zip(names, self.bodies(), strict=True))
 
     def finished(self, scene: cl.Scene) -> cl.Scene:
         """The scene with the alphas of named parts, and of these materials."""
@@ -266,22 +236,11 @@ class MotionOptions:
         metavar="MOTION.toml",
     )
     frames: int | None = option(
-        "Make a recording of so many frames.", metavar="N", needs="--motion", min=1, max=10_000
+        "Make a recording of so many frames.", needs="--motion", min=1, max=10_000
     )
     rate_hz: float = option(
         "Frames per second, from time 0 on.", 8.0, needs="--motion", check=checks.positive
     )
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimatorOptions:
-    """Estimator of the received field, and its random numbers."""
-
-    estimator: Estimator | None = option(
-        f"{ESTIMATORS} [default: physical with --material, stochastic with rays or bounces, else "
-        "expected]",
-    )
-    seed: int = option("Same seed, same device: same bits.", 0, metavar="N")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -292,7 +251,7 @@ class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
         f"{ESTIMATORS} [default: stochastic, or physical with --material]"
     )
     alpha: float | str = alpha_or_fit()
-    seed: int = option("Of the first round; counts up from there.", 0, metavar="N")
+    seed: int = option("Of the first round; counts up from there.", 0)
     max_rounds: int = option(
-        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10, metavar="N"
+        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10
     )

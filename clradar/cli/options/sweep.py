@@ -37,10 +37,9 @@ class AlphaOptions:
     seeds: int = option(
         "Simulations per alpha, each its own seed.",
         3,
-        metavar="N",
         check=partial(checks.whole, low=1),
     )
-    seed: int = option("The first seed.", 0, metavar="N")
+    seed: int = option("The first seed.", 0)
 
     estimator = None
 

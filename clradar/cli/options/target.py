@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from clradar.cli import parse
-from clradar.cli.groups import REQUIRED, option, values_of
+from clradar.cli.groups import arguments_of, option
 
 if TYPE_CHECKING:
     from calibration.channels.targets import Target
@@ -18,7 +16,7 @@ if TYPE_CHECKING:
 class TargetOptions:
     """The known target; each option belongs to some kinds of target only."""
 
-    target: Literal["plate", "sphere", "corner"] = option("Kind of the target.", REQUIRED)
+    target: Literal["plate", "sphere", "corner"] = option("Kind of the target.")
     distance_mm: float | None = option(
         "Plate: distance along z.", needs="--target=plate", due="--target=plate"
     )
@@ -49,15 +47,12 @@ class TargetOptions:
         """The target that the options describe."""
         from calibration import CornerReflector, FlatPlate, Sphere
 
-        if self.distance_mm is not None:
-            width, height = parse.metres(self.size_mm) if self.size_mm else (None, None)
-            size_m = None if width is None or height is None else (width, height)
-            tilt_deg, distance_m = self.tilt_deg or (0.0, 0.0), self.distance_mm / 1e3
-            return FlatPlate(distance_m, *tilt_deg, size_m=size_m)
-        place_m = np.array(parse.metres(self.position_mm or ()))
-        if self.radius_mm is not None:
-            return Sphere(place_m, self.radius_mm / 1e3)
-        return CornerReflector(place_m)
+        known = arguments_of(self)
+        kinds: Any = {"plate": FlatPlate, "sphere": Sphere, "corner": CornerReflector}
+        if tilt_deg := known.pop("tilt_deg", None):
+            known |= dict(zip(("tilt_x_deg", "tilt_y_deg"), tilt_deg, strict=True))
+        target: Target = kinds[known.pop("target")](**known)
+        return target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,12 +73,7 @@ class EstimateOptions:
 
     def settings(self) -> dict[str, Any]:
         """Settings of `calibration.estimate_channels`."""
-        found = values_of(self)
-        gate_mm = found.pop("gate_mm")
-        return {
-            "refine_position": not found.pop("hold"),
-            "position_tolerance_m": found.pop("tolerance_mm") / 1e3,
-            "max_delay_s": found.pop("max_delay_ps") / 1e12,
-            "gate_m": None if gate_mm is None else gate_mm / 1e3,
-            **found,
-        }
+        found = arguments_of(self)
+        found["refine_position"] = not found.pop("hold")
+        found["position_tolerance_m"] = found.pop("tolerance_m")
+        return found
