@@ -73,7 +73,7 @@ def backproject(
 
     Examples
     --------
-    The image of a point reflector has its maximum where the point is.
+    The maximum is where the point is.
 
     >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)

@@ -125,8 +125,7 @@ def simulate_image(
     """Simulate a capture and form its image, which `imager` holds then.
 
     It has the bits of ``imager.form(simulate(scene, imager.array, imager.waveform, ...))``; but
-    samples stay on the device, unless the estimator is physical, antennas have gains, the image is
-    not kept there, or the sums of all pairs do not fit at once.
+    samples of rays stay on the device where image and sums fit.
 
     Parameters
     ----------
