@@ -84,10 +84,7 @@ class Capture(Record):
         return self._own_array(dtype, copy)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return `capture` along tx, rx and frequency_hz, with antennas, units and `meta` as JSON.
-
-        Names are those of `clradar.open_dataset`.
-        """
+        """Return `capture` along tx, rx and frequency_hz, with antennas, units and `meta`."""
         return labelled.capture_dataset(self)
 
     def rcs_dbsm(self, at_m: Any) -> np.ndarray:
