@@ -276,8 +276,8 @@ def _channels_facts(channels: ChannelCalibration) -> list[Fact]:
         noise_db = 20 * np.log10(np.median(getattr(channels, f"{side}_noise")[live]) + 1e-30)
         value |= {"count": int(gain_db.size), "noise_db": float(noise_db)}
         text = (
-            f"{gain_db.size} of {gain.size}: gains {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, "
-            f"noise {noise_db:.1f} dB, delays {1e12 * delay_s.min():+.2f} to "
+            f"{gain_db.size} of {gain.size}: gain {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, "
+            f"noise {noise_db:.1f} dB, delay {1e12 * delay_s.min():+.2f} to "
             f"{1e12 * delay_s.max():+.2f} ps"
         )
         facts.append(Fact(f"live {side.title()}", text, value))
