@@ -24,22 +24,18 @@ def clean(
     Parameters
     ----------
     capture : Capture
-        A frame, or the mean of several (`average_frames`).
     empty, scaling
         As of `subtract_background`.
     gate : mapping, optional
-        Arguments of `range_gate`: `near_m` and `far_m`, `edge_m`, `clutter_db`.
+        Arguments of `range_gate`.
     channels, mask
-        `calibration` and `mask` of `correct`.
+        As of `correct`.
 
     Examples
     --------
-    >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> frame, room = (clradar.Capture(np.full((1, 1, 16), v), array, waveform) for v in (3, 1))
-    >>> found = calibration.clean(frame, empty=room)
+    >>> found = calibration.clean(frames[2], empty=frames[0])
     >>> complex(found.data[0, 0, 0]), list(found.meta)
-    ((2+0j), ['background'])
+    ((2-2j), ['background'])
     """
     if empty is not None:
         capture = subtract_background(capture, empty, scaling=scaling)

@@ -51,8 +51,7 @@ def average_frames(
     Examples
     --------
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.01, 0, 0]])
-    >>> waveform = clradar.Waveform([77e9])
-    >>> frames = [clradar.Capture(np.full((1, 1, 1), v), array, waveform) for v in (2, 2j)]
+    >>> frames = [clradar.Capture([[[v]]], array, clradar.Waveform([77e9])) for v in (2, 2j)]
     >>> for align_phase in (False, True):
     ...     mean = calibration.average_frames(frames, align_phase=align_phase)
     ...     print(np.round(mean.data[0, 0, 0], 3))
@@ -132,27 +131,22 @@ def subtract_background(capture: Capture, empty: Capture, *, scaling: str = "non
     capture, empty : Capture
         Same antennas, same frequencies.
     scaling : {"none", "common", "channel"}
-        What the empty capture is multiplied by first: nothing, one complex factor for all (the
-        generator drifted), or one per Tx times one per Rx (the channels drifted).
+        What `empty` is multiplied by first: nothing, one complex factor for all (the generator
+        drifted), or one per Tx times one per Rx (the channels drifted); by feasible generalised
+        least squares over the delay bins.
 
     Returns
     -------
     Capture
         `meta["background"]` holds the factors as [real, imaginary] and the metadata of `empty`.
 
-    Notes
-    -----
-    The factors minimise ``sum_q w_q |Y_q - u_tx v_rx E_q|^2`` over the delay bins q, w the inverse
-    of the residual power, averaged over the pairs, in turn (feasible generalised least squares).
-
     Examples
     --------
-    >>> from clradar import reference
-    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> empty = reference.point_targets(array, waveform, [[0, 0, 0.4]], [3.0])
-    >>> both = reference.point_targets(
-    ...     array, waveform, [[0, 0, 0.4], [0, 0, 0.3]], [3j, 1.0])
+    >>> from clradar.reference import point_targets
+    >>> array = clradar.arrays.qar50().part(np.s_[::12], np.s_[::12])
+    >>> radar = array, clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> empty = point_targets(*radar, [[0, 0, 0.4]], [3.0])
+    >>> both = point_targets(*radar, [[0, 0, 0.4], [0, 0, 0.3]], [3j, 1.0])
     >>> left = calibration.subtract_background(both, empty, scaling="common")
     >>> factor = complex(*left.meta["background"]["factor"])
     >>> print(f"{abs(factor):.3f} at {np.degrees(np.angle(factor)):.0f} degrees")
@@ -299,8 +293,8 @@ def range_gate(
     Returns
     -------
     Capture
-        `meta["range_gate"]` holds the window, `passband_db`, the smallest gain of an echo in it,
-        and `rejection_db`, the smallest suppression of one beyond the bands.
+        `meta["range_gate"]` has the window, the smallest gain in it, `passband_db`, and suppression
+        beyond the bands, `rejection_db`.
 
     Examples
     --------

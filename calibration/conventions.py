@@ -81,8 +81,7 @@ class Hypothesis:
     conjugated : bool
         A path of length d contributes exp(+j 2 pi f d / c) instead of exp(-j 2 pi f d / c).
     reversed : bool
-        The data runs from the highest frequency to the lowest, though the list of frequencies
-        ascends.
+        The data descends in frequency, though the list of frequencies ascends.
     mirrored : bool
         An antenna listed at x is at -x.
     """
@@ -121,18 +120,16 @@ CHANGES = {
 
 
 def apply_convention(capture: Capture, hypothesis: Hypothesis) -> Capture:
-    """Apply the changes of a hypothesis to a capture, or undo them: each is its own inverse.
+    """Apply the changes of a hypothesis to a capture, or undo them.
 
-    Where anything changes, the label is appended to the list ``meta["conventions_applied"]``.
+    The label is appended to ``meta["conventions_applied"]``.
 
     Examples
     --------
-    >>> array = clradar.AntennaArray([[0.01, 0, 0]], [[0, 0, 0]])
-    >>> capture = clradar.Capture([[[1j]]], array, clradar.Waveform([77e9]))
     >>> other = calibration.Hypothesis(conjugated=True, mirrored=True)
     >>> fixed = calibration.apply_convention(capture, other)
-    >>> print(fixed.data[0, 0, 0], fixed.array.tx_m[0, 0], fixed.meta["conventions_applied"])
-    -1j -0.01 ['conjugated, mirrored']
+    >>> print(capture.array.tx_m[0, 0], fixed.array.tx_m[0, 0], fixed.meta["conventions_applied"])
+    -0.1 0.1 ['conjugated, mirrored']
     """
     checks.instance("apply_convention: capture", capture, Capture)
     checks.instance("apply_convention: hypothesis", hypothesis, Hypothesis)
@@ -188,8 +185,8 @@ class Diagnosis:
         Those within `margin_db` of the sharpest, fewest changes first; mirrored where a known
         target says so.
     best : Hypothesis or None
-        The first candidate. None if undecidable: no echo, or candidates that differ in the sign of
-        the phase or the order of frequencies.
+        The first candidate. None without an echo, or with candidates that differ in the sign of the
+        phase or the order of frequencies.
     mirror_known : bool
         Whether a known target decided between the image and its mirror image.
     recommendation : str
@@ -210,7 +207,7 @@ class Diagnosis:
         return self.best is not None and len(self.candidates) == 1
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the images in types that JSON has; None stands for no level at all."""
+        """Everything but the images in types that JSON has."""
 
         def named(h: Hypothesis) -> dict[str, Any]:
             return {"label": h.label, **{name: bool(value) for name, value in asdict(h).items()}}
@@ -238,21 +235,18 @@ def diagnose(
     device: Device | str | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Find out in which of eight conventions a capture was written.
-
-    docs/diagnose.md has what is observable, and how it is judged.
+    """Find out in which of eight conventions a capture was written: docs/diagnose.md.
 
     Parameters
     ----------
     capture : Capture
         Antenna positions and frequencies are right, except for the changes of a `Hypothesis`.
     grid : VoxelGrid, optional
-        Coarse: eight images are formed, where that is too much work from a subset of the antennas.
-        Default: around the strongest echo beyond the direct coupling; fewer than 8 frequencies need
-        a grid.
+        Coarse: eight images are formed. Default: around the strongest echo beyond the direct
+        coupling; fewer than 8 frequencies need a grid.
     expected_m : three floats, optional
-        Position of a known target, x, y, z, within some 20 mm: it distinguishes an image from its
-        mirror image, which is as sharp.
+        Position of a known target, within some 20 mm: it distinguishes an image from its mirror
+        image, which is as sharp.
 
     Returns
     -------
@@ -260,16 +254,14 @@ def diagnose(
 
     Examples
     --------
-    >>> from clradar import reference
+    >>> from clradar.reference import point_targets
     >>> place = np.random.default_rng(4)
     >>> tx, rx = (np.c_[place.uniform(-0.07, 0.07, (12, 2)), np.zeros(12)] for _ in range(2))
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> capture = reference.point_targets(
-    ...     clradar.AntennaArray(tx, rx), waveform, [[0.03, -0.05, 0.3]], [1.0])
+    >>> radar = clradar.AntennaArray(tx, rx), clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> capture = point_targets(*radar, [[0.03, -0.05, 0.3]], [1.0])
     >>> wrong = calibration.apply_convention(capture, calibration.Hypothesis(conjugated=True))
     >>> grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.28, 0.32), 4e-3)
-    >>> found = calibration.diagnose(wrong, grid=grid, device="pocl")
-    >>> [hypothesis.label for hypothesis in found.candidates]
+    >>> [hypothesis.label for hypothesis in calibration.diagnose(wrong, grid=grid).candidates]
     ['conjugated']
     """
     checks.instance("diagnose: capture", capture, Capture)

@@ -60,10 +60,9 @@ class CheckReport:
 def check_file(path: str | os.PathLike[str], *, progress: Progress | None = None) -> CheckReport:
     """Verify a native file, a recorded frame or a recording; all of its data is read.
 
-    Of a native file: format, version, types, shapes, checksums, finite values, axes against the
-    grid. Of a recording: every frame of both variants, all with the same frequencies, numbering,
-    time stamps, cached products and the JSON files. What cannot be opened is a problem in the
-    report and raises nothing.
+    Of a native file: format, types, shapes, checksums, finite values, axes against the grid. Of a
+    recording: frames of both variants, frequencies, numbering, time stamps, images and JSON files.
+    What cannot be opened is a problem in the report and raises nothing.
 
     Examples
     --------

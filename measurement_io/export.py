@@ -35,15 +35,9 @@ _INSTEAD = {
 def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool = False) -> None:
     """Write a capture, a volume or a depth map for another program, whole or not at all.
 
-    Parameters
-    ----------
-    path : path-like
-        The ending of the name decides: .vti holds a volume, .ply a depth map, .mat (MATLAB v5) and
-        .npz anything. docs/files.md has what is in each.
-    record : Capture, Volume or DepthMap
-        Antenna patterns and the scale of a volume are left out.
-    force : bool
-        Replace an existing file.
+    The ending of the name decides: .vti holds a volume, .ply a depth map, .mat (MATLAB v5) and .npz
+    anything; docs/files.md has what is in each. Antenna patterns and the scale of a volume are left
+    out. `force` replaces an existing file.
 
     Examples
     --------

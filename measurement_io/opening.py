@@ -40,14 +40,12 @@ def open_capture(
     Parameters
     ----------
     path : path-like
-        A native HDF5 file, a recorded `.npy` frame, the folder of a recording as for
-        `open_recording`, or with `layout` the file of another program.
+        A native HDF5 file, a recorded `.npy` frame, the folder of a recording, or with `layout` the
+        file of another program.
     frame : int, optional
         Of a folder, or of a file whose layout has a frame axis; 0 if not given.
-    variant : {"raw", "emptyfiltered"}, optional
-        Of a folder's frame; "raw" if not given.
-    rx_file, tx_file
-        Of a recorded frame, as for `open_recording`.
+    variant, rx_file, tx_file
+        Of a recording, as for `open_recording`.
     layout : path-like or Layout, optional
         As for `open_with_layout`.
 

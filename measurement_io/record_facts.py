@@ -79,11 +79,11 @@ class Description:
 
     @property
     def values(self) -> dict[str, Any]:
-        """The facts as JSON values, by their names with underscores."""
+        """The facts as JSON values, with underscores in their names."""
         return {fact.name.replace(" ", "_"): fact.value for fact in self.facts}
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as strict JSON; a number that is not finite becomes a string."""
+        """All of it as strict JSON."""
         return {
             "path": self.path,
             "kind": self.kind,

@@ -40,9 +40,8 @@ def correct(
     --------
     The second Tx of `channels` is 90 degrees ahead:
 
-    >>> corrected = calibration.correct(capture, channels)
-    >>> ratio = corrected.data[1, 0] / corrected.data[0, 0]
-    >>> round(float(np.degrees(np.angle(ratio[1]))))
+    >>> data = calibration.correct(capture, channels).data
+    >>> round(float(np.degrees(np.angle(data[1, 0, 1] / data[0, 0, 1]))))
     -90
     """
     checks.instance("correct: capture", capture, Capture)

@@ -86,15 +86,14 @@ def estimate_channels(
     target : FlatPlate, Sphere or CornerReflector
         In its nominal pose.
     refine_position : bool
-        Estimate the pose (position, or a plate's distance and tilt), too; it is fixed otherwise.
+        Estimate the pose, too (position, or a plate's distance and tilt).
     position_tolerance_m, tilt_tolerance_deg : float
-        Standard deviation of the nominal position, per axis, and of a plate's tilt. The estimate
-        may be up to three times as far off.
+        Standard deviations of the nominal pose; the estimate may be up to three times as far off.
     max_delay_s : float
         Largest delay of a pair of channels in the search.
     common_delay : "zero" or "free"
-        Whether delays scatter about zero or about an unknown common delay. With "free" the range of
-        a corner reflector stays nominal.
+        What delays scatter about: zero, or an unknown delay, with which the range of a corner
+        reflector stays nominal.
     gate_m : float, optional
         Use only echoes whose range is at most this far from the target's: more than the tolerance
         and the delays.
@@ -107,9 +106,8 @@ def estimate_channels(
     Returns
     -------
     ChannelCalibration
-        Gains have a mean of 0 dB over the live channels of either side, the first live Tx phase 0,
-        the delays of Tx and Rx equal means. `meta["outlying_pairs"]` is the share of pairs with
-        another echo than the model's, which have nearly no weight.
+        Gains have a mean of 0 dB on either side, the first live Tx has phase 0, delays of Tx and Rx
+        have equal means. `meta["outlying_pairs"]` is the share of pairs with another echo.
 
     Raises
     ------
@@ -120,10 +118,9 @@ def estimate_channels(
     --------
     A Tx of twice the gain, and 6 degrees ahead:
 
-    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
+    >>> array = clradar.arrays.qar50().part(np.s_[::12], np.s_[::12])
     >>> plate = calibration.FlatPlate(0.3)
-    >>> echo = calibration.response(plate, array, waveform)
+    >>> echo = calibration.response(plate, array, waveform := clradar.Waveform.sfcw(72e9, 82e9, 16))
     >>> echo[3] *= 2 * np.exp(1j * np.radians(6))
     >>> capture = clradar.Capture(echo, array, waveform)
     >>> channels = calibration.estimate_channels(capture, plate, refine_position=False)

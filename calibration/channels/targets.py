@@ -140,10 +140,10 @@ class FlatPlate:
     distance_m : float
         Along z, from the origin to the plate.
     tilt_x_deg, tilt_y_deg : float
-        Positive where the plate is farther away towards +x, +y; up to 60 degrees.
+        Positive where the plate is farther away towards +x, +y; up to 60.
     size_m : (float, float), optional
-        Width (along x) and height, with the middle at x = y = 0. A pair whose point of reflection
-        is not on the plate has no echo. None: large enough for all pairs.
+        Width (along x) and height, with the middle at x = y = 0. Pairs whose point of reflection is
+        not on the plate have no echo. None: large enough for all.
     """
 
     kind: ClassVar[str] = "plate"

@@ -85,15 +85,14 @@ def fit_hand(
         `clradar.place_grid`.
     pose : str, Path, HandPose, HandFit, or several of them
         Start, and mean of the prior: a name in `clradar.hand.POSES`, "all" letters, a pose file, a
-        pose, or an earlier fit (also its folder), which brings shape, place and side. Several are
-        fitted coarsely, the best three to the end; the others are among the `basins` of the best.
+        pose, or an earlier fit (also its folder) with its shape, place and side. Several are fitted
+        coarsely, the best three to the end; the others are among the `basins` of the best.
     rig : Rig, optional
-        Fit this hand instead of that of `clradar.hand`.
+        Fit this hand, with its side and shape, instead of that of `clradar.hand`.
     handedness : "right", "left" or "either"
-        Of a rig its own.
     shape : HandShape, optional
-        Where it is known; not of a rig. None: that of an average adult, with the spread among
-        adults in the standard deviations.
+        Where it is known. None: an average adult's, with the spread among adults in the standard
+        deviations.
     fit_shape : bool
         Fit the shape, too.
     alpha : float, optional
@@ -103,10 +102,8 @@ def fit_hand(
     angle_std_deg : float
         Standard deviation of the prior, of flexion and of the thumb's angles; that of abduction is
         7/12, that of the palm's arch 5/12 of it.
-    array, waveform : AntennaArray and Waveform, optional
-        As for `align_mesh`; default: those of a capture.
-    search_deg
-        As for `align_mesh`.
+    array, waveform, search_deg
+        As for `align_mesh`; array and waveform of a capture are its own.
     seed : int
         Of all that is drawn.
 
@@ -124,8 +121,8 @@ def fit_hand(
     `examples/tutorials/9_hand_from_capture.py` fits a simulated hand. Where nothing is seen:
 
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
-    >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
-    >>> calibration.fit_hand(dark, "F", device="pocl")
+    >>> dark = clradar.Volume(np.zeros(grid.counts[::-1]), grid)
+    >>> calibration.fit_hand(dark, "F")
     Traceback (most recent call last):
     clradar.errors.CompareError: could not fit the hand, because ...
     """

@@ -74,7 +74,7 @@ def fit_hands(
     ----------
     recording : sequence of Capture, Volume or DepthMap
         Read one by one. Depth maps have no time: the sequence may have `time_us(index)`.
-    pose : str, Path, HandPose, HandFit, or several of them
+    pose
         Where searches start, as for `fit_hand`. For lost tracks give the poses that occur.
     frames : sequence of int, optional
         Ascending numbers, the recording's own if it has them; all by default.
@@ -99,12 +99,9 @@ def fit_hands(
 
     Examples
     --------
-    Where nothing is seen:
-
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.28, 0.32), 4e-3)
-    >>> dark = clradar.Volume(np.zeros(grid.counts[::-1], np.complex64), grid)
-    >>> fits = calibration.fit_hands([dark, dark], "F", device="pocl")
-    >>> fit, track = next(fits)
+    >>> dark = clradar.Volume(np.zeros(grid.counts[::-1]), grid)
+    >>> fit, track = next(calibration.fit_hands([dark, dark], "F"))
     >>> fit.frame, fit.how, track
     (0, 'nothing found', None)
     """

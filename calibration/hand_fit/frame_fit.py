@@ -35,7 +35,7 @@ class FrameFit:
     notes : tuple of str
         Why it was searched anew, or has no hand.
     state : HandState or None
-        Its `pose`, `shape` and `transform`; None where no hand was found.
+        Its `pose`, `shape` and `transform`; None without a hand.
     handedness, joints_m, joint_std_m, angle_std_rad
         As of `HandFit`; NaN without a hand.
     shape_std : ndarray, shape (8,)
@@ -43,8 +43,8 @@ class FrameFit:
     untold : tuple of str
         Angles that this frame does not determine: they keep what the frames before say.
     misfit, misfit_per_cell : float
-        Robust deviance of the image, as a log likelihood; the same for each resolution cell with
-        the measured or the fitted hand.
+        Robust deviance of the image; the same for each resolution cell with a hand, measured or
+        fitted.
     """
 
     frame: int

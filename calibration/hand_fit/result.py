@@ -78,8 +78,7 @@ class HandFit:
         None of a rig.
     handedness : "right" or "left"
     transform : ndarray, shape (4, 4), metres
-        Rigid motion from the frame of `clradar.hand.posed_skeleton`; a left hand is its mirror
-        image in x.
+        From the frame of `clradar.hand.posed_skeleton`; a left hand is its mirror image in x.
     scene, started : Scene
         The placed mesh with the alpha found; that of the starting pose, moved rigidly.
     joints_m : ndarray, shape (25, 3)
@@ -99,7 +98,7 @@ class HandFit:
     likeness : float
         Correlation of rendering and measurement in decibels.
     capture, volume : Capture and Volume, or None
-        The last simulation of the closed loop.
+        The last simulation.
     overlap : float or None
         Of that simulation with the measurement (docs/metrics.md).
     converged : bool

@@ -84,10 +84,10 @@ def align(
     dynamic_range_db : float
         Depth points are the pixels within this of their own image's maximum.
     search_deg : float, in (0, 180]
-        Largest rotation about boresight in the search, together with tilts up to 30 degrees. The
-        result may turn further.
+        Largest rotation about boresight in the search, with tilts up to 30 degrees. The result may
+        turn further.
     min_inlier_share : float, in (0, 1]
-        Smallest fraction of the simulated amplitude on the measured surface.
+        Smallest share of the simulated amplitude on the measured surface.
     max_rms_m : float
         Largest residual of the inliers.
     max_iterations : int
@@ -106,12 +106,11 @@ def align(
     --------
     A bumpy surface, and the same one 2 mm farther along x and 5 mm along z:
 
-    >>> axis_m = np.arange(-20, 21) * 2e-3
-    >>> x, y = np.meshgrid(axis_m, axis_m)
+    >>> x, y = np.meshgrid(axis_m := np.arange(-20, 21) * 2e-3, axis_m)
     >>> def image(x_m, z_m):
-    ...     depth_m = 0.3 + 2 * x_m**2 + 3 * y**2 + 0.003 * np.sin(150 * x_m + 100 * y) + z_m
-    ...     return clradar.DepthMap(depth_m, np.ones(x.shape), axis_m, axis_m, 15.0)
-    >>> found = calibration.align(image(x - 0.002, 0.005), image(x, 0), search_deg=10.0)
+    ...     depth_m = z_m + 2 * x_m**2 + 3 * y**2 + 0.003 * np.sin(150 * x_m + 100 * y)
+    ...     return clradar.DepthMap(depth_m, np.ones(x.shape), axis_m, axis_m)
+    >>> found = calibration.align(image(x - 0.002, 0.305), image(x, 0.3), search_deg=10.0)
     >>> np.abs(1e3 * found.shift_m).round(1), round(found.rotation_deg)
     (array([2., 0., 5.]), 0)
     """

@@ -65,11 +65,11 @@ def align_mesh(
     dynamic_range_db : float, optional
         As for `align`. Default: 20, or that of a `DepthMap` if it is less.
     min_inlier_share : float, in (0, 1]
-        Smallest fraction of the measured amplitude on the mesh.
-    seed : int
-        Of the first simulation; the others count up from there.
+        Smallest share of the measured amplitude on the mesh.
     search_deg, max_iterations
         As for `align`.
+    seed : int
+        Of the first simulation; the others count up from there.
 
     Returns
     -------
@@ -87,12 +87,10 @@ def align_mesh(
 
     >>> corners = [[-.02, -.02, .3], [.02, -.02, .3], [.02, .02, .3], [-.02, .02, .3]]
     >>> plate = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]])
-    >>> axis_m = np.arange(-20, 21) * 2e-3
-    >>> x, y = np.meshgrid(axis_m, axis_m)
+    >>> x, y = np.meshgrid(axis_m := np.arange(-20, 21) * 2e-3, axis_m)
     >>> lit = np.maximum(abs(x - 0.004), abs(y)) < 0.0205
     >>> image = clradar.DepthMap(np.where(lit, 0.305, np.nan), 1.0 * lit, axis_m, axis_m, 20.0)
-    >>> found = calibration.align_mesh(
-    ...     image, plate, correct_bias=False, search_deg=5.0, device="pocl")
+    >>> found = calibration.align_mesh(image, plate, correct_bias=False, search_deg=5.0)
     >>> np.abs(1e3 * found.shift_m).round()
     array([4., 0., 5.])
     """

@@ -36,37 +36,36 @@ IMAGE, MESH = "simulated image", "mesh"
 class Alignment:
     """Rigid motion of a simulated depth map, or of a mesh, onto a measured one.
 
+    docs/calibration.md has how to read it.
+
     Attributes
     ----------
     transform : ndarray, shape (4, 4), metres
         In the antenna frame: measured = transform . simulated, or mesh.
     rms_m : float
-        Amplitude-weighted root mean square distance of the inliers: of images along the measured
-        normals, of a mesh along the line of sight.
+        Distance of the inliers, weighted by amplitude: of images along the measured normals, of a
+        mesh along the line of sight.
     inlier_share : float
-        Fraction of the simulated amplitude on the measured surface, or of the measured amplitude on
-        the mesh.
+        Of the simulated amplitude on the measured surface, or of the measured one on the mesh.
     iterations : int
         Point-to-plane steps, or rounds of simulation.
     converged : bool
     covariance : ndarray, shape (6, 6)
-        Of a small further motion about `centre_m`: rotation vector (radians), translation (metres).
-        Along `degenerate_directions` the standard deviation is 1 m at the object's radius: unknown.
+        Of a further rotation vector (radians) and translation (metres) about `centre_m`, with a
+        standard deviation of 1 m along `degenerate_directions`.
     degenerate_directions : tuple of str
-        Unobservable degrees of freedom, constrained to no motion.
+        Unobservable, and constrained to no motion.
     centre_m : ndarray, shape (3,)
-        Median of the measured depth points by amplitude; of a mesh the mean of its visible surface
-        after `transform`.
+        Of the measured depth points, or of the mesh's visible surface after `transform`.
     moved : "simulated image" or "mesh"
-    likeness : float or None
-        Of a mesh: correlation of its rendering with the measured image, in decibels.
-    overlap : float or None
-        Of the mesh, simulated in the pose found, with the measurement (docs/metrics.md).
+    likeness, overlap : float or None
+        Of a mesh: correlation of its rendering with the image, in decibels; overlap
+        (docs/metrics.md) of its simulation there with the measurement.
     searched_deg : float or None
-        Of a mesh: the largest rotation about boresight of the search.
+        Largest rotation about boresight of a mesh's search.
     residual_ratio : float or None
-        Root mean square of the measurement's residuals relative to the scatter of simulations of
-        the mesh: 1 is noise, more widens `covariance`. None with too few simulations.
+        Of the measurement's residuals to the scatter of simulations of the mesh: 1 is noise, more
+        widens `covariance`. None with too few simulations.
     places : tuple of Place
         Where the residuals are largest, worst first.
     """
@@ -109,7 +108,7 @@ class Alignment:
 
     @property
     def rotation_vector(self) -> np.ndarray:
-        """Axis times angle of the rotation, shape (3,), radians."""
+        """Axis times angle of the rotation, shape (3,)."""
         return Rotation.from_matrix(self.transform[:3, :3].copy()).as_rotvec()
 
     @property

@@ -96,13 +96,15 @@ class Place:
     Attributes
     ----------
     position_m : ndarray, shape (3,)
-        On the measured surface, in the antenna frame.
+        On the measured surface.
     area_m2 : float
         Across the line of sight.
     ratio : float
         Root mean square of the residuals there, relative to the noise.
-    closer_m, brighter_db : float
-        By how much the measured surface is. `closer_m` is NaN where either has no depth.
+    closer_m : float
+        How much closer to the radar the measured surface is; NaN where either has no depth.
+    brighter_db : float
+        How much higher the measured power is.
 
     Examples
     --------

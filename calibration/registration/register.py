@@ -85,16 +85,16 @@ def register(
 
     >>> corners = [[-.02, -.02, .3], [.02, -.02, .3], [.02, .02, .3], [-.02, .02, .3]]
     >>> plate = clradar.Scene(corners, [[0, 1, 2], [0, 2, 3]], 0.5)
-    >>> radar = {"array": clradar.arrays.qar50().part(slice(None, None, 2), slice(None, None, 2)),
-    ...          "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16), "device": "pocl"}
-    >>> rays = {"samples_per_mm2": 6.0, "rays_per_sample": 4}
     >>> there = np.eye(4)
     >>> there[0, 3] = 0.004
+    >>> array = clradar.arrays.qar50().part(np.s_[::2], np.s_[::2])
+    >>> radar = {"array": array, "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16)}
+    >>> rays = {"samples_per_mm2": 6.0, "rays_per_sample": 4}
     >>> capture = clradar.simulate(plate.transformed(there), seed=9, **rays, **radar)
     >>> grid = clradar.VoxelGrid.from_extent((-0.036, 0.036), (-0.036, 0.036), (0.28, 0.32), 2e-3)
+    >>> image = clradar.backproject(capture, grid)
     >>> found = calibration.register(
-    ...     clradar.backproject(capture, grid, device="pocl"), plate,
-    ...     search_deg=5.0, tolerance_m=1e-3, max_rounds=4, **rays, **radar)
+    ...     image, plate, search_deg=5.0, tolerance_m=1e-3, max_rounds=4, **rays, **radar)
     >>> print(np.linalg.norm(found.alignment.shift_m - [0.004, 0, 0]) < 0.003)
     True
     """

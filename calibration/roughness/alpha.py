@@ -109,10 +109,9 @@ class AlphaEstimate:
     name : str
         Of the region; "all" for the whole mesh.
     interval : Interval
-        `median`, limits `low` and `high` of 68 % and `low95` and `high95` of 95 %; `bounded_below`
-        and `bounded_above`, where the swept range limits it.
+        `median`, limits `low` and `high` of 68 %, `low95` and `high95` of 95 %; `bounded_below` and
+        `bounded_above` where the swept range ends.
     alphas, probability : ndarray, shape (1001,)
-        Values of the swept range and their probability.
     fit : Fit
         `statistics`, `measured` and `fitted`, with their `spread`; `probability` of as bad a fit.
     """

@@ -41,14 +41,14 @@ class RoughnessEstimate:
 
     Attributes
     ----------
+    name, fit
+        As of `AlphaEstimate`.
     roughness_m, correlation_m, slope : Interval
         Of the height's root mean square h, of l (one value where it was given), and of sqrt(2) h/l;
         as `AlphaEstimate.interval`.
     heights_m, lengths_m : ndarray, shape (n_heights,) and (n_lengths,)
     probability : ndarray, shape (n_heights, n_lengths)
-        Of each pair; they add up to 1. Before the measurement equal ratios are equally likely.
-    name, fit
-        As of `AlphaEstimate`.
+        Of each pair; before the measurement equal ratios are equally likely.
     """
 
     name: str

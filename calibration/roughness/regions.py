@@ -32,7 +32,7 @@ class Regions:
     face : array_like, shape (n_faces,), int32
         Index into `names`; every region has a face.
     names : tuple of str
-        Two or more, unique.
+        Two or more.
 
     Examples
     --------
@@ -59,15 +59,15 @@ class Regions:
 
     @classmethod
     def of_labels(cls, labels: Sequence[Any] | np.ndarray) -> Regions:
-        """From one label per face, whole numbers or strings."""
+        """Make regions of one label per face, whole numbers or strings."""
         values, face = np.unique(np.asarray(labels), return_inverse=True)
         return cls(face.reshape(-1), tuple(str(value) for value in values))
 
     @classmethod
     def of_parts(cls, scene: Scene, groups: Mapping[str, Sequence[str]] | None = None) -> Regions:
-        """From the named parts of a scene, or from groups of them.
+        """Make regions of the named parts of a scene, or of groups of them.
 
-        `groups` maps a region's name to the names of its parts, every part exactly once.
+        `groups` maps a region to the names of its parts, every part once.
         """
         part = np.asarray(scene.part)
         # Without the names that no face has.
@@ -85,7 +85,7 @@ class Regions:
 
     @classmethod
     def read(cls, path: str | Path, scene: Scene) -> Regions:
-        """From a file: a label per face (.npy, .json), or names of parts by region (.json)."""
+        """Read a label per face (.npy, .json), or names of parts by region (.json)."""
         path = Path(path)
         expected = "'parts', 'fingers', or a .npy or .json file with a label for each face"
         content = read_bytes(path, expected, LIMIT_BYTES)
@@ -105,7 +105,7 @@ class Regions:
 
     @classmethod
     def of_fingers(cls, scene: Scene) -> Regions:
-        """Palm and fingers of a hand with the parts palm, thumb, index, middle, ring, pinky."""
+        """Make the regions palm and fingers of the parts of a hand."""
         names = set(scene.part_names)
         if PALM not in names or not names & set(DIGITS) or names - {PALM, *DIGITS}:
             expected = f"a hand with the parts {[PALM, *DIGITS]}"

@@ -64,7 +64,7 @@ class RoughnessSweep(Estimates):
     seeds : tuple of int
         First and last.
     gain_db : Interval
-        Of the measurement over the simulations; 0 if it is calibrated.
+        Of the measurement over the simulations.
     calibrated : bool
     """
 
@@ -131,12 +131,11 @@ def sweep_roughness(
     correlation_m : float or array_like, shape (n_lengths,)
         Correlation lengths l, ascending. A single one is taken for known.
     seeds : int
-        Simulations for each pair, each with its own seed from that of the settings upwards; 30 in
-        all at least.
+        Simulations for each pair, each with a seed of its own; 30 in all at least.
     calibrated : bool
         The capture is in S-parameters, and antennas and materials are right: the level counts, too.
         Otherwise its gain is found, one for all regions.
-    regions, device, store, progress, settings, **fields
+    regions, device, store, settings, **fields
         As of `sweep`, of the physical estimator.
 
     Raises
@@ -152,14 +151,13 @@ def sweep_roughness(
     >>> warnings.simplefilter("ignore", clradar.ClradarWarning)  # of a coarse surface
     >>> plate = trimesh.creation.box((0.04, 0.04, 0.001)).apply_translation([0, 0, 0.3])
     >>> scene = clradar.Scene.from_mesh(plate)
-    >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 8)
+    >>> array = clradar.arrays.qar50().part(np.s_[::12], np.s_[::12])
     >>> rough = clradar.Material(
     ...     "rough", conductor=True, roughness_rms_m=0.2e-3, correlation_length_m=3e-3)
     >>> capture = clradar.simulate(
-    ...     scene.with_material(rough), array, waveform, estimator="physical", seed=102)
-    >>> found = calibration.sweep_roughness(
-    ...     capture, scene, [0.1e-3, 0.2e-3, 0.4e-3], [2e-3, 5e-3], seeds=5)
+    ...     scene.with_material(rough), array, clradar.Waveform.sfcw(72e9, 82e9, 8), seed=102)
+    >>> heights_m, lengths_m = [0.1e-3, 0.2e-3, 0.4e-3], [2e-3, 5e-3]
+    >>> found = calibration.sweep_roughness(capture, scene, heights_m, lengths_m, seeds=5)
     >>> height = found.estimates[0].roughness_m
     >>> bool(height.low95 < 0.2e-3 < height.high95)
     True

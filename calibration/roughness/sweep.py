@@ -62,7 +62,7 @@ class Sweep(Estimates):
         That of the whole mesh, `estimate`, then those of the `regions`.
     measured : DepthMap
     images : tuple of DepthMap or None
-        One per alpha, of the first seed.
+        Of each alpha and the first seed.
     """
 
     wanted: ClassVar[str] = "alpha"
@@ -84,7 +84,7 @@ class Sweep(Estimates):
 
     @property
     def nearest(self) -> int:
-        """Index of the simulated alpha nearest to that of the whole mesh."""
+        """Index of the simulated alpha nearest to the estimate."""
         return int(np.argmin(np.abs(self.alphas - self.estimate.alpha)))
 
     def of(self, metric: str) -> np.ndarray:
@@ -156,16 +156,15 @@ def sweep(
     device : Where, Device, str, sequence of str or None
         Several of one kind ("all") share the images, to the same bits.
     store : mutable mapping, optional
-        Keeps images as they are simulated, so that an interrupted sweep resumes to the same bits;
-        those of other arguments are passed over.
+        Keeps images as they are simulated, so that an interrupted sweep resumes to the same bits.
     settings, **fields
         Of `clradar.SimulationSettings`.
 
     Raises
     ------
     CompareError
-        The measured image is zero or has no depth; the mesh lies outside of it; a region is not
-        visible or too small; or no ray reaches a receiver.
+        The measured image has no depth; the mesh lies outside of it; a region is not visible or too
+        small; or no ray reaches a receiver.
 
     Examples
     --------
@@ -174,13 +173,12 @@ def sweep(
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(4, 0.04)
     >>> scene = clradar.Scene(ball.vertices + [0, 0, 0.3], ball.faces)
-    >>> array = clradar.arrays.qar50().part(slice(None, None, 4), slice(None, None, 4))
-    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)
-    >>> radar = {"array": array, "waveform": waveform, "device": "pocl"}
+    >>> array = clradar.arrays.qar50().part(np.s_[::4], np.s_[::4])
+    >>> radar = {"array": array, "waveform": clradar.Waveform.sfcw(72e9, 82e9, 16)}
     >>> rays = {"samples_per_mm2": 2, "reception_radius_m": 0.02, "estimator": "stochastic"}
     >>> capture = clradar.simulate(scene.with_alpha(0.4), **radar, **rays, seed=9)
     >>> grid = clradar.VoxelGrid.from_extent((-0.06, 0.06), (-0.06, 0.06), (0.252, 0.32), 4e-3)
-    >>> image = clradar.backproject(capture, grid, check_grid=False, device="pocl")
+    >>> image = clradar.backproject(capture, grid, check_grid=False)
     >>> found = calibration.sweep(image, scene, [0.1, 0.3, 0.5, 0.7], seeds=2, **radar, **rays)
     >>> bool(abs(found.estimate.alpha - 0.4) < 3 * found.estimate.uncertainty)
     True

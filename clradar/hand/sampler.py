@@ -78,11 +78,10 @@ def pose_around(
     """Draw a plausible pose around another one.
 
     Flexions of the fingers and all angles of the thumb deviate by `spread_deg` (standard deviation,
-    0 to 45 degrees), abductions of the fingers by 7/12 and the arch of the palm by 5/12 of it, with
-    the middle joint and the knuckle of a finger correlated by 0.6. Twists of the fingers and the
-    wrist stay. Angles are within the limits, and no parts penetrate more than in `random_pose`, or
-    than in `pose` itself: digits are drawn one at a time, six times over, and kept if they fit
-    (Metropolis within Gibbs).
+    0 to 45), abductions of the fingers by 7/12 and the arch of the palm by 5/12 of it; middle joint
+    and knuckle of a finger are correlated by 0.6. Twists of the fingers and the wrist stay. No
+    parts penetrate more than in `random_pose`, or than in `pose` itself: digits are drawn one at a
+    time, six times over, and kept if they fit (Metropolis within Gibbs).
 
     Examples
     --------

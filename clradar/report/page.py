@@ -49,7 +49,7 @@ below the maximum."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportImage:
-    """An image of a report: its name, where it is from, and its settings, None for its own."""
+    """An image of a report with its name, source and settings (types of JSON; None: its own)."""
 
     label: str
     image: Volume | DepthMap
@@ -71,8 +71,8 @@ def html_report(
 
     The images are on the same pixels; `metrics` has one for each simulated one, None computes them
     with `clradar.compare`. `notes` are paragraphs below the title, `settings` those of the
-    comparison. The same arguments give the same text, to be written as UTF-8. It loads nothing, and
-    texts of untrusted files are escaped.
+    comparison, in types of JSON. The same arguments give the same text, to be written as UTF-8. It
+    loads nothing, and texts of untrusted files are escaped.
 
     Examples
     --------
@@ -80,8 +80,8 @@ def html_report(
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
     >>> near, far = (clradar.DepthMap(0 * spot + z_m, spot, x_m, x_m) for z_m in (0.300, 0.302))
-    >>> images = ReportImage("measured", near), [ReportImage("alpha = 0.3", far)]
-    >>> "overlap" in clradar.report.html_report(*images)
+    >>> page = clradar.report.html_report(ReportImage("measured", near), [ReportImage("far", far)])
+    >>> "overlap" in page
     True
     """
     dynamic_range_db = checks.dynamic_range("html_report: dynamic_range_db", dynamic_range_db)

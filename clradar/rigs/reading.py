@@ -44,11 +44,10 @@ def read_rig(
         The node of each joint, for glTF files whose joints have no WebXR names: a TOML file with a
         table ``[joints]``, or WebXR name -> name or number of a node.
     unit : "m", "cm", "mm", "inch", or a number, metres, optional
-        The file's unit of length, metres by default. Another one that a hand's size shows is an
-        error.
+        The file's unit of length, metres by default.
     handedness : "right" or "left", optional
         Of the hand, or of the one to read of two. By default from the names of joints and file,
-        else right; joint positions that show the other one are an error.
+        else right.
     betas : sequence of float, optional
         Shape of a MANO hand; the remaining ones are 0.
 

@@ -50,7 +50,9 @@ class PoseBlend(Record):
 class Rig(Record):
     """A rigged hand at rest, in metres, in the frame of `clradar.hand`'s right hand.
 
-    Parameters
+    `read_rig` makes one.
+
+    Attributes
     ----------
     label : str
         The file it came from.
@@ -58,17 +60,15 @@ class Rig(Record):
         Left hands are stored as their mirror image and mirrored again when they are posed.
     unit_m : float
         The file's unit of length.
-    axes : array_like, shape (3, 3)
+    axes : ndarray, shape (3, 3)
         Orthogonal: from the file's directions to this frame.
-    joints_m : array_like, shape (25, 3)
-        In the order of `JOINT_NAMES`; NaN where the rig has none.
-    frames : array_like, shape (25, 3, 3)
-        Axes of the bones at rest, as `clradar.hand.Skeleton.frames`.
-    faces : array_like, shape (F, 3), int32
+    joints_m, frames : ndarray, shape (25, 3) and (25, 3, 3)
+        As of `clradar.hand.Skeleton`, at rest; joints that the rig has not are NaN.
+    faces : ndarray, shape (F, 3), int32
     skin : Skin
         Of the vertices, in the coordinates of joints at rest.
-    blend : PoseBlend, optional
-        Of MANO.
+    blend : PoseBlend or None
+        Offsets of MANO.
     ignored : tuple of str
         Meshes of the file that do not belong to the hand.
     """
@@ -140,7 +140,7 @@ class Rig(Record):
         return right.moved(mirror, centre_m - mirror @ middle_m)
 
     def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
-        """Return the joints (25, 3) after such rotations about the wrist at rest."""
+        """Return the joints (25, 3) after rotations as of `turned`; NaN for none."""
         known, parents = self.known, parents_of(self.known)
         places_m = np.full_like(self.joints_m, np.nan)
         places_m[WRIST] = self.joints_m[WRIST]

@@ -47,15 +47,14 @@ def open_with_layout(
     path : path-like
         An HDF5, MATLAB (v5 or v7.3), `.npz` or plain `.npy` file; its content decides which.
     layout : path-like or Layout
-        A TOML file with the keys, axes and units of the file (docs/layouts.md).
+        The keys, axes and units of the file (docs/layouts.md).
     frame : int, optional
         Index on the axis "frame", if the layout has one; 0 if not given.
 
     Returns
     -------
     Capture
-        In the antenna frame and with clradar's sign of the phase. `meta` has the settings of the
-        layout, and under `file` the keys that it asks for.
+        In the antenna frame and with clradar's sign of the phase; `meta` has the layout.
 
     Examples
     --------

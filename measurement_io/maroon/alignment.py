@@ -72,7 +72,7 @@ class SensorAlignment:
     ----------
     path : str
     given : mapping of (source, target) to ndarray, shape (4, 4)
-        The transforms that the file holds: p_target = T p_source.
+        What the file holds: p_target = T p_source.
     unknown_keys : tuple of str
         Keys that are no transforms, and were not read.
     """
@@ -91,8 +91,8 @@ class SensorAlignment:
         """Return the 4 x 4 matrix from `source` to `target`, in the units of the two.
 
         Names are as in the file: "radar" (metres, mirrored in x), "photogrammetry" (metres),
-        "kinect", "zed", "realsense" (millimetres). Where the file has no "<source>2<target>", by
-        way of the radar, or inverted.
+        "kinect", "zed", "realsense" (millimetres). What is not given goes by way of the radar, or
+        is inverted.
         """
         checks.text("SensorAlignment.transform: source", source)
         checks.text("SensorAlignment.transform: target", target)
@@ -165,9 +165,9 @@ def _pair(key: str) -> tuple[str, str] | None:
 def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
     """Return the matrix of a JSON file, shape (4, 4), metres.
 
-    The file holds four rows of four numbers or sixteen numbers in that order, or an object whose
-    "transform" is one of the two. Of an `alignment.json` it is the matrix that moves the
-    recording's own meshes into the antenna frame.
+    The file holds four rows of four numbers, sixteen numbers, or an object whose "transform" is one
+    of the two. Of an `alignment.json` it is the matrix that moves the recording's own meshes into
+    the antenna frame.
 
     Examples
     --------

@@ -116,9 +116,8 @@ def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
 
     Depths are whole millimetres in the file; 0 becomes NaN. The amplitude is that of `maxproj`
     where there is one, else 1 where there is a depth. The pixels lie where `calibration.json` has
-    them, in `volume` or in `depth` of the frame (`bb_min`, `bb_max`, `grid_size`, both ends
-    included), or by `depth: intrinsics`; an entry `depth: transform` means rows that run upwards.
-    The dynamic range is that file's threshold, or the default.
+    them, in `volume` or `depth` of the frame (`bb_min`, `bb_max`, `grid_size`, both ends included),
+    or by `depth: intrinsics`; `depth: transform` means rows that run upwards.
 
     Examples
     --------
@@ -127,7 +126,7 @@ def read_depth_map(radar: str | os.PathLike[str], number: int) -> DepthMap:
     >>> from PIL import Image
     >>> radar = Path("plate/30/radar_72.0_82.0_3")
     >>> (radar / "depth").mkdir(parents=True)
-    >>> Image.fromarray(np.array([[300, 0]], np.uint16)).save(radar / "depth" / "000000.png")
+    >>> Image.fromarray(np.array([[300, 0]], np.uint16)).save(radar / "depth/000000.png")
     >>> grid = {"bb_min": [-0.1, 0.0], "bb_max": [0.1, 0.0], "grid_size": [2, 1]}
     >>> _ = (radar / "calibration.json").write_text(json.dumps({"000000": {"depth": grid}}))
     >>> depth = measurement_io.read_depth_map(radar, 0)

@@ -52,8 +52,7 @@ def open_recording(
     Examples
     --------
     >>> radar = measurement_io.save_recording("plate/30", frames)
-    >>> recording = measurement_io.open_recording("plate/30")
-    >>> [float(abs(capture.data.real).max()) for capture in recording]
+    >>> [float(frame.data[0, 0, 0].real) for frame in measurement_io.open_recording("plate/30")]
     [1.0, 2.0, 3.0]
     """
     source = Path(path)
@@ -127,10 +126,9 @@ class _Files:
 class Recording(Sequence[Capture]):
     """The frames of a recording, read on access; made by `open_recording`.
 
-    ``recording[i]`` is the i-th frame that is there: numbers of frames (`frame_numbers`,
-    ``capture.meta["frame"]``) can have gaps. A slice is a recording of some frames, and reads
-    nothing. Nothing that was read is kept. A frame that is damaged, or has other frequencies than
-    the first, raises `MeasurementError` on access; the others can still be read.
+    ``recording[i]`` is the i-th frame that is there: `frame_numbers` can have gaps. A slice is a
+    recording of some frames, and reads nothing. Nothing that was read is kept. A frame that is
+    damaged, or has other frequencies than the first, raises `MeasurementError` on access.
     """
 
     def __init__(self, files: _Files, variant: str, numbers: tuple[int, ...] | None = None) -> None:
@@ -181,7 +179,7 @@ class Recording(Sequence[Capture]):
 
     @property
     def frame_numbers(self) -> tuple[int, ...]:
-        """The number of every frame, as its file is named."""
+        """The numbers of the files of the frames."""
         return self._numbers
 
     @property
@@ -201,9 +199,9 @@ class Recording(Sequence[Capture]):
 
     @property
     def timestamps_us(self) -> tuple[int | float | None, ...]:
-        """Time stamp of every frame; None where it has none or its file cannot be read.
+        """Time stamp of every frame; None where it has none or cannot be read.
 
-        Every use reads the files of all frames: keep what it returns.
+        Every use reads all files: keep what it returns.
         """
         return tuple(self._files.time_stamp(self._variant, number) for number in self._numbers)
 
@@ -219,7 +217,7 @@ class Recording(Sequence[Capture]):
 
     @property
     def metadata(self) -> RecordingMetadata | None:
-        """The content of `metadata.json`, if there is one."""
+        """Content of `metadata.json`, if there is one."""
         from measurement_io.maroon.metadata import read_metadata
 
         found: RecordingMetadata | None = self._files.beside(METADATA_FILE, read_metadata)
@@ -227,7 +225,7 @@ class Recording(Sequence[Capture]):
 
     @property
     def alignment(self) -> SensorAlignment | None:
-        """The transforms of `alignment.json`, if there is one."""
+        """Transforms of `alignment.json`, if there is one."""
         from measurement_io.maroon.alignment import read_alignment
 
         found: SensorAlignment | None = self._files.beside(ALIGNMENT_FILE, read_alignment)

@@ -76,9 +76,8 @@ def save_recording(
     path : path-like
         The `<object>/<distance>` folder; made where it is missing.
     captures : iterable of Capture
-        All of one array and waveform; they get the numbers 0, 1, 2 ... Where neither the iterable
-        nor the time stamps have a length, each frame is written twice: it names how many there are.
-        The total of `progress` then is 0.
+        All of one array and waveform, numbered from 0. Without a length of the iterable or the time
+        stamps, each frame is written twice: it names how many there are.
     variant : {"raw", "emptyfiltered"}
         What `captures` are.
     emptyfiltered : iterable of Capture, optional
