@@ -271,14 +271,14 @@ def _channels_facts(channels: ChannelCalibration) -> list[Fact]:
             continue
         gain_db = 20 * np.log10(gain[live])
         delay_s = getattr(channels.response, f"{side}_delay_s")[live]
-        value = {
-            "count": int(gain_db.size),
-            "gain_db": [float(gain_db.min()), float(gain_db.max())],
-            "delay_s": [float(delay_s.min()), float(delay_s.max())],
-        }
+        ends = {"gain_db": gain_db, "delay_s": delay_s}
+        value: dict[str, Any] = {n: [float(v.min()), float(v.max())] for n, v in ends.items()}
+        noise_db = 20 * np.log10(np.median(getattr(channels, f"{side}_noise")[live]) + 1e-30)
+        value |= {"count": int(gain_db.size), "noise_db": float(noise_db)}
         text = (
-            f"{gain_db.size}: gains {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, delays "
-            f"{1e12 * delay_s.min():+.2f} to {1e12 * delay_s.max():+.2f} ps"
+            f"{gain_db.size} of {gain.size}: gain {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, "
+            f"noise {noise_db:.1f} dB, delay {1e12 * delay_s.min():+.2f} to "
+            f"{1e12 * delay_s.max():+.2f} ps"
         )
         facts.append(Fact(f"live {side.title()}", text, value))
     for name, number in channels.target_position.items():

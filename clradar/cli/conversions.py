@@ -18,7 +18,7 @@ from clradar.cli.outputs import (
     provenance,
     save,
 )
-from clradar.errors import MeasurementError, ModelError, OutputError
+from clradar.errors import MeasurementError, ModelError
 from clradar.files.failures import fail
 
 
@@ -33,9 +33,6 @@ def write_captures(
     there = frames(find_radar_folder(source)) if source.is_dir() else {}
     first = variant or next((name for name, found in there.items() if found), "raw")
     recording = open_recording(source, variant=first, **opt.arguments_of(antennas))
-    place, radar = output.resolve(), recording.path.resolve()
-    if radar in (place, *place.parents):
-        raise OutputError(f"{output}: lies in the recording that is read; choose another folder")
     variants = recording.variants if variant is None else (variant,)
     views = {name: recording.with_variant(name) for name in variants}
     files = {
@@ -62,8 +59,8 @@ def write_captures(
                 progress(done, len(files))
         if len(written) < len(files):
             raise MeasurementError(f"{source}: {len(written)} of {len(files)} frames converted")
-    counts = ", ".join(f"{len(view)} {name}" for name, view in views.items())
-    print_line(f"{output}: {counts} frames, {written[0]} to {written[-1]}")
+    counts = ", ".join(counted(len(view), f"{name} frame") for name, view in views.items())
+    print_line(f"{output}: {counts}, {written[0]} to {written[-1]}")
 
 
 def write_recording(sources: Sequence[Path], output: Path, antennas: opt.AntennaOptions) -> None:

@@ -108,8 +108,7 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
         if several and volume:
             raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
         wrong = {"--method": self.iterated, "--dbsm": files.dbsm, "--absolute": self.absolute}
-        if several and any(wrong.values()):
-            name = next(name for name, is_wrong in wrong.items() if is_wrong)
+        for name in (name for name, is_wrong in wrong.items() if several and is_wrong):
             raise opt.wrong_usage(name, "expected with a single capture, not with several")
         if files.dbsm and not (self.absolute or content.absolute):
             raise MeasurementError(
@@ -117,9 +116,8 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
                 "scale; --absolute says that they are S-parameters"
             )
         chosen = {**opt.given(self), "-o": files.output, **others}
-        names = [name for name, value in chosen.items() if value is not None]
-        if volume and names:
-            raise opt.wrong_usage(names[0], "the input is a volume, which is an image already")
+        for name in (name for name, value in chosen.items() if volume and value is not None):
+            raise opt.wrong_usage(name, "the input is a volume, which is an image already")
 
 
 def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:

@@ -60,7 +60,7 @@ page = ends_in(".html", ".htm")
 
 def figure(option: str, path: Path) -> Path:
     """A check of the name of a figure."""
-    from clradar.plot import SUFFIXES
+    from clradar.plot.saving import SUFFIXES
 
     return ends_in(*SUFFIXES)(option, path)
 
@@ -214,8 +214,8 @@ def ascending(
     return read
 
 
-def chosen_frames(text: str, there: Sequence[int], option: str = "--frames") -> list[int]:
-    """The frames, or what else has numbers, that an option chooses of those that are there."""
+def chosen_frames(text: str, there: Sequence[int]) -> list[int]:
+    """The frames that --frames chooses of those that are there."""
     if text.strip() == ALL:
         return list(there)
     try:
@@ -228,10 +228,10 @@ def chosen_frames(text: str, there: Sequence[int], option: str = "--frames") -> 
             chosen = sorted({int(part) for part in text.split(",")})
     except ValueError:
         raise wrong_usage(
-            option, f"expected all, {RANGE} or numbers with commas, got '{text}'"
+            "--frames", f"expected all, {RANGE} or numbers with commas, got '{text}'"
         ) from None
     if not chosen or not set(chosen) <= set(there):
         raise ModelError(
-            f"{option}: expected some of the {option[2:]} {there[0]} to {there[-1]}, got '{text}'"
+            f"--frames: expected some of the frames {there[0]} to {there[-1]}, got '{text}'"
         )
     return chosen

@@ -73,7 +73,15 @@ class RecordingWork:
             if not finished or len(self._done()) < len(self.numbers):
                 job.clear([RESULT])
                 self._prepare()
-                self._frames(job)
+                with progress_bar("frames") as progress:
+                    for _ in job.each(
+                        self.steps, self.numbers, self.where,
+                        done=lambda number: record_file(folder, number).is_file(),
+                        name=lambda number: f"frame {number}: ",
+                        tolerated=lambda error: not isinstance(error, MISSED),
+                        progress=progress, say=print_line, noun="frame",
+                    ):  # fmt: skip
+                        pass
                 if not self._done():
                     raise MeasurementError(f"{self.source.path}: no frame could be processed")
             records = [read_json_object(record_file(folder, number)) for number in self._done()]
@@ -133,17 +141,6 @@ class RecordingWork:
                 continue
             return grid_for(capture, self.voxels, steps.device)
         raise failures[0]
-
-    def _frames(self, job: Job) -> None:
-        with progress_bar("frames") as progress:
-            for _ in job.each(
-                self.steps, self.numbers, self.where,
-                done=lambda number: record_file(job.folder, number).is_file(),
-                name=lambda number: f"frame {number}: ",
-                tolerated=lambda error: not isinstance(error, MISSED),
-                progress=progress, say=print_line, noun="frame",
-            ):  # fmt: skip
-                pass
 
     def _hands(self, records: Sequence[Record]) -> list[FrameFit] | None:
         """The hands of the frames, each fitted from the one before, here; None if impossible."""

@@ -66,36 +66,6 @@ def digit_rows(fit: HandFit) -> list[list[str]]:
     return rows
 
 
-def print_channels(channels: cl.ChannelCalibration) -> None:
-    """Print gains and delays of both sides, and the target's position."""
-    rows = []
-    for side in ("tx", "rx"):
-        gain = getattr(channels.response, f"{side}_gain")
-        live = gain != 0
-        delay_ps = 1e12 * getattr(channels.response, f"{side}_delay_s")[live]
-        delay_ps, mean_ps = (np.round(v, 2) + 0.0 for v in (delay_ps, delay_ps.mean()))  # not -0.0
-        gain_db = 20 * np.log10(np.abs(gain[live]))
-        noise_db = 20 * np.log10(np.median(getattr(channels, f"{side}_noise")[live]) + 1e-30)
-        listed = [getattr(channels, f"{state}_{side}").tolist() for state in ("dead", "noisy")]
-        rows.append(
-            [
-                side.title(), f"{gain_db.size} of {gain.size}",
-                *(" ".join(map(str, found)) or "none" for found in listed),
-                f"{gain_db.min():+.2f} to {gain_db.max():+.2f}", f"{mean_ps:+.2f}",
-                f"{delay_ps.min():+.2f} to {delay_ps.max():+.2f}", f"{noise_db:.1f}",
-            ]
-        )  # fmt: skip
-    columns = ("", "live", "dead", "noisy", "gain (dB)", "mean delay (ps)", "delay (ps)")
-    print_table([*columns, "noise (dB)"], rows)
-    parts = []
-    for name, value in channels.target_position.items():
-        what, unit = name.rsplit("_", 1)
-        scale, shown = (1e3, " mm") if unit == "m" else (1.0, "°")
-        at, std = round(scale * value, 3) + 0.0, scale * channels.target_std[name]
-        parts.append(f"{what} {at:.3f}{shown} ± {std:.3f}{shown}")
-    print_line(f"{channels.target}: {', '.join(parts)}")
-
-
 def print_sweep(result: Estimates) -> None:
     """Print the metrics of each alpha, if that is swept, as means over the seeds; the estimates."""
     from calibration import Sweep

@@ -38,13 +38,11 @@ def scratch_folder() -> Iterator[Path]:
     """A folder for the time of the block; those of processes that were killed are removed, too."""
     for left in Path(tempfile.gettempdir()).glob(f"{SCRATCH}*"):
         with suppress(OSError):
-            if os.access(left / LOCK, os.W_OK):
-                lock = locked(left / LOCK, wait_s=0)
-                if lock is not None:
-                    for semaphore in Path("/dev/shm").glob(f"sem.{left.name}-*"):
-                        semaphore.unlink(missing_ok=True)
-                    shutil.rmtree(left, ignore_errors=True)
-                    unlock(lock)
+            if os.access(left / LOCK, os.W_OK) and (lock := locked(left / LOCK, wait_s=0)):
+                for semaphore in Path("/dev/shm").glob(f"sem.{left.name}-*"):
+                    semaphore.unlink(missing_ok=True)
+                shutil.rmtree(left, ignore_errors=True)
+                unlock(lock)
     folder = Path(tempfile.mkdtemp(prefix="clradar-"))
     lock = locked(folder / LOCK)
     if sys.platform != "win32":  # where no folder with an open file can get another name

@@ -294,7 +294,7 @@ def test_all_frames(cli, recording):
     Path("kept/000001.h5").write_bytes(b"precious")
     outcome = cli.ok("convert hand/30 -o a --all-frames")
     assert outcome.err == ""
-    assert "2 raw, 2 emptyfiltered frames" in outcome.out
+    assert "2 raw frames, 2 emptyfiltered frames" in outcome.out
     assert names("a") == NAMES
     for name in NAMES:
         recorded = open_capture(recording / DATA / f"{name}.npy")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from clradar.cli import options as opt, parse, tables
-from clradar.cli.console import print_line, progress_bar
+from clradar.cli import options as opt, parse
+from clradar.cli.console import print_text, progress_bar
 from clradar.cli.inputs import title_of
 from clradar.cli.outputs import write
 
@@ -32,16 +32,15 @@ def command(
     """
     from calibration import estimate_channels
     from calibration.channels.figure import channels_figure
+    from measurement_io.record_facts import Description, facts_of
 
     known = target.read()
     loaded = opt.open_frame(capture, frames)
     with progress_bar("fitting channels") as progress:
         channels = estimate_channels(loaded, known, progress=progress, **estimate.settings())
-    write(output, channels)
-    tables.print_channels(channels)
-    print_line(
-        f"{output}: {channels.residual_db:.1f} dB of the echoes is left, "
-        f"{channels.noise_residual_db:.1f} dB by noise"
-    )
+    channels = write(output, channels)
+    facts = facts_of(channels)
+    first = [fact.name for fact in facts].index("dead Tx")  # what is before is of the capture, too
+    print_text(str(Description(str(output), "channels", tuple(facts[first:-1]))))
     figure = partial(channels_figure, channels, title_of(capture, loaded.meta))
     write(plot, figure, "gains, phases and delays")

@@ -466,7 +466,7 @@ def test_commands(cli, truth, monkeypatch):
     labels = [one.get_ylabel() for one in axes[::2]]
     assert labels == ["gain (dB)", "phase (degrees)", "delay (ps)"]
     assert "1 dead" in axes[0].get_title()
-    for words in ("23 of 24", "plate: distance ", "mm, tilt_x ", "channels.png"):
+    for words in ("23 of 24", "plate distance  ", "plate tilt_x ", "channels.png"):
         assert words in out
     channels = open_channels("channels.h5")
     assert channels.meta["command"] == "channels"
