@@ -46,7 +46,7 @@ class Alignment:
         Root mean square distance of the inliers, weighted by amplitude: of images along the
         measured normals, of a mesh along the line of sight.
     inlier_share : float
-        Share of the simulated amplitude on the measured surface, or of the measured one on the mesh.
+        Of the simulated amplitude on the measured surface, or of the measured one on the mesh.
     iterations : int
         Point-to-plane steps, or rounds of simulation.
     converged : bool
