@@ -29,7 +29,7 @@ def clean(
     gate : mapping, optional
         Arguments of `range_gate`.
     channels, mask
-        As of `correct`.
+        `calibration` and `mask` of `correct`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The documentation site: `make docs` builds it, warnings are errors (docs/documentation.md)."""
+"""The documentation site: `make docs` builds it, warnings are errors (CONTRIBUTING.md)."""
 
 from __future__ import annotations
 

@@ -43,8 +43,8 @@ class Alignment:
     transform : ndarray, shape (4, 4), metres
         In the antenna frame: measured = transform . simulated, or mesh.
     rms_m : float
-        Distance of the inliers, weighted by amplitude: of images along the measured normals, of a
-        mesh along the line of sight.
+        Root mean square distance of the inliers, weighted by amplitude: of images along the
+        measured normals, of a mesh along the line of sight.
     inlier_share : float
         Of the simulated amplitude on the measured surface, or of the measured one on the mesh.
     iterations : int

@@ -14,8 +14,9 @@ from clradar.dataset.sample import Sample
 from clradar.dataset.shards import read_sample
 from clradar.files.atomic import write_file
 from clradar.hand import JOINT_NAMES
-from clradar.plot import AMPLITUDE_BACKGROUND, png_bytes
 from clradar.plot.layout import new_figure
+from clradar.plot.panels import AMPLITUDE_BACKGROUND
+from clradar.plot.saving import png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

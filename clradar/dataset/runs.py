@@ -80,8 +80,7 @@ def run(
     Warns
     -----
     ClradarWarning
-        Samples were made with other versions or on another device, are probably not as intended, or
-        were set aside.
+        Samples are of other versions or devices, probably not as intended, or were set aside.
 
     Examples
     --------

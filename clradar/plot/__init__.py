@@ -8,24 +8,16 @@ from clradar.plot.array import array_figure
 from clradar.plot.captures import capture_figure, recording_figure
 from clradar.plot.comparison import comparison_figure
 from clradar.plot.figures import image_figure, panels_figure
-from clradar.plot.layout import printable
-from clradar.plot.panels import AMPLITUDE_BACKGROUND, DEPTH_BACKGROUND, depth_limits_mm
-from clradar.plot.saving import SUFFIXES, png_bytes, save_figure
+from clradar.plot.saving import save_figure
 from clradar.plot.views import plane_of
 
 __all__ = [
-    "AMPLITUDE_BACKGROUND",
-    "DEPTH_BACKGROUND",
-    "SUFFIXES",
     "array_figure",
     "capture_figure",
     "comparison_figure",
-    "depth_limits_mm",
     "image_figure",
     "panels_figure",
     "plane_of",
-    "png_bytes",
-    "printable",
     "recording_figure",
     "save_figure",
 ]

@@ -178,7 +178,7 @@ def draw_frame(
 
 
 def depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
-    """Return the depths that the colour scale of these images spans, whole millimetres."""
+    """The depths that the colour scale of these images spans, whole millimetres."""
     depths_mm = np.concatenate([1e3 * image.depth_m[image.mask] for image in images])
     # Rounded first: 0.3 m is 299.999999… mm.
     low, high = np.round(np.percentile(depths_mm, DEPTH_PERCENTILES), 6)

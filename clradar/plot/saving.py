@@ -42,7 +42,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
 
 
 def png_bytes(figure: Figure, *, dpi: float = DPI) -> bytes:
-    """Return a figure as a PNG with `dpi` dots per inch; the same figure, the same bytes."""
+    """A figure as a PNG with `dpi` dots per inch; the same figure, the same bytes."""
     stream = io.BytesIO()
     _render(figure, stream, ".png", dpi)
     return stream.getvalue()

@@ -14,9 +14,10 @@ from clradar.compare import Metrics, compare, depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
-from clradar.plot import comparison_figure, image_figure, png_bytes
+from clradar.plot import comparison_figure, image_figure
 from clradar.plot.comparison import NOTE
 from clradar.plot.panels import amplitude_scale, colours_of, depth_scale
+from clradar.plot.saving import png_bytes
 from clradar.plot.views import FRONT, rcs_image, view_of
 from clradar.report.tables import escaped, image_facts, metrics_section, script_json, settings_table
 from clradar.report.view_data import Cloud, base64_of, clouds, panel_places, slice_data, view_data
@@ -132,9 +133,8 @@ def image_report(
     --------
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))
-    >>> image = clradar.DepthMap(0 * spot + 0.3, spot, x_m, x_m)
-    >>> page = clradar.report.image_report(clradar.report.ReportImage("spot", image))
-    >>> "at x = 0.0, y = 0.0, z = 300.0 mm" in page
+    >>> image = clradar.report.ReportImage("spot", clradar.DepthMap(0 * spot + 0.3, spot, x_m, x_m))
+    >>> "at x = 0.0, y = 0.0, z = 300.0 mm" in clradar.report.image_report(image)
     True
     """
     dynamic_range_db = checks.dynamic_range("image_report: dynamic_range_db", dynamic_range_db)

@@ -12,8 +12,8 @@ import numpy as np
 
 from clradar.compare import clipped_db
 from clradar.model import DepthMap, Volume
-from clradar.plot import depth_limits_mm
 from clradar.plot.layout import Extent
+from clradar.plot.panels import depth_limits_mm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

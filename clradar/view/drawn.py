@@ -10,8 +10,7 @@ import numpy as np
 
 from clradar.compare import clipped_db
 from clradar.model import DepthMap, Volume, VoxelGrid
-from clradar.plot import DEPTH_BACKGROUND
-from clradar.plot.panels import amplitude_scale, depth_scale, difference_scale
+from clradar.plot.panels import DEPTH_BACKGROUND, amplitude_scale, depth_scale, difference_scale
 from clradar.view.wish import Place
 
 MAX_VOXELS_DRAWN = 60_000

@@ -1,4 +1,4 @@
-"""Files that were written earlier are read as they were meant (docs/file-versions.md).
+"""Files that were written earlier are read as they were meant (docs/versions.md).
 
 Each folder of `frozen/` is named by when `support/frozen_files.py` wrote it. Nothing in them is
 ever changed; whoever changes what is written adds a folder.

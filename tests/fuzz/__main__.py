@@ -1,4 +1,4 @@
-"""Run the readers on mutated files: `python -m fuzz --help`; docs/fuzzing.md has the path."""
+"""Run the readers on mutated files: `python -m fuzz --help`; CONTRIBUTING.md has the path."""
 
 import argparse
 import sys
