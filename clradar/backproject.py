@@ -40,7 +40,7 @@ def backproject(
     Parameters
     ----------
     capture : Capture, or iterable of Capture
-        Of several, such as clusters, the sum goes over the pairs of all. One is held at a time.
+        Of several, such as clusters, the sum goes over all pairs; one is held at a time.
     grid : VoxelGrid
         `clradar.place_grid` finds one.
     method : "fast", "range" or "exact"
@@ -52,8 +52,8 @@ def backproject(
     tolerance_db : float, optional
         For "fast": RMS error relative to the image's RMS, -80 to -30; default -50.
     check_grid : bool
-        Warn where the grid does not fit the capture (docs/messages.md). Turn it off for many images
-        of one capture, or for a grid that is beside the object on purpose.
+        Warn where the grid does not fit the capture (docs/messages.md); off for many images of one
+        capture, or a grid that is beside the object on purpose.
     device
         See `clradar.open_device`.
     progress : callable, optional
@@ -73,7 +73,7 @@ def backproject(
 
     Examples
     --------
-    The image of a point reflector has its maximum where the point is.
+    The maximum is where the point is.
 
     >>> array = clradar.arrays.qar50().part(slice(None, None, 12), slice(None, None, 12))
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 16)

@@ -75,8 +75,6 @@ class ClradarWarning(UserWarning):
 
     Examples
     --------
-    Make them exceptions:
-
     >>> import warnings
     >>> warnings.simplefilter("error", clradar.ClradarWarning)
     """

@@ -79,12 +79,10 @@ def simulate(
     Warns
     -----
     ClradarWarning
-        Faces or points too coarse, ambiguities, too few rays, and so on: docs/messages.md.
+        Coarse faces or points, ambiguities, too few rays, and so on: docs/messages.md.
 
     Examples
     --------
-    A ball of 4 cm, and a part of the imager.
-
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
     >>> scene = clradar.Scene.from_mesh(ball, alpha=0.5)
@@ -127,8 +125,7 @@ def simulate_image(
     """Simulate a capture and form its image, which `imager` holds then.
 
     It has the bits of ``imager.form(simulate(scene, imager.array, imager.waveform, ...))``; but
-    samples stay on the device, unless the estimator is physical, antennas have gains, the image is
-    not kept there, or the sums of all pairs do not fit at once.
+    samples of rays stay on the device where image and sums fit.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def synthesize(
 
     Examples
     --------
-    Over a band of 1 GHz the phase of a path of 75 mm falls by a quarter of a cycle.
+    Over 1 GHz the phase of a path of 75 mm falls by a quarter of a cycle.
 
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0.003, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 73e9, 2)

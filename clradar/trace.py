@@ -47,7 +47,7 @@ def trace(
 
     Examples
     --------
-    A mirror in 0.3 m distance; the paths from a Tx to an Rx beside it are all close to 0.6 m.
+    A mirror at 0.3 m.
 
     >>> corners_m = [[-0.05, -0.05, 0.3], [0.05, -0.05, 0.3], [0, 0.08, 0.3]]
     >>> mirror = clradar.Scene(corners_m, [[0, 1, 2]], alpha=0.0)

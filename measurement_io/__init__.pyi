@@ -1,7 +1,6 @@
 from .check import CheckReport as CheckReport, check_file as check_file
 from .description import describe as describe
 from .export import export_file as export_file
-from .layouts.apply import open_with_layout as open_with_layout
 from .layouts.layout import Layout as Layout, read_layout as read_layout
 from .maroon.alignment import (
     SensorAlignment as SensorAlignment,

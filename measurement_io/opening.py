@@ -47,21 +47,30 @@ def open_capture(
     variant, rx_file, tx_file
         Of a recording, as for `open_recording`.
     layout : path-like or Layout, optional
-        As for `open_with_layout`.
+        Keys, axes and units of an HDF5, MATLAB (v5 or v7.3), `.npz` or plain `.npy` file
+        (docs/layouts.md).
 
     Returns
     -------
     Capture
         `meta` of a recorded frame has `source`, `format` ("maroon"), `frame`, `variant`,
-        `timestamp_us`, and the numbers and strings that the file adds.
+        `timestamp_us`, and the numbers and strings that the file adds; of a layout, the layout.
 
     Examples
     --------
-    >>> measurement_io.save_capture("capture.h5", capture)
-    >>> read = measurement_io.open_capture("capture.h5")
-    >>> step_rad = np.angle(read.data[0, 0, 0] / read.data[0, 0, 1])  # 2 pi d / c * 1 GHz, wrapped
-    >>> round(0.299792458 * (2 + float(step_rad) / (2 * np.pi)), 3)  # metres, two whole cycles
-    0.6
+    >>> from pathlib import Path
+    >>> _ = Path("lab.toml").write_text('''
+    ... data = {key = "s", axes = ["tx", "rx", "freq"]}
+    ... tx.key = "tx_mm"
+    ... rx.key = "rx_mm"
+    ... antennas.unit = "mm"
+    ... frequency = {key = "f", unit = "GHz"}
+    ... ''')
+    >>> lab = {"tx_mm": np.eye(3), "rx_mm": np.eye(3)[:2], "f": np.linspace(72, 82, 5)}
+    >>> np.savez("lab.npz", s=np.ones((3, 2, 5), np.complex64), **lab)
+    >>> read = measurement_io.open_capture("lab.npz", layout="lab.toml")
+    >>> read.data.shape, read.array.tx_m[0].tolist(), read.waveform.n_freq
+    ((3, 2, 5), [0.001, 0.0, 0.0], 5)
     """
     source = Path(path)
     if frame is not None:

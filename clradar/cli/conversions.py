@@ -14,12 +14,12 @@ from clradar.cli.outputs import (
     check_folder,
     check_outputs,
     described,
-    made_folder,
     provenance,
     save,
 )
 from clradar.errors import MeasurementError, ModelError
 from clradar.files.failures import fail
+from clradar.jobs.lock import made_folder
 
 
 def write_captures(

@@ -132,10 +132,13 @@ def common_grid(
 ) -> cl.VoxelGrid:
     """The grid of the options; without them that of the first volume, or for the first capture."""
     grids = [image.grid for image in images if image.grid is not None]
-    if grids and not given(options, GridOptions):
+    if grids and not given(options):
         return grids[0]
     captures = [image.content for image in images if isinstance(image.content, cl.Capture)]
-    return grid_for(captures[0], options, device) if captures else options.grid()
+    if not captures:
+        text = "there is no capture to image: all inputs are volumes"
+        raise wrong_usage("--x-mm, --y-mm, --z-mm", text)
+    return grid_for(captures[0], options, device)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,8 +162,6 @@ def measurement(
     """Open a measurement, and form its image on the grid of the options if it is a capture."""
     image = ImageInput.open(path, frames)
     known = image.radar_or(radar)
-    if image.grid is not None and given(voxels):
-        raise wrong_usage("--x-mm, --y-mm, --z-mm", "there is no capture to image")
     volume = image.volume(common_grid(voxels, image, device=device), imaging, device)
     return Measurement(path, image.content, volume, known)
 

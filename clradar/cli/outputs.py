@@ -144,21 +144,6 @@ def _owner_of(folder: Path, name: str, known: dict[Path, bool]) -> str | None:
 
 
 @contextmanager
-def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder where there is none; a failure that leaves it empty removes it again."""
-    missing = not folder.is_dir()
-    with writing(folder):
-        folder.mkdir(exist_ok=True)
-    try:
-        yield
-    except BaseException:
-        if missing:
-            with suppress(OSError):  # it holds something
-                folder.rmdir()
-        raise
-
-
-@contextmanager
 def whole_folder(folder: Path, replaced: Collection[str]) -> Iterator[Path]:
     """Yield a folder to fill, which becomes `folder` at the end, in place of an earlier result.
 

@@ -232,7 +232,7 @@ def compare(
 
     Examples
     --------
-    Two equal spots, 2 mm apart in depth; the overlap of equal planes is exp(-(d / 4 mm)^2).
+    Two equal spots, 2 mm apart in depth.
 
     >>> x_m = np.arange(-10, 11) * 1e-3
     >>> spot = np.exp(-((np.hypot(x_m, x_m[:, None]) / 5e-3) ** 2))

@@ -83,7 +83,7 @@ def spread(
 
     Examples
     --------
-    How much of a small diffuse ball's image is shot noise.
+    How much of a ball's image is shot noise.
 
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(radius=0.01).apply_translation([0, 0, 0.3])

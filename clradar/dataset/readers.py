@@ -48,7 +48,7 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
     Parameters
     ----------
     folder : path-like
-        A data set, as ``clradar dataset`` writes it, complete or not.
+        As ``clradar dataset`` writes it, complete or not.
 
     Returns
     -------
@@ -61,9 +61,8 @@ def open_dataset(folder: str | os.PathLike[str]) -> xarray.Dataset:
 
     Examples
     --------
-    >>> from clradar.dataset import open_dataset, read_plan, run
-    >>> result = run(read_plan("plan.toml"), "letters")
-    >>> view = open_dataset("letters")
+    >>> result = clradar.dataset.run(clradar.dataset.read_plan("plan.toml"), "letters")
+    >>> view = clradar.open_dataset("letters")
     >>> view.pose.values.tolist(), view.joints.dims
     (['A', 'B'], ('sample', 'joint', 'coordinate'))
     >>> bool(view.joints.sel(sample=0, joint="wrist", coordinate="z") > 0.2)  # metres

@@ -51,7 +51,7 @@ class ImagingOperator:
         RMS error of captures and images relative to their RMS, -80 to -30; default -50.
     tx_visible, rx_visible : array_like, shape (n_points, n_tx) and (n_points, n_rx), bool, optional
         Whether an antenna sees a point, without which its pairs have no echo from there; not for
-        grids. Points that some antennas do not see are summed term by term. None: all see all.
+        grids. Points hidden from some antennas are summed term by term. None: all see all.
     device
         See `clradar.open_device`.
 

@@ -63,7 +63,7 @@ def room_capture(
     points_m : array_like, shape (n, 3), float64, optional
         Small isotropic reflectors, such as lamps and screws.
     point_amplitudes : array_like, shape (n,), complex128, optional
-        As received; default 1. Patterns and gains change neither these nor the walls' amplitudes.
+        As received, without patterns and gains; default 1.
 
     Returns
     -------

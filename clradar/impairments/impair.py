@@ -45,8 +45,8 @@ def impair(
 ) -> Capture:
     """Return the capture as an instrument with these faults would have recorded it.
 
-    Every fault is off unless its setting is given. They act in the order of the parameters, which
-    is that of the signal chain (docs/impairments.md; E10 in docs/equations.md).
+    Every fault is off unless its setting is given. They act in the order of the parameters
+    (docs/impairments.md; E10 in docs/equations.md).
 
     Parameters
     ----------

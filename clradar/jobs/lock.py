@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from clradar.errors import OutputError, warn
+from clradar.files.atomic import writing
 from clradar.files.failures import shown
 from clradar.files.interrupts import postponed
 
@@ -63,34 +64,39 @@ def scratch_folder() -> Iterator[Path]:
 
 
 @contextmanager
-def held(folder: Path, work: str) -> Iterator[None]:
-    """Make the folder, and keep other processes from working in it while the block runs.
-
-    One that was made and stays empty is removed. `work` is for the message: "sweep".
-    """
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder where there is none; one that stays empty is removed again."""
     missing = not os.path.isdir(folder)
     if missing and os.path.lexists(folder):
         raise OutputError(f"{shown(folder)}: expected a folder's name, got a file")
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-        lock = locked(folder / LOCK)
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{shown(folder)}: cannot be written: {error}") from error
-    if lock is None:
-        raise OutputError(
-            f"{shown(folder)}: another {work} is writing into it{_holder(folder / LOCK)}"
-        )
     try:
         yield
-    except KeyboardInterrupt as interruption:
-        if any(entry.name != LOCK for entry in folder.iterdir()):
-            interruption.args = (f"the same command resumes {shown(folder)}",)
-        raise
     finally:
-        unlock(lock)
         if missing:
             with suppress(OSError):  # it holds something
                 folder.rmdir()
+
+
+@contextmanager
+def held(folder: Path, work: str) -> Iterator[None]:
+    """Make a folder, and keep other processes out of it; `work` is for the message: "sweep"."""
+    with made_folder(folder):
+        with writing(folder):
+            lock = locked(folder / LOCK)
+        if lock is None:
+            raise OutputError(
+                f"{shown(folder)}: another {work} is writing into it{_holder(folder / LOCK)}"
+            )
+        try:
+            yield
+        except KeyboardInterrupt as interruption:
+            if any(entry.name != LOCK for entry in folder.iterdir()):
+                interruption.args = (f"the same command resumes {shown(folder)}",)
+            raise
+        finally:
+            unlock(lock)
 
 
 def locked(path: Path, wait_s: float = WAIT_S) -> BaseFileLock | None:

@@ -169,8 +169,7 @@ def map_devices(
     """Call a function for every item, on several devices at the same time.
 
     Every device has a process of its own, which takes the next item when it is free; a single
-    device works in this process. Frames, alphas or samples of a batch come out as from one device:
-    the same bits from devices of one name and driver, else what differs between runtimes.
+    device works in this process. Devices of one name and driver give the same bits.
 
     Parameters
     ----------
@@ -180,23 +179,16 @@ def map_devices(
         has its own code under ``if __name__ == "__main__":``.
     items : iterable
     device : Device, str, sequence of str or None
-        "all": all GPUs, or without one the CPU device that is used anyway; names with commas, or a
-        sequence of names: those; else as `clradar.open_device`.
+        "all": all GPUs, or without one the CPU device that is used anyway; several names, as a
+        sequence or with commas; else as `clradar.open_device`.
     progress : callable, optional
         Called with (done, total) units of work.
 
     Yields
     ------
     object
-        What the function returns, in the order of the items. Up to four items per device are made
-        ahead of the one that is waited for.
-
-    Raises
-    ------
-    DeviceError
-        There is no such device, it fails its test, or it fails; the message names it.
-    Exception
-        What the function raises. The other processes are ended.
+        What the function returns, in the order of the items; up to four items per device are made
+        ahead. Its first error ends the other processes.
 
     Examples
     --------

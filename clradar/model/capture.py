@@ -33,7 +33,7 @@ class Capture(Record):
 
     Examples
     --------
-    A point 0.3 m in front of one Tx and Rx: the slope of the phase is the path length.
+    A point at 0.3 m: the slope of the phase is the path length.
 
     >>> array = clradar.AntennaArray([[0, 0, 0]], [[0, 0, 0]])
     >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 64)
@@ -84,10 +84,7 @@ class Capture(Record):
         return self._own_array(dtype, copy)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return `capture` along tx, rx and frequency_hz, with antennas, units and `meta` as JSON.
-
-        Names are those of `clradar.open_dataset`.
-        """
+        """Return `capture` along tx, rx and frequency_hz, with antennas, units and `meta`."""
         return labelled.capture_dataset(self)
 
     def rcs_dbsm(self, at_m: Any) -> np.ndarray:

@@ -80,7 +80,7 @@ class ChannelCalibration(Record):
     waveform : Waveform
         Those of the measurement, to which alone it applies.
     tx_noise, rx_noise : array_like, shape (n_tx,) and (n_rx,), float64
-        RMS noise of a sample, relative to the target's echo in a median pair: 0.1 at 20 dB.
+        RMS noise of a sample, relative to the target's echo in a median pair.
     dead_tx, dead_rx, noisy_tx, noisy_rx : array_like of int
         Indices, ascending; a channel is not in two of them.
     target : str

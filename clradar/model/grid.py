@@ -32,7 +32,7 @@ class VoxelGrid(Record):
 
     Examples
     --------
-    A hand in front of the aperture; volumes are indexed [z, y, x].
+    Volumes are indexed [z, y, x].
 
     >>> grid = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 2e-3)
     >>> grid.shape

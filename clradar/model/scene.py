@@ -49,7 +49,7 @@ class Scene(Record):
         All different.
     normals : array_like, shape (n_vertices, 3), float64, optional
         Unit normals, of either sign, of the smooth surface that the faces approximate; 0 where they
-        are to be estimated from the faces.
+        are unknown, and estimated.
     materials : tuple of Material
         For the physical estimator; the others use `alpha`.
     material : int or array_like, shape (n_faces,), int32

@@ -119,7 +119,7 @@ class Volume(Record):
 
     Examples
     --------
-    One column of voxels whose amplitude peaks between two of them.
+    The amplitude peaks between two voxels.
 
     >>> grid = clradar.VoxelGrid([0, 0, 0.30], [1e-3, 1e-3, 1e-3], (1, 1, 4))
     >>> volume = clradar.Volume([[[0.2]], [[1.0]], [[0.8]], [[0.1]]], grid)

@@ -83,8 +83,6 @@ class MovingScene(Record):
 
     Examples
     --------
-    A ball that falls.
-
     >>> import trimesh
     >>> ball = trimesh.creation.icosphere(radius=0.02).apply_translation([0, 0, 0.3])
     >>> fall = clradar.RigidMotion.steady(velocity_m_per_s=(0, -1.0, 0))

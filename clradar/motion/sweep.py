@@ -50,8 +50,7 @@ def simulate_moving(
 ) -> Capture:
     """Simulate a capture of a scene that moves while it is recorded (docs/movement.md).
 
-    It is simulated at some instants of the sweep, and every sample is interpolated to its own time
-    (E15 in docs/equations.md).
+    Every sample is interpolated to its own time from some instants (E15 in docs/equations.md).
 
     Parameters
     ----------

@@ -39,32 +39,21 @@ def open_device(
     Parameters
     ----------
     device : Device, str or None
-        A device is returned as it is. A string is "platform:device" (indices), "gpu", "cpu", or
-        part of a device's or platform's name ("pocl", "nvidia", ...). None means: the environment
-        variable ``CLRADAR_DEVICE``, else ``PYOPENCL_CTX``, else the first GPU, else Intel's CPU
-        runtime, else PoCL. Of several devices that are meant, the first that builds and passes its
-        test.
+        "platform:device" (indices), "gpu", "cpu", or part of a device's or platform's name ("pocl",
+        "nvidia", ...). None: ``CLRADAR_DEVICE``, else ``PYOPENCL_CTX``, else the first GPU, else
+        Intel's CPU runtime, else PoCL. Of several that are meant, the first that builds and passes
+        its test, with a warning of those before it (docs/install.md).
     memory_limit_bytes : int, optional
-        Plan with at most this much device memory; three quarters of the device's by default.
-    width : 1 or 8, optional
-        Build the kernels for this many lanes per work-item instead of what suits the device's kind.
-    group_items : int, optional
-        Run at most this many items in a work-group instead of what suits the device's kind.
-    launch_work : float, optional
-        Split launches of more operations than this instead of what suits the device's kind.
+        Most device memory to plan with; three quarters of the device's by default.
+    width, group_items, launch_work : optional
+        Those of `Device`, instead of what suits its kind; a width of 1 or 8.
     profiling : bool
         Measure how long kernels run, see `Device.kernel_time_s`.
 
     Raises
     ------
     DeviceError
-        No such device, it cannot be opened, or none of several passes its test. There is no
-        fallback to a device that is not meant.
-
-    Warns
-    -----
-    ClradarWarning
-        A device that would be preferred does not work: which, why, and what is used instead.
+        None that is meant works. There is no fallback to another one.
 
     Examples
     --------

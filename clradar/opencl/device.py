@@ -90,7 +90,7 @@ class Device:
     budget_bytes : int
         Memory that may be allocated at a time; larger problems are tiled.
     width : int
-        Lanes per work-item: 8 on a CPU, 1 on a GPU, where neighbouring items are the lanes.
+        Lanes per work-item: 8 on a CPU, 1 on a GPU.
     group_items : int
         Most items of a work-group: 64 on a GPU; 1 on a CPU, where PoCL keeps the private arrays of
         a whole group on the stack.

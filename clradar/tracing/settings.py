@@ -86,10 +86,10 @@ class SimulationSettings:
         So many samples on every face instead, as in the paper.
     rays_per_sample : int, 1 to 2^16, optional
         Outgoing rays per sample and Tx. None: 4 with a density, 1 with `rays_per_face`; with the
-        expected estimator and no density ten times as many, which keeps the scale.
+        expected estimator and no density ten times as many, for the same scale.
     reception_radius_m : float, 0.1 mm to 1 m, optional
-        A ray is received by every Rx whose sphere of this radius it enters before it hits anything.
-        None: 10 mm, which grows with range where `clradar.simulate` draws random rays (E4).
+        Of the sphere about an Rx that a ray has to enter before it hits anything. None: 10 mm,
+        which grows with range where `clradar.simulate` draws random rays (E4).
     max_bounces : int, 1 to 255
         Reflections per path at most; 1 with the expected estimator.
     normals : "smooth" or "face"

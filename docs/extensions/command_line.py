@@ -6,6 +6,7 @@ import inspect
 import re
 from collections import Counter
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
@@ -13,7 +14,7 @@ from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from clradar.cli.app import COMMANDS, context_of, help_record
+from clradar.cli.app import COMMANDS, PANELS, context_of, help_record
 
 CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--?[a-zA-Z][\w-]*|docs/[\w-]+\.md)")
 PAGE = re.compile(r"docs/([\w-]+)\.md")
@@ -43,9 +44,27 @@ class CommandLine(SphinxDirective):
         return [
             nodes.paragraph("", "", *words(help_of(root.command))),
             definitions(records(root)),
-            *(section(name, context, shared) for name, context in contexts.items()),
+            *(
+                group(title, {n: contexts[n] for n in panel}, shared)
+                for title, panel in PANELS.items()
+            ),
             common,
         ]
+
+
+def group(title: str, contexts: dict[str, Any], shared: list[Record]) -> nodes.section:
+    """The subcommands of a group."""
+    made = nodes.section(ids=[f"group-{title.lower().replace(' ', '-')}"], names=[title])
+    made += nodes.title("", title)
+    made += [section(name, context, shared) for name, context in contexts.items()]
+    return made
+
+
+def example(name: str) -> str:
+    """The first line of a subcommand on the page of tasks, without its comment."""
+    lines = (Path(__file__).parents[1] / "commands.md").read_text("utf-8").splitlines()
+    calls = (line.split(" # ")[0].strip() for line in lines)
+    return next(call for call in calls if call.split()[:2] == ["clradar", name])
 
 
 def section(name: str, context: Any, shared: list[Record]) -> nodes.section:
@@ -55,7 +74,7 @@ def section(name: str, context: Any, shared: list[Record]) -> nodes.section:
     for text in help_of(context.command).split("\n\n"):
         made += nodes.paragraph("", "", *words(text))
     pieces = " ".join(context.command.collect_usage_pieces(context))
-    usage = f"clradar {name} {pieces}"
+    usage = f"clradar {name} {pieces}\n{example(name)}"
     made += nodes.literal_block(usage, usage, language="text")
     rows = records(context)
     made += definitions(one for one in rows if one not in shared)

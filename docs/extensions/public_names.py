@@ -14,6 +14,7 @@ from sphinx.util.docutils import SphinxDirective
 
 PAGE = re.compile(r"(?P<ticks>`{0,2})docs/(?P<page>[\w-]+)\.md(?P=ticks)")
 TYPE = re.compile(r"(\*\*[^*]+\*\*) \(\*(.+?)\*\)(?= --|$)")
+SETTINGS = re.compile(r"samples_per_mm2=.*\)$")
 FOOTNOTE = re.compile(r"\[(\d+)\](?=_)|(?<=^\.\. )\[(\d+)\]")
 
 
@@ -91,9 +92,13 @@ def whole(app: Sphinx, what: str, name: str, item: Any, options: Any, lines: lis
         lines[:0] = ["..", ""]
 
 
-def fields_of(app: Sphinx, what: str, name: str, item: Any, *_: Any) -> tuple[str, str] | None:
-    """The signature of a file's record: names alone, as its page has the defaults."""
+def short(
+    app: Sphinx, what: str, name: str, item: Any, options: Any, signature: str | None, _: Any
+) -> tuple[str, str] | None:
+    """The signature without what is said elsewhere: defaults of a file's record, settings."""
     fields = getattr(item, "model_fields", None)
+    if what == "function" and SETTINGS.search(signature or ""):
+        return SETTINGS.sub("**fields)", signature or ""), ""
     return (f"(*, {', '.join(fields)})", "") if fields else None
 
 
@@ -103,5 +108,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("public-names", PublicNames)
     app.connect("autodoc-process-docstring", whole, priority=400)  # before napoleon's, of 500
     app.connect("autodoc-process-docstring", adapted)
-    app.connect("autodoc-process-signature", fields_of)
+    app.connect("autodoc-process-signature", short)
     return {"parallel_read_safe": True}

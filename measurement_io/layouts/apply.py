@@ -40,40 +40,9 @@ def open_with_layout(
     *,
     frame: int | None = None,
 ) -> Capture:
-    """Return the capture in another program's file.
-
-    Parameters
-    ----------
-    path : path-like
-        An HDF5, MATLAB (v5 or v7.3), `.npz` or plain `.npy` file; its content decides which.
-    layout : path-like or Layout
-        The keys, axes and units of the file (docs/layouts.md).
-    frame : int, optional
-        Index on the axis "frame", if the layout has one; 0 if not given.
-
-    Returns
-    -------
-    Capture
-        In the antenna frame and with clradar's sign of the phase; `meta` has the layout.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> _ = Path("lab.toml").write_text('''
-    ... data = {key = "s", axes = ["tx", "rx", "freq"]}
-    ... tx.key = "tx_mm"
-    ... rx.key = "rx_mm"
-    ... antennas.unit = "mm"
-    ... frequency = {key = "f", unit = "GHz"}
-    ... ''')
-    >>> lab = {"tx_mm": np.eye(3), "rx_mm": np.eye(3)[:2], "f": np.linspace(72, 82, 5)}
-    >>> np.savez("lab.npz", s=np.ones((3, 2, 5), np.complex64), **lab)
-    >>> read = measurement_io.open_with_layout("lab.npz", "lab.toml")
-    >>> read.data.shape, read.array.tx_m[0].tolist(), read.waveform.n_freq
-    ((3, 2, 5), [0.001, 0.0, 0.0], 5)
-    """
+    """Return the capture in another program's file; see `open_capture`."""
     if frame is not None:
-        frame = checks.whole("open_with_layout: frame", frame, 0)
+        frame = checks.whole("open_capture: frame", frame, 0)
     source = Path(path)
     if not isinstance(layout, Layout):
         layout = read_layout(layout)

@@ -54,6 +54,7 @@ WRONG_USAGE = [
     ("convert recording -o x --all-frames --to maroon", "--all-frames"),
     ("convert recording -o x --all-frames --frame 0", "--all-frames"),
     ("export sim.h5 --depth-map -o x.npz", "expected a volume"),
+    ("align volume.h5 volume.h5 --x-mm 0:60:6 -o x.json", "no capture"),
     ("align volume.h5 -o x.json", "--mesh"),
     ("align volume.h5 sim.h5 --quick -o x.json", "--mesh"),
     ("align volume.h5 sim.h5 --mesh hand.ply -o x.json", "--mesh"),

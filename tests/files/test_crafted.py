@@ -189,7 +189,7 @@ def read(path):
     if kind == "transform":
         return measurement_io.read_transform(path)
     if kind == "lab":
-        return measurement_io.open_with_layout(path, layout(path.parent, LAYOUT))
+        return measurement_io.open_capture(path, layout=layout(path.parent, LAYOUT))
     return measurement_io.open_capture(path)
 
 

@@ -29,7 +29,6 @@ from measurement_io import (
     open_capture,
     open_channels,
     open_volume,
-    open_with_layout,
     read_alignment,
     read_depth_map,
     read_layout,
@@ -137,7 +136,7 @@ def _native(name: str, opener: Callable[[Path], object], kind: type) -> Target:
 
 def _with_layout(path: Path) -> object:
     describe(path)
-    return open_with_layout(path, path.with_name("lab.toml"))
+    return open_capture(path, layout=path.with_name("lab.toml"))
 
 
 def _lab(*names: str, form: Format = Format()) -> Target:

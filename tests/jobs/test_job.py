@@ -220,9 +220,6 @@ def test_scratch_folders_of_killed_processes_are_removed(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-# ---- locks, and what tells that a file is the same
-
-
 @pytest.mark.device
 def test_results_come_in_order_from_both(tmp_path):
     found = findings_of("batches", tmp_path)

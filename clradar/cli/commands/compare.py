@@ -38,9 +38,6 @@ def command(
 
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
     imaged = all(image.grid is not None for image in images)
-    if imaged and opt.given(voxels):
-        text = "there is no capture to image: all inputs are volumes"
-        raise opt.wrong_usage("--x-mm, --y-mm, --z-mm", text)
     opened = None if imaged else open_devices(device).first
     grid = common_grid(voxels, *images, device=opened)
     volumes = [image.volume(grid, imaging, opened) for image in images]

@@ -42,8 +42,8 @@ def command(
         panel="Output",
     ),
 ) -> None:
-    """The parameters of the hands are the labels. The same command again resumes where it stopped.
-    A sample that cannot be made is set aside; the exit status is 1 as long as any is.
+    """The same command again resumes where it stopped. A sample that cannot be made is set aside;
+    the exit status is 1 as long as any is.
     """
     from clradar.dataset import plan_schema, run
     from clradar.dataset.check import estimate, replay as make_again

@@ -13,8 +13,9 @@ import clradar as cl
 from clradar.cli import options as opt
 from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import print_line, progress_bar
-from clradar.cli.outputs import check_folder, made_folder, turned, write
+from clradar.cli.outputs import check_folder, turned, write
 from clradar.jobs import open_devices
+from clradar.jobs.lock import made_folder
 
 TURN_DEG = 25.0
 """At 0 the palm is a mirror, which outshines the fingers by about 15 dB at alpha 0; from

@@ -16,15 +16,13 @@ from clradar.errors import MeasurementError
 
 def command(
     file: Path = opt.argument(
-        "Capture, volume, recorded .npy frame, radar folder, the <object>/<distance> "
-        "folder that holds one, or the folder of a data set.",
+        "Capture, volume, recorded .npy frame, radar folder or the one that holds it, or data set.",
     ),
     *,
     check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),
     as_json: bool = opt.JSON,
     png: Path | None = opt.written(
-        "Also draw it: .png, .pdf or .svg. A volume's image; echoes over range and the level of "
-        "every pair of a capture, or over the frames of a recording.",
+        "Also draw it: .png, .pdf or .svg. A capture's echoes and the level of every pair.",
         "--png",
         "-o",
         "--figure",

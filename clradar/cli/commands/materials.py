@@ -28,10 +28,9 @@ def command(
     ),
     as_json: bool = opt.JSON,
 ) -> None:
-    """Permittivity and phase are at the middle of the band; the reflected power, least and most
-    over the band, is relative to metal, and so is the phase. h is the RMS height and l the
-    correlation length of the roughness, h_micro the RMS height of what is finer. docs/materials.md
-    describes the files, and discusses the sources.
+    """Permittivity and phase are at the middle of the band; power (least and most over the band)
+    and phase are relative to metal. h is the RMS height and l the correlation length of the
+    roughness, h_micro the RMS height of what is finer. Files and sources: docs/materials.md.
     """
     from clradar.files.json_text import indented
     from clradar.model.known_materials import KNOWN

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import clradar as cl
 from clradar.cli import comparison, options as opt, parse
-from clradar.cli.console import print_line, print_text, progress_bar
+from clradar.cli.console import counted, print_line, print_text, progress_bar
 from clradar.cli.inputs import Measurement, measurement
 from clradar.cli.outputs import check_folder, whole_folder, write
 from clradar.jobs import open_devices
 
 if TYPE_CHECKING:
-    from calibration import Registration, Round
+    from calibration import Registration
 
 TRANSFORM = "transform.json"
 FILES = (TRANSFORM, *comparison.SIMULATION_FILES)
@@ -34,6 +34,8 @@ def command(
     """DIR gets the placed mesh, its transform, its simulation (capture and volume), a figure and
     the metrics: all or nothing. Done when a round moves the mesh by less than 0.1 mm.
     """
+    from calibration import register
+
     check_folder(output, FILES)
     how = opt.arguments_of(registration)
     alpha, unit = how.pop("alpha"), how.pop("unit")
@@ -45,28 +47,15 @@ def command(
     scene = made_of.on(cl.Scene.from_mesh(mesh, alpha=0.5 if fitted else alpha, unit=unit))
     opened = open_devices(device).first
     found = measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
-    result = registered(found, scene, device=opened, **how)
+    with progress_bar("registering") as progress:
+        how |= {"device": opened, "progress": progress, **found.radar}
+        result = register(found.volume, scene, **how)
     with whole_folder(output, FILES) as made:
         write_registration(made, found, result)
     print_text(result.alignment.report())
+    moved_mm = 1e3 * result.rounds[-1].moved_m
+    print_line(f"{counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm")
     print_line(f"{output}: {', '.join(FILES)}")
-
-
-def registered(measured: Measurement, scene: cl.Scene, **settings: Any) -> Registration:
-    """Register the mesh, and show each round as it is done."""
-    from calibration import register
-
-    done: list[Round] = []
-
-    def show(step: Round) -> None:
-        done.append(step)
-        alpha = "" if step.alpha is None else f"alpha {step.alpha:.2f}, "
-        print_line(f"round {len(done)}: {alpha}moved by {1e3 * step.moved_m:.2f} mm")
-
-    with progress_bar("registering") as progress:
-        callback = show if progress is None else None
-        more = {"progress": progress, "callback": callback, **measured.radar}
-        return register(measured.volume, scene, **settings, **more)
 
 
 def write_registration(folder: Path, measured: Measurement, result: Registration) -> None:

@@ -16,8 +16,8 @@ def command(
     scenery: opt.SceneOptions,
     moving: opt.MotionOptions,
     output: Path = opt.output_option(
-        "Capture to write (HDF5); with --frames the folder of a recording to make, of clusters "
-        "that of their captures, which is resumed if begun.",
+        "Capture to write (HDF5); with --frames the folder of a recording; of clusters that of "
+        "their captures, which is resumed.",
         folder=True,
     ),
     *,

@@ -13,8 +13,7 @@ from clradar.jobs import open_devices
 
 def command(
     path: Path = opt.argument(
-        "Recording (radar folder, or the folder that holds one), data set, capture, recorded .npy "
-        "frame, volume, or a folder of these files.",
+        "Recording, data set, capture, recorded .npy frame, volume, or a folder of these files.",
     ),
     *,
     watch: bool = opt.option(

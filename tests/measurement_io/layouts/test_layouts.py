@@ -16,7 +16,8 @@ from layout_files import CONTAINERS, layout, random_capture, write
 
 import clradar
 from clradar.errors import MeasurementError, ModelError
-from measurement_io import check_file, describe, open_capture, open_with_layout, read_layout
+from measurement_io import check_file, describe, open_capture, read_layout
+from measurement_io.layouts.apply import open_with_layout
 from measurement_io.layouts.lab_file import LabFile
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "layouts"
