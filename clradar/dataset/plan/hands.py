@@ -254,8 +254,8 @@ class Hands(FileRecord):
             raise mistake(choice_text(side, sides), toml_brief(side), key="handedness")
         self.__dict__["shape"] = shape = self.shape or ("list" if self.shapes else "default")
         if (shape == "list") != bool(self.shapes):
-            expected = 'a list of shapes with shape = "list", and else none'
-            raise mistake(expected, toml_brief(shape), key="shapes")
+            got = f"{toml_brief(shape)} and {len(self.shapes)} shapes"
+            raise mistake('a list of shapes with shape = "list" only', got, key="shapes")
         if self.rigs and shape != "default":
             expected = "none with rigs, which have shapes of their own"
             raise mistake(expected, toml_brief(shape), key="shape")

@@ -188,9 +188,9 @@ def _contradictions(plan: Plan) -> Iterator[tuple[str, str, Any]]:
     estimator, movement = plan.simulation.estimator, plan.movement
     if plan.material is not None and plan.alpha is not None:
         if estimator == "physical":
-            yield "alpha", "material in its place with simulation.estimator physical", "alpha"
+            yield "alpha", 'material in its place with simulation.estimator = "physical"', "alpha"
         else:
-            yield "material", "simulation.estimator physical with it", estimator
+            yield "material", 'simulation.estimator = "physical" with it', f'"{estimator}"'
     if plan.n_shards > MAX_SHARDS:
         least = -(-plan.samples // MAX_SHARDS)
         expected = f"at least {least} for {plan.samples} samples ({MAX_SHARDS} files)"
