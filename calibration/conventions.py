@@ -65,7 +65,7 @@ EXPECTED_WITHIN_M = 0.020
 """How far a known target may be, along each axis, from where it is expected."""
 
 EXPECTED_MARGIN_DB, EXPECTED_FLOOR_DB = 3.0, -20.0
-"""Known target: margin over its mirror image, and level relative to the image's maximum."""
+"""Known target: margin over other hypotheses, and level relative to the image's maximum."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -245,8 +245,8 @@ def diagnose(
         Coarse: eight images are formed. Default: around the strongest echo beyond the direct
         coupling; fewer than 8 frequencies need a grid.
     expected_m : three floats, optional
-        Position of a known target, within some 20 mm: it distinguishes an image from its mirror
-        image, which is as sharp.
+        Position of a known target, within some 20 mm: it decides between images that are equally
+        sharp, such as an image and its mirror image.
 
     Returns
     -------
@@ -297,16 +297,17 @@ def diagnose(
     margin_db = max(_margin_db(imaged, own) for own in grids)
     left = [score.hypothesis for score in scores if score.relative_db >= -margin_db]
     left.sort(key=lambda h: (h.changes, h))
-    mirrored = None
+    both = [replace(h, mirrored=mirrored) for h in left for mirrored in (False, True)]
     if expected is not None:
         floor = 10 ** (EXPECTED_FLOOR_DB / 20) * float(np.abs(volumes[left[0]].data).max())
-        mirrored = _is_mirrored(apply_convention(capture, left[0]), expected, floor, opened)
-    left = [replace(h, mirrored=bool(mirrored)) for h in left]
+        both = _with_target(capture, both, expected, floor, opened)
+    mirror_known = len({h.mirrored for h in both}) == 1
+    left = [h for h in both if not h.mirrored or replace(h, mirrored=False) not in both]
     one_frequency = capture.waveform.n_freq == 1
     undecided = len({(h.conjugated, h.reversed and not one_frequency) for h in left}) > 1
     best = None if undecided else left[0]
-    text = _recommendation(best, left, mirrored, expected is not None)
-    return Diagnosis(scores, tuple(left), best, mirrored is not None, text, margin_db)
+    text = _recommendation(best, left, mirror_known, expected is not None)
+    return Diagnosis(scores, tuple(left), best, mirror_known, text, margin_db)
 
 
 def _undecidable(reason: str) -> Diagnosis:
@@ -395,25 +396,23 @@ def _score(h: Hypothesis, relative_db: float, volume: Volume) -> Score:
     return Score(h, relative_db, peak_m, volume.depth_map())
 
 
-def _is_mirrored(
-    capture: Capture, expected_m: np.ndarray, floor: float, device: Device
-) -> bool | None:
-    """Whether a known target is at the mirror image of its place; None if neither or both fit."""
+def _with_target(
+    capture: Capture, left: list[Hypothesis], at_m: np.ndarray, floor: float, device: Device
+) -> list[Hypothesis]:
+    """Those with a known target where it is expected; all if none has an echo there."""
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * max(capture.waveform.span_hz, 1.0))
-    cells_m = [lateral_resolution_m(capture, axis, float(expected_m[2])) for axis in (0, 1)]
+    cells_m = [lateral_resolution_m(capture, axis, float(at_m[2])) for axis in (0, 1)]
     half = np.ceil(2 * EXPECTED_WITHIN_M / np.array([*cells_m, cell_m])).astype(int).clip(1)
-    levels = []
-    for at_m in (expected_m, expected_m * MIRROR_X):
-        corner_m, counts = at_m - EXPECTED_WITHIN_M, (2 * half + 1).tolist()
-        grid = VoxelGrid(corner_m, EXPECTED_WITHIN_M / half, tuple(counts))
-        levels.append(float(np.abs(_image(capture, grid, device).data).max()))
-    if max(levels) < max(floor, min(levels) * 10 ** (EXPECTED_MARGIN_DB / 20)):
-        return None
-    return levels[1] > levels[0]
+    counts = (2 * half + 1).tolist()
+    grid = VoxelGrid(at_m - EXPECTED_WITHIN_M, EXPECTED_WITHIN_M / half, tuple(counts))
+    images = (_image(apply_convention(capture, h), grid, device) for h in left)
+    levels = [float(np.abs(image.data).max()) for image in images]
+    least = 0.0 if max(levels) < floor else max(levels) / 10 ** (EXPECTED_MARGIN_DB / 20)
+    return [h for h, level in zip(left, levels, strict=True) if level >= least]
 
 
 def _recommendation(
-    best: Hypothesis | None, left: Sequence[Hypothesis], mirrored: bool | None, expected: bool
+    best: Hypothesis | None, left: Sequence[Hypothesis], mirror_known: bool, expected: bool
 ) -> str:
     listed = " / ".join(f"'{h.label}'" for h in left)
     if best is None:
@@ -428,7 +427,7 @@ def _recommendation(
     if len(left) > 1:
         others = " / ".join(f"'{h.label}'" for h in left[1:])
         text += f". Equally sharp within the noise: {others}"
-    if mirrored is None:
+    if not mirror_known:
         why = "the position given does not tell" if expected else "only a known target tells"
         text += f". x may be mirrored: the mirror image is as sharp, and {why}"
     return text + "."

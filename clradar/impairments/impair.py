@@ -53,7 +53,7 @@ def impair(
     capture : Capture
         The scene alone.
     seed : int, 0 to 2**64 - 1
-        Each fault has its own stream: turning one on changes no draw of the others.
+        Each fault has its own stream of numbers: another fault does not change them.
     frame : int, 0 to 999999
         Of a recording: new noise, and more drift with every frame.
     reference_power : float, optional

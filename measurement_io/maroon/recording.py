@@ -47,7 +47,7 @@ def open_recording(
     variant : {"raw", "emptyfiltered"}
         As recorded, or with the empty room removed.
     rx_file, tx_file : path-like, optional
-        Antenna positions; by default those of the radar folder, else of `clradar.arrays.qar50`.
+        Text: a line `x,y,z`, then a row per antenna, metres. Default: of the folder, else `qar50`.
 
     Examples
     --------

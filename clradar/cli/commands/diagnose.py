@@ -30,7 +30,7 @@ def command(
     json: Path | None = opt.written("File for the result, in metres."),
     fix_to: Path | None = opt.written("The capture in clradar's convention (HDF5)."),
     expect_mm: tuple[float, ...] | None = opt.option(
-        "Rough position (20 mm) of a known target: tells the image from its mirror image.",
+        "Rough position (20 mm) of a known target: decides between equally sharp images.",
         metavar="X,Y,Z",
         parse=parse.position_mm,
     ),

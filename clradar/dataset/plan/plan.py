@@ -12,9 +12,7 @@ from pydantic import AfterValidator, BaseModel, PrivateAttr, model_validator
 from clradar.dataset.plan.draws import Draw, Within
 from clradar.dataset.plan.hands import (
     Alpha,
-    AlphaOfParts,
     Hands,
-    MaterialsOfParts,
     MovementPlan,
     Placement,
     PlanMaterials,
@@ -96,13 +94,13 @@ class Plan(FileRecord):
     poses: Poses
     hands: Hands = Hands()
     placement: Placement = Placement()
-    alpha: AlphaOfParts | None = None
+    alpha: Alpha | None = None
     impairments: Impairments = Impairments()
     radar: RadarPlan = RadarPlan()
     simulation: SimulationPlan = SimulationPlan()
     image: Image = Image()
     output: Output = Output()
-    material: MaterialsOfParts | None = None
+    material: PlanMaterials | None = None
     movement: MovementPlan | None = None
 
     _folder: Path = PrivateAttr(Path())
@@ -190,9 +188,9 @@ def _contradictions(plan: Plan) -> Iterator[tuple[str, str, Any]]:
     estimator, movement = plan.simulation.estimator, plan.movement
     if plan.material is not None and plan.alpha is not None:
         if estimator == "physical":
-            yield "alpha", "material in its place with simulation.estimator physical", "alpha"
+            yield "alpha", 'material in its place with simulation.estimator = "physical"', "alpha"
         else:
-            yield "material", "simulation.estimator physical with it", estimator
+            yield "material", 'simulation.estimator = "physical" with it', f'"{estimator}"'
     if plan.n_shards > MAX_SHARDS:
         least = -(-plan.samples // MAX_SHARDS)
         expected = f"at least {least} for {plan.samples} samples ({MAX_SHARDS} files)"
