@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.dataset.folder import SHARDS, Manifest, read_manifest, shard_name, shard_number
+from clradar.dataset.folder import SHARDS, Manifest, read_manifest, shard_name
 from clradar.dataset.plan.plan import Plan
 from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.sample import Sample, make_sample
@@ -76,9 +76,9 @@ def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport
     try:
         manifest = read_manifest(folder)
     except ClradarError as error:
-        return CheckReport(shown(folder), (), (clean(error),))
+        return CheckReport(shown(folder), (), error.mistakes or (clean(error),))
     checked = ["manifest: its plan is whole and has no mistakes"]
-    problems = [*_missing(manifest), *_foreign_files(folder)]
+    problems = [*_missing(manifest), *_foreign_files(folder, manifest)]
     before = len(problems)
     for done, number in enumerate(sorted(manifest.shards), start=1):
         try:
@@ -106,11 +106,12 @@ def _missing(manifest: Manifest) -> Iterator[str]:
         yield f"not complete: shards {_listed(missing)} are missing; the same command makes them"
 
 
-def _foreign_files(folder: Path) -> Iterator[str]:
+def _foreign_files(folder: Path, manifest: Manifest) -> Iterator[str]:
+    own = {shard_name(number) for number in manifest.shards}
     for path in sorted((folder / SHARDS).glob("*")):
         if path.match(TEMPORARY):
             yield f"{SHARDS}/{clean(path.name)}: left over; the same command removes it"
-        elif shard_number(path.name) is None:
+        elif f"{SHARDS}/{path.name}" not in own:
             yield f"{SHARDS}/{clean(path.name)}: is not of this data set; it can be removed by hand"
 
 
@@ -192,7 +193,7 @@ def replay(
     manifest = read_manifest(Path(folder))
     wanted, place = recipe(manifest.plan, index), manifest.place_of(index)
     opened = open_device(device)
-    if place is None:
+    if index not in manifest.stored:
         return Replay(make_sample(wanted, opened, rigs=rigs), None, (), ())
     stored, then = read_sample(Path(folder) / place, index, manifest.plan)
     made = make_sample(stored.recipe, opened, rigs=rigs)

@@ -37,7 +37,7 @@ def write_contact_sheet(folder: Path, manifest: Manifest) -> None:
     positions = np.linspace(0, len(stored) - 1, min(MOST_SAMPLES, len(stored))).tolist()
     samples = []
     for sample in (stored[round(position)] for position in positions):
-        shard = folder / str(manifest.place_of(sample))
+        shard = folder / manifest.place_of(sample)
         samples.append(read_sample(shard, sample, manifest.plan)[0])
     write_file(path, png_bytes(contact_sheet(samples), dpi=DPI), force=True)
 

@@ -12,7 +12,6 @@ shards that were never closed.
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -20,8 +19,8 @@ from typing import Any
 
 from pydantic import Field
 
-from clradar.dataset.plan.plan import Plan, PlanError, plan_from, plan_record
-from clradar.errors import MeasurementError, quoted
+from clradar.dataset.plan.plan import Plan, plan_from, plan_record
+from clradar.errors import quoted
 from clradar.files.failures import fail, shown
 from clradar.files.json_file import read_json_object, write_json
 from clradar.files.records import OpenRecord, Whole, record_of
@@ -35,8 +34,6 @@ SUMMARIES = (CONTACT_SHEET, "statistics.json", "statistics.csv")
 
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""
-
-_SHARD = re.compile(r"shard-(\d{5,})\.h5")
 
 
 class AsideRecord(OpenRecord):
@@ -76,10 +73,9 @@ class Manifest:
         samples = (n for shard in sorted(self.shards) for n in self.plan.shard_samples(shard))
         return [sample for sample in samples if sample not in self.aside]
 
-    def place_of(self, sample: int) -> str | None:
-        """The shard with a sample, relative to the folder; None if it is missing or failed."""
-        shard = sample // self.plan.output.shard_size
-        return None if shard not in self.shards or sample in self.aside else shard_name(shard)
+    def place_of(self, sample: int) -> str:
+        """The shard with a sample, or which would have it, relative to the folder."""
+        return shard_name(sample // self.plan.output.shard_size)
 
     def take(self, number: int, failed: Mapping[int, Aside], sha256: str) -> None:
         """Take in a shard, of whose samples these failed."""
@@ -115,9 +111,8 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST
     manifest = manifest_of(path, read_json_object(path))
     if (folder / SHARDS).is_dir():
-        numbers = (shard_number(entry.name) for entry in os.scandir(folder / SHARDS))
-        n_shards = manifest.plan.n_shards
-        manifest.shards = {n for n in numbers if n is not None and n < n_shards}
+        there = {f"{SHARDS}/{name}" for name in os.listdir(folder / SHARDS)}
+        manifest.shards = {n for n in range(manifest.plan.n_shards) if shard_name(n) in there}
     return manifest
 
 
@@ -131,26 +126,10 @@ def manifest_of(path: Path, content: Mapping[str, Any]) -> Manifest:
         fail(path, f"version {VERSION} or older", f"{quoted(version)}; update clradar")
     record = record_of(content, ManifestRecord, path)
     aside = {one.sample: Aside(**one.model_dump()) for one in record.set_aside}
-    return Manifest(_plan(path, record.plan), record.made_with, aside, record.sha256)
-
-
-def _plan(path: Path, content: Mapping[str, Any]) -> Plan:
-    """Return the plan of a manifest; its mistakes are damage, of which the first is shown."""
-    try:
-        return plan_from(content, shown(path), path.parent)
-    except PlanError as error:
-        count = len(error.mistakes)
-        more = f" (the first of {count} mistakes)" if count > 1 else ""
-        raise MeasurementError(f"{error.mistakes[0]}{more}") from error
+    plan = plan_from(record.plan, shown(path), path.parent)
+    return Manifest(plan, record.made_with, aside, record.sha256)
 
 
 def shard_name(number: int) -> str:
     """Return the path of a shard, relative to the folder."""
     return f"{SHARDS}/shard-{number:05d}.h5"
-
-
-def shard_number(name: str) -> int | None:
-    """Return the number of a shard from its file's name; None of other files."""
-    found = _SHARD.fullmatch(name)
-    number = None if found is None else int(found[1])
-    return number if number is not None and shard_name(number) == f"{SHARDS}/{name}" else None

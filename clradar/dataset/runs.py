@@ -23,7 +23,7 @@ from clradar.dataset.folder import (
 )
 from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.dataset.plan.recipe import recipe
-from clradar.dataset.sample import Sample, found_rig, make_sample
+from clradar.dataset.sample import Sample, check_rig, make_sample
 from clradar.dataset.shards import failed_of, new_shard, opened_shard, read_sample, samples_of
 from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_warnings, warn
 from clradar.files.atomic import remove_temporaries
@@ -34,7 +34,7 @@ from clradar.jobs.job import Job
 from clradar.jobs.outcome import ATTEMPTS, Aside, made_with, reason_of
 from clradar.jobs.where import Where
 from clradar.model.progress import Progress
-from clradar.opencl import forget_devices, open_device
+from clradar.opencl import Device, forget_devices, open_device
 
 SHOWN_ASIDE = 20
 """Samples that were set aside and are named in warnings."""
@@ -124,7 +124,7 @@ def run(
 def _check_rigs(plan: Plan) -> None:
     """Raise `ModelError` unless the files of the rigs are those of the plan."""
     for rig in plan.hands.rigs:
-        found_rig(rig, plan.folder)
+        check_rig(rig, plan.folder)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,18 +164,15 @@ class ShardMaker:
         made = Made(made_with(opened), {aside.sample: aside for aside in work.deadly})
         if not work.stored:
             for sample in work.samples:
-                self._attempt(sample, opened.info.selector, made)
+                self._attempt(sample, opened, made)
             return made
-        target = self.folder / shard_name(work.samples[0] // self.plan.output.shard_size)
+        target = self.folder / Manifest(self.plan).place_of(work.samples[0])
         with new_shard(target, self.plan) as shard:
             for done, sample in enumerate(work.samples, start=1):
                 if kept := self._stored(target, sample):
                     shard.add(*kept)
-                elif sample not in made.failed:
-                    found = self._attempt(sample, opened.info.selector, made)
-                    made.count += found is not None
-                    if found is not None:
-                        shard.add(found, made.made_with)
+                elif sample not in made.failed and (found := self._attempt(sample, opened, made)):
+                    shard.add(found, made.made_with)
                 if sample in made.failed:
                     shard.fail(made.failed[sample])
                 if progress is not None:
@@ -192,14 +189,14 @@ class ShardMaker:
                 continue
         return None
 
-    def _attempt(self, sample: int, selector: str, made: Made) -> Sample | None:
+    def _attempt(self, sample: int, opened: Device, made: Made) -> Sample | None:
         """Make a sample, or note why there is none."""
         reason = ""
         for _ in range(ATTEMPTS):
             texts: list[str] = []
             try:
                 with handled_warnings(texts.append):  # for the process that shows them
-                    device = open_device(selector)
+                    device = open_device(opened.info.selector)
                     found = make_sample(recipe(self.plan, sample), device, rigs=self.plan.folder)
             except Exception as error:
                 reason = reason_of(error)
@@ -208,6 +205,7 @@ class ShardMaker:
                 continue
             if texts:
                 made.warnings[sample] = "; ".join(texts)
+            made.count += 1
             return found
         made.failed[sample] = Aside(sample, reason, ATTEMPTS)
         return None

@@ -149,11 +149,12 @@ def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> Moving
 
 @lru_cache(maxsize=4)
 def _rig(record: RigFile, folder: str) -> Any:
-    return record.read(*found_rig(record, Path(folder)))
+    check_rig(record, Path(folder))
+    return record.read(Path(folder))
 
 
-def found_rig(record: RigFile, folder: Path) -> tuple[Path, Path | None]:
-    """Return the paths of a rig's files; a `ModelError` where they are not those of the plan."""
+def check_rig(record: RigFile, folder: Path) -> None:
+    """Raise `ModelError` unless the files of a rig are those of the plan."""
     known = {folder / record.file: record.sha256}
     if record.mapping is not None:
         known[folder / record.mapping] = str(record.mapping_sha256)
@@ -167,8 +168,6 @@ def found_rig(record: RigFile, folder: Path) -> tuple[Path, Path | None]:
         except (OSError, ValueError) as error:
             got = f"none that can be read: {clean(error)}"
         checks.fail(shown(path), f"the file of the plan (SHA-256 {sha256})", got)
-    file, *mapping = known
-    return file, mapping[0] if mapping else None
 
 
 def rotation(angles_rad: Any) -> np.ndarray:

@@ -62,7 +62,6 @@ class Drawn:
         cls,
         image: Volume | Flat,
         dynamic_range_db: float,
-        *,
         voxels: bool = False,
         second: bool = False,
     ) -> Drawn:

@@ -94,30 +94,20 @@ class Panel:
     def connect(self, session: Session, player: Player) -> None:
         """Turn changes of the controls into wishes."""
         self._session, self._player = session, player
-        self._scene.on_click(
-            lambda at_m: self.attempt(lambda: session.change(at_m=at_m)), lambda: self._shown
-        )
+        self._server.scene.on_click()(lambda event: self.attempt(lambda: self._choose_place(event)))
         keys = ["L changes the layout", "V shows voxels"]
-
-        def go(act: Callable[[], None]) -> Callable[[], None]:
-            def gone() -> None:
-                player.chosen()
-                act()
-
-            return gone
-
         self.on(self.range_db, lambda: session.change(dynamic_range_db=float(self.range_db.value)))
         self.on(self.voxels, lambda: session.change(voxels=bool(self.voxels.value)))
         self.on(self.layout, lambda: session.change(layout=one_of(self.layout.value, LAYOUTS)))
-        self.on(self.frame, go(self._choose_frame))
+        self.on(self.frame, self._choose_frame)
         self.on(self.play, lambda: player.play(bool(self.play.value)))
         self.key("L", "Layout", lambda: session.change(layout=_next(session.wish.layout, LAYOUTS)))
         self.key("V", "Points or voxels", lambda: self.toggle(self.voxels))
         if self._source.grows or len(self._source.frames()) > 1:
             keys = ["space plays", "N and P go to the next frame and back", *keys]
         self.key("space", "Play or stop", lambda: self.toggle(self.play))
-        self.key("N", "Next frame", go(lambda: session.step(1)))
-        self.key("P", "Previous frame", go(lambda: session.step(-1)))
+        self.key("N", "Next frame", lambda: player.step(1))
+        self.key("P", "Previous frame", lambda: player.step(-1))
         with self._tabs.add_tab("Place"):
             self._add_place()
         if self._samples is not None:
@@ -178,7 +168,13 @@ class Panel:
         assign(self.frame, "max", max(1, len(frames) - 1))
         assign(self.frame, "value", max(0, bisect_right(frames, frame) - 1))
 
+    def _choose_place(self, event: Any) -> None:
+        at_m = None if self._shown is None else self._scene.clicked_m(self._shown, event)
+        if at_m is not None:
+            self._session.change(at_m=at_m)
+
     def _choose_frame(self) -> None:
+        self._player.chosen()
         frames = self._source.frames()  # there may be fewer than when the slider was drawn
         if frames:
             self._session.change(frame=frames[min(int(self.frame.value), len(frames) - 1)])

@@ -154,6 +154,11 @@ class Player:
             self._finish()
             self._on_follow(False)
 
+    def step(self, by: int) -> None:
+        """Go on by some frames, and stay there."""
+        self.chosen()
+        self._session.step(by)
+
     def _finish(self) -> None:
         """Image the frame of a quick image anew, and no others quickly until one is followed."""
         if self._session.wish.quick:

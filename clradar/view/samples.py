@@ -88,7 +88,11 @@ class SampleFrames:
     def choose(self, pose: str = ALL, hand: str = ALL) -> None:
         """Go through the samples of a pose and of "right" or "left" hands alone."""
         self._chosen = (pose, hand)
-        self._frames = tuple(frame for frame in self._all if self._is_chosen(frame))
+        self._frames = self._all
+        for at, wanted in enumerate(self._chosen):
+            if wanted != ALL:
+                own = (frame for frame in self._frames if self._pose_and_hand(frame)[at] == wanted)
+                self._frames = tuple(own)
 
     def look(self) -> bool:
         """Wait a second, take in what was stored since; return whether there are other samples."""
@@ -105,22 +109,13 @@ class SampleFrames:
         """When the last samples were found: when they were written is not known."""
         return self._looked_s
 
-    def _is_chosen(self, frame: int) -> bool:
-        if self._chosen == (ALL, ALL):
-            return True
-        pairs = zip(self._chosen, self._pose_and_hand(frame), strict=True)
-        return all(wanted in (ALL, found) for wanted, found in pairs)
-
     def _drawn_pose_and_hand(self, frame: int) -> tuple[str, str]:
         drawn = SamplePlan(self._manifest.plan, frame)
         return drawn.pose.name, drawn.plan.hands.handedness
 
     def _read_sample(self, frame: int) -> Sample:
-        place = self._manifest.place_of(frame)
-        if place is None:
-            fail(self._folder, f"sample {frame}", "none that is stored")
-        sample, _ = read_sample(self._folder / place, frame, self._manifest.plan)
-        return sample
+        shard = self._folder / self._manifest.place_of(frame)
+        return read_sample(shard, frame, self._manifest.plan)[0]
 
 
 def _lines(drawn: SamplePlan) -> tuple[str, ...]:

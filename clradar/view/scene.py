@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -149,34 +148,23 @@ class SceneView:
         )
         self._clouds[name] = (handle, drawn)
 
-    def on_click(self, act: Callable[[Place], None], shown: Callable[[], Shown | None]) -> None:
-        """Let a click on a picture, a point or a voxel call this with its place, metres."""
-
-        def clicked(event: Any) -> None:
-            with suppress(TypeError, ValueError):  # a page could send what is no ray
-                choose(event)
-
-        def choose(event: Any) -> None:
-            now = shown()
-            origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
-            if now is None or not np.isfinite([origin, direction]).all() or not direction.any():
-                return
-            at_m = now.wish.at_m or now.chosen.strongest_m()
-            for name, one in list(self._pictures.items()):
-                values_m = one.values_m(origin, direction)
-                if values_m is not None:
-                    kind = name if name in ("xy", "xz", "zy") else "projection"
-                    act(now.chosen.pointed_m(at_m, kind, *values_m))
-                    return
-            seen = [drawn.cloud for handle, drawn in list(self._clouds.values()) if handle.visible]
-            if seen:
-                points_m = np.concatenate([cloud.points_m for cloud in seen])
-                size_m = max(cloud.size_m for cloud in seen)
-                hit_m = clicked_m(points_m, origin / UNITS_PER_M, direction, size_m)
-                if hit_m is not None:
-                    act(hit_m)
-
-        self._server.scene.on_click()(clicked)
+    def clicked_m(self, shown: Shown, event: Any) -> Place | None:
+        """Return the place that a click on a picture, a point or a voxel means, metres."""
+        origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
+        if not np.isfinite([origin, direction]).all() or not direction.any():
+            return None
+        at_m = shown.wish.at_m or shown.chosen.strongest_m()
+        for name, one in list(self._pictures.items()):
+            values_m = one.values_m(origin, direction)
+            if values_m is not None:
+                kind = name if name in ("xy", "xz", "zy") else "projection"
+                return shown.chosen.pointed_m(at_m, kind, *values_m)
+        seen = [drawn.cloud for handle, drawn in list(self._clouds.values()) if handle.visible]
+        if not seen:
+            return None
+        points_m = np.concatenate([cloud.points_m for cloud in seen])
+        size_m = max(cloud.size_m for cloud in seen)
+        return clicked_m(points_m, origin / UNITS_PER_M, direction, size_m)
 
     def _draw_pictures(self, shown: Shown, layout: str, *, moved: bool) -> None:
         drawn_for = (shown.first, shown.second, shown.wish.side, shown.wish.at_m, layout)

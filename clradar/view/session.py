@@ -8,6 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Protocol
 
 from clradar.compare import Metrics, metrics_of
@@ -83,13 +84,13 @@ class Session:
 
     def __init__(self, view: View, front: Front, form: Callable[..., Volume] | None = None) -> None:
         self.source, self._beside, self._device = view.source, view.beside, view.device
+        self._read = lru_cache(maxsize=1)(view.source.read)
+        self._drawn = lru_cache(maxsize=1 if view.beside is None else 2)(Drawn.of)
+        self._metrics = lru_cache(maxsize=1)(_metrics)
         self.wish, self._front = view.wish, front  # the newest wish
         self._imagers = Imagers(view.device)
         self._form = form or self._imagers.form
-        self._content: tuple[int, Content] | None = None
         self._images: OrderedDict[Hashable, Volume | Flat] = OrderedDict()
-        self._last_drawn: dict[bool, tuple[tuple[Any, ...], Drawn, Volume | Flat]] = {}
-        self._compared: tuple[Drawn, Drawn, Metrics | None] | None = None
         self._changed = threading.Condition()
         self._waiting = self._busy = self._closed = False
         self._thread = threading.Thread(target=self._run, name="clradar view", daemon=True)
@@ -165,16 +166,12 @@ class Session:
         if isinstance(content, Capture) and wish.grid is None:
             wish = self._placed(wish, content)
         made = self._imagers.made
-        first = self._drawn(self._imaged(wish, content, (wish.frame, *_image_key(wish))), wish)
+        image = self._imaged(wish, content, (wish.frame, *_image_key(wish)))
+        first = self._drawn(image, wish.dynamic_range_db, wish.voxels)
         second = self._second(wish, content, first)
         metrics = None if second is None else self._metrics(first, second)
         prepared = self._imagers.made > made
         self._front.show(Shown(wish, content, first, second, metrics, prepared))
-
-    def _read(self, frame: int) -> Content:
-        if self._content is None or self._content[0] != frame:
-            self._content = (frame, self.source.read(frame))
-        return self._content[1]
 
     def _placed(self, wish: Wish, capture: Capture) -> Wish:
         grid = live_grid(place_grid(capture, device=self._device))
@@ -204,25 +201,7 @@ class Session:
             image = self._imaged(wish, other, key)
             if isinstance(other, Volume):
                 self._keep(key, image)
-        return self._drawn(image, wish, second=True)
-
-    def _metrics(self, first: Drawn, second: Drawn) -> Metrics | None:
-        last = self._compared
-        if last is None or last[0] is not first or last[1] is not second:
-            metrics = None
-            with suppress(ClradarError):  # other pixels, or nothing to be seen
-                metrics = metrics_of(first.image, second.image, first.image.dynamic_range_db)
-            self._compared = last = (first, second, metrics)
-        return last[2]
-
-    def _drawn(self, image: Volume | Flat, wish: Wish, second: bool = False) -> Drawn:
-        """Return what is drawn of an image: the same object as before, where it would be equal."""
-        key = (id(image), wish.dynamic_range_db, wish.voxels)
-        last = self._last_drawn.get(second)
-        if last is None or last[0] != key:
-            drawn = Drawn.of(image, wish.dynamic_range_db, voxels=wish.voxels, second=second)
-            self._last_drawn[second] = last = (key, drawn, image)
-        return last[1]
+        return self._drawn(image, wish.dynamic_range_db, wish.voxels, second=True)
 
     def _imaged(self, wish: Wish, content: Content, key: tuple[Hashable, ...]) -> Volume | Flat:
         if not isinstance(content, Capture):
@@ -286,6 +265,12 @@ class Imagers:
         self._kept.insert(0, (settings, made))
         self.made += 1
         return made
+
+
+def _metrics(first: Drawn, second: Drawn) -> Metrics | None:
+    with suppress(ClradarError):  # other pixels, or nothing to be seen
+        return metrics_of(first.image, second.image, first.image.dynamic_range_db)
+    return None
 
 
 def _image_key(wish: Wish) -> tuple[Hashable, ...]:

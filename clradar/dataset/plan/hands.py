@@ -51,6 +51,8 @@ POSE_SETS = {"letters": LETTERS, "digits": DIGITS, "all": (*LETTERS, *DIGITS)}
 EDGE_MM = 2.0
 """About 29 000 faces; see docs/datasets.md for what other lengths cost and err."""
 
+NAME_OR_TABLE = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
+
 UNNAMED = "[all]"
 """Key of a value that a file gives without one; mistakes are not reported at it."""
 
@@ -177,24 +179,24 @@ class RigFile(FileRecord):
             self.__dict__.update(tried(self._found, folder_of(info)))
         return self
 
-    def read(self, file: Path, mapping: Path | None) -> Any:
-        """Return the rig of these files."""
+    def read(self, folder: Path) -> Any:
+        """Return the rig of the files in a folder."""
         from clradar.rigs import read_rig
 
+        mapping = None if self.mapping is None else folder / self.mapping
         return read_rig(
-            file, mapping=mapping, unit=self.unit, handedness=self.handedness,
+            folder / self.file, mapping=mapping, unit=self.unit, handedness=self.handedness,
             betas=self.betas or None,
         )  # fmt: skip
 
     def _found(self, folder: Path) -> dict[str, Any]:
-        names = None if self.mapping is None else folder / self.mapping
         try:
-            rig = self.read(folder / self.file, names)
+            rig = self.read(folder)
         except ClradarError as error:  # it names the option of the command
             raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
         digest = sha256_of(*files_of(folder / self.file))
-        found = {"sha256": digest, "handedness": rig.handedness}
-        return found if names is None else {**found, "mapping_sha256": sha256_of(names)}
+        mapping = None if self.mapping is None else sha256_of(folder / self.mapping)
+        return {"sha256": digest, "handedness": rig.handedness, "mapping_sha256": mapping}
 
 
 Rig = Annotated[
@@ -324,8 +326,9 @@ class ByPart(FileRecord, Generic[Value]):
         values = {name: getattr(self, name) for name in PART_NAMES}
         return {name: made(self.others if v is None else v) for name, v in values.items()}
 
-    @staticmethod
-    def of_all(value: Any) -> Any:
+    @model_validator(mode="before")
+    @classmethod
+    def _of_all(cls, value: Any) -> Any:
         """The table of one value for all parts."""
         parts = (*PART_NAMES, "others")
         table = isinstance(value, dict) and (not value or any(nearest(k, parts) for k in value))
@@ -341,9 +344,6 @@ class Alpha(ByPart[Share]):
     def of_parts(self) -> Mapping[str, float]:
         """The alpha of every part of a sample, of which nothing is to be drawn."""
         return self.each(float)
-
-
-AlphaOfParts = Annotated[Alpha, BeforeValidator(Alpha.of_all)]
 
 
 # Materials
@@ -369,9 +369,6 @@ def _made_of(given: Any, info: ValidationInfo) -> Material:
     return known[name]
 
 
-_SCHEMA = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
-
-
 def _millimetres(low_m: float, high_m: float) -> Within:
     return Within(1e3 * low_m, 1e3 * high_m)
 
@@ -379,7 +376,7 @@ def _millimetres(low_m: float, high_m: float) -> Within:
 class PartMaterial(FileRecord):
     """What a part of a hand is made of: a material, of which some lengths may be drawn."""
 
-    of: Annotated[Material, PlainValidator(_made_of), _SCHEMA] = Field(
+    of: Annotated[Material, PlainValidator(_made_of), NAME_OR_TABLE] = Field(
         default_factory=lambda: material("palm"), validation_alias=AliasChoices("of", UNNAMED)
     )  # most of what a radar sees of a hand that is held towards it
     roughness_rms_mm: Annotated[Draw, _millimetres(0.0, PLAUSIBLE_ROUGHNESS_M[1])] | None = None
@@ -396,12 +393,10 @@ class PartMaterial(FileRecord):
 
     def made(self, bound: int = 0) -> Material:
         """Return the material with its least or its greatest lengths: equal where all is drawn."""
-        names = ("roughness_rms_mm", "correlation_length_mm", "coating_thickness_mm")
-        given = {name: getattr(self, name) for name in names}
         values: dict[str, Any] = {
             name.replace("_mm", "_m"): draw.bounds()[bound] / 1e3
-            for name, draw in given.items()
-            if draw is not None
+            for name in ("roughness_rms_mm", "correlation_length_mm", "coating_thickness_mm")
+            if (draw := getattr(self, name)) is not None
         }
         thickness_m = values.pop("coating_thickness_m", None)
         if thickness_m is not None and self.of.coating is not None:
@@ -427,6 +422,3 @@ class PlanMaterials(ByPart[Part]):
     def of_parts(self) -> Mapping[str, Material]:
         """The material of every part of a sample, of which nothing is to be drawn."""
         return self.each(PartMaterial.made)
-
-
-MaterialsOfParts = Annotated[PlanMaterials, BeforeValidator(PlanMaterials.of_all)]

@@ -12,9 +12,7 @@ from pydantic import AfterValidator, BaseModel, PrivateAttr, model_validator
 from clradar.dataset.plan.draws import Draw, Within
 from clradar.dataset.plan.hands import (
     Alpha,
-    AlphaOfParts,
     Hands,
-    MaterialsOfParts,
     MovementPlan,
     Placement,
     PlanMaterials,
@@ -96,13 +94,13 @@ class Plan(FileRecord):
     poses: Poses
     hands: Hands = Hands()
     placement: Placement = Placement()
-    alpha: AlphaOfParts | None = None
+    alpha: Alpha | None = None
     impairments: Impairments = Impairments()
     radar: RadarPlan = RadarPlan()
     simulation: SimulationPlan = SimulationPlan()
     image: Image = Image()
     output: Output = Output()
-    material: MaterialsOfParts | None = None
+    material: PlanMaterials | None = None
     movement: MovementPlan | None = None
 
     _folder: Path = PrivateAttr(Path())

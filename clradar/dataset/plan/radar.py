@@ -20,7 +20,7 @@ from clradar.arrays.array_file import array_of, array_record
 from clradar.arrays.instruments import KNOWN
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.dataset.plan.draws import Draw, Within, fixed, holding, tried
-from clradar.dataset.plan.hands import folder_of
+from clradar.dataset.plan.hands import NAME_OR_TABLE, folder_of
 from clradar.files.records import FileRecord, Vector, is_number, mistake, numbers
 from clradar.files.toml_file import choice_text, toml_brief
 from clradar.geometry.normals import CREASE_DEG
@@ -115,13 +115,10 @@ def _array(value: Any, info: ValidationInfo) -> str | dict[str, Any]:
     raise mistake(expected, toml_brief(value))
 
 
-_ARRAYS = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
-
-
 class RadarPlan(FileRecord):
     """The table [radar]: every n-th antenna of a known array ("qar50") or of a file's, and SFCW."""
 
-    array: Annotated[str | Mapping[str, Any], PlainValidator(_array), _ARRAYS] = "qar50"
+    array: Annotated[str | Mapping[str, Any], PlainValidator(_array), NAME_OR_TABLE] = "qar50"
     every: Annotated[int, Within(1, 47)] = 1
     start_ghz: Annotated[float, Within(0.1, 1000.0)] = 72.0
     stop_ghz: Annotated[float, Within(0.1, 1000.0)] = 82.0
