@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from clradar import __version__
-from clradar.cli.console import print_error, print_interrupted, print_warning, printed_log
+from clradar.cli.console import print_error, print_warning, printed_log
 from clradar.cli.groups import expanded
 from clradar.errors import ClradarError, handled_warnings
 from clradar.files import interrupts
@@ -228,10 +228,10 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
             interrupts.working()
             require_own("calibration", "measurement_io")
             return function(*args, **kwargs)
-        except (typer.Exit, typer.Abort, typer.BadParameter, BrokenPipeError):
+        except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
         except KeyboardInterrupt as interruption:
-            raise _interrupted(interruption) from None
+            raise _interrupted(*interruption.args) from None
         except Exception as error:
             if interrupts.waits():
                 raise _interrupted() from None
@@ -247,10 +247,9 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     return run
 
 
-def _interrupted(interruption: KeyboardInterrupt | None = None) -> typer.Exit:
+def _interrupted(*words: object) -> typer.Exit:
     interrupts.ended()
-    words = () if interruption is None else interruption.args
-    print_interrupted("; ".join(["interrupted", *map(str, words)]))
+    print_error("; ".join(["interrupted", *map(str, words)]), "")
     return typer.Exit(interrupts.exit_status())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -25,19 +26,14 @@ def one_line(text: object) -> str:
     return quoted(text, sys.maxsize)
 
 
-def print_error(text: object) -> None:
-    """Print the one line with the reason why a command failed."""
-    _print(f"clradar: error: {one_line(text)}", sys.stderr)
-
-
-def print_interrupted(text: str) -> None:
-    """Print that a command was interrupted, and what resumes, where something does."""
-    _print(f"clradar: {one_line(text)}", sys.stderr)
+def print_error(text: object, kind: str = "error: ") -> None:
+    """Print one line, of the reason why a command failed; of another kind where that is given."""
+    _print(f"clradar: {kind}{one_line(text)}", sys.stderr)
 
 
 def print_warning(text: object) -> None:
     """Print one line about a result that is probably not as intended."""
-    _print(f"clradar: warning: {one_line(text)}", sys.stderr)
+    print_error(text, "warning: ")
 
 
 @contextmanager
@@ -69,7 +65,10 @@ def print_text(text: str) -> None:
 
 
 def _print(text: str, stream: TextIO) -> None:
-    print(_encodable(text, stream), file=stream, flush=True)
+    try:
+        print(_encodable(text, stream), file=stream, flush=True)
+    except BrokenPipeError:  # as of `| head -1`: nobody reads on, and the files are not written yet
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _encodable(text: str, stream: TextIO) -> str:
@@ -116,7 +115,9 @@ def print_table(
         table.add_column(Text("\n".join(lines)), justify=side, no_wrap=number, overflow="fold")
     for row in cells:
         table.add_row(*row)
-    console.print(table)
+    with console.capture() as captured:
+        console.print(table)
+    print_text(captured.get().removesuffix("\n"))
 
 
 @dataclass(frozen=True, slots=True)
