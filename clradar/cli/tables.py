@@ -104,8 +104,8 @@ def mark_of(result: Diagnosis, hypothesis: Hypothesis) -> str:
 
 
 def decibels(relative_db: float) -> str:
-    """A level for a table."""
-    return f"{relative_db:.1f}" if relative_db > -100 else "< -100"
+    """A level for a table, without -0.0."""
+    return f"{round(relative_db, 1) + 0.0:.1f}" if relative_db > -100 else "< -100"
 
 
 LOBE_COLUMNS = ("lobe", "azimuth (°)", "elevation (°)", "level (dB)", "")

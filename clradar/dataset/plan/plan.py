@@ -154,7 +154,7 @@ class Plan(FileRecord):
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
-    """Return the plan of a TOML file; docs/plans.md lists its keys. Mistakes are a `PlanError`.
+    """Return the plan of a TOML file (docs/plans.md); mistakes in its keys are a `PlanError`.
 
     Examples
     --------
