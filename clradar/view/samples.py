@@ -26,10 +26,7 @@ LOOK_S = 1.0
 
 
 class SampleFrames:
-    """The stored samples of a data set as a source; frames have the numbers of the plan.
-
-    Only the manifest is read at first. Of shards, one sample at a time is read; a few are kept.
-    """
+    """The stored samples of a data set, numbered as in the plan, read one at a time."""
 
     def __init__(self, folder: Path, *, watch: bool = False) -> None:
         self.grows = watch
