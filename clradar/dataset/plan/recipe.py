@@ -100,10 +100,10 @@ class SamplePlan:
             return node if node.kind == "fixed" else fixed(node.draw(self._stream(path)))
         if not isinstance(node, BaseModel):
             return node
-        values = {name: getattr(node, name) for name in type(node).model_fields}
         above = f"{path}." if path else ""
+        names = type(node).model_fields
         return node.model_copy(
-            update={name: self._numbers(value, above + name) for name, value in values.items()}
+            update={name: self._numbers(getattr(node, name), above + name) for name in names}
         )
 
     def _stream(self, quantity: str) -> np.random.Generator:
