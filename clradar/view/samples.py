@@ -127,4 +127,7 @@ def _lines(drawn: SamplePlan) -> tuple[str, ...]:
     if drawn.plan.alpha is not None:
         alphas = drawn.plan.alpha.of_parts.items()
         lines.append("alpha: " + ", ".join(f"{name} {value:.2f}" for name, value in alphas))
+    if drawn.plan.material is not None:
+        materials = drawn.plan.material.of_parts.items()
+        lines.append("material: " + ", ".join(f"{name} {own.name}" for name, own in materials))
     return tuple(lines)
