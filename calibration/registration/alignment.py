@@ -153,7 +153,7 @@ class Alignment:
         if self.overlap is not None and self.overlap < USUAL_OVERLAP:
             found.append(
                 f"an overlap of {self.overlap:.2f} is little, right meshes have 0.91 or more in "
-                "simulations: the object or its pose may be another; see the figure"
+                "simulations: the object or its pose may be another"
             )
         if self.residual_ratio is not None and self.residual_ratio > USUAL_RATIO:
             worst = "; ".join(place.text() for place in self.places) or "no place in particular"
