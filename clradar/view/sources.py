@@ -214,7 +214,7 @@ def viewed(frame: Any) -> Capture | Volume:
 
 
 class StreamFrames:
-    """Captures or volumes of a Python iterable, gone through in a thread of its own: the last."""
+    """Captures or volumes of an iterable, gone through in a thread; the last ones are kept."""
 
     grows = True
 
