@@ -69,10 +69,7 @@ def describe_dataset(folder: Path) -> Description:
 
 
 def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport:
-    """Verify a data set by reading all of it: SHA-256 and checksums, and what readers need.
-
-    `progress` is called with (done, total) shards.
-    """
+    """Verify a data set by reading all of it: SHA-256 and checksums, and what readers need."""
     try:
         manifest = read_manifest(folder)
     except ClradarError as error:

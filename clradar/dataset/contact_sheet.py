@@ -13,7 +13,7 @@ from clradar.dataset.plan.recipe import read_recipe
 from clradar.dataset.sample import Sample
 from clradar.dataset.shards import read_sample
 from clradar.files.atomic import write_file
-from clradar.hand import JOINT_NAMES
+from clradar.hand.joints import CHAINS
 from clradar.plot.layout import new_figure
 from clradar.plot.panels import AMPLITUDE_BACKGROUND
 from clradar.plot.saving import png_bytes
@@ -52,7 +52,6 @@ def contact_sheet(samples: list[Sample]) -> Figure:
     figure = new_figure(columns * CELL_INCHES + 0.2, rows * (CELL_INCHES + 0.22) + 0.4, dpi=DPI)
     scale = f"amplitudes from {DYNAMIC_RANGE_DB:g} dB below each maximum; depths from near to far"
     figure.supxlabel(scale, fontsize=TITLE_PT, wrap=True)
-    starts = [i for i, name in enumerate(JOINT_NAMES) if name.endswith("metacarpal")]
     for number, sample in enumerate(samples, start=1):
         axes = figure.add_subplot(rows, columns, number)
         axes.set(xticks=[], yticks=[], facecolor=AMPLITUDE_BACKGROUND, aspect="equal")
@@ -65,9 +64,9 @@ def contact_sheet(samples: list[Sample]) -> Figure:
                 extent = (grid.x_m[0] - dx, grid.x_m[-1] + dx, grid.y_m[0] - dy, grid.y_m[-1] + dy)
             axes.imshow(image, extent=extent, origin="lower", cmap="magma", interpolation="nearest")
         if "joints" in sample.arrays and (image is None or grid is not None):
-            for digit in np.split(sample.arrays["joints"], starts)[1:]:
-                chain = np.vstack([sample.arrays["joints"][:1], digit])
-                axes.plot(chain[:, 0], chain[:, 1], color="#4cc9f0", linewidth=0.4, alpha=0.8)
+            for chain in CHAINS:
+                x_m, y_m, _ = sample.arrays["joints"][[0, *chain]].T
+                axes.plot(x_m, y_m, color="#4cc9f0", linewidth=0.4, alpha=0.8)
         axes.invert_xaxis()
         text = f"{drawn.sample}: {drawn.pose.name}"
         text = text if len(text) <= 20 else text[:19] + "…"

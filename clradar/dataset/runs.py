@@ -23,7 +23,7 @@ from clradar.dataset.folder import (
 )
 from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.dataset.plan.recipe import recipe
-from clradar.dataset.sample import Sample, check_rig, make_sample
+from clradar.dataset.sample import Sample, check_rigs, make_sample
 from clradar.dataset.shards import failed_of, new_shard, opened_shard, read_sample, samples_of
 from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_warnings, warn
 from clradar.files.atomic import remove_temporaries
@@ -100,7 +100,7 @@ def run(
         compared=lambda key: plan_record(manifest_of(path / MANIFEST, key).plan) if key else key,
     )  # fmt: skip
     if force or not (path / MANIFEST).exists():
-        _check_rigs(plan)  # before a data set is removed, or a folder made
+        check_rigs(plan.hands.rigs, plan.folder)  # before a data set is removed, or a folder made
     with job.held():
         if force:
             job.clear(OWN_NAMES[1:])
@@ -109,7 +109,7 @@ def run(
         again = {sample // plan.output.shard_size for sample in dataset.manifest.aside if retry}
         shards = sorted({*dataset.manifest.missing, *again})
         if shards:
-            _check_rigs(plan)
+            check_rigs(plan.hands.rigs, plan.folder)
             job.clear(SUMMARIES)
             try:
                 dataset.make(shards, where, progress)
@@ -119,12 +119,6 @@ def run(
         job.clear([PARTS])
         write_contact_sheet(path, dataset.manifest)
     return dataset.result()
-
-
-def _check_rigs(plan: Plan) -> None:
-    """Raise `ModelError` unless the files of the rigs are those of the plan."""
-    for rig in plan.hands.rigs:
-        check_rig(rig, plan.folder)
 
 
 @dataclass(frozen=True, slots=True)

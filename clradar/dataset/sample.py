@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -149,15 +149,14 @@ def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> Moving
 
 @lru_cache(maxsize=4)
 def _rig(record: RigFile, folder: str) -> Any:
-    check_rig(record, Path(folder))
+    check_rigs([record], Path(folder))
     return record.read(Path(folder))
 
 
-def check_rig(record: RigFile, folder: Path) -> None:
-    """Raise `ModelError` unless the files of a rig are those of the plan."""
-    known = {folder / record.file: record.sha256}
-    if record.mapping is not None:
-        known[folder / record.mapping] = str(record.mapping_sha256)
+def check_rigs(records: Sequence[RigFile], folder: Path) -> None:
+    """Raise `ModelError` unless the files of rigs are those of the plan."""
+    known = {folder / own.file: own.sha256 for own in records}
+    known |= {folder / own.mapping: str(own.mapping_sha256) for own in records if own.mapping}
     for path, sha256 in known.items():
         try:
             if sha256_of(*files_of(path)) == sha256:

@@ -41,6 +41,12 @@ A joint carries the name of the bone that begins there; `tip` is the end of the 
 
 JOINT_INDEX: Mapping[str, int] = MappingProxyType({name: i for i, name in enumerate(JOINT_NAMES)})
 
+CHAINS: tuple[tuple[int, ...], ...] = tuple(
+    tuple(i for name, i in JOINT_INDEX.items() if name.startswith(f"{digit}-"))
+    for digit in ("thumb", *FINGERS)
+)
+"""Joints of the thumb and the four fingers, from metacarpal to tip."""
+
 ANGLES: tuple[str, ...] = ("flexion", "abduction", "twist")
 
 Range = tuple[float, float]

@@ -14,14 +14,9 @@ import numpy as np
 
 from clradar.errors import ModelError, RigError
 from clradar.hand import HandPose, pose_by_name, posed_skeleton
-from clradar.hand.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
+from clradar.hand.joints import CHAINS, FINGERS, JOINT_INDEX, JOINT_NAMES
 
 WRIST = JOINT_INDEX["wrist"]
-CHAINS: tuple[tuple[int, ...], ...] = tuple(
-    tuple(i for name, i in JOINT_INDEX.items() if name.startswith(f"{digit}-"))
-    for digit in ("thumb", *FINGERS)
-)
-"""Joints of the thumb and the four fingers, from metacarpal to tip."""
 
 METACARPALS = tuple(chain[0] for chain in CHAINS[1:])
 TIPS = tuple(chain[-1] for chain in CHAINS)

@@ -20,7 +20,8 @@ from clradar.files import limits
 from clradar.files.confined.process import forbid_opening
 from clradar.files.meshes.gltf_document import EXPECTED, GLB_MAGIC, bytes_beside, check_document
 from clradar.hand import JOINT_NAMES
-from clradar.rigs.anatomy import CHAINS, WRIST, check_joints, check_side
+from clradar.hand.joints import CHAINS
+from clradar.rigs.anatomy import WRIST, check_joints, check_side
 from clradar.rigs.failures import fail, file_bytes, reading
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
 from clradar.rigs.rigging import MAX_FILE_VERTICES, Surface, rig_of

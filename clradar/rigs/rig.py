@@ -10,13 +10,14 @@ import numpy as np
 from clradar.errors import RigError
 from clradar.hand import JOINT_NAMES, HandMesh, HandPose
 from clradar.hand.flesh import PART_NAMES
+from clradar.hand.joints import CHAINS
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from clradar.hand.skeleton import posed_skeleton
 from clradar.hand.skin import Skin
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
-from clradar.rigs.anatomy import CHAINS, WRIST, parents_of
+from clradar.rigs.anatomy import WRIST, parents_of
 
 # The ball of the thumb belongs to the palm, as in the hand of this package.
 _PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)

@@ -10,16 +10,9 @@ import numpy as np
 
 from clradar.files.failures import clean
 from clradar.hand import JOINT_NAMES
+from clradar.hand.joints import CHAINS
 from clradar.hand.skin import Skin, by_bone
-from clradar.rigs.anatomy import (
-    CHAINS,
-    UNITS_M,
-    WRIST,
-    canonical_axes,
-    check_unit,
-    reach,
-    rest_frames,
-)
+from clradar.rigs.anatomy import UNITS_M, WRIST, canonical_axes, check_unit, reach, rest_frames
 from clradar.rigs.failures import fail
 from clradar.rigs.rig import PoseBlend, Rig
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import ClassVar, TypeAlias
 
+from clradar.arrays.array_file import array_record
 from clradar.model import Capture, Scene
 from clradar.model.known_materials import KNOWN
 from clradar.opencl import Device
@@ -63,14 +64,9 @@ class Simulation:
         """Return what the simulation depends on; None if there is none beside this content."""
         if not isinstance(content, Capture):
             return None  # which radar recorded it is not known
-        radar: list[Hashable] = [side.pattern for side in content.array.sides]
-        radar += [
-            None if values is None else values.tobytes()
-            for side in content.array.sides
-            for values in (side.antennas_m, side.axes, side.gain)
-        ]
         surface = wish.alpha if wish.material == BY_ALPHA else wish.material
-        return surface, hash((*radar, content.waveform.frequencies_hz.tobytes()))
+        frequencies = content.waveform.frequencies_hz.tobytes()
+        return surface, repr(array_record(content.array)), frequencies
 
     def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
         """Return the simulated capture."""

@@ -305,14 +305,20 @@ class Panel:
         rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, session.wish.rx)
         self.on(tx, lambda: session.change(tx=int(tx.value)))
         self.on(rx, lambda: session.change(rx=int(rx.value)))
-        overview: Any = None
-        curves: dict[str, Any] = {}
-        last: tuple[Any, int, int] = (None, 0, 0)
-        drawn_s = -math.inf
-        folder = gui.add_folder("Pair")
+        last, drawn_s = (capture, session.wish.tx, session.wish.rx), time.monotonic()
+        with gui.add_folder("Pair"):
+            overview = gui.add_image(overview_picture(*last).pixels, jpeg_quality=90)
+            curves = {
+                name: gui.add_uplot(
+                    (x, y), ({"label": x_name}, {"label": name, "stroke": "#35a0e0", "width": 1}),
+                    title=f"{name} over {x_name}", scales={"x": {"time": False}},
+                    legend={"show": True}, aspect=1.6,
+                )
+                for name, (x_name, x, y) in pair_curves(*last).items()
+            }  # fmt: skip
 
         def show(shown: Shown) -> None:
-            nonlocal overview, last, drawn_s
+            nonlocal last, drawn_s
             content, pair = shown.content, (shown.wish.tx, shown.wish.rx)
             if not isinstance(content, Capture) or (last[0] is content and last[1:] == pair):
                 return
@@ -321,21 +327,9 @@ class Panel:
             drawn_s, last = time.monotonic(), (content, *pair)
             for control, n in ((tx, content.array.n_tx), (rx, content.array.n_rx)):
                 assign(control, "max", max(1, n - 1))
-            pixels = overview_picture(content, *pair).pixels
-            with folder:
-                if overview is None:
-                    overview = gui.add_image(pixels, jpeg_quality=90)
-                else:
-                    overview.image = pixels
-                for name, (x_name, x, y) in pair_curves(content, *pair).items():
-                    if name in curves:
-                        curves[name].data = (x, y)
-                        continue
-                    line = {"label": name, "stroke": "#35a0e0", "width": 1}
-                    curves[name] = gui.add_uplot(
-                        (x, y), ({"label": x_name}, line), title=f"{name} over {x_name}",
-                        scales={"x": {"time": False}}, legend={"show": True}, aspect=1.6,
-                    )  # fmt: skip
+            overview.image = overview_picture(*last).pixels
+            for name, (_, x, y) in pair_curves(*last).items():
+                curves[name].data = (x, y)
 
         self._shows.append(show)
 

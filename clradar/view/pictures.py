@@ -131,10 +131,8 @@ def _difference(first: DepthMap, second: DepthMap) -> Picture:
 
 
 def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
-    """Return x-y, x-z and z-y slices through the voxel nearest to a place, by their names.
-
-    x is to the left, as the radar sees it, z away from it. Levels are relative to the volume's
-    strongest voxel. Without a volume there are none.
+    """Return x-y, x-z and z-y slices of a volume, if there is one, through the voxel nearest to a
+    place, with levels relative to its strongest voxel.
     """
     if drawn.volume is None:
         return {}
@@ -206,10 +204,7 @@ def _in_radar_view(
 
 
 def _length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[float, list[Axis]]:
-    """Return the unit in metres, and the axes of pixels with these centres, from edge to edge.
-
-    x is to the left, as the radar sees it.
-    """
+    """Return the unit in metres, and the axes of pixels with these centres, from edge to edge."""
     unit = unit_for(*(float(axis[i]) for axis in centres_m.values() for i in (0, -1)))
     axes = []
     for name, axis_m in centres_m.items():

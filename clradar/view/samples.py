@@ -26,10 +26,7 @@ LOOK_S = 1.0
 
 
 class SampleFrames:
-    """The stored samples of a data set as a source; frames have the numbers of the plan.
-
-    Only the manifest is read at first. Of shards, one sample at a time is read; a few are kept.
-    """
+    """The stored samples of a data set, numbered as in the plan, read one at a time."""
 
     def __init__(self, folder: Path, *, watch: bool = False) -> None:
         self.grows = watch
@@ -130,4 +127,7 @@ def _lines(drawn: SamplePlan) -> tuple[str, ...]:
     if drawn.plan.alpha is not None:
         alphas = drawn.plan.alpha.of_parts.items()
         lines.append("alpha: " + ", ".join(f"{name} {value:.2f}" for name, value in alphas))
+    if drawn.plan.material is not None:
+        materials = drawn.plan.material.of_parts.items()
+        lines.append("material: " + ", ".join(f"{name} {own.name}" for name, own in materials))
     return tuple(lines)

@@ -214,10 +214,7 @@ def viewed(frame: Any) -> Capture | Volume:
 
 
 class StreamFrames:
-    """Captures or volumes of a Python iterable, which is gone through in a thread of its own.
-
-    The last ones within `KEPT_BYTES` are kept.
-    """
+    """Captures or volumes of an iterable, gone through in a thread; the last ones are kept."""
 
     grows = True
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -13,6 +14,7 @@ import numpy as np
 from clradar.errors import ClradarError
 from clradar.files.json_file import read_json_object
 from clradar.hand import JOINT_NAMES
+from clradar.hand.joints import CHAINS
 from measurement_io.maroon.folders import find_radar_folder
 
 FILE = "truth/truth.json"
@@ -23,10 +25,7 @@ COLOUR = (90, 200, 255)
 UNITS_PER_M = 10.0
 """Of the scene: with a hand of two units, steps and clipping of the camera's defaults fit."""
 
-FIRST_OF_DIGITS = (1, 5, 10, 15, 20)
-"""Joints that begin at the wrist, joint 0; each other one begins at the joint before."""
-
-BONES = np.array([(0 if i in FIRST_OF_DIGITS else i - 1, i) for i in range(1, 25)])
+BONES = np.array([pair for chain in CHAINS for pair in pairwise((0, *chain))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

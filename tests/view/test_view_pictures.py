@@ -222,10 +222,11 @@ def test_the_truth_is_that_of_the_recipe(letters):
     source = SampleFrames(letters)
     truth = source.truth(4)
     made = SamplePlan(samples.read_manifest(letters).plan, 4)
-    assert truth.vertices_m.shape == (3, 3)
-    assert truth.joints_m.shape == (25, 3)
+    assert (truth.vertices_m.shape, truth.joints_m.shape) == ((3, 3), (25, 3))
     assert truth.lines[0] == f"pose {made.pose.name}, {made.plan.hands.handedness} hand"
     assert f"palm {made.plan.alpha.of_parts['palm']:.2f}" in truth.lines[-1]
+    plan = plan_of(alpha=None, simulation={"estimator": "physical", "samples_per_mm2": None})
+    assert "material: palm palm, thumb palm" in samples._lines(SamplePlan(plan, 0))[-1]
 
 
 def test_samples_are_chosen_by_pose_and_hand(letters):

@@ -11,7 +11,7 @@ import clradar
 from clradar.errors import ClradarError, MeasurementError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.view import beside, server
-from clradar.view.beside import MATERIALS, Others, Simulation
+from clradar.view.beside import Others, Simulation
 from clradar.view.sources import FixedFrames
 from clradar.view.wish import BY_ALPHA, QUICK_DB, Wish
 from measurement_io import open_recording, save_recording
@@ -206,7 +206,6 @@ def test_a_mesh_is_simulated_once_for_each_alpha_and_material(monkeypatch):
     assert [shown.second is None for shown in front.shown][:2] == [True, False]
     assert front.shown[-1].second is None
     assert front.said[-1] == "out of memory"
-    assert "palm" in MATERIALS
 
 
 def test_arrays_of_other_gains_are_simulated_for_themselves():

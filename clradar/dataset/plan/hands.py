@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
@@ -260,11 +260,6 @@ class Hands(FileRecord):
             expected = "none with rigs, which have shapes of their own"
             raise mistake(expected, toml_brief(shape), key="shape")
         return self
-
-    def of_shape(self, handedness: str, shape: HandShape) -> Hands:
-        """The hand of a sample."""
-        update = {"shape": "list", "shapes": (ShapeTable(**asdict(shape)),)}
-        return self.model_copy(update={**update, "handedness": handedness})
 
 
 class Motion(FileRecord):

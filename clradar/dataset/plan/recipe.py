@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
 
 from clradar.dataset.plan.draws import Draw, fixed, stream
-from clradar.dataset.plan.hands import Hands, MovementPlan, Poses
+from clradar.dataset.plan.hands import Hands, MovementPlan, Poses, ShapeTable
 from clradar.dataset.plan.plan import Plan, plan_record
 from clradar.errors import ModelError
 from clradar.files.failures import clean
 from clradar.files.records import record_of
 from clradar.hand import (
     HandPose,
-    HandShape,
     interpolate_poses,
     pose_around,
     random_pose,
@@ -100,10 +100,10 @@ class SamplePlan:
             return node if node.kind == "fixed" else fixed(node.draw(self._stream(path)))
         if not isinstance(node, BaseModel):
             return node
-        values = {name: getattr(node, name) for name in type(node).model_fields}
         above = f"{path}." if path else ""
+        names = type(node).model_fields
         return node.model_copy(
-            update={name: self._numbers(value, above + name) for name, value in values.items()}
+            update={name: self._numbers(getattr(node, name), above + name) for name in names}
         )
 
     def _stream(self, quantity: str) -> np.random.Generator:
@@ -153,12 +153,12 @@ class SamplePlan:
             rig = self._one_of("hands.rigs", hands.rigs)
             side = rig.handedness if side == "as it is" else side
             return hands.model_copy(update={"handedness": side, "rigs": (rig,)})
-        shape = HandShape()
+        shape = ShapeTable()
         if hands.shape == "sampled":
-            shape = random_shape(self._stream("hands.shape"))
+            shape = ShapeTable(**asdict(random_shape(self._stream("hands.shape"))))
         elif hands.shape == "list":
-            shape = self._one_of("hands.shape", hands.shapes).shape
-        return hands.of_shape(side, shape)
+            shape = self._one_of("hands.shape", hands.shapes)
+        return hands.model_copy(update={"handedness": side, "shape": "list", "shapes": (shape,)})
 
     @property
     def record(self) -> Recipe:
