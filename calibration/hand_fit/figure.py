@@ -12,6 +12,7 @@ from calibration.hand_fit.result import ANGLE_NAMES, TIPS, HandFit, end_joints
 from clradar.compare import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.hand import JOINT_NAMES
+from clradar.hand.joints import CHAINS, JOINT_INDEX
 from clradar.model import DepthMap, Scene, Volume
 from clradar.plot.layout import (
     LABEL_PT,
@@ -37,9 +38,6 @@ from clradar.plot.panels import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-CHAINS = ((0, 1, 2, 3, 4), *((0, *range(tip - 4, tip + 1)) for tip in TIPS[1:]))
-"""Joints from the wrist to each tip."""
 
 SILHOUETTE_PIXEL_M = 0.25e-3
 """A tenth of what the imager resolves."""
@@ -142,7 +140,8 @@ def draw_tips(axes: Axes, fit: HandFit, unit: LengthUnit, colour: str) -> None:
 def bones_between(joints: np.ndarray) -> Iterator[tuple[int, int]]:
     """Pairs of joints, of (25, ...), that a bone joins; what a rig does not have is left out."""
     for chain in CHAINS:
-        yield from pairwise(joint for joint in chain if np.isfinite(joints[joint]).all())
+        joined = (JOINT_INDEX["wrist"], *chain)
+        yield from pairwise(joint for joint in joined if np.isfinite(joints[joint]).all())
 
 
 def draw_skeleton(axes: Axes, fit: HandFit, unit: LengthUnit) -> None:

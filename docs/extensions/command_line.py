@@ -24,6 +24,9 @@ SHARED = 2
 
 TITLE = "Options of several commands"
 
+TASKS = (Path(__file__).parents[1] / "commands.md").read_text("utf-8").splitlines()
+"""The page that has an example of every command."""
+
 Record = tuple[str, str]
 
 
@@ -62,8 +65,7 @@ def group(title: str, contexts: dict[str, Any], shared: list[Record]) -> nodes.s
 
 def example(name: str) -> str:
     """The first line of a subcommand on the page of tasks, without its comment."""
-    lines = (Path(__file__).parents[1] / "commands.md").read_text("utf-8").splitlines()
-    calls = (line.split(" # ")[0].strip() for line in lines)
+    calls = (line.split(" # ")[0].strip() for line in TASKS)
     return next(call for call in calls if call.split()[:2] == ["clradar", name])
 
 
