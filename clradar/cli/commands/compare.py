@@ -34,8 +34,6 @@ def command(
     """Captures are imaged first: on the grid of the options, else that of the first volume, else
     around the echoes of MEASURED, whose --frame and --variant are. Metrics: docs/metrics.md.
     """
-    from clradar.report import ReportImage, html_report
-
     images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
     imaged = all(image.grid is not None for image in images)
     opened = None if imaged else open_devices(device).first
@@ -55,6 +53,8 @@ def command(
     write(json, record, "the metrics, in metres", grid=text)
 
     def page() -> str:
+        from clradar.report import ReportImage, html_report
+
         named = zip((label, *labels), volumes, (measured, *simulated), strict=True)
         shown = [ReportImage(name, volume, str(path)) for name, volume, path in named]
         return html_report(
