@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.errors import ModelError
-from clradar.hand.crossings import crossing_faces, faces_beside
+from clradar.hand.crossings import crossing_faces
 from clradar.hand.flesh import PART_NAMES, grown_flesh
 from clradar.hand.flesh_field import FleshField
 from clradar.hand.joints import JOINT_NAMES
@@ -239,7 +239,7 @@ def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarra
     # Which have other skin close in front, as where fingers touch.
     ahead_m = 2.0 * spacing_m
     facing = field.distances_m(vertices_m + ahead_m * normal) < 0.9 * ahead_m
-    return _uncrossed(vertices_m, raw_m, faces, facing), faces
+    return _uncrossed(vertices_m, raw_m, faces, facing, spacing_m), faces
 
 
 def _largest_component(
@@ -297,23 +297,29 @@ def _unit_vectors(vectors: np.ndarray) -> np.ndarray:
 
 
 def _uncrossed(
-    vertices_m: np.ndarray, raw_m: np.ndarray, faces: np.ndarray, facing: np.ndarray
+    vertices_m: np.ndarray,
+    raw_m: np.ndarray,
+    faces: np.ndarray,
+    facing: np.ndarray,
+    spacing_m: float,
 ) -> np.ndarray:
     """Return the vertices with those of intersecting faces where marching cubes had them.
 
     The triangles of marching cubes stay within their cells, so they cannot intersect.
     """
+    from scipy.spatial import cKDTree
+
     vertices_m = vertices_m.copy()
     among = np.flatnonzero(facing[faces].any(axis=1))
-    back = np.zeros(len(vertices_m), dtype=bool)
+    back = np.zeros(0, dtype=np.int32)
     while len(crossed := crossing_faces(vertices_m, faces, among)):
-        moved = np.zeros(len(vertices_m), dtype=bool)
-        moved[faces[np.unique(crossed)]] = True
-        moved &= ~back
-        if not moved.any():
+        moved = np.setdiff1d(faces[crossed], back)
+        if not len(moved):
             break
-        back |= moved
+        back = np.union1d(back, moved)
         vertices_m[moved] = raw_m[moved]
-        # New intersections can only involve a face that moved.
-        among = faces_beside(vertices_m, faces, among, moved[faces].any(axis=1))
+        # New intersections can only involve a face that moved, and what touches it: no edge is
+        # longer than 1.8 of the spacing.
+        near_m, _ = cKDTree(raw_m[moved]).query(vertices_m[faces[among, 0]])
+        among = among[near_m < 6.0 * spacing_m]
     return vertices_m

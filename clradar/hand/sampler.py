@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from clradar.hand.flesh import PART_NAMES, Cone, grown_flesh
+from clradar.hand.flesh import PART_NAMES, grown_flesh
 from clradar.hand.joints import FINGERS, LIMITS_DEG
 from clradar.hand.pose import HandPose, JointAngles
 from clradar.hand.shape import AVERAGE, HandShape
@@ -237,14 +237,11 @@ def overlaps(pose: HandPose, shape: HandShape = AVERAGE) -> tuple[Overlap, ...]:
     return tuple(sorted(found, key=lambda overlap: -overlap.depth_m))
 
 
-def _spheres(cones: tuple[Cone, ...], begin: float = 0.0, end: float = 1.0) -> np.ndarray:
+def _spheres(cones: np.ndarray, begin: float = 0.0, end: float = 1.0) -> np.ndarray:
     """Return centres and radii (N, 4) of spheres along a part of each cone."""
     along = (begin + (end - begin) * _SPHERES)[:, None]
-    ends = (
-        (np.array([*c.begin_m, c.begin_radius_m]), np.array([*c.end_m, c.end_radius_m]))
-        for c in cones
-    )
-    return np.concatenate([first + along * (last - first) for first, last in ends])
+    first, last = cones[:, :1], cones[:, 1:]
+    return (first + along * (last - first)).reshape(-1, 4)
 
 
 def _depth_m(one: np.ndarray, other: np.ndarray) -> float:
