@@ -79,7 +79,17 @@ class HandPose:
             checks.text(f"HandPose.{name}", getattr(self, name))
         given = checks.frozen_mapping("HandPose.joints", self.joints)
         for joint, angles in given.items():
-            check_angles(joint, angles)
+            if joint not in LIMITS_DEG:
+                example = "such as 'index-finger-phalanx-proximal'"
+                checks.fail("joint", f"one of the 25 of WebXR Hand Input, {example}", repr(joint))
+            checks.instance(f"joint {joint}", angles, JointAngles)
+            own = zip(LIMITS_DEG[joint].items(), angles.degrees(), strict=True)
+            for (name, (low_deg, high_deg)), angle_deg in own:
+                if not low_deg - _LIMIT_SLACK_DEG <= angle_deg <= high_deg + _LIMIT_SLACK_DEG:
+                    expected = f"an angle in [{low_deg:g}, {high_deg:g}] degrees"
+                    if low_deg == high_deg == 0.0:
+                        expected = "0, since this joint does not move so"
+                    checks.fail(f"joint {joint}: {name}", expected, f"{angle_deg:g} degrees")
         kept = {n: given[n] for n in JOINT_NAMES if n in given and given[n] != STRAIGHT}
         object.__setattr__(self, "joints", MappingProxyType(kept))
 
@@ -93,22 +103,6 @@ class HandPose:
     def angles(self, joint: str) -> JointAngles:
         """The angles of a joint."""
         return self.joints.get(joint, STRAIGHT)
-
-
-def check_angles(joint: str, angles: Any) -> None:
-    """Raise `ModelError` unless the hand has this joint and the angles are within its limits."""
-    if joint not in LIMITS_DEG:
-        example = "one of the 25 of WebXR Hand Input, such as 'index-finger-phalanx-proximal'"
-        checks.fail("joint", example, repr(joint))
-    checks.instance(f"joint {joint}", angles, JointAngles)
-    for angle_deg, (name, (low_deg, high_deg)) in zip(
-        angles.degrees(), LIMITS_DEG[joint].items(), strict=True
-    ):
-        if not low_deg - _LIMIT_SLACK_DEG <= angle_deg <= high_deg + _LIMIT_SLACK_DEG:
-            expected = f"an angle in [{low_deg:g}, {high_deg:g}] degrees"
-            if low_deg == high_deg == 0.0:
-                expected = "0, since this joint does not move so"
-            checks.fail(f"joint {joint}: {name}", expected, f"{angle_deg:g} degrees")
 
 
 def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
