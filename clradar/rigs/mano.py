@@ -19,32 +19,19 @@ from typing import Any
 
 import numpy as np
 
-from clradar.files.confined.process import forbid_opening
+from clradar.errors import RigError
+from clradar.files.confined.process import file_bytes
+from clradar.files.failures import reading
 from clradar.files.limits import MAX_MESH_BYTES
-from clradar.files.pickles import UnsafePickle
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, check_side
-from clradar.rigs.failures import fail, file_bytes, reading
 from clradar.rigs.mano_pickle import as_array, load_mano
 from clradar.rigs.names import side_in
-from clradar.rigs.rig import PoseBlend, Rig
+from clradar.rigs.rig import MANO_JOINTS, PoseBlend, Rig
 from clradar.rigs.rigging import Surface, rig_of
 
 EXPECTED = "a MANO hand model (.pkl or .npz)"
-
-_FINGER_JOINTS = ("phalanx-proximal", "phalanx-intermediate", "phalanx-distal")
-_THUMB_JOINTS = ("metacarpal", "phalanx-proximal", "phalanx-distal")
-MANO_JOINTS: tuple[int, ...] = (
-    JOINT_INDEX["wrist"],
-    *(
-        JOINT_INDEX[f"{f}-finger-{b}"]
-        for f in ("index", "middle", "pinky", "ring")
-        for b in _FINGER_JOINTS
-    ),
-    *(JOINT_INDEX[f"thumb-{bone}"] for bone in _THUMB_JOINTS),
-)
-"""The model's 16 joints, in its order, as indices into `JOINT_NAMES`."""
 
 PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
 
@@ -60,58 +47,59 @@ TIP_VERTICES = {
 
 _N_ANGLES = 3 * (len(MANO_JOINTS) - 1)
 
-_SHAPES = {
-    "v_template": "(V, 3)",
-    "shapedirs": "(V, 3, B)",
-    "posedirs": f"(V, 3, {3 * _N_ANGLES})",
-    "J_regressor": f"({len(MANO_JOINTS)}, V)",
-    "kintree_table": f"(2, {len(MANO_JOINTS)})",
-    "weights": f"(V, {len(MANO_JOINTS)})",
-    "f": "(F, 3)",
-}
-_OPTIONAL = {"hands_mean": f"({_N_ANGLES},)", "hands_components": f"(N, {_N_ANGLES})"}
+_OPTIONAL = {"hands_mean": (_N_ANGLES,), "hands_components": (None, _N_ANGLES)}
+
+
+def _shapes(n_vertices: int) -> dict[str, tuple[int | None, ...]]:
+    """Return the shapes of the arrays of a model."""
+    n = len(MANO_JOINTS)
+    return {
+        "v_template": (n_vertices, 3),
+        "shapedirs": (n_vertices, 3, None),
+        "posedirs": (n_vertices, 3, 3 * _N_ANGLES),
+        "J_regressor": (n, n_vertices),
+        "kintree_table": (2, n),
+        "weights": (n_vertices, n),
+        "f": (None, 3),
+    }
 
 
 def plain_mano(
     path: Path, betas: list[float], unit: str | float | None, handedness: str | None
 ) -> dict[str, Any]:
     """Return the rig of a MANO model, in plain types; called in the confined process."""
-    content = file_bytes(path, "a MANO model")
-    forbid_opening()
-    with reading(path, EXPECTED):
-        try:
-            model = (_npz if content[:2] == b"PK" else _pickled)(path, content)
-        except UnsafePickle as error:
-            fail(path, EXPECTED, error)
-        return mano_rig(path, checked_fields(path, model), betas, unit, handedness).plain()
+    content = file_bytes(path, "a MANO model", MAX_MESH_BYTES, error=RigError)
+    with reading(path, EXPECTED, error=RigError):
+        model = (_npz if content[:2] == b"PK" else _pickled)(content)
+        return mano_rig(path, model, betas, unit, handedness).plain()
 
 
 def mano_rig(
     path: Path,
-    fields: dict[str, np.ndarray],
+    model: dict[str, np.ndarray],
     betas: Sequence[float],
     unit: str | float | None,
     handedness: str | None,
 ) -> Rig:
-    """Return the rig of the fields of a model, of a shape."""
+    """Return the rig of the arrays of a model, of a shape."""
+    fields = _checked(model)
     shapedirs, weights = fields["shapedirs"], fields["weights"]
     if len(betas) > shapedirs.shape[2]:
-        fail(path, f"at most {shapedirs.shape[2]} betas", len(betas))
+        checks.fail("betas", f"at most {shapedirs.shape[2]}", len(betas))
     shaped = fields["v_template"] + shapedirs[:, :, : len(betas)] @ np.array(betas, np.float64)
     joints = np.full((len(JOINT_NAMES), 3), np.nan)
     joints[list(MANO_JOINTS)] = fields["J_regressor"] @ shaped
     if len(shaped) == N_VERTICES:
         joints[[JOINT_INDEX[name] for name in TIP_VERTICES]] = shaped[[*TIP_VERTICES.values()]]
-    check_joints(str(path), joints)
-    side = check_side(str(path), joints, handedness or side_in(path.stem))
+    check_joints(joints)
+    side = check_side(joints, handedness or side_in(path.stem))
     rows, column = np.nonzero(weights)
     surface = Surface.grouped(
-        path, "weights", fields["f"], rows, np.array(MANO_JOINTS)[column],
+        "model", fields["f"], rows, np.array(MANO_JOINTS)[column],
         weights[rows, column], shaped[rows],
     )  # fmt: skip
     used = np.unique(fields["f"])  # vertices without faces are dropped
     blend = PoseBlend(
-        joints=MANO_JOINTS[1:],
         directions=np.ascontiguousarray(fields["posedirs"][used]),
         hands_mean=fields.get("hands_mean", np.zeros(_N_ANGLES)),
         hands_components=fields.get("hands_components", np.zeros((0, _N_ANGLES))),
@@ -120,51 +108,41 @@ def mano_rig(
     return rig_of(str(path), joints, local, surface, side, unit, blend=blend)
 
 
-def _pickled(path: Path, content: bytes) -> dict[str, np.ndarray]:
+def _pickled(content: bytes) -> dict[str, np.ndarray]:
     model = load_mano(content)
     if not isinstance(model, dict):
-        fail(path, EXPECTED, f"a pickle of {type(model).__name__}")
-    return {name: as_array(model[name]) for name in (*_SHAPES, *_OPTIONAL) if name in model}
+        checks.fail("pickle", "a dictionary", type(model).__name__)
+    return {name: as_array(model[name]) for name in (*_shapes(0), *_OPTIONAL) if name in model}
 
 
-def _npz(path: Path, content: bytes) -> dict[str, np.ndarray]:
+def _npz(content: bytes) -> dict[str, np.ndarray]:
     stream = io.BytesIO(content)
     with zipfile.ZipFile(stream) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
     if size > MAX_MESH_BYTES:
-        fail(path, f"an archive of at most {MAX_MESH_BYTES} bytes", size)
+        checks.fail("archive", f"at most {MAX_MESH_BYTES} bytes", size)
     with np.load(stream, allow_pickle=False) as arrays:
-        names = [name for name in (*_SHAPES, *_OPTIONAL) if name in arrays]
+        names = [name for name in (*_shapes(0), *_OPTIONAL) if name in arrays]
         return {name: np.asarray(arrays[name]) for name in names}
 
 
-def checked_fields(path: Path, model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the model's arrays, checked."""
-    if missing := [name for name in _SHAPES if name not in model]:
-        fail(path, f"{EXPECTED}, with '{missing[0]}'", f"only {sorted(model)}")
-    sizes: dict[str, int] = {}
+def _checked(model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    if missing := [name for name in _shapes(0) if name not in model]:
+        checks.fail("model", f"an array '{missing[0]}'", f"only {sorted(model)}")
+    n_vertices = len(np.atleast_1d(model["v_template"]))
     fields = {}
-    for name, text in {**_SHAPES, **_OPTIONAL}.items():
-        if name not in model:
-            continue
-        array, axes = model[name], text.strip("(),").split(", ")
-        fits = array.ndim == len(axes) and array.dtype.kind in "iuf" and array.size > 0
-        for axis, n in zip(axes, array.shape, strict=False):
-            size = int(axis) if axis.isdecimal() else sizes.setdefault(axis, n)
-            fits = fits and n == size
-        if not fits:
-            known = ", ".join(f"{k} = {v}" for k, v in sizes.items())
-            fail(path, f"'{name}' of shape {text} with {known}", f"{array.dtype} {array.shape}")
-        if not np.isfinite(array).all():
-            fail(path, f"finite numbers in '{name}'", "NaN or infinite ones")
-        fields[name] = array.astype(np.int64 if name in ("f", "kintree_table") else np.float64)
+    for name, shape in {**_shapes(n_vertices), **_OPTIONAL}.items():
+        if name in model:
+            dtype = np.int64 if name == "f" else np.float64
+            checks.read_only(name, model[name], dtype, shape)
+            fields[name] = model[name].astype(dtype)
     faces, tree = fields["f"], fields["kintree_table"]
-    if faces.min() < 0 or faces.max() >= sizes["V"]:
-        fail(path, f"faces with vertices below {sizes['V']}", f"[{faces.min()}, {faces.max()}]")
+    if faces.min() < 0 or faces.max() >= n_vertices:
+        checks.fail("f", f"vertices below {n_vertices}", f"[{faces.min()}, {faces.max()}]")
     # The root's parent is -1, written as an unsigned number.
     parents = [-1 if p < 0 or p >= len(MANO_JOINTS) else int(p) for p in tree[0]]
     if tuple(parents) != PARENTS or tree[1].tolist() != list(range(len(MANO_JOINTS))):
-        fail(path, "the hierarchy of MANO's 16 joints in 'kintree_table'", parents)
+        checks.fail("kintree_table", "the hierarchy of MANO's 16 joints", parents)
     return fields
 
 
