@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG
 from clradar.model import checks
+from clradar.model.record import Record
 
 # Angles given in degrees and turned into radians come back a few ulp off a limit.
 _LIMIT_SLACK_DEG = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
-class JointAngles:
+class JointAngles(Record):
     """The three angles of a joint; docs/poses.md has their signs and limits."""
 
     flexion_rad: float = 0.0
@@ -26,8 +26,8 @@ class JointAngles:
 
     def __post_init__(self) -> None:
         for name in ANGLES:
-            value = checks.real(f"JointAngles.{name}_rad", getattr(self, f"{name}_rad"))
-            object.__setattr__(self, f"{name}_rad", value)
+            field = f"{name}_rad"
+            self._set(**{field: checks.real(f"JointAngles.{field}", getattr(self, field))})
 
     @classmethod
     def from_degrees(
@@ -48,7 +48,7 @@ STRAIGHT = JointAngles()
 
 
 @dataclass(frozen=True, slots=True)
-class HandPose:
+class HandPose(Record):
     """Angles of a whole hand; the same angles describe a right and a left hand.
 
     Two poses are equal if name and angles are.
@@ -91,14 +91,10 @@ class HandPose:
                         expected = "0, since this joint does not move so"
                     checks.fail(f"joint {joint}: {name}", expected, f"{angle_deg:g} degrees")
         kept = {n: given[n] for n in JOINT_NAMES if n in given and given[n] != STRAIGHT}
-        object.__setattr__(self, "joints", MappingProxyType(kept))
+        self._set(joints=MappingProxyType(kept))
 
     def __hash__(self) -> int:
         return hash((self.name, tuple(self.joints.items())))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A mapping proxy cannot be pickled.
-        return HandPose, (self.name, dict(self.joints), self.description, self.source)
 
     def angles(self, joint: str) -> JointAngles:
         """The angles of a joint."""

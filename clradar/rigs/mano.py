@@ -23,9 +23,9 @@ from clradar.errors import RigError
 from clradar.files.confined.process import file_bytes
 from clradar.files.failures import reading
 from clradar.files.limits import MAX_MESH_BYTES
-from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
+from clradar.hand import JOINT_NAMES
 from clradar.model import checks
-from clradar.rigs.anatomy import check_joints, check_side
+from clradar.rigs.anatomy import TIPS, check_joints, check_side
 from clradar.rigs.mano_pickle import as_array, load_mano
 from clradar.rigs.names import side_in
 from clradar.rigs.rig import MANO_JOINTS, PoseBlend, Rig
@@ -36,14 +36,8 @@ EXPECTED = "a MANO hand model (.pkl or .npz)"
 PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7, 8, 0, 10, 11, 0, 13, 14)
 
 N_VERTICES = 778
-TIP_VERTICES = {
-    "thumb-tip": 744,
-    "index-finger-tip": 320,
-    "middle-finger-tip": 443,
-    "ring-finger-tip": 554,
-    "pinky-finger-tip": 671,
-}
-"""Vertices of the 778 at the fingertips, as in the package smplx (vertex_ids.py)."""
+TIP_VERTICES = (744, 320, 443, 554, 671)
+"""Vertices of the 778 at the tips, thumb first, as in the package smplx (vertex_ids.py)."""
 
 _N_ANGLES = 3 * (len(MANO_JOINTS) - 1)
 
@@ -90,7 +84,7 @@ def mano_rig(
     joints = np.full((len(JOINT_NAMES), 3), np.nan)
     joints[list(MANO_JOINTS)] = fields["J_regressor"] @ shaped
     if len(shaped) == N_VERTICES:
-        joints[[JOINT_INDEX[name] for name in TIP_VERTICES]] = shaped[[*TIP_VERTICES.values()]]
+        joints[list(TIPS)] = shaped[list(TIP_VERTICES)]
     check_joints(joints)
     side = check_side(joints, handedness or side_in(path.stem))
     rows, column = np.nonzero(weights)
@@ -146,35 +140,6 @@ def _checked(model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return fields
 
 
-def _blend_of(rig: Rig) -> PoseBlend:
-    if rig.blend is None:
-        checks.fail("rig", "a MANO model", rig.label)
-    return rig.blend
-
-
-def theta_of_components(
-    rig: Rig, coefficients: Any, global_rad: Any = (0.0, 0.0, 0.0)
-) -> np.ndarray:
-    """Return a pose theta (48,) of principal components of MANO.
-
-    theta = [global, hands_mean + coefficients @ hands_components], of up to as many coefficients as
-    the model has components; `global_rad` turns the whole hand, in the model's frame.
-
-    Examples
-    --------
-    >>> clradar.rigs.theta_of_components(rig, [0.5])[3:6].tolist()
-    [0.5, 0.0, 0.0]
-    """
-    blend = _blend_of(rig)
-    amounts = checks.read_only("coefficients", coefficients, np.float64, (None,), allow_empty=True)
-    if len(amounts) > len(blend.hands_components):
-        expected = f"at most {len(blend.hands_components)} coefficients"
-        checks.fail("coefficients", expected, len(amounts))
-    first = checks.read_only("global_rad", global_rad, np.float64, (3,))
-    rest = blend.hands_mean + amounts @ blend.hands_components[: len(amounts)]
-    return np.concatenate([first, rest])
-
-
 def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     """Return the absolute rotations that `Rig.turned` takes, (25, 3, 3), of a pose theta (48,).
 
@@ -193,7 +158,7 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     """
     from scipy.spatial.transform import Rotation
 
-    _blend_of(rig)
+    _check_model(rig)
     theta = checks.read_only("theta_rad", theta_rad, np.float64, (3 * len(MANO_JOINTS),))
     # SciPy takes no array that is read-only.
     own = Rotation.from_rotvec(theta.reshape(-1, 3).copy()).as_matrix()
@@ -203,6 +168,11 @@ def rotations_of_theta(rig: Rig, theta_rad: Any) -> np.ndarray:
     rotations = np.broadcast_to(absolute[0], (len(JOINT_NAMES), 3, 3)).copy()
     rotations[list(MANO_JOINTS)] = absolute
     return rig.axes @ rotations @ rig.axes.T
+
+
+def _check_model(rig: Rig) -> None:
+    if rig.blend is None:
+        checks.fail("rig", "a MANO model", rig.label)
 
 
 def theta_of_rotations(rig: Rig, rotations: np.ndarray) -> np.ndarray:
@@ -217,7 +187,7 @@ def theta_of_rotations(rig: Rig, rotations: np.ndarray) -> np.ndarray:
     """
     from scipy.spatial.transform import Rotation
 
-    _blend_of(rig)
+    _check_model(rig)
     absolute = (rig.axes.T @ rotations @ rig.axes)[list(MANO_JOINTS)]
     own = [r if p < 0 else absolute[p].T @ r for p, r in zip(PARENTS, absolute, strict=True)]
     return Rotation.from_matrix(np.stack(own)).as_rotvec().reshape(-1)

@@ -101,7 +101,7 @@ class Rig(Record):
 
     def plain(self) -> dict[str, Any]:
         """The fields in plain types, of which `of_plain` makes the rig again."""
-        return asdict(self, dict_factory=_listed)
+        return {**asdict(self), "ignored": list(self.ignored)}
 
     @classmethod
     def of_plain(cls, plain: dict[str, Any]) -> Rig:
@@ -172,7 +172,3 @@ class Rig(Record):
         of_part = np.arange(len(PART_NAMES)) == _PART_OF_JOINT[:, None]
         share = self.skin.weights @ of_part.astype(np.float64)
         return np.argmax(share[self.faces].sum(axis=1), axis=1).astype(np.int32)
-
-
-def _listed(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {name: list(v) if isinstance(v, tuple) else v for name, v in items}

@@ -163,18 +163,11 @@ def rig_of(
             flesh_m[chain[-2]] = points_m[rows].sum(axis=0) / surface.weight[rows].sum()
     frames = rest_frames(joints_m, axes @ local_axes, flesh_m)
     faces = surface.faces
-    if _volume(rest @ axes.T, faces) < 0:  # a mirror in the file, or the one to a right hand
+    # Cones from the centroid, which makes the missing cap of an open wrist count little.
+    corners = ((rest - rest.mean(axis=0)) @ axes.T)[faces]
+    if np.linalg.det(corners).sum() < 0:  # a mirror in the file, or the one to a right hand
         faces = faces[:, [0, 2, 1]]
     own_m = points_m / surface.weight[:, None] - joints_m[surface.joint]
     skin = Skin(surface.vertex, surface.joint, surface.weight, own_m)
     own = clean(label), side, unit_m, axes, joints_m, frames, faces.astype(np.int32), skin
     return Rig(*own, blend, ignored)
-
-
-def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return six times the signed volume of the cones from the centroid to the faces.
-
-    The centroid as apex makes the missing cap of an open wrist count little.
-    """
-    corners = (vertices - vertices.mean(axis=0))[faces]
-    return float(np.einsum("ni,ni->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))
