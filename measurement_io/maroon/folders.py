@@ -16,6 +16,9 @@ from clradar.files.failures import clean, fail, reading
 VARIANTS = ("raw", "emptyfiltered")
 FRAMES_FOLDER = "calibrated_data"
 CALIBRATION_FILE = "calibration.json"
+DISTANCE_FOLDERS = ("30", "40", "50")
+"""Names of distance folders that are a distance in centimetres."""
+
 METADATA_FILE, ALIGNMENT_FILE, MESH_FOLDER = "metadata.json", "alignment.json", "photogrammetry"
 ANTENNAS_FILE = "antennas.toml"
 """In a radar folder: the antennas, where they are not those of the imager."""

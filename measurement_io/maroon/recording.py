@@ -14,6 +14,7 @@ import numpy as np
 from clradar.errors import MeasurementError, MeshError, warn
 from clradar.files.confined.process import Companion
 from clradar.files.failures import clean, fail, reading, shown
+from clradar.files.json_file import read_json_object
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
 from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
@@ -22,7 +23,6 @@ from measurement_io.maroon.frame import read_frame_file, read_time_stamp
 
 if TYPE_CHECKING:
     from measurement_io.maroon.alignment import SensorAlignment
-    from measurement_io.maroon.metadata import RecordingMetadata
 
 _EXPECTED = (
     "the folder of a recording: radar_<low GHz>_<high GHz>_<points>, or the <object>/<distance> "
@@ -216,11 +216,9 @@ class Recording(Sequence[Capture]):
         return self._files.array
 
     @property
-    def metadata(self) -> RecordingMetadata | None:
-        """Content of `metadata.json`, if there is one."""
-        from measurement_io.maroon.metadata import read_metadata
-
-        found: RecordingMetadata | None = self._files.beside(METADATA_FILE, read_metadata)
+    def metadata(self) -> dict[str, Any] | None:
+        """Content of `metadata.json`, if there is one; its `mask_bb` is in radar space."""
+        found: dict[str, Any] | None = self._files.beside(METADATA_FILE, read_json_object)
         return found
 
     @property
