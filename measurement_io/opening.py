@@ -83,7 +83,7 @@ def open_capture(
             fail(source, "a layout alone, which has the positions", "other settings with it")
         from measurement_io.layouts.apply import open_with_layout
 
-        return open_with_layout(source, layout, frame=frame)
+        return open_with_layout(source, layout, frame)
     with reading(source, SUPPORTED):
         if source.is_dir():
             radar = find_radar_folder(source)
