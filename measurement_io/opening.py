@@ -98,8 +98,8 @@ def open_capture(
                 raise layout_needed(source)
             if antennas:
                 fail(source, "a recorded frame, for antenna files to apply to", "a native file")
-            assert isinstance(found[1], Capture)
-            return found[1]
+            capture: Capture = found[1]
+            return capture
         if kind_of(source) == "container":
             raise layout_needed(source)
         return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
