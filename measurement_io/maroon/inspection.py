@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -65,16 +64,11 @@ def inspect_recording(folder: Path) -> Findings:
     """Describe a recording by its folders and its first raw frame; no other frame is opened."""
     radar = folders.find_radar_folder(folder)
     found = inspect_folders(radar)
-    frames = folders.frames(radar)
-    for variant, files in frames.items():  # a check reads them, and finds each by itself
-        irregular = [number for number, path in files.items() if not os.path.isfile(path)]
-        if irregular:
-            found.problems.append(f"{variant} frames that are no files: {ranges(irregular)}")
-    raw = frames["raw"]
-    first = next((number for number in sorted(raw) if os.path.isfile(raw[number])), None)
-    capture = None
-    if first is not None:
-        capture = found.read(f"frame {first}", lambda: read_frame_file(raw[first]))
+    raw = folders.frames(radar)["raw"]
+    first = min(raw, default=None)
+    if first is None:
+        return found
+    capture = found.read(f"frame {first}", lambda: read_frame_file(raw[first]))
     if capture is not None:
         found.facts += facts_of(capture)
         total = capture.meta.get("number_of_measurements")
