@@ -14,9 +14,8 @@ MAX_QUOTED_CHARACTERS = 200
 
 def quoted(text: object, most: int = MAX_QUOTED_CHARACTERS) -> str:
     """Return `text` on one printable line of at most `most` characters; "..." marks a cut."""
-    line = " ".join(str(text).split())
-    line = line.encode("utf-8", "backslashreplace").decode("utf-8")
-    line = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line[: most + 1])
+    line = " ".join(str(text).split())[: most + 1]
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
     return line if len(line) <= most else line[:most] + "..."
 
 

@@ -1066,7 +1066,7 @@ def data_set(works: Works) -> Values:
     plan = plan_of(samples=3, poses={"names": ["A", "F"]})
     folder = works.folder / "set"
     # Of the contact sheet nothing is compared, and its picture takes half of the time.
-    quick = {"contact_sheet": len, "png_bytes": lambda figure, dpi: b""}
+    quick = {"contact_sheet": len, "figure_bytes": lambda figure, dpi: b""}
     with mock.patch.multiple("clradar.dataset.contact_sheet", **quick):
         result = clradar.dataset.run(plan, folder, device="pocl")
     assert (result.made, result.aside) == (3, ())

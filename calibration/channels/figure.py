@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from clradar.model import ChannelCalibration, checks
-from clradar.plot.layout import LABEL_PT, TICK_PT, label_axes
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from clradar.plot.panels import LABEL_PT, TICK_PT, label_axes
 
 LIVE_COLOUR, NOISY_COLOUR, DEAD_COLOUR = "#1f5c99", "#d98a00", "#b3261e"
 
@@ -20,8 +16,6 @@ def channels_figure(channels: ChannelCalibration, title: str | None = None) -> F
 
     Bars are one standard deviation of phase and delay.
     """
-    from matplotlib.figure import Figure
-
     checks.instance("channels_figure: channels", channels, ChannelCalibration)
     figure = Figure(figsize=(8.0, 6.0), dpi=200, facecolor="white", layout="constrained")
     grid = figure.subplots(3, 2, sharex="col", sharey="row")

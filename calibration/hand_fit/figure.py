@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 
 from calibration.hand_fit.result import ANGLE_NAMES, TIPS, HandFit, end_joints
 from clradar.compare import depth_map_of
@@ -14,30 +17,9 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.hand import JOINT_NAMES
 from clradar.hand.joints import CHAINS, JOINT_INDEX
 from clradar.model import DepthMap, Scene, Volume
-from clradar.plot.layout import (
-    LABEL_PT,
-    MARGIN,
-    SINGLE_PANEL_WIDTH,
-    TICK_PT,
-    Extent,
-    LengthUnit,
-    new_panels,
-    panel_size,
-    settled,
-    text_height,
-)
-from clradar.plot.panels import (
-    amplitude_bar,
-    depth_bar,
-    depth_limits_mm,
-    draw_amplitude,
-    draw_depth,
-    draw_frame,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from clradar.model.length_unit import LengthUnit
+from clradar.plot.images import image_figure
+from clradar.plot.panels import LABEL_PT, MARGIN, TICK_PT, Extent, settled, text_height
 
 SILHOUETTE_PIXEL_M = 0.25e-3
 """A tenth of what the imager resolves."""
@@ -69,20 +51,14 @@ def hand_fit_figure(
         its angles. Ellipses are two standard deviations of a tip, crosses the tips of other basins.
     """
     shown = depth_map_of(measured, dynamic_range_db, "measured image")
-    extent = Extent.around([shown])
-    size = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
-    legend_h = text_height(LEGEND_ROWS, LABEL_PT) + MARGIN
-    figure, (panels,) = new_panels(1, 2, size, bars=2, labels=2, below=legend_h)
-    for axes, title in zip(panels, ("Amplitude, maximum over depth", "Depth"), strict=True):
-        draw_frame(axes, extent, title)
-    amplitude_bar(panels[:1], draw_amplitude(panels[0], shown, extent.unit))
-    depth = draw_depth(panels[1], shown, extent.unit, depth_limits_mm([shown]))
-    depth_bar(panels[1:], depth, [shown])
-    settled(figure)  # before the ellipses, which may be large
+    figure, unit = image_figure(shown), Extent.around([shown]).unit
+    # Before the ellipses, which may be large.
+    settled(figure, text_height(LEGEND_ROWS, LABEL_PT) + MARGIN)
+    panels = figure.axes[:2]
     for axes, colour in zip(panels, ("white", "black"), strict=True):
-        draw_outline(axes, fit.scene, extent.unit, colour)
-        draw_tips(axes, fit, extent.unit, colour)
-    draw_skeleton(panels[1], fit, extent.unit)
+        draw_outline(axes, fit.scene, unit, colour)
+        draw_tips(axes, fit, unit, colour)
+    draw_skeleton(panels[1], fit, unit)
     handles, labels = panels[1].get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="lower center", ncols=-(-len(labels) // LEGEND_ROWS),
@@ -112,8 +88,6 @@ def draw_outline(axes: Axes, scene: Scene, unit: LengthUnit, colour: str) -> Non
 
 def draw_tips(axes: Axes, fit: HandFit, unit: LengthUnit, colour: str) -> None:
     """Draw the uncertainty of the tips, and the tips of other basins."""
-    from matplotlib.patches import Ellipse
-
     tips = unit.per_m * fit.tips_m[:, :2]
     for tip, covariance_m2 in zip(tips, fit.joint_covariance_m2[list(TIPS), :2, :2], strict=True):
         if np.isfinite([*tip, *covariance_m2.ravel()]).all():

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from calibration.hand_fit.figure import BONES, OTHERS, bones_between
 from calibration.hand_fit.frame_fit import SEARCHED, FrameFit
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, FITTED_ANGLES, angles_of
 from calibration.hand_fit.result import DIGITS, end_joints
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.plot.layout import LABEL_PT, TICK_PT, TITLE_PT
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from clradar.plot.panels import LABEL_PT, TICK_PT, TITLE_PT
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 """Of Okabe and Ito (2008), for the angles of a digit."""
@@ -44,8 +41,6 @@ def movement_figure(fits: Sequence[FrameFit], title: str) -> Figure:
         last joint where a rig has no tip); bands are one standard deviation. Dotted lines:
         frames that were searched for.
     """
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(10.0, 1.7 * len(DIGITS) + 0.6), facecolor="white")
     panels = figure.subplots(len(DIGITS), 2, sharex=True, squeeze=False)
     seen = [fit for fit in fits if fit.state is not None]
@@ -110,8 +105,6 @@ def movement_sheet(fits: Sequence[FrameFit], pictures: Sequence[Picture | None])
     matplotlib.figure.Figure
         Amplitude as the radar sees the hand, x to the left. A red title: searched for, or no hand.
     """
-    from matplotlib.figure import Figure
-
     columns = min(COLUMNS, len(fits))
     rows = -(-len(fits) // columns)
     figure = Figure(figsize=(1.25 * columns, 1.45 * rows), facecolor="white")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from calibration.roughness.emulator import Fit
 from calibration.roughness.millimetres import RoughnessEstimate
@@ -12,12 +14,16 @@ from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
 from calibration.roughness.texture import of_power
 from clradar.compare.metrics import METRIC_TABLE
-from clradar.plot.layout import ROW_WIDTH, TICK_PT, Extent, label_axes, new_figure, panel_size
-from clradar.plot.panels import amplitude_bar, draw_amplitude, draw_frame
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from clradar.plot.panels import (
+    ROW_WIDTH,
+    TICK_PT,
+    Extent,
+    amplitude_bar,
+    draw_amplitude,
+    label_axes,
+    new_figure,
+    panel_size,
+)
 
 MOST_IMAGES, IMAGES_IN_ROW = 6, 4
 """Simulated images beside the measured one, and images side by side."""
@@ -62,8 +68,8 @@ def sweep_figure(sweep: Sweep) -> Figure:
     grid = (n_rows, min(len(images), IMAGES_IN_ROW))
     panels = halves[0].subplots(*grid, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, image, title in zip(panels, images, titles, strict=False):
-        drawn = draw_amplitude(axes, image, extent.unit)
-        draw_frame(axes, extent, title, y_labels=axes in panels[:: grid[1]])
+        left = axes in panels[:: grid[1]]
+        drawn = draw_amplitude(axes, image, extent, title=title, y_labels=left)
     for axes in panels[len(images) :]:
         axes.remove()
     amplitude_bar(panels[: len(images)], drawn)

@@ -168,7 +168,7 @@ class RecordingWork:
 
     def _write(self, records: Sequence[dict[str, Any]], fits: Sequence[FrameFit] | None) -> None:
         """Write what is made of all frames, and last the file that marks it as finished."""
-        from clradar.plot.frames import FramePictures, curves_figure, write_gif
+        from clradar.plot.captures import FramePictures, curves_figure, write_gif
 
         folder = self.steps.folder
         remove(folder, [TABLE, FIGURE, MOVIE, PICTURES])  # there may have been more frames

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from clradar.dataset.folder import CONTACT_SHEET, Manifest
 from clradar.dataset.plan.recipe import read_recipe
@@ -14,12 +14,8 @@ from clradar.dataset.sample import Sample
 from clradar.dataset.shards import read_sample
 from clradar.files.atomic import write_file
 from clradar.hand.joints import CHAINS
-from clradar.plot.layout import new_figure
-from clradar.plot.panels import AMPLITUDE_BACKGROUND
-from clradar.plot.saving import png_bytes
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from clradar.plot.panels import AMPLITUDE_BACKGROUND, new_figure
+from clradar.plot.saving import figure_bytes
 
 MOST_SAMPLES, COLUMNS = 64, 8
 CELL_INCHES, TITLE_PT, DPI = 1.15, 7.0, 150
@@ -39,7 +35,7 @@ def write_contact_sheet(folder: Path, manifest: Manifest) -> None:
     for sample in (stored[round(position)] for position in positions):
         shard = folder / manifest.place_of(sample)
         samples.append(read_sample(shard, sample, manifest.plan)[0])
-    write_file(path, png_bytes(contact_sheet(samples), dpi=DPI), force=True)
+    write_file(path, figure_bytes(contact_sheet(samples), dpi=DPI), force=True)
 
 
 def contact_sheet(samples: list[Sample]) -> Figure:

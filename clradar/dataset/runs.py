@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from clradar.dataset.contact_sheet import write_contact_sheet
 from clradar.dataset.folder import (
     MANIFEST,
     OWN_NAMES,
@@ -117,6 +116,8 @@ def run(
                 remove_temporaries(path / SHARDS)  # of killed workers
         write_manifest(path, dataset.manifest)
         job.clear([PARTS])
+        from clradar.dataset.contact_sheet import write_contact_sheet
+
         write_contact_sheet(path, dataset.manifest)
     return dataset.result()
 

@@ -4,24 +4,6 @@ Everything is built on `matplotlib.figure.Figure`: no pyplot, no open windows, n
 calls.
 """
 
-from clradar.plot.array import array_figure
-from clradar.plot.captures import capture_figure, recording_figure
-from clradar.plot.comparison import comparison_figure
-from clradar.plot.figures import image_figure, panels_figure
-from clradar.plot.saving import save_figure
-from clradar.plot.views import plane_of
+import lazy_loader
 
-__all__ = [
-    "array_figure",
-    "capture_figure",
-    "comparison_figure",
-    "image_figure",
-    "panels_figure",
-    "plane_of",
-    "recording_figure",
-    "save_figure",
-]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from clradar.arrays.figures_of_merit import ArrayFigures
 from clradar.arrays.point_spread import Clusters, clusters_of, response
 from clradar.model import Waveform
 from clradar.model.length_unit import METRES, LengthUnit, unit_for
-from clradar.plot.layout import TICK_PT, label_axes, new_figure
-from clradar.plot.panels import BELOW_MAXIMUM, CURVE_COLOURS, add_bar
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from clradar.plot.panels import (
+    BELOW_MAXIMUM,
+    CURVE_COLOURS,
+    TICK_PT,
+    add_bar,
+    label_axes,
+    new_figure,
+)
 
 SIZE = (8.0, 7.2)
 LEVELS_DB, CIRCLED_DB = 40.0, -20.0

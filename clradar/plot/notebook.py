@@ -6,9 +6,10 @@ import base64
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from clradar.compare import METRIC_TABLE, Metrics
 from clradar.errors import CompareError
@@ -16,13 +17,9 @@ from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, VoxelG
 from clradar.model.length_unit import unit_for
 from clradar.plot.array import draw_elements
 from clradar.plot.captures import capture_figure
-from clradar.plot.figures import image_figure
-from clradar.plot.layout import SINGLE_PANEL_WIDTH, label_axes, new_figure
-from clradar.plot.panels import add_bar, depth_scale
-from clradar.plot.saving import png_bytes
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from clradar.plot.images import image_figure
+from clradar.plot.panels import DEPTH_SCALE, SINGLE_PANEL_WIDTH, add_bar, label_axes, new_figure
+from clradar.plot.saving import figure_bytes
 
 PICTURE_DPI = 110
 
@@ -46,8 +43,8 @@ def html_of(record: Any) -> str | None:
     picture = ""
     with suppress(CompareError):  # nothing to draw, such as zeros
         if figure is not None:
-            content = base64.b64encode(png_bytes(figure(record), dpi=PICTURE_DPI)).decode("ascii")
-            picture = f"<img alt='' src='data:image/png;base64,{content}'>"
+            content = base64.b64encode(figure_bytes(figure(record), dpi=PICTURE_DPI))
+            picture = f"<img alt='' src='data:image/png;base64,{content.decode()}'>"
     return f"<div><strong>{type(record).__name__}</strong><table>{rows}</table>{picture}</div>"
 
 
@@ -137,7 +134,7 @@ def _scene_figure(scene: Scene) -> Figure:
     figure = new_figure(SINGLE_PANEL_WIDTH + 2.0, SINGLE_PANEL_WIDTH + 1.0)
     axes = figure.subplots()
     drawn = axes.tripcolor(
-        x, y, z, triangles=faces, cmap=depth_scale(), shading="flat", rasterized=True
+        x, y, z, triangles=faces, cmap=DEPTH_SCALE, shading="flat", rasterized=True
     )
     axes.set_aspect("equal")
     label_axes(axes, f"\N{LEFTWARDS ARROW} x ({unit.name})", f"y ({unit.name})", grid=False)

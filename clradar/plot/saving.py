@@ -5,11 +5,10 @@ from __future__ import annotations
 import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 from clradar.errors import OutputError
-from clradar.files.atomic import replacing
-from clradar.plot.layout import DPI
+from clradar.files.atomic import write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,22 +35,18 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = F
         raise OutputError(
             f"{target}: expected a name that ends in {', '.join(SUFFIXES)}, got '{target.suffix}'"
         )
-    with replacing(target, force=force) as temporary, open(temporary, "xb") as stream:
-        _render(figure, stream, suffix, figure.dpi)
+    write_file(target, figure_bytes(figure, suffix=suffix), force=force)
     return target
 
 
-def png_bytes(figure: Figure, *, dpi: float = DPI) -> bytes:
-    """A figure as a PNG with `dpi` dots per inch; the same figure, the same bytes."""
-    stream = io.BytesIO()
-    _render(figure, stream, ".png", dpi)
-    return stream.getvalue()
-
-
-def _render(figure: Figure, stream: BinaryIO, suffix: str, dpi: float) -> None:
+def figure_bytes(figure: Figure, *, dpi: float | None = None, suffix: str = ".png") -> bytes:
+    """The content of a file, with `dpi` dots per inch or those of the figure."""
     import matplotlib
 
+    stream = io.BytesIO()
     # SVG ids are random without a salt, and a user's settings must not crop the page.
     settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
     with matplotlib.rc_context(settings):
+        dpi = dpi or figure.dpi
         figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=METADATA[suffix])
+    return stream.getvalue()

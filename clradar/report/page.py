@@ -8,22 +8,21 @@ from dataclasses import dataclass
 from importlib import resources
 from itertools import count
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.figure import Figure
 
 from clradar.compare import Metrics, compare, depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
 from clradar.plot import comparison_figure, image_figure
-from clradar.plot.comparison import NOTE
-from clradar.plot.panels import amplitude_scale, colours_of, depth_scale
-from clradar.plot.saving import png_bytes
+from clradar.plot.images import NOTE
+from clradar.plot.panels import AMPLITUDE_SCALE, DEPTH_SCALE, colours_of
+from clradar.plot.saving import figure_bytes
 from clradar.plot.views import FRONT, rcs_image, view_of
 from clradar.report.tables import escaped, image_facts, metrics_section, script_json, settings_table
 from clradar.report.view_data import Cloud, base64_of, clouds, panel_places, slice_data, view_data
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js")
 """One script in this order."""
@@ -173,7 +172,7 @@ def _page(
     drawn = clouds(maps)
     cut = [(i.label, i.image) for i in inputs if isinstance(i.image, Volume)]
     slices = slice_data(cut, dynamic_range_db)
-    scales = {"level_colours": amplitude_scale(), "depth_colours": depth_scale()}
+    scales = {"level_colours": AMPLITUDE_SCALE, "depth_colours": DEPTH_SCALE}
     data = {
         **view_data(maps, drawn),
         **{name: base64_of(colours_of(scale).tobytes()) for name, scale in scales.items()},
@@ -197,7 +196,7 @@ def _page(
         slices_hidden="" if slices else " hidden",
         slices_note=coarser if factor > 1 else "",
         figure_heading="Images" if len(inputs) > 1 else "Image",
-        figure=base64_of(png_bytes(figure, dpi=FIGURE_DPI)),
+        figure=base64_of(figure_bytes(figure, dpi=FIGURE_DPI)),
         figure_text=escaped(figure_text),
         figure_hint=hint.format(dynamic_range=f"{dynamic_range_db:g}", note=NOTE),
         clouds="".join(map(_cloud_toggle, count(), inputs, drawn)),

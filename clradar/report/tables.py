@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -12,9 +13,10 @@ import numpy as np
 
 from clradar.compare import Metrics
 from clradar.compare.metrics import METRIC_TABLE, Metric
+from clradar.errors import quoted
 from clradar.model import DepthMap, Volume
 from clradar.model.length_unit import METRES, unit_for
-from clradar.plot.layout import printable, typeset
+from clradar.plot.panels import typeset
 
 MAX_ROWS = 200
 """Rows of one record of settings; the page states how many are omitted."""
@@ -62,7 +64,7 @@ def escaped(value: object) -> str:
 
     Unprintable characters are written as escapes, so that no name imitates another one.
     """
-    return html.escape(printable(value), quote=True)
+    return html.escape(quoted(value, sys.maxsize), quote=True)
 
 
 def script_json(value: Any) -> str:

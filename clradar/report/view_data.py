@@ -6,17 +6,14 @@ import base64
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from clradar.compare import clipped_db
 from clradar.model import DepthMap, Volume
-from clradar.plot.layout import Extent
-from clradar.plot.panels import depth_limits_mm
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from clradar.plot.panels import Extent, depth_limits_mm
 
 MAX_POINTS = 60_000
 """Points of one page over all its clouds: 17 bytes each, so 1 MB."""

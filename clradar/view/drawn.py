@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
 
 import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
 
 from clradar.compare import clipped_db
 from clradar.model import DepthMap, Volume, VoxelGrid
-from clradar.plot.panels import DEPTH_BACKGROUND, amplitude_scale, depth_scale, difference_scale
+from clradar.plot.panels import AMPLITUDE_SCALE, DEPTH_SCALE, DIFFERENCE_SCALE
 from clradar.view.wish import Place
 
 MAX_VOXELS_DRAWN = 60_000
@@ -19,6 +18,14 @@ MAX_VOXELS_DRAWN = 60_000
 SECOND_COLOURS = ("#00465a", "#96ffff")
 """Of the second image at the end of the dynamic range, and at its maximum: no level of a first one
 has such."""
+
+SCALES = {
+    "amplitude": AMPLITUDE_SCALE,
+    "second": LinearSegmentedColormap.from_list("second", [*SECOND_COLOURS]),
+    "depth": DEPTH_SCALE,
+    "difference": DIFFERENCE_SCALE,
+}
+"""Of amplitudes, of those of a second image, of depths, of differences in depth."""
 
 REACH = 2.0
 """A click hits what is within so many voxels of its ray."""
@@ -197,20 +204,5 @@ def level_colours(
 
 def colours_on(scale: str, values: np.ndarray, first: float, last: float) -> np.ndarray:
     """Return the colours of values on a scale with these ends, of NaN that of nothing; uint8."""
-    colours: np.ndarray = scale_of(scale)((values - first) / (last - first), bytes=True)
+    colours: np.ndarray = SCALES[scale]((values - first) / (last - first), bytes=True)
     return colours[..., :3]
-
-
-@cache
-def scale_of(name: str) -> Any:
-    """Return the colours of amplitudes, of those of a second image, of depths, or of differences in
-    depth.
-    """
-    from matplotlib.colors import LinearSegmentedColormap
-
-    if name == "amplitude":
-        return amplitude_scale()
-    if name == "second":
-        return LinearSegmentedColormap.from_list(name, [*SECOND_COLOURS])
-    scale = depth_scale() if name == "depth" else difference_scale()
-    return scale.with_extremes(bad=DEPTH_BACKGROUND)

@@ -12,7 +12,7 @@ from clradar.backproject import METHODS, WINDOWS
 from clradar.compare import METRIC_TABLE
 from clradar.model import Capture, VoxelGrid
 from clradar.model.length_unit import unit_for
-from clradar.plot.layout import typeset
+from clradar.plot.panels import typeset
 from clradar.view.beside import MATERIALS, Beside
 from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.playing import Player

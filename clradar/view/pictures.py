@@ -16,7 +16,7 @@ from clradar.model import Capture, DepthMap
 from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import hann, profile_transform
 from clradar.plot.panels import BELOW_MAXIMUM, DEPTH_MM, depth_limits_mm
-from clradar.view.drawn import Drawn, amplitude_pixels, colours_on, nearest, scale_of
+from clradar.view.drawn import SCALES, Drawn, amplitude_pixels, colours_on, nearest
 from clradar.view.wish import Place
 
 SIZE_INCHES, DPI = (3.8, 3.3), 140
@@ -48,7 +48,7 @@ class Axis(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """A colour bar: its name and ends, and the scale that it has, as of `scale_of`."""
+    """A colour bar: its name and ends, and the scale that it has, of `SCALES`."""
 
     name: str
     first: float
@@ -268,7 +268,7 @@ def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndar
     )  # fmt: skip
     panels = [axes]
     if bar is not None:
-        drawn = ScalarMappable(Normalize(bar.first, bar.last), scale_of(bar.scale))
+        drawn = ScalarMappable(Normalize(bar.first, bar.last), SCALES[bar.scale])
         places = MaxNLocator(5, steps=[1, 2, 5, 10])
         panels.append(figure.colorbar(drawn, ax=axes, label=bar.name, ticks=places, shrink=0.9).ax)
         if bar.scale == "depth":

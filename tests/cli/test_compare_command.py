@@ -1,7 +1,6 @@
 """``clradar compare``, and ``clradar demo``, the whole chain at a small size."""
 
 import json
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -51,8 +50,9 @@ def test_compare_chooses_from_a_recording(cli, place, monkeypatch):
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
     capture = open_capture("sim.h5")
     other = clradar.Capture(np.roll(capture.data, 9, axis=0), capture.array, capture.waveform)
-    raw = [replace(other, meta={"frame": i}) for i in range(2)]
-    save_recording("both", raw, emptyfiltered=[replace(capture, meta={"frame": 1})])
+    radar = save_recording("both", [other, other])
+    (frame,) = save_recording("filtered", [capture]).rglob("*.npy")
+    frame.rename(radar / "calibrated_data/000001_emptyfiltered.npy")
 
     def correlation(options: str) -> float:
         cli.ok(f"compare both sim.h5 --json c.json --force {GRID} {options}")

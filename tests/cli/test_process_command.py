@@ -32,7 +32,7 @@ from clradar.cli import recordings
 from clradar.cli.frames import RECORDS, FrameSteps
 from clradar.cli.recordings import MOVEMENT as FIGURE, SHEET, table
 from clradar.hand import read_pose
-from clradar.plot.frames import write_gif
+from clradar.plot.captures import write_gif
 from measurement_io import (
     open_capture,
     open_channels,

@@ -25,7 +25,7 @@ def quick_runs():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runs, "make_sample", faulty_samples.make_once)
         patch.setattr(contact_sheet, "contact_sheet", len)
-        patch.setattr(contact_sheet, "png_bytes", lambda figure, dpi: b"contact sheet")
+        patch.setattr(contact_sheet, "figure_bytes", lambda figure, dpi: b"contact sheet")
         yield
 
 

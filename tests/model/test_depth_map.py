@@ -148,7 +148,7 @@ SHOWN = {
 @pytest.mark.parametrize("record", SHOWN, ids=lambda record: type(record).__name__)
 def test_notebooks_show_a_figure_and_escaped_facts(record, monkeypatch):
     if not isinstance(record, clradar.DepthMap):  # one that is drawn is enough
-        monkeypatch.setattr(notebook, "png_bytes", lambda *_, **__: b"")
+        monkeypatch.setattr(notebook, "figure_bytes", lambda *_, **__: b"")
     page = Page(record._repr_html_())
     assert page.tags <= {"div", "strong", "table", "tr", "th", "td", "img"}
     *facts, pictures = SHOWN[record]

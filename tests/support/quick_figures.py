@@ -19,7 +19,7 @@ def no_figure(figure: Any, path: Path, **options: Any) -> None:
 
 
 class Levels:
-    """Stands for `clradar.plot.frames.FramePictures`: the level of each pixel."""
+    """Stands for `clradar.plot.captures.FramePictures`: the level of each pixel."""
 
     def __init__(self, images: Any, _: float) -> None:
         self.shape = next(image.amplitude.shape for image in images)
@@ -33,11 +33,10 @@ class Levels:
 
 def lay_out_once(patch: pytest.MonkeyPatch) -> None:
     """Leave axes of figures where they are: finding better places costs as much as drawing."""
-    for module in ("comparison", "figures"):
-        patch.setattr(
-            f"clradar.plot.{module}.settled",
-            lambda figure: figure.set_layout_engine("none") or figure,
-        )
+    patch.setattr(
+        "clradar.plot.images.settled",
+        lambda figure, *_: figure.set_layout_engine("none") or figure,
+    )
 
 
 def seek_nothing_else(patch: pytest.MonkeyPatch) -> None:
@@ -48,8 +47,8 @@ def seek_nothing_else(patch: pytest.MonkeyPatch) -> None:
 
 def draw_quickly(patch: pytest.MonkeyPatch) -> None:
     """Let commands make figures without content."""
-    patch.setattr("clradar.plot.frames.FramePictures", Levels)
+    patch.setattr("clradar.plot.captures.FramePictures", Levels)
     patch.setattr("clradar.plot.save_figure", no_figure)
-    patch.setattr("clradar.plot.frames.curves_figure", lambda *_: Figure())
+    patch.setattr("clradar.plot.captures.curves_figure", lambda *_: Figure())
     for kind in ("image", "comparison", "capture", "recording"):
         patch.setattr(f"clradar.plot.{kind}_figure", lambda *_, **__: Figure())

@@ -13,7 +13,7 @@ from clradar.dataset.shards import new_shard
 from clradar.errors import MeasurementError, ModelError
 from clradar.jobs.outcome import Aside
 from clradar.view import samples
-from clradar.view.drawn import Drawn, Flat, clicked_m, level_colours, scale_of, voxels_of
+from clradar.view.drawn import SCALES, Drawn, Flat, clicked_m, level_colours, voxels_of
 from clradar.view.pictures import image_pictures, overview_picture, pair_curves, slice_pictures
 from clradar.view.samples import SampleFrames
 from clradar.view.sources import open_source
@@ -94,7 +94,7 @@ def test_a_click_takes_the_point_that_its_ray_meets_first():
 def test_the_difference_is_brown_where_the_simulation_is_farther():
     first, second = (drawn_of((0, 0, z, 1.0), (1, 0, 1, 1.0)) for z in (1, 2))
     picture = image_pictures(first, second, first, None)["difference"]
-    scale = scale_of("difference")(np.arange(256), bytes=True)[:, :3].astype(int)
+    scale = SCALES["difference"](np.arange(256), bytes=True)[:, :3].astype(int)
     assert scale[255, 0] > scale[255, 2] + 100
     assert scale[128].min() > 250
     assert lit(picture, scale[255]) == [near(-10, 0)]

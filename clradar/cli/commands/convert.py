@@ -159,7 +159,7 @@ def export_command(
     grey), and either of them or a capture to .mat (MATLAB) or .npz (numpy), in metres and hertz.
     """
     from measurement_io import export_file
-    from measurement_io.export import FORMATS, check_export
+    from measurement_io.export import FORMATS
 
     parse.ends_in(*FORMATS)("-o", output)
     loaded = ImageInput.open(source, frames)
@@ -170,7 +170,6 @@ def export_command(
         content = content.depth_map(depth.dynamic_range_db)
     else:
         content = replace(content, meta={**content.meta, **provenance()})
-    check_export(output, type(content))
     export_file(output, content, force=opt.call.force)
     kind = {cl.Capture: "capture", cl.Volume: "volume"}.get(type(content), "depth map")
     shape = content.__array__().shape[:: 1 if kind == "capture" else -1]  # x first, as everywhere
