@@ -8,11 +8,6 @@ from .maroon.alignment import (
     read_transform as read_transform,
 )
 from .maroon.depth_map import read_depth_map as read_depth_map
-from .maroon.metadata import (
-    MaskBox as MaskBox,
-    RecordingMetadata as RecordingMetadata,
-    read_metadata as read_metadata,
-)
 from .maroon.recording import Recording as Recording, open_recording as open_recording
 from .maroon.writer import save_recording as save_recording
 from .native.records import (

@@ -36,18 +36,14 @@ def read_position_file(path: str | os.PathLike[str]) -> np.ndarray:
     path = Path(path)
     content = read_bytes(path, _EXPECTED, MAX_ANTENNA_FILE_BYTES)
     with reading(path, _EXPECTED):
-        lines = [line.strip() for line in content.decode("utf-8-sig").splitlines()]
-        lines = [line for line in lines if line]
-        header = [part.strip().lower() for part in lines[0].split(",")] if lines else []
-        if header != ["x", "y", "z"]:
-            fail(path, "a first line 'x,y,z'", repr(lines[0][:60]) if lines else "an empty file")
-        rows = lines[1:]
-        positions = np.empty((len(rows), 3))
-        for i, row in enumerate(rows):
-            parts = row.split(",")
-            if len(parts) != 3:
-                fail(path, f"three numbers in row {i}", repr(row[:60]))
-            positions[i] = [float(part) for part in parts]
+        header, _, rows = content.decode("utf-8-sig").strip().partition("\n")
+        if [part.strip().lower() for part in header.split(",")] != ["x", "y", "z"]:
+            fail(path, "a first line 'x,y,z'", repr(header[:60]) if header else "an empty file")
+        if not rows.strip():
+            return np.empty((0, 3))
+        positions = np.loadtxt(rows.splitlines(), delimiter=",", comments=None, ndmin=2)
+        if positions.shape[1] != 3:
+            fail(path, "three numbers in every row", f"{positions.shape[1]}")
         if not np.isfinite(positions).all():
             fail(path, "finite positions", "NaN or infinite ones")
         return positions

@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from clradar.errors import MeasurementError
-from clradar.files.confined.process import Companion
-from clradar.files.failures import clean, reading, shown
-from clradar.model import Waveform
+from clradar.files.failures import reading, shown
 from clradar.model.progress import Progress
 from measurement_io.layouts.lab_file import layout_needed
 from measurement_io.maroon import folders
 from measurement_io.maroon.depth_map import read_depth_map, read_frequencies
-from measurement_io.maroon.folders import ranges
+from measurement_io.maroon.folders import VARIANTS, ranges
 from measurement_io.maroon.frame import first_time_stamp, read_frame_file
 from measurement_io.maroon.inspection import Findings, inspect_folders
+from measurement_io.maroon.recording import open_recording
 from measurement_io.native import records as native
 from measurement_io.native.scheme import SCHEMES
 from measurement_io.opening import SUPPORTED, kind_of
@@ -100,9 +99,10 @@ def _check_native(path: Path, found: Findings) -> None:
     noun = SCHEMES[header.format].noun
     found.checked.append(f"native: {noun}, version {header.version}, text attributes intact")
     found.checked.append("all data read: types, shapes, stored in full, values finite")
-    unchecked = native.unchecked_datasets(path)
-    found.problems += [f"{name}: carries no Fletcher-32 checksum" for name in unchecked]
-    if not unchecked:
+    found.problems += [
+        f"/entry/data/{name}: carries no Fletcher-32 checksum" for name in header.unchecked
+    ]
+    if not header.unchecked:
         found.checked.append("every dataset has its Fletcher-32 checksums and they are right")
 
 
@@ -116,29 +116,25 @@ def _check_folder(radar: Path, found: Findings, progress: Progress | None) -> No
 
 def _check_frames(radar: Path, found: Findings, progress: Progress | None) -> None:
     """Read every frame of both variants; list the checks that pass, and the problems."""
-    frames = folders.frames(radar)
-    waveform: Waveform | None = None
-    companion = Companion()
-    done, total = 0, sum(map(len, frames.values()))
+    there = {variant: files for variant, files in folders.frames(radar).items() if files}
+    if not there:
+        return
+    done, total = 0, sum(map(len, there.values()))
+    recording = open_recording(radar, variant=next(iter(there)))
     stamps_us: dict[str, dict[int, int | float]] = {}
-    for variant, files in frames.items():
-        stamps = stamps_us[variant] = {}
+    for variant, files in there.items():
+        frames, stamps = recording.with_variant(variant), stamps_us.setdefault(variant, {})
         read, zero, named = 0, [], None
-        for number, path in sorted(files.items()):
+        for i, number in enumerate(frames.frame_numbers):
             done += 1
             if progress is not None:
                 progress(done, total)
             try:
-                capture = read_frame_file(path, companion=companion)
+                capture = frames[i]
             except MeasurementError as error:
                 found.problems.append(str(error))
                 continue
             read += 1
-            waveform = waveform or capture.waveform
-            if not waveform.same_frequencies(capture.waveform):
-                found.problems.append(
-                    f"{clean(path.name)}: other frequencies than the frames before"
-                )
             named = capture.meta.get("number_of_measurements") if read == 1 else named
             if not capture.data.any():
                 zero.append(number)
@@ -155,7 +151,7 @@ def _check_frames(radar: Path, found: Findings, progress: Progress | None) -> No
         if zero:
             found.problems.append(f"{variant} frames that are zero everywhere: {ranges(zero)}")
         _check_stamps(variant, stamps, read, found)
-    raw, filtered = stamps_us["raw"], stamps_us["emptyfiltered"]
+    raw, filtered = (stamps_us.get(variant, {}) for variant in VARIANTS)
     if other := [n for n, stamp in filtered.items() if raw.get(n, stamp) != stamp]:
         found.problems.append(
             f"emptyfiltered frames with another time stamp than the raw one: {ranges(other)}"

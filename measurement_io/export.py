@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from clradar.files.json_text import to_json
 from clradar.model import Capture, DepthMap, Volume, checks
 
 Exported = Capture | Volume | DepthMap
+_NOUNS = {Capture: "a capture", Volume: "a volume", DepthMap: "a depth map"}
 
 MAT_BYTES = 2**31 - 2**16
 """Of one array: more does not fit the 32-bit sizes of MATLAB v5."""
@@ -24,7 +24,6 @@ STEEPEST = 3.0
 """Neighbours of a surface are joined where their depths differ by at most this many pixels: beyond
 some 70 degrees there is an edge with another surface behind it."""
 
-_NOUNS = {Capture: "a capture", Volume: "a volume", DepthMap: "a depth map"}
 _INSTEAD = {
     Capture: "form its image first (backproject, `clradar image`)",
     Volume: "take its depth map (Volume.depth_map, `clradar export --depth-map`)",
@@ -48,38 +47,29 @@ def export_file(path: str | os.PathLike[str], record: Exported, *, force: bool =
     ((4, 2, 3), [0.3, 0.301, 0.302, 0.303])
     """
     target = Path(path)
-    check_export(target, type(record))
-    refuse_existing(target, force=force)
-    if target.suffix.lower() == ".mat" and record_bytes(record) > MAT_BYTES:
-        fail(target, f"at most {MAT_BYTES} bytes in an array of a .mat file",
-             f"{record_bytes(record)}; a .npz file holds more", error=OutputError)  # fmt: skip
-    with replacing(target, force=force) as temporary:
-        _WRITERS[target.suffix.lower()](temporary, record)
-
-
-def check_export(target: Path, kind: type) -> None:
-    """Raise unless a file of this name can hold a record of this class."""
-    suffix = target.suffix.lower()
+    suffix, noun = target.suffix.lower(), _NOUNS.get(type(record))
     if suffix not in FORMATS:
         endings = ", ".join(FORMATS)
         raise OutputError(
             f"{shown(target)}: expected a name that ends in {endings}, got '{target.suffix}'"
         )
-    if kind not in _NOUNS:
-        checks.fail("export_file: record", "a Capture, a Volume or a DepthMap", kind.__name__)
-    if kind not in FORMATS[suffix]:
-        held = " or ".join(_NOUNS[one] for one in FORMATS[suffix])
+    if noun is None:
+        got = type(record).__name__
+        checks.fail("export_file: record", "a Capture, a Volume or a DepthMap", got)
+    write, *kinds = FORMATS[suffix]
+    if type(record) not in kinds:
+        held = " or ".join(_NOUNS[kind] for kind in kinds)
         raise OutputError(
-            f"{shown(target)}: a {suffix} file holds {held}, got {_NOUNS[kind]}; {_INSTEAD[kind]}"
+            f"{shown(target)}: a {suffix} file holds {held}, got {noun}; {_INSTEAD[type(record)]}"
         )
-
-
-# ---- arrays by name
-
-
-def record_bytes(record: Exported) -> int:
-    """Return the bytes of the largest array."""
-    return max(value.nbytes for value in arrays_of(record).values() if hasattr(value, "nbytes"))
+    refuse_existing(target, force=force)
+    if suffix == ".mat":
+        largest = max(np.asarray(value).nbytes for value in arrays_of(record).values())
+        if largest > MAT_BYTES:
+            fail(target, f"at most {MAT_BYTES} bytes in an array of a .mat file",
+                 f"{largest}; a .npz file holds more", error=OutputError)  # fmt: skip
+    with replacing(target, force=force) as temporary:
+        write(temporary, record)
 
 
 def arrays_of(record: Exported) -> dict[str, Any]:
@@ -199,15 +189,10 @@ def _triangles(depth: DepthMap) -> np.ndarray:
     return np.concatenate(found)
 
 
-_EVERYTHING = (Capture, Volume, DepthMap)
-FORMATS: dict[str, tuple[type, ...]] = {
-    ".vti": (Volume,),
-    ".ply": (DepthMap,),
-    ".mat": _EVERYTHING,
-    ".npz": _EVERYTHING,
+FORMATS: dict[str, Any] = {
+    ".vti": (_write_vti, Volume),
+    ".ply": (_write_ply, DepthMap),
+    ".mat": (_write_mat, *_NOUNS),
+    ".npz": (_write_npz, *_NOUNS),
 }
-"""Ending of a name -> what such a file can hold."""
-
-_WRITERS: dict[str, Callable[..., None]] = {
-    ".vti": _write_vti, ".ply": _write_ply, ".mat": _write_mat, ".npz": _write_npz
-}  # fmt: skip
+"""Ending of a name -> what writes such a file, and what it can hold."""

@@ -83,7 +83,7 @@ def open_capture(
             fail(source, "a layout alone, which has the positions", "other settings with it")
         from measurement_io.layouts.apply import open_with_layout
 
-        return open_with_layout(source, layout, frame=frame)
+        return open_with_layout(source, layout, frame)
     with reading(source, SUPPORTED):
         if source.is_dir():
             radar = find_radar_folder(source)
@@ -98,8 +98,8 @@ def open_capture(
                 raise layout_needed(source)
             if antennas:
                 fail(source, "a recorded frame, for antenna files to apply to", "a native file")
-            assert isinstance(found[1], Capture)
-            return found[1]
+            capture: Capture = found[1]
+            return capture
         if kind_of(source) == "container":
             raise layout_needed(source)
         return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)

@@ -126,66 +126,54 @@ def facts_of(record: Capture | Volume | ChannelCalibration) -> list[Fact]:
     return [*facts, Fact("provenance", mapping_text(meta), meta)] if meta else facts
 
 
+def _fact(name: str, text: str, /, **value: Any) -> Fact:
+    """Return a fact whose text has its values in braces."""
+    return Fact(name, text.format(**value), value)
+
+
 def _data_facts(record: Capture | Volume, axes: str) -> list[Fact]:
     names, shape = axes.split(), record.data.shape
     value = {"shape": list(shape), "type": "complex64", "axes": names}
     amplitude = np.abs(record.data)
-    levels: dict[str, Any] = {
-        "min": float(amplitude.min()),
-        "mean": float(amplitude.mean(dtype=np.float64)),
-        "rms": float(np.sqrt(np.mean(np.square(amplitude, dtype=np.float64)))),
-        "max": float(amplitude.max()),
-    }
-    text = ", ".join(f"{name} {level:.4g}" for name, level in levels.items())
-    size, zeros = int(amplitude.size), int(amplitude.size - np.count_nonzero(amplitude))
-    return [
-        Fact("data", f"{shape} complex64 [{', '.join(names)}]", value),
-        Fact(
-            "amplitude",
-            f"{text}; {zeros} of {size} are zero",
-            {**levels, "zeros": zeros, "size": size},
-        ),
-    ]
+    levels = _fact(
+        "amplitude",
+        "min {min:.4g}, mean {mean:.4g}, rms {rms:.4g}, max {max:.4g}; {zeros} of {size} are zero",
+        min=float(amplitude.min()),
+        mean=float(amplitude.mean(dtype=np.float64)),
+        rms=float(np.sqrt(np.mean(np.square(amplitude, dtype=np.float64)))),
+        max=float(amplitude.max()),
+        zeros=int(amplitude.size - np.count_nonzero(amplitude)),
+        size=int(amplitude.size),
+    )
+    return [Fact("data", f"{shape} complex64 [{', '.join(names)}]", value), levels]
 
 
 def _instrument_facts(array: AntennaArray, waveform: Waveform) -> list[Fact]:
-    low, high = (float(f) for f in waveform.frequencies_hz[[0, -1]])
-    size_m = np.ptp(np.concatenate([array.tx_m, array.rx_m]), axis=0).tolist()
-    name, count = clean(array.name), waveform.n_freq
-    facts = [
-        Fact(
-            "array",
-            f"{name}: {array.n_tx} Tx, {array.n_rx} Rx",
-            {"name": name, "n_tx": array.n_tx, "n_rx": array.n_rx},
-        )
-    ]
+    name, text = clean(array.name), "{name}: {n_tx} Tx, {n_rx} Rx"
+    facts = [_fact("array", text, name=name, n_tx=array.n_tx, n_rx=array.n_rx)]
     for side, own in zip(("Tx", "Rx"), array.sides, strict=True):
         if (pattern := own.pattern) is not None:
             lobe = f"cos^{pattern.exponent:g}" if pattern.exponent else "the same all around"
             if pattern.angle_deg is not None:
                 lobe = f"a table of {len(pattern.angle_deg)} angles"
             value = {"gain_dbi": pattern.gain_dbi, "exponent": pattern.exponent}
-            facts.append(Fact(f"{side} pattern", f"{pattern.gain_dbi:g} dBi, {lobe}", value))
+            facts.append(_fact(f"{side} pattern", f"{{gain_dbi:g}} dBi, {lobe}", **value))
         if own.gain is not None:
             level_db = 20 * np.log10(np.maximum(np.abs(own.gain), 1e-15))
-            low_db, high_db = (round(float(v), 3) for v in (level_db.min(), level_db.max()))
-            text = f"{low_db:g} to {high_db:g} dB"
-            facts.append(Fact(f"{side} gains", text, {"span_db": [low_db, high_db]}))
+            span_db = [round(float(v), 3) for v in (level_db.min(), level_db.max())]
+            text = "{span_db[0]:g} to {span_db[1]:g} dB"
+            facts.append(_fact(f"{side} gains", text, span_db=span_db))
         if own.boresight is not None:
             degrees = np.rad2deg(np.arccos(np.clip(own.boresight[:, 2], -1, 1)))
             most = round(float(degrees.max()), 3)
-            text = f"up to {most:g} degrees off +z"
-            facts.append(Fact(f"{side} boresight", text, {"most_deg": most}))
-    facts.append(
-        Fact(
-            "aperture",
-            " x ".join(f"{1e3 * s:.6g}" for s in size_m) + " mm (x, y, z)",
-            {"size_m": size_m},
-        )
-    )
-    text = f"{count} from {low / 1e9:.6g} to {high / 1e9:.6g} GHz"
-    value = {"count": count, "low_hz": low, "high_hz": high}
-    return [*facts, Fact("frequencies", text, value)]
+            text = "up to {most_deg:g} degrees off +z"
+            facts.append(_fact(f"{side} boresight", text, most_deg=most))
+    size_m = np.ptp(np.concatenate([array.tx_m, array.rx_m]), axis=0).tolist()
+    text = " x ".join(f"{1e3 * s:.6g}" for s in size_m) + " mm (x, y, z)"
+    low, high = (float(f) for f in waveform.frequencies_hz[[0, -1]])
+    band = f"{waveform.n_freq} from {low / 1e9:.6g} to {high / 1e9:.6g} GHz"
+    value = {"count": waveform.n_freq, "low_hz": low, "high_hz": high}
+    return [*facts, Fact("aperture", text, {"size_m": size_m}), Fact("frequencies", band, value)]
 
 
 def _range_facts(capture: Capture) -> list[Fact]:
@@ -222,8 +210,8 @@ def _echo_rcs_facts(capture: Capture, range_m: float, power: float) -> list[Fact
     if not 0 < square_metre < np.inf:
         return []
     dbsm = float(10 * np.log10(power) - 20 * np.log10(square_metre))
-    text = f"{dbsm:.1f} dBsm, as a point target on boresight with its mean power over pairs"
-    return [Fact("echo's radar cross section", text, {"dbsm": dbsm})]
+    text = "{dbsm:.1f} dBsm, as a point target on boresight with its mean power over pairs"
+    return [_fact("echo's radar cross section", text, dbsm=dbsm)]
 
 
 def _volume_facts(volume: Volume) -> list[Fact]:
@@ -251,9 +239,8 @@ def _volume_facts(volume: Volume) -> list[Fact]:
     if volume.scale is not None and volume.data.any():
         rcs_dbsm = volume.rcs_dbsm()
         dbsm, (place_m, text) = float(rcs_dbsm.max()), strongest(rcs_dbsm)
-        text = f"{dbsm:.1f} dBsm as a point target, at {text}"
-        target = {"dbsm": dbsm, "position_m": place_m}
-        facts += [_ABSOLUTE, Fact("strongest target", text, target)]
+        text = f"{{dbsm:.1f}} dBsm as a point target, at {text}"
+        facts += [_ABSOLUTE, _fact("strongest target", text, dbsm=dbsm, position_m=place_m)]
     return facts
 
 
@@ -271,16 +258,16 @@ def _channels_facts(channels: ChannelCalibration) -> list[Fact]:
             continue
         gain_db = 20 * np.log10(gain[live])
         delay_s = getattr(channels.response, f"{side}_delay_s")[live]
-        ends = {"gain_db": gain_db, "delay_s": delay_s}
-        value: dict[str, Any] = {n: [float(v.min()), float(v.max())] for n, v in ends.items()}
         noise_db = 20 * np.log10(np.median(getattr(channels, f"{side}_noise")[live]) + 1e-30)
-        value |= {"count": int(gain_db.size), "noise_db": float(noise_db)}
         text = (
-            f"{gain_db.size} of {gain.size}: gain {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, "
-            f"noise {noise_db:.1f} dB, delay {1e12 * delay_s.min():+.2f} to "
+            f"{{count}} of {gain.size}: gain {{gain_db[0]:+.2f}} to {{gain_db[1]:+.2f}} dB, noise "
+            f"{{noise_db:.1f}} dB, delay {1e12 * delay_s.min():+.2f} to "
             f"{1e12 * delay_s.max():+.2f} ps"
         )
-        facts.append(Fact(f"live {side.title()}", text, value))
+        ends = {"gain_db": gain_db, "delay_s": delay_s}
+        value: dict[str, Any] = {n: [float(v.min()), float(v.max())] for n, v in ends.items()}
+        value |= {"count": int(gain_db.size), "noise_db": float(noise_db)}
+        facts.append(_fact(f"live {side.title()}", text, **value))
     for name, number in channels.target_position.items():
         what, _, unit = clean(name).rpartition("_")
         scale, shown_unit = (1e3, "mm") if unit == "m" else (1.0, unit)
@@ -289,9 +276,8 @@ def _channels_facts(channels: ChannelCalibration) -> list[Fact]:
         text = f"{scale * number:.{digits}f} ± {scale * std:.{digits}f} {shown_unit}"
         place = {"value": number, "std": std, "unit": unit}
         facts.append(Fact(f"{clean(channels.target)} {what}", text, place))
-    text = f"{channels.residual_db:.1f} dB, by noise alone {channels.noise_residual_db:.1f} dB"
     left = {"db": channels.residual_db, "noise_db": channels.noise_residual_db}
-    return [*facts, Fact("residual", text, left)]
+    return [*facts, _fact("residual", "{db:.1f} dB, by noise alone {noise_db:.1f} dB", **left)]
 
 
 _ABSOLUTE = Fact("scale", "absolute: S-parameters", {"absolute": True})

@@ -183,8 +183,7 @@ def title_of(path: Path, meta: Mapping[str, Any]) -> str:
 def recording_title(meta: Mapping[str, Any]) -> str:
     """Object, distance, variant and frame of a recorded capture; empty for any other."""
     from clradar.model.volume import capture_meta
-    from measurement_io.maroon.folders import frame_file
-    from measurement_io.maroon.metadata import DISTANCE_FOLDERS
+    from measurement_io.maroon.folders import DISTANCE_FOLDERS, frame_file
 
     capture = capture_meta(meta)
     if capture.get("format") != "maroon":

@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -29,6 +29,8 @@ CHECKING_FILTERS = (SHUFFLE, FLETCHER32)
 """Filters that neither shrink nor inflate."""
 
 _WHOLE: Mapping[int, int] = {}
+
+Value = TypeVar("Value", str, int)
 
 
 @contextmanager
@@ -58,8 +60,11 @@ def group(path: Path, parent: Any, name: str) -> Any:
 
 def array(
     path: Path, parent: Any, name: str, dtype: Any, shape: tuple[int | None, ...]
-) -> np.ndarray:
-    """Return a dataset of a type, in any byte order, and shape (None: any length), read-only."""
+) -> tuple[np.ndarray, bool]:
+    """Return a dataset of a type, in any byte order, and shape (None: any length), read-only.
+
+    And whether every chunk of it carries a Fletcher-32 checksum.
+    """
     found = dataset(path, parent, name)
     place = _place(parent, name)
     dtype = np.dtype(dtype)
@@ -80,10 +85,10 @@ def array(
     size = path.stat().st_size
     if nbytes > size:
         fail(path, f"{place} to fit into the file's {size} bytes", f"shape {have}: {nbytes} bytes")
-    check_stored(path, place, found)
+    filtered = check_stored(path, place, found)
     content = found[()].astype(dtype, copy=False)
     content.flags.writeable = False
-    return content
+    return content, found.fletcher32 and filtered
 
 
 def dataset(path: Path, parent: Any, name: str, filters: Collection[int] = CHECKING_FILTERS) -> Any:
@@ -107,49 +112,27 @@ def dataset(path: Path, parent: Any, name: str, filters: Collection[int] = CHECK
     return found
 
 
-def has_checksum(found: Any) -> bool:
-    """Whether every chunk of a dataset carries a Fletcher-32 checksum."""
-    if not found.fletcher32 or found.chunks is None:
-        return False
-    # A chunk can be stored with its filters left out.
-    chunks = (found.id.get_chunk_info(i) for i in range(found.id.get_num_chunks()))
-    return all(chunk.filter_mask == 0 for chunk in chunks)
-
-
-def text(path: Path, owner: Any, name: str) -> str:
-    """Return a string attribute."""
+def attribute(path: Path, owner: Any, name: str, kind: type[Value]) -> Value:
+    """Return an attribute that is one string, or one whole number."""
     import h5py
 
-    attribute = _attribute(path, owner, name)
-    kind = attribute.get_type()
-    if not isinstance(kind, h5py.h5t.TypeStringID) or attribute.shape != ():
-        fail(
-            path, f"the attribute {_attribute_place(owner, name)} to be one string", "another type"
-        )
-    if not kind.is_variable_str() and kind.get_size() > MAX_JSON_BYTES:
-        fail(path, f"at most {MAX_JSON_BYTES} bytes of text", f"{kind.get_size()}")
+    place = f"{owner.name}@{name}"
+    if name not in owner.attrs:
+        fail(path, f"the attribute {place}", "none of that name")
+    stored = owner.attrs.get_id(name)
+    form, h5t = stored.get_type(), h5py.h5t
+    known, noun = (
+        (h5t.TypeStringID, "string") if kind is str else (h5t.TypeIntegerID, "whole number")
+    )
+    if not isinstance(form, known) or stored.shape != ():
+        fail(path, f"the attribute {place} to be one {noun}", "another type")
+    if form.get_size() > MAX_JSON_BYTES:
+        fail(path, f"at most {MAX_JSON_BYTES} bytes of text", f"{form.get_size()}")
     value = owner.attrs[name]
-    value = value.decode("utf-8") if isinstance(value, bytes) else str(value)
-    if len(value) > MAX_JSON_BYTES:
+    value = kind(value.decode("utf-8") if isinstance(value, bytes) else value)
+    if isinstance(value, str) and len(value) > MAX_JSON_BYTES:
         fail(path, f"at most {MAX_JSON_BYTES} bytes of text", f"{len(value)}")
     return value
-
-
-def whole_number(path: Path, owner: Any, name: str) -> int:
-    """Return an integer attribute."""
-    import h5py
-
-    attribute = _attribute(path, owner, name)
-    if not isinstance(attribute.get_type(), h5py.h5t.TypeIntegerID) or attribute.shape != ():
-        place = _attribute_place(owner, name)
-        fail(path, f"the attribute {place} to be one whole number", "another type")
-    return int(owner.attrs[name])
-
-
-def _attribute(path: Path, owner: Any, name: str) -> Any:
-    if name not in owner.attrs:
-        fail(path, f"the attribute {_attribute_place(owner, name)}", "none of that name")
-    return owner.attrs.get_id(name)
 
 
 def hard_linked(path: Path, parent: Any, name: str) -> Any:
@@ -165,16 +148,16 @@ def hard_linked(path: Path, parent: Any, name: str) -> Any:
     return parent[name]
 
 
-def check_stored(path: Path, place: str, found: Any, pick: Mapping[int, int] = _WHOLE) -> None:
+def check_stored(path: Path, place: str, found: Any, pick: Mapping[int, int] = _WHOLE) -> bool:
     """Raise unless all that will be read is in the file: HDF5 would fill in the rest.
 
-    Of the axes in `pick` one index is read.
+    Of the axes in `pick` one index is read. Return whether no chunk is stored without its filters.
     """
     if found.chunks is None:
         need, have = found.size * found.dtype.itemsize, found.id.get_storage_size()
         if have < need:
             fail(path, f"{need} bytes stored for {place}", f"{have}")
-        return
+        return False
     chunk_bytes = math.prod(found.chunks) * found.dtype.itemsize
     if chunk_bytes > MAX_CHUNK_BYTES:
         expected = f"{place} in chunks of at most {MAX_CHUNK_BYTES} bytes"
@@ -182,20 +165,17 @@ def check_stored(path: Path, place: str, found: Any, pick: Mapping[int, int] = _
     rows = {axis: index // found.chunks[axis] * found.chunks[axis] for axis, index in pick.items()}
     per_axis = [-(-n // c) for n, c in zip(found.shape, found.chunks, strict=True)]
     need = math.prod(1 if axis in pick else n for axis, n in enumerate(per_axis))
-    have = 0
+    masks: list[int] = []
 
-    def count(chunk: Any) -> None:
-        nonlocal have
-        have += all(chunk.chunk_offset[axis] == row for axis, row in rows.items())
+    def keep(chunk: Any) -> None:
+        if all(chunk.chunk_offset[axis] == row for axis, row in rows.items()):
+            masks.append(chunk.filter_mask)
 
-    found.id.chunk_iter(count)
-    if have != need:
-        fail(path, f"{need} chunks stored for {place}", f"{have}")
+    found.id.chunk_iter(keep)
+    if len(masks) != need:
+        fail(path, f"{need} chunks stored for {place}", f"{len(masks)}")
+    return not any(masks)
 
 
 def _place(parent: Any, name: str) -> str:
     return f"{str(parent.name).rstrip('/')}/{name}"
-
-
-def _attribute_place(owner: Any, name: str) -> str:
-    return f"{owner.name}@{name}"

@@ -15,7 +15,7 @@ from clradar import arrays
 from clradar.constants import MAX_FREQUENCIES, PLAUSIBLE_APERTURE_M, PLAUSIBLE_HZ
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.limits import MAX_ARRAY_BYTES, MAX_CHANNELS
-from clradar.model import AntennaArray, Capture, Waveform, checks
+from clradar.model import AntennaArray, Capture, Waveform
 from measurement_io.antenna_file import read_position_file
 from measurement_io.layouts.contents import EXPECTED
 from measurement_io.layouts.lab_file import Key, LabFile
@@ -32,18 +32,13 @@ from measurement_io.layouts.layout import (
 
 _FIELD_NAMES = (("r", "i"), ("real", "imag"), ("re", "im"), ("i", "q"))
 _PURPOSE = "the data"
+_ORDER = ("tx", "rx", "freq", "part")
 
 
 def open_with_layout(
-    path: str | os.PathLike[str],
-    layout: str | os.PathLike[str] | Layout,
-    *,
-    frame: int | None = None,
+    source: Path, layout: str | os.PathLike[str] | Layout, frame: int | None
 ) -> Capture:
     """Return the capture in another program's file; see `open_capture`."""
-    if frame is not None:
-        frame = checks.whole("open_capture: frame", frame, 0)
-    source = Path(path)
     if not isinstance(layout, Layout):
         layout = read_layout(layout)
     with reading(source, EXPECTED):
@@ -209,14 +204,12 @@ def _side(
         fail(path, f"[{name}] channels = {side.channels} in the data", f"{have}: {key}")
     if have > MAX_CHANNELS:  # what a header claims costs nothing until it is counted out
         fail(path, f"at most {MAX_CHANNELS} {name} channels", f"{have}: {key}")
-    chosen = list(range(have))
-    if side.select is not None:
-        try:
-            chosen = side.select.indices(have)
-        except IndexError as error:
-            fail(path, f"[{name}] select within {have} channels (from 0)", str(error))
-        if not chosen:
-            fail(path, f"[{name}] select to keep a channel of {have}", "none")
+    try:
+        chosen = side.chosen(have)
+    except IndexError as error:
+        fail(path, f"[{name}] select within {have} channels (from 0)", str(error))
+    if not chosen:
+        fail(path, f"[{name}] select to keep a channel of {have}", "none")
     # Positions of all channels are selected from like the data; those of the used ones are not.
     if len(position_m) == have and side.array is None:
         position_m = position_m[chosen]
@@ -238,10 +231,10 @@ def _positions(file: LabFile, layout: Layout, name: str) -> np.ndarray:
         position_m = np.array(known.tx_m if name == "tx" else known.rx_m)
     elif antenna_file is not None:
         position_m = read_position_file(antenna_file) / per_m
-    elif side.key is None and side.values is None:
-        position_m = _of_single_keys(file, side, purpose) / per_m
     else:
-        position_m = _of_table(file, side, frame.columns, purpose) / per_m
+        given = _coordinates(file, side, frame.columns, purpose)
+        columns = np.broadcast_arrays(*(given[axis] for axis in COORDINATES))
+        position_m = np.stack(columns, axis=1) / per_m
     position_m -= np.array(frame.origin) / per_m
     for axis in frame.mirror:
         column = COORDINATES.index(axis)
@@ -249,10 +242,20 @@ def _positions(file: LabFile, layout: Layout, name: str) -> np.ndarray:
     return position_m
 
 
-def _of_table(
+def _coordinates(
     file: LabFile, side: AntennaLayout, columns: Sequence[str], purpose: str
-) -> np.ndarray:
-    """Return x, y, z of `values` or of one key, in the unit of the file."""
+) -> dict[str, Any]:
+    """Return x, y and z in the unit of the file, each a list, or the number that all share."""
+    given: dict[str, Any] = {
+        axis: file.real_list(value, f"{purpose}, {axis}") if isinstance(value, str) else value
+        for axis, value in side.coordinates.items()
+    }
+    if side.key is None and side.values is None:
+        counts = {axis: len(values) for axis, values in given.items() if np.ndim(values)}
+        if len(set(counts.values())) != 1:
+            got = ", ".join(f"{count} of {axis}" for axis, count in counts.items())
+            fail(file.path, f"as many values of every coordinate ({purpose})", got)
+        return given
     table = np.array(side.values or ())
     if side.key is not None:
         table = file.real_array(side.key, purpose)
@@ -263,28 +266,7 @@ def _of_table(
         turned = table.ndim == 2 and table.shape[0 if rows else 1] == len(columns)
         hint = f'; orientation = "{"columns" if rows else "rows"}" would fit' if turned else ""
         fail(file.path, f"{wanted} ({purpose})", f"shape {table.shape}{hint}")
-    found = table if rows else table.T
-    result = np.zeros((len(found), 3))
-    for i, axis in enumerate(columns):
-        result[:, COORDINATES.index(axis)] = found[:, i]
-    for axis, value in side.coordinates.items():
-        result[:, COORDINATES.index(axis)] = value
-    return result
-
-
-def _of_single_keys(file: LabFile, side: AntennaLayout, purpose: str) -> np.ndarray:
-    lists = {
-        axis: file.real_list(value, f"{purpose}, {axis}")
-        for axis, value in side.coordinates.items()
-        if isinstance(value, str)
-    }
-    if len({len(values) for values in lists.values()}) != 1:
-        counts = ", ".join(f"{len(values)} of {axis}" for axis, values in lists.items())
-        fail(file.path, f"as many values of every coordinate ({purpose})", counts)
-    result = np.zeros((len(next(iter(lists.values()))), 3))
-    for axis, value in side.coordinates.items():
-        result[:, COORDINATES.index(axis)] = lists.get(axis, value)
-    return result
+    return given | dict(zip(columns, table.T if rows else table, strict=True))
 
 
 def _check_plausible(path: Path, tx_m: np.ndarray, rx_m: np.ndarray, unit: str) -> None:
@@ -371,17 +353,15 @@ def _ordered(
     """Return a view with the axes tx, rx, freq, part; those that are missing have length 1."""
     names = list(names)
     if "pair" in names:
-        at = names.index("pair")
-        outer, inner = ("tx", "rx") if layout.pair_order == "tx_major" else ("rx", "tx")
-        n_tx, n_rx = channels
-        split = (n_tx, n_rx) if outer == "tx" else (n_rx, n_tx)
+        at, count = names.index("pair"), dict(zip(("tx", "rx"), channels, strict=True))
+        order = ["tx", "rx"] if layout.pair_order == "tx_major" else ["rx", "tx"]
         # Cutting one axis in two needs no copy, whatever the strides are.
+        split = (count[name] for name in order)
         array = array.reshape(*array.shape[:at], *split, *array.shape[at + 1 :])
-        names[at : at + 1] = [outer, inner]
-    array = array[tuple(slice(None) if name != "one" else 0 for name in names)]
+        names[at : at + 1] = order
+    array = array.squeeze(axis=tuple(i for i, name in enumerate(names) if name == "one"))
     names = [name for name in names if name != "one"]
-    for name in ("tx", "rx", "freq", "part"):
-        if name not in names:
-            array = array[..., np.newaxis]
-            names.append(name)
-    return array.transpose([names.index(name) for name in ("tx", "rx", "freq", "part")])
+    missing = [name for name in _ORDER if name not in names]
+    names += missing
+    array = array[(..., *[np.newaxis] * len(missing))]
+    return array.transpose([names.index(name) for name in _ORDER])

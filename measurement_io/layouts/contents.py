@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from clradar.errors import MeasurementError
 from clradar.files.confined.process import forbid_opening
 from clradar.files.failures import clean, fail, reading
 from clradar.files.limits import (
@@ -40,6 +39,9 @@ _SHOWN_BYTES = 2**26
 
 Pick = Mapping[int, int]
 """Of which axes only one index is kept."""
+
+Opened = tuple[str, bool, "Iterable[Key]"]
+"""What kind of file it is, whether one of MATLAB, and its keys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,46 +68,30 @@ class Key:
         return f"{shape}{clean(self.kind)[:80]}"
 
 
-@dataclass(frozen=True, slots=True)
-class _Opened:
-    kind: str
-    matlab: bool
-    keys: Iterable[Key]
-
-
 def read(path: Path, form: str, wanted: list[tuple[str, list[tuple[int, int]]]]) -> dict[str, Any]:
     """Return "kind" and "matlab" of a file of a form, its "keys", and "values" of those wanted.
 
-    `wanted` are names, and (axis, index) of axes of which one index is kept. A value is {"value":
-    array or text} or {"error": text}; what is not there, or holds neither, is left out.
+    `wanted` are names, and (axis, index) of axes of which one index is kept. What is not there, has
+    no such index, or holds neither numbers nor text, is left out.
     """
-    with reading(path, EXPECTED), _OPENERS[form](path) as opened:
+    with reading(path, EXPECTED), _OPENERS[form](path) as (kind, matlab, listed):
         keys: dict[str, Key] = {}
-        for key in opened.keys:
+        for key in listed:
             if key.name in keys:
                 fail(path, "every key once", f"two of the name {_place(key.name)}")
             if len(keys) >= MAX_KEYS:
                 fail(path, f"at most {MAX_KEYS} keys", "more")
             keys[key.name] = key
         values: dict[str, Any] = {}
-        for given, picks in wanted:
-            name = given.replace(".", "/") if opened.matlab else given
-            key = keys.get(name, _NOTHING)
-            if name in values or key.value is None:
-                continue
+        for name, picks in wanted:
+            key = keys.get(name.replace(".", "/") if matlab else name, Key("", (), ""))
             pick = {axis: i for axis, i in picks if axis < len(key.shape)}
-            try:
-                with reading(path, f"{_place(name)} that can be read"):
-                    if any(i >= key.shape[axis] for axis, i in pick.items()):
-                        fail(path, f"{_place(name)} with such an index", f"shape {key.shape}")
-                    values[name] = {"value": key.value(pick)}
-            except MeasurementError as error:
-                values[name] = {"error": str(error)}
+            inside = all(i < key.shape[axis] for axis, i in pick.items())
+            if key.value is not None and inside and key.name not in values:
+                with reading(path, f"{_place(key.name)} that can be read"):
+                    values[key.name] = key.value(pick)
         rows = [[key.name, list(key.shape), key.kind, key.content] for key in keys.values()]
-        return {"kind": opened.kind, "matlab": opened.matlab, "keys": rows, "values": values}
-
-
-_NOTHING = Key("", (), "")
+        return {"kind": kind, "matlab": matlab, "keys": rows, "values": values}
 
 
 def _place(name: str) -> str:
@@ -176,28 +162,25 @@ def _numpy_key(
 
 
 @contextmanager
-def _opened_npy(path: Path) -> Iterator[_Opened]:
+def _opened_npy(path: Path) -> Iterator[Opened]:
     """One plain array, mapped into memory: what is not picked is not read."""
     with open(path, "rb") as file:
         header = npy_header(path, file)
         have = path.stat().st_size - file.tell()
-    if header[1].hasobject:
-        forbid_opening()
-        keys = [_numpy_key(path, NPY_KEY, header, have, lambda: np.empty(0))]
-    else:
+    array: Any = None
+    if not header[1].hasobject:
         array = np.load(path, mmap_mode="r" if have else None, allow_pickle=False)
-        forbid_opening()
-        keys = [_numpy_key(path, NPY_KEY, header, have, lambda: array)]
-    yield _Opened("a plain .npy array", False, keys)
+    forbid_opening()
+    yield "a plain .npy array", False, [_numpy_key(path, NPY_KEY, header, have, lambda: array)]
 
 
 @contextmanager
-def _opened_npz(path: Path) -> Iterator[_Opened]:
+def _opened_npz(path: Path) -> Iterator[Opened]:
     """An archive of arrays; its keys are the members' names without `.npy`."""
     with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
         forbid_opening()
         keys = (_member_key(path, archive, entry) for entry in archive.infolist())
-        yield _Opened("an .npz archive", False, keys)
+        yield "an .npz archive", False, keys
 
 
 def _member_key(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> Key:
@@ -228,11 +211,11 @@ _MAT5_BYTES = {
 
 
 @contextmanager
-def _opened_mat5(path: Path) -> Iterator[_Opened]:
+def _opened_mat5(path: Path) -> Iterator[Opened]:
     """A MATLAB v5 file by `scipy.io`; inside structs names have "/" between the levels."""
     with open(path, "rb") as file:
         forbid_opening()
-        yield _Opened("a MATLAB v5 file", True, _mat5_keys(path, file))
+        yield "a MATLAB v5 file", True, _mat5_keys(path, file)
 
 
 def _mat5_keys(path: Path, file: Any) -> Iterator[Key]:
@@ -302,14 +285,14 @@ _MATLAB_NUMBERS = tuple(name.encode() for name in _MAT5_BYTES if name != "logica
 
 
 @contextmanager
-def _opened_hdf5(path: Path) -> Iterator[_Opened]:
+def _opened_hdf5(path: Path) -> Iterator[Opened]:
     import h5py
 
     with open(path, "rb") as raw:
         matlab = raw.read(6) == b"MATLAB"
     with hdf5_guard.opened(path, "a readable HDF5 file") as file:
         keys = _Hdf5(path, matlab).keys(file, "", 0, {h5py.h5o.get_info(file.id).addr})
-        yield _Opened("a MATLAB v7.3 file" if matlab else "an HDF5 file", matlab, keys)
+        yield "a MATLAB v7.3 file" if matlab else "an HDF5 file", matlab, keys
 
 
 @dataclass(frozen=True, slots=True)
@@ -357,13 +340,8 @@ class _Hdf5:
         if kind == b"char":
             if dtype.kind != "u" or math.prod(shape) > MAX_TEXT_CHARACTERS:
                 return Key(key, shape, "text")
-
-            def text(_: Pick) -> str:
-                if not found.size:
-                    return ""
-                return "".join(map(chr, self._numbers(key, group, name, {}).ravel("F").tolist()))
-
-            return Key(key, shape, "text", "text", text)
+            codes = lambda: numbers({}).ravel("F").tolist() if found.size else []  # noqa: E731
+            return Key(key, shape, "text", "text", lambda _: "".join(map(chr, codes())))
         if kind is not None and kind not in _MATLAB_NUMBERS:
             return Key(key, shape, kind.decode("ascii", "backslashreplace"))
         if kind is not None and "MATLAB_empty" in found.attrs:

@@ -84,10 +84,7 @@ class LabFile:
         key = self.find(name, purpose)
         if key.content != content:
             fail(self.path, f"{_place(name, purpose)} to hold {content}", key.kind)
-        found = self.values[key.name]
-        if "error" in found:
-            raise MeasurementError(clean(found["error"]))
-        return found["value"]
+        return self.values[key.name]
 
     def real_array(self, name: str, purpose: str) -> np.ndarray:
         """Return a key's real numbers as finite float64."""

@@ -48,7 +48,7 @@ KeyName = Annotated[str, text("a key of the file, as text")]
 _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _AXES = 'a list of axes, such as ["tx", "rx", "freq"]'
 _SIGN = "-1 for exp(-j 2 pi f d / c) or +1 for exp(+j ...)"
-_SLICE = re.compile(r"(-?[0-9]{0,9}):(-?[0-9]{0,9})(?::(-?[0-9]{1,9}))?\Z")
+_SLICE = re.compile(r"(-?[0-9]{1,9})?:(-?[0-9]{1,9})?(:-?0{0,8}[1-9][0-9]{0,8})?")
 _SOURCES = "one of 'key', 'values', 'file', 'array', or keys 'x', 'y' and 'z'"
 _KEYS = "'key', or 'real' and 'imag'"
 _PAIRS = '"tx_major" or "rx_major", for an axis "pair" and for nothing else'
@@ -110,36 +110,15 @@ def _refuse(*checks: tuple[object, str, str, object]) -> None:
 
 
 def _select(value: Any) -> Any:
-    """Return (start, stop, step) of a slice, or the channels of a list."""
     if isinstance(value, str):
-        match = _SLICE.match(value)
-        if match is None or "-" in (match[1], match[2]) or (match[3] and int(match[3]) == 0):
+        if not _SLICE.fullmatch(value):
             raise mistake(_SELECT)
-        ends = (int(n) if n not in (None, "") else None for n in match.groups())
-        return dict(zip(("start", "stop", "step"), ends, strict=True))
+        return value
     if not isinstance(value, list) or not value or not all(is_whole(v) and v >= 0 for v in value):
         raise mistake(_SELECT)
     if len(set(value)) != len(value) or len(value) > MAX_CHANNELS:
         raise mistake("every channel once", "repeated channels")
-    return {"channels": value}
-
-
-class Select(FileRecord):
-    """Which channels are used: a slice (stop excluded, as in Python) or a list."""
-
-    start: int | None = None
-    stop: int | None = None
-    step: int | None = None
-    channels: tuple[int, ...] | None = None
-
-    def indices(self, count: int) -> list[int]:
-        """Return the chosen channels of `count`; raises IndexError for one that is not there."""
-        if self.channels is None:
-            return list(range(count))[self.start : self.stop : self.step]
-        for channel in self.channels:
-            if not 0 <= channel < count:
-                raise IndexError(f"channel {channel}")
-        return list(self.channels)
+    return tuple(value)
 
 
 class AntennaLayout(FileRecord):
@@ -149,7 +128,7 @@ class AntennaLayout(FileRecord):
     """
 
     channels: Annotated[Whole, Field(ge=1, le=MAX_CHANNELS)] | None = None
-    select: Annotated[Select, BeforeValidator(_select)] | None = None
+    select: Annotated[str | tuple[int, ...], BeforeValidator(_select)] | None = None
     key: KeyName | None = None
     values: Rows | None = None
     file: Annotated[str, text("the name of an antenna file, as text")] | None = None
@@ -164,6 +143,15 @@ class AntennaLayout(FileRecord):
         """Keys or numbers of single coordinates."""
         found = {name: getattr(self, name) for name in COORDINATES}
         return {name: value for name, value in found.items() if value is not None}
+
+    def chosen(self, count: int) -> list[int]:
+        """Return the used channels of `count`; raises IndexError for one that is not there."""
+        if self.select is None or isinstance(self.select, str):
+            ends = (int(n) if n else None for n in (self.select or ":").split(":"))
+            return list(range(count))[slice(*ends)]
+        if max(self.select) >= count:
+            raise IndexError(f"channel {max(self.select)}")
+        return list(self.select)
 
     @model_validator(mode="after")
     def _fits_together(self) -> AntennaLayout:

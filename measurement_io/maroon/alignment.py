@@ -81,12 +81,6 @@ class SensorAlignment:
     given: Mapping[tuple[str, str], np.ndarray]
     unknown_keys: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        given = {}
-        for (source, target), matrix in self.given.items():
-            given[source, target] = checks.transform(f"{self.path}: {source}2{target}", matrix)
-        object.__setattr__(self, "given", MappingProxyType(given))
-
     def transform(self, source: str, target: str) -> np.ndarray:
         """Return the 4 x 4 matrix from `source` to `target`, in the units of the two.
 
@@ -94,18 +88,13 @@ class SensorAlignment:
         "kinect", "zed", "realsense" (millimetres). What is not given goes by way of the radar, or
         is inverted.
         """
-        checks.text("SensorAlignment.transform: source", source)
-        checks.text("SensorAlignment.transform: target", target)
-        if source == target:
-            return np.eye(4)
-        if (source, target) in self.given:
-            return self.given[source, target].copy()
-        there, onwards = self._one_step(source, RADAR), self._one_step(RADAR, target)
-        if there is not None and onwards is not None:
-            return onwards @ there
-        inverse = self._one_step(source, target)
-        if inverse is not None:
-            return inverse
+        steps = {(b, a): np.linalg.inv(matrix) for (a, b), matrix in self.given.items()}
+        steps |= {**self.given, **{(name, name): np.eye(4) for name in (source, RADAR, target)}}
+        known = source == target or (source, target) in self.given
+        if not known and (source, RADAR) in steps and (RADAR, target) in steps:
+            return steps[RADAR, target] @ steps[source, RADAR]
+        if (source, target) in steps:
+            return steps[source, target].copy()
         names = ", ".join(f"{a}2{b}" for a, b in sorted(self.given)) or "no transform"
         fail(self.path, f"a transform from '{clean(source)}' to '{clean(target)}'", clean(names))
 
@@ -116,15 +105,6 @@ class SensorAlignment:
         mesh's faces.
         """
         return MIRROR_X @ self.transform(source, RADAR)
-
-    def _one_step(self, source: str, target: str) -> np.ndarray | None:
-        """Return a matrix that is given, or whose inverse is; None if neither."""
-        if source == target:
-            return np.eye(4)
-        if (source, target) in self.given:
-            return self.given[source, target]
-        inverse = self.given.get((target, source))
-        return None if inverse is None else np.linalg.inv(inverse)
 
 
 def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
@@ -147,7 +127,7 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
     unknown = tuple(clean(key) for key in content if key not in known)
     with reading(path, "transforms between sensors"):
         given = {pair: matrices[key] for key, pair in known.items()}
-        return SensorAlignment(shown(path), given, unknown)
+        return SensorAlignment(shown(path), MappingProxyType(given), unknown)
 
 
 def _pair(key: str) -> tuple[str, str] | None:

@@ -16,6 +16,9 @@ from clradar.files.failures import clean, fail, reading
 VARIANTS = ("raw", "emptyfiltered")
 FRAMES_FOLDER = "calibrated_data"
 CALIBRATION_FILE = "calibration.json"
+DISTANCE_FOLDERS = ("30", "40", "50")
+"""Names of distance folders that are a distance in centimetres."""
+
 METADATA_FILE, ALIGNMENT_FILE, MESH_FOLDER = "metadata.json", "alignment.json", "photogrammetry"
 ANTENNAS_FILE = "antennas.toml"
 """In a radar folder: the antennas, where they are not those of the imager."""
@@ -69,14 +72,11 @@ class FrameFile:
 
 def frame_file(path: Path) -> FrameFile:
     """Return number, variant and folder of a `.npy` file by its name and place."""
-    match = _FRAME.match(path.name)
-    absolute = path.absolute()
-    folder = None
-    if absolute.parent.name == FRAMES_FOLDER:
-        folder = RadarFolderName.parse(absolute.parent.parent.name)
-    if match is None:
-        return FrameFile(path, None, "raw", folder)
-    return FrameFile(path, int(match[1]), "emptyfiltered" if match[2] else "raw", folder)
+    match, frames = _FRAME.match(path.name), path.absolute().parent
+    inside = frames.name == FRAMES_FOLDER
+    folder = RadarFolderName.parse(frames.parent.name) if inside else None
+    variant = "emptyfiltered" if match and match[2] else "raw"
+    return FrameFile(path, int(match[1]) if match else None, variant, folder)
 
 
 def antennas_file(frame: Path) -> Path | None:
@@ -100,16 +100,8 @@ def find_radar_folder(folder: Path) -> Path:
     if len(radars) == 1:
         return radars[0]
     if radars:
-        fail(
-            folder,
-            "one radar folder; name the one you mean",
-            f"{len(radars)}: {_listed([p.name for p in radars])}",
-        )
-    deeper = [
-        p.name for p in inside if any(RadarFolderName.parse(q.name) for q in _entries_or_none(p))
-    ]
-    if deeper:
-        fail(folder, expected, f"folders that hold one; name one of them: {_listed(deeper)}")
+        got = f"{len(radars)}: {_listed([p.name for p in radars])}"
+        fail(folder, "one radar folder; name the one you mean", got)
     found = _listed([p.name for p in entries(folder)])
     fail(folder, expected, f"a folder with {found or 'nothing in it'}")
 
@@ -167,13 +159,6 @@ def is_own_name(folder: Path, name: str) -> bool:
     """Whether what has this name in a folder belongs to the recordings that the folder holds."""
     radar = RadarFolderName.parse(name) is not None and (folder / name / FRAMES_FOLDER).is_dir()
     return radar or (name in BESIDE and any(RadarFolderName.parse(p.name) for p in entries(folder)))
-
-
-def _entries_or_none(folder: Path) -> list[Path]:
-    try:
-        return list(folder.iterdir())
-    except OSError:
-        return []
 
 
 def _listed(names: list[str]) -> str:

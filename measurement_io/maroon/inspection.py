@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -13,12 +12,15 @@ import numpy as np
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean, shown
+from clradar.files.json_file import read_json_object
+from clradar.files.records import is_number
 from measurement_io.maroon import folders
 from measurement_io.maroon.alignment import MESH_SOURCE, SensorAlignment, read_alignment
 from measurement_io.maroon.depth_map import read_frequencies
 from measurement_io.maroon.folders import (
     ALIGNMENT_FILE,
     CALIBRATION_FILE,
+    DISTANCE_FOLDERS,
     MESH_FOLDER,
     METADATA_FILE,
     PRODUCTS,
@@ -27,11 +29,13 @@ from measurement_io.maroon.folders import (
     ranges,
 )
 from measurement_io.maroon.frame import read_frame_file
-from measurement_io.maroon.metadata import read_metadata
 from measurement_io.maroon.recording import mesh_files
 from measurement_io.record_facts import Fact, facts_of, mapping_text
 
 Record = TypeVar("Record")
+
+DISTANCE_TOLERANCE_M = 0.02
+"""How far `distance_meters` may be from the folder's name: the name is a round number."""
 
 
 @dataclass(slots=True)
@@ -60,16 +64,11 @@ def inspect_recording(folder: Path) -> Findings:
     """Describe a recording by its folders and its first raw frame; no other frame is opened."""
     radar = folders.find_radar_folder(folder)
     found = inspect_folders(radar)
-    frames = folders.frames(radar)
-    for variant, files in frames.items():  # a check reads them, and finds each by itself
-        irregular = [number for number, path in files.items() if not os.path.isfile(path)]
-        if irregular:
-            found.problems.append(f"{variant} frames that are no files: {ranges(irregular)}")
-    raw = frames["raw"]
-    first = next((number for number in sorted(raw) if os.path.isfile(raw[number])), None)
-    capture = None
-    if first is not None:
-        capture = found.read(f"frame {first}", lambda: read_frame_file(raw[first]))
+    raw = folders.frames(radar)["raw"]
+    first = min(raw, default=None)
+    if first is None:
+        return found
+    capture = found.read(f"frame {first}", lambda: read_frame_file(raw[first]))
     if capture is not None:
         found.facts += facts_of(capture)
         total = capture.meta.get("number_of_measurements")
@@ -165,15 +164,17 @@ def _inspect_calibration(
 
 def _inspect_placement(found: Findings, distance: Path) -> None:
     """Add what lies in an `<object>/<distance>` folder."""
-    metadata = _beside(found, distance / METADATA_FILE, read_metadata, "")
+    metadata = _beside(found, distance / METADATA_FILE, read_json_object, "")
     if metadata is not None:
-        value = metadata.model_dump()
-        text = mapping_text({key: item for key, item in value.items() if item is not None})
-        box = metadata.mask_bb_antenna
-        value["mask_bb_antenna"] = None if box is None else box.model_dump()
-        found.add(METADATA_FILE, text or "nothing in it", value)
-        if (problem := metadata.distance_problem(distance.name)) is not None:
-            found.problems.append(problem)
+        found.add(METADATA_FILE, mapping_text(metadata) or "nothing in it", metadata)
+        given = metadata.get("distance_meters")
+        if given is not None and distance.name in DISTANCE_FOLDERS:
+            named_m = int(distance.name) / 100
+            if not is_number(given) or abs(given - named_m) > DISTANCE_TOLERANCE_M:
+                found.problems.append(
+                    f"{METADATA_FILE} has a distance of {clean(given)[:40]} m, the folder's name "
+                    f"{distance.name} cm"
+                )
     lost = ", without which no mesh can be placed"
     alignment = _beside(found, distance / ALIGNMENT_FILE, read_alignment, lost)
     if alignment is not None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -14,6 +16,7 @@ import numpy as np
 from clradar.errors import MeasurementError, MeshError, warn
 from clradar.files.confined.process import Companion
 from clradar.files.failures import clean, fail, reading, shown
+from clradar.files.json_file import read_json_object
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
 from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
@@ -22,7 +25,6 @@ from measurement_io.maroon.frame import read_frame_file, read_time_stamp
 
 if TYPE_CHECKING:
     from measurement_io.maroon.alignment import SensorAlignment
-    from measurement_io.maroon.metadata import RecordingMetadata
 
 _EXPECTED = (
     "the folder of a recording: radar_<low GHz>_<high GHz>_<points>, or the <object>/<distance> "
@@ -62,65 +64,10 @@ def open_recording(
             fail(source, _EXPECTED, "a file" if source.exists() else "nothing there")
         radar = folders.find_radar_folder(source)
         array = antenna_array(rx_file, tx_file, radar / folders.ANTENNAS_FILE)
-        files = _Files(radar, folders.frames(radar), array)
-        if not any(files.frames.values()):
+        frames = folders.frames(radar)
+        if not any(frames.values()):
             fail(radar, f"frames %06d.npy in {folders.FRAMES_FOLDER}", "none")
-        return Recording(files, variant)
-
-
-class _Files:
-    """The files of a recording, and what has been read of them; shared by all views of it."""
-
-    def __init__(
-        self, radar: Path, frames: Mapping[str, Mapping[int, Path]], array: AntennaArray
-    ) -> None:
-        self.radar = radar
-        self.distance = radar.absolute().parent
-        self.frames = frames
-        self.array = array
-        self._companion = Companion()
-        self._waveforms: dict[str, Waveform] = {}
-        self._beside: dict[str, Any] = {}
-
-    def capture(self, variant: str, number: int) -> Capture:
-        path = self.frames[variant][number]
-        capture = read_frame_file(path, array=self.array, companion=self._companion)
-        if not self.waveform(variant, capture).same_frequencies(capture.waveform):
-            fail(path, "the frequencies of the recording's first frame", "others")
-        return capture
-
-    def time_stamp(self, variant: str, number: int) -> int | float | None:
-        try:
-            return read_time_stamp(self.frames[variant][number], self._companion)
-        except MeasurementError:
-            return None
-
-    def waveform(self, variant: str, known: Capture | None = None) -> Waveform:
-        """Return the frequencies of the first frame of a variant that can be read."""
-        failure: MeasurementError | None = None
-        for number, path in sorted(self.frames[variant].items()):
-            if variant in self._waveforms:
-                break
-            try:
-                if known is None or known.meta["frame"] != number:
-                    frame = read_frame_file(path, array=self.array, companion=self._companion)
-                else:
-                    frame = known
-                self._waveforms[variant] = frame.waveform
-            except MeasurementError as error:
-                failure = failure or error
-        if variant not in self._waveforms and failure is not None:
-            raise failure
-        return self._waveforms[variant]
-
-    def beside(self, name: str, read: Any) -> Any:
-        """Return `read` of a file of the distance folder; None if it is not there."""
-        if name not in self._beside:
-            path = self.distance / name
-            with reading(path, "a file"):
-                there = os.path.lexists(path)
-            self._beside[name] = read(path) if there else None
-        return self._beside[name]
+        return Recording(radar, frames, array)._view(variant)
 
 
 class Recording(Sequence[Capture]):
@@ -131,17 +78,27 @@ class Recording(Sequence[Capture]):
     damaged, or has other frequencies than the first, raises `MeasurementError` on access.
     """
 
-    def __init__(self, files: _Files, variant: str, numbers: tuple[int, ...] | None = None) -> None:
-        there = files.frames[variant]
+    def __init__(
+        self, radar: Path, frames: Mapping[str, Mapping[int, Path]], array: AntennaArray
+    ) -> None:
+        self._radar, self._frames, self._array = radar, frames, array
+        self._paths = [files[number] for files in frames.values() for number in sorted(files)]
+        self._variant, self._numbers = "raw", tuple[int, ...]()
+        # Of all views of it:
+        self._companion, self._read_once = Companion(), dict[str, Any]()
+
+    def _view(self, variant: str, numbers: tuple[int, ...] | None = None) -> Recording:
+        """Return the same recording in a variant, of all frames or those of some numbers."""
+        there = self._frames[variant]
         missing = [n for n in numbers or () if n not in there]
         if missing or not there:
             found = folders.ranges(there) or "no frame of this variant"
             wanted = f"frames {folders.ranges(missing)}" if missing else "frames"
-            fail(files.radar, f"{wanted} of the variant '{variant}'", found)
-        self._files = files
-        self._variant = variant
-        self._all = numbers is None
-        self._numbers = tuple(sorted(there)) if numbers is None else numbers
+            fail(self.path, f"{wanted} of the variant '{variant}'", found)
+        view = copy(self)
+        view._variant = variant
+        view._numbers = tuple(sorted(there)) if numbers is None else numbers
+        return view
 
     def __len__(self) -> int:
         return len(self._numbers)
@@ -152,8 +109,8 @@ class Recording(Sequence[Capture]):
     def __getitem__(self, index: slice) -> Recording: ...
     def __getitem__(self, index: int | slice) -> Capture | Recording:
         if isinstance(index, slice):
-            return Recording(self._files, self._variant, self._numbers[index])
-        return self._files.capture(self._variant, self._number(index))
+            return self._view(self._variant, self._numbers[index])
+        return self._capture_of_number(self._number(index))
 
     def __iter__(self) -> Iterator[Capture]:
         # Not a generator: after an unreadable frame next() continues with the following one.
@@ -175,7 +132,7 @@ class Recording(Sequence[Capture]):
     @property
     def path(self) -> Path:
         """The radar folder."""
-        return self._files.radar
+        return self._radar
 
     @property
     def frame_numbers(self) -> tuple[int, ...]:
@@ -190,12 +147,13 @@ class Recording(Sequence[Capture]):
     @property
     def variants(self) -> tuple[str, ...]:
         """The variants of which there are frames."""
-        return tuple(name for name, frames in self._files.frames.items() if frames)
+        return tuple(name for name, frames in self._frames.items() if frames)
 
     def with_variant(self, variant: str) -> Recording:
         """The same recording in another variant; of a slice, the frames of the same numbers."""
         variant = checks.one_of("Recording.with_variant: variant", variant, folders.VARIANTS)
-        return Recording(self._files, variant, None if self._all else self._numbers)
+        whole = len(self._numbers) == len(self._frames[self._variant])
+        return self._view(variant, None if whole else self._numbers)
 
     @property
     def timestamps_us(self) -> tuple[int | float | None, ...]:
@@ -203,24 +161,37 @@ class Recording(Sequence[Capture]):
 
         Every use reads all files: keep what it returns.
         """
-        return tuple(self._files.time_stamp(self._variant, number) for number in self._numbers)
+        files = self._frames[self._variant]
+        found: list[int | float | None] = []
+        for number in self._numbers:
+            found.append(None)
+            with suppress(MeasurementError):
+                found[-1] = read_time_stamp(files[number], self._companion)
+        return tuple(found)
 
     @property
     def waveform(self) -> Waveform:
         """Frequencies of the first frame that can be read."""
-        return self._files.waveform(self._variant)
+        failures = []
+        for path in self._paths:
+            try:
+                found: Waveform = self._read_once.get("waveform") or self._read(path).waveform
+            except MeasurementError as error:
+                failures.append(error)
+                continue
+            self._read_once["waveform"] = found
+            return found
+        raise failures[0]
 
     @property
     def array(self) -> AntennaArray:
         """Antennas of all frames."""
-        return self._files.array
+        return self._array
 
     @property
-    def metadata(self) -> RecordingMetadata | None:
-        """Content of `metadata.json`, if there is one."""
-        from measurement_io.maroon.metadata import read_metadata
-
-        found: RecordingMetadata | None = self._files.beside(METADATA_FILE, read_metadata)
+    def metadata(self) -> dict[str, Any] | None:
+        """Content of `metadata.json`, if there is one; its `mask_bb` is in radar space."""
+        found: dict[str, Any] | None = self._beside(METADATA_FILE, read_json_object)
         return found
 
     @property
@@ -228,13 +199,13 @@ class Recording(Sequence[Capture]):
         """Transforms of `alignment.json`, if there is one."""
         from measurement_io.maroon.alignment import read_alignment
 
-        found: SensorAlignment | None = self._files.beside(ALIGNMENT_FILE, read_alignment)
+        found: SensorAlignment | None = self._beside(ALIGNMENT_FILE, read_alignment)
         return found
 
     @property
     def mesh_names(self) -> tuple[str, ...]:
         """Names of the photogrammetric meshes, without ".obj"."""
-        return tuple(sorted(mesh_files(self._files.distance)))
+        return tuple(sorted(mesh_files(self._distance)))
 
     def scene(self, name: str = "mesh", *, alpha: float | np.ndarray = 0.5) -> Scene:
         """Return a photogrammetric mesh, one of `mesh_names`, in the antenna frame.
@@ -246,11 +217,11 @@ class Recording(Sequence[Capture]):
         checks.text("Recording.scene: name", name)
         alignment = self.alignment
         if alignment is None:
-            fail(self._files.distance, f"{ALIGNMENT_FILE}, to place the mesh with", "none")
-        meshes = mesh_files(self._files.distance)
+            fail(self._distance, f"{ALIGNMENT_FILE}, to place the mesh with", "none")
+        meshes = mesh_files(self._distance)
         if name not in meshes:
             there = clean(", ".join(sorted(meshes))) or "no mesh"
-            fail(self._files.distance / MESH_FOLDER, f"the mesh {clean(name)}.obj", there)
+            fail(self._distance / MESH_FOLDER, f"the mesh {clean(name)}.obj", there)
         matrix = alignment.to_antenna("photogrammetry")
         try:
             scene = Scene.from_mesh(meshes[name], transform=matrix)
@@ -273,7 +244,29 @@ class Recording(Sequence[Capture]):
         return self._numbers[position]
 
     def _capture_of_number(self, number: int) -> Capture:
-        return self._files.capture(self._variant, number)
+        path = self._frames[self._variant][number]
+        capture = self._read(path)
+        if path == self._paths[0]:
+            self._read_once.setdefault("waveform", capture.waveform)
+        if not self.waveform.same_frequencies(capture.waveform):
+            fail(path, "the frequencies of the recording's first frame", "others")
+        return capture
+
+    def _read(self, path: Path) -> Capture:
+        return read_frame_file(path, array=self._array, companion=self._companion)
+
+    @property
+    def _distance(self) -> Path:
+        return self._radar.absolute().parent
+
+    def _beside(self, name: str, read: Callable[[Path], Any]) -> Any:
+        """Return `read` of a file of the distance folder; None if it is not there."""
+        if name not in self._read_once:
+            path = self._distance / name
+            with reading(path, "a file"):
+                there = os.path.lexists(path)
+            self._read_once[name] = read(path) if there else None
+        return self._read_once[name]
 
 
 def mesh_files(distance: Path) -> dict[str, Path]:

@@ -25,7 +25,6 @@ from clradar.files.atomic import (
     write_file,
     writing,
 )
-from clradar.files.confined.process import Companion
 from clradar.files.failures import regular_file_size, shown
 from clradar.files.json_text import to_json
 from clradar.model import AntennaArray, Capture, Waveform, checks
@@ -38,10 +37,8 @@ from measurement_io.maroon.folders import (
     FRAMES_FOLDER,
     MESH_FOLDER,
     METADATA_FILE,
-    VARIANTS,
     RadarFolderName,
 )
-from measurement_io.maroon.frame import read_frame_file
 
 MAX_FRAMES = 1_000_000
 """A frame's number has six digits."""
@@ -58,8 +55,6 @@ def save_recording(
     path: str | os.PathLike[str],
     captures: Iterable[Capture],
     *,
-    variant: str = "raw",
-    emptyfiltered: Iterable[Capture] | None = None,
     timestamps_us: Sequence[Any] | None = None,
     metadata: Mapping[str, Any] | None = None,
     alignment: Mapping[str, Any] | None = None,
@@ -76,13 +71,7 @@ def save_recording(
     path : path-like
         The `<object>/<distance>` folder; made where it is missing.
     captures : iterable of Capture
-        All of one array and waveform, numbered from 0. Without a length of the iterable or the time
-        stamps, each frame is written twice: it names how many there are.
-    variant : {"raw", "emptyfiltered"}
-        What `captures` are.
-    emptyfiltered : iterable of Capture, optional
-        The same frames with the empty room removed, by the number in `meta["frame"]` where all have
-        one, else in order.
+        All of one array and waveform, numbered from 0; what has no length needs time stamps.
     timestamps_us : sequence, optional
         A number, or a sequence of them, per frame. Default: `meta["timestamp_us"]`, else 0.
     metadata, alignment : mapping, optional
@@ -105,11 +94,12 @@ def save_recording(
     >>> measurement_io.open_recording("plate/30").timestamps_us
     (0, 125000, 250000)
     """
-    variant = checks.one_of(f"{_NAME}: variant", variant, VARIANTS)
-    if emptyfiltered is not None and variant != "raw":
-        checks.fail(f"{_NAME}: emptyfiltered", "captures beside raw ones", f"variant '{variant}'")
     target = _target_folder(Path(path))
     _refuse_existing(target, force=force)
+    counted: Any = captures if timestamps_us is None else timestamps_us
+    if not isinstance(counted, Sized):
+        checks.fail(f"{_NAME}: captures", "a list, or time stamps, to count them by", "neither")
+    total = min(len(counted), MAX_FRAMES)
     iterator = iter(captures)
     first = next(iterator, None)
     if first is None:
@@ -121,12 +111,21 @@ def save_recording(
         radar = temporary / name
         (radar / FRAMES_FOLDER).mkdir(parents=True)
         _write_antennas(radar, first.array)
-        frames = _Frames(radar, first, timestamps_us, progress)
-        length = _length(captures if timestamps_us is None else timestamps_us)
-        numbers = frames.write(chain([first], iterator), length, variant)
-        if emptyfiltered is not None:
-            frames.write_beside(emptyfiltered, _length(emptyfiltered), numbers)
-        _write_calibration(radar / CALIBRATION_FILE, first.waveform, len(numbers))
+        written = 0
+        for capture in chain([first], iterator):
+            if written >= total:
+                checks.fail(f"{_NAME}: captures", f"at most {total} (frames, time stamps)", "more")
+            _check_alike(f"{_NAME}: captures[{written}]", capture, first)
+            given = None if timestamps_us is None else timestamps_us[written]
+            stamp = _time_stamp(f"{_NAME}: timestamps_us[{written}]", capture, given)
+            _write_frame(radar / FRAMES_FOLDER / f"{written:06d}.npy", capture, total, stamp)
+            written += 1
+            if progress is not None:
+                progress(written, total)
+        if written < total:
+            expected = f"{total}, one for each of the time stamps"
+            checks.fail(f"{_NAME}: captures", expected, f"{written}")
+        _write_calibration(radar / CALIBRATION_FILE, first.waveform, total)
         for beside, content in ((METADATA_FILE, metadata), (ALIGNMENT_FILE, alignment)):
             if content is not None:
                 text = json.dumps(json.loads(to_json(f"{_NAME}: {beside}", content)), indent=2)
@@ -137,86 +136,17 @@ def save_recording(
     return target / name
 
 
-class _Frames:
-    """Writes the frames of one recording, whose captures have to be of one kind."""
-
-    def __init__(
-        self, radar: Path, first: Capture, stamps_us: Sequence[Any] | None, progress: Any
-    ) -> None:
-        self._folder = radar / FRAMES_FOLDER
-        self._array, self._waveform = first.array, first.waveform
-        self._stamps_us = stamps_us
-        self._progress = progress or (lambda *_: None)
-
-    def write(
-        self, captures: Iterable[Capture], length: int | None, variant: str
-    ) -> list[int | None]:
-        """Write all frames of a variant; return the numbers that they had, None: no such number."""
-        numbers: list[int | None] = []
-        most = MAX_FRAMES if self._stamps_us is None else len(self._stamps_us)
-        for i, capture in enumerate(captures):
-            if i >= most:
-                checks.fail(f"{_NAME}: captures", f"at most {most} (frames, time stamps)", "more")
-            self._write(capture, i, i, length or 1, variant)
-            numbers.append(_number(capture))
-            self._progress(i + 1, length or 0)
-        if self._stamps_us is not None and len(numbers) != most:
-            expected = f"{most}, one for each of the time stamps"
-            checks.fail(f"{_NAME}: {variant} captures", expected, f"{len(numbers)}")
-        if length != len(numbers):  # of frames, which only is known now
-            companion = Companion()
-            for i in range(len(numbers)):
-                path = self._folder / _frame_name(i, variant)
-                capture = read_frame_file(path, array=self._array, companion=companion)
-                stamp = _time_stamp(_NAME, capture, None)
-                _write_frame(path, capture, len(numbers), stamp, force=True)
-        return numbers
-
-    def write_beside(
-        self, captures: Iterable[Capture], length: int | None, raw: Sequence[int | None]
-    ) -> None:
-        """Write the emptyfiltered frames, each beside the raw one of its number or its place."""
-        unique = None not in raw and len(set(raw)) == len(raw)
-        places = {number: i for i, number in enumerate(raw)} if unique else {}
-        written: set[int] = set()
-        for done, capture in enumerate(captures):
-            number = _number(capture)
-            if number is None or not places:
-                unique, place = False, done
-            else:
-                place = places.get(number, len(raw))
-            if place >= len(raw) or place in written:
-                expected = "one for each raw frame, by number in meta['frame'] or in order"
-                got = f"one more, of number {number}"
-                checks.fail(f"{_NAME}: emptyfiltered captures[{done}]", expected, got)
-            self._write(capture, done, place, len(raw), "emptyfiltered")
-            written.add(place)
-            self._progress(done + 1, length or 0)
-        if not written or (len(written) != len(raw) and not unique):
-            expected = f"{len(raw)}, one for each raw frame, or numbers in meta['frame'] of both"
-            checks.fail(f"{_NAME}: emptyfiltered captures", expected, f"{len(written)}")
-
-    def _write(self, capture: Capture, i: int, place: int, total: int, variant: str) -> None:
-        name = f"{_NAME}: captures[{i}]"
-        checks.instance(name, capture, Capture)
-        if not capture.array.same_antennas(self._array):
-            checks.fail(name, f"the antennas of the first ({_text(self._array)})",
-                        f"{_text(capture.array)}, or with other gains or patterns")  # fmt: skip
-        if not capture.waveform.same_frequencies(self._waveform):
-            checks.fail(
-                name,
-                f"the frequencies of the first ({_frequencies(self._waveform)})",
-                f"{_frequencies(capture.waveform)}, or other steps between them",
-            )
-        given = None if self._stamps_us is None else self._stamps_us[place]
-        stamp = _time_stamp(f"{_NAME}: timestamps_us[{place}]", capture, given)
-        _write_frame(self._folder / _frame_name(place, variant), capture, total, stamp)
-
-
-def _number(capture: Capture) -> int | None:
-    """Return the number that a frame had where it comes from."""
-    number = capture.meta.get("frame")
-    return number if isinstance(number, int) and not isinstance(number, bool) else None
+def _check_alike(name: str, capture: Capture, first: Capture) -> None:
+    checks.instance(name, capture, Capture)
+    if not capture.array.same_antennas(first.array):
+        checks.fail(name, f"the antennas of the first ({_text(first.array)})",
+                    f"{_text(capture.array)}, or with other gains or patterns")  # fmt: skip
+    if not capture.waveform.same_frequencies(first.waveform):
+        checks.fail(
+            name,
+            f"the frequencies of the first ({_frequencies(first.waveform)})",
+            f"{_frequencies(capture.waveform)}, or other steps between them",
+        )
 
 
 def _text(array: AntennaArray) -> str:
@@ -226,10 +156,6 @@ def _text(array: AntennaArray) -> str:
 def _frequencies(waveform: Waveform) -> str:
     low, high = waveform.frequencies_hz[[0, -1]] / 1e9
     return f"{waveform.n_freq} from {low:.9g} to {high:.9g} GHz"
-
-
-def _length(captures: Iterable[Capture]) -> int | None:
-    return len(captures) if isinstance(captures, Sized) else None
 
 
 # ---- files and names of the form
@@ -242,10 +168,6 @@ def _frequency_entries(waveform: Waveform) -> dict[str, float | int]:
         "frequency_high_ghz": high_ghz,
         "frequency_points": waveform.n_freq,
     }
-
-
-def _frame_name(number: int, variant: str) -> str:
-    return f"{number:06d}.npy" if variant == "raw" else f"{number:06d}_{variant}.npy"
 
 
 def _target_folder(path: Path) -> Path:
@@ -278,10 +200,8 @@ def _time_stamp(field: str, capture: Capture, given: Any) -> np.ndarray:
     return stamps
 
 
-def _write_frame(
-    target: Path, capture: Capture, total: int, stamp: np.ndarray, *, force: bool = False
-) -> None:
-    """Write one `.npy` file, whole or not at all; the arguments are taken as checked."""
+def _write_frame(target: Path, capture: Capture, total: int, stamp: np.ndarray) -> None:
+    """Write one `.npy` file; the arguments are taken as checked."""
     xr = capture.data.transpose(1, 0, 2)
     if xr.shape[:2] == (CHANNELS - 2, CHANNELS - 2):
         whole = np.zeros((CHANNELS, CHANNELS, capture.waveform.n_freq), np.complex64)
@@ -295,7 +215,7 @@ def _write_frame(
         "timestamp_us": stamp,
         **{k: v for k, v in capture.meta.items() if k not in _OF_THE_FORM and _is_carried(v)},
     }
-    with replacing(target, force=force) as temporary, open(temporary, "xb") as file:
+    with replacing(target) as temporary, open(temporary, "xb") as file:
         header = {"descr": "|O", "fortran_order": False, "shape": ()}
         np.lib.format.write_array_header_1_0(file, header)
         _PortablePickler(file, protocol=3).dump(holder)

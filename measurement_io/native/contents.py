@@ -8,11 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from clradar.files.failures import clean, fail
 from measurement_io.confined import hdf5_guard
-from measurement_io.native.scheme import EXPECTED, SCHEMES, VERSION, Dataset, text_crc32
+from measurement_io.confined.hdf5_guard import attribute
+from measurement_io.native.scheme import EXPECTED, SCHEMES, VERSION, text_crc32
 
 Contents = dict[str, Any]
 _FORMAT = "clradar_format"
@@ -21,7 +20,7 @@ _FORMAT = "clradar_format"
 def format_of(path: Path) -> str | None:
     """Return our format attribute of the root of an HDF5 file, if it has one."""
     with hdf5_guard.opened(path, "a readable HDF5 file") as file:
-        return hdf5_guard.text(path, file, _FORMAT) if _FORMAT in file.attrs else None
+        return attribute(path, file, _FORMAT, str) if _FORMAT in file.attrs else None
 
 
 def read_if_native(path: Path, kind: str | None) -> Contents | None:
@@ -29,47 +28,33 @@ def read_if_native(path: Path, kind: str | None) -> Contents | None:
     with hdf5_guard.opened(path, EXPECTED) as file:
         if _FORMAT not in file.attrs:
             return None
-        header, data = _header(path, file, kind)
+        found, data = _header(path, file, kind)
         lengths: dict[str, int] = {}
-        arrays: Contents = {}
-        datasets = SCHEMES[header["format"]].datasets
+        found |= {"arrays": {}, "unchecked": []}
+        datasets = SCHEMES[found["format"]].datasets
         # The data comes last: what it is a response of says how long its axes have to be.
         for dataset in sorted(datasets, key=lambda dataset: dataset.name == "data"):
             absent = dataset.optional and dataset.name not in data.keys()  # noqa: SIM118 - `in data` would follow links
-            if not dataset.for_viewers and not absent:
-                arrays[dataset.name] = _array(path, data, dataset, lengths)
-        return {"header": header, "arrays": arrays}
-
-
-def _array(path: Path, data: Any, dataset: Dataset, lengths: dict[str, int]) -> np.ndarray:
-    """Return one dataset, whose named lengths are those of the datasets before it."""
-    wanted = [lengths.get(n) if isinstance(n, str) else n for n in dataset.shape]
-    found = hdf5_guard.array(path, data, dataset.name, dataset.dtype, tuple(wanted))
-    for name, length in zip(dataset.shape, found.shape, strict=True):
-        if isinstance(name, str) and lengths.setdefault(name, length) != length:
-            fail(path, f"as many rows as columns in {dataset.name}", f"shape {found.shape}")
-    return found
-
-
-def unchecked_datasets(path: Path) -> list[str]:
-    """Return the datasets without checksums, which reading does not need."""
-    with hdf5_guard.opened(path, EXPECTED) as file:
-        header, data = _header(path, file, None)
-        names = [dataset.name for dataset in SCHEMES[header["format"]].datasets]
-        there = (hdf5_guard.dataset(path, data, name) for name in names if name in data.keys())  # noqa: SIM118
-        return [clean(found.name) for found in there if not hdf5_guard.has_checksum(found)]
+            if dataset.for_viewers or absent:
+                continue
+            wanted = [lengths.get(n) if isinstance(n, str) else n for n in dataset.shape]
+            array, checked = hdf5_guard.array(
+                path, data, dataset.name, dataset.dtype, tuple(wanted)
+            )
+            for name, length in zip(dataset.shape, array.shape, strict=True):
+                if isinstance(name, str) and lengths.setdefault(name, length) != length:
+                    got = f"shape {array.shape}"
+                    fail(path, f"as many rows as columns in {dataset.name}", got)
+            found["arrays"][dataset.name] = array
+            if not checked:
+                found["unchecked"].append(dataset.name)
+        return found
 
 
 def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
     """Return the checked root attributes and the group of the data."""
-    if _FORMAT not in file.attrs:
-        fail(
-            path,
-            "a native capture or volume",
-            "an HDF5 file without the attribute clradar_format, so of another program",
-        )
-    kind = hdf5_guard.text(path, file, _FORMAT)
-    version = hdf5_guard.whole_number(path, file, "clradar_version")
+    kind = attribute(path, file, _FORMAT, str)
+    version = attribute(path, file, "clradar_version", int)
     if version > VERSION:
         fail(
             path,
@@ -82,14 +67,14 @@ def _header(path: Path, file: Any, wanted: str | None) -> tuple[Contents, Any]:
         fail(path, f"clradar_format {' or '.join(map(repr, SCHEMES))}", repr(clean(kind)))
     if wanted is not None and kind != wanted:
         fail(path, SCHEMES[wanted].noun, f"{SCHEMES[kind].noun}; use {SCHEMES[kind].opener}")
-    created = hdf5_guard.text(path, file, "created")
-    text = hdf5_guard.text(path, file, "provenance")
+    created = attribute(path, file, "created", str)
+    text = attribute(path, file, "provenance", str)
     data = hdf5_guard.group(path, hdf5_guard.group(path, file, "entry"), "data")
     optional = (name for name in SCHEMES[kind].optional_texts if name in data.attrs)
     names = (*SCHEMES[kind].texts, *optional)
-    texts = {name: hdf5_guard.text(path, data, name) for name in names}
+    texts = {name: attribute(path, data, name, str) for name in names}
     if "text_crc32" in file.attrs:
-        want = hdf5_guard.whole_number(path, file, "text_crc32")
+        want = attribute(path, file, "text_crc32", int)
         have = text_crc32(created, text, list(texts.values()))
         if have != want:
             fail(path, f"text attributes with checksum {want:08x}", f"{have:08x}: they are damaged")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -139,18 +139,20 @@ def _views(planes: Planes, grid: VoxelGrid) -> list[View]:
 Record = Capture | Volume | ChannelCalibration
 
 
-def read_if_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Record] | None:
+def read_if_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Any] | None:
     """Return header and record of a native file of a format, or of any; None for another's file."""
     with reading(path, EXPECTED):
         found = confined.run(native_contents.read_if_native, path, kind)
         if found is None:
             return None
-        header = _header(found["header"])
-        values = {**found["header"]["texts"], **found["arrays"]}
-        return header, _RECORDS[header.format](path, header, values)
+        meta = json_text.parse_object(found["provenance"], strict=True)
+        names = ("format", "version", "created", "unchecked")
+        values = {**found["texts"], **found["arrays"]}
+        record = _RECORDS[found["format"]](path, meta, values)
+        return NativeHeader(*(found[name] for name in names)), record
 
 
-def read_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Record]:
+def read_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Any]:
     """As `read_if_native`, of a file that has to be native."""
     noun = "native file" if kind is None else SCHEMES[kind].noun
     if form_of(path, f"a file of {noun}") != "hdf5":
@@ -168,11 +170,11 @@ def format_of(path: Path) -> str | None:
         return found
 
 
-def _capture(path: Path, header: NativeHeader, found: native_contents.Contents) -> Capture:
-    return Capture(_read_only(found["data"]), *instrument(found), header.meta)
+def _capture(path: Path, meta: dict[str, Any], found: native_contents.Contents) -> Capture:
+    return Capture(_read_only(found["data"]), *instrument(found), meta)
 
 
-def _volume(path: Path, header: NativeHeader, found: native_contents.Contents) -> Volume:
+def _volume(path: Path, meta: dict[str, Any], found: native_contents.Contents) -> Volume:
     axes = [found[name] for name in ("x_m", "y_m", "z_m")]
     counts = (len(axes[0]), len(axes[1]), len(axes[2]))
     grid = VoxelGrid(found["origin_m"], found["spacing_m"], counts)
@@ -182,14 +184,7 @@ def _volume(path: Path, header: NativeHeader, found: native_contents.Contents) -
     scale = None
     if WEIGHTS in found:
         scale = ImageScale(*instrument(found), found[WEIGHTS])
-    return Volume(_read_only(found["data"]), grid, header.meta, scale)
-
-
-def unchecked_datasets(path: Path) -> list[str]:
-    """Return the datasets without checksums, which reading does not need."""
-    with reading(path, EXPECTED):
-        found: list[str] = confined.run(native_contents.unchecked_datasets, path)
-        return found
+    return Volume(_read_only(found["data"]), grid, meta, scale)
 
 
 def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]:
@@ -208,11 +203,6 @@ def instrument(found: native_contents.Contents) -> tuple[AntennaArray, Waveform]
     return array, Waveform(found["frequency_hz"])
 
 
-def _header(found: native_contents.Contents) -> NativeHeader:
-    meta = json_text.parse_object(found["provenance"], strict=True)
-    return NativeHeader(found["format"], found["version"], found["created"], meta)
-
-
 def _read_only(array: np.ndarray) -> np.ndarray:
     array.flags.writeable = False  # the record keeps a read-only array without another copy
     return array
@@ -228,15 +218,17 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
     >>> measurement_io.open_volume("volume.h5").grid.z_m.tolist()
     [0.3, 0.31]
     """
-    volume = read_native(Path(path), "volume")[1]
-    assert isinstance(volume, Volume)
+    volume: Volume = read_native(Path(path), "volume")[1]
     return volume
 
 
 LIVE, DEAD, NOISY = 0, 1, 2
 """Names of the values of `tx_state` and `rx_state`."""
 
-_BY_CHANNEL = ("gain", "delay_s", "noise", "phase_std_rad", "delay_std_s")
+_OF_RESPONSE = ("tx_gain", "rx_gain", "tx_delay_s", "rx_delay_s")
+_BY_CHANNEL = tuple(
+    f"{s}_{n}" for s in ("tx", "rx") for n in ("noise", "phase_std_rad", "delay_std_s")
+)
 _NUMBERS = ("target_amplitude", "residual_db", "noise_residual_db")
 
 
@@ -267,10 +259,9 @@ def save_channels(
     }
 
     values = instrument_values(channels.array, channels.waveform)
+    values |= {name: getattr(channels.response, name) for name in _OF_RESPONSE}
+    values |= {name: getattr(channels, name) for name in _BY_CHANNEL}
     for side in ("tx", "rx"):
-        for name in _BY_CHANNEL:
-            owner = channels.response if name in ("gain", "delay_s") else channels
-            values[f"{side}_{name}"] = getattr(owner, f"{side}_{name}")
         state = np.full(len(getattr(channels.array, f"{side}_m")), LIVE)
         state[getattr(channels, f"dead_{side}")] = DEAD
         state[getattr(channels, f"noisy_{side}")] = NOISY
@@ -292,33 +283,28 @@ def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:
     >>> measurement_io.open_channels("channels.h5").response.tx_gain.tolist()
     [(1+0j), 1j]
     """
-    channels = read_native(Path(path), "channels")[1]
-    assert isinstance(channels, ChannelCalibration)
+    channels: ChannelCalibration = read_native(Path(path), "channels")[1]
     return channels
 
 
 def _channels(
-    path: Path, header: NativeHeader, found: native_contents.Contents
+    path: Path, meta: dict[str, Any], found: native_contents.Contents
 ) -> ChannelCalibration:
     array, waveform = instrument(found)
-    fields: dict[str, Any] = {}
+    fields: dict[str, Any] = {name: found[name] for name in _BY_CHANNEL}
+    fields |= {name: float(found[name][0]) for name in _NUMBERS}
     for side in ("tx", "rx"):
-        for name in _BY_CHANNEL:
-            fields[f"{side}_{name}"] = found[f"{side}_{name}"]
         state = found[f"{side}_state"]
         if not np.isin(state, (LIVE, DEAD, NOISY)).all():
             fail(path, f"{side}_state of 0, 1 and 2", f"{state.min()} to {state.max()}")
         fields[f"dead_{side}"] = np.flatnonzero(state == DEAD)
         fields[f"noisy_{side}"] = np.flatnonzero(state == NOISY)
-    for name in _NUMBERS:
-        fields[name] = float(found[name][0])
     names = found["target_parameters"].split(",")
     position = found["target_position"]
     if len(set(names)) != len(names) or len(names) != len(position):
         wanted = f"target_parameters of {len(position)} different names"
         fail(path, wanted, clean(", ".join(names)))
-    names_of_response = ("tx_gain", "rx_gain", "tx_delay_s", "rx_delay_s")
-    of_response = {name: fields.pop(name) for name in names_of_response}
+    of_response = {name: found[name] for name in _OF_RESPONSE}
     response = ChannelResponse(**of_response, reference_hz=float(found["reference_hz"][0]))
     return ChannelCalibration(
         response=response,
@@ -327,14 +313,10 @@ def _channels(
         target=found["target"],
         target_position=dict(zip(names, position.tolist(), strict=True)),
         target_covariance=found["target_covariance"],
-        meta=header.meta,
+        meta=meta,
         **fields,
     )
 
 
-_RECORDS: dict[str, Callable[..., Record]] = {
-    "capture": _capture,
-    "volume": _volume,
-    "channels": _channels,
-}
+_RECORDS = {"capture": _capture, "volume": _volume, "channels": _channels}
 """What makes the record of a format."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -26,7 +26,6 @@ VERSION = 3
 adds antenna patterns, without which a reader would misunderstand the samples, and the scale of
 volumes; version 3 gains and boresights of single antennas."""
 
-NX_CLASSES = {"/": "NXroot", "/entry": "NXentry", "/entry/data": "NXdata"}
 _CHUNK_BYTES = 2**20
 _AT_ONCE_BYTES = 2**25
 _STRUCTURE_BYTES = 2**16
@@ -85,23 +84,19 @@ WEIGHTS = "frequency_weight"
 """Of the window of a volume, whose antennas and frequencies then are in the file, too."""
 
 
-def _by_channel(side: str) -> tuple[Dataset, ...]:
-    name = side.title()
-    return (
-        Dataset(f"{side}_gain", "c16", (side,), f"{name} complex gain at reference_hz"),
-        Dataset(f"{side}_delay_s", "f8", (side,), f"{name} delay", "s"),
-        Dataset(
-            f"{side}_noise", "f8", (side,),
-            f"{name} noise of one sample relative to the median echo",
-        ),
-        Dataset(
-            f"{side}_phase_std_rad", "f8", (side,), f"{name} standard deviation of the phase", "rad"
-        ),
-        Dataset(
-            f"{side}_delay_std_s", "f8", (side,), f"{name} standard deviation of the delay", "s"
-        ),
-        Dataset(f"{side}_state", "i4", (side,), "0 live, 1 dead, 2 noisy"),
-    )  # fmt: skip
+_CHANNEL = (
+    ("gain", "c16", "complex gain at reference_hz", None),
+    ("delay_s", "f8", "delay", "s"),
+    ("noise", "f8", "noise of one sample relative to the median echo", None),
+    ("phase_std_rad", "f8", "standard deviation of the phase", "rad"),
+    ("delay_std_s", "f8", "standard deviation of the delay", "s"),
+)
+
+
+def _by_channel(side: str) -> Iterator[Dataset]:
+    for name, dtype, long_name, unit in _CHANNEL:
+        yield Dataset(f"{side}_{name}", dtype, (side,), f"{side.title()} {long_name}", unit)
+    yield Dataset(f"{side}_state", "i4", (side,), "0 live, 1 dead, 2 noisy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,24 +193,19 @@ VIEWS = ("max_projection", "depth_map")
 
 @dataclass(frozen=True, slots=True)
 class NativeHeader:
-    """The root's attributes of a native file; `created` is ISO 8601, UTC, `meta` the provenance."""
+    """Of a native file; `created` is ISO 8601, UTC, `unchecked` are datasets without checksums."""
 
     format: str
     version: int
     created: str
-    meta: dict[str, Any]
+    unchecked: list[str]
 
 
 def plain_text(field: str, value: str) -> str:
     """Return a string that HDF5 can hold; `ModelError` for one that it cannot."""
-    try:
-        value.encode("utf-8")
-    except UnicodeEncodeError:
-        pass
-    else:
-        if "\0" not in value:
-            return value
-    raise ModelError(f"{field}: expected plain text, got {value!r:.100}")
+    if "\0" in value or value != value.encode("utf-8", "ignore").decode():
+        raise ModelError(f"{field}: expected plain text, got {value!r:.100}")
+    return value
 
 
 def write(
@@ -246,7 +236,7 @@ def write(
         temporary = stack.enter_context(replacing(path, force=force))
         require_space(temporary, size_bytes + 2 * len(text) + _STRUCTURE_BYTES)
         file = stack.enter_context(h5py.File(temporary, "x", libver=("v110", "v110")))
-        file.attrs["NX_class"] = NX_CLASSES["/"]
+        file.attrs["NX_class"] = "NXroot"
         file.attrs["default"] = "entry"
         file.attrs["clradar_format"] = kind
         file.attrs["clradar_version"] = max(dataset.version for dataset in written)
@@ -257,7 +247,7 @@ def write(
         crc32 = text_crc32(created, text, [texts[name] for name in kept])
         file.attrs["text_crc32"] = np.uint32(crc32)
         entry = file.create_group("entry")
-        entry.attrs["NX_class"] = NX_CLASSES["/entry"]
+        entry.attrs["NX_class"] = "NXentry"
         entry.attrs["default"] = views[0].name if views else "data"
         data = _data_group(entry, "data", scheme.title, scheme.signal, scheme.axes)
         for name in kept:
@@ -283,7 +273,7 @@ def write(
 
 def _data_group(entry: Any, name: str, title: str, signal: str, axes: Sequence[str]) -> Any:
     group = entry.create_group(name)
-    group.attrs["NX_class"] = NX_CLASSES["/entry/data"]
+    group.attrs["NX_class"] = "NXdata"
     group.attrs["signal"] = signal
     group.attrs["axes"] = list(axes)
     group.create_dataset("title", data=title)

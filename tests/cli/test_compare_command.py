@@ -1,7 +1,6 @@
 """``clradar compare``, and ``clradar demo``, the whole chain at a small size."""
 
 import json
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from quick_figures import draw_quickly, seek_nothing_else
 
 import clradar
 from clradar.arrays.array_file import array_text
-from clradar.cli.commands import demo
+from clradar.cli.commands import simulate
 from clradar.cli.comparison import figure_labels
 from clradar.cli.options.measured import RadarOptions
 from clradar.hand import hand_mesh
@@ -51,8 +50,9 @@ def test_compare_chooses_from_a_recording(cli, place, monkeypatch):
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
     capture = open_capture("sim.h5")
     other = clradar.Capture(np.roll(capture.data, 9, axis=0), capture.array, capture.waveform)
-    raw = [replace(other, meta={"frame": i}) for i in range(2)]
-    save_recording("both", raw, emptyfiltered=[replace(capture, meta={"frame": 1})])
+    radar = save_recording("both", [other, other])
+    (frame,) = save_recording("filtered", [capture]).rglob("*.npy")
+    frame.rename(radar / "calibrated_data/000001_emptyfiltered.npy")
 
     def correlation(options: str) -> float:
         cli.ok(f"compare both sim.h5 --json c.json --force {GRID} {options}")
@@ -106,7 +106,7 @@ def test_files_and_metrics_are_those_of_the_library(tmp_path):
         patch.setattr("clradar.hand.hand_mesh", partial(hand_mesh, edge_length_m=4e-3))
         seek_nothing_else(patch)
         draw_quickly(patch)
-        demo.run_demo(small, radar, COARSE, clradar.open_device("pocl"), **RAYS)
+        simulate.run_demo(small, radar, COARSE, clradar.open_device("pocl"), **RAYS)
     images = {f"{n}_volume.h5" for n in ("measurement", *COLUMNS)}
     captures = {f"{n}.h5" for n in COLUMNS}
     rest = {"hand_f.ply", "measurement", "comparison.png", "metrics.json"}
@@ -141,7 +141,7 @@ def test_command(cli, monkeypatch, line, spacing_m, voxels):
         calls.append(given)
         (folder / str(len(calls))).touch()
 
-    monkeypatch.setattr(demo, "run_demo", run_demo)
+    monkeypatch.setattr(simulate, "run_demo", run_demo)
     assert f"{voxels} voxels" in cli.ok(line).out
     ((_, grid, _),) = calls
     assert grid.spacing_m[0] == pytest.approx(spacing_m)

@@ -52,7 +52,8 @@ def test_figures_of_recordings_are_titled_with_object_distance_variant_and_frame
     cli, place, monkeypatch
 ):
     capture = open_capture("sim.h5")
-    save_recording("hand/30", [capture, capture], variant="emptyfiltered")
+    for frame in save_recording("hand/30", [capture, capture]).rglob("*.npy"):
+        frame.rename(frame.with_stem(f"{frame.stem}_emptyfiltered"))
     titles = []
     monkeypatch.setattr(
         "clradar.plot.image_figure", lambda *given, **_: titles.append(given[1]) or Figure()

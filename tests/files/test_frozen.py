@@ -85,7 +85,7 @@ def test_recordings(frozen):
     np.testing.assert_array_equal(recording.with_variant("emptyfiltered")[0].data, expected / 2)
     assert recording[0].waveform.frequencies_hz.tolist() == [72e9, 82e9]
     assert recording[0].meta["gain"] == 0.5
-    assert recording.metadata.distance_meters == 0.3
+    assert recording.metadata["distance_meters"] == 0.3
     np.testing.assert_array_equal(
         recording.alignment.to_antenna("photogrammetry"), np.diag([1.0, 1, 1, 1])
     )

@@ -22,7 +22,6 @@ from fuzz import mutators, seeds
 from measurement_io import (
     Description,
     Layout,
-    RecordingMetadata,
     SensorAlignment,
     check_file,
     describe,
@@ -32,7 +31,6 @@ from measurement_io import (
     read_alignment,
     read_depth_map,
     read_layout,
-    read_metadata,
 )
 from measurement_io.antenna_file import read_antenna_file
 
@@ -183,10 +181,6 @@ TARGETS = {
     ),
     "alignment_json": Target(
         "alignment.json", _files("alignment-*.json"), read_alignment, SensorAlignment, _JSON
-    ),
-    "metadata_json": Target(
-        "metadata.json", _files("metadata-*.json", "recording/30/metadata.json"), read_metadata,
-        RecordingMetadata, _JSON,
     ),
     "depth_png": Target(
         f"{seeds.RADAR}/{_DEPTH}", partial(list, seeds.radar_folder(_DEPTH).values()),

@@ -4,6 +4,7 @@
 of it. Arrays are made of whole numbers, so that tests can say what a file has to hold.
 """
 
+import shutil
 import sys
 from contextlib import suppress
 from dataclasses import replace
@@ -93,8 +94,10 @@ def write_recording(folder: Path) -> None:
         "metadata": {"distance_meters": 0.3, "labels": ["frozen"]},
         "alignment": {"photogrammetry2radar": turn.tolist()},
     }
-    filtered = [replace(raw, data=data / 2)]
-    save_recording(folder / "recording" / "30", [raw], emptyfiltered=filtered, **beside)
+    radar = save_recording(folder / "recording" / "30", [raw], **beside)
+    (frame,) = save_recording(folder / "filtered", [replace(raw, data=data / 2)]).rglob("*.npy")
+    frame.rename(radar / "calibrated_data/000000_emptyfiltered.npy")
+    shutil.rmtree(folder / "filtered")
 
 
 def write_data_sets(folder: Path) -> None:

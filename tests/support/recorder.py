@@ -8,6 +8,7 @@ Signals come from `clradar.impair`, which has tests of its own against closed fo
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -106,9 +107,12 @@ class Recorder:
         stamps_us = [FIRST_US + i * INTERVAL_US for i in range(n_frames)]
         frames = [self.frame(i) for i in range(n_frames)]
         empties = [self.empty(i) for i in range(2)]
-        cleaned = [replace(f, data=f.data - empties[0].data) for f in frames]
-        beside = {"emptyfiltered": cleaned} if emptyfiltered else {}
-        save_recording(folder, frames, timestamps_us=stamps_us, **beside)
+        radar = save_recording(folder, frames, timestamps_us=stamps_us)
+        if emptyfiltered:
+            cleaned = [replace(f, data=f.data - empties[0].data) for f in frames]
+            for frame in save_recording(parent / "cleaned", cleaned).rglob("*.npy"):
+                frame.rename(radar / "calibrated_data" / f"{frame.stem}_emptyfiltered.npy")
+            shutil.rmtree(parent / "cleaned")
         save_recording(empty, empties, timestamps_us=stamps_us[:2])
         return Recording(folder, empty, self, frames)
 

@@ -17,7 +17,6 @@ from layout_files import CONTAINERS, layout, random_capture, write
 import clradar
 from clradar.errors import MeasurementError, ModelError
 from measurement_io import check_file, describe, open_capture, read_layout
-from measurement_io.layouts.apply import open_with_layout
 from measurement_io.layouts.lab_file import LabFile
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "layouts"
@@ -46,6 +45,11 @@ def tree_of(capture, **changes):
 CAPTURE = random_capture()
 SAMPLES, TX_M, RX_M = CAPTURE.data, CAPTURE.array.tx_m, CAPTURE.array.rx_m
 F_GHZ = np.arange(72, 83, 2)
+
+
+def open_with_layout(path, toml, **chosen):
+    return open_capture(path, layout=toml, **chosen)
+
 
 refused = partial(refusal, open_with_layout)
 
@@ -248,7 +252,7 @@ UNFIT = [
     ({"data": SAMPLES.real}, "float32"),
     ({"data": np.where(LAST, np.nan, SAMPLES)}, "1 of 120"),
     ({"data": SAMPLES.astype(complex) * 1e300}, "120 of 120"),
-    ({"data": SAMPLES[:0]}, "length 0"),
+    ({"data": SAMPLES[:0]}, "at least one element"),
     ({"data": np.array("text")}, "3 axes"),
     ({"tx": TX_M[0]}, "x, y, z in the columns"),
 ]

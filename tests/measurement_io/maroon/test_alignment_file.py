@@ -1,4 +1,4 @@
-"""What lies beside frames: alignment.json, metadata.json, cached pictures in the antenna frame."""
+"""What lies beside frames: alignment.json, cached pictures in the antenna frame."""
 
 import json
 
@@ -8,7 +8,7 @@ import pytest
 from comparisons import refusal
 
 from clradar.errors import MeasurementError
-from measurement_io import MaskBox, RecordingMetadata, read_alignment, read_depth_map, read_metadata
+from measurement_io import read_alignment, read_depth_map
 
 EXACT = {"rtol": 1e-12, "atol": 1e-12}
 """A product or inverse of two 4 x 4 matrices, some 20 roundings of 1e-16, times their condition
@@ -84,48 +84,6 @@ def test_bad_matrices(tmp_path, value, found):
     message = refusal(read_alignment, path)
     assert "photogrammetry2radar" in message
     assert found in message
-
-
-FULL = {
-    "calibration": "20240101_c",
-    "calibration_fine": "20240101_f",
-    "distance_meters": 0.3,
-    "mask_erosion": 5,
-    "labels": ["hand", "left"],
-    "mask_bb": {"xmin": -0.1, "xmax": 0.04, "ymin": -0.2, "zmin": 0.6, "zmax": 0.2},
-    "empty_measurement": "empty_30",
-    "operator": {"name": "x"},
-}
-
-
-def test_metadata(tmp_path):
-    metadata = read_metadata(files.write_json(tmp_path / "metadata.json", FULL))
-    assert (metadata.distance_meters, metadata.labels) == (0.3, ["hand", "left"])
-    box = MaskBox(x_min_m=-0.1, x_max_m=0.04, y_min_m=-0.2, z_min_m=0.6, z_max_m=0.2)
-    assert metadata.mask_bb == box
-    assert metadata.model_extra == {"operator": {"name": "x"}}
-    mirrored = MaskBox(x_min_m=-0.04, x_max_m=0.1, y_min_m=-0.2, z_min_m=0.6, z_max_m=0.2)
-    assert metadata.mask_bb_antenna == mirrored
-    assert metadata.distance_problem("30") is None
-    assert "0.3 m, the folder's name 40 cm" in metadata.distance_problem("40")
-    empty = read_metadata(files.write_json(tmp_path / "metadata.json", {}))
-    assert empty == RecordingMetadata()
-    assert (empty.mask_bb_antenna, empty.distance_problem("30")) == (None, None)
-
-
-@pytest.mark.parametrize(
-    ("change", "found"),
-    [
-        ({"distance_meters": "0.3"}, 'got "0.3"'),
-        ({"distance_meters": -0.3}, "-0.3"),
-        ({"mask_bb": [1, 2]}, "list"),
-        ({"mask_bb": {"xmin": "left"}}, "mask_bb.xmin"),
-        ({"empty_measurement": 7}, "empty_measurement"),
-    ],
-)
-def test_bad_metadata(tmp_path, change, found):
-    path = files.write_json(tmp_path / "metadata.json", FULL | change)
-    assert found in refusal(read_metadata, path)
 
 
 TARGETS = [(0.092, 0.024, 0.30, 900.0), (-0.06, -0.054, 0.28, 600.0), (0.02, 0.037, 0.32, 400.0)]

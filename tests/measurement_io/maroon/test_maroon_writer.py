@@ -12,7 +12,7 @@ from comparisons import same_bits, tree
 
 import clradar
 from clradar.errors import MeasurementError, ModelError, OutputError
-from measurement_io import check_file, open_capture, open_recording, save_recording
+from measurement_io import open_capture, save_recording
 from measurement_io.maroon import writer
 
 
@@ -26,7 +26,7 @@ def captures_of(n):
     return [capture_of(i, meta={"timestamp_us": 1000 + i, "gain": 0.5 + i}) for i in range(n)]
 
 
-def dataset_reader(radar, suffix=""):
+def dataset_reader(radar):
     """Read a radar folder as the dataset's program does, by the description of the form.
 
     Frame 0 says how many there are; of each, the four keys are taken, the imaging channels are
@@ -34,7 +34,7 @@ def dataset_reader(radar, suffix=""):
     """
 
     def load(number):
-        content = (radar / "calibrated_data" / f"{number:06d}{suffix}.npy").read_bytes()
+        content = (radar / "calibrated_data" / f"{number:06d}.npy").read_bytes()
         assert content[:8] == b"\x93NUMPY\x01\x00"
         (length,) = struct.unpack("<H", content[8:10])
         header = content[10 : 10 + length].decode()
@@ -59,15 +59,11 @@ def dataset_reader(radar, suffix=""):
 # ---- what is written
 
 
-@pytest.mark.parametrize(
-    ("given", "variant", "suffix"), [(list, "raw", ""), (iter, "emptyfiltered", "_emptyfiltered")]
-)
-def test_the_datasets_reader_finds_what_was_captured(tmp_path, given, variant, suffix):
+def test_the_datasets_reader_finds_what_was_captured(tmp_path):
     captures = captures_of(3)
-    source = given(captures)
-    radar = save_recording(tmp_path / "hand" / "30", source, variant=variant)
+    radar = save_recording(tmp_path / "hand" / "30", captures)
     assert radar == tmp_path / "hand" / "30" / "radar_72.0_82.0_3"
-    found = dataset_reader(radar, suffix)
+    found = dataset_reader(radar)
     assert len(found) == 3
     for i, (frame, capture) in enumerate(zip(found, captures, strict=True)):
         for rx, tx, n in ((0, 0, 0), (93, 5, 1), (7, 93, 2)):
@@ -84,44 +80,11 @@ def test_the_datasets_reader_finds_what_was_captured(tmp_path, given, variant, s
     names = [
         argument
         for operation, argument, _ in pickletools.genops(
-            (radar / "calibrated_data" / f"000000{suffix}.npy").read_bytes()[128:]
+            (radar / "calibrated_data" / "000000.npy").read_bytes()[128:]
         )
         if operation.name in ("GLOBAL", "STACK_GLOBAL")
     ]  # those that every numpy finds
     assert names == ["numpy.core.multiarray _reconstruct", "numpy ndarray", "numpy dtype"]
-
-
-def test_other_emptyfiltered_frames_than_raw_ones(tmp_path):
-    raw, filtered = captures_of(2), [capture_of(10), capture_of(11)]
-    for wrong in (filtered[:1], [*filtered, capture_of(12)], []):
-        with pytest.raises(ModelError, match="raw frame"):
-            save_recording(tmp_path / "40", raw, emptyfiltered=wrong)
-    assert not (tmp_path / "40").exists()
-
-
-def test_emptyfiltered_frames_go_beside_the_raw_ones_of_their_number(tmp_path):
-    radar = files.write_recording(tmp_path / "30", n_frames=4)
-    data = radar / "calibrated_data"
-    (data / "000001_emptyfiltered.npy").unlink()
-    for suffix in ("", "_emptyfiltered"):
-        (data / f"000003{suffix}.npy").rename(data / f"000007{suffix}.npy")
-    raw = open_recording(radar)
-    filtered = raw.with_variant("emptyfiltered")
-    assert (raw.frame_numbers, filtered.frame_numbers) == ((0, 1, 2, 7), (0, 2, 7))
-    written = save_recording(tmp_path / "40", raw, emptyfiltered=reversed(filtered))
-    copied = open_recording(written)
-    both = copied.with_variant("emptyfiltered")
-    assert (copied.frame_numbers, both.frame_numbers) == ((0, 1, 2, 3), (0, 2, 3))
-    for theirs, ours in ((raw, copied), (filtered, both)):
-        for a, b in zip(theirs, ours, strict=True):
-            assert same_bits(a.data, b.data)
-            assert a.meta["timestamp_us"] == b.meta["timestamp_us"]
-            assert b.meta["number_of_measurements"] == 4
-    assert check_file(tmp_path / "40").ok
-    for wrong, found in (([filtered[0]] * 2, "of number 0"), ([raw[3]], "of number 7")):
-        with pytest.raises(ModelError, match=found):
-            save_recording(tmp_path / "50", raw[:3], emptyfiltered=wrong)
-    assert not (tmp_path / "50").exists()
 
 
 def test_files_beside_the_radar_folder(tmp_path):
@@ -160,11 +123,22 @@ SWAPPED = clradar.AntennaArray(FIRST.array.rx_m, FIRST.array.tx_m, "swapped")
     ],
 )
 def test_frames_that_do_not_belong_together(tmp_path, captures, found):
-    for given in (captures, iter(captures)):
+    for given, stamps in ((captures, None), (iter(captures), [0] * len(captures))):
         with pytest.raises(ModelError, match=found):
-            save_recording(tmp_path / "hand" / "30", given)
+            save_recording(tmp_path / "hand" / "30", given, timestamps_us=stamps)
         assert not (tmp_path / "hand" / "30").exists()
         assert not [*tmp_path.rglob("*.tmp"), *tmp_path.rglob("*.npy")]
+
+
+def test_frames_are_counted_before_they_are_written(tmp_path):
+    for captures, stamps, found in (
+        (iter([FIRST]), None, "expected a list, or time stamps"),
+        ([FIRST], [0, 1], "expected 2, one for each"),
+        ([FIRST, FIRST], [0], "expected at most 1"),
+    ):
+        with pytest.raises(ModelError, match=found):
+            save_recording(tmp_path / "30", captures, timestamps_us=stamps)
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_folder_that_exists(tmp_path, monkeypatch):

@@ -291,7 +291,7 @@ def test_metadata_and_alignment(tmp_path):
     files.write_json(radar.parent / "metadata.json", {"distance_meters": 0.3})
     files.write_alignment(radar.parent, {"photogrammetry2radar": np.eye(4)})
     recording = open_recording(radar)
-    assert recording.metadata.distance_meters == 0.3
+    assert recording.metadata == {"distance_meters": 0.3}
     assert recording[:1].alignment is recording.alignment
     for name, damaged in (("metadata", "{"), ("alignment", "[]")):
         (radar.parent / f"{name}.json").write_text(damaged)

@@ -44,8 +44,7 @@ def test_a_whole_recording(tmp_path):
     for name in ("depth", "maxproj", "volume", "xyz"):
         assert values[f"cached_{name}"]["numbers"] == [0, 1, 2]
     assert values["calibration.json"]["frames"] == [0, 1, 2]
-    assert values["metadata.json"]["mask_bb"]["x_min_m"] == -0.06
-    assert values["metadata.json"]["mask_bb_antenna"]["x_max_m"] == 0.06
+    assert values["metadata.json"]["mask_bb"] == BOX
     transforms = values["alignment.json"]["transforms"]
     assert np.array_equal(transforms["photogrammetry2radar"]["matrix"], PHOTO)
     np.testing.assert_allclose(transforms["kinect2radar"]["stretches"], 1e-3, rtol=1e-12)
@@ -112,8 +111,8 @@ CONTRADICTIONS = {
         ["metadata.json has a distance of 0.5 m, the folder's name 30 cm"],
     ),
     "metadata": (
-        lambda radar: edit(radar.parent / "metadata.json", mask_bb=3),
-        ["metadata.json: mask_bb: expected a table or object"],
+        lambda radar: edit(radar.parent / "metadata.json", distance_meters="near"),
+        ["metadata.json has a distance of near m"],
     ),
     "alignment": (
         lambda radar: edit(radar.parent / "alignment.json", kinect2radar=[[1]]),

@@ -144,6 +144,8 @@ def write_by_hand(target, order="<", **root):
 def test_either_byte_order_and_fixed_length_text(tmp_path, order):
     write_by_hand(tmp_path / "c.h5", order, clradar_format=np.bytes_("capture"))
     assert same_record(open_capture(tmp_path / "c.h5"), CAPTURE)
+    named = [problem.split(":")[0] for problem in check_file(tmp_path / "c.h5").problems]
+    assert named == [f"/entry/data/{name}" for name in ("frequency_hz", "tx_m", "rx_m", "data")]
 
 
 @pytest.mark.parametrize("name", ["nul\0", "\ud800"])
