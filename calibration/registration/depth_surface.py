@@ -8,8 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from calibration.registration.observability import TwistScale
-from clradar.compare import depth_map_of
-from clradar.compare.images import weighted_quantile
+from clradar.compare.images import depth_map_of, weighted_quantile
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume
 

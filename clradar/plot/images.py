@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from clradar.compare import METRIC_TABLE, Disagreement, Metrics, compare, depth_map_of, disagreement
+from clradar.compare.images import Disagreement, depth_map_of, disagreement
+from clradar.compare.metrics import METRIC_TABLE, Metrics, compare
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks

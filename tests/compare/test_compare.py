@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from clradar import ClradarWarning, DepthMap, Metrics, Volume, VoxelGrid, compare
-from clradar.compare import UnmatchedObject, disagreement, metrics_of
-from clradar.compare.images import MOST_DB, NEAR_DEPTH_M, NEAR_M, WEAKER_DB, cut_pair
-from clradar.compare.metrics import OVERLAP_BLUR_M, SSIM_SIGMA, SSIM_WINDOW, overlap
+from clradar.compare.images import MOST_DB, NEAR_DEPTH_M, NEAR_M, WEAKER_DB, cut_pair, disagreement
+from clradar.compare.metrics import OVERLAP_BLUR_M, SSIM_SIGMA, SSIM_WINDOW, metrics_of, overlap
 from clradar.errors import CompareError, ModelError
 
 # Depths and coordinates are float64 sums and products of numbers below 1: a few units in the last
@@ -241,7 +240,7 @@ def scene(names: Sequence[str], **changes: Spot) -> Volume:
 MEASURED = scene(tuple(SPOTS))
 
 
-def places_mm(objects: Sequence[UnmatchedObject]) -> list[tuple[int, ...]]:
+def places_mm(objects: Sequence[Any]) -> list[tuple[int, ...]]:
     return [tuple(round(1e3 * value) for value in one.position_m) for one in objects]
 
 
