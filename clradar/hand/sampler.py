@@ -91,9 +91,7 @@ def pose_around(
     """
     checks.instance("pose", pose, HandPose)
     checks.instance("pose_around: rng", rng, np.random.Generator)
-    spread_deg = checks.real("spread_deg", spread_deg)
-    if not 0.0 <= spread_deg <= MOST_SPREAD_DEG:
-        checks.fail("spread_deg", f"degrees from 0 to {MOST_SPREAD_DEG:g}", repr(spread_deg))
+    spread_deg = checks.within("spread_deg", spread_deg, 0, MOST_SPREAD_DEG, " degrees")
     own_m = overlaps(pose)
     drawn = pose
     for _ in range(_SWEEPS):

@@ -152,12 +152,18 @@ def rest_frames(
     known = np.isfinite(joints_m).all(axis=1)
     frames = reference_hand()[1].copy()
     for chain in CHAINS:
-        bones = [joint for joint in chain[:-1] if joint not in METACARPALS]
+        *bones, tip = chain[-4:]
         along = [_unit(joints_m[b] - joints_m[a]) for a, b in pairwise(bones)]
-        if known[chain[-1]]:
-            along.append(_unit(joints_m[chain[-1]] - joints_m[bones[-1]]))
-        else:
-            along.append(_last_bone(bones, along, local_axes, flesh_m.get(bones[-1]), joints_m))
+        end, last_m = bones[-1], joints_m[tip] - joints_m[bones[-1]]
+        if not known[tip]:
+            # Along the axis of its own on which the bones before lie, if they share one; else
+            # towards its flesh; without any, as the bone before.
+            first, second = (local_axes[b].T @ a for b, a in zip(bones, along, strict=False))
+            if first @ second > _SAME_LOCAL:
+                last_m = local_axes[end] @ (first + second)
+            else:
+                last_m = flesh_m[end] - joints_m[end] if end in flesh_m else along[-1]
+        along.append(_unit(last_m))
         axis = _thumb_axis(along[0]) if chain is CHAINS[0] else _finger_axis(bones[0], along[0])
         bend = sum(np.cross(b, a) for a, b in pairwise(along))
         size = float(np.linalg.norm(bend))
@@ -165,28 +171,8 @@ def rest_frames(
             axis = np.sign(bend @ axis) * bend / size
         for joint, direction in zip(bones, along, strict=True):
             frames[joint] = _frame(axis, direction)
-        frames[chain[-1]] = frames[bones[-1]]
+        frames[tip] = frames[end]
     return frames
-
-
-def _last_bone(
-    bones: list[int],
-    along: list[np.ndarray],
-    local_axes: np.ndarray,
-    flesh_m: np.ndarray | None,
-    joints_m: np.ndarray,
-) -> np.ndarray:
-    """Return the direction of a digit's last bone, whose end the rig lacks.
-
-    It is the local axis of the rig along which the bones before it lie, if they share one; else it
-    points to the centroid of its vertices; without vertices it continues the bone before.
-    """
-    first, second = (local_axes[b].T @ a for b, a in zip(bones[-3:-1], along[-2:], strict=True))
-    if first @ second > _SAME_LOCAL:
-        return _unit(local_axes[bones[-1]] @ (first + second))
-    if flesh_m is not None:
-        return _unit(flesh_m - joints_m[bones[-1]])
-    return along[-1]
 
 
 def _finger_axis(joint: int, along: np.ndarray) -> np.ndarray:

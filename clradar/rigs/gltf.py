@@ -113,9 +113,11 @@ def _surface(file: _File, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
             if primitive.mode not in (None, _TRIANGLES):
                 continue
             positions, faces = file.triangles(what, primitive)
+            if not len(faces):
+                continue
             own, weights = file.weights(what, primitive, len(positions), skinned)
             moving = weights != 0
-            _check_below(f"{what}: JOINTS", own[moving], len(matrices))
+            checks.indices(f"{what}: JOINTS", own[moving], len(matrices))
             vertex, column = np.nonzero(moving)
             bone = own[vertex, column]
             turned = np.einsum("nij,nj->ni", matrices[bone][:, :3, :3], positions[vertex])
@@ -133,12 +135,6 @@ def _surface(file: _File, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
 def _entry(what: str, entries: Sequence[Entry], index: Any) -> Entry:
     """Return the entry of an index in the file, which is checked."""
     return entries[checks.whole(what, index, 0, len(entries) - 1)]
-
-
-def _check_below(what: str, indices: np.ndarray, count: int) -> None:
-    if indices.size and not 0 <= indices.min() <= indices.max() < count:
-        low, high = indices.min(), indices.max()
-        checks.fail(what, f"numbers from 0 and below {count}", f"[{low}, {high}]")
 
 
 class _File:
@@ -225,7 +221,7 @@ class _File:
         """Return a skin's nodes, and for each the matrix from the mesh to the scene at rest."""
         skin = _entry("skin of a node", self.document.skins, index)
         bones = checks.read_only("joints of a skin", skin.joints, np.int64, (None,))
-        _check_below("joints of a skin", bones, len(self.names))
+        checks.indices("joints of a skin", bones, len(self.names))
         if skin.inverseBindMatrices is None:
             return bones, self.world[bones]
         columns = self.array("inverseBindMatrices", skin.inverseBindMatrices)[: len(bones)]
@@ -246,7 +242,7 @@ class _File:
         if len(corners) % 3 or len(corners) > 3 * limits.MAX_MESH_FACES:
             most = f"three for each of at most {limits.MAX_MESH_FACES} triangles"
             checks.fail(f"{what}: indices", most, len(corners))
-        _check_below(f"{what}: indices", corners, len(positions))
+        checks.indices(f"{what}: indices", corners, len(positions))
         return positions, corners.reshape(-1, 3)
 
     def weights(

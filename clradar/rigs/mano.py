@@ -130,9 +130,8 @@ def _checked(model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             dtype = np.int64 if name == "f" else np.float64
             checks.read_only(name, model[name], dtype, shape)
             fields[name] = model[name].astype(dtype)
-    faces, tree = fields["f"], fields["kintree_table"]
-    if faces.min() < 0 or faces.max() >= n_vertices:
-        checks.fail("f", f"vertices below {n_vertices}", f"[{faces.min()}, {faces.max()}]")
+    tree = fields["kintree_table"]
+    checks.indices("f", fields["f"], n_vertices)
     # The root's parent is -1, written as an unsigned number.
     parents = [-1 if p < 0 or p >= len(MANO_JOINTS) else int(p) for p in tree[0]]
     if tuple(parents) != PARENTS or tree[1].tolist() != list(range(len(MANO_JOINTS))):

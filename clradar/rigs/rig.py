@@ -147,15 +147,11 @@ class Rig(Record):
 
     def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
         """Return the joints (25, 3) after rotations as of `turned`; NaN for none."""
-        known, parents = self.known, parents_of(self.known)
-        places_m = np.full_like(self.joints_m, np.nan)
-        places_m[WRIST] = self.joints_m[WRIST]
-        for chain in CHAINS:
-            for joint in chain:
-                if known[joint]:
-                    up = parents[joint]
-                    bone_m = self.joints_m[joint] - self.joints_m[up]
-                    places_m[joint] = places_m[up] + rotations[up] @ bone_m
+        places_m, parents = self.joints_m.copy(), parents_of(self.known)
+        for joint in np.flatnonzero(self.known)[1:]:  # from the wrist on
+            up = parents[joint]
+            bone_m = self.joints_m[joint] - self.joints_m[up]
+            places_m[joint] = places_m[up] + rotations[up] @ bone_m
         return places_m
 
     def _blend_offsets_m(self, rotations: np.ndarray) -> np.ndarray:

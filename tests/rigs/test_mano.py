@@ -177,7 +177,7 @@ def test_invalid_pickles_are_refused(tmp_path, content, message):
         ({"weights": lambda w: 0.5 * w}, "weights: expected a sum of 1 .* got 0.5 at vertex 0"),
         ({"weights": lambda w: w[:-1]}, r"weights: expected shape \(\d+, 16\), got shape"),
         ({"v_template": lambda v: v * np.nan}, "v_template: expected finite numbers"),
-        ({"f": lambda f: f + np.uint32(10**6)}, "f: expected vertices below"),
+        ({"f": lambda f: f + np.uint32(10**6)}, r"f: expected indices in \[0, "),
         ({"kintree_table": lambda k: k[:, ::-1]}, "expected the hierarchy of MANO's 16 joints"),
         ({"J_regressor": lambda j: j * 0.0}, "at the same place"),
         ({"J_regressor": lambda j: j.astype(object)}, "Object arrays cannot be loaded"),
