@@ -49,14 +49,10 @@ class HandShape(Record):
     girth: float = 1.0
 
     def __post_init__(self) -> None:
-        limits = {
-            "length_m": LENGTH_LIMITS_M,
-            "breadth_m": BREADTH_LIMITS_M,
-            "girth": FACTOR_LIMITS,
-        }
-        for name, (low, high) in limits.items():
-            unit, field = " m" if name.endswith("_m") else "", f"HandShape.{name}"
-            self._set(**{name: checks.within(field, getattr(self, name), low, high, unit)})
+        for name, limits_m in (("length_m", LENGTH_LIMITS_M), ("breadth_m", BREADTH_LIMITS_M)):
+            value = getattr(self, name)
+            self._set(**{name: checks.within(f"HandShape.{name}", value, *limits_m, " m")})
+        self._set(girth=checks.within("HandShape.girth", self.girth, *FACTOR_LIMITS))
         given, field = self.finger_lengths, "HandShape.finger_lengths"
         lengths = checks.read_only(field, given, np.float64, (N_DIGITS,)).tolist()
         self._set(finger_lengths=tuple(checks.within(field, f, *FACTOR_LIMITS) for f in lengths))

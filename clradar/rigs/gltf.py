@@ -31,7 +31,7 @@ from clradar.hand.joints import CHAINS
 from clradar.model import checks
 from clradar.rigs.anatomy import WRIST, check_joints, check_side
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
-from clradar.rigs.rigging import MAX_FILE_VERTICES, Surface, rig_of
+from clradar.rigs.rigging import MAX_VERTICES, Surface, rig_of
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -44,7 +44,7 @@ Entry = TypeVar("Entry")
 def plain_gltf(
     path: Path,
     mapping: Mapping[str, str | int] | None,
-    unit: str | float | None,
+    unit_m: float,
     handedness: str | None,
 ) -> dict[str, Any]:
     """Return the rig of a glTF file, in plain types; called in the confined process.
@@ -70,7 +70,7 @@ def plain_gltf(
         local = local / np.where(norm > 0.0, norm, 1.0)
         check_joints(joints)
         side = check_side(joints, side)
-        return rig_of(str(path), joints, local, surface, side, unit, ignored=ignored).plain()
+        return rig_of(str(path), joints, local, surface, side, unit_m, ignored=ignored).plain()
 
 
 def _chosen(
@@ -232,8 +232,8 @@ class _File:
         """Return positions (n, 3), float64, and faces (m, 3)."""
         name, any_n = f"{what}: POSITION", {"allow_empty": True}
         raw = self.array(name, primitive.attributes.POSITION)
-        if len(raw) > MAX_FILE_VERTICES:
-            checks.fail(name, f"at most {MAX_FILE_VERTICES} vertices", len(raw))
+        if len(raw) > MAX_VERTICES:
+            checks.fail(name, f"at most {MAX_VERTICES} vertices", len(raw))
         positions = checks.read_only(name, raw, np.float64, (None, 3), **any_n)
         corners = np.arange(len(positions))
         if primitive.indices is not None:

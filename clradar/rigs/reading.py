@@ -69,9 +69,8 @@ def read_rig(
     if handedness is not None:
         checks.one_of("handedness", handedness, ("right", "left"))
     if isinstance(unit, str):
-        checks.one_of("unit", unit, tuple(UNITS_M))
-    elif unit is not None:
-        unit = checks.positive("unit", unit)
+        unit = UNITS_M[checks.one_of("unit", unit, tuple(UNITS_M))]
+    unit_m = 1.0 if unit is None else checks.positive("unit", unit)
     size = regular_file_size(file, EXPECTED, error=RigError)
     with reading(file, EXPECTED, error=RigError), open(file, "rb") as opened:
         start = opened.read(64)
@@ -82,7 +81,7 @@ def read_rig(
             checks.fail("mapping", "none for a MANO model, whose joints are known", "one")
         given = [] if betas is None else betas
         amounts = checks.read_only("betas", given, np.float64, (None,), allow_empty=True).tolist()
-        return Rig.of_plain(process.run(reader, plain_mano, file, amounts, unit, handedness))
+        return Rig.of_plain(process.run(reader, plain_mano, file, amounts, unit_m, handedness))
     if betas is not None:
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
     if not start.startswith(GLB_MAGIC) and start.lstrip(_BLANKS)[:1] != b"{":
@@ -91,7 +90,7 @@ def read_rig(
     from clradar.rigs.mapping_record import nodes_of
 
     nodes = None if mapping is None else nodes_of(mapping, file)
-    rig = Rig.of_plain(process.run(reader, plain_gltf, file, nodes, unit, handedness))
+    rig = Rig.of_plain(process.run(reader, plain_gltf, file, nodes, unit_m, handedness))
     if rig.ignored:
         names = ", ".join(f"'{name}'" for name in rig.ignored)
         warn(f"{file}: the hand does not move these meshes, which are left out: {names}")

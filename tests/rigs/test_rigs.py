@@ -425,7 +425,7 @@ NO_TYPE = "numbers of a known type, got type VEC3 of component type 1234"
 DRACO = ["KHR_draco_mesh_compression"]
 NEAR = "vertices of fingers: expected most within 0.5 .* inverse bind matrices missing"
 MANY = "at most 67108864 numbers, with all uses of them"
-VERTICES = "at most 2000000 vertices, got 3999999"
+VERTICES = "at most 1000000 vertices, got 3999999"
 PUT = [  # in whose place, what, and what is said of it
     ("nodes[0].children", lambda old: [*old, 5], "child 5 of node .* one of no other node"),
     ("nodes[4].matrix", lambda old: [*old[:3], np.nan, *old[4:]], "matrix of node 4: .* finite"),
