@@ -106,10 +106,7 @@ def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> np.ndarray:
 
 
 def _tip_at(bones: Skeleton, tip: int, tissue: float, radius_mm: float) -> float:
-    """Return the position of the tip's sphere along the last bone, as a fraction of its length.
-
-    `tissue` is the thickness of the soft tissue beyond the bone, in lengths of the bone.
-    """
+    """Return where along the last bone the tip's sphere is; it and `tissue` in lengths of it."""
     length_m = float(np.linalg.norm(bones.joints_m[tip] - bones.joints_m[tip - 1]))
     return 1.0 + tissue - radius_mm / (length_m / MILLIMETRE_M)
 

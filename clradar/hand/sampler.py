@@ -133,9 +133,13 @@ def _with_digit(pose: HandPose, mean: HandPose, digit: str, deviates_deg: np.nda
     for joint, turned_deg in turns.items():
         wanted_rad = np.array(astuple(mean.angles(joint)))
         wanted_rad[: len(turned_deg)] += np.deg2rad(turned_deg)
-        limits_rad = np.deg2rad(list(LIMITS_DEG[joint].values()))
-        joints[joint] = JointAngles(*np.clip(wanted_rad, *limits_rad.T).tolist())
+        joints[joint] = _limited(joint, wanted_rad)
     return HandPose(pose.name, joints, pose.description, pose.source)
+
+
+def _limited(joint: str, angles_rad: np.ndarray) -> JointAngles:
+    limits_rad = np.deg2rad(list(LIMITS_DEG[joint].values()))
+    return JointAngles(*np.clip(angles_rad, *limits_rad.T).tolist())
 
 
 def _between(ends: tuple[float, float], normal: float) -> float:
@@ -154,10 +158,7 @@ def _drawn(rng: np.random.Generator) -> HandPose:
     joints: dict[str, JointAngles] = {}
 
     def bend(joint: str, *wanted_deg: float) -> None:
-        limits = zip(wanted_deg, LIMITS_DEG[joint].values(), strict=False)
-        joints[joint] = JointAngles.from_degrees(
-            *(float(np.clip(angle_deg, *limit_deg)) for angle_deg, limit_deg in limits)
-        )
+        joints[joint] = _limited(joint, np.deg2rad((*wanted_deg, 0.0, 0.0)[:3]))
 
     middle = rng.standard_normal()
     for i, finger in enumerate(FINGERS):

@@ -76,7 +76,8 @@ def read_rig(
         start = opened.read(64)
     needed = ("clradar.rigs.anatomy:reference_hand",)  # which reads the poses of the package
     reader = confined_reader(EXPECTED, size, MAX_RIG_ANSWER_BYTES, RigError, needed)
-    if start.startswith(b"PK\x03\x04") or _is_pickle(file, start):
+    # Pickles of protocol 2 and later begin with a byte of their own; earlier ones with any opcode.
+    if start.startswith((b"PK\x03\x04", b"\x80")) or file.suffix.lower() in (".pkl", ".pickle"):
         if mapping is not None:
             checks.fail("mapping", "none for a MANO model, whose joints are known", "one")
         given = [] if betas is None else betas
@@ -95,8 +96,3 @@ def read_rig(
         names = ", ".join(f"'{name}'" for name in rig.ignored)
         warn(f"{file}: the hand does not move these meshes, which are left out: {names}")
     return rig
-
-
-def _is_pickle(file: Path, content: bytes) -> bool:
-    # Protocol 2 and later begin with a byte of their own; earlier ones with any opcode.
-    return content.startswith(b"\x80") or file.suffix.lower() in (".pkl", ".pickle")

@@ -9,10 +9,10 @@ import numpy as np
 
 from clradar.files.failures import clean
 from clradar.hand import JOINT_NAMES
-from clradar.hand.joints import CHAINS
+from clradar.hand.joints import CHAINS, WRIST
 from clradar.hand.skin import Skin, by_bone
 from clradar.model import checks
-from clradar.rigs.anatomy import WRIST, canonical_axes, check_unit, reach, rest_frames
+from clradar.rigs.anatomy import canonical_axes, check_unit, reach, rest_frames
 from clradar.rigs.rig import PoseBlend, Rig
 
 WEIGHT_SUM = (0.9, 1.1)
