@@ -311,18 +311,19 @@ class FleshField:
 
         A lower bound of the distance to the surface in magnitude, up to rounding.
         """
-        return self._of_points("flesh_distances", points_m, (1, np.float32))[0]
+        return self._of_points("flesh_distances", points_m, 1)[0]
 
     def gradients(self, points_m: np.ndarray) -> np.ndarray:
         """Return the gradients (N, 3), float32, of the signed distances of points (N, 3)."""
-        return self._of_points("flesh_gradients", points_m, (3, np.float32)).T
+        return self._of_points("flesh_gradients", points_m, 3).T
 
     def nearest_parts(self, points_m: np.ndarray) -> np.ndarray:
         """Return for points (N, 3) the index (N,), int32, into `PART_NAMES` of the nearest part."""
-        return self._of_points("flesh_parts", points_m, (1, np.int32))[0]
+        return self._of_points("flesh_parts", points_m, 1, np.int32)[0]
 
-    def _of_points(self, name: str, points_m: np.ndarray, rows: tuple[int, Any]) -> np.ndarray:
-        n_rows, dtype = rows
+    def _of_points(
+        self, name: str, points_m: np.ndarray, n_rows: int, dtype: Any = np.float32
+    ) -> np.ndarray:
         out = np.empty((n_rows, len(points_m)), dtype)
         at_once = self._at_once(4 * (3 + n_rows) * _PADDED) * _PADDED
         for first in range(0, len(points_m), at_once):

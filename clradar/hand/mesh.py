@@ -84,14 +84,13 @@ class HandMesh(Record):
 
     def moved(self, matrix: np.ndarray, shift_m: np.ndarray) -> HandMesh:
         """The mesh turned or mirrored by an orthogonal matrix (3, 3), then shifted."""
-        normals = None if self.normals is None else _rotated(self.normals, matrix)
         return replace(
             self,
             vertices_m=_rotated(self.vertices_m, matrix) + shift_m,
             joints_m=_rotated(self.joints_m, matrix) + shift_m,
             # A mirror image reverses the winding; exchanging two corners restores it.
             faces=self.faces if np.linalg.det(matrix) > 0 else self.faces[:, [0, 2, 1]],
-            normals=normals,
+            normals=None if self.normals is None else _rotated(self.normals, matrix),
             texture_m=self.vertices_m if self.texture_m is None else self.texture_m,
         )
 
@@ -99,9 +98,7 @@ class HandMesh(Record):
         """The surface as a `trimesh.Trimesh` in metres."""
         import trimesh
 
-        return trimesh.Trimesh(
-            vertices=np.array(self.vertices_m), faces=np.array(self.faces), process=False
-        )
+        return trimesh.Trimesh(np.array(self.vertices_m), np.array(self.faces), process=False)
 
 
 def _rotated(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
