@@ -176,17 +176,13 @@ def _triangles(depth: DepthMap) -> np.ndarray:
     """Return triangles towards the radar between neighbouring pixels, (n, 3) rows of `points_m`."""
     number = np.full(depth.mask.shape, -1)
     number[depth.mask] = np.arange(depth.mask.sum())
-    here, right = (slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))
-    above, across = (slice(1, None), slice(None, -1)), (slice(1, None), slice(1, None))
-    if min(depth.mask.shape) < 2:
-        return np.empty((0, 3), np.int64)
-    pixel_m = max(float(np.diff(depth.x_m).max()), float(np.diff(depth.y_m).max()))
-    found = []
-    for corners in ((here, above, right), (right, above, across)):
-        z_m = np.stack([depth.depth_m[corner] for corner in corners])
-        joined = np.ptp(z_m, axis=0) <= STEEPEST * pixel_m  # False where one is NaN
-        found.append(np.stack([number[corner][joined] for corner in corners], axis=1))
-    return np.concatenate(found)
+    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
+    squares = np.stack(corners, axis=-1).reshape(-1, 4)
+    triangles = np.concatenate([squares[:, [0, 1, 2]], squares[:, [2, 1, 3]]])
+    triangles = triangles[(triangles >= 0).all(axis=1)]
+    pixel_m = max(np.diff(axis).max(initial=0.0) for axis in (depth.x_m, depth.y_m))
+    heights_m: np.ndarray = np.ptp(depth.depth_m[depth.mask][triangles], axis=1)
+    return triangles[heights_m <= STEEPEST * pixel_m]
 
 
 FORMATS: dict[str, Any] = {

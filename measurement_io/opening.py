@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.meshes.reading import FORMATS
@@ -18,7 +18,6 @@ from measurement_io.native import records as native
 if TYPE_CHECKING:
     from measurement_io.layouts.layout import Layout
 
-Kind = Literal["native", "frame", "folder", "container"]
 SUPPORTED = (
     "a native HDF5 file, a recorded frame (.npy with a pickled dictionary of xr and fvec), "
     "a folder radar_<low GHz>_<high GHz>_<points>, the <object>/<distance> folder that holds one, "
@@ -105,8 +104,8 @@ def open_capture(
         return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
 
 
-def kind_of(path: Path) -> Kind:
-    """Return which kind of source a path is, by its content."""
+def kind_of(path: Path) -> str:
+    """Return what a path is by its content: "folder", "frame", "container", or a native format."""
     with reading(path, SUPPORTED):
         if path.is_dir():
             return "folder"
@@ -114,20 +113,13 @@ def kind_of(path: Path) -> Kind:
     if form == "npy":
         return "container" if frame_reader.is_plain_array(path) else "frame"
     if form == "hdf5":
-        return "container" if native.format_of(path) is None else "native"
+        return native.format_of(path) or "container"
     if path.suffix.lower() in FORMATS:
         fail(path, "a capture", "a mesh by its name: simulate it first (clradar simulate)")
     if form is not None:
         return "container"
     size = regular_file_size(path, SUPPORTED)
     fail(path, SUPPORTED, "something else" if size else "an empty file")
-
-
-def is_volume(path: Path) -> bool:
-    """Whether a path is that of a native volume."""
-    with reading(path, SUPPORTED):
-        folder = path.is_dir()
-    return not folder and form_of(path) == "hdf5" and native.format_of(path) == "volume"
 
 
 def open(path: str | os.PathLike[str]) -> Capture | Volume | ChannelCalibration | Recording:

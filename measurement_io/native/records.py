@@ -107,17 +107,15 @@ def instrument_values(array: AntennaArray, waveform: Waveform) -> dict[str, Any]
         "rx_m": array.rx_m,
     }
     for side, own in zip(("tx", "rx"), array.sides, strict=True):
-        if own.gain is not None:
-            values[f"{side}_antenna_gain"] = own.gain.view(np.float64).reshape(-1, 2)
-        if own.boresight is not None:
-            values[f"{side}_antenna_boresight"] = own.boresight
-        if own.pattern is None:
-            continue
-        values[f"{side}_pattern"] = np.array([own.pattern.gain_dbi, own.pattern.exponent])
-        if own.pattern.angle_deg is not None:
-            values[f"{side}_pattern_angle_deg"] = own.pattern.angle_deg
-            values[f"{side}_pattern_field"] = own.pattern.field
-    return values
+        pattern, gain = own.pattern, own.gain
+        values |= {
+            f"{side}_antenna_gain": gain if gain is None else gain.view(np.float64).reshape(-1, 2),
+            f"{side}_antenna_boresight": own.boresight,
+            f"{side}_pattern": pattern and np.array([pattern.gain_dbi, pattern.exponent]),
+            f"{side}_pattern_angle_deg": pattern and pattern.angle_deg,
+            f"{side}_pattern_field": pattern and pattern.field,
+        }
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _views(planes: Planes, grid: VoxelGrid) -> list[View]:

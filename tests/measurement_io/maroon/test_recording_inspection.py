@@ -80,7 +80,7 @@ def test_a_bare_recording_lists_what_is_missing(tmp_path):
 @pytest.mark.parametrize(
     ("number", "changes", "problem"),
     [
-        (0, {"number_of_measurements": 9}, "the frames name 9 of the recording, 4"),
+        (0, {"number_of_measurements": 9}, "frame 0 names 9 frames for the recording, 4"),
         (3, {"xr": np.zeros((96, 96, 2), "c8")}, "raw frames that are zero everywhere: 3"),
     ],
 )
