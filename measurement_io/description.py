@@ -47,9 +47,6 @@ unit = "?"  # m, cm, mm, um
 [frequency]
 key = "?"  # or values; or start, points and either stop or step: numbers, or keys of them
 unit = "?"  # Hz, kHz, MHz, GHz
-
-# [meta]
-# keys = []  # whose numbers and text are kept with the capture
 """
 
 

@@ -11,7 +11,12 @@ from clradar.files.meshes.reading import FORMATS
 from clradar.model import Capture, ChannelCalibration, Volume, checks
 from measurement_io.layouts.lab_file import form_of, layout_needed
 from measurement_io.maroon import frame as frame_reader
-from measurement_io.maroon.folders import VARIANTS, find_frame, find_radar_folder
+from measurement_io.maroon.folders import (
+    VARIANTS,
+    antennas_file,
+    find_frame,
+    find_radar_folder,
+)
 from measurement_io.maroon.recording import Recording, open_recording
 from measurement_io.native import records as native
 
@@ -84,13 +89,12 @@ def open_capture(
 
         return open_with_layout(source, layout, frame)
     with reading(source, SUPPORTED):
+        file = source
         if source.is_dir():
-            radar = find_radar_folder(source)
-            file = find_frame(radar, frame or 0, variant or "raw")
-            return frame_reader.read_frame_file(file, rx_file=rx_file, tx_file=tx_file)
-        if frame is not None or variant is not None:
+            file = find_frame(find_radar_folder(source), frame or 0, variant or "raw")
+        elif frame is not None or variant is not None:
             fail(source, "a folder of frames, for frame= and variant= to choose from", "one file")
-        if form_of(source) == "hdf5":
+        elif form_of(source) == "hdf5":
             # Kind and content in one go: each process costs as much as reading a small file.
             found = native.read_if_native(source, "capture")
             if found is None:
@@ -99,9 +103,10 @@ def open_capture(
                 fail(source, "a recorded frame, for antenna files to apply to", "a native file")
             capture: Capture = found[1]
             return capture
-        if kind_of(source) == "container":
+        elif kind_of(source) == "container":
             raise layout_needed(source)
-        return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
+        array = frame_reader.antenna_array(rx_file, tx_file, antennas_file(file))
+        return frame_reader.read_frame_file(file, array)
 
 
 def kind_of(path: Path) -> str:

@@ -16,7 +16,6 @@ from clradar.constants import MAX_FREQUENCIES, PLAUSIBLE_APERTURE_M, PLAUSIBLE_H
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.limits import MAX_ARRAY_BYTES, MAX_CHANNELS
 from clradar.model import AntennaArray, Capture, Waveform
-from measurement_io.antenna_file import read_position_file
 from measurement_io.layouts.contents import EXPECTED
 from measurement_io.layouts.lab_file import Key, LabFile
 from measurement_io.layouts.layout import (
@@ -29,6 +28,7 @@ from measurement_io.layouts.layout import (
     Layout,
     read_layout,
 )
+from measurement_io.maroon.frame import read_position_file
 
 _FIELD_NAMES = (("r", "i"), ("real", "imag"), ("re", "im"), ("i", "q"))
 _PURPOSE = "the data"
@@ -53,7 +53,7 @@ def _wanted(layout: Layout, frame: int) -> Iterator[tuple[str, Mapping[int, int]
     for name in layout.data.keys:
         yield name, pick
     given = layout.frequency
-    values = [given.key, given.start, given.stop, given.step, given.points, *layout.meta.keys]
+    values = [given.key, given.start, given.stop, given.step, given.points]
     for side in (layout.tx, layout.rx):
         values += [side.key, *side.coordinates.values()]
     for value in values:
@@ -97,9 +97,6 @@ def _capture(file: LabFile, layout: Layout, frame: int | None) -> Capture:
         "frequencies_reversed": descending,
         "layout": layout.plain(),
     }
-    if layout.meta.keys:
-        # In a table of their own: a file can use any name.
-        meta["file"] = {key: file.meta_value(key) for key in layout.meta.keys}
     array = AntennaArray(tx.position_m, rx.position_m, layout.array_name)
     return Capture(cube, array, Waveform(frequency_hz), meta)
 

@@ -220,12 +220,6 @@ class FrequencyLayout(FileRecord):
         return self
 
 
-class MetaLayout(FileRecord):
-    """What else is kept with the capture."""
-
-    keys: tuple[KeyName, ...] = Field((), description="a list of keys of the file")
-
-
 class Layout(FileRecord):
     """The keys, axes, units and conventions of a file: docs/layouts.md has them all."""
 
@@ -234,7 +228,6 @@ class Layout(FileRecord):
     rx: AntennaLayout
     antennas: FrameOfReference = Field(default_factory=lambda: FrameOfReference.model_validate({}))
     frequency: FrequencyLayout
-    meta: MetaLayout = Field(default_factory=lambda: MetaLayout.model_validate({}))
     _path: Path = PrivateAttr(Path())
 
     @model_validator(mode="after")

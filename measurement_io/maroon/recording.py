@@ -18,10 +18,9 @@ from clradar.files.confined.process import Companion
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.json_file import read_json_object
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
-from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
 from measurement_io.maroon.folders import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
-from measurement_io.maroon.frame import read_frame_file, read_time_stamp
+from measurement_io.maroon.frame import antenna_array, read_frame_file, read_time_stamp
 
 if TYPE_CHECKING:
     from measurement_io.maroon.alignment import SensorAlignment
@@ -253,7 +252,7 @@ class Recording(Sequence[Capture]):
         return capture
 
     def _read(self, path: Path) -> Capture:
-        return read_frame_file(path, array=self._array, companion=self._companion)
+        return read_frame_file(path, self._array, self._companion)
 
     @property
     def _distance(self) -> Path:

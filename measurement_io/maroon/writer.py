@@ -29,7 +29,6 @@ from clradar.files.failures import regular_file_size, shown
 from clradar.files.json_text import to_json
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
-from measurement_io.antenna_file import CHANNELS, IMAGING
 from measurement_io.maroon.folders import (
     ALIGNMENT_FILE,
     ANTENNAS_FILE,
@@ -39,6 +38,7 @@ from measurement_io.maroon.folders import (
     METADATA_FILE,
     RadarFolderName,
 )
+from measurement_io.maroon.frame import CHANNELS, IMAGING
 
 MAX_FRAMES = 1_000_000
 """A frame's number has six digits."""
