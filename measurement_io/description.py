@@ -30,7 +30,7 @@ axes = ["tx", "rx", "freq"]  # of this file, in its order; also "pair", "frame",
 phase_sign = -1  # exp(-j 2 pi f d / c); +1 for its conjugate: `clradar diagnose` finds out
 
 [tx]  # and the same under [rx]
-key = "?"  # of the positions; or x, y and z: keys or numbers; or values, file, array = "qar50"
+key = "?"  # of the positions; or x, y and z: keys or numbers; or file, or array = "qar50"
 # orientation = "columns"  # of key, where every antenna is a column
 # channels = 96  # on the data's axis, where the positions do not say it
 # select = "1:95"  # of these channels: a slice, as in Python, or a list
@@ -40,7 +40,7 @@ key = "?"
 
 [antennas]  # x to the right of a person who faces the radar, y up, z away from it
 unit = "?"  # m, cm, mm, um
-# columns = ["x", "y"]  # of key, values or file; others are numbers under [tx] and [rx]
+# columns = ["x", "y"]  # of key; others are numbers under [tx] and [rx]
 # origin = [0.0, 0.0, 0.0]  # centre of the aperture in the file's frame and unit
 # mirror = ["x"]  # coordinates whose sign is turned
 

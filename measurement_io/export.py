@@ -126,8 +126,6 @@ _VTI = """<?xml version="1.0"?>
 </ImageData>
 <AppendedData encoding="raw">
    _"""
-_VTI_PARTS = 'NumberOfComponents="2" ComponentName0="real" ComponentName1="imaginary"'
-_VTI_END = b"\n</AppendedData>\n</VTKFile>\n"
 
 
 def _write_vti(path: Path, volume: Volume) -> None:
@@ -141,7 +139,7 @@ def _write_vti(path: Path, volume: Volume) -> None:
         origin=" ".join(repr(float(v)) for v in grid.origin_m),
         spacing=" ".join(repr(float(v)) for v in grid.spacing_m),
         axes="1 0 0 0 1 0 0 0 1",
-        parts=_VTI_PARTS,
+        parts='NumberOfComponents="2" ComponentName0="real" ComponentName1="imaginary"',
         second=8 + arrays[0].nbytes,
     )
     with open(path, "xb") as file:
@@ -149,7 +147,7 @@ def _write_vti(path: Path, volume: Volume) -> None:
         for array in arrays:
             file.write(np.uint64(array.nbytes).astype("<u8").tobytes())
             file.write(np.ascontiguousarray(array).data)
-        file.write(_VTI_END)
+        file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
 # ---- depth maps as surfaces

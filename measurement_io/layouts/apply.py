@@ -247,19 +247,17 @@ def _coordinates(
         axis: file.real_list(value, f"{purpose}, {axis}") if isinstance(value, str) else value
         for axis, value in side.coordinates.items()
     }
-    if side.key is None and side.values is None:
+    if side.key is None:
         counts = {axis: len(values) for axis, values in given.items() if np.ndim(values)}
         if len(set(counts.values())) != 1:
             got = ", ".join(f"{count} of {axis}" for axis, count in counts.items())
             fail(file.path, f"as many values of every coordinate ({purpose})", got)
         return given
-    table = np.array(side.values or ())
-    if side.key is not None:
-        table = file.real_array(side.key, purpose)
+    table = file.real_array(side.key, purpose)
     rows = side.orientation == "rows"
     if table.ndim != 2 or table.shape[1 if rows else 0] != len(columns):
-        source = "values" if side.key is None else side.key
-        wanted = f"{', '.join(columns)} in the {'columns' if rows else 'rows'} of '{clean(source)}'"
+        lines = "columns" if rows else "rows"
+        wanted = f"{', '.join(columns)} in the {lines} of '{clean(side.key)}'"
         turned = table.ndim == 2 and table.shape[0 if rows else 1] == len(columns)
         hint = f'; orientation = "{"columns" if rows else "rows"}" would fit' if turned else ""
         fail(file.path, f"{wanted} ({purpose})", f"shape {table.shape}{hint}")

@@ -76,13 +76,12 @@ def inspect_recording(
     frames = folders.frames(radar)
     raw, filtered = frames["raw"], frames["emptyfiltered"]
     found.add("radar folder", shown(radar.name), shown(radar.absolute().name))
-    for variant, files in frames.items():
-        _add_files(found, f"{variant} frames", files)
+    _add_files(found, "raw frames", raw, raw)
+    _add_files(found, "emptyfiltered frames", filtered, raw, "emptyfiltered")
     if not raw:
         found.problems.append("no frame in calibrated_data")
     elif sorted(raw) != list(range(len(raw))):
         found.problems.append(f"frames are not numbered from 0 without a gap: {ranges(raw)}")
-    _compare(found, "emptyfiltered frames", "emptyfiltered", filtered, raw)
     others = folders.ignored_files(radar)
     if others:
         text = clean(", ".join(others[:12])) + (", ..." if len(others) > 12 else "")
@@ -92,8 +91,7 @@ def inspect_recording(
         there = found.read(f"cached {name}", partial(product_files, radar, name))
         if there is not None:
             products[name] = there
-            _add_files(found, f"cached {name}", there)
-            _compare(found, name, name, there, raw)
+            _add_files(found, f"cached {name}", there, raw, name)
     placed = _inspect_calibration(found, radar, raw, products)
     _inspect_placement(found, radar.absolute().parent)
     if whole:
@@ -116,17 +114,15 @@ def _check_total(found: Findings, capture: Capture, count: int) -> None:
         )
 
 
-def _add_files(found: Findings, name: str, files: dict[int, Path]) -> None:
+def _add_files(
+    found: Findings, name: str, files: dict[int, Path], raw: dict[int, Path], short: str = ""
+) -> None:
+    """Add files by the numbers of their frames, beside the raw ones; `short` names what lacks."""
     text = f"{len(files)} ({ranges(files)})" if files else "none"
     found.add(name, text, {"count": len(files), "numbers": sorted(files)})
-
-
-def _compare(
-    found: Findings, name: str, short: str, files: dict[int, Path], raw: dict[int, Path]
-) -> None:
     if orphans := set(files) - set(raw):
         found.problems.append(f"{name} without a raw frame: {ranges(orphans)}")
-    if not files:
+    if short and not files:
         found.missing.append(short)
     elif without := set(raw) - set(files):
         found.missing.append(f"{short} of the frames {ranges(without)}")
@@ -217,12 +213,9 @@ def _add_transforms(found: Findings, alignment: SensorAlignment) -> None:
     for (source, target), matrix in sorted(alignment.given.items()):
         name = clean(f"{source}2{target}")
         scale = np.linalg.svd(matrix[:3, :3], compute_uv=False)
-        mirrors = bool(np.linalg.det(matrix[:3, :3]) < 0)
-        stretches = " x ".join(f"{s:.6g}" for s in scale)
-        lines.append(f"{name}: scale {stretches}" + (", mirrors" if mirrors else ""))
-        values[name] = {
-            "matrix": matrix.tolist(), "stretches": scale.tolist(), "mirrors": mirrors
-        }  # fmt: skip
+        mirrors = ", mirrors" if np.linalg.det(matrix[:3, :3]) < 0 else ""
+        lines.append(f"{name}: scale {' x '.join(f'{s:.6g}' for s in scale)}{mirrors}")
+        values[name] = matrix.tolist()
     found.add(ALIGNMENT_FILE, "\n".join(lines) or "no transform in it", {"transforms": values})
 
 

@@ -32,7 +32,6 @@ from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
     EXPECTED,
     SCHEMES,
-    VIEWS,
     WEIGHTS,
     NativeHeader,
     View,
@@ -119,7 +118,7 @@ def instrument_values(array: AntennaArray, waveform: Waveform) -> dict[str, Any]
 
 
 def _views(planes: Planes, grid: VoxelGrid) -> list[View]:
-    """Return what viewers show of a volume; nothing where an amplitude is beyond float32."""
+    """Return what viewers show of a volume, first the one shown at once; nothing beyond float32."""
     try:
         depth = depth_map_of_planes(planes, grid, DYNAMIC_RANGE_DB)
     except ModelError:
@@ -129,8 +128,8 @@ def _views(planes: Planes, grid: VoxelGrid) -> list[View]:
         f"Depth of the maximum along z, within {depth.dynamic_range_db:g} dB of the strongest",
     )
     return [
-        View(VIEWS[0], titles[0], depth.amplitude, "amplitude", None),
-        View(VIEWS[1], titles[1], depth.depth_m, "depth", "m"),
+        View("max_projection", titles[0], depth.amplitude, "amplitude", None),
+        View("depth_map", titles[1], depth.depth_m, "depth", "m"),
     ]
 
 

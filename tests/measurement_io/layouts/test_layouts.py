@@ -114,7 +114,7 @@ def cases():
         yield f"pairs {order}", (text, {"data": pairs}, CAPTURE)
     parts = {"data": 0.0, "re": SAMPLES.real, "im": SAMPLES.imag}
     yield "parts", (edited(('key = "data"', 'real = "re"\nimag = "im"')), parts, CAPTURE)
-    for sides in (f"{APART}{FLAT}", f"{TURNED}{FLAT}", f"[tx]\nvalues = {TX_M.tolist()}\n{FLAT}"):
+    for sides in (f"{APART}{FLAT}", f"{TURNED}{FLAT}"):
         yield f"positions {sides[:12]}", (DATA + sides + METRES + FREQUENCY, COLUMNS, AT_12_MM)
     text = DATA + f'{APART}[rx]\nkey = "yx"\nz = 0.0125\n{METRES}columns = ["y", "x"]\n' + FREQUENCY
     yield "positions by two columns", (text, COLUMNS, AT_12_MM)
