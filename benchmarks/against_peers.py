@@ -11,12 +11,11 @@ import argparse
 import os
 import platform
 from collections.abc import Callable, Iterable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from core import images, rays, sums
-from core.work import Row, Work, rows_of
+from core.work import Work, rows_of
 
 import clradar
 from clradar.files.json_file import write_json
@@ -32,12 +31,6 @@ SUITE: dict[str, Callable[[clradar.Device, bool], Iterable[Work]]] = {
     "physical": lambda device, quick: [sums.physical(device, 1.2 if quick else 4.0)],
 }
 """By name: what gives the work on a device, of smaller sizes if it is quick."""
-
-
-def print_row(row: Row) -> None:
-    """Print one piece of work: ours, the peers', the ratio."""
-    print(f"{row.work}\n    ours  {row.ours}\n    peers {row.peer}")
-    print(f"    ratio {row.ratio:.1f} x   ({row.check})", flush=True)
 
 
 def main() -> None:
@@ -58,8 +51,9 @@ def main() -> None:
         for kind in chosen.only or list(SUITE):
             for work in SUITE[kind](device, chosen.quick):
                 for row in rows_of(work, repeats):
-                    print_row(row)
-                    rows.append(asdict(row))
+                    print("{work}\n    ours  {ours}\n    peers {peer}".format_map(row))
+                    print("    ratio {ratio:.1f} x   ({check})".format_map(row), flush=True)
+                    rows.append(row)
         results.append({"device": dict(device.describe()), "cores": os.cpu_count(), "rows": rows})
     if chosen.json is not None:
         write_json(chosen.json, {"repeats": repeats, "results": results}, force=True)

@@ -12,42 +12,23 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from core.work import exact_by_gemm, forward_by_gemm
 from study import ARRAY as QAR50, Row, parser, run, summarize
 
 import clradar
 from clradar import AntennaArray, Capture, VoxelGrid, Waveform
 from clradar.imaging import block_tree, fast
 
-C_M_PER_S = 299_792_458.0
 N_VOXELS = 400
 MOST_VOXELS = 60_000
 Rng = np.random.Generator
 
 
-def legs(array: AntennaArray, f_hz: float, at_m: np.ndarray) -> list[np.ndarray]:
-    """exp(j k R) of points (n, 3) to each antenna of either side."""
-    k = 2 * np.pi * f_hz / C_M_PER_S
-    sides = (array.tx_m, array.rx_m)
-    return [np.exp(1j * k * np.linalg.norm(at_m[:, None] - a, axis=-1)) for a in sides]
-
-
-def exact(capture: Capture, at_m: np.ndarray) -> np.ndarray:
-    """The image at some points, in float64: one bilinear form per frequency."""
-    total = np.zeros(len(at_m), complex)
-    for m, f_hz in enumerate(capture.waveform.frequencies_hz):
-        t, r = legs(capture.array, f_hz, at_m)
-        total += np.sum(t @ capture.data[:, :, m].astype(complex) * r, axis=1)
-    return total / capture.data.size
-
-
 def echoes(array: AntennaArray, waveform: Waveform, at_m: np.ndarray, rng: Rng) -> Capture:
     """What the array records of point scatterers of random strength."""
     strength = rng.normal(size=len(at_m)) + 1j * rng.normal(size=len(at_m))
-    samples = []
-    for f_hz in waveform.frequencies_hz:
-        t, r = (leg.conj() for leg in legs(array, f_hz, at_m))
-        samples.append((t * strength[:, None]).T @ r)
-    return Capture(np.stack(samples, axis=-1).astype(np.complex64), array, waveform)
+    data = forward_by_gemm(at_m, strength, array, waveform, complex)
+    return Capture(data, array, waveform)
 
 
 def noise(array: AntennaArray, waveform: Waveform, at_m: np.ndarray, rng: Rng) -> Capture:
@@ -160,7 +141,7 @@ def one(number: int, seed: int, device: clradar.Device) -> Row:
     )
     corners = np.array(np.meshgrid(*zip((0, 0, 0), last, strict=True))).reshape(3, -1).T
     at = np.concatenate([corners, rng.integers(0, last + 1, (N_VOXELS, 3))])
-    want = exact(capture, grid.origin_m + grid.spacing_m * at)
+    want = exact_by_gemm(capture, grid.origin_m + grid.spacing_m * at, complex)
     error = np.abs(volume.data[at[:, 2], at[:, 1], at[:, 0]] - want)
     rms = np.sqrt(np.mean(np.abs(want[8:]) ** 2))
     levels = [np.sqrt(np.mean(part**2)) / rms for part in (error[8:], error[:8])]

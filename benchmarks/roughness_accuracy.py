@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
-from study import ARRAY, SNR_DB, WAVEFORM, Row, parser, random_motion, run, summarize
+from study import ARRAY, SNR_DB, WAVEFORM, Row, parser, run, summarize
 
 import clradar
 from calibration import Regions, RoughnessSweep, sweep_roughness
@@ -37,8 +37,6 @@ SEEDS = 2
 FIRST_SEED = 10_000
 G_RANGE, LENGTH_RANGE_M = (0.2, 3.0), (1.5e-3, 5e-3)
 GAIN = 7.3
-OFF = {"most_deg": 1.0, "most_m": 1e-3}
-"""Of the misplaced measurements, half of it in the mean."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +92,7 @@ def rough(height_m: float, length_m: float) -> clradar.Material:
 
 
 def measured(
-    folder: Path, own: Object, name: str, case: int, off: bool
+    folder: Path, own: Object, name: str, case: int
 ) -> tuple[clradar.Capture, list[tuple[float, float]]]:
     """A held-out measurement, and the truth of each region."""
     seed = FIRST_SEED + 100 * list(OBJECTS).index(name) + case
@@ -107,10 +105,9 @@ def measured(
         scene = scene.with_material(materials[0])
     else:
         scene = scene.with_material([materials[i] for i in regions.face])
-    path = folder / f"{name.replace(' ', '-')}-{case}{'-off' if off else ''}.h5"
+    path = folder / f"{name.replace(' ', '-')}-{case}.h5"
     if not path.exists():
-        placed = scene.transformed(random_motion(scene, rng, **OFF)) if off else scene
-        clean = clradar.simulate(placed, ARRAY, WAVEFORM, estimator="physical", seed=seed)
+        clean = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", seed=seed)
         noisy = clradar.impair(clean, snr_db=SNR_DB, seed=seed)
         save_capture(path, clradar.Capture(GAIN * noisy.data, ARRAY, WAVEFORM))
     return open_capture(path), truths
@@ -141,8 +138,6 @@ def main() -> None:
     options = parser(__doc__ or "", 6, 10_000)
     options.add_argument("--work", type=Path, required=True)
     options.add_argument("--scene", nargs="*", choices=list(OBJECTS), default=list(OBJECTS))
-    options.add_argument("--calibrated", action="store_true")
-    options.add_argument("--off", action="store_true", help="measurements are misplaced")
     given = options.parse_args()
     given.work.mkdir(exist_ok=True)
     # Reasons for doubt are no news here.
@@ -154,12 +149,10 @@ def main() -> None:
         store = FolderStore(given.work / ("hand" if own.regions else name.replace(" ", "-")))
 
         def one(case: int, own: Object = own, name: str = name, store: Any = store) -> list[Row]:
-            capture, truths = measured(given.work, own, name, case, given.off)
-            if given.calibrated:
-                capture = clradar.Capture(capture.data / GAIN, ARRAY, WAVEFORM)
+            capture, truths = measured(given.work, own, name, case)
             found = sweep_roughness(
                 capture, own.scene, HEIGHTS_M, LENGTHS_M, seeds=SEEDS, regions=own.regions,
-                calibrated=given.calibrated, store=store,
+                store=store,
             )  # fmt: skip
             return [{"object": name, **row} for row in rows_of(found, truths)]
 

@@ -14,7 +14,6 @@ from clradar.errors import ClradarError
 from clradar.hand import HandPose, posed_skeleton
 from clradar.hand.skin import Skin
 from clradar.rigs import Rig
-from clradar.rigs.mano import MANO_JOINTS
 from clradar.rigs.rig import PoseBlend
 
 PACKAGES = (
@@ -83,7 +82,7 @@ def namespace() -> dict[str, Any]:
     )  # fmt: skip
     rest, tips = posed_skeleton(HandPose("rest")), [4, 9, 14]
     skin = Skin([0, 1, 2], tips, np.ones(3), np.zeros((3, 3)))
-    blend = PoseBlend(MANO_JOINTS[1:], np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
+    blend = PoseBlend(np.zeros((3, 3, 135)), np.zeros(45), np.eye(45)[:6])
     rig = Rig("m", "right", 1.0, np.eye(3), rest.joints_m, rest.frames, [[0, 1, 2]], skin, blend)
     data = np.full((94, 94, 3), 1 - 1j, np.complex64)
     qar50, three = clradar.arrays.qar50(), clradar.Waveform([72e9, 77e9, 82e9])

@@ -22,7 +22,7 @@ LAYERS = (
     ("phasors",),
     ("imaging",),
     ("trace", "synthesize", "simulation", "backproject"),
-    ("hand", "impairments", "overlap"),
+    ("hand", "impairments"),
     ("rigs", "compare"),
     ("motion",),
     ("plot",),

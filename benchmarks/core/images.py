@@ -11,7 +11,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.imaging.block_tree import image_levels
 from clradar.imaging.range_profiles import RangeImager
 from core import peers
-from core.work import ARRAY, WAVEFORM, Work, relative_rms_db
+from core.work import ARRAY, WAVEFORM, Work, exact_by_gemm, relative_rms_db
 
 
 def noise() -> clradar.Capture:
@@ -74,7 +74,7 @@ def exact_image(device: clradar.Device) -> Work:
             capture, grid, method="exact", check_grid=False, device=device
         ).data.ravel()
 
-    theirs = partial(peers.exact_by_gemm, capture, points_m)
+    theirs = partial(exact_by_gemm, capture, points_m, np.complex64)
     terms = len(points_m) * capture.data.size / 1e9
     return Work(
         f"exact sum, {terms:.1f} G terms", {"": ours},

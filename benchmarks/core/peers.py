@@ -119,31 +119,6 @@ def by_numpy(name: str, call: Callable[[], Any]) -> dict[str, Callable[[], Any]]
     return {f"numpy, {name}": call, "BLAS in one thread": in_one_thread}
 
 
-def exact_by_gemm(capture: Any, points_m: np.ndarray) -> np.ndarray:
-    """The exact sum as one complex matrix product per frequency, complex64, in float64 phases."""
-    to_tx = np.linalg.norm(points_m[:, None] - capture.array.tx_m, axis=2)
-    to_rx = np.linalg.norm(points_m[:, None] - capture.array.rx_m, axis=2)
-    out = np.zeros(len(points_m), dtype=np.complex64)
-    for n, f in enumerate(capture.waveform.frequencies_hz):
-        jk = 2j * np.pi * f / SPEED_OF_LIGHT_M_PER_S
-        tx = np.exp(jk * to_tx).astype(np.complex64)
-        rx = np.exp(jk * to_rx).astype(np.complex64)
-        out += ((tx @ np.ascontiguousarray(capture.data[:, :, n])) * rx).sum(axis=1)
-    return out / capture.data.size
-
-
-def forward_by_gemm(points_m: np.ndarray, rho: np.ndarray, array: Any, waveform: Any) -> np.ndarray:
-    """The imaging operator, one complex matrix product per frequency, in float64 phases."""
-    to_tx = np.linalg.norm(points_m[:, None] - array.tx_m, axis=2).T
-    to_rx = np.linalg.norm(points_m[:, None] - array.rx_m, axis=2)
-    out = np.empty((array.n_tx, array.n_rx, waveform.n_freq), dtype=np.complex64)
-    for n, f in enumerate(waveform.frequencies_hz):
-        jk = -2j * np.pi * f / SPEED_OF_LIGHT_M_PER_S
-        tx = np.exp(jk * to_tx).astype(np.complex64) * rho
-        out[:, :, n] = tx @ np.exp(jk * to_rx).astype(np.complex64)
-    return out
-
-
 class MitsubaRays:
     """Mitsuba 3 by LLVM and Embree, one thread per core; queries leave their results there."""
 

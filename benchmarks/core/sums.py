@@ -12,7 +12,7 @@ from clradar.hand import hand_mesh
 from clradar.tracing.quadrature import LitQuadrature
 from clradar.tracing.settings import resolve_settings
 from core import peers
-from core.work import ARRAY, WAVEFORM, Work, relative_rms_db
+from core.work import ARRAY, WAVEFORM, Work, forward_by_gemm, relative_rms_db
 
 K_PER_M = WAVEFORM.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
 PART_POINTS = 4096
@@ -64,7 +64,7 @@ def forward(device: clradar.Device, n_points: int) -> Work:
     def ours() -> np.ndarray:
         return clradar.forward(points_m, rho, ARRAY, WAVEFORM, device=device).data
 
-    theirs = partial(peers.forward_by_gemm, points_m, rho, ARRAY, WAVEFORM)
+    theirs = partial(forward_by_gemm, points_m, rho, ARRAY, WAVEFORM, np.complex64)
     return Work(
         f"forward, {n_points} points of a sphere", {"": ours},
         peers.by_numpy("complex GEMM per frequency", theirs),

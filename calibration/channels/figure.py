@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clradar.model import ChannelCalibration, checks
-from clradar.plot.panels import LABEL_PT, TICK_PT, label_axes
+from clradar.plot.drawing import LABEL_PT, TICK_PT, label_axes
 
 LIVE_COLOUR, NOISY_COLOUR, DEAD_COLOUR = "#1f5c99", "#d98a00", "#b3261e"
 

@@ -30,12 +30,12 @@ from calibration.registration.radar import Radar
 from calibration.registration.rigid_motion import moved
 from clradar.backproject import backproject
 from clradar.compare import depth_map_of
+from clradar.compare.metrics import overlap
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarWarning
 from clradar.model import Capture, DepthMap, Scene, Volume, VoxelGrid
 from clradar.model.progress import Progress
 from clradar.opencl import Device
-from clradar.overlap import overlap
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings
 

@@ -18,8 +18,8 @@ from clradar.hand import JOINT_NAMES
 from clradar.hand.joints import CHAINS, JOINT_INDEX
 from clradar.model import DepthMap, Scene, Volume
 from clradar.model.length_unit import LengthUnit
+from clradar.plot.drawing import LABEL_PT, MARGIN, TICK_PT, Extent, settled, text_height
 from clradar.plot.images import image_figure
-from clradar.plot.panels import LABEL_PT, MARGIN, TICK_PT, Extent, settled, text_height
 
 SILHOUETTE_PIXEL_M = 0.25e-3
 """A tenth of what the imager resolves."""

@@ -13,7 +13,7 @@ from calibration.hand_fit.frame_fit import SEARCHED, FrameFit
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, FITTED_ANGLES, angles_of
 from calibration.hand_fit.result import DIGITS, end_joints
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.plot.panels import LABEL_PT, TICK_PT, TITLE_PT
+from clradar.plot.drawing import LABEL_PT, TICK_PT, TITLE_PT
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 """Of Okabe and Ito (2008), for the angles of a digit."""

@@ -14,16 +14,7 @@ from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
 from calibration.roughness.texture import of_power
 from clradar.compare.metrics import METRIC_TABLE
-from clradar.plot.panels import (
-    ROW_WIDTH,
-    TICK_PT,
-    Extent,
-    amplitude_bar,
-    draw_amplitude,
-    label_axes,
-    new_figure,
-    panel_size,
-)
+from clradar.plot import drawing
 
 MOST_IMAGES, IMAGES_IN_ROW = 6, 4
 """Simulated images beside the measured one, and images side by side."""
@@ -61,18 +52,18 @@ def sweep_figure(sweep: Sweep) -> Figure:
     images = [sweep.measured, *(image for i in chosen if (image := sweep.images[i]) is not None)]
     titles = ["Measurement", *(f"{ALPHA} = {sweep.alphas[i]:g}" for i in chosen)]
     n_rows = -(-len(images) // IMAGES_IN_ROW)
-    extent = Extent.around(images)
-    high = n_rows * (panel_size(1.4, extent.aspect)[1] + 0.6)
-    figure = new_figure(ROW_WIDTH, high + 5.2)
+    extent = drawing.Extent.around(images)
+    high = n_rows * (drawing.panel_size(1.4, extent.aspect)[1] + 0.6)
+    figure = drawing.new_figure(drawing.ROW_WIDTH, high + 5.2)
     halves: Any = figure.subfigures(2, 1, height_ratios=(high, 5.2))
     grid = (n_rows, min(len(images), IMAGES_IN_ROW))
     panels = halves[0].subplots(*grid, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, image, title in zip(panels, images, titles, strict=False):
         left = axes in panels[:: grid[1]]
-        drawn = draw_amplitude(axes, image, extent, title=title, y_labels=left)
+        drawn = drawing.amplitude(axes, image, extent, title=title, y_labels=left)
     for axes in panels[len(images) :]:
         axes.remove()
-    amplitude_bar(panels[: len(images)], drawn)
+    drawing.add_bar(panels[: len(images)], drawn)
     (similarities, lengths), (likely, statistics) = halves[1].subplots(2, 2)
     for axes, scale, title in ((similarities, 1.0, "metrics"), (lengths, 1e3, "metrics (mm)")):
         shown = [one for one in METRIC_TABLE if one.scale == scale]
@@ -82,17 +73,17 @@ def sweep_figure(sweep: Sweep) -> Figure:
             x, y, label = sweep.alphas[there], values[:, there], one.name.removesuffix(" (mm)")
             axes.plot(x, y.mean(axis=0), ".-", color=colour, label=label, lw=1.2, ms=4)
             axes.fill_between(x, y.min(axis=0), y.max(axis=0), color=colour, alpha=0.25, lw=0)
-        label_axes(axes, ALPHA, "", title)
+        drawing.label_axes(axes, ALPHA, "", title)
         _legend(axes)
     for found, colour in zip(sweep.estimates, COLOURS, strict=False):
         peak, label = found.probability / found.probability.max(), f"{found.name}: {found.text()}"
         likely.plot(found.alphas, np.where(peak > DRAWN, peak, np.nan), color=colour, label=label)
         likely.axvspan(found.interval.low, found.interval.high, color=colour, alpha=0.15, lw=0)
     likely.set_xlim(sweep.alphas[0], sweep.alphas[-1])
-    label_axes(likely, ALPHA, "", f"probability of {ALPHA}, its maximum 1")
+    drawing.label_axes(likely, ALPHA, "", f"probability of {ALPHA}, its maximum 1")
     _legend(likely)
     _draw_fit(statistics, sweep.estimate.fit, DECIBEL_PER_NATURAL, COLOURS[0])
-    label_axes(statistics, "", "", "statistics of the brightness (dB)")
+    drawing.label_axes(statistics, "", "", "statistics of the brightness (dB)")
     return figure
 
 
@@ -107,7 +98,7 @@ def shown_alphas(sweep: Sweep) -> list[int]:
 
 def roughness_figure(sweep: RoughnessSweep) -> Figure:
     """Draw a sweep over roughness: of each region h, h and l together, and below statistics."""
-    figure = new_figure(ROW_WIDTH, 4.8 * len(sweep.estimates))
+    figure = drawing.new_figure(drawing.ROW_WIDTH, 4.8 * len(sweep.estimates))
     rows: Any = figure.subfigures(len(sweep.estimates), 1, squeeze=False)[:, 0]
     for number, (row, one) in enumerate(zip(rows, sweep.estimates, strict=True)):
         high, pair, fit = row.subplot_mosaic("hp;ff").values()
@@ -119,13 +110,13 @@ def roughness_figure(sweep: RoughnessSweep) -> Figure:
         high.axvline(1e3 * found.median, color=colour, linewidth=0.8)
         high.set_ylim(0.0, None)
         title = f"{one.name}: {one.text().split(', slope')[0]}"
-        label_axes(high, "roughness h (mm)", "probability density (1/mm)", title)
+        drawing.label_axes(high, "roughness h (mm)", "probability density (1/mm)", title)
         _draw_pair(pair, one)
         # Contrast and correlation are small numbers: ten times them fits the scale.
         scale = np.where(of_power(one.fit.statistics), DECIBEL_PER_NATURAL, 10.0)
         _draw_fit(fit, one.fit, scale, colour)
         title = "coherent power, the rest over tilt, texture"
-        label_axes(fit, "", "dB; contrast, apertures times 10", title)
+        drawing.label_axes(fit, "", "dB; contrast, apertures times 10", title)
     return figure
 
 
@@ -134,7 +125,7 @@ def _draw_pair(axes: Axes, one: RoughnessEstimate) -> None:
     axes.set_xlim(height_mm[0], height_mm[-1])
     if len(length_mm) == 1:
         axes.plot(height_mm, one.probability[:, 0], color=COLOURS[0])
-        label_axes(axes, "roughness h (mm)", "", f"l = {length_mm[0]:.3g} mm, as given")
+        drawing.label_axes(axes, "roughness h (mm)", "", f"l = {length_mm[0]:.3g} mm, as given")
         return
     likely = np.log10(np.maximum(one.probability / one.probability.max(), DRAWN))
     axes.contourf(height_mm, length_mm, likely.T, 12, cmap="cividis")
@@ -143,9 +134,9 @@ def _draw_pair(axes: Axes, one: RoughnessEstimate) -> None:
         height_mm, length_mm, slope, (0.05, 0.1, 0.2, 0.4), colors="white", linestyles="--",
         linewidths=0.6,
     )  # fmt: skip
-    axes.clabel(lines, fontsize=TICK_PT)
+    axes.clabel(lines, fontsize=drawing.TICK_PT)
     title = "likely pairs; dashed: equal slope"
-    label_axes(axes, "roughness h (mm)", "correlation length l (mm)", title)
+    drawing.label_axes(axes, "roughness h (mm)", "correlation length l (mm)", title)
 
 
 def _draw_fit(axes: Axes, fit: Fit, scale: np.ndarray | float, colour: str) -> None:
@@ -164,5 +155,5 @@ def _draw_fit(axes: Axes, fit: Fit, scale: np.ndarray | float, colour: str) -> N
 
 
 def _legend(axes: Axes) -> None:
-    for text in axes.legend(fontsize=TICK_PT - 0.5, framealpha=0.8).get_texts():
+    for text in axes.legend(fontsize=drawing.TICK_PT - 0.5, framealpha=0.8).get_texts():
         text.set_parse_math(False)

@@ -55,7 +55,21 @@ PANELS = {
     },
 }
 COMMANDS = {name: text for panel in PANELS.values() for name, text in panel.items()}
-"""Subcommand, which names its module (`module_of`), and the line that describes it."""
+"""Subcommand, and the line that describes it."""
+
+MODULES = {
+    "hands": ("hand", "dataset"),
+    "simulate": ("simulate", "demo"),
+    "image": ("image",),
+    "process": ("process",),
+    "convert": ("convert", "export"),
+    "look": ("inspect", "view", "compare"),
+    "calibrate": ("clean", "channels", "diagnose"),
+    "fit": ("align", "register", "fit-hand"),
+    "sweep": ("sweep",),
+    "lists": ("devices", "materials", "array"),
+}
+"""Modules of `clradar.cli.commands`, and the subcommands that each has."""
 
 
 def help_record(one: Any, context: Any) -> tuple[str, str] | None:
@@ -164,9 +178,9 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
         if name == requested:
             from clradar.cli.outputs import check_outputs
 
-            module = import_module(module_of(name))
-            function = _guarded(expanded(module.command, check_outputs), debug)
-            summary = f"{summary}\n\n{inspect.getdoc(module.command)}"
+            command = function_of(name)
+            function = _guarded(expanded(command, check_outputs), debug)
+            summary = f"{summary}\n\n{inspect.getdoc(command)}"
         app.command(name, cls=_Command, help=summary, short_help=COMMANDS[name])(function)
     return app
 
@@ -182,7 +196,15 @@ def context_of(name: str | None = None) -> Any:
 
 def module_of(name: str) -> str:
     """The module of a subcommand."""
-    return f"clradar.cli.commands.{name.replace('-', '_')}"
+    return f"clradar.cli.commands.{next(own for own in MODULES if name in MODULES[own])}"
+
+
+def function_of(name: str) -> Callable[..., Any]:
+    """The function of a subcommand."""
+    found: Callable[..., Any] = getattr(
+        import_module(module_of(name)), f"{name.replace('-', '_')}_command"
+    )
+    return found
 
 
 def _show_version(wanted: bool) -> None:

@@ -180,7 +180,7 @@ def expanded(
     if "force" not in declared and writing:
         declared["force"] = FORCE
         parameters.append(_parameter("force", bool, FORCE, ""))
-    label = command.__module__.rpartition(".")[2].replace("_", "-")
+    label = command.__name__.removesuffix("_command").replace("_", "-")
 
     def run(context: typer.Context, **values: Any) -> Any:
         sources = {name: context.get_parameter_source(name) for name in declared}

@@ -2,7 +2,6 @@
 
 from clradar.compare.images import clipped_db, depth_map_of
 from clradar.compare.metrics import METRIC_TABLE, METRICS, Metrics, compare, metrics_of
-from clradar.compare.spread import spread
 from clradar.compare.unmatched import Disagreement, UnmatchedObject, disagreement
 
 __all__ = [
@@ -16,5 +15,4 @@ __all__ = [
     "depth_map_of",
     "disagreement",
     "metrics_of",
-    "spread",
 ]

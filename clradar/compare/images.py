@@ -72,9 +72,9 @@ def check_same_pixels(measured: DepthMap, simulated: DepthMap) -> None:
 
 
 def _pixels_text(image: DepthMap) -> str:
-    def axis_text(name: str, axis_m: np.ndarray) -> str:
-        # Nine digits show any difference beyond the tolerance.
-        ends = f"{1e3 * axis_m[0]:.9g} to {1e3 * axis_m[-1]:.9g} mm"
-        return f"{name} = {ends} in {len(axis_m)}"
-
-    return f"({axis_text('x', image.x_m)}, {axis_text('y', image.y_m)})"
+    # Nine digits show any difference beyond the tolerance.
+    axes = (
+        f"{name} = {1e3 * axis_m[0]:.9g} to {1e3 * axis_m[-1]:.9g} mm in {len(axis_m)}"
+        for name, axis_m in (("x", image.x_m), ("y", image.y_m))
+    )
+    return f"({', '.join(axes)})"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import inspect
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarWarning
 from clradar.impairments.impair import impair
 from clradar.jobs.where import Device, Where, open_devices
-from clradar.model import AntennaArray, Scene, Spread, Volume, VoxelGrid, Waveform, checks
+from clradar.model import AntennaArray, Capture, Scene, Spread, Volume, VoxelGrid, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
@@ -109,81 +111,55 @@ def spread(
     known = [n for n, p in inspect.signature(impair).parameters.items() if p.kind is p.KEYWORD_ONLY]
     for unknown in sorted(set(faults or ()) - set(known)):
         checks.fail("spread: impairments", f"settings of impair ({', '.join(known)})", unknown)
-    imaging = {"method": method, "window": window, "tolerance_db": tolerance_db}
-    seed_images = _SeedImages(scene, array, waveform, grid, base, faults, imaging)
+    simulated = partial(simulate, scene, array, waveform)
+    imaged = partial(
+        backproject, grid=grid, method=method, window=window, tolerance_db=tolerance_db
+    )
     devices = open_devices(device)
     devices.check_alike("a spread")
     estimator = str(base.for_scene(scene, array, waveform).resolved().estimator)
     rough = any(m.roughness_rms_m > 0 or m.micro_roughness_rms_m > 0 for m in scene.materials)
     causes = [VARIES[estimator]] * (estimator != "physical" or rough)
     varies = " and ".join(causes + ["noise"] * (faults is not None)) or "nothing"
-    volumes = (volume for _, volume in devices.made(seed_images, range(count), progress))
+    work = partial(_image_of, simulated, base, faults, imaged)
+    volumes = (volume for _, volume in devices.made(work, range(count), progress))
     used = tuple(range(base.seed, base.seed + count))
     return _accumulated(volumes, grid, dynamic_range_db, used, varies)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _SeedImages:
-    """Makes the image of a seed on a device."""
-
-    scene: Scene
-    array: AntennaArray
-    waveform: Waveform
-    grid: VoxelGrid
-    base: SimulationSettings
-    faults: dict[str, Any] | None
-    imaging: dict[str, Any]
-
-    def __call__(self, i: int, device: Device, progress: Progress) -> list[Volume]:
-        with warnings.catch_warnings():
-            if i:  # the first has warned
-                warnings.simplefilter("ignore", ClradarWarning)
-            capture = simulate(
-                self.scene, self.array, self.waveform,
-                settings=replace(self.base, seed=self.base.seed + i), device=device,
-                progress=progress,
-            )  # fmt: skip
-            if self.faults is not None:
-                own = {**self.faults, "seed": self.faults.get("seed", 0) + i}
-                capture = impair(capture, **own)
-            return [backproject(capture, self.grid, device=device, **self.imaging)]
-
-
-class _Running:
-    """Mean and squared deviations of values that come one array at a time, and their number."""
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self.count = np.zeros(shape, np.int32)
-        self.mean = np.zeros(shape)
-        self.squares = np.zeros(shape)
-
-    def add(self, values: np.ndarray, there: np.ndarray) -> None:
-        """Take the values where `there` holds."""
-        self.count += there
-        away = np.where(there, values - self.mean, 0.0)
-        self.mean += away / np.maximum(self.count, 1)
-        self.squares += away * np.where(there, values - self.mean, 0.0)
-
-    def deviation(self) -> np.ndarray:
-        """Standard deviation, NaN where there are fewer than two values."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(self.count > 1, np.sqrt(self.squares / (self.count - 1.0)), np.nan)
+def _image_of(
+    simulated: Callable[..., Capture],
+    base: SimulationSettings,
+    faults: dict[str, Any] | None,
+    imaged: Callable[..., Volume],
+    i: int,
+    device: Device,
+    progress: Progress,
+) -> list[Volume]:
+    """The image of a seed; a function of this module, which workers find by its name."""
+    with warnings.catch_warnings():
+        if i:  # the first has warned
+            warnings.simplefilter("ignore", ClradarWarning)
+        settings = replace(base, seed=base.seed + i)
+        capture = simulated(settings=settings, device=device, progress=progress)
+        if faults is not None:
+            capture = impair(capture, **{**faults, "seed": faults.get("seed", 0) + i})
+        return [imaged(capture, device=device)]
 
 
 def _accumulated(
-    volumes: Iterable[Volume],
+    volumes: Iterator[Volume],
     grid: VoxelGrid,
     dynamic_range_db: float,
     seeds: tuple[int, ...],
     varies: str,
 ) -> Spread:
     """Return the spread of images that come one at a time, of which no more is kept."""
-    mean = np.zeros(grid.shape, np.complex128)
-    amplitude, depth = _Running(grid.shape[1:]), _Running(grid.shape[1:])
+    mean, flat = np.zeros(grid.shape, np.complex128), (2, *grid.shape[1:])
+    count, average, squares = np.zeros(flat, np.int32), np.zeros(flat), np.zeros(flat)
     varying = power = 0.0
-    first: Volume | None = None
-    for n, volume in enumerate(volumes, 1):
-        first = volume if first is None else first
+    first = next(volumes)
+    for n, volume in enumerate(chain([first], volumes), 1):
         # Slice by slice: no temporary of the volume's size in double precision.
         for single, its_mean in zip(volume.data, mean, strict=True):
             data = single.astype(np.complex128)
@@ -191,21 +167,26 @@ def _accumulated(
             its_mean += away / n
             varying += float(np.vdot(away, data - its_mean).real)
             power += float(np.vdot(data, data).real)
-        projection = volume.max_projection()
-        amplitude.add(projection.astype(np.float64), np.ones(projection.shape, bool))
-        if projection.any():
-            depth_map = volume.depth_map(dynamic_range_db)
-            depth.add(np.nan_to_num(depth_map.depth_m), depth_map.mask)
-    assert first is not None
+        values = np.full(flat, np.nan)
+        values[0] = volume.max_projection()
+        if values[0].any():
+            values[1] = volume.depth_map(dynamic_range_db).depth_m
+        there = np.isfinite(values)
+        count += there
+        away = np.where(there, values - average, 0.0)
+        average += away / np.maximum(count, 1)
+        squares += away * np.where(there, values - average, 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        deviation = np.where(count > 1, np.sqrt(squares / (count - 1.0)), np.nan)
     share = varying / (len(seeds) - 1) / (power / len(seeds)) if power > 0.0 else 0.0
     meta = {**first.meta, "spread": {"seeds": list(seeds), "varies": varies}}
     return Spread(
         mean=Volume(mean.astype(np.complex64), first.grid, meta, first.scale),
-        amplitude=amplitude.mean,
-        amplitude_sd=amplitude.deviation(),
-        depth_m=np.where(depth.count > 0, depth.mean, np.nan),
-        depth_sd_m=depth.deviation(),
-        depth_count=depth.count,
+        amplitude=average[0],
+        amplitude_sd=deviation[0],
+        depth_m=np.where(count[1] > 0, average[1], np.nan),
+        depth_sd_m=deviation[1],
+        depth_count=count[1],
         seeds=seeds,
         varying_share=min(1.0, max(0.0, share)),
         varies=varies,

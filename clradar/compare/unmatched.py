@@ -14,10 +14,8 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.model import DepthMap, Volume
 
 NEAR_M = 6e-3
-"""Distance across boresight within which an object of the other image is the same one, metres.
-
-Simulated hands that were moved by up to 5 mm are displaced, not missing.
-"""
+"""Distance across boresight within which an object of the other image is the same one, metres:
+simulated hands that were moved by up to 5 mm are displaced, not missing."""
 
 NEAR_DEPTH_M = 10e-3
 """The same along z: objects closer than the resolution of 13.5 mm share a maximum."""
@@ -25,21 +23,16 @@ NEAR_DEPTH_M = 10e-3
 WEAKER_DB = 12.0
 """A bright pixel is unmatched where the other image is this much weaker everywhere near it.
 
-Over four hands, noise of 20 dB, another seed, alpha 0.3 against 0.6 and shifts of up to 5 mm reach
-8.3 dB in the worst hundredth of an image's energy. Alphas farther apart reach 15 dB, in scattered
-points that form no object. A missing ball leaves 17 dB and more (docs/metrics.md).
+In the worst hundredth of an image's energy noise of 20 dB, another seed, alpha 0.3 against 0.6 and
+shifts of up to 5 mm reach 8.3 dB; a missing ball leaves 17 dB and more.
 """
 
 LEAST_SHARE = 0.01
 """Unmatched pixels with less of their image's energy than this are no object."""
 
 BACKGROUND_DB = 8.0
-"""An object is this much stronger than the median amplitude of its image's maximum projection.
-
-The median is background or noise unless objects fill half of the frame. Noise alone is not an
-object: of the maxima of 81 layers no pixel in a million reaches 8 dB above their median, and of
-a single layer of Rayleigh amplitudes one in 80.
-"""
+"""An object is this much stronger than the median amplitude of its image's maximum projection: of
+the maxima of 81 layers of noise no pixel in a million is, of a single layer one in 80."""
 
 MOST_DB = 60.0
 """Differences are cut here: an amplitude of 0 has no level."""

@@ -14,7 +14,7 @@ from clradar.dataset.sample import Sample
 from clradar.dataset.shards import read_sample
 from clradar.files.atomic import write_file
 from clradar.hand.joints import CHAINS
-from clradar.plot.panels import AMPLITUDE_BACKGROUND, new_figure
+from clradar.plot.drawing import AMPLITUDE_BACKGROUND, new_figure
 from clradar.plot.saving import figure_bytes
 
 MOST_SAMPLES, COLUMNS = 64, 8

@@ -31,44 +31,16 @@ def crossing_faces(
     return chosen[np.stack([one[crossed], other[crossed]], axis=1)]
 
 
-def faces_beside(
-    vertices_m: np.ndarray, faces: np.ndarray, among: np.ndarray, chosen: np.ndarray
-) -> np.ndarray:
-    """Return those of `among` near the chosen faces (F,), bool: a superset of those that touch
-    them.
-    """
-    from scipy.spatial import cKDTree
-
-    centre_m, radius_m = _bounding_spheres(vertices_m[faces[among]])
-    tree = cKDTree(centre_m[chosen[among]])
-    apart_m, _ = tree.query(centre_m, distance_upper_bound=_contact_distance_m(radius_m))
-    return among[np.isfinite(apart_m)]
-
-
-def _bounding_spheres(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounding spheres of triangles (N, 3, 3): centroids (N, 3) and radii (N,)."""
-    centre_m = (triangles_m[:, 0] + triangles_m[:, 1] + triangles_m[:, 2]) / 3.0
-    from_m = triangles_m - centre_m[:, None]
-    return centre_m, np.sqrt(np.einsum("ijk,ijk->ij", from_m, from_m).max(axis=1))
-
-
-def _contact_distance_m(radius_m: np.ndarray) -> float:
-    """Return the largest distance of the centroids of two triangles that touch."""
-    # With a margin for rounding.
-    return 2.0 * float(radius_m.max()) * (1.0 + 1e-9)
-
-
 def _close_pairs(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs of triangles (N, 3, 3) whose bounding boxes overlap, each pair once."""
     from scipy.spatial import cKDTree
 
-    centre_m, radius_m = _bounding_spheres(triangles_m)
-    pairs = cKDTree(centre_m).query_pairs(_contact_distance_m(radius_m), output_type="ndarray")
-    one, other = pairs.T
-    low_m, high_m = triangles_m.min(axis=1), triangles_m.max(axis=1)
-    for axis in range(3):
-        meet = low_m[one, axis] <= high_m[other, axis]
-        meet &= low_m[other, axis] <= high_m[one, axis]
+    centre_m = (triangles_m[:, 0] + triangles_m[:, 1] + triangles_m[:, 2]) / 3.0
+    from_m = triangles_m - centre_m[:, None]
+    most_m = 2.0 * np.sqrt(np.einsum("ijk,ijk->ij", from_m, from_m).max()) * (1.0 + 1e-9)
+    one, other = cKDTree(centre_m).query_pairs(most_m, output_type="ndarray").T
+    for low_m, high_m in zip(triangles_m.min(axis=1).T, triangles_m.max(axis=1).T, strict=True):
+        meet = (low_m[one] <= high_m[other]) & (low_m[other] <= high_m[one])
         one, other = one[meet], other[meet]
     return one, other
 

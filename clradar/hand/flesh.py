@@ -14,6 +14,7 @@ knuckles and about 29 mm thick there, wrist about 61 by 40 mm.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -57,60 +58,51 @@ _THUMB_TIP_TISSUE_MM = 5.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cone:
-    """A round cone: the convex hull of two spheres, neither of which may hold the other."""
-
-    begin_m: np.ndarray
-    end_m: np.ndarray
-    begin_radius_m: float
-    end_radius_m: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Flesh:
     """The solid of a posed right hand in the frame of its skeleton, whose origin is the wrist.
 
-    `forearm` is the unit vector from the elbow to the wrist; `palm` has forearm stub, wrist, palm
-    with the muscles of the thumb and the little finger, and webs; `roots` and `ends` have, for the
-    thumb and each finger, the cones that grow out of the palm and those beyond, as many for each
-    digit. `FleshField` computes the signed distance: smooth unions of cones with the blend radii of
-    this module, then of digits with the palm, minus what lies beyond the plane that ends the
-    forearm.
+    A round cone is the convex hull of two spheres, neither of which may hold the other: their
+    centres and radii, shape (2, 4), metres. `forearm` is the unit vector from the elbow to the
+    wrist; `palm`, shape (n, 2, 4), has forearm stub, wrist, palm with the muscles of the thumb and
+    the little finger, and webs; `roots` and `ends`, shape (5, n, 2, 4), have, for the thumb and
+    each finger, the cones that grow out of the palm and those beyond. `FleshField` computes the
+    signed distance: smooth unions of cones with the blend radii of this module, then of digits with
+    the palm, minus what lies beyond the plane that ends the forearm.
     """
 
     forearm: np.ndarray
-    palm: tuple[Cone, ...]
-    roots: tuple[tuple[Cone, ...], ...]
-    ends: tuple[tuple[Cone, ...], ...]
+    palm: np.ndarray
+    roots: np.ndarray
+    ends: np.ndarray
 
     def bounds_m(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the lowest and the highest corner (3,) of a box around the flesh, metres."""
-        spheres = [(cone.begin_m, cone.begin_radius_m) for cone in self.cones()]
-        spheres += [(cone.end_m, cone.end_radius_m) for cone in self.cones()]
+        centre_m, radius_m = np.split(self.cones().reshape(-1, 4), [3], axis=1)
         # Blending adds a little outside the cones themselves; several blends may add up.
-        low_m = np.min([at_m - radius_m for at_m, radius_m in spheres], axis=0) - PALM_BLEND_M
-        high_m = np.max([at_m + radius_m for at_m, radius_m in spheres], axis=0) + PALM_BLEND_M
+        low_m = (centre_m - radius_m).min(axis=0) - PALM_BLEND_M
+        high_m = (centre_m + radius_m).max(axis=0) + PALM_BLEND_M
         if self.forearm[1] == 1.0:
             low_m[1] = max(low_m[1], -STUB_M - CUT_BLEND_M)
         return low_m, high_m
 
-    def cones(self) -> tuple[Cone, ...]:
-        """Return all cones: the palm's, then each digit's roots and ends."""
-        digits = zip(self.roots, self.ends, strict=True)
-        return (*self.palm, *(cone for root, end in digits for cone in (*root, *end)))
+    def cones(self) -> np.ndarray:
+        """Return all cones (n, 2, 4): the palm's, then each digit's roots and ends."""
+        digits = np.concatenate([self.roots, self.ends], axis=1)
+        return np.concatenate([self.palm, digits.reshape(-1, 2, 4)])
 
 
-def _cone(begin_m: np.ndarray, end_m: np.ndarray, begin_mm: float, end_mm: float) -> Cone:
-    return Cone(begin_m, end_m, begin_mm * MILLIMETRE_M, end_mm * MILLIMETRE_M)
+def _cone(
+    begin_m: np.ndarray, end_m: np.ndarray, begin: float, end: float, unit_m: float = MILLIMETRE_M
+) -> np.ndarray:
+    return np.array([[*begin_m, begin * unit_m], [*end_m, end * unit_m]])
 
 
-def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> tuple[Cone, ...]:
+def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> np.ndarray:
     """Return the cones between successive points, with these radii there after blending."""
-    radii_mm = [radii_mm[0], *(r - _JOINT_EXCESS_MM for r in radii_mm[1:-1]), radii_mm[-1]]
-    return tuple(
-        _cone(points_m[i], points_m[i + 1], radii_mm[i], radii_mm[i + 1])
-        for i in range(len(points_m) - 1)
-    )
+    radii = np.array(radii_mm)
+    radii[1:-1] -= _JOINT_EXCESS_MM
+    spheres = np.column_stack([points_m, radii * MILLIMETRE_M])
+    return np.stack([spheres[:-1], spheres[1:]], axis=1)
 
 
 def _tip_at(bones: Skeleton, end: str, tip: str, tissue: float, radius_mm: float) -> float:
@@ -122,7 +114,7 @@ def _tip_at(bones: Skeleton, end: str, tip: str, tissue: float, radius_mm: float
     return 1.0 + tissue - radius_mm / length_mm
 
 
-def _finger(bones: Skeleton, finger: str) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
+def _finger(bones: Skeleton, finger: str) -> tuple[np.ndarray, np.ndarray]:
     k = bones.thickness
     root, middle, last, tip = (k * radius_mm for radius_mm in _FINGER_RADII_MM[finger])
     near, far, end = (
@@ -142,17 +134,17 @@ def _finger(bones: Skeleton, finger: str) -> tuple[tuple[Cone, ...], tuple[Cone,
 
     # Fat pads on the palm side between the joints' creases, and the finger's pad: fraction of the
     # bone, offset towards its back and radius at each end.
-    def pad(bone: str, *ends: tuple[float, float, float]) -> Cone:
+    def pad(bone: str, *ends: tuple[float, float, float]) -> np.ndarray:
         begin_m, end_m = (bones.point_m(bone, along, dorsal_mm=mm) for along, mm, _ in ends)
         return _cone(begin_m, end_m, ends[0][2], ends[1][2])
 
     near_pad = pad(near, (0.40, -2.6, middle - 2.0 * k), (0.78, -2.2, middle - 2.1 * k))
     far_pad = pad(far, (0.30, -2.2, last - 1.0 * k), (0.70, -1.9, last - 1.3 * k))
     end_pad = pad(end, (0.35, -1.9, last - 1.9 * k), (0.75, -1.7, last - 2.1 * k))
-    return (strand[0], near_pad), (*strand[1:], far_pad, end_pad)
+    return np.stack([strand[0], near_pad]), np.stack([*strand[1:], far_pad, end_pad])
 
 
-def _thumb(bones: Skeleton) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
+def _thumb(bones: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     k = bones.thickness
     root, last, pad, tip = (k * radius_mm for radius_mm in _THUMB_RADII_MM)
     near, end = "thumb-phalanx-proximal", "thumb-phalanx-distal"
@@ -162,9 +154,8 @@ def _thumb(bones: Skeleton) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
         [root - 0.8 * k, root, last - _JOINT_EXCESS_MM],
     )
     # The thumb's last phalanx is wider than deep: two strands side by side.
-    ends: list[Cone] = []
-    for side_mm in (-1.3, 1.3):
-        ends += _strand(
+    ends = [
+        _strand(
             [
                 bones.point_m(end, 0.0, side_mm=0.5 * side_mm),
                 bones.point_m(end, 0.5, side_mm=side_mm, dorsal_mm=-1.2),
@@ -172,10 +163,12 @@ def _thumb(bones: Skeleton) -> tuple[tuple[Cone, ...], tuple[Cone, ...]]:
             ],
             [last - 1.7 * k, pad - 0.5 * k, tip],
         )
-    return roots, tuple(ends)
+        for side_mm in (-1.3, 1.3)
+    ]
+    return roots, np.concatenate(ends)
 
 
-def _palm(bones: Skeleton) -> tuple[Cone, ...]:
+def _palm(bones: Skeleton) -> np.ndarray:
     at = bones.point_m
     index, middle, ring, pinky = (f"{finger}-finger-metacarpal" for finger in FINGERS)
     knuckles = [f"{finger}-finger-phalanx-proximal" for finger in FINGERS]
@@ -185,9 +178,7 @@ def _palm(bones: Skeleton) -> tuple[Cone, ...]:
     def by_wrist(x_mm: float, y_mm: float, z_mm: float) -> np.ndarray:
         return bones.frames[0] @ np.array([x_mm, y_mm, z_mm]) * (k * MILLIMETRE_M)
 
-    def around(begin_m: np.ndarray, end_m: np.ndarray, begin_mm: float, end_mm: float) -> Cone:
-        return Cone(begin_m, end_m, begin_mm * (k * MILLIMETRE_M), end_mm * (k * MILLIMETRE_M))
-
+    around = partial(_cone, unit_m=k * MILLIMETRE_M)
     cones = [
         # Forearm stub: radius and ulna, the tendons between them on the palm side.
         around(by_wrist(-13.0, -30.0, 0.0), by_wrist(-13.0, 6.0, 0.0), 17.5, 16.5),
@@ -231,15 +222,11 @@ def _palm(bones: Skeleton) -> tuple[Cone, ...]:
         around(at(thumb, 0.6, 0.0, -3.0), at(index, 0.5, 0.0, -3.0), 8.5, 8.5),
         around(at(thumb, 0.85, 0.0, -3.0), at(index, 0.66, 0.0, -3.0), 6.5, 7.5),
     ]
-    return tuple(cones)
+    return np.stack(cones)
 
 
 def grown_flesh(bones: Skeleton) -> Flesh:
     """Return the flesh around a posed skeleton."""
     digits = [_thumb(bones), *(_finger(bones, finger) for finger in FINGERS)]
-    return Flesh(
-        forearm=bones.frames[0][:, 1],
-        palm=_palm(bones),
-        roots=tuple(root for root, _ in digits),
-        ends=tuple(end for _, end in digits),
-    )
+    roots, ends = (np.stack(cones) for cones in zip(*digits, strict=True))
+    return Flesh(bones.frames[0][:, 1], _palm(bones), roots, ends)

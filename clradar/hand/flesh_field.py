@@ -15,7 +15,6 @@ from clradar.hand.flesh import (
     PALM_BLEND_M,
     ROOT_BLEND_M,
     STUB_M,
-    Cone,
     Flesh,
 )
 from clradar.opencl import Buffers, build
@@ -69,8 +68,10 @@ class FleshField:
         corner_m = self.first_m - 0.5 * spacing_m - self._middle_m
         above_cut_m = self._middle_m @ flesh.forearm + STUB_M
         frame = np.array([*corner_m, spacing_m, *flesh.forearm, above_cut_m])
-        cones = np.stack([_record(cone, self._middle_m) for cone in flesh.cones()])
-        self._put = [buffers.upload(a.astype(np.float32)) for a in (frame, cones)]
+        self._put = [
+            buffers.upload(numbers.astype(np.float32))
+            for numbers in (frame, _records(flesh, self._middle_m))
+        ]
         self._near = [buffers.empty(4 * n_x * n_y * n_z_padded) for _ in range(2)]
         self._distance = buffers.empty(4 * n_x * n_y * n_z_padded)
         self._program.launch(
@@ -151,11 +152,13 @@ class FleshField:
         return free_bytes // n_bytes
 
 
-def _record(cone: Cone, origin_m: np.ndarray) -> list[float]:
-    """Return a cone as a record of ten numbers, see ``flesh.cl``."""
-    axis_m = cone.end_m - cone.begin_m
-    length_m = float(np.linalg.norm(axis_m))
-    sine = (cone.begin_radius_m - cone.end_radius_m) / length_m
+def _records(flesh: Flesh, origin_m: np.ndarray) -> np.ndarray:
+    """Return the cones as records of ten numbers (n, 10), see ``flesh.cl``."""
+    (begin_m, radius_m), (end_m, end_radius_m) = (
+        np.split(spheres, [3], axis=1) for spheres in flesh.cones().swapaxes(0, 1)
+    )
+    axis_m = end_m - begin_m
+    length_m = np.linalg.norm(axis_m, axis=1, keepdims=True)
+    sine = (radius_m - end_radius_m) / length_m
     tangent = sine / np.sqrt(1.0 - sine * sine)
-    begin_m = cone.begin_m - origin_m
-    return [*begin_m, *(axis_m / length_m), length_m, cone.begin_radius_m, sine, tangent]
+    return np.hstack([begin_m - origin_m, axis_m / length_m, length_m, radius_m, sine, tangent])

@@ -7,12 +7,12 @@ Lorensen and Cline, "Marching cubes: a high resolution 3D surface construction a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from clradar.errors import ModelError
-from clradar.hand.crossings import crossing_faces, faces_beside
+from clradar.hand.crossings import crossing_faces
 from clradar.hand.flesh import PART_NAMES, grown_flesh
 from clradar.hand.flesh_field import FleshField
 from clradar.hand.joints import JOINT_NAMES
@@ -38,8 +38,6 @@ DEFAULT_CENTER_M = (0.0, 0.0, 0.300)
 # Finer would need gigabytes, coarser would lose the gaps between the fingers.
 _EDGE_LIMITS_M = (0.5e-3, 4e-3)
 
-_HANDEDNESS = ("right", "left")
-
 _COARSE_M = 4e-3
 """Spacing of the cells of a field that is asked at points only."""
 
@@ -56,9 +54,7 @@ class HandMesh(Record):
     joints_m : array_like, shape (25, 3)
         Joint centres in the order of `JOINT_NAMES`; NaN for one that a rig does not have.
     part : array_like, shape (F,), int32
-        For each face, the index into `part_names`.
-    part_names : tuple of str
-        palm, thumb, index, middle, ring, pinky.
+        For each face, the index into `part_names`: palm, thumb, index, middle, ring, pinky.
     normals : array_like, shape (V, 3), optional
         Outward unit normals of the implicit surface; None for a rig.
     texture_m : array_like, shape (V, 3), optional
@@ -70,21 +66,22 @@ class HandMesh(Record):
     faces: np.ndarray
     joints_m: np.ndarray
     part: np.ndarray
-    part_names: tuple[str, ...] = PART_NAMES
     normals: np.ndarray | None = None
     texture_m: np.ndarray | None = None
+    part_names: ClassVar[tuple[str, ...]] = PART_NAMES
 
     def __post_init__(self) -> None:
         vertices_m = self._set_array("vertices_m", np.float64, (None, 3))
         faces = self._set_array("faces", np.int32, (None, 3))
         self._set_array("joints_m", np.float64, (len(JOINT_NAMES), 3), finite=False)
-        names = tuple(checks.text("HandMesh.part_names", name) for name in self.part_names)
-        self._set(part_names=names)
         part = self._set_array("part", np.int32, (len(faces),))
         for name in ("normals", "texture_m"):
             if getattr(self, name) is not None:
                 self._set_array(name, np.float64, vertices_m.shape)
-        for name, indices, count in (("faces", faces, len(vertices_m)), ("part", part, len(names))):
+        for name, indices, count in (
+            ("faces", faces, len(vertices_m)),
+            ("part", part, len(PART_NAMES)),
+        ):
             low, high = indices.min(), indices.max()
             if low < 0 or high >= count:
                 checks.fail(f"HandMesh.{name}", f"indices in [0, {count - 1}]", f"[{low}, {high}]")
@@ -163,21 +160,15 @@ def hand_mesh(
     """
     posed = pose if isinstance(pose, HandPose) else pose_by_name(pose)
     spacing_m = checked_edge_m(edge_length_m)
-    checks.one_of("handedness", handedness, _HANDEDNESS)
+    checks.one_of("handedness", handedness, ("right", "left"))
     centre_m = place("center_m", center_m)
     checks.instance("shape", shape, HandShape)
 
-    right = _right_hand(posed, spacing_m, shape, open_device(device))
-    return right.moved(np.diag([-1.0 if handedness == "left" else 1.0, 1.0, 1.0]), centre_m)
-
-
-def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Device) -> HandMesh:
-    """Return a right hand with its box around the origin."""
     # Sampled before the wrist rotates it: the same fingers get the same triangles for every angle
     # of the wrist, in the smallest box.
-    bones = posed_skeleton(_with_straight_wrist(pose), shape)
-    rotated = posed_skeleton(pose, shape)
-    with Buffers(device) as buffers:
+    bones = posed_skeleton(_with_straight_wrist(posed), shape)
+    rotated = posed_skeleton(posed, shape)
+    with Buffers(open_device(device)) as buffers:
         field = FleshField(grown_flesh(bones), spacing_m, buffers)
         vertices_m, faces = _surface(field, spacing_m)
         part = field.nearest_parts(vertices_m[faces].mean(axis=1))
@@ -188,9 +179,10 @@ def _right_hand(pose: HandPose, spacing_m: float, shape: HandShape, device: Devi
     texture_m = skin.posed(flat.frames, flat.joints_m)
     vertices_m = vertices_m @ rotated.frames[0].T
     normals = normals @ rotated.frames[0].T
-    centre_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
-    own = vertices_m - centre_m, faces, rotated.joints_m - centre_m, part
-    return HandMesh(*own, normals=normals, texture_m=texture_m)
+    middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
+    own = vertices_m - middle_m, faces, rotated.joints_m - middle_m, part
+    right = HandMesh(*own, normals=normals, texture_m=texture_m)
+    return right.moved(np.diag([-1.0 if handedness == "left" else 1.0, 1.0, 1.0]), centre_m)
 
 
 def kept_from_skin(
@@ -239,7 +231,7 @@ def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarra
     # Which have other skin close in front, as where fingers touch.
     ahead_m = 2.0 * spacing_m
     facing = field.distances_m(vertices_m + ahead_m * normal) < 0.9 * ahead_m
-    return _uncrossed(vertices_m, raw_m, faces, facing), faces
+    return _uncrossed(vertices_m, raw_m, faces, facing, spacing_m), faces
 
 
 def _largest_component(
@@ -297,23 +289,29 @@ def _unit_vectors(vectors: np.ndarray) -> np.ndarray:
 
 
 def _uncrossed(
-    vertices_m: np.ndarray, raw_m: np.ndarray, faces: np.ndarray, facing: np.ndarray
+    vertices_m: np.ndarray,
+    raw_m: np.ndarray,
+    faces: np.ndarray,
+    facing: np.ndarray,
+    spacing_m: float,
 ) -> np.ndarray:
     """Return the vertices with those of intersecting faces where marching cubes had them.
 
     The triangles of marching cubes stay within their cells, so they cannot intersect.
     """
+    from scipy.spatial import cKDTree
+
     vertices_m = vertices_m.copy()
     among = np.flatnonzero(facing[faces].any(axis=1))
-    back = np.zeros(len(vertices_m), dtype=bool)
+    back = np.zeros(0, dtype=np.int32)
     while len(crossed := crossing_faces(vertices_m, faces, among)):
-        moved = np.zeros(len(vertices_m), dtype=bool)
-        moved[faces[np.unique(crossed)]] = True
-        moved &= ~back
-        if not moved.any():
+        moved = np.setdiff1d(faces[crossed], back)
+        if not len(moved):
             break
-        back |= moved
+        back = np.union1d(back, moved)
         vertices_m[moved] = raw_m[moved]
-        # New intersections can only involve a face that moved.
-        among = faces_beside(vertices_m, faces, among, moved[faces].any(axis=1))
+        # New intersections can only involve a face that moved, and what touches it: no edge is
+        # longer than 1.8 of the spacing.
+        near_m, _ = cKDTree(raw_m[moved]).query(vertices_m[faces[among, 0]])
+        among = among[near_m < 6.0 * spacing_m]
     return vertices_m

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
 from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG
 from clradar.model import checks
+from clradar.model.record import Record
 
 # Angles given in degrees and turned into radians come back a few ulp off a limit.
 _LIMIT_SLACK_DEG = 1e-7
 
 
 @dataclass(frozen=True, slots=True)
-class JointAngles:
+class JointAngles(Record):
     """The three angles of a joint; docs/poses.md has their signs and limits."""
 
     flexion_rad: float = 0.0
@@ -26,8 +26,8 @@ class JointAngles:
 
     def __post_init__(self) -> None:
         for name in ANGLES:
-            value = checks.real(f"JointAngles.{name}_rad", getattr(self, f"{name}_rad"))
-            object.__setattr__(self, f"{name}_rad", value)
+            field = f"{name}_rad"
+            self._set(**{field: checks.real(f"JointAngles.{field}", getattr(self, field))})
 
     @classmethod
     def from_degrees(
@@ -48,7 +48,7 @@ STRAIGHT = JointAngles()
 
 
 @dataclass(frozen=True, slots=True)
-class HandPose:
+class HandPose(Record):
     """Angles of a whole hand; the same angles describe a right and a left hand.
 
     Two poses are equal if name and angles are.
@@ -79,36 +79,26 @@ class HandPose:
             checks.text(f"HandPose.{name}", getattr(self, name))
         given = checks.frozen_mapping("HandPose.joints", self.joints)
         for joint, angles in given.items():
-            check_angles(joint, angles)
+            if joint not in LIMITS_DEG:
+                example = "such as 'index-finger-phalanx-proximal'"
+                checks.fail("joint", f"one of the 25 of WebXR Hand Input, {example}", repr(joint))
+            checks.instance(f"joint {joint}", angles, JointAngles)
+            own = zip(LIMITS_DEG[joint].items(), angles.degrees(), strict=True)
+            for (name, (low_deg, high_deg)), angle_deg in own:
+                if not low_deg - _LIMIT_SLACK_DEG <= angle_deg <= high_deg + _LIMIT_SLACK_DEG:
+                    expected = f"an angle in [{low_deg:g}, {high_deg:g}] degrees"
+                    if low_deg == high_deg == 0.0:
+                        expected = "0, since this joint does not move so"
+                    checks.fail(f"joint {joint}: {name}", expected, f"{angle_deg:g} degrees")
         kept = {n: given[n] for n in JOINT_NAMES if n in given and given[n] != STRAIGHT}
-        object.__setattr__(self, "joints", MappingProxyType(kept))
+        self._set(joints=MappingProxyType(kept))
 
     def __hash__(self) -> int:
         return hash((self.name, tuple(self.joints.items())))
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # A mapping proxy cannot be pickled.
-        return HandPose, (self.name, dict(self.joints), self.description, self.source)
-
     def angles(self, joint: str) -> JointAngles:
         """The angles of a joint."""
         return self.joints.get(joint, STRAIGHT)
-
-
-def check_angles(joint: str, angles: Any) -> None:
-    """Raise `ModelError` unless the hand has this joint and the angles are within its limits."""
-    if joint not in LIMITS_DEG:
-        example = "one of the 25 of WebXR Hand Input, such as 'index-finger-phalanx-proximal'"
-        checks.fail("joint", example, repr(joint))
-    checks.instance(f"joint {joint}", angles, JointAngles)
-    for angle_deg, (name, (low_deg, high_deg)) in zip(
-        angles.degrees(), LIMITS_DEG[joint].items(), strict=True
-    ):
-        if not low_deg - _LIMIT_SLACK_DEG <= angle_deg <= high_deg + _LIMIT_SLACK_DEG:
-            expected = f"an angle in [{low_deg:g}, {high_deg:g}] degrees"
-            if low_deg == high_deg == 0.0:
-                expected = "0, since this joint does not move so"
-            checks.fail(f"joint {joint}: {name}", expected, f"{angle_deg:g} degrees")
 
 
 def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from collections.abc import Mapping
+from dataclasses import astuple
 from itertools import combinations
 
 import numpy as np
 
-from clradar.hand.flesh import PART_NAMES, Cone, grown_flesh
+from clradar.hand.flesh import PART_NAMES, grown_flesh
 from clradar.hand.joints import FINGERS, LIMITS_DEG
 from clradar.hand.pose import HandPose, JointAngles
-from clradar.hand.shape import AVERAGE, HandShape
 from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
 
@@ -56,7 +56,7 @@ def random_pose(rng: np.random.Generator) -> HandPose:
     checks.instance("random_pose: rng", rng, np.random.Generator)
     while True:
         pose = _drawn(rng)
-        if all(found.depth_m <= _most_m(found) for found in overlaps(pose)):
+        if _fits(pose, {}):
             return pose
 
 
@@ -94,18 +94,23 @@ def pose_around(
     spread_deg = checks.real("spread_deg", spread_deg)
     if not 0.0 <= spread_deg <= MOST_SPREAD_DEG:
         checks.fail("spread_deg", f"degrees from 0 to {MOST_SPREAD_DEG:g}", repr(spread_deg))
-    most_m = {found.parts: max(found.depth_m, _most_m(found)) for found in overlaps(pose)}
+    own_m = overlaps(pose)
     drawn = pose
     for _ in range(_SWEEPS):
         for digit in ("thumb", *FINGERS):
             tried = _with_digit(drawn, pose, digit, spread_deg * rng.standard_normal(5))
-            if all(found.depth_m <= most_m[found.parts] for found in overlaps(tried)):
+            if _fits(tried, own_m):
                 drawn = tried
     return drawn
 
 
-def _most_m(found: Overlap) -> float:
-    return MOST_PALM_OVERLAP_M if "palm" in found.parts else MOST_OVERLAP_M
+def _fits(pose: HandPose, allowed_m: Mapping[tuple[str, str], float]) -> bool:
+    """Return whether no parts penetrate more than skin deforms, or than is allowed besides."""
+    for parts, depth_m in overlaps(pose).items():
+        most_m = MOST_PALM_OVERLAP_M if "palm" in parts else MOST_OVERLAP_M
+        if depth_m > max(most_m, allowed_m.get(parts, 0.0)):
+            return False
+    return True
 
 
 def _with_digit(pose: HandPose, mean: HandPose, digit: str, deviates_deg: np.ndarray) -> HandPose:
@@ -201,24 +206,14 @@ _SPHERES = np.linspace(0.0, 1.0, 10)
 _WEB = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class Overlap:
-    """Penetration depth of two parts of a hand, metres, by their names in `PART_NAMES`.
+def overlaps(pose: HandPose) -> dict[tuple[str, str], float]:
+    """Return the penetration depths, metres, of all pairs of digits, and of the palm and digits.
 
-    It is the distance to move one out of the other; negative, the gap between them.
+    By their names in `PART_NAMES`. A depth is the distance to move one out of the other; negative,
+    the gap between them. Anatomically joined parts do not count: the roots of neighbouring fingers,
+    where the webs are, and the first phalanges with the palm.
     """
-
-    parts: tuple[str, str]
-    depth_m: float
-
-
-def overlaps(pose: HandPose, shape: HandShape = AVERAGE) -> tuple[Overlap, ...]:
-    """Return the overlap of every pair of digits, and of each digit and the palm, deepest first.
-
-    Anatomically joined parts do not count: the roots of neighbouring fingers, where the webs are,
-    and the first phalanges with the palm.
-    """
-    flesh, names = grown_flesh(posed_skeleton(pose, shape)), PART_NAMES[1:]
+    flesh, names = grown_flesh(posed_skeleton(pose)), PART_NAMES[1:]
     # Of each digit: at the web, beyond the first phalanx, beyond the web, and all.
     webs = [_spheres(root[:1], 0.0, _WEB) for root in flesh.roots]
     ends = [_spheres(end) for end in flesh.ends]
@@ -226,25 +221,18 @@ def overlaps(pose: HandPose, shape: HandShape = AVERAGE) -> tuple[Overlap, ...]:
     rests = [np.concatenate(both) for both in zip(roots, ends, strict=True)]
     wholes = [np.concatenate(both) for both in zip(webs, rests, strict=True)]
     palm = _spheres(flesh.palm)
-    found = []
+    depths_m = {("palm", name): _depth_m(palm, end) for name, end in zip(names, ends, strict=True)}
     for i, j in combinations(range(len(names)), 2):
         at_web = _depth_m(webs[i], (wholes if j > i + 1 else rests)[j])
-        depth_m = max(at_web, _depth_m(rests[i], wholes[j]))
-        found.append(Overlap((names[i], names[j]), depth_m))
-    found += [
-        Overlap(("palm", name), _depth_m(palm, end)) for name, end in zip(names, ends, strict=True)
-    ]
-    return tuple(sorted(found, key=lambda overlap: -overlap.depth_m))
+        depths_m[names[i], names[j]] = max(at_web, _depth_m(rests[i], wholes[j]))
+    return depths_m
 
 
-def _spheres(cones: tuple[Cone, ...], begin: float = 0.0, end: float = 1.0) -> np.ndarray:
+def _spheres(cones: np.ndarray, begin: float = 0.0, end: float = 1.0) -> np.ndarray:
     """Return centres and radii (N, 4) of spheres along a part of each cone."""
     along = (begin + (end - begin) * _SPHERES)[:, None]
-    ends = (
-        (np.array([*c.begin_m, c.begin_radius_m]), np.array([*c.end_m, c.end_radius_m]))
-        for c in cones
-    )
-    return np.concatenate([first + along * (last - first) for first, last in ends])
+    first, last = cones[:, :1], cones[:, 1:]
+    return (first + along * (last - first)).reshape(-1, 4)
 
 
 def _depth_m(one: np.ndarray, other: np.ndarray) -> float:

@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from clradar.model import checks
+from clradar.model.record import Record
 
 # Beyond these the bones no longer fit into the flesh.
 LENGTH_LIMITS_M = (0.12, 0.26)
@@ -19,7 +20,7 @@ N_DIGITS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class HandShape:
+class HandShape(Record):
     """A hand's size and proportions; the defaults are an average adult's.
 
     Parameters
@@ -49,13 +50,11 @@ class HandShape:
 
     def __post_init__(self) -> None:
         for name, limits in (("length_m", LENGTH_LIMITS_M), ("breadth_m", BREADTH_LIMITS_M)):
-            object.__setattr__(self, name, _within(name, getattr(self, name), limits, " m"))
-        lengths = checks.read_only(
-            "HandShape.finger_lengths", self.finger_lengths, np.float64, (N_DIGITS,)
-        )
+            self._set(**{name: _within(name, getattr(self, name), limits, " m")})
+        given = self.finger_lengths
+        lengths = checks.read_only("HandShape.finger_lengths", given, np.float64, (N_DIGITS,))
         factors = tuple(_within("finger_lengths", f, FACTOR_LIMITS, "") for f in lengths.tolist())
-        object.__setattr__(self, "finger_lengths", factors)
-        object.__setattr__(self, "girth", _within("girth", self.girth, FACTOR_LIMITS, ""))
+        self._set(finger_lengths=factors, girth=_within("girth", self.girth, FACTOR_LIMITS, ""))
 
 
 def _within(name: str, value: object, limits: tuple[float, float], unit: str) -> float:

@@ -15,6 +15,7 @@ from their creases, as the means that Chatzioglou, Pinar and Govsa measured (Ana
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,17 +100,8 @@ class Skeleton:
         return begin_m + along * (end_m - begin_m) + self.frames[at] @ offset_m
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Proportions:
-    """Factors to the average hand: of places in the palm (3,), of bones' lengths, and of flesh."""
-
-    palm: np.ndarray
-    digits: dict[str, float]
-    thickness: float
-
-
-def proportions(shape: HandShape) -> Proportions:
-    """Return the scale factors for a hand's length, breadth, finger lengths and girth.
+def _proportions(shape: HandShape) -> tuple[np.ndarray, dict[str, float], float]:
+    """Return factors to the average hand: of places in the palm (3,), of bones, and of flesh.
 
     Fingers are relative to the hand: palm and fingers are scaled until the middle finger ends at
     the hand's length. Knuckles allow for the flesh beside them, so that the breadth always holds.
@@ -121,11 +113,8 @@ def proportions(shape: HandShape) -> Proportions:
     knuckles_mm = shape.breadth_m / MILLIMETRE_M - thickness * beside_mm
     across_mm = float(np.sqrt(knuckles_mm**2 - (scale * _KNUCKLES_MM[1]) ** 2))
     digits = zip(("thumb", *FINGERS), shape.finger_lengths, strict=True)
-    return Proportions(
-        np.array([across_mm / _KNUCKLES_MM[0], scale, thickness]),
-        {name: scale * factor for name, factor in digits},
-        thickness,
-    )
+    palm = np.array([across_mm / _KNUCKLES_MM[0], scale, thickness])
+    return palm, {name: scale * factor for name, factor in digits}, thickness
 
 
 def _axis_rotation(axis: int, angle_rad: float) -> np.ndarray:
@@ -190,17 +179,25 @@ def turning_axes(pose: HandPose, joint: str) -> np.ndarray:
 _Chain = tuple[list[np.ndarray], list[np.ndarray]]
 
 
-def _chain(base_m: np.ndarray, frames: list[np.ndarray], lengths_m: np.ndarray) -> _Chain:
-    """Return the joints that begin and end bones of these frames, and a frame for each joint."""
-    joints_m = [base_m]
-    for frame, length_m in zip(frames, lengths_m, strict=True):
+def _chain(
+    pose: HandPose, base_m: np.ndarray, frame: np.ndarray, bones: Sequence[str],
+    lengths_mm: Sequence[float], scale: float,
+) -> _Chain:  # fmt: skip
+    """Return the joints that begin and end successive bones, and a frame for each joint.
+
+    `frame` is that of all bones if their angles are 0.
+    """
+    joints_m, frames = [base_m], []
+    for bone, length_m in zip(bones, np.array(lengths_mm) * scale * MILLIMETRE_M, strict=True):
+        frame = frame @ _turn(pose, bone)
+        frames.append(frame)
         joints_m.append(joints_m[-1] + frame[:, 1] * length_m)
-    return joints_m, [*frames, frames[-1]]
+    return joints_m, [*frames, frame]
 
 
-def _finger(finger: str, pose: HandPose, size: Proportions) -> _Chain:
+def _finger(pose: HandPose, finger: str, palm: np.ndarray, scale: float) -> _Chain:
     metacarpal, *bones = (f"{finger}-finger-{bone}" for bone in FINGER_BONES[:-1])
-    base_m, head_m = np.array(_METACARPALS_MM[finger]) * size.palm * MILLIMETRE_M
+    base_m, head_m = np.array(_METACARPALS_MM[finger]) * palm * MILLIMETRE_M
     palm_frame = _frame_along(head_m - base_m)
     roll = _axis_rotation(1, np.deg2rad(_FINGER_ROLL_DEG[finger]))
     if metacarpal in pose.joints:
@@ -208,23 +205,8 @@ def _finger(finger: str, pose: HandPose, size: Proportions) -> _Chain:
         # The finger rotates with the metacarpal.
         turn = frame @ palm_frame.T
         head_m, palm_frame, roll = base_m + turn @ (head_m - base_m), frame, turn @ roll
-    frames = []
-    frame = roll
-    for bone in bones:
-        frame = frame @ _turn(pose, bone)
-        frames.append(frame)
-    lengths_m = np.array(PHALANGES_MM[finger]) * size.digits[finger] * MILLIMETRE_M
-    joints_m, frames = _chain(head_m, frames, lengths_m)
+    joints_m, frames = _chain(pose, head_m, roll, bones, PHALANGES_MM[finger], scale)
     return [base_m, *joints_m], [palm_frame, *frames]
-
-
-def _thumb(pose: HandPose, size: Proportions) -> _Chain:
-    base_m = np.array(_THUMB_BASE_MM) * size.palm * MILLIMETRE_M
-    frame, frames = _THUMB_REST, []
-    for bone in THUMB_BONES[:-1]:
-        frame = frame @ _turn(pose, f"thumb-{bone}")
-        frames.append(frame)
-    return _chain(base_m, frames, np.array(THUMB_MM) * size.digits["thumb"] * MILLIMETRE_M)
 
 
 def posed_skeleton(pose: str | HandPose, shape: HandShape = AVERAGE) -> Skeleton:
@@ -240,13 +222,17 @@ def posed_skeleton(pose: str | HandPose, shape: HandShape = AVERAGE) -> Skeleton
     [-5.0, 183.6, 1.0]
     """
     pose = pose if isinstance(pose, HandPose) else pose_by_name(pose)
-    size = proportions(shape)
+    palm, scales, thickness = _proportions(shape)
+    thumb_m = np.array(_THUMB_BASE_MM) * palm * MILLIMETRE_M
+    bones = [f"thumb-{bone}" for bone in THUMB_BONES[:-1]]
+    chains = [_chain(pose, thumb_m, _THUMB_REST, bones, THUMB_MM, scales["thumb"])]
+    chains += [_finger(pose, finger, palm, scales[finger]) for finger in FINGERS]
     joints_m, frames = [np.zeros(3)], [np.eye(3)]
-    for chain in (_thumb(pose, size), *(_finger(f, pose, size) for f in FINGERS)):
-        joints_m += chain[0]
-        frames += chain[1]
-    at_m, axes = np.stack(joints_m), np.stack(frames)
+    for chain_m, axes in chains:
+        joints_m += chain_m
+        frames += axes
+    at_m, turned = np.stack(joints_m), np.stack(frames)
     if "wrist" in pose.joints:
         turn = _turn(pose, "wrist")
-        at_m, axes = at_m @ turn.T, turn @ axes
-    return Skeleton(at_m, axes, size.thickness)
+        at_m, turned = at_m @ turn.T, turn @ turned
+    return Skeleton(at_m, turned, thickness)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -10,14 +12,7 @@ from clradar.arrays.figures_of_merit import ArrayFigures
 from clradar.arrays.point_spread import Clusters, clusters_of, response
 from clradar.model import Waveform
 from clradar.model.length_unit import METRES, LengthUnit, unit_for
-from clradar.plot.panels import (
-    BELOW_MAXIMUM,
-    CURVE_COLOURS,
-    TICK_PT,
-    add_bar,
-    label_axes,
-    new_figure,
-)
+from clradar.plot import drawing
 
 SIZE = (8.0, 7.2)
 LEVELS_DB, CIRCLED_DB = 40.0, -20.0
@@ -30,7 +25,8 @@ CUT_WIDTHS = 6.0
 MOST_NUMBERS = 64
 """Of clusters, in the picture."""
 
-RX_COLOUR, TX_COLOUR, PAIR_COLOUR = *CURVE_COLOURS[:2], "#555555"
+RX_COLOUR, TX_COLOUR, PAIR_COLOUR = *drawing.CURVE_COLOURS[:2], "#555555"
+CENTRED: dict[str, Any] = {"fontsize": drawing.TICK_PT, "ha": "center", "va": "center"}
 
 
 def array_figure(
@@ -42,7 +38,7 @@ def array_figure(
     the response at the middle frequency over directions, with the lobes; cuts of the response of
     the whole band along x, y and z through the focus.
     """
-    figure = new_figure(*SIZE, title or clusters_of(array)[0].name)
+    figure = drawing.new_figure(*SIZE, title or clusters_of(array)[0].name)
     axes = figure.subplots(2, 2)
     draw_elements(axes[0, 0], array)
     _virtual(axes[0, 1], array)
@@ -64,9 +60,9 @@ def draw_elements(axes: Axes, array: Clusters) -> None:
     if 1 < len(own) <= MOST_NUMBERS:
         for i, one in enumerate(own, start=1):
             middle = unit.per_m * np.concatenate([one.tx_m, one.rx_m])[:, :2].mean(axis=0)
-            axes.text(middle[0], middle[1], str(i), fontsize=TICK_PT, ha="center", va="center")
+            axes.text(middle[0], middle[1], str(i), **CENTRED)
     _equal(axes, unit, "elements" if len(own) == 1 else "elements, and the numbers of clusters")
-    axes.legend(fontsize=TICK_PT)
+    axes.legend(fontsize=drawing.TICK_PT)
 
 
 def _virtual(axes: Axes, array: Clusters) -> None:
@@ -86,7 +82,7 @@ def _unit(array: Clusters) -> LengthUnit:
 
 def _equal(axes: Axes, unit: LengthUnit, title: str) -> None:
     axes.set_aspect("equal", adjustable="datalim")
-    label_axes(axes, f"\N{LEFTWARDS ARROW} x ({unit.name})", f"y ({unit.name})", title)
+    drawing.label_axes(axes, f"\N{LEFTWARDS ARROW} x ({unit.name})", f"y ({unit.name})", title)
     axes.invert_xaxis()
 
 
@@ -100,12 +96,12 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
     if min(level.shape) == 1:  # a line of antennas
         along = 0 if level.shape[0] == 1 else 1
         axes.plot(sines[along], level_db.ravel(), color=PAIR_COLOUR, linewidth=0.8)
-        label_axes(axes, f"sine of the angle along {'xy'[along]}", "dB", title)
+        drawing.label_axes(axes, f"sine of the angle along {'xy'[along]}", "dB", title)
         for lobe, at in zip(found.lobes, places, strict=True):
             axes.plot(at[along], lobe.level_db, "v", color=TX_COLOUR, markersize=4)
         return
     mesh = axes.pcolormesh(*sines, level_db, shading="nearest", rasterized=True)
-    add_bar([axes], mesh, BELOW_MAXIMUM, "min")
+    drawing.add_bar([axes], mesh)
     beam = max((w for w in found.widths_m[:2] if np.isfinite(w)), default=np.inf)
     strong = [i for i, lobe in enumerate(found.lobes) if lobe.level_db >= CIRCLED_DB]
     taken = [np.zeros(2), *(places[i][:2] for i in strong)]
@@ -119,9 +115,9 @@ def _directions(axes: Axes, found: ArrayFigures) -> None:
         axes.plot(*places[i][:2], "o", fillstyle="none", color=colour, markersize=8)
         x, y = spots[np.linalg.norm(spots[:, None] - taken, axis=2).min(axis=1).argmax()]
         taken.append(np.array([x, y]))
-        axes.text(x, y, str(i + 1), ha="center", va="center", color="white", fontsize=TICK_PT)
+        axes.text(x, y, str(i + 1), color="white", **CENTRED)
     x_name, y_name = "\N{LEFTWARDS ARROW} sine of the angle along x", "sine of the angle along y"
-    label_axes(axes, x_name, y_name, title)
+    drawing.label_axes(axes, x_name, y_name, title)
     axes.invert_xaxis()
 
 
@@ -142,12 +138,12 @@ def _cuts(axes: Axes, array: Clusters, waveform: Waveform, found: ArrayFigures) 
         level_db[level_db <= -LEVELS_DB] = np.nan  # below the panel, not a flat line in it
         axes.plot(
             unit.per_m * offsets_m, level_db, ("-", "--", "-.")[axis],  # x and y can be the same
-            color=CURVE_COLOURS[axis], linewidth=0.9,
+            color=drawing.CURVE_COLOURS[axis], linewidth=0.9,
             label=f"{'xyz'[axis]}: {text if np.isfinite(width) else 'none'}",
         )  # fmt: skip
     axes.axhline(-3, color="#999999", linewidth=0.6, linestyle=":")
     axes.annotate("-3 dB", (0.01, -3), xycoords=("axes fraction", "data"), va="bottom",
-                  fontsize=TICK_PT, color="#666666")  # fmt: skip
+                  fontsize=drawing.TICK_PT, color="#666666")  # fmt: skip
     title = "response of the whole band; widths at -3 dB"
-    label_axes(axes, f"distance from the focus ({unit.name})", BELOW_MAXIMUM, title)
-    axes.legend(fontsize=TICK_PT)
+    drawing.label_axes(axes, f"distance from the focus ({unit.name})", drawing.BELOW_MAXIMUM, title)
+    axes.legend(fontsize=drawing.TICK_PT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +19,8 @@ from clradar.model import Capture, DepthMap, checks
 from clradar.model.length_unit import unit_for
 from clradar.model.progress import Progress
 from clradar.model.range_profile import PROFILE_PAIRS, RangeProfile, antenna_subset, range_profile
+from clradar.plot import drawing
 from clradar.plot.images import image_figure
-from clradar.plot.panels import (
-    BELOW_MAXIMUM,
-    CURVE_COLOURS,
-    LABEL_PT,
-    TICK_PT,
-    add_bar,
-    label_axes,
-    new_figure,
-)
 from clradar.plot.saving import figure_bytes
 
 SIZE_INCHES, DPI = (8.0, 3.2), 200
@@ -35,9 +28,6 @@ SHOWN_DB = 60.0
 """Of echoes below the strongest, which is the coupling between antennas where that is recorded."""
 PAIRS_DB = 30.0
 """Of levels of channels below the strongest one."""
-
-BOUNDED = ("overlap",)
-"""Names of panels whose values are from 0 to 1."""
 
 PICTURE_DPI = 120
 LEAST_STEP_S = 0.02
@@ -60,18 +50,19 @@ def capture_figure(capture: Capture, title: str | None = None) -> Figure:
         unit = unit_for(profile.path_m[-1] / 2)
         ranges = unit.per_m * profile.path_m / 2
         level_db = _level_db(profile.power)
-        panels[0].plot(ranges, level_db, color=CURVE_COLOURS[0], linewidth=0.9)
+        panels[0].plot(ranges, level_db, color=drawing.CURVE_COLOURS[0], linewidth=0.9)
         panels[0].set(xlim=(0, _reach(ranges, level_db)), ylim=(-SHOWN_DB, 2))
         x_name = f"half path length ({unit.name})"
-        label_axes(panels[0], x_name, BELOW_MAXIMUM, "Echoes, mean power of all pairs")
+        title = "Echoes, mean power of all pairs"
+        drawing.label_axes(panels[0], x_name, drawing.BELOW_MAXIMUM, title)
     power = np.asarray(np.mean(np.abs(capture.data) ** 2, axis=2, dtype=np.float64))
     drawn = panels[-1].imshow(
         _level_db(power), origin="lower", aspect="auto", vmin=-PAIRS_DB, vmax=0, cmap="viridis"
     )
     for axis in (panels[-1].xaxis, panels[-1].yaxis):
         axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    label_axes(panels[-1], "Rx", "Tx", "Level of every pair", grid=False)
-    add_bar(panels[-1:], drawn, BELOW_MAXIMUM, "min")
+    drawing.label_axes(panels[-1], "Rx", "Tx", "Level of every pair", grid=False)
+    drawing.add_bar(panels[-1:], drawn)
     return figure
 
 
@@ -114,20 +105,20 @@ def recording_figure(
         )  # fmt: skip
         y_name = f"half path length ({unit.name})"
         panels[0].set_ylim(0, _reach(places, _level_db(power).max(axis=0)))
-        label_axes(panels[0], "frame", y_name, "Echoes of every frame", grid=False)
-        add_bar(panels[:1], drawn, BELOW_MAXIMUM, "min")
+        drawing.label_axes(panels[0], "frame", y_name, "Echoes of every frame", grid=False)
+        drawing.add_bar(panels[:1], drawn)
     panels[-1].plot(
         frames, _level_db(np.array(levels)), ".-",
-        color=CURVE_COLOURS[0], linewidth=0.9, markersize=4,
+        color=drawing.CURVE_COLOURS[0], linewidth=0.9, markersize=4,
     )  # fmt: skip
-    label_axes(panels[-1], "frame", "RMS below maximum (dB)", "Level of every frame")
+    drawing.label_axes(panels[-1], "frame", "RMS below maximum (dB)", "Level of every frame")
     for panel in panels:
         panel.xaxis.get_major_locator().set_params(integer=True)
     return figure
 
 
 def _panels(title: str | None, count: int) -> tuple[Figure, list[Any]]:
-    figure = new_figure(*SIZE_INCHES, title, DPI)
+    figure = drawing.new_figure(*SIZE_INCHES, title, DPI)
     return figure, figure.subplots(1, count, squeeze=False)[0].tolist()
 
 
@@ -198,20 +189,18 @@ def curves_figure(
     time: np.ndarray, panels: Mapping[str, Mapping[str, np.ndarray]], time_name: str, title: str
 ) -> Figure:
     """Draw quantities over time, one panel below the other."""
-    figure = new_figure(8.0, 1.0 * len(panels) + 0.9, title)
+    figure = drawing.new_figure(8.0, 1.0 * len(panels) + 0.9, title)
     rows: list[Any] = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0].tolist()
     for axes, (name, curves) in zip(rows, panels.items(), strict=True):
-        for i, (label, values) in enumerate(curves.items()):
-            axes.plot(time, values, ".-", color=CURVE_COLOURS[i % len(CURVE_COLOURS)],
-                      linewidth=1.0, markersize=3.0, label=quoted(label))  # fmt: skip
-        label_axes(axes, "", name)
-        if name in BOUNDED:
+        for (label, values), colour in zip(curves.items(), cycle(drawing.CURVE_COLOURS)):
+            axes.plot(time, values, ".-", color=colour, lw=1.0, ms=3.0, label=quoted(label))
+        drawing.label_axes(axes, "", name)
+        if name == "overlap":  # from 0 to 1
             low, high = axes.get_ylim()
             axes.set_ylim(max(low, -0.02), min(high, 1.02))
         if len(curves) > 1:
-            axes.legend(
-                loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=TICK_PT, frameon=False
-            )
-    rows[-1].set_xlabel(time_name, fontsize=LABEL_PT)
+            beside: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
+            axes.legend(fontsize=drawing.TICK_PT, frameon=False, **beside)
+    rows[-1].set_xlabel(time_name, fontsize=drawing.LABEL_PT)
     figure.align_ylabels()
     return figure

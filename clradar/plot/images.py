@@ -12,35 +12,7 @@ from clradar.compare import METRIC_TABLE, Disagreement, Metrics, compare, depth_
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
-from clradar.plot.panels import (
-    CAPTION_PT,
-    DPI,
-    GAP,
-    LABELS,
-    MARGIN,
-    MULTIPLE_PANEL_WIDTH,
-    PANEL_WIDTH,
-    POINTS_PER_INCH,
-    ROW_WIDTH,
-    SINGLE_PANEL_WIDTH,
-    TICK_PT,
-    TITLE_PT,
-    Extent,
-    add_bar,
-    amplitude_bar,
-    depth_bar,
-    depth_limits_mm,
-    draw_amplitude,
-    draw_depth,
-    draw_level_difference,
-    new_panels,
-    panel_size,
-    peak_dbsm,
-    settled,
-    text_height,
-    typeset,
-    wrapped,
-)
+from clradar.plot import drawing
 from clradar.plot.views import FRONT, VIEWS, projected, rcs_image, view_of
 
 NAMES_WIDTH = 1.5
@@ -81,26 +53,27 @@ def image_figure(
     if isinstance(image, Volume) and sum(count > 1 for count in image.grid.counts) < 2:
         counts = " x ".join(map(str, image.grid.counts))
         raise CompareError(f"image: expected a plane of voxels, or more, to draw, got {counts}")
-    extent = Extent.around([shown])
+    extent = drawing.Extent.around([shown])
     level = "Radar cross section" if dbsm else "Amplitude"
     names = [f"{level}, maximum over depth", "Depth"]
     axis_m = getattr(image.grid, f"{seen.along}_m") if isinstance(image, Volume) else np.empty(0)
     if len(axis_m) == 1:
-        place = typeset(f"{extent.unit.per_m * float(axis_m[0]):g}")
+        place = drawing.typeset(f"{extent.unit.per_m * float(axis_m[0]):g}")
         names = [f"{level} at {seen.along} = {place} {extent.unit.name}"]
     elif seen is not FRONT:
         names = [f"{level}, maximum over {seen.along}", f"{seen.along} of the maximum"]
-    size = panel_size(SINGLE_PANEL_WIDTH, extent.aspect)
+    size = drawing.panel_size(drawing.SINGLE_PANEL_WIDTH, extent.aspect)
     n = len(names)
-    figure, (panels,) = new_panels(1, n, size, title, bars=n, labels=n)
+    figure, (panels,) = drawing.new_panels(1, n, size, title, bars=n, labels=n)
     frames: list[dict[str, Any]] = [{"title": name, "view": seen} for name in names]
-    top_db = peak_dbsm(shown) if dbsm else None
-    drawn = draw_amplitude(panels[0], shown, extent, top_db, **frames[0])
-    amplitude_bar(panels[:1], drawn, dbsm=dbsm)
+    top_db = drawing.peak_dbsm(shown) if dbsm else None
+    drawn = drawing.amplitude(panels[0], shown, extent, top_db, **frames[0])
+    drawing.add_bar(panels[:1], drawn, drawing.CROSS_SECTION if dbsm else drawing.BELOW_MAXIMUM)
     if n == 2:
-        depth = draw_depth(panels[1], shown, extent, depth_limits_mm([shown]), **frames[1])
-        depth_bar(panels[1:], depth, [shown], seen)
-    return settled(figure)
+        limits_mm = drawing.depth_limits_mm([shown])
+        depth = drawing.depth(panels[1], shown, extent, limits_mm, **frames[1])
+        drawing.depth_bar(panels[1:], depth, [shown], seen)
+    return drawing.settled(figure)
 
 
 def _three_views(
@@ -111,13 +84,13 @@ def _three_views(
         raise CompareError("view: expected a volume to draw from all sides, got a depth map")
     depth_map_of(image, dynamic_range_db, "image")  # whose error says what cannot be drawn
     shown = {name: projected(image, VIEWS[name], dynamic_range_db, "image") for name in VIEWS}
-    unit = Extent.around(list(shown.values())).unit
-    extents = [Extent.around([one], unit) for one in shown.values()]
+    unit = drawing.Extent.around(list(shown.values())).unit
+    extents = [drawing.Extent.around([one], unit) for one in shown.values()]
     spans = [[float(np.ptp(ends)) for ends in (extent.x, extent.y)] for extent in extents]
     widest, highest = (max(span[i] for span in spans) for i in (0, 1))
-    size = panel_size(0.8 * SINGLE_PANEL_WIDTH, highest / widest)
-    figure, (panels,) = new_panels(1, 3, size, title, labels=3)
-    top_db = max(peak_dbsm(one) for one in shown.values()) if dbsm else None
+    size = drawing.panel_size(0.8 * drawing.SINGLE_PANEL_WIDTH, highest / widest)
+    figure, (panels,) = drawing.new_panels(1, 3, size, title, labels=3)
+    top_db = max(drawing.peak_dbsm(one) for one in shown.values()) if dbsm else None
     for panel, (name, one), extent in zip(panels, shown.items(), extents, strict=True):
         # One scale in all: the limits of the smaller ones are widened around their middle.
         x, y = (
@@ -125,9 +98,9 @@ def _three_views(
             for ends, whole in ((extent.x, widest), (extent.y, highest))
         )
         frame = {"title": f"maximum over {VIEWS[name].along}", "view": VIEWS[name]}
-        drawn = draw_amplitude(panel, one, Extent(x, y, unit), top_db, **frame)
-    amplitude_bar(panels, drawn, dbsm=dbsm)
-    return settled(figure)
+        drawn = drawing.amplitude(panel, one, drawing.Extent(x, y, unit), top_db, **frame)
+    drawing.add_bar(panels, drawn, drawing.CROSS_SECTION if dbsm else drawing.BELOW_MAXIMUM)
+    return drawing.settled(figure)
 
 
 def panels_figure(
@@ -153,22 +126,21 @@ def panels_figure(
     if not any(one for row in shown for one in row):
         raise CompareError("panels_figure: expected at least one image that is not zero, got none")
     rows, columns = len(panels), max(map(len, panels))
-    width = max(ROW_WIDTH / columns - LABELS, PANEL_WIDTH)
-    titles = [[wrapped(label, width + LABELS / 2, TICK_PT) for label, _ in row] for row in panels]
-    size = (width, width)
-    figure, drawn_in = new_panels(rows, columns, size, title, labels=columns, dpi=DPI / 2)
+    width = max(drawing.ROW_WIDTH / columns - drawing.LABELS, drawing.PANEL_WIDTH)
+    size, dpi = (width, width), drawing.DPI / 2
+    figure, drawn_in = drawing.new_panels(rows, columns, size, title, labels=columns, dpi=dpi)
     drawn: Any = None
-    for lines, ones, all_axes in zip(titles, shown, drawn_in, strict=True):
-        for axes, name, one in zip(all_axes, lines, ones, strict=False):
+    for row, ones, all_axes in zip(panels, shown, drawn_in, strict=True):
+        for axes, (label, _), one in zip(all_axes, row, ones, strict=False):
             if one is None:
                 axes.set(xticks=[], yticks=[], box_aspect=1.0, anchor="S")
             else:
-                drawn = draw_amplitude(axes, one, Extent.around([one]))
-            axes.set_title("\n".join(name), fontsize=TICK_PT, pad=3, parse_math=False)
+                drawn = drawing.amplitude(axes, one, drawing.Extent.around([one]))
+            drawing.title_panel(axes, label, width + drawing.LABELS / 2, drawing.TICK_PT)
         for axes in all_axes[len(ones) :]:
             axes.remove()
-    amplitude_bar(list(figure.axes), drawn)
-    return settled(figure)
+    drawing.add_bar(list(figure.axes), drawn)
+    return drawing.settled(figure)
 
 
 def comparison_figure(
@@ -204,32 +176,31 @@ def comparison_figure(
         for one in (shown[1:] if differences else ())
     ]
     labels = [measured_label, *(label for label, _ in simulated)]
-    extent, columns = Extent.around(shown), len(labels)
-    size = panel_size(min(ROW_WIDTH / columns - GAP, MULTIPLE_PANEL_WIDTH), extent.aspect)
-    titles = [wrapped(label, size[0], TITLE_PT) for label in labels]
+    extent, columns = drawing.Extent.around(shown), len(labels)
+    width = min(drawing.ROW_WIDTH / columns - drawing.GAP, drawing.MULTIPLE_PANEL_WIDTH)
+    size = drawing.panel_size(width, extent.aspect)
     notes = []
     if metrics or unmatched:
         text = f"{NOTE} {_unmatched_note(unmatched)}"
-        notes = wrapped(text, columns * size[0] + 1.0, CAPTION_PT, most=12)
+        notes = drawing.wrapped(text, columns * size[0] + 1.0, drawing.CAPTION_PT, most=12)
     lines = (len(METRIC_TABLE) if metrics else 0) + len(notes)
-    figure, panels = new_panels(3 if unmatched else 2, columns, size)
-    limits_mm = depth_limits_mm(shown)
+    figure, panels = drawing.new_panels(3 if unmatched else 2, columns, size)
+    limits_mm = drawing.depth_limits_mm(shown)
     for i, image in enumerate(shown):
         frame: dict[str, Any] = {"y_labels": i == 0, "margin": 0.1}
-        amplitude = draw_amplitude(panels[0][i], image, extent, x_labels=False, **frame)
+        amplitude = drawing.amplitude(panels[0][i], image, extent, x_labels=False, **frame)
         frame["x_labels"] = not (unmatched and i)
-        depth = draw_depth(panels[1][i], image, extent, limits_mm, **frame)
-        title = "\n".join(titles[i])
-        panels[0][i].set_title(title, fontsize=TITLE_PT, pad=4, parse_math=False)
+        depth = drawing.depth(panels[1][i], image, extent, limits_mm, **frame)
+        drawing.title_panel(panels[0][i], labels[i], size[0], drawing.TITLE_PT)
     if unmatched:
         panels[2].pop(0).remove()
         for axes, one in zip(panels[2], unmatched, strict=True):
-            difference = draw_level_difference(axes, one, extent, y_labels=False, margin=0.1)
-    amplitude_bar(panels[0], amplitude)
-    depth_bar(panels[1], depth, shown)
+            difference = drawing.level_difference(axes, one, extent, y_labels=False, margin=0.1)
+    drawing.add_bar(panels[0], amplitude)
+    drawing.depth_bar(panels[1], depth, shown)
     if unmatched:
-        add_bar(panels[2], difference, UNMATCHED)
-    settled(figure, text_height(lines, CAPTION_PT) + (MARGIN if lines else 0.0))
+        drawing.add_bar(panels[2], difference, UNMATCHED, "both")
+    drawing.settled(figure, drawing.text_height(lines) + drawing.MARGIN * bool(lines))
     _write_caption(figure, metrics, notes)
     return figure
 
@@ -253,20 +224,20 @@ def _write_caption(figure: Figure, metrics: Sequence[Metrics], notes: Sequence[s
     """Write the metrics below the columns that they belong to, and notes below them."""
     boxes = [axes.get_position() for axes in figure.axes[: len(metrics) + 1]]
     table = METRIC_TABLE if metrics else ()
-    total = text_height(len(table) + len(notes), CAPTION_PT)
+    lines = len(table) + len(notes)
 
     def write(x: float, row: int, text: str, ha: str) -> None:
         # Line by line: those of one text are not evenly spaced, and would not align.
-        top = total - text_height(row, CAPTION_PT) - CAPTION_PT / POINTS_PER_INCH
+        top = drawing.text_height(lines - row - 1 / drawing.LINE_SPACING)
         figure.text(
             x, top / figure.get_figheight(), text,
-            fontsize=CAPTION_PT, ha=ha, va="baseline", parse_math=False,
+            fontsize=drawing.CAPTION_PT, ha=ha, va="baseline", parse_math=False,
         )  # fmt: skip
 
     for row, one in enumerate(table):
         write(max(boxes[0].x1, NAMES_WIDTH / figure.get_figwidth()), row, one.name, "right")
         for box, values in zip(boxes[1:], metrics, strict=True):
-            write((box.x0 + box.x1) / 2, row, typeset(one.text(values)), "center")
+            write((box.x0 + box.x1) / 2, row, drawing.typeset(one.text(values)), "center")
     for row, line in enumerate(notes, len(table)):
         write(0.01, row, line, "left")
 

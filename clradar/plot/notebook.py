@@ -17,8 +17,8 @@ from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, VoxelG
 from clradar.model.length_unit import unit_for
 from clradar.plot.array import draw_elements
 from clradar.plot.captures import capture_figure
+from clradar.plot.drawing import DEPTH_SCALE, SINGLE_PANEL_WIDTH, add_bar, label_axes, new_figure
 from clradar.plot.images import image_figure
-from clradar.plot.panels import DEPTH_SCALE, SINGLE_PANEL_WIDTH, add_bar, label_axes, new_figure
 from clradar.plot.saving import figure_bytes
 
 PICTURE_DPI = 110

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import cast
+from dataclasses import replace
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -18,8 +18,7 @@ paper's z it is 2 / 5; a projection along an axis that is not thin is at least a
 wide."""
 
 
-@dataclass(frozen=True, slots=True)
-class View:
+class View(NamedTuple):
     """The axes drawn to the left and upwards, and the axis of the projection."""
 
     horizontal: str
@@ -96,7 +95,7 @@ def projected(
     """
     if view is FRONT or not isinstance(image, Volume):
         return depth_map_of(image, dynamic_range_db, label)
-    axes = ["xyz".index(name) for name in (view.horizontal, view.vertical, view.along)]
+    axes = ["xyz".index(name) for name in view]
     grid = image.grid
     counts = cast("tuple[int, int, int]", tuple(grid.counts[axis] for axis in axes))
     turned = VoxelGrid(grid.origin_m[axes], grid.spacing_m[axes], counts)

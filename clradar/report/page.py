@@ -17,8 +17,8 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
 from clradar.plot import comparison_figure, image_figure
+from clradar.plot.drawing import AMPLITUDE_SCALE, DEPTH_SCALE, colours_of
 from clradar.plot.images import NOTE
-from clradar.plot.panels import AMPLITUDE_SCALE, DEPTH_SCALE, colours_of
 from clradar.plot.saving import figure_bytes
 from clradar.plot.views import FRONT, rcs_image, view_of
 from clradar.report.tables import escaped, image_facts, metrics_section, script_json, settings_table

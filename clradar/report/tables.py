@@ -16,7 +16,7 @@ from clradar.compare.metrics import METRIC_TABLE, Metric
 from clradar.errors import quoted
 from clradar.model import DepthMap, Volume
 from clradar.model.length_unit import METRES, unit_for
-from clradar.plot.panels import typeset
+from clradar.plot.drawing import typeset
 
 MAX_ROWS = 200
 """Rows of one record of settings; the page states how many are omitted."""

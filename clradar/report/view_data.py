@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from clradar.compare import clipped_db
 from clradar.model import DepthMap, Volume
-from clradar.plot.panels import Extent, depth_limits_mm
+from clradar.plot.drawing import Extent, depth_limits_mm
 
 MAX_POINTS = 60_000
 """Points of one page over all its clouds: 17 bytes each, so 1 MB."""

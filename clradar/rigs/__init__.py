@@ -5,7 +5,7 @@ the surface; see ``docs/rigs.md``.
 """
 
 from clradar.rigs.anatomy import UNITS_M
-from clradar.rigs.mano import rotations_of_theta, theta_of_components, theta_of_rotations
+from clradar.rigs.mano import rotations_of_theta, theta_of_rotations
 from clradar.rigs.reading import read_rig
 from clradar.rigs.rig import Rig
 
@@ -14,7 +14,6 @@ __all__ = [
     "Rig",
     "read_rig",
     "rotations_of_theta",
-    "theta_of_components",
     "theta_of_rotations",
 ]
 

@@ -12,9 +12,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from clradar.errors import ModelError, RigError
 from clradar.hand import HandPose, pose_by_name, posed_skeleton
 from clradar.hand.joints import CHAINS, FINGERS, JOINT_INDEX, JOINT_NAMES
+from clradar.model import checks
 
 WRIST = JOINT_INDEX["wrist"]
 
@@ -52,9 +52,8 @@ def parents_of(known: np.ndarray) -> np.ndarray:
     return parents
 
 
-def check_joints(label: str, joints: np.ndarray) -> None:
-    """Raise `RigError` unless joints (25, 3), in any unit, NaN where there is none, are those of a
-    hand.
+def check_joints(joints: np.ndarray) -> None:
+    """Raise `ModelError` unless joints (25, 3), in any unit, NaN where there is none, are a hand's.
 
     Bones have a length, and the knuckles are side by side in the order of the fingers.
     """
@@ -65,17 +64,15 @@ def check_joints(label: str, joints: np.ndarray) -> None:
             continue
         if not np.linalg.norm(joints[joint] - joints[parent]) > 1e-6 * reach(joints):
             got = f"'{JOINT_NAMES[joint]}' and '{JOINT_NAMES[parent]}' at the same place"
-            raise RigError(f"{label}: expected joints apart from each other, got {got}")
+            checks.fail("joints", "bones with a length", got)
     index, middle, _, pinky = knuckles = joints[[chain[1] for chain in CHAINS[1:]]]
     normal = np.cross(pinky - index, middle - joints[WRIST])
     if not np.linalg.norm(normal) > 1e-2 * reach(joints) ** 2:
-        raise RigError(f"{label}: expected knuckles side by side, got all in line with the wrist")
+        checks.fail("knuckles", "knuckles side by side", "all in line with the wrist")
     order = np.argsort(knuckles @ _axes(joints)[:, 0]).tolist()
     if order != sorted(order):
         got = f"{', '.join(FINGERS[i] for i in order)}: are the joints named correctly?"
-        raise RigError(
-            f"{label}: expected the knuckles in the order {', '.join(FINGERS)}, got {got}"
-        )
+        checks.fail("knuckles", f"the order {', '.join(FINGERS)}", got)
 
 
 def reach(joints: np.ndarray) -> float:
@@ -87,36 +84,32 @@ def reach(joints: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
 
 
-def check_unit(label: str, joints: np.ndarray, unit_m: float) -> None:
-    """Raise `RigError` unless a unit of so many metres gives a hand's size."""
+def check_unit(joints: np.ndarray, unit_m: float) -> None:
+    """Raise `ModelError` unless a unit of so many metres gives a hand's size."""
     length, (low, high) = reach(joints), REACH_M
     if not low <= length * unit_m <= high:
         fitting = [name for name, m in UNITS_M.items() if low <= length * m <= high]
         hint = f"did you mean {' or '.join(fitting)}?" if fitting else "another one"
-        raise RigError(
-            f"{label}: expected {1e3 * low:g} to {1e3 * high:g} mm from wrist to the last joint of "
-            f"the middle finger, got {1e3 * length * unit_m:.4g} mm with a unit of {unit_m:g} m; "
-            f"{hint} (--rig-unit)"
+        checks.fail(
+            "unit",
+            f"{1e3 * low:g} to {1e3 * high:g} mm from wrist to the last joint of the middle finger",
+            f"{1e3 * length * unit_m:.4g} mm with a unit of {unit_m:g} m; {hint} (--rig-unit)",
         )
 
 
-def check_side(label: str, joints: np.ndarray, side: str | None) -> str:
-    """Return a side that is given or named, right if not, or raise `RigError` if it is the other.
+def check_side(joints: np.ndarray, side: str | None) -> str:
+    """Return a side that is given or named, right if not; raise `ModelError` if it is the other.
 
     A flat hand with the thumb in its plane shows none: there it has to be given or named.
     """
     estimated = side_of(joints)
     if side is None and estimated is None:
-        raise RigError(
-            f"{label}: expected a hand whose joints or names tell left from right, or --rig-hand, "
-            "got a flat one with its thumb in the plane of the palm"
-        )
+        expected = "joints or names that tell left from right, or --rig-hand"
+        checks.fail("hand", expected, "a flat one with its thumb in the plane of the palm")
     side = side or "right"
     if estimated not in (None, side):
-        raise RigError(
-            f"{label}: expected a {side} hand, got a {estimated} one by the position of its thumb "
-            f"and the bend of its fingers; --rig-hand {estimated}?"
-        )
+        by = "by the position of its thumb and the bend of its fingers"
+        checks.fail("hand", f"a {side} hand", f"a {estimated} one {by}; --rig-hand {estimated}?")
     return side
 
 
@@ -249,5 +242,5 @@ def reference_hand() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _unit(vector: np.ndarray) -> np.ndarray:
     norm = float(np.linalg.norm(vector))
     if not norm > 0.0:
-        raise ModelError("joints: expected bones with a length, got two joints at the same place")
+        checks.fail("joints", "bones with a length", "two joints at the same place")
     return vector / norm

@@ -27,10 +27,9 @@ class MappingFile(FileRecord):
 
 def nodes_of(
     mapping: str | os.PathLike[str] | Mapping[str, str | int], rig: Path
-) -> tuple[dict[str, str | int], str]:
-    """Return the node of each joint of a mapping or of its file, and how messages call it."""
+) -> dict[str, str | int]:
+    """Return the node of each joint of a mapping or of its file."""
     if isinstance(mapping, Mapping):
-        table = {"joints": dict(mapping)}
-        return record_of(table, MappingFile, rig, error=RigError).joints, "the mapping"
-    path, expected = Path(mapping), "a TOML file with a table [joints]: WebXR name = node"
-    return read_record(path, MappingFile, expected, error=RigError).joints, path.name
+        return record_of({"joints": dict(mapping)}, MappingFile, rig, error=RigError).joints
+    expected = "a TOML file with a table [joints]: WebXR name = node"
+    return read_record(Path(mapping), MappingFile, expected, error=RigError).joints

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from clradar.hand.joints import JOINT_INDEX, JOINT_NAMES
+from clradar.model import checks
 from clradar.rigs.anatomy import OPTIONAL
-from clradar.rigs.failures import fail
 
 REQUIRED = tuple(name for name in JOINT_NAMES if JOINT_INDEX[name] not in OPTIONAL)
 
@@ -38,7 +37,7 @@ def side_in(*names: str) -> str | None:
     return found.pop() if len(found) == 1 else None
 
 
-def hands_by_name(path: Path, names: Sequence[str], skin: set[int]) -> list[FoundJoints]:
+def hands_by_name(names: Sequence[str], skin: set[int]) -> list[FoundJoints]:
     """Return the hands whose joints have WebXR names, each hand with one prefix and suffix.
 
     Numbers, case and separators do not count: ``Index-Finger_Tip.R`` and ``b_r_index_finger_tip``
@@ -56,8 +55,8 @@ def hands_by_name(path: Path, names: Sequence[str], skin: set[int]) -> list[Foun
     if not hands:
         missing = _missing(max(groups.values(), key=len, default={}))
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        expected = "the joints of a hand by their WebXR names, or by a mapping file (--mapping)"
-        fail(path, expected, f"none called '{missing[0]}'{more}")
+        expected = "those of a hand by their WebXR names, or by a mapping file (--mapping)"
+        checks.fail("joints", expected, f"none called '{missing[0]}'{more}")
     found = []
     for group in hands:
         nodes_of, outside = {}, []
@@ -65,7 +64,7 @@ def hands_by_name(path: Path, names: Sequence[str], skin: set[int]) -> list[Foun
             node, *others = [node for node in nodes if node in skin] or nodes
             if others:
                 got = f"{_label(names, node)} and {_label(names, others[0])}"
-                fail(path, f"one joint '{JOINT_NAMES[joint]}' (--mapping can say which)", got)
+                checks.fail(JOINT_NAMES[joint], "one node (--mapping can say which)", got)
             nodes_of[joint] = node
             outside.append(_PATTERNS[joint].sub(" ", names[node], count=1))
         found.append(FoundJoints(nodes_of, side_in(*outside)))
@@ -80,29 +79,23 @@ def _label(names: Sequence[str], node: int) -> str:
     return f"'{names[node]}' (node {node})"
 
 
-def hand_by_mapping(
-    path: Path, names: Sequence[str], mapping: Mapping[str, str | int], source: str
-) -> FoundJoints:
-    """Return the joints of a mapping, called `source`, from WebXR names to nodes of the rig."""
-    nodes = {JOINT_INDEX[k]: _node(path, names, k, wanted) for k, wanted in mapping.items()}
+def hand_by_mapping(names: Sequence[str], mapping: Mapping[str, str | int]) -> FoundJoints:
+    """Return the joints of a mapping from WebXR names to nodes of the rig."""
+    nodes = {JOINT_INDEX[k]: _node(names, k, wanted) for k, wanted in mapping.items()}
     if missing := _missing(nodes):
-        fail(path, f"a node for '{missing[0]}' in {source}", "none")
-    taken: dict[int, int] = {}
-    for joint, node in nodes.items():
-        if node in taken:
-            both = f"'{JOINT_NAMES[taken[node]]}' and '{JOINT_NAMES[joint]}'"
-            fail(path, f"a node for each joint in {source}", f"{_label(names, node)} for {both}")
-        taken[node] = joint
-    return FoundJoints(nodes, side_in(*(names[node] for node in taken)))
+        checks.fail("mapping", f"a node for '{missing[0]}'", "none")
+    for node in nodes.values():
+        same = [f"'{JOINT_NAMES[joint]}'" for joint, other in nodes.items() if other == node]
+        if len(same) > 1:
+            got = f"{_label(names, node)} for {' and '.join(same)}"
+            checks.fail("mapping", "a node for each joint", got)
+    return FoundJoints(nodes, side_in(*(names[node] for node in nodes.values())))
 
 
-def _node(path: Path, names: Sequence[str], joint: str, wanted: str | int) -> int:
+def _node(names: Sequence[str], joint: str, wanted: str | int) -> int:
     """Return the node that is called so, or has that number."""
     found = [i for i, name in enumerate(names) if wanted in (i, name)]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        fail(path, f"one node called {wanted!r} for '{joint}' (give its number)", f"nodes {found}")
-    if isinstance(wanted, int):
-        fail(path, f"a node below {len(names)} for '{joint}'", wanted)
-    fail(path, f"a node called {wanted!r} for '{joint}'", "none")
+    if len(found) != 1:
+        got = f"nodes {found}: give its number" if found else f"none of {len(names)}"
+        checks.fail(f"mapping: {joint}", f"a node with the name or number {wanted!r}", got)
+    return found[0]

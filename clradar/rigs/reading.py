@@ -10,13 +10,12 @@ import numpy as np
 
 from clradar.errors import RigError, warn
 from clradar.files.confined import process
-from clradar.files.failures import regular_file_size
+from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.limits import MAX_RIG_ANSWER_BYTES
 from clradar.files.meshes.gltf_document import GLB_MAGIC
 from clradar.files.meshes.reading import confined_reader
 from clradar.model import checks
 from clradar.rigs.anatomy import UNITS_M
-from clradar.rigs.failures import fail, reading
 from clradar.rigs.mano import plain_mano
 from clradar.rigs.rig import Rig
 
@@ -74,7 +73,7 @@ def read_rig(
     elif unit is not None:
         unit = checks.positive("unit", unit)
     size = regular_file_size(file, EXPECTED, error=RigError)
-    with reading(file, EXPECTED), open(file, "rb") as opened:
+    with reading(file, EXPECTED, error=RigError), open(file, "rb") as opened:
         start = opened.read(64)
     needed = ("clradar.rigs.anatomy:reference_hand",)  # which reads the poses of the package
     reader = confined_reader(EXPECTED, size, MAX_RIG_ANSWER_BYTES, RigError, needed)
@@ -87,12 +86,12 @@ def read_rig(
     if betas is not None:
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
     if not start.startswith(GLB_MAGIC) and start.lstrip(_BLANKS)[:1] != b"{":
-        fail(file, EXPECTED, "something else")
+        fail(file, EXPECTED, "something else", error=RigError)
     from clradar.rigs.gltf import plain_gltf
     from clradar.rigs.mapping_record import nodes_of
 
-    nodes, name = (None, "") if mapping is None else nodes_of(mapping, file)
-    rig = Rig.of_plain(process.run(reader, plain_gltf, file, nodes, name, unit, handedness))
+    nodes = None if mapping is None else nodes_of(mapping, file)
+    rig = Rig.of_plain(process.run(reader, plain_gltf, file, nodes, unit, handedness))
     if rig.ignored:
         names = ", ".join(f"'{name}'" for name in rig.ignored)
         warn(f"{file}: the hand does not move these meshes, which are left out: {names}")

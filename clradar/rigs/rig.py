@@ -24,24 +24,29 @@ _PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)
 for _part, _chain in enumerate(CHAINS, start=1):
     _PART_OF_JOINT[list(_chain[1:])] = _part
 
+MANO_JOINTS: tuple[int, ...] = (
+    WRIST,
+    *(joint for digit in (1, 2, 4, 3) for joint in CHAINS[digit][1:4]),
+    *CHAINS[0][:3],
+)
+"""The 16 joints of MANO, in its order, as indices into `JOINT_NAMES`."""
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PoseBlend(Record):
     """Pose-dependent offsets of the vertices before skinning: the pose blend shapes of MANO.
 
-    `joints` are without the root, in the model's order; `directions` (n_vertices, 3, 9 n_joints),
-    metres, per element of (rotation of the joint against its parent) - identity, row by row;
-    `hands_mean` (3 n_joints,), radians, and `hands_components` (n, 3 n_joints).
+    `directions` (n_vertices, 3, 135), metres, per element of (rotation of the joint against its
+    parent) - identity, row by row, of `MANO_JOINTS` without the wrist; `hands_mean` (45,), radians,
+    and `hands_components` (n, 45).
     """
 
-    joints: tuple[int, ...]
     directions: np.ndarray
     hands_mean: np.ndarray
     hands_components: np.ndarray
 
     def __post_init__(self) -> None:
-        self._set(joints=tuple(self.joints))
-        n = 3 * len(self.joints)
+        n = 3 * (len(MANO_JOINTS) - 1)
         self._set_array("directions", np.float64, (None, 3, 3 * n), allow_empty=True)
         self._set_array("hands_mean", np.float64, (n,), allow_empty=True)
         self._set_array("hands_components", np.float64, (None, n), allow_empty=True)
@@ -96,7 +101,7 @@ class Rig(Record):
 
     def plain(self) -> dict[str, Any]:
         """The fields in plain types, of which `of_plain` makes the rig again."""
-        return asdict(self, dict_factory=_listed)
+        return {**asdict(self), "ignored": list(self.ignored)}
 
     @classmethod
     def of_plain(cls, plain: dict[str, Any]) -> Rig:
@@ -156,7 +161,7 @@ class Rig(Record):
     def _blend_offsets_m(self, rotations: np.ndarray) -> np.ndarray:
         blend = self.blend
         assert blend is not None
-        joints = list(blend.joints)
+        joints = list(MANO_JOINTS[1:])
         parents = parents_of(self.known)[joints]
         against = np.swapaxes(rotations[parents], 1, 2) @ rotations[joints]
         own = self.axes.T @ against @ self.axes - np.eye(3)
@@ -167,7 +172,3 @@ class Rig(Record):
         of_part = np.arange(len(PART_NAMES)) == _PART_OF_JOINT[:, None]
         share = self.skin.weights @ of_part.astype(np.float64)
         return np.argmax(share[self.faces].sum(axis=1), axis=1).astype(np.int32)
-
-
-def _listed(items: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {name: list(v) if isinstance(v, tuple) else v for name, v in items}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from clradar.files.failures import clean
 from clradar.hand import JOINT_NAMES
 from clradar.hand.joints import CHAINS
 from clradar.hand.skin import Skin, by_bone
+from clradar.model import checks
 from clradar.rigs.anatomy import UNITS_M, WRIST, canonical_axes, check_unit, reach, rest_frames
-from clradar.rigs.failures import fail
 from clradar.rigs.rig import PoseBlend, Rig
 
 WEIGHT_SUM = (0.9, 1.1)
@@ -50,26 +49,28 @@ class Surface:
 
     @classmethod
     def grouped(
-        cls, path: Path, what: str, faces: np.ndarray, vertex: np.ndarray, joint: np.ndarray,
+        cls, what: str, faces: np.ndarray, vertex: np.ndarray, joint: np.ndarray,
         weight: np.ndarray, points: np.ndarray,
     ) -> Surface:  # fmt: skip
         """Check and normalise weights, and sum the rows of bones of one joint.
 
         `points` (N, 3) are the positions of the vertex as the row's bone has it, not weighted.
         """
-        if not np.isfinite(weight).all() or (weight < 0).any():
-            bad = int(vertex[~(weight >= 0) | ~np.isfinite(weight)][0])
-            fail(path, f"{what}: weights from 0", f"NaN or a negative one at vertex {bad}")
+        if (weight < 0).any():
+            checks.fail(
+                f"{what}: weights", "numbers from 0", f"less at vertex {vertex[weight < 0][0]}"
+            )
         if not np.isfinite(points).all():
-            fail(path, f"{what}: a finite place for every vertex", "an overflow")
+            checks.fail(what, "a finite place for every vertex", "an overflow")
         used = np.unique(faces)
         sums = np.bincount(vertex, weight, int(used[-1]) + 1 if len(used) else 0)
         low, high = WEIGHT_SUM
         odd = used[~((sums[used] >= low) & (sums[used] <= high))]
         if len(odd):
             more = f" and others at {len(odd) - 1} more" if len(odd) > 1 else ""
-            expected = f"{what}: weights that sum to 1 (at least {low:g}, at most {high:g})"
-            fail(path, expected, f"{sums[odd[0]]:.4g} at vertex {odd[0]}{more}")
+            expected = f"a sum of 1 (at least {low:g}, at most {high:g})"
+            got = f"{sums[odd[0]]:.4g} at vertex {odd[0]}{more}"
+            checks.fail(f"{what}: weights", expected, got)
         keep = np.isin(vertex, used)
         number = np.searchsorted(used, vertex[keep])
         share = weight[keep] / sums[vertex[keep]]
@@ -80,11 +81,11 @@ class Surface:
         return cls(np.searchsorted(used, faces), vertex, joint, summed[:, 0], summed[:, 1:])
 
     @classmethod
-    def joined(cls, path: Path, pieces: Sequence[Surface]) -> Surface:
+    def joined(cls, pieces: Sequence[Surface]) -> Surface:
         """Return several surfaces as one, with vertices of the same position and weights merged."""
         offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)]).tolist()
         if offsets[-1] > MAX_FILE_VERTICES:
-            fail(path, f"at most {MAX_FILE_VERTICES} vertices", offsets[-1])
+            checks.fail("mesh", f"at most {MAX_FILE_VERTICES} vertices", offsets[-1])
         columns = [
             (p.faces + offset, p.vertex + offset, p.joint, p.weight, p.points)
             for p, offset in zip(pieces, offsets, strict=False)
@@ -130,29 +131,27 @@ def rig_of(
     Joints (25, 3), NaN where the rig has none, directions (25, 3, 3) of its own coordinates at
     each, as columns, and the surface are in the file's coordinates and unit.
     """
-    path = Path(label)
     if surface.n_vertices > MAX_VERTICES:
-        fail(path, f"at most {MAX_VERTICES} vertices", surface.n_vertices)
+        checks.fail("mesh", f"at most {MAX_VERTICES} vertices", surface.n_vertices)
     if not len(surface.faces):
-        fail(path, "faces with three corners", "none")
-    label = clean(label)
+        checks.fail("mesh", "faces with three corners", "none")
     unit_m = 1.0 if unit is None else UNITS_M[unit] if isinstance(unit, str) else unit
-    check_unit(label, joints, unit_m)
+    check_unit(joints, unit_m)
     rest = surface.rest()
     extent, size = float(np.ptp(rest, axis=0).max()), reach(joints)
     if extent > _MAX_EXTENT * size:
-        most = f"a mesh of at most {_MAX_EXTENT:g} times its length from wrist to finger"
+        most = f"at most {_MAX_EXTENT:g} times the length from wrist to finger"
         got = f"{extent / size:.3g} times: remove everything but hand and forearm"
-        fail(path, f"a hand, {most}", got)
+        checks.fail("extent of the mesh", most, got)
     skinned = (surface.joint != WRIST) & (surface.weight > 0.5)
     if skinned.any():
         at = surface.points[skinned] / surface.weight[skinned, None]
         apart = np.linalg.norm(at - joints[surface.joint[skinned]], axis=1)
         distance = float(np.median(apart)) / size
         if distance > _MAX_DISTANCE:
-            near = f"mostly lie within {_MAX_DISTANCE:g} hand lengths of their joint"
+            near = f"most within {_MAX_DISTANCE:g} hand lengths of their joint"
             got = f"{distance:.2g}: are the inverse bind matrices missing, or another skin's?"
-            fail(path, f"vertices of fingers that {near}", got)
+            checks.fail("vertices of fingers", near, got)
     axes = canonical_axes(joints, side)
     wrist = joints[WRIST]
     joints_m = (joints - wrist) @ axes.T * unit_m
@@ -164,18 +163,11 @@ def rig_of(
             flesh_m[chain[-2]] = points_m[rows].sum(axis=0) / surface.weight[rows].sum()
     frames = rest_frames(joints_m, axes @ local_axes, flesh_m)
     faces = surface.faces
-    if _volume(rest @ axes.T, faces) < 0:  # a mirror in the file, or the one to a right hand
+    # Cones from the centroid, which makes the missing cap of an open wrist count little.
+    corners = ((rest - rest.mean(axis=0)) @ axes.T)[faces]
+    if np.linalg.det(corners).sum() < 0:  # a mirror in the file, or the one to a right hand
         faces = faces[:, [0, 2, 1]]
     own_m = points_m / surface.weight[:, None] - joints_m[surface.joint]
     skin = Skin(surface.vertex, surface.joint, surface.weight, own_m)
-    own = label, side, unit_m, axes, joints_m, frames, faces.astype(np.int32), skin
+    own = clean(label), side, unit_m, axes, joints_m, frames, faces.astype(np.int32), skin
     return Rig(*own, blend, ignored)
-
-
-def _volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return six times the signed volume of the cones from the centroid to the faces.
-
-    The centroid as apex makes the missing cap of an open wrist count little.
-    """
-    corners = (vertices - vertices.mean(axis=0))[faces]
-    return float(np.einsum("ni,ni->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))

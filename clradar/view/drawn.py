@@ -9,7 +9,7 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from clradar.compare import clipped_db
 from clradar.model import DepthMap, Volume, VoxelGrid
-from clradar.plot.panels import AMPLITUDE_SCALE, DEPTH_SCALE, DIFFERENCE_SCALE
+from clradar.plot.drawing import AMPLITUDE_SCALE, DEPTH_SCALE, DIFFERENCE_SCALE
 from clradar.view.wish import Place
 
 MAX_VOXELS_DRAWN = 60_000

@@ -12,11 +12,10 @@ from clradar.backproject import METHODS, WINDOWS
 from clradar.compare import METRIC_TABLE
 from clradar.model import Capture, VoxelGrid
 from clradar.model.length_unit import unit_for
-from clradar.plot.panels import typeset
+from clradar.plot.drawing import typeset
 from clradar.view.beside import MATERIALS, Beside
 from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.playing import Player
-from clradar.view.samples import ALL, SampleFrames
 from clradar.view.scene import SceneView
 from clradar.view.session import Session, Shown, View
 from clradar.view.wish import LAYOUTS, SIDES, escaped, extents_mm, grid_mm
@@ -38,11 +37,10 @@ class Panel:
         self._scene = scene = SceneView(server, view)
         self._server, self.gui, self._source, self._beside = server, gui, source, beside
         self._shown: Shown | None = None
-        self._samples = source if isinstance(source, SampleFrames) else None
         self._acts: dict[int, Callable[[], None]] = {}
         self.state = gui.add_markdown("")
         self.pace = gui.add_markdown("", visible=source.grows)
-        self.frame = gui.add_slider("Frame" if self._samples is None else "Sample", 0, 1, 1, 0)
+        self.frame = gui.add_slider("Frame", 0, 1, 1, 0)
         self.play = gui.add_checkbox("Play", source.grows)
         self.follow_frames(wish.frame)
         self.layout = gui.add_dropdown("Layout", LAYOUTS, initial_value=wish.layout)
@@ -110,9 +108,6 @@ class Panel:
         self.key("P", "Previous frame", lambda: player.step(-1))
         with self._tabs.add_tab("Place"):
             self._add_place()
-        if self._samples is not None:
-            with self.gui.add_folder("Sample"):
-                self._add_samples(self._samples)
         if self._beside is not None:
             keys.append("B shows both, measured, simulated in turn")
             self._connect_beside(self._beside)
@@ -278,24 +273,6 @@ class Panel:
             material = gui.add_dropdown("Material", MATERIALS, initial_value=session.wish.material)
         self.on(alpha, lambda: session.change(alpha=float(alpha.value)))
         self.on(material, lambda: session.change(material=one_of(material.value, MATERIALS)))
-
-    def _add_samples(self, source: SampleFrames) -> None:
-        """Add poses and hands to go through alone."""
-        gui, session = self.gui, self._session
-        pose = gui.add_dropdown("Pose", (ALL, *source.poses), visible=len(source.poses) > 1)
-        hand = gui.add_dropdown("Hand", (ALL, "right", "left"))
-
-        def choose() -> None:
-            source.choose(pose.value, hand.value)
-            frames = source.frames()
-            self.follow_frames(session.wish.frame)
-            if not frames:
-                self.refuse("no sample has this pose and hand")
-            elif session.wish.frame not in frames:
-                session.change(frame=frames[0])
-
-        self.on(pose, choose)
-        self.on(hand, choose)
 
     def _add_channels(self, capture: Capture) -> None:
         """Add the channel data of all pairs, and of a chosen one."""

@@ -15,7 +15,7 @@ from clradar.errors import CompareError
 from clradar.model import Capture, DepthMap
 from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import hann, profile_transform
-from clradar.plot.panels import BELOW_MAXIMUM, DEPTH_MM, depth_limits_mm
+from clradar.plot.drawing import BELOW_MAXIMUM, DEPTH_MM, depth_limits_mm
 from clradar.view.drawn import SCALES, Drawn, amplitude_pixels, colours_on, nearest
 from clradar.view.wish import Place
 

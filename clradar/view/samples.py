@@ -19,8 +19,6 @@ from clradar.view.truth import Truth
 
 KEPT_SAMPLES = 8
 
-ALL = "all"
-
 LOOK_S = 1.0
 """Between two looks at a data set that is written."""
 
@@ -33,14 +31,11 @@ class SampleFrames:
         self.name = folder.name or folder.absolute().name
         self._folder = folder
         self._manifest = read_manifest(folder)
-        self._all = self._frames = tuple(self._manifest.stored)
-        if not self._all and not watch:
+        self._frames = tuple(self._manifest.stored)
+        if not self._frames and not watch:
             fail(folder, "a data set with at least one sample", "none")
         self._looked_s = time.perf_counter()
-        self._chosen = (ALL, ALL)
         self._sample = lru_cache(KEPT_SAMPLES)(self._read_sample)
-        self._pose_and_hand = lru_cache(None)(self._drawn_pose_and_hand)
-        self.poses = self._manifest.plan.pose_names
 
     def frames(self) -> tuple[int, ...]:
         return self._frames
@@ -82,33 +77,18 @@ class SampleFrames:
             _lines(read_recipe(sample.recipe)),
         )
 
-    def choose(self, pose: str = ALL, hand: str = ALL) -> None:
-        """Go through the samples of a pose and of "right" or "left" hands alone."""
-        self._chosen = (pose, hand)
-        self._frames = self._all
-        for at, wanted in enumerate(self._chosen):
-            if wanted != ALL:
-                own = (frame for frame in self._frames if self._pose_and_hand(frame)[at] == wanted)
-                self._frames = tuple(own)
-
     def look(self) -> bool:
         """Wait a second, take in what was stored since; return whether there are other samples."""
         time.sleep(LOOK_S)
-        manifest = read_manifest(self._folder)
-        self._manifest, before = manifest, self._all
-        self._all = tuple(manifest.stored)
-        if self._all != before:
+        self._manifest, before = read_manifest(self._folder), self._frames
+        self._frames = tuple(self._manifest.stored)
+        if self._frames != before:
             self.grows, self._looked_s = True, time.perf_counter()
-            self.choose(*self._chosen)
-        return self._all != before
+        return self._frames != before
 
     def came_s(self, frame: int) -> float:
         """When the last samples were found: when they were written is not known."""
         return self._looked_s
-
-    def _drawn_pose_and_hand(self, frame: int) -> tuple[str, str]:
-        drawn = SamplePlan(self._manifest.plan, frame)
-        return drawn.pose.name, drawn.plan.hands.handedness
 
     def _read_sample(self, frame: int) -> Sample:
         shard = self._folder / self._manifest.place_of(frame)

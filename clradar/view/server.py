@@ -5,10 +5,9 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-import signal
-import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any
 
@@ -96,21 +95,21 @@ def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
 
 
 def serve(view: View, port: int = 8080, say: Callable[[str], None] = print) -> None:
-    """Serve a view until SIGINT or SIGTERM, print where it is, and raise what its source raises.
+    """Serve a view until Ctrl-C, print where it is, and raise what its source raises.
 
     At first the newest frame is shown where they come, else the first.
     """
-    stop = threading.Event()
     source, frames = view.source, view.source.frames()
     first = frames[-1 if source.grows else 0] if frames else -1
     view = replace(view, wish=replace(view.wish, frame=first))
-    with signals(lambda *_: stop.set()), serving(view, port) as (served, _):
+    with suppress(KeyboardInterrupt), serving(view, port) as (served, _):
         for line in address_lines(served):
             say(line)
-        while not stop.wait(0.5):
+        while True:
             error = getattr(source, "error", None)
             if error is not None:
                 raise error
+            time.sleep(0.5)
 
 
 def show(
@@ -126,7 +125,7 @@ def show(
     port: int = 8080,
     device: Device | str | None = None,
 ) -> None:
-    """Show captures or volumes in a browser, until SIGINT or SIGTERM; print the page's address.
+    """Show captures or volumes in a browser, until Ctrl-C; print the page's address.
 
     A slider goes through a sequence, such as a recording. Any other iterable, such as a generator
     that waits for a radar, is read in a thread of its own: the newest frame is shown, those that
@@ -162,21 +161,6 @@ def show(
     else:
         source = StreamFrames(frames, title)
     serve(View(source=source, wish=wish, mesh=mesh, device=open_device(device)), port)
-
-
-@contextmanager
-def signals(handler: Callable[..., Any]) -> Iterator[None]:
-    """Let SIGINT and SIGTERM call this during the block, if it runs in the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, handler) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, restored in zip(numbers, before, strict=True):
-            signal.signal(number, restored)
 
 
 def address_lines(port: int) -> list[str]:

@@ -12,7 +12,7 @@ from quick_figures import draw_quickly, seek_nothing_else
 
 import clradar
 from clradar.arrays.array_file import array_text
-from clradar.cli.commands import demo
+from clradar.cli.commands import simulate
 from clradar.cli.comparison import figure_labels
 from clradar.cli.options.measured import RadarOptions
 from clradar.hand import hand_mesh
@@ -106,7 +106,7 @@ def test_files_and_metrics_are_those_of_the_library(tmp_path):
         patch.setattr("clradar.hand.hand_mesh", partial(hand_mesh, edge_length_m=4e-3))
         seek_nothing_else(patch)
         draw_quickly(patch)
-        demo.run_demo(small, radar, COARSE, clradar.open_device("pocl"), **RAYS)
+        simulate.run_demo(small, radar, COARSE, clradar.open_device("pocl"), **RAYS)
     images = {f"{n}_volume.h5" for n in ("measurement", *COLUMNS)}
     captures = {f"{n}.h5" for n in COLUMNS}
     rest = {"hand_f.ply", "measurement", "comparison.png", "metrics.json"}
@@ -141,7 +141,7 @@ def test_command(cli, monkeypatch, line, spacing_m, voxels):
         calls.append(given)
         (folder / str(len(calls))).touch()
 
-    monkeypatch.setattr(demo, "run_demo", run_demo)
+    monkeypatch.setattr(simulate, "run_demo", run_demo)
     assert f"{voxels} voxels" in cli.ok(line).out
     ((_, grid, _),) = calls
     assert grid.spacing_m[0] == pytest.approx(spacing_m)

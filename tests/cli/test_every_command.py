@@ -4,7 +4,6 @@ import inspect
 import os
 import re
 import sys
-from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_args
@@ -17,13 +16,12 @@ from nightly import nightly
 from systems import posix_only
 
 import clradar
-from clradar.cli.app import COMMANDS, PANELS, context_of, module_of
+from clradar.cli.app import COMMANDS, PANELS, context_of, function_of
 from clradar.cli.groups import expanded
 
 
 def parameters_of(name: str) -> dict[str, inspect.Parameter]:
-    command = expanded(import_module(module_of(name)).command)
-    return dict(inspect.signature(command).parameters)
+    return dict(inspect.signature(expanded(function_of(name))).parameters)
 
 
 def test_help_lists_the_commands_there_are(cli):
@@ -79,7 +77,7 @@ def test_every_command_with_a_device_takes_all_and_with_a_radar_any(cli, place, 
     def broken(*_: object) -> None:
         raise ValueError("the demo is made")
 
-    monkeypatch.setattr("clradar.cli.commands.demo.run_demo", broken)
+    monkeypatch.setattr("clradar.cli.commands.simulate.run_demo", broken)
     monkeypatch.setattr("clradar.cli.recordings.RecordingWork._write", lambda *_: None)
     line, reason = WITH_DEVICE[name]
     outcome = cli(f"{line} --device all")

@@ -17,11 +17,10 @@ import clradar
 from calibration import HandFit
 from calibration.hand_fit.starts import read_start
 from clradar import Coating, Material, PermittivityTable, Scene, write_materials
-from clradar.cli.commands import fit_hand as command
-from clradar.cli.commands.fit_hand import FILES
+from clradar.cli.commands import fit as command
+from clradar.cli.commands.fit import FITTED as FILES, digit_rows
 from clradar.cli.comparison import CAPTURE, VOLUME
 from clradar.cli.outputs import write
-from clradar.cli.tables import digit_rows
 from clradar.files.json_file import write_json
 from clradar.hand import HandPose, HandShape, hand_mesh, pose_by_name, read_pose, write_pose
 from clradar.model import Volume

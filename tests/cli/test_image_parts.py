@@ -9,8 +9,8 @@ from nightly import nightly
 from quick_figures import draw_quickly, seek_nothing_else
 
 import clradar
-from clradar.cli import images
-from clradar.cli.images import PartSteps
+from clradar.cli.commands import image as images
+from clradar.cli.commands.image import PartSteps
 from clradar.imaging import fast
 from clradar.jobs import Job
 from measurement_io import check_file, open_capture, open_volume, save_capture

@@ -19,10 +19,10 @@ from rig_files import RigMaker
 
 import clradar
 from clradar.arrays import read_clusters
-from clradar.cli import simulations
+from clradar.cli.commands import simulate as simulations
+from clradar.cli.commands.simulate import ClusterSteps, Item
 from clradar.cli.groups import arguments_of, paths_in
 from clradar.cli.options import MaterialOptions, PlacementOptions, SceneOptions, mesh_and_alpha
-from clradar.cli.simulations import ClusterSteps, Item
 from clradar.errors import ClradarError, ModelError
 from clradar.files.hashing import sha256_of
 from measurement_io import open_capture, open_recording, open_volume

@@ -11,10 +11,9 @@ import pytest
 
 from clradar import ClradarWarning, DepthMap, Metrics, Volume, VoxelGrid, compare
 from clradar.compare import UnmatchedObject, disagreement
-from clradar.compare.metrics import SSIM_SIGMA, SSIM_WINDOW
+from clradar.compare.metrics import OVERLAP_BLUR_M, SSIM_SIGMA, SSIM_WINDOW, overlap
 from clradar.compare.unmatched import MOST_DB, NEAR_DEPTH_M, NEAR_M, WEAKER_DB
 from clradar.errors import CompareError, ModelError
-from clradar.overlap import OVERLAP_BLUR_M, overlap
 
 # Depths and coordinates are float64 sums and products of numbers below 1: a few units in the last
 # place of 1, taken with a margin of about a hundred.

@@ -111,7 +111,7 @@ def refused(path, *texts):
     with pytest.raises(MeshError) as caught:
         Scene.from_mesh(path)
     message = str(caught.value)
-    assert message.startswith(f"{path}: expected ")
+    assert message.startswith(f"{path}: ")
     assert "\n" not in message
     for text in texts:
         assert text in message
@@ -120,7 +120,7 @@ def refused(path, *texts):
 def test_a_buffer_without_data_is_named(tmp_path):
     path = tmp_path / "mesh.gltf"
     path.write_text(json.dumps(tetrahedron(buffers=[{"byteLength": 72}])))
-    refused(path, "buffer 0 with data")
+    refused(path, "buffer 0: expected a uri")
     path.write_text(json.dumps(tetrahedron(buffers=[{"byteLength": 72, "uri": "x" * 1000}])))
     with pytest.raises(MeshError, match=r"expected buffer 0 of mesh\.gltf, got "):
         Scene.from_mesh(path)
@@ -132,7 +132,7 @@ def test_a_chain_of_nodes_is_refused_before_trimesh_walks_it(tmp_path):
         return written(tmp_path, nodes=[*nodes, {"mesh": 0}])
 
     assert Scene.from_mesh(chain(1000)).n_faces == 4
-    refused(chain(50_000), "nodes of at most 1000 levels")
+    refused(chain(50_000), "nodes: expected at most 1000 levels")
 
 
 @pytest.mark.parametrize(

@@ -242,7 +242,10 @@ FEW = {"vertices_m": np.zeros((10, 3)), "normals": None, "texture_m": None}
         (lambda: hand_mesh(handedness="both"), "handedness: expected one of 'right', 'left'"),
         (lambda: hand_mesh(center_m=(0.0, 0.0)), "center_m: expected shape"),
         (lambda: mesh_with(**FEW), r"HandMesh\.faces: expected"),
-        (lambda: mesh_with(part_names=("palm",)), r"HandMesh\.part: expected indices"),
+        (
+            lambda: mesh_with(part=6 + 0 * made("flat", COARSE_M).part),
+            r"HandMesh\.part: expected in",
+        ),
         (lambda: mesh_with(joints_m=np.zeros((24, 3))), r"HandMesh\.joints_m: expected shape"),
     ],
 )

@@ -200,9 +200,9 @@ def test_all_signs_are_there_and_described():
 
 @pytest.mark.parametrize("sign", SIGNS)
 def test_digits_of_a_sign_hardly_penetrate(sign):
-    for found in overlaps(POSES[sign]):
-        palm = "palm" in found.parts
-        assert found.depth_m < (MOST_LETTER_PALM_OVERLAP_M if palm else MOST_LETTER_OVERLAP_M)
+    for parts, depth_m in overlaps(POSES[sign]).items():
+        palm = "palm" in parts
+        assert depth_m < (MOST_LETTER_PALM_OVERLAP_M if palm else MOST_LETTER_OVERLAP_M)
 
 
 EDGES_M = (1.4e-3, 1.7e-3, COARSE_M)
@@ -248,9 +248,9 @@ def test_random_poses_follow_from_the_generator_and_are_plausible():
     poses = [random_pose(np.random.default_rng(seed)) for seed in range(36)]
     assert random_pose(np.random.default_rng(7)) == poses[7] != poses[8]
     for pose in poses:
-        for found in overlaps(pose):
-            palm = "palm" in found.parts
-            assert found.depth_m <= (MOST_PALM_OVERLAP_M if palm else MOST_OVERLAP_M)
+        for parts, depth_m in overlaps(pose).items():
+            palm = "palm" in parts
+            assert depth_m <= (MOST_PALM_OVERLAP_M if palm else MOST_OVERLAP_M)
     bent = np.array([[p.angles(PIP.format(f)).flexion_rad for f in FINGERS] for p in poses])
     together = np.corrcoef(bent.T)
     # Neighbours bend together: drawn with correlations of 0.6, of which 36 samples keep 0.17 at
@@ -267,10 +267,10 @@ def test_random_poses_follow_from_the_generator_and_are_plausible():
 def test_poses_around_a_letter_deviate_as_asked_and_penetrate_no_more_than_it():
     letter = POSES["F"]  # where nearly every draw fits, so that rejection hardly narrows them
     drawn = [pose_around(letter, np.random.default_rng(seed), 6.0) for seed in range(12)]
-    own_m = {found.parts: found.depth_m for found in overlaps(letter)}
-    for found in (found for pose in drawn for found in overlaps(pose)):
-        most_m = MOST_PALM_OVERLAP_M if "palm" in found.parts else MOST_OVERLAP_M
-        assert found.depth_m <= max(most_m, own_m[found.parts])
+    own_m = overlaps(letter)
+    for parts, depth_m in (found for pose in drawn for found in overlaps(pose).items()):
+        most_m = MOST_PALM_OVERLAP_M if "palm" in parts else MOST_OVERLAP_M
+        assert depth_m <= max(most_m, own_m[parts])
     # Of 36 draws a standard deviation is known within 12 %; four times as much.
     for name, angle, std_deg in ((MCP, 0, 6.0), (MCP, 1, 3.5)):
         joints = [name.format(f) for f in ("middle", "ring", "pinky")]

@@ -16,7 +16,7 @@ import pytest
 from systems import posix_only
 from two_devices import N, findings_of
 
-from clradar.cli.commands.devices import command
+from clradar.cli.commands.lists import devices_command
 from clradar.errors import (
     ClradarWarning,
     DeviceError,
@@ -260,7 +260,7 @@ def test_the_list_marks_all_that_would_be_used(monkeypatch, capsys):
     monkeypatch.setattr(device, "_found", lambda: there)
     monkeypatch.setattr(choice, "_failure", lambda selector: None)
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
-    command()
+    devices_command()
     out = capsys.readouterr().out
     assert out.count("*") == 2
     assert out.endswith("used: 0:0 A [platform 0], 0:1 A [platform 0]\n")

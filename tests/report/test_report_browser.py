@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from test_report import FAR_M, MEASURED, NEAR_M, RANGE_DB, SIMULATED, ball, hostile_page, page_of
 
-from clradar.plot.panels import depth_limits_mm
+from clradar.plot.drawing import depth_limits_mm
 from clradar.report import ReportImage, html_report
 
 pytestmark = pytest.mark.skipif(

@@ -310,7 +310,7 @@ def test_one_of_two_hands_in_a_file_is_chosen(tmp_path):
     document.skins[1].joints = [joint + count for joint in document.skins[0].joints]
     document.scenes[0].nodes += [count, 2 * count - 1]
     path = rewritten(document, maker, tmp_path / "both.glb")
-    with pytest.raises(RigError, match="one hand, or one of each side and --rig-hand, got 2 hands"):
+    with pytest.raises(RigError, match="one hand, or one of each side and --rig-hand, got 2"):
         read_rig(path)
     for side in ("right", "left"):
         with pytest.warns(ClradarWarning, match="'skin'$"):
@@ -359,13 +359,13 @@ def swapped(one, other):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[joints]\nwrist = 'Bone000'", "a node for 'thumb-metacarpal' in m.toml, got none"),
+        ("[joints]\nwrist = 'Bone000'", "a node for 'thumb-metacarpal', got none"),
         (mapping_text() + "\nhand = 'Bone001'", r"m.toml: joints.hand: expected .* got 'hand'"),
-        (mapping_text().replace("Bone003", "Bone999"), "a node called 'Bone999' for 'thumb-phal"),
-        (mapping_text().replace("Bone003", "Bone002"), "a node for each joint in m.toml, got 'B"),
-        (mapping_text().replace('"Bone003"', "99"), "a node below 27 for 'thumb-phalanx-distal'"),
+        (mapping_text().replace("Bone003", "Bone999"), "-distal: .* name or number 'Bone999'"),
+        (mapping_text().replace("Bone003", "Bone002"), "a node for each joint, got 'B"),
+        (mapping_text().replace('"Bone003"', "99"), "-distal: .* or number 99, got none of 27"),
         (mapping_text().replace('"Bone003"', "[1]"), "-distal: expected the name or num"),
-        (swapped("index", "middle"), "in the order index, middle, ring, pinky, got middle, index"),
+        (swapped("index", "middle"), "the order index, middle, ring, pinky, got middle, index"),
     ],
 )  # fmt: skip
 def test_wrong_mappings_are_named(tmp_path, text, message):
@@ -423,31 +423,31 @@ ATTRIBUTES = f"{PRIMITIVE}.attributes"
 NO_SKIN = "a mesh with a skin, got a mesh that no joint moves .not skinned."
 NO_TYPE = "numbers of a known type, got type VEC3 of component type 1234"
 DRACO = ["KHR_draco_mesh_compression"]
-NEAR = "vertices of fingers that mostly lie within 0.5 .* inverse bind matrices missing"
+NEAR = "vertices of fingers: expected most within 0.5 .* inverse bind matrices missing"
 MANY = "at most 67108864 numbers, with all uses of them"
 VERTICES = "at most 2000000 vertices, got 3999999"
 PUT = [  # in whose place, what, and what is said of it
-    ("nodes[0].children", lambda old: [*old, 5], "one parent of node 5, got "),
-    ("nodes[4].matrix", lambda old: [*old[:3], np.nan, *old[4:]], "matrix of node 4: 16 finite"),
-    ("accessors[1].bufferView", 77, r"bufferView of .*: a whole number in \[0, 5\), got 77"),
+    ("nodes[0].children", lambda old: [*old, 5], "child 5 of node .* one of no other node"),
+    ("nodes[4].matrix", lambda old: [*old[:3], np.nan, *old[4:]], "matrix of node 4: .* finite"),
+    ("accessors[1].bufferView", 77, r"bufferView of .*: .* in \[0, 4\], got 77"),
     ("accessors[1].componentType", 1234, NO_TYPE),
-    ("accessors[1].count", lambda old: old + 1, r"primitive 0: POSITION: \d+ elements up to byte"),
-    ("skins[0].joints", lambda old: old[:3], r"JOINTS below 3, got \d+"),
-    ("extensionsRequired", DRACO, f"no extension for its geometry, got {DRACO[0]}"),
-    ("asset.version", "1.0", "a glTF 2.0 file, got version 1.0"),
+    ("accessors[1].count", lambda old: old + 1, r"POSITION: expected \d+ elements up to byte"),
+    ("skins[0].joints", lambda old: old[:3], r"JOINTS: expected numbers .* below 3, got .\d+"),
+    ("extensionsRequired", DRACO, f"expected none for the geometry, got {DRACO[0]}"),
+    ("asset.version", "1.0", "asset: expected glTF 2.0, got version 1.0"),
     ("skins[0].inverseBindMatrices", None, NEAR),
-    (f"{PRIMITIVE}.mode", 5, "primitive 0: a plain list of triangles, got a strip or a fan"),
+    (f"{PRIMITIVE}.mode", 5, "primitive 0: .* a plain list of triangles, got a strip or a fan"),
     ("accessors[1].sparse", Sparse(count=1), "numbers of a buffer, got sparse ones"),
 ]
 NO_WEIGHTS = both(put(f"{ATTRIBUTES}.JOINTS_0", None), put(f"{ATTRIBUTES}.WEIGHTS_0", None))
 DOCUMENTS: list[tuple[Callable[[GLTF2], None], str]] = [
     *((put(place, value), message) for place, value, message in PUT),
-    (NO_WEIGHTS, "mesh 'skin', primitive 0: JOINTS_0 and WEIGHTS_0, got none"),
+    (NO_WEIGHTS, "mesh 'skin', primitive 0: JOINTS_0, WEIGHTS_0: .*got none"),
     (both(put("skins", []), put("nodes[-1].skin", None)), NO_SKIN),
-    (cycle, "nodes that form a tree, got a cycle that holds 'thumb-metacarpal' .node 2."),
+    (cycle, "nodes: expected trees, got 4 in a cycle"),
     (
         both(put("nodes[3].matrix", None), put("nodes[3].rotation", [0.0] * 4)),
-        "rotation of node 3: a quaternion, got zeros",
+        "rotation of node 3: expected a quaternion, got zeros",
     ),
     (one_place, "'index-finger-phalanx-distal' and 'index-finger-phalanx-intermediate' at the sam"),
     # Counts that no byte backs.
@@ -468,7 +468,7 @@ def test_wrong_documents_are_named(tmp_path, change, message):
     path.write_text(json.dumps(record))
     with pytest.raises(RigError, match=message) as caught:
         read_rig(path)
-    assert str(caught.value).startswith(f"{path}: expected ")
+    assert str(caught.value).startswith(f"{path}: ")
 
 
 def edited(name, value, rows=5):
@@ -485,7 +485,7 @@ def without(*names):
 
 
 HANDS = [
-    (FLAT, None, "joints or names tell left from right"),
+    (FLAT, None, "joints or names that tell left from right"),
     ({"units": 5.0}, None, r"50 to 400 mm .*, got 830?.* mm with a unit of 1 m"),
     ({"units": 1 / 25.4e-3}, None, "did you mean .*inch"),
     ({}, "mm", r"did you mean m\?"),
@@ -493,16 +493,16 @@ HANDS = [
     (
         {"called": lambda name: name.replace("pinky-finger-metacarpal", "Wrist_2")},
         None,
-        r"one joint 'wrist' .*got 'wrist' \(node 1\) and 'Wrist_2'",
+        r"wrist: expected one node .*got 'wrist' \(node 1\) and 'Wrist_2'",
     ),
 ]
 ARRAYS = [
     (edited("weights_out", [0.5, 0.2, 0.1, 0.0], slice(5, 8)), "0.8 at vertex 5 and others at"),
-    (edited("weights_out", np.nan), "NaN or a negative one at vertex 5"),
-    (edited("positions", np.nan), "mesh 'skin', primitive 0: .*finite positions"),
+    (edited("weights_out", np.nan), "WEIGHTS_0: expected finite numbers, got 4 of"),
+    (edited("positions", np.nan), "mesh 'skin', primitive 0: POSITION: expected finite numbers"),
     (edited("positions", [0.0, -1.6, 0.0]), "remove everything but hand and forearm"),
-    (edited("joints_out", 200), "mesh 'skin', primitive 0: JOINTS below 20, got 200"),
-    (edited("faces", 10**6), r"mesh 'skin', primitive 0: .*indices below \d+, got 1000000"),
+    (edited("joints_out", 200), "mesh 'skin', primitive 0: JOINTS: .* below 20, got .0, 200"),
+    (edited("faces", 10**6), r"mesh 'skin', primitive 0: indices: .* below \d+, got .0, 1000000"),
 ]
 
 
@@ -520,7 +520,7 @@ def test_cut_and_foreign_files_are_named(tmp_path):
     content = make(tmp_path).read_bytes()
     path = tmp_path / "cut.glb"
     path.write_bytes(content[:-1])
-    with pytest.raises(RigError, match=r"cut.glb: expected "):
+    with pytest.raises(RigError, match=r"cut.glb: buffer 0: .* the file is cut short"):
         read_rig(path)
     path.write_text("solid hand")
     with pytest.raises(RigError, match=r"a rigged hand: skinned glTF .*got something else"):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from clradar.hand.flesh import Cone, Flesh
+from clradar.hand.flesh import Flesh
 
 
 def cone_distance_m(points_m: np.ndarray, cone: np.ndarray) -> np.ndarray:
@@ -71,13 +71,13 @@ STEP_M = 1e-6
 """Of the central differences: rounding of distances near 0.1 m, 1e-17 m, is 1e-11 of it."""
 
 
-def rows(cones: tuple[Cone, ...]) -> np.ndarray:
-    """Return cones as the reference takes them, shape (n_cones, 8)."""
-    return np.array([[*c.begin_m, *c.end_m, c.begin_radius_m, c.end_radius_m] for c in cones])
+def rows(cones: np.ndarray) -> np.ndarray:
+    """Return cones (..., 2, 4) as the reference takes them, shape (..., 8)."""
+    return np.concatenate([cones[..., 0, :3], cones[..., 1, :3], cones[..., 3]], axis=-1)
 
 
 def digits(flesh: Flesh) -> np.ndarray:
-    return np.stack([rows(r + e) for r, e in zip(flesh.roots, flesh.ends, strict=True)])
+    return rows(np.concatenate([flesh.roots, flesh.ends], axis=1))
 
 
 def distances_m(flesh: Flesh, points_m: np.ndarray) -> np.ndarray:

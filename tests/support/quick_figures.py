@@ -34,7 +34,7 @@ class Levels:
 def lay_out_once(patch: pytest.MonkeyPatch) -> None:
     """Leave axes of figures where they are: finding better places costs as much as drawing."""
     patch.setattr(
-        "clradar.plot.images.settled",
+        "clradar.plot.drawing.settled",
         lambda figure, *_: figure.set_layout_engine("none") or figure,
     )
 

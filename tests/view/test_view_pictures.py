@@ -229,31 +229,15 @@ def test_the_truth_is_that_of_the_recipe(letters):
     assert "material: palm palm, thumb palm" in samples._lines(SamplePlan(plan, 0))[-1]
 
 
-def test_samples_are_chosen_by_pose_and_hand(letters):
-    source = SampleFrames(letters)
-    assert source.poses == ("A", "B", "F")
-    assert source.frames() == (0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11)
-    truths = {frame: source.truth(frame).lines[0] for frame in source.frames()}
-    for hand in ("right", "left"):
-        source.choose("F", hand)
-        expected = tuple(f for f, line in truths.items() if line == f"pose F, {hand} hand")
-        assert source.frames() == expected
-    assert sum("pose F" in line for line in truths.values()) >= 3
-
-
 def test_a_data_set_that_is_written_is_followed(tmp_path):
     folder = data_set(tmp_path / "growing", count=3, size=1)
     third = folder / "shards/shard-00002.h5"
     content = third.read_bytes()
     third.unlink()
     source = open_source(folder, watch=True)
-    source.choose(pose="F")
-    assert source.frames() == ()
     assert not source.look()
     third.write_bytes(content)
     assert source.look()
-    assert source.frames() == (2,)  # the third pose is the chosen one
-    source.choose()
     assert source.frames() == (0, 1, 2)
 
 

@@ -1,1 +1,1 @@
-"""The subcommands, one module each with a function `command`."""
+"""The subcommands, each a function by its name, in modules of what belongs together."""

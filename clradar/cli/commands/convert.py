@@ -1,15 +1,99 @@
-"""``clradar convert``: native captures from any recording, and a recording from captures."""
+"""Files of others: ``convert`` and ``export``."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from clradar.cli import conversions, options as opt
-from clradar.cli.outputs import check_outputs, write
+import clradar as cl
+from clradar.cli import options as opt, parse
+from clradar.cli.console import counted, print_line, print_warning, progress_bar
+from clradar.cli.inputs import ImageInput, ReadOnAccess
+from clradar.cli.outputs import (
+    check_folder,
+    check_outputs,
+    described,
+    provenance,
+    save,
+    write,
+)
+from clradar.errors import MeasurementError, ModelError
+from clradar.files.failures import fail
+from clradar.jobs.lock import made_folder
 
 
-def command(
+def write_captures(
+    source: Path, output: Path, variant: str | None, antennas: opt.AntennaOptions
+) -> None:
+    """Write `output/000000.h5`, `000000_emptyfiltered.h5` ..., one frame in memory at a time."""
+    from measurement_io import open_recording
+    from measurement_io.maroon.folders import find_radar_folder, frames
+
+    check_folder(output, resumed=True)
+    there = frames(find_radar_folder(source)) if source.is_dir() else {}
+    first = variant or next((name for name, found in there.items() if found), "raw")
+    recording = open_recording(source, variant=first, **opt.arguments_of(antennas))
+    variants = recording.variants if variant is None else (variant,)
+    views = {name: recording.with_variant(name) for name in variants}
+    files = {
+        output / f"{n:06d}{'' if name == 'raw' else f'_{name}'}.h5": partial(view.__getitem__, i)
+        for name, view in views.items()
+        for i, n in enumerate(view.frame_numbers)
+    }
+    beside, written = opt.paths_in(opt.arguments_of(antennas)), list[str]()
+    if output.is_dir():
+        check_outputs(files)
+    with made_folder(output), progress_bar("converting") as progress:
+        for done, (path, opened) in enumerate(files.items(), start=1):
+            try:
+                capture = opened()
+            except MeasurementError as error:
+                print_warning(error)
+                continue
+            own = {key: capture.meta[key] for key in ("frame", "variant")}
+            inputs = [*(opt.frame_files(capture) if source.is_dir() else [source]), *beside]
+            save(path, capture, provenance(inputs, **own), force=opt.call.force)
+            written.append(path.name)
+            del capture  # before the next one is read
+            if progress is not None:
+                progress(done, len(files))
+        if len(written) < len(files):
+            raise MeasurementError(f"{source}: {len(written)} of {len(files)} frames converted")
+    counts = ", ".join(counted(len(view), f"{name} frame") for name, view in views.items())
+    print_line(f"{output}: {counts}, {written[0]} to {written[-1]}")
+
+
+def write_recording(sources: Sequence[Path], output: Path, antennas: opt.AntennaOptions) -> None:
+    """Write `output/radar_<low>_<high>_<points>` with a frame for each capture."""
+    from measurement_io import open_capture, save_recording
+    from measurement_io.maroon.folders import BESIDE
+    from measurement_io.opening import kind_of
+
+    for path in sources:
+        if path.is_dir():
+            fail(path, "a capture, with --to maroon", "a folder")
+    check_folder(output)
+    check_folder(output, [*BESIDE, *(path.name for path in output.glob("radar_*"))], resumed=True)
+    beside, opened = opt.paths_in(opt.arguments_of(antennas)), list[Path]()
+
+    def read(path: Path) -> cl.Capture:
+        opened.append(path)
+        own = antennas if kind_of(path) == "frame" else opt.AntennaOptions()
+        return described(open_capture(path, **opt.arguments_of(own)), provenance([path, *beside]))
+
+    captures = ReadOnAccess(sources, read)
+    with progress_bar("converting") as progress:
+        try:
+            radar = save_recording(output, captures, force=opt.call.force, progress=progress)
+        except ModelError as error:
+            raise ModelError(f"{opened[-1]}: {error}") from error
+    print_line(f"{radar}: {counted(len(sources), 'frame')}")
+
+
+def convert_command(
     *,
     sources: list[Path] = opt.argument(
         "Recorded .npy frame, radar folder, or the folder that holds one; with --layout another "
@@ -41,13 +125,13 @@ def command(
     if to == "maroon":
         if frames != opt.FrameOptions():
             raise opt.wrong_usage("--frame, --variant", "expected without --to maroon")
-        conversions.write_recording(sources, output, antennas)
+        write_recording(sources, output, antennas)
         return
     source, *others = sources
     if others:
         raise opt.wrong_usage("SOURCE", f"expected one, got {len(sources)}")
     if all_frames:
-        conversions.write_captures(source, output, frames.variant, antennas)
+        write_captures(source, output, frames.variant, antennas)
         return
     check_outputs([output])
     how = {**opt.arguments_of(frames), **opt.arguments_of(antennas)}
@@ -59,3 +143,34 @@ def command(
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)
     write(output, capture, f"{shape} (tx, rx, frequency), {low:g} to {high:g} GHz")
+
+
+def export_command(
+    source: Path = opt.argument("Volume or capture, recorded .npy frame, or radar folder."),
+    *,
+    output: Path = opt.output_option(
+        "File to write; its ending decides: .vti, .ply, .mat or .npz."
+    ),
+    depth_map: bool = opt.option("Of a volume its depth map; to .ply it is that anyway.", False),
+    depth: opt.DepthMapOptions,
+    frames: opt.FrameOptions,
+) -> None:
+    """A volume goes to .vti (ParaView), its depth map to .ply (MeshLab, Blender: the amplitude as
+    grey), and either of them or a capture to .mat (MATLAB) or .npz (numpy), in metres and hertz.
+    """
+    from measurement_io import export_file
+    from measurement_io.export import FORMATS
+
+    parse.ends_in(*FORMATS)("-o", output)
+    loaded = ImageInput.open(source, frames)
+    content: Any = loaded.content
+    if depth_map and isinstance(content, cl.Capture):
+        raise opt.wrong_usage("--depth-map", f"expected a volume, got a capture: {source}")
+    if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, cl.Capture)):
+        content = content.depth_map(depth.dynamic_range_db)
+    else:
+        content = replace(content, meta={**content.meta, **provenance()})
+    export_file(output, content, force=opt.call.force)
+    kind = {cl.Capture: "capture", cl.Volume: "volume"}.get(type(content), "depth map")
+    shape = content.__array__().shape[:: 1 if kind == "capture" else -1]  # x first, as everywhere
+    print_line(f"{output}: {kind}, {' x '.join(map(str, shape))}")

@@ -1,25 +1,363 @@
-"""``clradar image``: form the image of a capture, and draw it or a saved one."""
+"""``image``: the image of captures, at once or by parts, each a capture on a piece of the grid."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from time import perf_counter
+from typing import Any, Literal
+
+import numpy as np
 
 import clradar as cl
-from clradar.cli import images, options as opt
-from clradar.cli.inputs import ImageInput, form_image, grid_for
-from clradar.cli.outputs import write
+from clradar.cli import options as opt, parse
+from clradar.cli.comparison import volume_figure
+from clradar.cli.console import print_line, print_warning, progress_bar
+from clradar.cli.inputs import ImageInput, form_image, grid_for, nothing_to_draw, title_of
+from clradar.cli.outputs import begun, provenance, write
+from clradar.errors import MeasurementError
+from clradar.files.atomic import replacing
+from clradar.imaging.fast import GridPiece, grid_pieces
+from clradar.imaging.several_captures import mean_over_pairs
+from clradar.jobs import KEY, Job, Where
+from clradar.model import ImageScale
+from clradar.model.progress import Progress
+from clradar.model.volume import plane_slabs
+
+# Names in the folder of a begun image.
+PARTS = "parts"  # images of captures on pieces of the grid; of all, once all their parts are there
+WHOLE = "volume.h5"  # before it gets its name beside the folder
+
+Part = tuple[int, int]  # numbers of a piece and of a capture
 
 
-def command(
+@dataclass(frozen=True, kw_only=True)
+class ImageFiles(opt.PictureOptions):
+    """Files of an image, one of which has to be opt.written."""
+
+    output: Path | None = opt.output_option("Volume to write (HDF5).")
+    png: Path | None = opt.written(
+        "Draw amplitude and depth: .png, .pdf or .svg.", "--png", "--figure", check=parse.figure
+    )
+    report: Path | None = opt.written(
+        "Page: figure, 3-D view, facts and settings in one .html file.", check=parse.page
+    )
+    dbsm: bool = opt.option(
+        "Draw radar cross sections in dBsm, of S-parameters.",
+        False,
+        without=opt.ITERATED,
+        kept=False,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageOptions(opt.GridOptions, opt.ImagingOptions):
+    """How an image is formed, also by iteration, and where."""
+
+    # A wider choice than that of the other commands.
+    method: Literal["fast", "range", "exact", "least-squares", "sparse"] = opt.option(  # type: ignore[assignment]
+        f"{opt.METHODS} By iteration (needs pylops): least-squares, or sparse, of few voxels.",
+        "fast",
+    )
+    iterations: int | None = opt.option(
+        "At most, of an image by iteration. [default: 30, sparse 100]",
+        min=1,
+        needs=opt.ITERATED,
+    )
+    damping_db: float | None = opt.option(
+        "Of least-squares: weight of the power. [default: none]", needs="--method=least-squares"
+    )
+    sparsity_db: float | None = opt.option(
+        "Of sparse: threshold below the maximum. [default: -30]", needs="--method=sparse"
+    )
+    everything: bool = opt.option(
+        "Without a grid: one around all echoes up to 25 dB below the strongest.",
+        False,
+        "--all-echoes",
+        without="--x-mm --y-mm --z-mm",
+    )
+    tolerance_db: float | None = opt.option(
+        "Error of fast and by iteration, RMS over RMS, -80 to -30. [default: -50]"
+    )
+    absolute: bool = opt.option("The samples are S-parameters.", False)
+
+    @property
+    def iterated(self) -> bool:
+        """Whether it is formed by iteration: by `clradar.reconstruct`."""
+        return self.method in ("least-squares", "sparse")
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Of `clradar.backproject`, or of `clradar.reconstruct`."""
+        names = ("iterations", "damping_db", "sparsity_db") if self.iterated else ("window",)
+        return {name: getattr(self, name) for name in ("method", "tolerance_db", *names)}
+
+    def check(
+        self,
+        content: cl.Capture | cl.Volume,
+        captures: list[Path],
+        files: ImageFiles,
+        others: Mapping[str, Any],
+    ) -> None:
+        """Raise where an option has no meaning for what is read."""
+        several, volume = len(captures) > 1, isinstance(content, cl.Volume)
+        if several and volume:
+            raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
+        wrong = {"--method": self.iterated, "--dbsm": files.dbsm, "--absolute": self.absolute}
+        for name in (name for name, is_wrong in wrong.items() if several and is_wrong):
+            raise opt.wrong_usage(name, "expected with a single capture, not with several")
+        if files.dbsm and not (self.absolute or content.absolute):
+            raise MeasurementError(
+                f"{captures[0]}: expected S-parameters for --dbsm, got samples on a relative "
+                "scale; --absolute says that they are S-parameters"
+            )
+        chosen = {**opt.given(self), "-o": files.output, **others}
+        for name in (name for name, value in chosen.items() if volume and value is not None):
+            raise opt.wrong_usage(name, "the input is a volume, which is an image already")
+
+
+def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
+    """A capture; wrong usage if the file is a volume."""
+    found = ImageInput.open(path, frames).content
+    if isinstance(found, cl.Volume):
+        raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {path}")
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartSteps:
+    """How a part is made, as plain values that a worker process gets."""
+
+    folder: Path
+    captures: tuple[Path, ...]
+    n_samples: tuple[int, ...]  # of each capture
+    frames: opt.FrameOptions
+    grid: cl.VoxelGrid
+    imaging: Mapping[str, Any]
+    device: cl.Device | str | None = None
+
+    @cached_property
+    def pieces(self) -> list[GridPiece]:
+        """The pieces of the grid."""
+        return grid_pieces(self.grid)
+
+    def run(self, part: Part, progress: Progress | None = None) -> None:
+        """Image a capture on a piece of the grid, and write it."""
+        piece, number = part
+        capture = capture_of(self.captures[number], self.frames)
+        image = cl.backproject(
+            capture, self.pieces[piece].grid, check_grid=False, device=self.device,
+            progress=progress, **self.imaging,
+        )  # fmt: skip
+        _write(self.file_of(part), image.data)
+
+    def file_of(self, part: Part) -> Path:
+        """Of a single capture the parts are the pieces."""
+        piece, number = part
+        if len(self.captures) == 1:
+            return self.piece_file(piece)
+        return self.folder / PARTS / f"{piece:04d}-{number:04d}.npy"
+
+    def piece_file(self, piece: int) -> Path:
+        """The file of a piece of the image."""
+        return self.folder / PARTS / f"{piece:04d}.npy"
+
+    def is_done(self, part: Part) -> bool:
+        """Whether a part is there, or its piece of the image."""
+        return self.piece_file(part[0]).is_file() or self.file_of(part).is_file()
+
+    def join(self, piece: int) -> None:
+        """Sum the parts of a piece, if all are there, and remove them: few are on disk at once."""
+        parts = [self.file_of((piece, number)) for number in range(len(self.captures))]
+        whole = self.piece_file(piece)
+        if not whole.is_file() and all(path.is_file() for path in parts):
+            grid = self.pieces[piece].grid
+            image = np.empty(grid.shape, np.complex64)
+            for slab in plane_slabs(grid):
+                read = zip((_read(path)[slab] for path in parts), self.n_samples, strict=True)
+                image[slab] = mean_over_pairs(read, image[slab].shape)
+            _write(whole, image)
+        if len(parts) > 1 and whole.is_file():
+            for path in parts:
+                path.unlink(missing_ok=True)
+
+
+def _write(path: Path, image: np.ndarray) -> None:
+    with replacing(path, force=True) as temporary, open(temporary, "xb") as file:
+        np.save(file, image)
+
+
+def _read(path: Path) -> np.ndarray:
+    found: np.ndarray = np.load(path, mmap_mode="r", allow_pickle=False)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartedImage:
+    """An image whose planes are read from its pieces: `clradar.model.volume.Planes`."""
+
+    steps: PartSteps
+    meta: Mapping[str, Any]
+    scale: ImageScale | None
+
+    @property
+    def grid(self) -> cl.VoxelGrid:
+        return self.steps.grid
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        return self.grid.shape
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, planes: slice) -> np.ndarray:
+        first, stop, _ = planes.indices(len(self))
+        out = np.empty((stop - first, *self.shape[1:]), np.complex64)
+        for i, piece in enumerate(self.steps.pieces):
+            low, high = max(first, piece.tile.z.start), min(stop, piece.tile.z.stop)
+            if low < high:
+                inner = slice(low - piece.tile.z.start, high - piece.tile.z.start)
+                found = _read(self.steps.piece_file(i))[inner]
+                out[low - first : high - first, piece.tile.y] = found
+        return out
+
+    def volume(self) -> cl.Volume:
+        """The whole image, in memory."""
+        data = self[:]
+        data.flags.writeable = False
+        return cl.Volume(data, self.grid, self.meta, self.scale)
+
+
+def image_by_parts(
+    steps: PartSteps, samples: cl.Capture, files: ImageFiles, where: Where, range_db: float
+) -> None:
+    """Write and draw an image of a large grid, or of several captures, of which one is read."""
+    from clradar.imaging.frame_imager import image_meta
+    from clradar.imaging.grid_check import warn_of_grid
+    from clradar.imaging.several_captures import KeptCaptures
+    from clradar.imaging.windows import frequency_weights
+    from measurement_io.native.records import save_planes
+
+    start_s, opened, output = perf_counter(), where.first, files.output
+    grid, how, folder = steps.grid, steps.imaging, steps.folder
+    sizes, metas, kept = list[int](), list[Any](), KeptCaptures()
+    for path in steps.captures:
+        capture = capture_of(path, steps.frames)
+        sizes.append(capture.data.size)
+        metas.append(capture.meta)
+        kept.add(capture)
+    steps, alone = replace(steps, n_samples=tuple(sizes)), len(sizes) == 1
+    weights = frequency_weights(how["window"], samples.waveform.n_freq)
+    meta = {**image_meta(device=opened, **how), "capture": samples.meta if alone else metas}
+    scale = ImageScale(samples.array, samples.waveform, weights) if samples.absolute else None
+    image = PartedImage(steps=steps, meta=meta, scale=scale if alone else None)
+    text = opt.grid_text(grid)
+    job = begun(
+        folder, "image", (KEY, PARTS, WHOLE), f"{PARTS}/*.npy", origin_m=grid.origin_m.tolist(),
+        spacing_m=grid.spacing_m.tolist(), counts=list(grid.counts), device=opened.describe(),
+    )  # fmt: skip
+    with job.held():
+        _make_parts(job, steps, where)
+        warn_of_grid(samples if alone else kept, grid, image, weights, opened)
+        whole = folder / WHOLE
+        if output is not None:
+            known = {**meta, **provenance(grid=text)}
+            save_planes(whole, image, grid, known, image.scale, force=True)
+        draw(files, image, steps.captures, range_db, grid=text)
+        job.clear([PARTS])  # killed from here on, the same command makes them again
+        if output is not None:
+            with replacing(output, force=opt.call.force) as temporary:
+                os.replace(whole, temporary)
+            took = f"{perf_counter() - start_s:.1f} s on {opened.info.label}"
+            print_line(f"{output}: {text}, {took}")
+        job.clear([KEY])
+    with suppress(OSError):  # it is gone, or holds something else
+        folder.rmdir()
+
+
+def _make_parts(job: Job, steps: PartSteps, where: Where) -> None:
+    """Make the pieces that are not there yet, each of its parts once these are."""
+    (steps.folder / PARTS).mkdir(exist_ok=True)
+    pieces = range(len(steps.pieces))
+    for piece in pieces:
+        steps.join(piece)
+    items = [(piece, number) for piece in pieces for number in range(len(steps.captures))]
+    with progress_bar("imaging") as progress:
+        for (piece, _), _ in job.each(
+            steps, items, where, done=steps.is_done, progress=progress, say=print_line, noun="part"
+        ):
+            steps.join(piece)
+
+
+def draw(
+    files: ImageFiles,
+    image: cl.Volume | PartedImage,
+    captures: Sequence[Path],
+    range_db: float,
+    **more: Any,
+) -> None:
+    """Write figure and page, as far as they were asked for."""
+    from clradar.model.volume import depth_map_of_planes
+    from clradar.plot.views import thin_view
+    from clradar.report import ReportImage, image_report
+
+    if files.png is None and files.report is None:
+        return
+    first, *others = captures
+    title = title_of(first, image.meta)
+    if others:
+        title = f"{first.name} and {len(others)} more"
+    shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": files.view, "dbsm": files.dbsm}
+    flat = (files.view or thin_view(image.grid)) == "xy" and files.slice is None
+    volume: cl.Volume | cl.DepthMap
+    if isinstance(image, cl.Volume):
+        volume = image
+    elif flat and not (files.report or files.dbsm):
+        volume = depth_map_of_planes(image, image.grid, range_db)  # without it in memory
+    else:
+        volume = image.volume()
+    if (reason := nothing_to_draw(volume)) is not None:
+        for path in (files.png, files.report):
+            if path is not None:
+                print_warning(f"{path}: not drawn, since the image is {reason}")
+        return
+    figure = partial(volume_figure, volume, title, files.slice, **shown)
+    write(files.png, figure, f"the picture, {range_db:g} dB")
+    if isinstance(volume, cl.Volume):
+        of, origin = ReportImage(title, volume, str(captures[0])), provenance(**more)
+        page = partial(image_report, of, settings=origin, **shown)
+        write(files.report, page, "the image as a page, to be opened in a browser")
+
+
+STOPPED = {
+    "noise": "what is left looks like noise",
+    "change": "it changes no more",
+    "iterations": "no more were asked for",
+}
+"""How an image by iteration ended: `clradar.reconstruct` explains the reasons."""
+
+
+def print_fit(volume: cl.Volume) -> None:
+    """Say how an image by iteration ended."""
+    left_db, count = volume.meta["residual_db"], volume.meta["iterations"]
+    left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
+    reason = STOPPED[volume.meta["stopped"]]
+    print_line(f"{volume.meta['method']}: {count} iterations, {reason}; left: {left}")
+
+
+def image_command(
     captures: list[Path] = opt.argument(
         "Native capture, recorded .npy frame, or radar folder; or a volume, to be drawn. Several "
         "captures, as those of clusters, make one image.",
     ),
     *,
-    files: images.ImageFiles,
-    imaging: images.ImageOptions,
+    files: ImageFiles,
+    imaging: ImageOptions,
     depth: opt.DepthMapOptions,
     frames: opt.FrameOptions,
     processes: opt.WorkerOptions,
@@ -38,23 +376,23 @@ def command(
     content, range_db = ImageInput.open(captures[0], frames).content, depth.dynamic_range_db
     imaging.check(content, captures, files, {**opt.given(processes), "--device": device})
     if isinstance(content, cl.Volume):
-        images.draw(files, content, captures, range_db)
+        draw(files, content, captures, range_db)
         return
     if imaging.absolute:
         content = replace(content, meta={**content.meta, "absolute": True})
     where = processes.where(device)
     grid = grid_for(content, imaging, where.first, everything=imaging.everything)
-    steps = images.PartSteps(
+    steps = PartSteps(
         folder=folder, captures=tuple(captures), n_samples=(content.data.size,), frames=frames,
         grid=grid, imaging=imaging.arguments,
     )  # fmt: skip
     if not imaging.iterated and (len(captures) > 1 or len(steps.pieces) > 1):
-        images.image_by_parts(steps, content, files, where, range_db)
+        image_by_parts(steps, content, files, where, range_db)
         return
     start_s, text = perf_counter(), opt.grid_text(grid)
     volume = form_image(content, grid, imaging, where.first)
     took = f"{perf_counter() - start_s:.1f} s on {where.first.info.label}"
     write(files.output, volume, f"{text}, {took}", grid=text)
     if imaging.iterated:
-        images.print_fit(volume)
-    images.draw(files, volume, captures, range_db, grid=text)
+        print_fit(volume)
+    draw(files, volume, captures, range_db, grid=text)

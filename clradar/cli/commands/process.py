@@ -13,7 +13,7 @@ from clradar.cli.parse import chosen_frames
 from clradar.cli.recordings import OWN_NAMES, RecordingWork
 
 
-def command(
+def process_command(
     *,
     recording: Path = opt.argument("Radar folder, or folder of captures (.h5)."),
     simulated: list[Path] | None = opt.argument(

@@ -1,20 +1,146 @@
-"""``clradar sweep``: find the alpha whose simulation is most like a measurement."""
+"""``sweep``: the alpha, or the roughness, whose simulations are most like a measurement."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 import clradar as cl
-from clradar.cli import options as opt
+from clradar.cli import options as opt, parse
 from clradar.cli.comparison import write_csv
-from clradar.cli.console import print_line, progress_bar
-from clradar.cli.inputs import measurement
+from clradar.cli.console import print_line, print_table, print_text, progress_bar
+from clradar.cli.inputs import Measurement, measurement
 from clradar.cli.outputs import begun, check_folder, write
-from clradar.cli.tables import print_sweep
+from clradar.compare import METRIC_TABLE
+from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
+from clradar.errors import CompareError, warn
 from clradar.jobs import KEY, FolderStore, open_devices
+from clradar.model import checks
 from clradar.versions import package_versions
+
+if TYPE_CHECKING:
+    from calibration import Regions, RoughnessSweep, Sweep
+    from calibration.roughness.design import Estimates
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlphaOptions:
+    """The alphas and the seeds to simulate with."""
+
+    alpha: tuple[float, ...] = opt.option(
+        f"{parse.RANGE_RULE}, or a list with commas; in [0, 1].",
+        "0:1:0.1",
+        metavar="RANGE",
+        without="--roughness-mm",
+        parse=parse.ascending("alphas", (0.0, 1.0), least=2),
+    )
+    seeds: int = opt.option(
+        "Simulations per alpha, each its own seed.",
+        3,
+        check=partial(checks.whole, low=1),
+    )
+    seed: int = opt.option("The first seed.", 0)
+
+    estimator = None
+
+    def sweep(
+        self, measured: Measurement, scene: cl.Scene, images: Mapping[str, Any], **how: Any
+    ) -> Sweep:
+        """Sweep over alpha; `images` and `how` as of `calibration.sweep`."""
+        import calibration
+
+        window = images["window"]
+        own = measured.content.meta.get("window", window)
+        if own != window and isinstance(measured.content, cl.Volume):
+            warn(
+                f"{measured.path}: was formed with the window '{own}'; simulations are with "
+                f"'{window}' (--window)"
+            )
+        return calibration.sweep(
+            measured.volume, scene, np.array(self.alpha), **measured.radar, **images, **how
+        )
+
+
+def _lengths_mm(noun: str, bounds_m: tuple[float, float]) -> Any:
+    return parse.ascending(noun, (1e3 * bounds_m[0], 1e3 * bounds_m[1]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoughnessOptions:
+    """Roughness and correlation lengths to simulate with, in place of alphas."""
+
+    roughness_mm: tuple[float, ...] | None = opt.option(
+        "In place of --alpha: RMS heights of the surface, at least three; heights times lengths "
+        "times --seeds are 30 or more; as --alpha. Try 0.1:0.6:0.1.",
+        metavar="RANGE",
+        parse=_lengths_mm("heights", PLAUSIBLE_ROUGHNESS_M),
+    )
+    correlation_mm: tuple[float, ...] = opt.option(
+        "Correlation lengths, as above; a single one is taken for known.",
+        "1.5,3,6",
+        metavar="RANGE",
+        needs="--roughness-mm",
+        parse=_lengths_mm("lengths", PLAUSIBLE_CORRELATION_M),
+    )
+    calibrated: bool = opt.option(
+        "MEASURED is in S-parameters, and its level counts.", False, needs="--roughness-mm"
+    )
+
+    estimator = opt.PHYSICAL
+
+    def sweep(
+        self, measured: Measurement, scene: cl.Scene, images: Mapping[str, Any], **how: Any
+    ) -> RoughnessSweep:
+        """Sweep over roughness and correlation length; whole `images` are not formed."""
+        import calibration
+
+        if isinstance(measured.content, cl.Volume):
+            raise CompareError(
+                f"{measured.path}: expected a capture with --roughness-mm, got a volume: roughness "
+                "is estimated from images by parts of the aperture"
+            )
+        lengths_m = (np.array(mm) / 1e3 for mm in (self.roughness_mm, self.correlation_mm))
+        return calibration.sweep_roughness(
+            measured.content, scene, *lengths_m, calibrated=self.calibrated, **how
+        )
+
+
+PARTS, FINGERS = "parts", "fingers"
+
+
+def _region_file(regions: str) -> list[Path]:
+    return [] if regions in (PARTS, FINGERS) else [Path(regions)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionOptions:
+    """Regions of the mesh that have an alpha each."""
+
+    regions: str | None = opt.option(
+        "Find an alpha for each named part, for fingers and palm, or for the regions of a file: "
+        ".npy or .json with a label per face, or .json with region: [parts].",
+        metavar="parts|fingers|FILE",
+        files=_region_file,
+    )
+
+    def read(self, scene: cl.Scene, max_bounces: int = 1) -> Regions | None:
+        """The regions of a mesh."""
+        from calibration import Regions
+
+        if self.regions is None:
+            return None
+        if max_bounces > 1:
+            text = "expected 1 with --regions: a path of two bounces belongs to no single region"
+            raise opt.wrong_usage("--max-bounces", text)
+        known = {PARTS: Regions.of_parts, FINGERS: Regions.of_fingers}
+        return known.get(self.regions, partial(Regions.read, Path(self.regions)))(scene)
+
 
 RESULT, TABLE, REGION_TABLE, FIGURE = "sweep.json", "sweep.csv", "regions.csv", "sweep.png"
 WORK = "work"
@@ -25,15 +151,15 @@ OWN_NAMES = (KEY, RESULT, TABLE, REGION_TABLE, FIGURE, WORK)
 the rest of a removal that is cut short then belongs to no sweep."""
 
 
-def command(
+def sweep_command(
     *,
     measured: Path = opt.MEASURED,
     mesh: Path = opt.argument("Mesh file."),
     output: Path = opt.output_option("New folder, or one to resume.", metavar="DIR", folder=True),
-    alphas: opt.AlphaOptions,
-    roughness: opt.RoughnessOptions,
+    alphas: AlphaOptions,
+    roughness: RoughnessOptions,
     made_of: opt.MaterialOptions,
-    regions: opt.RegionOptions,
+    regions: RegionOptions,
     place: opt.PlacementOptions,
     simulation: opt.SimulationOptions,
     radar: opt.RadarOptions,
@@ -94,3 +220,18 @@ def command(
     if not finished:
         print_sweep(result)
         print_line(f"{output}: {', '.join(RESULTS)}")
+
+
+def print_sweep(result: Estimates) -> None:
+    """Print the metrics of each alpha, if that is swept, as means over the seeds; the estimates."""
+    from calibration import Sweep
+
+    if isinstance(result, Sweep):
+        means = {one.field: result.of(one.field).mean(axis=0) for one in METRIC_TABLE}
+        rows = []
+        for i, alpha in enumerate(result.alphas):
+            at: Any = SimpleNamespace(**{name: values[i] for name, values in means.items()})
+            nearest = "nearest" if i == result.nearest else ""
+            rows.append([f"{alpha:g}", *(one.text(at) for one in METRIC_TABLE), nearest])
+        print_table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
+    print_text(result.report())

@@ -4,5 +4,3 @@ from clradar.cli.groups import *  # noqa: F403
 from clradar.cli.options.hand import *  # noqa: F403
 from clradar.cli.options.measured import *  # noqa: F403
 from clradar.cli.options.scene import *  # noqa: F403
-from clradar.cli.options.sweep import *  # noqa: F403
-from clradar.cli.options.target import *  # noqa: F403

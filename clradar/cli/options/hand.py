@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from clradar.cli import parse
-from clradar.cli.groups import argument, arguments_of, option, wrong_usage
-from clradar.cli.options.measured import SearchOptions, alpha_or_fit, own_option, rig_option
-from clradar.files.failures import fail
-from clradar.files.json_file import read_json
+from clradar.cli.groups import arguments_of, option, wrong_usage
+from clradar.cli.options.measured import SearchOptions, own_option, rig_option
 from clradar.model import checks
 
 if TYPE_CHECKING:
-    from clradar.hand import HandMesh, HandPose, HandShape
-    from clradar.opencl import Device
+    from clradar.hand import HandShape
     from clradar.rigs import Rig
 
 
@@ -144,140 +139,3 @@ class StartNames:
                 text = f"expected {start.handedness}, as in --pose, got '{hand}'"
                 raise wrong_usage("--hand", text)
         return starts
-
-
-def _angle_deg(option: str, value: float) -> float:
-    if not abs(value) <= 360.0:
-        text = f"expected an angle from -360 to 360 degrees, got {value:g}"
-        raise wrong_usage(option, text)
-    return value
-
-
-def _pose_file(pose: str) -> list[Path]:
-    """The pose file: a name without a suffix is none, even if there is one of that name."""
-    return [Path(pose)] if Path(pose).suffix else []
-
-
-@dataclass(frozen=True, kw_only=True)
-class PoseOptions:
-    """Pose and position of the hand, or the poses that it goes from and to."""
-
-    pose: str | None = argument(
-        "Name of the pose (--list shows them), or a pose file (.toml, .json). [default: F]",
-        metavar="POSE",
-        files=_pose_file,
-    )
-    center_mm: tuple[float, float, float] = option(
-        "Centre of the bounding box.", (0.0, 0.0, 300.0), metavar="X Y Z"
-    )
-    turn_deg: float = option(
-        "Turn about the vertical through the centre; positive brings +x nearer.",
-        0.0,
-        check=_angle_deg,
-    )
-    start: str | None = option(
-        "Go from this pose to that of --to: -o is a motion file (.toml) for `clradar simulate`.",
-        None,
-        "--from",
-        metavar="POSE",
-        needs="--to",
-        without="POSE --joints",
-        files=_pose_file,
-    )
-    end: str | None = option(
-        "The last pose.", None, "--to", metavar="POSE", needs="--from", files=_pose_file
-    )
-    duration_s: float = option(
-        "Time from pose to pose.", 1.0, needs="--from", check=checks.positive
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class SurfaceOptions(ShapeOptions, RigOptions):
-    """The surface: the embedded hand, or a rig in a pose of its own parameters."""
-
-    edge_mm: float | None = own_option("About the length of an edge. [default: 1.7]")
-    left: bool = own_option("A left hand.", False)
-    theta: Path | None = option(
-        "Pose of a MANO hand instead of POSE: 48 numbers, axis times angle, radians.",
-        metavar="THETA.json",
-        needs="--rig",
-        without="POSE --from",
-    )
-
-    @property
-    def handedness(self) -> str:
-        """Which hand the embedded one is."""
-        return "left" if self.left else "right"
-
-    def posed(self, pose: HandPose, center_m: Sequence[float], device: Device) -> HandMesh:
-        """The surface of the embedded hand in a pose."""
-        from clradar.hand import HandShape, hand_mesh
-
-        return hand_mesh(
-            pose, edge_length_m=(1.7 if self.edge_mm is None else self.edge_mm) / 1e3,
-            handedness=self.handedness, center_m=center_m, shape=self.shape or HandShape(),
-            device=device,
-        )  # fmt: skip
-
-    def rigged(self, pose: HandPose, name: str, center_m: Sequence[float]) -> tuple[HandMesh, str]:
-        """The rig's surface in a pose, or at a theta of MANO; and a description of both."""
-        from clradar.rigs import rotations_of_theta
-
-        rig = self.read_rig()
-        if self.theta is None:
-            mesh, shown = rig.posed(pose, center_m), f"'{name}'"
-        else:
-            rotations = rotations_of_theta(rig, read_theta(self.theta))
-            mesh, shown = rig.turned(rotations, center_m), f"theta of {self.theta}"
-        joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
-        unit = "unit m" if rig.unit_m == 1.0 else f"unit {1e3 * rig.unit_m:.6g} mm"
-        return mesh, f"{self.rig}: {rig.handedness} hand, {unit}, {joints}, {shown}"
-
-    def motion_keys(self, folder: Path) -> dict[str, Any]:
-        """The hand in a motion file in this folder, which names files as it sees them."""
-        if self.rig is not None:
-            self.read_rig()  # raises where it is none
-            own = {"rig": self.rig, "mapping": self.mapping}
-            files = {key: os.path.relpath(at, folder) for key, at in own.items() if at}
-            more = {"rig_unit": self.rig_unit, "rig_hand": self.rig_hand, "betas": self.betas}
-            return {**files, **{key: value for key, value in more.items() if value is not None}}
-        from clradar.hand import HandShape
-
-        shape = self.shape or HandShape()
-        keys = {
-            "handedness": self.handedness, "length_mm": 1e3 * shape.length_m,
-            "breadth_mm": 1e3 * shape.breadth_m, "girth": shape.girth,
-            "finger_lengths": shape.finger_lengths,
-        }  # fmt: skip
-        return keys if self.edge_mm is None else {**keys, "edge_mm": self.edge_mm}
-
-
-def read_theta(path: Path) -> list[float]:
-    """The numbers of a JSON list."""
-    expected = "a JSON list of 48 numbers"
-    values = read_json(path, expected)
-    if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
-        fail(path, expected, "something else")
-    if len(values) != 48:
-        fail(path, expected, f"{len(values)}")
-    return values
-
-
-@dataclass(frozen=True, kw_only=True)
-class HandFitOptions(HandOptions):
-    """Where the fit starts, what it fits, and how it searches."""
-
-    pose: str = option(
-        "Where the fit starts: a name (`clradar hand --list`), a pose file, the folder of an "
-        "earlier fit, several of them, or all: every letter.",
-        "all",
-        "--pose",
-        "--start",
-        metavar="POSE,...",
-        files=start_files,
-    )
-    alpha: float | str = alpha_or_fit()
-    quick: bool = option(
-        "Without the simulations that correct the bias and find alpha: less exact.", False
-    )

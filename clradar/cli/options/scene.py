@@ -13,11 +13,10 @@ import numpy as np
 import clradar as cl
 from clradar.cli import parse
 from clradar.cli.groups import argument, arguments_of, option, wrong_usage
-from clradar.cli.options.measured import SearchOptions, UnitOptions, alpha_or_fit
+from clradar.cli.options.measured import UnitOptions
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
-from clradar.model import checks
 from clradar.tracing.settings import (
     EXPECTED_SAMPLES_PER_MM2,
     RAYS_PER_SAMPLE,
@@ -225,33 +224,3 @@ class SceneOptions(PlacementOptions, MaterialOptions):
                 values[np.asarray(scene.part) == scene.part_names.index(name)] = value
             scene = scene.with_alpha(values)
         return self.on(scene)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotionOptions:
-    """Movement, and frames of it."""
-
-    motion: Path | None = option(
-        "How meshes and hands move, and when each sample is recorded (docs/movement.md).",
-        metavar="MOTION.toml",
-    )
-    frames: int | None = option(
-        "Make a recording of so many frames.", needs="--motion", min=1, max=10_000
-    )
-    rate_hz: float = option(
-        "Frames per second, from time 0 on.", 8.0, needs="--motion", check=checks.positive
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class RegistrationOptions(UnitOptions, SamplingOptions, SearchOptions):
-    """Search and simulations of a registration."""
-
-    estimator: Estimator | None = option(
-        f"{ESTIMATORS} [default: stochastic, or physical with --material]"
-    )
-    alpha: float | str = alpha_or_fit()
-    seed: int = option("Of the first round; counts up from there.", 0)
-    max_rounds: int = option(
-        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10
-    )

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from clradar.errors import ClradarError, MeshError
+from clradar.errors import ClradarError, MeshError, ModelError
 from clradar.files import limits
 from clradar.files.failures import clean, fail, read_bytes, reading
 from clradar.files.json_text import parse_object
@@ -29,16 +29,13 @@ _FAN = 6
 _URI = re.compile(rb'"uri"\s*:\s*("(?!data:)(?:[^"\\]|\\.)+")')
 
 
-def check_document(
-    path: Path, version: object, extensions: object, error: type[ClradarError]
-) -> None:
-    """Raise `error` unless it is glTF of version 2 that needs no extension for its geometry."""
+def check_document(version: object, extensions: object) -> None:
+    """Raise `ModelError` unless it is glTF 2 that needs no extension for its geometry."""
     if not str(version).startswith("2."):
-        fail(path, EXPECTED, f"version {clean(version)}", error=error)
+        raise ModelError(f"asset: expected glTF 2.0, got version {version}")
     for name in extensions if isinstance(extensions, list) else []:
         if not str(name).startswith(_HARMLESS):
-            wanted = "a glTF file that needs no extension for its geometry"
-            fail(path, wanted, clean(name), error=error)
+            raise ModelError(f"extensionsRequired: expected none for the geometry, got {name}")
 
 
 def bytes_beside(path: Path, what: str, name: str, most: int, error: type[ClradarError]) -> bytes:
@@ -71,13 +68,14 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
     with reading(path, EXPECTED, error=MeshError):
         document = parse_object(text.decode("utf-8-sig"))
         version = (document.get("asset") or {}).get("version")
-        check_document(path, version, document.get("extensionsRequired"), MeshError)
+        check_document(version, document.get("extensionsRequired"))
         nodes = document.get("nodes") or []
-        roots = _roots(path, nodes)
-        _check_meshes(path, document)
+        parents, _ = parents_and_order([node.get("children") or [] for node in nodes])
+        _check_meshes(document)
         buffers = _buffers_beside(path, document.get("buffers") or [], binary=binary)
         if not document.get("scenes"):
-            document |= {"scene": 0, "scenes": [{"nodes": roots}]}
+            scene = {"nodes": [at for at, parent in enumerate(parents) if parent < 0]}
+            document |= {"scene": 0, "scenes": [scene]}
         for node in nodes:
             node.pop("camera", None)  # trimesh takes none of such a node's triangles
         text = json.dumps(document).encode()
@@ -86,32 +84,35 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
     return text + rest, buffers
 
 
-def _roots(path: Path, nodes: list[dict[str, Any]]) -> list[int]:
-    """Return the nodes without a parent, if all nodes form trees."""
-    if len(nodes) > limits.MAX_MESH_NODES:
-        fail(path, f"at most {limits.MAX_MESH_NODES} nodes", f"{len(nodes)}", error=MeshError)
-    children = [node.get("children") or [] for node in nodes]
-    below = [child for of in children for child in of]
-    if len(set(below)) < len(below) or not set(below) <= set(range(len(nodes))):
-        fail(path, "nodes with one parent each", "children that are none", error=MeshError)
-    roots = sorted(set(range(len(nodes))) - set(below))
-    reached, level, depth = len(roots), roots, 1
-    while level := [child for node in level for child in children[node]]:
-        reached, depth = reached + len(level), depth + 1
+def parents_and_order(children: list[list[int]]) -> tuple[list[int], list[int]]:
+    """Return the parent of each node, -1 of a root, and all nodes, each after its parent."""
+    count, depth, order = len(children), 0, list[int]()
+    parents = [-1] * count
+    if count > limits.MAX_MESH_NODES:
+        raise ModelError(f"nodes: expected at most {limits.MAX_MESH_NODES}, got {count}")
+    for at, below in enumerate(children):
+        for child in below:
+            if child not in range(count) or parents[child] >= 0:
+                raise ModelError(f"child {child!r} of node {at}: expected one of no other node")
+            parents[child] = at
+    level = [at for at, parent in enumerate(parents) if parent < 0]
+    while level:
+        order += level
+        depth += 1
+        level = [child for at in level for child in children[at]]
         if depth > limits.MAX_MESH_DEPTH:
-            fail(path, f"nodes of at most {limits.MAX_MESH_DEPTH} levels", "more", error=MeshError)
-    if reached < len(nodes):
-        fail(path, "nodes that form trees", "a cycle", error=MeshError)
-    return roots
+            raise ModelError(f"nodes: expected at most {limits.MAX_MESH_DEPTH} levels, got more")
+    if len(order) < count:
+        raise ModelError(f"nodes: expected trees, got {count - len(order)} in a cycle")
+    return parents, order
 
 
-def _check_meshes(path: Path, document: dict[str, Any]) -> None:
-    """Raise `MeshError` for triangles that trimesh passes over or reads as others."""
+def _check_meshes(document: dict[str, Any]) -> None:
+    """Raise `ModelError` for triangles that trimesh passes over or reads as others."""
     meshes, accessors = document.get("meshes") or [], document.get("accessors") or []
     for at, node in enumerate(document.get("nodes") or []):
-        if node.get("mesh") is not None and node["mesh"] not in range(len(meshes)):
-            wanted = f"mesh of node {at}: a whole number in [0, {len(meshes)})"
-            fail(path, wanted, clean(repr(node["mesh"])), error=MeshError)
+        if (index := node.get("mesh")) is not None and index not in range(len(meshes)):
+            raise ModelError(f"mesh of node {at}: expected below {len(meshes)}, got {index!r}")
     for mesh in meshes:
         for primitive in mesh["primitives"]:
             got = "a fan" if primitive.get("mode") == _FAN else ""
@@ -124,8 +125,8 @@ def _check_meshes(path: Path, document: dict[str, Any]) -> None:
             if position.get("normalized"):
                 got = "normalized positions"
             if got:
-                wanted = "a glTF mesh of plain lists or strips of triangles: export it so"
-                fail(path, wanted, got, error=MeshError)
+                wanted = "plain lists or strips of triangles: export it so"
+                raise ModelError(f"glTF mesh: expected {wanted}, got {got}")
 
 
 def _buffers_beside(path: Path, buffers: list[Any], *, binary: bool) -> dict[str, bytes]:
@@ -133,8 +134,7 @@ def _buffers_beside(path: Path, buffers: list[Any], *, binary: bool) -> dict[str
     for at, buffer in enumerate(buffers):
         uri = buffer.get("uri")
         if uri is None and not (binary and at == 0):
-            got = "neither a uri nor a binary chunk"
-            fail(path, f"buffer {at} with data", got, error=MeshError)
+            raise ModelError(f"buffer {at}: expected a uri or a binary chunk, got neither")
         if uri is None or "base64," in uri or uri in found:
             continue
         left = limits.MAX_MESH_BUFFERS_BYTES - sum(map(len, found.values()))

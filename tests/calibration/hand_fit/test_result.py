@@ -28,7 +28,7 @@ from calibration.hand_fit.recognition import (
 from calibration.hand_fit.result import DOUBTFUL_LIKENESS, DOUBTFUL_OVERLAP, TIPS, HandFit
 from calibration.hand_fit.starts import Start, starts_of
 from clradar import Capture, DepthMap, Volume, VoxelGrid, Waveform, arrays
-from clradar.cli.tables import digit_rows
+from clradar.cli.commands.fit import digit_rows
 from clradar.errors import CompareError, MeasurementError, ModelError
 from clradar.files.json_file import write_json
 from clradar.hand import JOINT_NAMES, LETTERS, POSES, HandShape, pose_by_name, write_pose

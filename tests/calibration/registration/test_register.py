@@ -19,7 +19,7 @@ from calibration.registration.alignment import USUAL_RATIO
 from calibration.registration.alpha_cue import ALPHA_STARTS, ALPHA_TOLERANCE, next_alpha
 from calibration.registration.beyond_noise import NOMINAL_NOISE, ResidualImage, beyond_noise
 from calibration.registration.register import TOLERANCE_M
-from clradar.cli.commands.register import FILES
+from clradar.cli.commands.fit import REGISTERED as FILES
 from clradar.errors import CompareError, ModelError
 from clradar.files.meshes.ply_parts import ply_of_parts
 from clradar.hand import hand_mesh

@@ -19,7 +19,7 @@ from calibration.roughness.alpha import AlphaEstimate, BrightnessMeter, estimate
 from calibration.roughness.figures import sweep_figure
 from calibration.roughness.surface_points import surface_points
 from clradar.cli.commands import sweep as command
-from clradar.cli.options import AlphaOptions, RegionOptions
+from clradar.cli.commands.sweep import AlphaOptions, RegionOptions
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand.flesh import PART_NAMES
 from clradar.plot import plane_of

@@ -107,11 +107,8 @@ class Extent:
     ) -> Extent:
         centres_m = [float(axis[i]) for m in images for axis in (m.x_m, m.y_m) for i in (0, -1)]
         unit = unit or unit_for(*centres_m)
-        edges = [pixel_edges(image, unit) for image in images]
-        x, y = (
-            (min(float(e[i][0]) for e in edges), max(float(e[i][-1]) for e in edges))
-            for i in (0, 1)
-        )
+        edges = zip(*(pixel_edges(image, unit) for image in images), strict=True)
+        x, y = ((min(e[0] for e in ends), max(e[-1] for e in ends)) for ends in edges)
         return cls(x, y, unit)
 
     @property
@@ -124,15 +121,16 @@ class Extent:
 def pixel_edges(image: DepthMap | Disagreement, unit: LengthUnit) -> tuple[np.ndarray, np.ndarray]:
     """Return the borders between pixels along x and y, one more than pixels."""
     axes = (unit.per_m * image.x_m, unit.per_m * image.y_m)
-    steps = [float(np.diff(a).min()) for a in axes if len(a) > 1]
     # A single row or column has no spacing of its own: as wide as the other axis' pixels, or 1 mm.
-    step = min(steps, default=1e-3 * unit.per_m)
+    step = min((np.diff(a).min() for a in axes if len(a) > 1), default=1e-3 * unit.per_m)
     edges = []
     for axis in axes:
         inner = (axis[1:] + axis[:-1]) / 2
-        ends = axis[[0, -1]] + step * np.array([-0.5, 0.5])
-        if len(axis) > 1:
-            ends = 2 * axis[[0, -1]] - inner[[0, -1]]
+        ends = (
+            2 * axis[[0, -1]] - inner[[0, -1]]
+            if len(inner)
+            else axis + step * np.array([-0.5, 0.5])
+        )
         edges.append(np.concatenate([ends[:1], inner, ends[1:]]))
     return edges[0], edges[1]
 
@@ -200,9 +198,15 @@ def settled(figure: Figure, below: float = 0.0) -> Figure:
     return figure
 
 
-def text_height(lines: int, size_pt: float) -> float:
+def text_height(lines: float, size_pt: float = CAPTION_PT) -> float:
     """Return the height of some lines of text, inches."""
     return lines * size_pt * LINE_SPACING / POINTS_PER_INCH
+
+
+def title_panel(axes: Axes, label: str, width: float, size_pt: float) -> None:
+    """Write a title that is as wide as a panel, in lines."""
+    lines = "\n".join(wrapped(label, width, size_pt))
+    axes.set_title(lines, fontsize=size_pt, pad=4, parse_math=False)
 
 
 def wrapped(text: object, width: float, size_pt: float, most: int = 3) -> list[str]:
@@ -256,8 +260,8 @@ def peak_dbsm(image: DepthMap) -> float:
     return 20 * math.log10(float(image.amplitude.max()))
 
 
-def draw_amplitude(
-    axes: Axes, image: DepthMap, extent: Extent, top_db: float | None = None, **frame: Any
+def amplitude(
+    axes: Axes, image: DepthMap, extent: Extent, top_db: float | None = None, **framed: Any
 ) -> QuadMesh:
     """Draw levels: relative to the image's maximum, or in dBsm below `top_db`."""
     level_db = clipped_db(image)
@@ -266,25 +270,23 @@ def draw_amplitude(
         level_db += peak_dbsm(image)
     top_db = top_db or 0.0
     limits = (top_db - image.dynamic_range_db, top_db)
-    return _draw_mesh(axes, image, level_db, AMPLITUDE_SCALE, limits, extent, frame)
+    return _mesh(axes, image, level_db, AMPLITUDE_SCALE, limits, extent, framed)
 
 
-def draw_depth(
-    axes: Axes, image: DepthMap, extent: Extent, limits_mm: tuple[float, float], **frame: Any
+def depth(
+    axes: Axes, image: DepthMap, extent: Extent, limits_mm: tuple[float, float], **framed: Any
 ) -> QuadMesh:
     """Draw depths, in the unit of their limits."""
     unit = unit_for(*(1e-3 * limit for limit in limits_mm))
     low, high = (1e-3 * unit.per_m * limit for limit in limits_mm)
     values = unit.per_m * image.depth_m
-    return _draw_mesh(axes, image, values, DEPTH_SCALE, (low, high), extent, frame)
+    return _mesh(axes, image, values, DEPTH_SCALE, (low, high), extent, framed)
 
 
-def draw_level_difference(
-    axes: Axes, found: Disagreement, extent: Extent, **frame: Any
-) -> QuadMesh:
+def level_difference(axes: Axes, found: Disagreement, extent: Extent, **framed: Any) -> QuadMesh:
     """Draw where an image is stronger than all of the other nearby, with unmatched objects."""
     limits = (-LEVEL_DB, LEVEL_DB)
-    drawn = _draw_mesh(axes, found, found.level_db, UNMATCHED_SCALE, limits, extent, frame)
+    drawn = _mesh(axes, found, found.level_db, UNMATCHED_SCALE, limits, extent, framed)
     rings: list[tuple[Any, Any]] = [(one, "solid") for one in found.missing]
     rings += [(one, (0, (1.5, 1.5))) for one in found.surplus]
     for one, style in rings:
@@ -297,17 +299,17 @@ def draw_level_difference(
     return drawn
 
 
-def _draw_mesh(
+def _mesh(
     axes: Axes,
     image: DepthMap | Disagreement,
     values: np.ndarray,
     scale: Colormap,
     limits: tuple[float, float],
     extent: Extent,
-    frame: Mapping[str, Any],
+    framed: Mapping[str, Any],
 ) -> QuadMesh:
     """Draw values by the colours of a scale; where there are none is its background."""
-    draw_frame(axes, extent, **frame)
+    frame(axes, extent, **framed)
     axes.set_facecolor(scale.get_bad())
     # A mesh, not an image: it takes uneven steps and smooths nothing. Rasterised, because one path
     # per pixel makes PDF and SVG files enormous.
@@ -317,7 +319,7 @@ def _draw_mesh(
     )  # fmt: skip
 
 
-def draw_frame(
+def frame(
     axes: Axes,
     extent: Extent,
     title: str = "",
@@ -354,11 +356,6 @@ def depth_limits_mm(images: Sequence[DepthMap]) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def amplitude_bar(panels: Sequence[Axes], drawn: Any, *, dbsm: bool = False) -> None:
-    """Add the colour bar of amplitudes beside some panels."""
-    add_bar(panels, drawn, CROSS_SECTION if dbsm else BELOW_MAXIMUM, "min")
-
-
 def depth_bar(
     panels: Sequence[Axes], drawn: Any, images: Sequence[DepthMap], view: View = FRONT
 ) -> None:
@@ -371,7 +368,9 @@ def depth_bar(
     add_bar(panels, drawn, f"{'depth z' if view is FRONT else view.along} ({unit.name})", extend)
 
 
-def add_bar(panels: Sequence[Axes], drawn: Any, name: str, extend: str = "both") -> None:
+def add_bar(
+    panels: Sequence[Axes], drawn: Any, name: str = BELOW_MAXIMUM, extend: str = "min"
+) -> None:
     """Add a colour bar beside some panels."""
     bar: Any = panels[0].figure.colorbar(
         drawn, ax=list(panels), extend=extend, extendfrac=0.06, fraction=0.06, pad=0.02, aspect=25

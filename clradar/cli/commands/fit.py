@@ -1,0 +1,296 @@
+"""The pose of what was measured: ``align``, ``register``, ``fit-hand``."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import clradar as cl
+from clradar.cli import comparison, options as opt, parse
+from clradar.cli.console import counted, print_line, print_table, print_text, progress_bar
+from clradar.cli.inputs import ImageInput, Measurement, common_grid, measurement
+from clradar.cli.outputs import check_folder, whole_folder, write
+from clradar.errors import ClradarWarning
+from clradar.jobs import open_devices
+from clradar.model import checks
+
+if TYPE_CHECKING:
+    from calibration import HandFit, Registration
+
+
+def align_command(
+    *,
+    measured: Path = opt.MEASURED,
+    output: Path = opt.output_option("JSON file for transform and report."),
+    simulated: Path | None = opt.argument("Volume or capture; not with --mesh.", without="--mesh"),
+    mesh: Path | None = opt.option("Align this mesh instead of an image.", metavar="MESH"),
+    unit: opt.UnitOptions,
+    search: opt.SearchOptions,
+    quick: bool = opt.option(
+        "Without the simulations that correct the bias of a mesh: up to some millimetres "
+        "off where it is specular.",
+        False,
+        needs="--mesh",
+    ),
+    dynamic_range_db: float | None = opt.option(
+        "Depth points are this far below the maximum at most. [default: 15; mesh: 20]",
+        check=checks.positive,
+    ),
+    voxels: opt.GridOptions,
+    imaging: opt.ImagingOptions,
+    frames: opt.FrameOptions,
+    radar: opt.RadarOptions,
+    device: str | None = opt.DEVICE,
+) -> None:
+    """The 4 x 4 matrix in the JSON file, "transform", moves image or mesh onto MEASURED, as
+    `clradar simulate --transform` does. --frame and --variant are those of MEASURED. A mesh is more
+    exact than an image: docs/calibration.md.
+    """
+    from calibration import align, align_mesh
+
+    path = mesh or simulated
+    if path is None:
+        raise opt.wrong_usage("SIMULATED, --mesh", "expected one of the two")
+    if opt.given(radar) and mesh is None:
+        names = ", ".join(opt.given(radar))
+        raise opt.wrong_usage(names, "expected --mesh with it, which is simulated")
+    settings: dict[str, Any] = {"search_deg": search.search_deg}
+    if dynamic_range_db is not None:
+        settings["dynamic_range_db"] = dynamic_range_db
+    scene = None if mesh is None else cl.Scene.from_mesh(mesh, unit=unit.unit)
+    opened = open_devices(device).first
+    images = [ImageInput.open(measured, frames)]
+    instrument = {} if scene is None else images[0].radar_or(radar)
+    if scene is None:
+        images.append(ImageInput.open(path))
+    grid = common_grid(voxels, *images, device=opened)
+    volumes = [image.volume(grid, imaging, opened) for image in images]
+    with progress_bar("aligning") as progress:
+        if scene is None:
+            result = align(*volumes, progress=progress, **settings)
+        else:
+            result = align_mesh(
+                volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
+                **settings, **instrument,
+            )  # fmt: skip
+    print_text(result.report())
+    text = "the transform, its covariance and this report"
+    write(output, result.to_dict(), text, grid=opt.grid_text(volumes[0].grid))
+
+
+TRANSFORM = "transform.json"
+REGISTERED = (TRANSFORM, *comparison.SIMULATION_FILES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegistrationOptions(opt.UnitOptions, opt.SamplingOptions, opt.SearchOptions):
+    """Search and simulations of a registration."""
+
+    estimator: opt.Estimator | None = opt.option(
+        f"{opt.ESTIMATORS} [default: stochastic, or physical with --material]"
+    )
+    alpha: float | str = opt.alpha_or_fit()
+    seed: int = opt.option("Of the first round; counts up from there.", 0)
+    max_rounds: int = opt.option(
+        "Simulations at most: 7 or more with --alpha fit, 2 or more without.", 10
+    )
+
+
+def register_command(
+    *,
+    measured: Path = opt.MEASURED,
+    mesh: Path = opt.argument("Mesh file, placed anywhere."),
+    output: Path = opt.output_option("New folder.", metavar="DIR", folder=True),
+    registration: RegistrationOptions,
+    made_of: opt.MaterialOptions,
+    voxels: opt.GridOptions,
+    frames: opt.FrameOptions,
+    radar: opt.RadarOptions,
+    device: str | None = opt.DEVICE,
+) -> None:
+    """DIR gets the placed mesh, its transform, its simulation (capture and volume), a figure and
+    the metrics: all or nothing. Done when a round moves the mesh by less than 0.1 mm.
+    """
+    from calibration import register
+
+    check_folder(output, REGISTERED)
+    how = opt.arguments_of(registration)
+    alpha, unit = how.pop("alpha"), how.pop("unit")
+    how["estimator"] = made_of.estimator(registration.estimator)
+    physical, fitted = how["estimator"] == opt.PHYSICAL, alpha == parse.FIT
+    if physical and not fitted:
+        raise opt.wrong_usage("--alpha", f"--estimator {opt.PHYSICAL} knows --material, no alpha")
+    how["fit_alpha"] = fitted and not physical
+    scene = made_of.on(cl.Scene.from_mesh(mesh, alpha=0.5 if fitted else alpha, unit=unit))
+    opened = open_devices(device).first
+    found = measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
+    with progress_bar("registering") as progress:
+        how |= {"device": opened, "progress": progress, **found.radar}
+        result = register(found.volume, scene, **how)
+    with whole_folder(output, REGISTERED) as made:
+        write_registration(made, found, result)
+    print_text(result.alignment.report())
+    moved_mm = 1e3 * result.rounds[-1].moved_m
+    print_line(f"{counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm")
+    print_line(f"{output}: {', '.join(REGISTERED)}")
+
+
+def write_registration(folder: Path, measured: Measurement, result: Registration) -> None:
+    """Write all files of a registration into `folder`."""
+    more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
+    rounds = [
+        {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
+        for r in result.rounds
+    ]
+    write(folder / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
+    alpha, label = result.rounds[-1].alpha, "Simulated"
+    if alpha is not None:
+        label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
+    elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
+        label += f", {comparison.simulated_surface(result.capture.meta)}"
+    compared = comparison.Comparison.of([measured.volume, result.volume], [label])
+    metrics = {"alpha": alpha, "simulated": compared.records([Path(comparison.VOLUME)])}
+    simulated = (result.scene, result.capture, result.volume)
+    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)
+
+
+POSE, HAND_FIT, OVERLAY = "pose.toml", "fit.json", "overlay.png"
+FITTED = (POSE, HAND_FIT, OVERLAY, *comparison.SIMULATION_FILES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandFitOptions(opt.HandOptions):
+    """Where the fit starts, what it fits, and how it searches."""
+
+    pose: str = opt.option(
+        "Where the fit starts: a name (`clradar hand --list`), a pose file, the folder of an "
+        "earlier fit, several of them, or all: every letter.",
+        "all",
+        "--pose",
+        "--start",
+        metavar="POSE,...",
+        files=opt.start_files,
+    )
+    alpha: float | str = opt.alpha_or_fit()
+    quick: bool = opt.option(
+        "Without the simulations that correct the bias and find alpha: less exact.", False
+    )
+
+
+def fit_hand_command(
+    *,
+    measured: Path = opt.MEASURED,
+    output: Path = opt.output_option("New folder.", metavar="DIR", folder=True),
+    fitting: HandFitOptions,
+    voxels: opt.GridOptions,
+    imaging: opt.ImagingOptions,
+    frame: opt.FrameOptions,
+    radar: opt.RadarOptions,
+    device: str | None = opt.DEVICE,
+) -> None:
+    """Finds joint angles, place and alpha; no mesh is needed. DIR gets pose.toml (for `clradar
+    hand` and data sets), placed.ply, fit.json with what the measurement tells and what not, the
+    hand's simulation, two pictures and the metrics: all or nothing. See docs/hand-fit.md.
+    """
+    from calibration import fit_hand
+
+    starts = opt.StartNames(fitting.pose)
+    check_folder(output, FITTED)
+    alpha = None if fitting.alpha == parse.FIT else fitting.alpha
+    settings = {**fitting.settings(starts), "alpha": alpha, "closed_loop": not fitting.quick}
+    opened = open_devices(device).first
+    found = measurement(measured, frame, radar, voxels, imaging, opened)
+    with progress_bar("fitting") as progress:
+        fit = fit_hand(found.volume, device=opened, progress=progress, **settings, **found.radar)
+    with whole_folder(output, FITTED) as made:
+        write_hand_fit(made, found, fit, fitting.seed, opened)
+    print_hand_fit(fit)
+    print_line(f"{output}: {', '.join(FITTED)}")
+
+
+def write_hand_fit(
+    folder: Path, measured: Measurement, fit: HandFit, seed: int, device: cl.Device
+) -> None:
+    """Write all files of a fit into `folder`; the hand before and after is simulated for them."""
+    from calibration.hand_fit.figure import hand_fit_figure
+    from calibration.registration.radar import Radar
+    from clradar.hand import write_pose
+
+    used = Radar.of("fit_hand", measured.radar.get("array"), measured.radar.get("waveform"))
+
+    def imaged(scene: cl.Scene) -> tuple[cl.Capture, cl.Volume]:
+        with progress_bar("simulating") as progress:
+            capture = cl.simulate(
+                scene, used.array, used.waveform, seed=seed, device=device, progress=progress
+            )
+        grid = measured.volume.grid
+        return capture, cl.backproject(capture, grid, check_grid=False, device=device)
+
+    before, (capture, after) = imaged(fit.started)[1], imaged(fit.scene)
+    name, source = f"{fit.pose.name}, fitted to {measured.path.name}", str(measured.path)
+    write_pose(folder / POSE, replace(fit.pose, name=name, description="", source=source))
+    more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
+    write(folder / HAND_FIT, fit.to_dict(), **more)
+    write(folder / OVERLAY, partial(hand_fit_figure, measured.volume, fit))
+    labels = [f"Before: '{fit.start}', moved", "After"]
+    if (surface := comparison.simulated_surface(after.meta)) is not None:
+        labels[1] += f", {surface}"
+    with warnings.catch_warnings():
+        # That the start is another pose is no news; the table has what differs.
+        warnings.simplefilter("ignore", ClradarWarning)
+        compared = comparison.Comparison.of([measured.volume, before, after], labels)
+    metrics = dict(zip(("before", "after"), (m.to_dict() for m in compared.metrics), strict=True))
+    simulated = (fit.scene, capture, after)
+    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)
+
+
+DIGIT_COLUMNS = (
+    "digit", "tip x, y, z (mm)", "sd (mm)", "tip determined", "angles determined", "as in the start"
+)  # fmt: skip
+
+
+BASIN_COLUMNS = ("pose", "start", "hand", "deviance", "tips apart (mm)")
+
+
+def print_hand_fit(fit: HandFit) -> None:
+    """Print tips, determined angles and basins as tables, and what remains of the report."""
+    print_table(DIGIT_COLUMNS, digit_rows(fit), right=DIGIT_COLUMNS[1:3])
+    if len(fit.basins) > 1:
+        # One row for each pose in which the fit came to rest, with the tips' largest distance.
+        basins = [
+            [
+                str(number), basin.start, basin.handedness, f"{basin.deviance:.1f}",
+                f"{1e3 * fit.tips_apart_m(basin).max():.0f}",
+            ]
+            for number, basin in enumerate(fit.basins, start=1)
+        ]  # fmt: skip
+        print_table(BASIN_COLUMNS, basins, right=BASIN_COLUMNS[3:])
+    print_line(fit.summary())
+    if fit.remarks():
+        print_line(f"Doubtful: see the {counted(len(fit.remarks()), 'warning')} above.")
+
+
+def digit_rows(fit: HandFit) -> list[list[str]]:
+    """One row for each digit, and one for the arch of the palm."""
+    from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT
+    from calibration.hand_fit.result import ANGLE_NAMES, DIGITS
+
+    rows = []
+    for digit, angles in ANGLES_OF_DIGIT.items():
+        names, where = ANGLE_NAMES[angles], ["", "", ""]
+        unsure = [n.removeprefix(f"{digit}-finger-").removeprefix(f"{digit}-")
+                  for n in names if n in fit.untold]  # fmt: skip
+        if digit in DIGITS:
+            number = DIGITS.index(digit)
+            at_m, std_m = fit.tips_m[number], fit.tip_std_m[number]
+            if np.isfinite(at_m).all():
+                place = ", ".join(f"{1e3 * v:.1f}" for v in at_m)
+                where = [place, f"{1e3 * std_m:.1f}", "yes" if fit.told_tips[number] else "no"]
+        determined = f"{np.count_nonzero(fit.told_angles[angles])} of {len(names)}"
+        rows.append([digit, *where, determined, ", ".join(unsure)])
+    return rows

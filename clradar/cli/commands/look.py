@@ -1,0 +1,200 @@
+"""What files hold, and how alike they are: ``inspect``, ``view``, ``compare``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import typer
+
+import clradar as cl
+from clradar.cli import options as opt, parse
+from clradar.cli.comparison import Comparison, figure_labels
+from clradar.cli.console import (
+    counted,
+    print_error,
+    print_line,
+    print_text,
+    print_warning,
+    progress_bar,
+)
+from clradar.cli.inputs import ImageInput, common_grid, recording_title
+from clradar.cli.outputs import provenance, write
+from clradar.errors import MeasurementError
+from clradar.jobs import open_devices
+
+
+def inspect_command(
+    file: Path = opt.argument(
+        "Capture, volume, recorded .npy frame, radar folder or the one that holds it, or data set.",
+    ),
+    *,
+    check: bool = opt.option("Read and verify everything; exit status 1 if damaged.", False),
+    as_json: bool = opt.JSON,
+    png: Path | None = opt.written(
+        "Also draw it: .png, .pdf or .svg. A capture's echoes and the level of every pair.",
+        "--png",
+        "-o",
+        "--figure",
+        without="--check --json",
+        check=parse.figure,
+    ),
+    picture: opt.PictureOptions,
+) -> None:
+    """Reads, and changes nothing. Nothing is imaged again for the picture."""
+    from clradar.cli.comparison import figure_of
+    from clradar.dataset.check import check_dataset, describe_dataset
+    from clradar.dataset.folder import is_dataset
+    from measurement_io import check_file, describe
+
+    dataset = is_dataset(file)
+    if dataset and png is not None:
+        raise MeasurementError(
+            f"{file}: expected a volume, a capture or a recording to draw, got a data set; its "
+            "own picture is contact-sheet.png"
+        )
+    if check:
+        with progress_bar("checking") as progress:
+            report = (
+                check_dataset(file, progress) if dataset else check_file(file, progress=progress)
+            )
+        record = {**asdict(report), "ok": report.ok}
+        print_text(json.dumps(record, indent=2) if as_json else str(report))
+        if not report.ok:
+            print_error(f"{file}: {counted(len(report.problems), 'problem')} found")
+            raise typer.Exit(1)
+        return
+    try:
+        found = describe_dataset(file) if dataset else describe(file)
+    except MeasurementError as error:
+        if dataset or not file.is_dir():
+            raise
+        raise MeasurementError(
+            f"{error}; nor is it a data set, which has manifest.json and shards"
+        ) from error
+    print_text(json.dumps(found.to_dict(), indent=2, allow_nan=False) if as_json else str(found))
+    if png is not None:
+        figure = figure_of(file, view=picture.view, plane=picture.slice)
+        write(None if figure is None else png, figure, "the picture")
+
+
+def view_command(
+    path: Path = opt.argument(
+        "Recording, data set, capture, recorded .npy frame, volume, or a folder of these files.",
+    ),
+    *,
+    watch: bool = opt.option(
+        "PATH is being written: it may be empty yet, and the newest comes first.",
+        False,
+        without="--html",
+    ),
+    variant: opt.Variant = opt.option("Variant of a recording's frames.", "raw"),
+    html: Path | None = opt.written(
+        "Write scene and time line of all frames into this .html file, and serve nothing.",
+        check=parse.page,
+    ),
+    port: int = opt.option(
+        "Port at 127.0.0.1, or the next free one; 0: any free one.", 8080, min=0, max=65535
+    ),
+    simulated: list[Path] | None = opt.option(
+        "Capture, volume or recording to show in a second colour; may be repeated.",
+        metavar="SIMULATED",
+    ),
+    mesh: Path | None = opt.option(
+        "Draw this mesh, and without --simulated simulate it for the radar of PATH.",
+        metavar="MESH",
+    ),
+    place: opt.PlacementOptions,
+    depth: opt.DepthMapOptions,
+    device: str | None = opt.DEVICE,
+) -> None:
+    """Serves a page at 127.0.0.1 until Ctrl-C, and prints its address. Needs viser: pip install
+    viser. Captures are imaged as `clradar image` does, with larger voxels at first.
+    """
+    from clradar.view.beside import Others, Simulation
+    from clradar.view.samples import SampleFrames
+    from clradar.view.server import serve
+    from clradar.view.session import View
+    from clradar.view.sources import open_source
+    from clradar.view.truth import recording_truth
+    from clradar.view.wish import Wish
+
+    opened = open_devices(device).first
+    scene = None
+    if mesh is not None:  # one that cannot be read should not cost an image first
+        scene = cl.Scene.from_mesh(mesh, unit=place.unit, transform=place.matrix())
+    elif place.transform is not None:
+        raise opt.wrong_usage("--transform", "expected --mesh with it")
+    source = open_source(path, variant, watch=watch)
+    second: Others | Simulation | None = None
+    if simulated:
+        second = Others(source, tuple(open_source(other) for other in simulated))
+    elif scene is not None:
+        second = Simulation(scene, opened)
+    truth = recording_truth(path, source.label)
+    if isinstance(source, SampleFrames):
+        truth = source.truth
+    about: Any = {"beside": second, "mesh": scene, "truth": truth, "device": opened}
+    view = View(source=source, wish=Wish(dynamic_range_db=depth.dynamic_range_db), **about)
+    if html is None:
+        serve(view, port, print_line)
+        return
+    from clradar.view.page_file import write_page
+
+    count = write_page(view, html, force=opt.call.force, warn=print_warning)
+    print_line(f"{html}: {counted(count, 'frame')}, for any browser")
+
+
+def compare_command(
+    *,
+    measured: Path = opt.argument("Volume or capture."),
+    simulated: list[Path] = opt.argument("Volumes or captures."),
+    output: Path | None = opt.output_option(
+        "Figure to write: .png, .pdf or .svg.", None, "--figure", check=parse.figure
+    ),
+    json: Path | None = opt.written("File for the metrics, in metres."),
+    report: Path | None = opt.written(
+        "Page to write: figure, 3-D view, metrics and settings in one .html file.",
+        check=parse.page,
+    ),
+    voxels: opt.GridOptions,
+    imaging: opt.ImagingOptions,
+    depth: opt.DepthMapOptions,
+    frames: opt.FrameOptions,
+    device: str | None = opt.DEVICE,
+) -> None:
+    """Captures are imaged first: on the grid of the options, else that of the first volume, else
+    around the echoes of MEASURED, whose --frame and --variant are. Metrics: docs/metrics.md.
+    """
+    images = [ImageInput.open(measured, frames), *map(ImageInput.open, simulated)]
+    imaged = all(image.grid is not None for image in images)
+    opened = None if imaged else open_devices(device).first
+    grid = common_grid(voxels, *images, device=opened)
+    volumes = [image.volume(grid, imaging, opened) for image in images]
+    labels = figure_labels(simulated, [volume.meta for volume in volumes[1:]])
+    if measured.is_dir() and frames.frame is None and any(path.is_dir() for path in simulated):
+        print_line("the first frames are compared; `clradar process` compares every one")
+    compared = Comparison.of(volumes, labels, depth.dynamic_range_db)
+    compared.print()
+    recording = recording_title(volumes[0].meta)
+    label = f"Measurement: {recording}" if recording else "Measurement"
+    figure = partial(compared.figure, differences=True, measured_label=label)
+    write(output, figure, f"the measurement and {len(simulated)} simulated")
+    text = opt.grid_text(grid)
+    record = {"measured": str(measured), "simulated": compared.records(simulated)}
+    write(json, record, "the metrics, in metres", grid=text)
+
+    def page() -> str:
+        from clradar.report import ReportImage, html_report
+
+        named = zip((label, *labels), volumes, (measured, *simulated), strict=True)
+        shown = [ReportImage(name, volume, str(path)) for name, volume, path in named]
+        return html_report(
+            shown[0], shown[1:], metrics=compared.metrics, settings=provenance(grid=text),
+            dynamic_range_db=depth.dynamic_range_db,
+        )  # fmt: skip
+
+    write(report, page, "the comparison as a page, to be opened in a browser")
