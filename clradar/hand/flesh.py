@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from clradar.hand.joints import FINGERS
+from clradar.hand.joints import CHAINS, FINGERS
 from clradar.hand.skeleton import (
     FINGER_TIP_TISSUE_MM,
     MILLIMETRE_M,
@@ -105,36 +105,25 @@ def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> np.ndarray:
     return np.stack([spheres[:-1], spheres[1:]], axis=1)
 
 
-def _tip_at(bones: Skeleton, end: str, tip: str, tissue: float, radius_mm: float) -> float:
-    """Return the position of the tip's sphere along the last bone, as a fraction of its length.
-
-    `tissue` is the thickness of the soft tissue beyond the bone, in lengths of the bone.
-    """
-    length_mm = float(np.linalg.norm(bones.joint_m(tip) - bones.joint_m(end))) / MILLIMETRE_M
-    return 1.0 + tissue - radius_mm / length_mm
+def _tip_at(bones: Skeleton, tip: int, tissue: float, radius_mm: float) -> float:
+    """Return where along the last bone the tip's sphere is; it and `tissue` in lengths of it."""
+    length_m = float(np.linalg.norm(bones.joints_m[tip] - bones.joints_m[tip - 1]))
+    return 1.0 + tissue - radius_mm / (length_m / MILLIMETRE_M)
 
 
-def _finger(bones: Skeleton, finger: str) -> tuple[np.ndarray, np.ndarray]:
-    k = bones.thickness
+def _finger(bones: Skeleton, digit: int) -> tuple[np.ndarray, np.ndarray]:
+    k, finger = bones.thickness, PART_NAMES[digit]
     root, middle, last, tip = (k * radius_mm for radius_mm in _FINGER_RADII_MM[finger])
-    near, far, end = (
-        f"{finger}-finger-phalanx-{b}" for b in ("proximal", "intermediate", "distal")
-    )
-    tissue = FINGER_TIP_TISSUE_MM / PHALANGES_MM[finger][-1]
-    tip_at = _tip_at(bones, end, f"{finger}-finger-tip", tissue, tip)
+    _, near, far, end, end_tip = CHAINS[digit - 1]
+    tip_at = _tip_at(bones, end_tip, FINGER_TIP_TISSUE_MM / PHALANGES_MM[finger][-1], tip)
     strand = _strand(
-        [
-            bones.joint_m(near),
-            bones.joint_m(far),
-            bones.joint_m(end),
-            bones.point_m(end, tip_at, dorsal_mm=-0.6),
-        ],
+        [*bones.joints_m[[near, far, end]], bones.point_m(end, tip_at, dorsal_mm=-0.6)],
         [root, middle, last, tip],
     )
 
     # Fat pads on the palm side between the joints' creases, and the finger's pad: fraction of the
     # bone, offset towards its back and radius at each end.
-    def pad(bone: str, *ends: tuple[float, float, float]) -> np.ndarray:
+    def pad(bone: int, *ends: tuple[float, float, float]) -> np.ndarray:
         begin_m, end_m = (bones.point_m(bone, along, dorsal_mm=mm) for along, mm, _ in ends)
         return _cone(begin_m, end_m, ends[0][2], ends[1][2])
 
@@ -147,10 +136,10 @@ def _finger(bones: Skeleton, finger: str) -> tuple[np.ndarray, np.ndarray]:
 def _thumb(bones: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     k = bones.thickness
     root, last, pad, tip = (k * radius_mm for radius_mm in _THUMB_RADII_MM)
-    near, end = "thumb-phalanx-proximal", "thumb-phalanx-distal"
-    tip_at = _tip_at(bones, end, "thumb-tip", _THUMB_TIP_TISSUE_MM / THUMB_MM[-1], tip)
+    metacarpal, near, end, end_tip = CHAINS[0]
+    tip_at = _tip_at(bones, end_tip, _THUMB_TIP_TISSUE_MM / THUMB_MM[-1], tip)
     roots = _strand(
-        [bones.point_m("thumb-metacarpal", 0.7), bones.point_m(near, 0.1), bones.joint_m(end)],
+        [bones.point_m(metacarpal, 0.7), bones.point_m(near, 0.1), bones.joints_m[end]],
         [root - 0.8 * k, root, last - _JOINT_EXCESS_MM],
     )
     # The thumb's last phalanx is wider than deep: two strands side by side.
@@ -170,9 +159,8 @@ def _thumb(bones: Skeleton) -> tuple[np.ndarray, np.ndarray]:
 
 def _palm(bones: Skeleton) -> np.ndarray:
     at = bones.point_m
-    index, middle, ring, pinky = (f"{finger}-finger-metacarpal" for finger in FINGERS)
-    knuckles = [f"{finger}-finger-phalanx-proximal" for finger in FINGERS]
-    thumb = "thumb-metacarpal"
+    thumb, *rays = (chain[0] for chain in CHAINS)
+    index, middle, ring, pinky = rays
     k = bones.thickness
 
     def by_wrist(x_mm: float, y_mm: float, z_mm: float) -> np.ndarray:
@@ -198,7 +186,6 @@ def _palm(bones: Skeleton) -> np.ndarray:
     ):
         cones.append(around(at(name, 0.1), at(name, 0.97, dorsal_mm=-1.0), base_mm, head_mm))
     # Knuckles: they belong to the metacarpals, and stay when the fingers bend.
-    rays = (index, middle, ring, pinky)
     for name, radius_mm in zip(rays, (7.4, 7.8, 7.2, 6.4), strict=True):
         cones.append(
             around(at(name, 0.78, 0.0, 2.6), at(name, 1.0, 0.0, 2.6), radius_mm - 1.0, radius_mm)
@@ -206,7 +193,7 @@ def _palm(bones: Skeleton) -> np.ndarray:
     # Pads below the fingers and webs between them: the skin of the palm reaches about 20 mm beyond
     # the knuckles' centres.
     for i, radius_mm in enumerate((7.6, 7.4, 6.8)):
-        one, other = knuckles[i], knuckles[i + 1]
+        one, other = rays[i] + 1, rays[i + 1] + 1
         low_m = 0.5 * (at(rays[i], 0.94, dorsal_mm=-2.0) + at(rays[i + 1], 0.94, dorsal_mm=-2.0))
         high_m = 0.5 * (at(one, 0.30, dorsal_mm=-2.5) + at(other, 0.33, dorsal_mm=-2.5))
         cones.append(around(low_m, high_m, radius_mm + 2.0, radius_mm - 1.4))
@@ -227,6 +214,6 @@ def _palm(bones: Skeleton) -> np.ndarray:
 
 def grown_flesh(bones: Skeleton) -> Flesh:
     """Return the flesh around a posed skeleton."""
-    digits = [_thumb(bones), *(_finger(bones, finger) for finger in FINGERS)]
+    digits = [_thumb(bones), *(_finger(bones, digit) for digit in range(2, len(PART_NAMES)))]
     roots, ends = (np.stack(cones) for cones in zip(*digits, strict=True))
     return Flesh(bones.frames[0][:, 1], _palm(bones), roots, ends)

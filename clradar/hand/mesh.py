@@ -78,13 +78,8 @@ class HandMesh(Record):
         for name in ("normals", "texture_m"):
             if getattr(self, name) is not None:
                 self._set_array(name, np.float64, vertices_m.shape)
-        for name, indices, count in (
-            ("faces", faces, len(vertices_m)),
-            ("part", part, len(PART_NAMES)),
-        ):
-            low, high = indices.min(), indices.max()
-            if low < 0 or high >= count:
-                checks.fail(f"HandMesh.{name}", f"indices in [0, {count - 1}]", f"[{low}, {high}]")
+        checks.indices("HandMesh.faces", faces, len(vertices_m))
+        checks.indices("HandMesh.part", part, len(PART_NAMES))
 
     def moved(self, matrix: np.ndarray, shift_m: np.ndarray) -> HandMesh:
         """The mesh turned or mirrored by an orthogonal matrix (3, 3), then shifted."""
@@ -116,11 +111,7 @@ def _rotated(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 def checked_edge_m(edge_length_m: float) -> float:
     """Return the length of edges of a hand's mesh; raise `ModelError` where it makes none."""
-    length_m = checks.positive("edge_length_m", edge_length_m)
-    low_m, high_m = _EDGE_LIMITS_M
-    if not low_m <= length_m <= high_m:
-        checks.fail("edge_length_m", f"a length in [{low_m:g}, {high_m:g}] m", f"{length_m:g} m")
-    return length_m
+    return checks.within("edge_length_m", edge_length_m, *_EDGE_LIMITS_M, " m")
 
 
 def hand_mesh(
@@ -225,7 +216,8 @@ def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarra
     raw, faces, _, _ = marching_cubes(distance, 0.0, gradient_direction="descent")
     raw_m = field.first_m + raw.astype(np.float64) * spacing_m
     raw_m, faces, adjacency = _largest_component(raw_m, faces)
-    if not _is_closed(adjacency):
+    # Every edge occurs once in each direction.
+    if (adjacency.data != 1.0).any() or (adjacency != adjacency.T).nnz:
         raise ModelError("pose: expected one closed surface, got one with open edges")
     vertices_m, normal = _relaxed(field, raw_m, adjacency)
     # Which have other skin close in front, as where fingers touch.
@@ -245,10 +237,9 @@ def _largest_component(
     if count == 1:
         return vertices_m, faces, adjacency
     keep = label[faces[:, 0]] == np.argmax(np.bincount(label[faces[:, 0]]))
-    used = np.zeros(len(vertices_m), dtype=bool)
-    used[faces[keep]] = True
-    faces = (np.cumsum(used, dtype=np.int32) - 1)[faces[keep]]
-    return vertices_m[used], faces, _adjacency(faces, int(used.sum()))
+    used, own = np.unique(faces[keep], return_inverse=True)
+    faces = own.reshape(-1, 3).astype(np.int32)
+    return vertices_m[used], faces, _adjacency(faces, len(used))
 
 
 def _adjacency(faces: np.ndarray, n: int) -> csr_array:
@@ -258,11 +249,6 @@ def _adjacency(faces: np.ndarray, n: int) -> csr_array:
     begin = faces.T.reshape(-1)
     end = faces[:, [1, 2, 0]].T.reshape(-1)
     return coo_array((np.ones(len(begin)), (begin, end)), shape=(n, n)).tocsr()
-
-
-def _is_closed(adjacency: csr_array) -> bool:
-    """Return whether every edge occurs exactly once in each direction."""
-    return bool((adjacency.data == 1.0).all()) and (adjacency != adjacency.T).nnz == 0
 
 
 def _relaxed(

@@ -10,14 +10,14 @@ import numpy as np
 from clradar.errors import RigError
 from clradar.hand import JOINT_NAMES, HandMesh, HandPose
 from clradar.hand.flesh import PART_NAMES
-from clradar.hand.joints import CHAINS
+from clradar.hand.joints import CHAINS, WRIST
 from clradar.hand.mesh import DEFAULT_CENTER_M
 from clradar.hand.skeleton import posed_skeleton
 from clradar.hand.skin import Skin
 from clradar.model import checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
-from clradar.rigs.anatomy import WRIST, parents_of
+from clradar.rigs.anatomy import parents_of
 
 # The ball of the thumb belongs to the palm, as in the hand of this package.
 _PART_OF_JOINT = np.zeros(len(JOINT_NAMES), dtype=np.int64)
@@ -135,8 +135,13 @@ class Rig(Record):
         places_m = self.joint_places_m(rotations)
         vertices_m = self.skin.posed(rotations, places_m)
         if self.blend is not None:
+            joints = list(MANO_JOINTS[1:])
+            parents = parents_of(self.known)[joints]
+            against = np.swapaxes(rotations[parents], 1, 2) @ rotations[joints]
+            own = self.axes.T @ against @ self.axes - np.eye(3)
+            offsets_m = (self.blend.directions @ own.reshape(-1)) @ self.axes.T
             turned = (self.skin.weights @ rotations.reshape(-1, 9)).reshape(-1, 3, 3)
-            vertices_m += np.einsum("vij,vj->vi", turned, self._blend_offsets_m(rotations))
+            vertices_m += np.einsum("vij,vj->vi", turned, offsets_m)
         if not np.isfinite(vertices_m).all():
             raise RigError(f"{self.label}: expected finite vertices, got NaN")
         middle_m = 0.5 * (vertices_m.min(axis=0) + vertices_m.max(axis=0))
@@ -147,25 +152,12 @@ class Rig(Record):
 
     def joint_places_m(self, rotations: np.ndarray) -> np.ndarray:
         """Return the joints (25, 3) after rotations as of `turned`; NaN for none."""
-        known, parents = self.known, parents_of(self.known)
-        places_m = np.full_like(self.joints_m, np.nan)
-        places_m[WRIST] = self.joints_m[WRIST]
-        for chain in CHAINS:
-            for joint in chain:
-                if known[joint]:
-                    up = parents[joint]
-                    bone_m = self.joints_m[joint] - self.joints_m[up]
-                    places_m[joint] = places_m[up] + rotations[up] @ bone_m
+        places_m, parents = self.joints_m.copy(), parents_of(self.known)
+        for joint in np.flatnonzero(self.known)[1:]:  # from the wrist on
+            up = parents[joint]
+            bone_m = self.joints_m[joint] - self.joints_m[up]
+            places_m[joint] = places_m[up] + rotations[up] @ bone_m
         return places_m
-
-    def _blend_offsets_m(self, rotations: np.ndarray) -> np.ndarray:
-        blend = self.blend
-        assert blend is not None
-        joints = list(MANO_JOINTS[1:])
-        parents = parents_of(self.known)[joints]
-        against = np.swapaxes(rotations[parents], 1, 2) @ rotations[joints]
-        own = self.axes.T @ against @ self.axes - np.eye(3)
-        return (blend.directions @ own.reshape(-1)) @ self.axes.T
 
     def _parts(self) -> np.ndarray:
         """Return for every face (F,) the part with the largest weight at its corners."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from clradar.files.failures import clean
 from clradar.hand import JOINT_NAMES
-from clradar.hand.joints import CHAINS
+from clradar.hand.joints import CHAINS, WRIST
 from clradar.hand.skin import Skin, by_bone
 from clradar.model import checks
-from clradar.rigs.anatomy import UNITS_M, WRIST, canonical_axes, check_unit, reach, rest_frames
+from clradar.rigs.anatomy import canonical_axes, check_unit, reach, rest_frames
 from clradar.rigs.rig import PoseBlend, Rig
 
 WEIGHT_SUM = (0.9, 1.1)
@@ -20,9 +20,6 @@ WEIGHT_SUM = (0.9, 1.1)
 tools drop the fifth and further weights."""
 
 MAX_VERTICES = 1_000_000
-"""Of a hand, where vertices at the same place count as one."""
-
-MAX_FILE_VERTICES = 2 * MAX_VERTICES
 """Of a hand as in the file, which splits vertices at seams."""
 
 # A hand with the whole forearm has about 2.5 times the reach; a whole body has ten times.
@@ -84,8 +81,8 @@ class Surface:
     def joined(cls, pieces: Sequence[Surface]) -> Surface:
         """Return several surfaces as one, with vertices of the same position and weights merged."""
         offsets = np.cumsum([0, *(piece.n_vertices for piece in pieces)]).tolist()
-        if offsets[-1] > MAX_FILE_VERTICES:
-            checks.fail("mesh", f"at most {MAX_FILE_VERTICES} vertices", offsets[-1])
+        if offsets[-1] > MAX_VERTICES:
+            checks.fail("mesh", f"at most {MAX_VERTICES} vertices", offsets[-1])
         columns = [
             (p.faces + offset, p.vertex + offset, p.joint, p.weight, p.points)
             for p, offset in zip(pieces, offsets, strict=False)
@@ -121,21 +118,18 @@ def rig_of(
     local_axes: np.ndarray,
     surface: Surface,
     side: str,
-    unit: str | float | None,
+    unit_m: float,
     *,
     blend: PoseBlend | None = None,
     ignored: tuple[str, ...] = (),
 ) -> Rig:
-    """Return the rig of a hand of the file `label`; a unit of None is metres.
+    """Return the rig of a hand of the file `label`.
 
     Joints (25, 3), NaN where the rig has none, directions (25, 3, 3) of its own coordinates at
     each, as columns, and the surface are in the file's coordinates and unit.
     """
-    if surface.n_vertices > MAX_VERTICES:
-        checks.fail("mesh", f"at most {MAX_VERTICES} vertices", surface.n_vertices)
     if not len(surface.faces):
         checks.fail("mesh", "faces with three corners", "none")
-    unit_m = 1.0 if unit is None else UNITS_M[unit] if isinstance(unit, str) else unit
     check_unit(joints, unit_m)
     rest = surface.rest()
     extent, size = float(np.ptp(rest, axis=0).max()), reach(joints)
