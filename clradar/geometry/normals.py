@@ -46,9 +46,7 @@ def corner_normals(
         Unknown mode, or an angle outside 0 to 180 degrees.
     """
     checks.one_of("normals", normals, ("smooth", "face"))
-    crease_deg = checks.real("crease_deg", crease_deg)
-    if not 0.0 <= crease_deg <= 180.0:
-        checks.fail("crease_deg", "an angle in [0, 180] degrees", f"{crease_deg:g}")
+    crease_deg = checks.within("crease_deg", crease_deg, 0, 180, " degrees")
     triangles = scene.triangles_m
     face_normal, area = face_normals(triangles)
     flat = np.repeat(face_normal[:, None], 3, axis=1)

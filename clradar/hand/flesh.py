@@ -15,10 +15,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from clradar.hand.joints import FINGERS
+from clradar.errors import DeviceError
+from clradar.hand.joints import CHAINS, FINGERS
 from clradar.hand.skeleton import (
     FINGER_TIP_TISSUE_MM,
     MILLIMETRE_M,
@@ -26,6 +28,7 @@ from clradar.hand.skeleton import (
     THUMB_MM,
     Skeleton,
 )
+from clradar.opencl import Buffers, build
 
 PART_NAMES: tuple[str, ...] = ("palm", "thumb", *FINGERS)
 
@@ -55,6 +58,13 @@ _FINGER_RADII_MM: dict[str, tuple[float, float, float, float]] = {
 _THUMB_RADII_MM = (11.0, 10.5, 9.7, 7.3)
 
 _THUMB_TIP_TISSUE_MM = 5.7
+
+# Nodes along an edge of a cell. The distance at the middle of a cell tells whether the surface can
+# cross it; only then are its nodes evaluated.
+_NODES = 4
+
+# Lanes of the widest item. Arrays are padded to it on every device.
+_PADDED = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,36 +115,25 @@ def _strand(points_m: list[np.ndarray], radii_mm: list[float]) -> np.ndarray:
     return np.stack([spheres[:-1], spheres[1:]], axis=1)
 
 
-def _tip_at(bones: Skeleton, end: str, tip: str, tissue: float, radius_mm: float) -> float:
-    """Return the position of the tip's sphere along the last bone, as a fraction of its length.
-
-    `tissue` is the thickness of the soft tissue beyond the bone, in lengths of the bone.
-    """
-    length_mm = float(np.linalg.norm(bones.joint_m(tip) - bones.joint_m(end))) / MILLIMETRE_M
-    return 1.0 + tissue - radius_mm / length_mm
+def _tip_at(bones: Skeleton, tip: int, tissue: float, radius_mm: float) -> float:
+    """Return where along the last bone the tip's sphere is; it and `tissue` in lengths of it."""
+    length_m = float(np.linalg.norm(bones.joints_m[tip] - bones.joints_m[tip - 1]))
+    return 1.0 + tissue - radius_mm / (length_m / MILLIMETRE_M)
 
 
-def _finger(bones: Skeleton, finger: str) -> tuple[np.ndarray, np.ndarray]:
-    k = bones.thickness
+def _finger(bones: Skeleton, digit: int) -> tuple[np.ndarray, np.ndarray]:
+    k, finger = bones.thickness, PART_NAMES[digit]
     root, middle, last, tip = (k * radius_mm for radius_mm in _FINGER_RADII_MM[finger])
-    near, far, end = (
-        f"{finger}-finger-phalanx-{b}" for b in ("proximal", "intermediate", "distal")
-    )
-    tissue = FINGER_TIP_TISSUE_MM / PHALANGES_MM[finger][-1]
-    tip_at = _tip_at(bones, end, f"{finger}-finger-tip", tissue, tip)
+    _, near, far, end, end_tip = CHAINS[digit - 1]
+    tip_at = _tip_at(bones, end_tip, FINGER_TIP_TISSUE_MM / PHALANGES_MM[finger][-1], tip)
     strand = _strand(
-        [
-            bones.joint_m(near),
-            bones.joint_m(far),
-            bones.joint_m(end),
-            bones.point_m(end, tip_at, dorsal_mm=-0.6),
-        ],
+        [*bones.joints_m[[near, far, end]], bones.point_m(end, tip_at, dorsal_mm=-0.6)],
         [root, middle, last, tip],
     )
 
     # Fat pads on the palm side between the joints' creases, and the finger's pad: fraction of the
     # bone, offset towards its back and radius at each end.
-    def pad(bone: str, *ends: tuple[float, float, float]) -> np.ndarray:
+    def pad(bone: int, *ends: tuple[float, float, float]) -> np.ndarray:
         begin_m, end_m = (bones.point_m(bone, along, dorsal_mm=mm) for along, mm, _ in ends)
         return _cone(begin_m, end_m, ends[0][2], ends[1][2])
 
@@ -147,10 +146,10 @@ def _finger(bones: Skeleton, finger: str) -> tuple[np.ndarray, np.ndarray]:
 def _thumb(bones: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     k = bones.thickness
     root, last, pad, tip = (k * radius_mm for radius_mm in _THUMB_RADII_MM)
-    near, end = "thumb-phalanx-proximal", "thumb-phalanx-distal"
-    tip_at = _tip_at(bones, end, "thumb-tip", _THUMB_TIP_TISSUE_MM / THUMB_MM[-1], tip)
+    metacarpal, near, end, end_tip = CHAINS[0]
+    tip_at = _tip_at(bones, end_tip, _THUMB_TIP_TISSUE_MM / THUMB_MM[-1], tip)
     roots = _strand(
-        [bones.point_m("thumb-metacarpal", 0.7), bones.point_m(near, 0.1), bones.joint_m(end)],
+        [bones.point_m(metacarpal, 0.7), bones.point_m(near, 0.1), bones.joints_m[end]],
         [root - 0.8 * k, root, last - _JOINT_EXCESS_MM],
     )
     # The thumb's last phalanx is wider than deep: two strands side by side.
@@ -170,9 +169,8 @@ def _thumb(bones: Skeleton) -> tuple[np.ndarray, np.ndarray]:
 
 def _palm(bones: Skeleton) -> np.ndarray:
     at = bones.point_m
-    index, middle, ring, pinky = (f"{finger}-finger-metacarpal" for finger in FINGERS)
-    knuckles = [f"{finger}-finger-phalanx-proximal" for finger in FINGERS]
-    thumb = "thumb-metacarpal"
+    thumb, *rays = (chain[0] for chain in CHAINS)
+    index, middle, ring, pinky = rays
     k = bones.thickness
 
     def by_wrist(x_mm: float, y_mm: float, z_mm: float) -> np.ndarray:
@@ -198,7 +196,6 @@ def _palm(bones: Skeleton) -> np.ndarray:
     ):
         cones.append(around(at(name, 0.1), at(name, 0.97, dorsal_mm=-1.0), base_mm, head_mm))
     # Knuckles: they belong to the metacarpals, and stay when the fingers bend.
-    rays = (index, middle, ring, pinky)
     for name, radius_mm in zip(rays, (7.4, 7.8, 7.2, 6.4), strict=True):
         cones.append(
             around(at(name, 0.78, 0.0, 2.6), at(name, 1.0, 0.0, 2.6), radius_mm - 1.0, radius_mm)
@@ -206,7 +203,7 @@ def _palm(bones: Skeleton) -> np.ndarray:
     # Pads below the fingers and webs between them: the skin of the palm reaches about 20 mm beyond
     # the knuckles' centres.
     for i, radius_mm in enumerate((7.6, 7.4, 6.8)):
-        one, other = knuckles[i], knuckles[i + 1]
+        one, other = rays[i] + 1, rays[i + 1] + 1
         low_m = 0.5 * (at(rays[i], 0.94, dorsal_mm=-2.0) + at(rays[i + 1], 0.94, dorsal_mm=-2.0))
         high_m = 0.5 * (at(one, 0.30, dorsal_mm=-2.5) + at(other, 0.33, dorsal_mm=-2.5))
         cones.append(around(low_m, high_m, radius_mm + 2.0, radius_mm - 1.4))
@@ -227,6 +224,144 @@ def _palm(bones: Skeleton) -> np.ndarray:
 
 def grown_flesh(bones: Skeleton) -> Flesh:
     """Return the flesh around a posed skeleton."""
-    digits = [_thumb(bones), *(_finger(bones, finger) for finger in FINGERS)]
+    digits = [_thumb(bones), *(_finger(bones, digit) for digit in range(2, len(PART_NAMES)))]
     roots, ends = (np.stack(cones) for cones in zip(*digits, strict=True))
     return Flesh(bones.frames[0][:, 1], _palm(bones), roots, ends)
+
+
+@dataclass(frozen=True, slots=True)
+class _FleshOptions:
+    width: int
+    palm: int
+    root: int
+    end: int
+    nodes: int = _NODES
+    palm_blend_m: float = PALM_BLEND_M
+    root_blend_m: float = ROOT_BLEND_M
+    digit_blend_m: float = DIGIT_BLEND_M
+    contact_blend_m: float = CONTACT_BLEND_M
+    cut_blend_m: float = CUT_BLEND_M
+
+
+class FleshField:
+    """The flesh of a posed hand on a device, with a grid of nodes around it.
+
+    Coordinates are float32 about the middle of the hand's box on the device, so that distances are
+    within 0.1 um. The nodes lie half a spacing inside cells of 4 x 4 x 4; each cell has a bit mask
+    of the cones that matter in it. `first_m` is the first node, a spacing below the box of the
+    flesh; the last one is not below its top.
+    """
+
+    def __init__(self, flesh: Flesh, spacing_m: float, buffers: Buffers) -> None:
+        low_m, high_m = flesh.bounds_m()
+        self.first_m = low_m - spacing_m
+        self._cells = tuple(
+            int(n) for n in np.ceil((high_m + spacing_m - self.first_m) / (_NODES * spacing_m))
+        )
+        n_x, n_y, n_z = self._cells
+        n_z_padded = n_z + -n_z % _PADDED
+        self._shape = [np.uint32(n) for n in (*self._cells, n_z_padded)]
+        self._middle_m = 0.5 * (low_m + high_m)
+        self._buffers, self._device = buffers, buffers.device
+        options = _FleshOptions(
+            self._device.width, len(flesh.palm), len(flesh.roots[0]), len(flesh.ends[0])
+        )
+        self._program = build(self._device, "flesh.cl", options)
+        corner_m = self.first_m - 0.5 * spacing_m - self._middle_m
+        above_cut_m = self._middle_m @ flesh.forearm + STUB_M
+        frame = np.array([*corner_m, spacing_m, *flesh.forearm, above_cut_m])
+        self._put = [
+            buffers.upload(numbers.astype(np.float32))
+            for numbers in (frame, _records(flesh, self._middle_m))
+        ]
+        self._near = [buffers.empty(4 * n_x * n_y * n_z_padded) for _ in range(2)]
+        self._distance = buffers.empty(4 * n_x * n_y * n_z_padded)
+        self._program.launch(
+            "flesh_cells",
+            (n_z_padded // self._device.width, n_y, n_x),
+            self._shape[0], self._shape[1], self._shape[3],
+            *self._put, *self._near, self._distance,
+        )  # fmt: skip
+
+    def node_distances_m(self) -> np.ndarray:
+        """Return signed distances at all nodes, shape (n_x, n_y, n_z), float32, metres.
+
+        Nodes of cells without surface have the distance of the cell's middle: right in sign only.
+        """
+        n_x, n_y, n_z = self._cells
+        out = np.empty((_NODES * n_x, _NODES * n_y, _NODES * n_z), np.float32)
+        layers = self._at_once(4 * _NODES**3 * n_y * n_z)
+        _, *shape = self._shape
+        for first in range(0, n_x, layers):
+            some = out[_NODES * first : _NODES * (first + layers)]
+            buffer = self._buffers.empty(some.nbytes)
+            count = len(some) // _NODES
+            self._program.launch(
+                "flesh_nodes",
+                (n_z * _NODES**3 // self._device.width, n_y, count),
+                np.uint32(count), *shape, np.uint32(first),
+                *self._put, *self._near, self._distance, buffer,
+            )  # fmt: skip
+            some[:] = self._buffers.read(buffer, some.shape, np.float32)
+            self._buffers.release(buffer)
+        return out
+
+    def distances_m(self, points_m: np.ndarray) -> np.ndarray:
+        """Return the signed distances (N,) of points (N, 3), float32, negative inside, metres.
+
+        A lower bound of the distance to the surface in magnitude, up to rounding.
+        """
+        return self._of_points("flesh_distances", points_m, 1)[0]
+
+    def gradients(self, points_m: np.ndarray) -> np.ndarray:
+        """Return the gradients (N, 3), float32, of the signed distances of points (N, 3)."""
+        return self._of_points("flesh_gradients", points_m, 3).T
+
+    def nearest_parts(self, points_m: np.ndarray) -> np.ndarray:
+        """Return for points (N, 3) the index (N,), int32, into `PART_NAMES` of the nearest part."""
+        return self._of_points("flesh_parts", points_m, 1, np.int32)[0]
+
+    def _of_points(
+        self, name: str, points_m: np.ndarray, n_rows: int, dtype: Any = np.float32
+    ) -> np.ndarray:
+        out = np.empty((n_rows, len(points_m)), dtype)
+        at_once = self._at_once(4 * (3 + n_rows) * _PADDED) * _PADDED
+        for first in range(0, len(points_m), at_once):
+            some_m = points_m[first : first + at_once]
+            n = len(some_m)
+            columns = np.zeros((3, n + -n % _PADDED), np.float32)
+            columns[:, :n] = (some_m - self._middle_m).T
+            n_padded = columns.shape[1]
+            points = self._buffers.borrow(columns)
+            result = self._buffers.empty(4 * n_rows * n_padded)
+            self._program.launch(
+                name, (n_padded // self._device.width,),
+                np.uint32(n_padded), *self._shape, *self._put, *self._near, points, result,
+            )  # fmt: skip
+            out[:, first : first + n] = self._buffers.read(result, (n_rows, n_padded), dtype)[:, :n]
+            for buffer in (points, result):
+                self._buffers.release(buffer)
+        return out
+
+    def _at_once(self, n_bytes: int) -> int:
+        """Return how many pieces of `n_bytes` a launch handles; no result depends on it."""
+        free_bytes = min(self._buffers.free_bytes, self._device.max_buffer_bytes)
+        if free_bytes < n_bytes:
+            raise DeviceError(
+                f"device {self._device.info.label}: a hand's surface needs {n_bytes} bytes more "
+                f"than are left ({free_bytes}); use longer edges, or choose another device with "
+                f"CLRADAR_DEVICE=..."
+            )
+        return free_bytes // n_bytes
+
+
+def _records(flesh: Flesh, origin_m: np.ndarray) -> np.ndarray:
+    """Return the cones as records of ten numbers (n, 10), see ``flesh.cl``."""
+    (begin_m, radius_m), (end_m, end_radius_m) = (
+        np.split(spheres, [3], axis=1) for spheres in flesh.cones().swapaxes(0, 1)
+    )
+    axis_m = end_m - begin_m
+    length_m = np.linalg.norm(axis_m, axis=1, keepdims=True)
+    sine = (radius_m - end_radius_m) / length_m
+    tangent = sine / np.sqrt(1.0 - sine * sine)
+    return np.hstack([begin_m - origin_m, axis_m / length_m, length_m, radius_m, sine, tangent])

@@ -47,6 +47,8 @@ CHAINS: tuple[tuple[int, ...], ...] = tuple(
 )
 """Joints of the thumb and the four fingers, from metacarpal to tip."""
 
+WRIST = 0
+
 ANGLES: tuple[str, ...] = ("flexion", "abduction", "twist")
 
 Range = tuple[float, float]

@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from clradar.errors import ModelError
-from clradar.hand.crossings import crossing_faces
-from clradar.hand.flesh import PART_NAMES, grown_flesh
-from clradar.hand.flesh_field import FleshField
+from clradar.hand.flesh import PART_NAMES, FleshField, grown_flesh
 from clradar.hand.joints import JOINT_NAMES
 from clradar.hand.pose import HandPose
 from clradar.hand.pose_file import pose_by_name
@@ -40,6 +38,9 @@ _EDGE_LIMITS_M = (0.5e-3, 4e-3)
 
 _COARSE_M = 4e-3
 """Spacing of the cells of a field that is asked at points only."""
+
+# An edge whose sine to a triangle's plane is less lies in it: coplanar triangles do not cross.
+_LEAST_SLOPE = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -78,24 +79,18 @@ class HandMesh(Record):
         for name in ("normals", "texture_m"):
             if getattr(self, name) is not None:
                 self._set_array(name, np.float64, vertices_m.shape)
-        for name, indices, count in (
-            ("faces", faces, len(vertices_m)),
-            ("part", part, len(PART_NAMES)),
-        ):
-            low, high = indices.min(), indices.max()
-            if low < 0 or high >= count:
-                checks.fail(f"HandMesh.{name}", f"indices in [0, {count - 1}]", f"[{low}, {high}]")
+        checks.indices("HandMesh.faces", faces, len(vertices_m))
+        checks.indices("HandMesh.part", part, len(PART_NAMES))
 
     def moved(self, matrix: np.ndarray, shift_m: np.ndarray) -> HandMesh:
         """The mesh turned or mirrored by an orthogonal matrix (3, 3), then shifted."""
-        normals = None if self.normals is None else _rotated(self.normals, matrix)
         return replace(
             self,
             vertices_m=_rotated(self.vertices_m, matrix) + shift_m,
             joints_m=_rotated(self.joints_m, matrix) + shift_m,
             # A mirror image reverses the winding; exchanging two corners restores it.
             faces=self.faces if np.linalg.det(matrix) > 0 else self.faces[:, [0, 2, 1]],
-            normals=normals,
+            normals=None if self.normals is None else _rotated(self.normals, matrix),
             texture_m=self.vertices_m if self.texture_m is None else self.texture_m,
         )
 
@@ -103,9 +98,7 @@ class HandMesh(Record):
         """The surface as a `trimesh.Trimesh` in metres."""
         import trimesh
 
-        return trimesh.Trimesh(
-            vertices=np.array(self.vertices_m), faces=np.array(self.faces), process=False
-        )
+        return trimesh.Trimesh(np.array(self.vertices_m), np.array(self.faces), process=False)
 
 
 def _rotated(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -116,11 +109,7 @@ def _rotated(vectors: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 def checked_edge_m(edge_length_m: float) -> float:
     """Return the length of edges of a hand's mesh; raise `ModelError` where it makes none."""
-    length_m = checks.positive("edge_length_m", edge_length_m)
-    low_m, high_m = _EDGE_LIMITS_M
-    if not low_m <= length_m <= high_m:
-        checks.fail("edge_length_m", f"a length in [{low_m:g}, {high_m:g}] m", f"{length_m:g} m")
-    return length_m
+    return checks.within("edge_length_m", edge_length_m, *_EDGE_LIMITS_M, " m")
 
 
 def hand_mesh(
@@ -225,7 +214,8 @@ def _surface(field: FleshField, spacing_m: float) -> tuple[np.ndarray, np.ndarra
     raw, faces, _, _ = marching_cubes(distance, 0.0, gradient_direction="descent")
     raw_m = field.first_m + raw.astype(np.float64) * spacing_m
     raw_m, faces, adjacency = _largest_component(raw_m, faces)
-    if not _is_closed(adjacency):
+    # Every edge occurs once in each direction.
+    if (adjacency.data != 1.0).any() or (adjacency != adjacency.T).nnz:
         raise ModelError("pose: expected one closed surface, got one with open edges")
     vertices_m, normal = _relaxed(field, raw_m, adjacency)
     # Which have other skin close in front, as where fingers touch.
@@ -245,10 +235,9 @@ def _largest_component(
     if count == 1:
         return vertices_m, faces, adjacency
     keep = label[faces[:, 0]] == np.argmax(np.bincount(label[faces[:, 0]]))
-    used = np.zeros(len(vertices_m), dtype=bool)
-    used[faces[keep]] = True
-    faces = (np.cumsum(used, dtype=np.int32) - 1)[faces[keep]]
-    return vertices_m[used], faces, _adjacency(faces, int(used.sum()))
+    used, own = np.unique(faces[keep], return_inverse=True)
+    faces = own.reshape(-1, 3).astype(np.int32)
+    return vertices_m[used], faces, _adjacency(faces, len(used))
 
 
 def _adjacency(faces: np.ndarray, n: int) -> csr_array:
@@ -258,11 +247,6 @@ def _adjacency(faces: np.ndarray, n: int) -> csr_array:
     begin = faces.T.reshape(-1)
     end = faces[:, [1, 2, 0]].T.reshape(-1)
     return coo_array((np.ones(len(begin)), (begin, end)), shape=(n, n)).tocsr()
-
-
-def _is_closed(adjacency: csr_array) -> bool:
-    """Return whether every edge occurs exactly once in each direction."""
-    return bool((adjacency.data == 1.0).all()) and (adjacency != adjacency.T).nnz == 0
 
 
 def _relaxed(
@@ -315,3 +299,61 @@ def _uncrossed(
         near_m, _ = cKDTree(raw_m[moved]).query(vertices_m[faces[among, 0]])
         among = among[near_m < 6.0 * spacing_m]
     return vertices_m
+
+
+def crossing_faces(
+    vertices_m: np.ndarray, faces: np.ndarray, among: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the pairs (N, 2) of faces, of those `among`, without a common corner that intersect.
+
+    Two triangles intersect if an edge of one meets the other, unless it lies in its plane.
+    """
+    chosen = np.arange(len(faces)) if among is None else among
+    if not len(chosen):
+        return np.zeros((0, 2), dtype=np.int64)
+    corners = faces[chosen]
+    triangles_m = vertices_m[corners]
+    one, other = _close_pairs(triangles_m)
+    apart = (corners[one][:, :, None] != corners[other][:, None, :]).all(axis=(1, 2))
+    one, other = one[apart], other[apart]
+    crossed = np.zeros(len(one), dtype=bool)
+    for a, b in ((one, other), (other, one)):
+        for k in range(3):
+            begin_m, end_m = triangles_m[a, k], triangles_m[a, (k + 1) % 3]
+            crossed |= _edge_meets(begin_m, end_m - begin_m, triangles_m[b])
+    return chosen[np.stack([one[crossed], other[crossed]], axis=1)]
+
+
+def _close_pairs(triangles_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs of triangles (N, 3, 3) whose bounding boxes overlap, each pair once."""
+    from scipy.spatial import cKDTree
+
+    centre_m = (triangles_m[:, 0] + triangles_m[:, 1] + triangles_m[:, 2]) / 3.0
+    from_m = triangles_m - centre_m[:, None]
+    most_m = 2.0 * np.sqrt(np.einsum("ijk,ijk->ij", from_m, from_m).max()) * (1.0 + 1e-9)
+    one, other = cKDTree(centre_m).query_pairs(most_m, output_type="ndarray").T
+    for low_m, high_m in zip(triangles_m.min(axis=1).T, triangles_m.max(axis=1).T, strict=True):
+        meet = (low_m[one] <= high_m[other]) & (low_m[other] <= high_m[one])
+        one, other = one[meet], other[meet]
+    return one, other
+
+
+def _edge_meets(begin_m: np.ndarray, edge_m: np.ndarray, triangles_m: np.ndarray) -> np.ndarray:
+    """Return for N edges and N triangles whether the edge meets the triangle.
+
+    After Moeller and Trumbore, "Fast, minimum storage ray/triangle intersection", Journal of
+    Graphics Tools 2(1), 1997.
+    """
+    first_m = triangles_m[:, 1] - triangles_m[:, 0]
+    second_m = triangles_m[:, 2] - triangles_m[:, 0]
+    from_corner_m = begin_m - triangles_m[:, 0]
+    across = np.cross(edge_m, second_m)
+    turned = np.cross(from_corner_m, first_m)
+    determinant = np.einsum("ij,ij->i", first_m, across)
+    size = np.linalg.norm(np.cross(first_m, second_m), axis=1) * np.linalg.norm(edge_m, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        u = np.einsum("ij,ij->i", from_corner_m, across) / determinant
+        v = np.einsum("ij,ij->i", edge_m, turned) / determinant
+        t = np.einsum("ij,ij->i", second_m, turned) / determinant
+        inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0)
+        return inside & (t >= 0.0) & (t <= 1.0) & (np.abs(determinant) > _LEAST_SLOPE * size)

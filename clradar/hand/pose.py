@@ -116,9 +116,7 @@ def interpolate_poses(a: HandPose, b: HandPose, share: float) -> HandPose:
     """
     checks.instance("a", a, HandPose)
     checks.instance("b", b, HandPose)
-    share = checks.real("share", share)
-    if not 0.0 <= share <= 1.0:
-        checks.fail("share", "a number in [0, 1]", repr(share))
+    share = checks.within("share", share, 0, 1)
     joints = {}
     for joint in {**a.joints, **b.joints}:
         ends = zip(astuple(a.angles(joint)), astuple(b.angles(joint)), strict=True)

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from clradar.errors import OutputError
+from clradar.errors import ClradarError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
-from clradar.files.failures import fail, shown
+from clradar.files.failures import fail
 from clradar.files.json_text import indented
 from clradar.files.toml_file import nearest, parse_toml, toml_document
 from clradar.hand.joints import ANGLES
@@ -98,11 +98,15 @@ def read_pose(path: str | os.PathLike[str]) -> HandPose:
     from clradar.files.records import read_record
     from clradar.hand.pose_record import PoseFile
 
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        fail(path, f"a name that ends in {' or '.join(SUFFIXES)}", f"'{path.suffix}'")
+    _check_suffix(Path(path), MeasurementError)
     expected = "a pose (a TOML or JSON file, see docs/poses.md)"
-    return read_record(path, PoseFile, expected).pose()
+    return read_record(Path(path), PoseFile, expected).pose()
+
+
+def _check_suffix(path: Path, error: type[ClradarError]) -> None:
+    if path.suffix.lower() not in SUFFIXES:
+        wanted = f"a name that ends in {' or '.join(SUFFIXES)}"
+        fail(path, wanted, f"'{path.suffix}'", error=error)
 
 
 def pose_of_table(parsed: Any, path: Path) -> HandPose:
@@ -125,14 +129,9 @@ def write_pose(path: str | os.PathLike[str], pose: HandPose, *, force: bool = Fa
     True
     """
     target = Path(path)
-    suffix = target.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise OutputError(
-            f"{shown(target)}: expected a name that ends in {' or '.join(SUFFIXES)}, "
-            f"got '{target.suffix}'"
-        )
+    _check_suffix(target, OutputError)
     checks.instance("write_pose: pose", pose, HandPose)
-    text = (indented if suffix == ".json" else toml_document)(pose_table(pose))
+    text = (indented if target.suffix.lower() == ".json" else toml_document)(pose_table(pose))
     write_file(target, text.encode("utf-8"), force=force)
 
 

@@ -91,9 +91,7 @@ def pose_around(
     """
     checks.instance("pose", pose, HandPose)
     checks.instance("pose_around: rng", rng, np.random.Generator)
-    spread_deg = checks.real("spread_deg", spread_deg)
-    if not 0.0 <= spread_deg <= MOST_SPREAD_DEG:
-        checks.fail("spread_deg", f"degrees from 0 to {MOST_SPREAD_DEG:g}", repr(spread_deg))
+    spread_deg = checks.within("spread_deg", spread_deg, 0, MOST_SPREAD_DEG, " degrees")
     own_m = overlaps(pose)
     drawn = pose
     for _ in range(_SWEEPS):
@@ -135,9 +133,13 @@ def _with_digit(pose: HandPose, mean: HandPose, digit: str, deviates_deg: np.nda
     for joint, turned_deg in turns.items():
         wanted_rad = np.array(astuple(mean.angles(joint)))
         wanted_rad[: len(turned_deg)] += np.deg2rad(turned_deg)
-        limits_rad = np.deg2rad(list(LIMITS_DEG[joint].values()))
-        joints[joint] = JointAngles(*np.clip(wanted_rad, *limits_rad.T).tolist())
+        joints[joint] = _limited(joint, wanted_rad)
     return HandPose(pose.name, joints, pose.description, pose.source)
+
+
+def _limited(joint: str, angles_rad: np.ndarray) -> JointAngles:
+    limits_rad = np.deg2rad(list(LIMITS_DEG[joint].values()))
+    return JointAngles(*np.clip(angles_rad, *limits_rad.T).tolist())
 
 
 def _between(ends: tuple[float, float], normal: float) -> float:
@@ -156,10 +158,7 @@ def _drawn(rng: np.random.Generator) -> HandPose:
     joints: dict[str, JointAngles] = {}
 
     def bend(joint: str, *wanted_deg: float) -> None:
-        limits = zip(wanted_deg, LIMITS_DEG[joint].values(), strict=False)
-        joints[joint] = JointAngles.from_degrees(
-            *(float(np.clip(angle_deg, *limit_deg)) for angle_deg, limit_deg in limits)
-        )
+        joints[joint] = _limited(joint, np.deg2rad((*wanted_deg, 0.0, 0.0)[:3]))
 
     middle = rng.standard_normal()
     for i, finger in enumerate(FINGERS):

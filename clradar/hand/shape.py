@@ -49,20 +49,13 @@ class HandShape(Record):
     girth: float = 1.0
 
     def __post_init__(self) -> None:
-        for name, limits in (("length_m", LENGTH_LIMITS_M), ("breadth_m", BREADTH_LIMITS_M)):
-            self._set(**{name: _within(name, getattr(self, name), limits, " m")})
-        given = self.finger_lengths
-        lengths = checks.read_only("HandShape.finger_lengths", given, np.float64, (N_DIGITS,))
-        factors = tuple(_within("finger_lengths", f, FACTOR_LIMITS, "") for f in lengths.tolist())
-        self._set(finger_lengths=factors, girth=_within("girth", self.girth, FACTOR_LIMITS, ""))
-
-
-def _within(name: str, value: object, limits: tuple[float, float], unit: str) -> float:
-    label = f"HandShape.{name}"
-    number = checks.real(label, value)
-    if not limits[0] <= number <= limits[1]:
-        checks.fail(label, f"a number in [{limits[0]:g}, {limits[1]:g}]{unit}", f"{number:g}{unit}")
-    return number
+        for name, limits_m in (("length_m", LENGTH_LIMITS_M), ("breadth_m", BREADTH_LIMITS_M)):
+            value = getattr(self, name)
+            self._set(**{name: checks.within(f"HandShape.{name}", value, *limits_m, " m")})
+        self._set(girth=checks.within("HandShape.girth", self.girth, *FACTOR_LIMITS))
+        given, field = self.finger_lengths, "HandShape.finger_lengths"
+        lengths = checks.read_only(field, given, np.float64, (N_DIGITS,)).tolist()
+        self._set(finger_lengths=tuple(checks.within(field, f, *FACTOR_LIMITS) for f in lengths))
 
 
 AVERAGE = HandShape()

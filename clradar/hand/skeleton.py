@@ -87,17 +87,16 @@ class Skeleton:
         return self.joints_m[JOINT_INDEX[name]]
 
     def point_m(
-        self, name: str, along: float, side_mm: float = 0.0, dorsal_mm: float = 0.0
+        self, joint: int, along: float, side_mm: float = 0.0, dorsal_mm: float = 0.0
     ) -> np.ndarray:
         """A point (3,) next to the bone that begins at a joint, at a share of its length.
 
         Offsets are along the bending axis (away from the thumb) and towards the back, in an average
         hand: a thicker one has them larger.
         """
-        at = JOINT_INDEX[name]
-        begin_m, end_m = self.joints_m[at], self.joints_m[at + 1]
+        begin_m, end_m = self.joints_m[joint : joint + 2]
         offset_m = np.array([side_mm, 0.0, dorsal_mm]) * (self.thickness * MILLIMETRE_M)
-        return begin_m + along * (end_m - begin_m) + self.frames[at] @ offset_m
+        return begin_m + along * (end_m - begin_m) + self.frames[joint] @ offset_m
 
 
 def _proportions(shape: HandShape) -> tuple[np.ndarray, dict[str, float], float]:

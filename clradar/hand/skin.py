@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from clradar.hand.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
+from clradar.hand.joints import CHAINS, FINGERS, JOINT_NAMES, WRIST
 from clradar.hand.skeleton import MILLIMETRE_M, Skeleton
 from clradar.model.record import Record
 
@@ -30,18 +30,9 @@ BACKWARDS_M = 8e-3
 """What counts as distance, too, where the normal is across the direction away from a bone, twice
 that where it points to it: skin that touches the skin of another bone stays with its own."""
 
-# About the mean distance of the skin from the bone that begins at each joint, millimetres.
-_RADII_MM = {
-    "wrist": 17.0,
-    "thumb-metacarpal": 12.0,
-    "thumb-phalanx-proximal": 10.7,
-    "thumb-phalanx-distal": 9.0,
-    **{f"{finger}-finger-metacarpal": 12.0 for finger in FINGERS},
-    **{f"{finger}-finger-phalanx-proximal": 9.8 for finger in FINGERS},
-    **{f"{finger}-finger-phalanx-intermediate": 9.0 for finger in FINGERS},
-    **{f"{finger}-finger-phalanx-distal": 7.6 for finger in FINGERS},
-}
-_BONES = tuple(_RADII_MM)
+# Joints at which the bones begin, and about the mean distance of the skin from them, millimetres.
+_BONES = (WRIST, *CHAINS[0][:3], *(chain[i] for i in range(4) for chain in CHAINS[1:]))
+_RADII_MM = (17.0, 12.0, 10.7, 9.0, *(mm for mm in (12.0, 9.8, 9.0, 7.6) for _ in FINGERS))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -119,44 +110,44 @@ def skin_weights(vertices_m: np.ndarray, normals: np.ndarray, posed: Skeleton) -
     d is how much farther their flesh is than that of the nearest, c = `BLEND_M`. A hard choice of
     one bone would tear the skin apart across a triangle.
     """
-    distance_m = np.stack([_distance_m(vertices_m, normals, posed, b) for b in _BONES], axis=1)
+    bones = zip(_BONES, _RADII_MM, strict=True)
+    own_m = [_distance_m(vertices_m, normals, posed, *bone) for bone in bones]
+    distance_m = np.stack(own_m, axis=1)
     nearest = distance_m.argmin(axis=1)
     distance_m -= distance_m.min(axis=1, keepdims=True)
     weight = np.maximum(0.0, 1.0 - distance_m / BLEND_M) ** 2 * _BESIDE[nearest]
     weight /= weight.sum(axis=1, keepdims=True)
     of_all = np.zeros((len(weight), len(JOINT_NAMES)))
-    of_all[:, [JOINT_INDEX[bone] for bone in _BONES]] = weight
+    of_all[:, _BONES] = weight
     return of_all
 
 
 def _distance_m(
-    vertices_m: np.ndarray, normals: np.ndarray, bones: Skeleton, bone: str
+    vertices_m: np.ndarray, normals: np.ndarray, bones: Skeleton, bone: int, radius_mm: float
 ) -> np.ndarray:
     """Return the distances (V,) of points from the flesh around a bone, metres."""
-    at = JOINT_INDEX[bone]
-    begin_m = bones.joints_m[at]
-    end_m = bones.joint_m("middle-finger-metacarpal") if bone == "wrist" else bones.joints_m[at + 1]
+    begin_m, end_m = bones.joints_m[[bone, CHAINS[2][0] if bone == WRIST else bone + 1]]
     axis_m, from_begin_m = end_m - begin_m, vertices_m - begin_m
     share = np.clip(np.einsum("vi,i->v", from_begin_m, axis_m) / (axis_m @ axis_m), 0.0, 1.0)
     away_m = from_begin_m - share[:, None] * axis_m
     length_m = np.linalg.norm(away_m, axis=1)
     outward = np.einsum("vi,vi->v", away_m, normals) / np.maximum(length_m, 1e-12)
-    radius_m = _RADII_MM[bone] * bones.thickness * MILLIMETRE_M
+    radius_m = radius_mm * bones.thickness * MILLIMETRE_M
     return length_m - radius_m + BACKWARDS_M * (1.0 - outward)
 
 
-def _are_beside(one: str, other: str) -> bool:
+def _are_beside(one: int, other: int) -> bool:
     """Return whether the same skin may belong to both bones: not skin that only touches."""
-    palm, roots = ("wrist", "metacarpal"), ("metacarpal", "proximal")
-    if one.endswith(palm) and other.endswith(palm):
+    palm = {WRIST, *(chain[0] for chain in CHAINS)}
+    if palm >= {one, other}:
         return True
-    digits = [bone.split("-")[0] for bone in (one, other)]
-    if digits[0] == digits[1]:
-        return abs(JOINT_INDEX[one] - JOINT_INDEX[other]) <= 1
-    if not one.endswith(roots) or not other.endswith(roots) or "thumb" in digits:
-        return False
-    # The webs between the fingers.
-    return abs(FINGERS.index(digits[0]) - FINGERS.index(digits[1])) == 1
+    for i, chain in enumerate(CHAINS):
+        if one in chain and other in chain:
+            return abs(one - other) <= 1
+        # The webs between the fingers.
+        if 0 < i < 4 and {*chain[:2], *CHAINS[i + 1][:2]} >= {one, other}:
+            return True
+    return False
 
 
 _BESIDE = np.array([[_are_beside(one, other) for other in _BONES] for one in _BONES])

@@ -121,6 +121,18 @@ def positive(field: str, value: Any) -> float:
     return number
 
 
+def within(field: str, value: Any, low: float, high: float, unit: str = "") -> float:
+    number = real(field, value)
+    if not low <= number <= high:
+        fail(field, f"a number in [{low:g}, {high:g}]{unit}", f"{number:g}{unit}")
+    return number
+
+
+def indices(field: str, values: np.ndarray, count: int) -> None:
+    if values.size and not 0 <= values.min() <= values.max() < count:
+        fail(field, f"indices in [0, {count})", f"[{values.min()}, {values.max()}]")
+
+
 def dynamic_range(field: str, value: Any) -> float:
     """Return a positive level in decibel of at most `MAX_DYNAMIC_RANGE_DB`."""
     level_db = positive(field, value)

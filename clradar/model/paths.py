@@ -103,11 +103,7 @@ class Paths(Record):
         if not count:
             return
         for name, size in (("tx", self.n_tx), ("rx", self.n_rx)):
-            column = getattr(self, name)
-            if column.min() < 0 or column.max() >= size:
-                checks.fail(
-                    f"Paths.{name}", f"indices in [0, {size})", f"[{column.min()}, {column.max()}]"
-                )
+            checks.indices(f"Paths.{name}", getattr(self, name), size)
         if self.length_m.min() <= 0:
             checks.fail("Paths.length_m", "positive lengths", f"{self.length_m.min():g}")
         if self.bounces.min() < 1:

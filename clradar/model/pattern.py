@@ -44,9 +44,7 @@ class AntennaPattern(Record):
         gain_dbi = checks.real("AntennaPattern.gain_dbi", self.gain_dbi)
         if abs(gain_dbi) > MOST_GAIN_DB:
             checks.fail("AntennaPattern.gain_dbi", f"within {MOST_GAIN_DB:g} dB of 0", gain_dbi)
-        exponent = checks.real("AntennaPattern.exponent", self.exponent)
-        if not 0 <= exponent <= MOST_EXPONENT:
-            checks.fail("AntennaPattern.exponent", f"0 to {MOST_EXPONENT:g}", exponent)
+        exponent = checks.within("AntennaPattern.exponent", self.exponent, 0, MOST_EXPONENT)
         self._set(gain_dbi=gain_dbi, exponent=exponent)
         if self.angle_deg is not None or self.field is not None:
             self._check_table()

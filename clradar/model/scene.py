@@ -84,12 +84,7 @@ class Scene(Record):
     def __post_init__(self) -> None:
         vertices = self._set_array("vertices_m", np.float64, (None, 3))
         faces = self._set_array("faces", np.int32, (None, 3))
-        if faces.min() < 0 or faces.max() >= len(vertices):
-            checks.fail(
-                "Scene.faces",
-                f"vertex indices in [0, {len(vertices)})",
-                f"[{faces.min()}, {faces.max()}]",
-            )
+        checks.indices("Scene.faces", faces, len(vertices))
         self._set(alpha=_alpha_of_faces(self.alpha, len(faces)))
         if isinstance(self.part_names, str) or not isinstance(self.part_names, Iterable):
             checks.fail("Scene.part_names", "a tuple of strings", repr(self.part_names))
@@ -276,8 +271,7 @@ def _index_of_faces(field: str, index: Any, n_faces: int, count: int) -> np.ndar
     if checks.is_single(index):
         index = np.full(n_faces, checks.whole(field, index, 0))
     index = checks.read_only(field, index, np.int32, (n_faces,))
-    if index.min() < 0 or index.max() >= count:
-        checks.fail(field, f"indices in [0, {count})", f"[{index.min()}, {index.max()}]")
+    checks.indices(field, index, count)
     return index
 
 

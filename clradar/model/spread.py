@@ -59,9 +59,7 @@ class Spread(Record):
         self._set_array("depth_count", np.int32, shape, " (y, x)")
         if len(self.seeds) < 2:
             checks.fail("Spread.seeds", "two or more", self.seeds)
-        share = checks.real("Spread.varying_share", self.varying_share)
-        if not 0.0 <= share <= 1.0:
-            checks.fail("Spread.varying_share", "a share in [0, 1]", share)
+        share = checks.within("Spread.varying_share", self.varying_share, 0, 1)
         level_db = checks.dynamic_range("Spread.dynamic_range_db", self.dynamic_range_db)
         self._set(seeds=tuple(self.seeds), varying_share=share, dynamic_range_db=level_db)
 

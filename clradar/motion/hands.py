@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.hand import HandMesh, HandPose, HandShape, hand_mesh, interpolate_poses, posed_skeleton
-from clradar.hand.joints import JOINT_INDEX
+from clradar.hand.joints import WRIST
 from clradar.hand.mesh import (
     DEFAULT_CENTER_M,
     DEFAULT_EDGE_LENGTH_M,
@@ -29,8 +29,6 @@ from clradar.opencl import Device
 
 if TYPE_CHECKING:
     from clradar.rigs import Rig
-
-WRIST = JOINT_INDEX["wrist"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -13,10 +13,8 @@ from types import MappingProxyType
 import numpy as np
 
 from clradar.hand import HandPose, pose_by_name, posed_skeleton
-from clradar.hand.joints import CHAINS, FINGERS, JOINT_INDEX, JOINT_NAMES
+from clradar.hand.joints import CHAINS, FINGERS, JOINT_NAMES, WRIST
 from clradar.model import checks
-
-WRIST = JOINT_INDEX["wrist"]
 
 METACARPALS = tuple(chain[0] for chain in CHAINS[1:])
 TIPS = tuple(chain[-1] for chain in CHAINS)
@@ -68,7 +66,7 @@ def check_joints(joints: np.ndarray) -> None:
     index, middle, _, pinky = knuckles = joints[[chain[1] for chain in CHAINS[1:]]]
     normal = np.cross(pinky - index, middle - joints[WRIST])
     if not np.linalg.norm(normal) > 1e-2 * reach(joints) ** 2:
-        checks.fail("knuckles", "knuckles side by side", "all in line with the wrist")
+        checks.fail("knuckles", "a row side by side", "all in line with the wrist")
     order = np.argsort(knuckles @ _axes(joints)[:, 0]).tolist()
     if order != sorted(order):
         got = f"{', '.join(FINGERS[i] for i in order)}: are the joints named correctly?"
@@ -100,9 +98,18 @@ def check_unit(joints: np.ndarray, unit_m: float) -> None:
 def check_side(joints: np.ndarray, side: str | None) -> str:
     """Return a side that is given or named, right if not; raise `ModelError` if it is the other.
 
-    A flat hand with the thumb in its plane shows none: there it has to be given or named.
+    The bend of the fingers and the side of the thumb show it. A flat hand with the thumb in its
+    plane is its own mirror image: there it has to be given or named.
     """
-    estimated = side_of(joints)
+    across, along, _ = _axes(joints).T
+    # For a right hand, whose index finger is at -x, this looks out of the back of the hand.
+    back = np.cross(across, along)
+    curl = np.mean([_unit(joints[d[-2]] - joints[d[1]]) @ back for d in CHAINS[1:]])
+    thumb = _unit(joints[CHAINS[0][2]] - joints[WRIST]) @ back
+    towards_palm = -float(curl + thumb)
+    estimated = None
+    if abs(towards_palm) >= _CLEAR_CURL:
+        estimated = "right" if towards_palm > 0 else "left"
     if side is None and estimated is None:
         expected = "joints or names that tell left from right, or --rig-hand"
         checks.fail("hand", expected, "a flat one with its thumb in the plane of the palm")
@@ -111,22 +118,6 @@ def check_side(joints: np.ndarray, side: str | None) -> str:
         by = "by the position of its thumb and the bend of its fingers"
         checks.fail("hand", f"a {side} hand", f"a {estimated} one {by}; --rig-hand {estimated}?")
     return side
-
-
-def side_of(joints: np.ndarray) -> str | None:
-    """Return "right" or "left" by the bend of the fingers and the side of the thumb, or None.
-
-    A hand that is perfectly flat, with the thumb in its plane, is its own mirror image.
-    """
-    across, along, _ = _axes(joints).T
-    # For a right hand, whose index finger is at -x, this looks out of the back of the hand.
-    back = np.cross(across, along)
-    curl = np.mean([_unit(joints[d[-2]] - joints[d[1]]) @ back for d in CHAINS[1:]])
-    thumb = _unit(joints[CHAINS[0][2]] - joints[WRIST]) @ back
-    towards_palm = -float(curl + thumb)
-    if abs(towards_palm) < _CLEAR_CURL:
-        return None
-    return "right" if towards_palm > 0 else "left"
 
 
 def canonical_axes(joints: np.ndarray, side: str) -> np.ndarray:
@@ -152,12 +143,18 @@ def rest_frames(
     known = np.isfinite(joints_m).all(axis=1)
     frames = reference_hand()[1].copy()
     for chain in CHAINS:
-        bones = [joint for joint in chain[:-1] if joint not in METACARPALS]
+        *bones, tip = chain[-4:]
         along = [_unit(joints_m[b] - joints_m[a]) for a, b in pairwise(bones)]
-        if known[chain[-1]]:
-            along.append(_unit(joints_m[chain[-1]] - joints_m[bones[-1]]))
-        else:
-            along.append(_last_bone(bones, along, local_axes, flesh_m.get(bones[-1]), joints_m))
+        end, last_m = bones[-1], joints_m[tip] - joints_m[bones[-1]]
+        if not known[tip]:
+            # Along the axis of its own on which the bones before lie, if they share one; else
+            # towards its flesh; without any, as the bone before.
+            first, second = (local_axes[b].T @ a for b, a in zip(bones, along, strict=False))
+            if first @ second > _SAME_LOCAL:
+                last_m = local_axes[end] @ (first + second)
+            else:
+                last_m = flesh_m[end] - joints_m[end] if end in flesh_m else along[-1]
+        along.append(_unit(last_m))
         axis = _thumb_axis(along[0]) if chain is CHAINS[0] else _finger_axis(bones[0], along[0])
         bend = sum(np.cross(b, a) for a, b in pairwise(along))
         size = float(np.linalg.norm(bend))
@@ -165,28 +162,8 @@ def rest_frames(
             axis = np.sign(bend @ axis) * bend / size
         for joint, direction in zip(bones, along, strict=True):
             frames[joint] = _frame(axis, direction)
-        frames[chain[-1]] = frames[bones[-1]]
+        frames[tip] = frames[end]
     return frames
-
-
-def _last_bone(
-    bones: list[int],
-    along: list[np.ndarray],
-    local_axes: np.ndarray,
-    flesh_m: np.ndarray | None,
-    joints_m: np.ndarray,
-) -> np.ndarray:
-    """Return the direction of a digit's last bone, whose end the rig lacks.
-
-    It is the local axis of the rig along which the bones before it lie, if they share one; else it
-    points to the centroid of its vertices; without vertices it continues the bone before.
-    """
-    first, second = (local_axes[b].T @ a for b, a in zip(bones[-3:-1], along[-2:], strict=True))
-    if first @ second > _SAME_LOCAL:
-        return _unit(local_axes[bones[-1]] @ (first + second))
-    if flesh_m is not None:
-        return _unit(flesh_m - joints_m[bones[-1]])
-    return along[-1]
 
 
 def _finger_axis(joint: int, along: np.ndarray) -> np.ndarray:

@@ -27,11 +27,11 @@ from clradar.files.meshes.gltf_document import (
     parents_and_order,
 )
 from clradar.hand import JOINT_NAMES
-from clradar.hand.joints import CHAINS
+from clradar.hand.joints import CHAINS, WRIST
 from clradar.model import checks
-from clradar.rigs.anatomy import WRIST, check_joints, check_side
+from clradar.rigs.anatomy import check_joints, check_side
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
-from clradar.rigs.rigging import MAX_FILE_VERTICES, Surface, rig_of
+from clradar.rigs.rig import MAX_VERTICES, Surface, rig_of
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -44,7 +44,7 @@ Entry = TypeVar("Entry")
 def plain_gltf(
     path: Path,
     mapping: Mapping[str, str | int] | None,
-    unit: str | float | None,
+    unit_m: float,
     handedness: str | None,
 ) -> dict[str, Any]:
     """Return the rig of a glTF file, in plain types; called in the confined process.
@@ -70,7 +70,7 @@ def plain_gltf(
         local = local / np.where(norm > 0.0, norm, 1.0)
         check_joints(joints)
         side = check_side(joints, side)
-        return rig_of(str(path), joints, local, surface, side, unit, ignored=ignored).plain()
+        return rig_of(str(path), joints, local, surface, side, unit_m, ignored=ignored).plain()
 
 
 def _chosen(
@@ -94,7 +94,11 @@ def _surface(file: _File, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
     """Return the surface of the hand in scene coordinates, and the names of other meshes."""
     # A tip is the end of the last bone and moves with it.
     last = {chain[-1]: chain[-2] for chain in CHAINS}
-    nearest = file.inherited({node: last.get(joint, joint) for joint, node in hand.nodes.items()})
+    own_joint = {node: last.get(joint, joint) for joint, node in hand.nodes.items()}
+    nearest: list[int | None] = [None] * len(file.names)
+    for at in file.order:
+        parent = file.parents[at]
+        nearest[at] = own_joint.get(at, None if parent < 0 else nearest[parent])
     moved_by = np.array([WRIST if joint is None else joint for joint in nearest])
     pieces, ignored = [], []
     for at, node in enumerate(file.document.nodes):
@@ -113,9 +117,11 @@ def _surface(file: _File, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
             if primitive.mode not in (None, _TRIANGLES):
                 continue
             positions, faces = file.triangles(what, primitive)
+            if not len(faces):
+                continue
             own, weights = file.weights(what, primitive, len(positions), skinned)
             moving = weights != 0
-            _check_below(f"{what}: JOINTS", own[moving], len(matrices))
+            checks.indices(f"{what}: JOINTS", own[moving], len(matrices))
             vertex, column = np.nonzero(moving)
             bone = own[vertex, column]
             turned = np.einsum("nij,nj->ni", matrices[bone][:, :3, :3], positions[vertex])
@@ -133,12 +139,6 @@ def _surface(file: _File, hand: FoundJoints) -> tuple[Surface, tuple[str, ...]]:
 def _entry(what: str, entries: Sequence[Entry], index: Any) -> Entry:
     """Return the entry of an index in the file, which is checked."""
     return entries[checks.whole(what, index, 0, len(entries) - 1)]
-
-
-def _check_below(what: str, indices: np.ndarray, count: int) -> None:
-    if indices.size and not 0 <= indices.min() <= indices.max() < count:
-        low, high = indices.min(), indices.max()
-        checks.fail(what, f"numbers from 0 and below {count}", f"[{low}, {high}]")
 
 
 class _File:
@@ -170,10 +170,10 @@ class _File:
         forbid_opening()
         nodes = document.nodes
         self.names = [str(n.name or f"node {at}") for at, n in enumerate(nodes)]
-        self._parents, self._order = parents_and_order([node.children or [] for node in nodes])
+        self.parents, self.order = parents_and_order([node.children or [] for node in nodes])
         self.world = np.empty((len(nodes), 4, 4))
-        for at in self._order:
-            own, parent = self._matrix(at), self._parents[at]
+        for at in self.order:
+            own, parent = self._matrix(at), self.parents[at]
             self.world[at] = own if parent < 0 else self.world[parent] @ own
         if not any(None not in (node.mesh, node.skin) for node in nodes):
             got = "a mesh that no joint moves (not skinned)" if document.meshes else "no mesh"
@@ -191,14 +191,6 @@ class _File:
             return bytes(GLTF2.decode_data_uri(DATA_URI_HEADER + unquote(uri.partition(",")[2])))
         left = limits.MAX_MESH_BUFFERS_BYTES - sum(map(len, self._buffers))
         return bytes_beside(path, what, unquote(uri), left, RigError)
-
-    def inherited(self, values: Mapping[int, int]) -> list[int | None]:
-        """Return for every node the value of it or of its nearest ancestor that has one."""
-        found: list[int | None] = [None] * len(self.names)
-        for at in self._order:
-            above = None if self._parents[at] < 0 else found[self._parents[at]]
-            found[at] = values.get(at, above)
-        return found
 
     def _matrix(self, at: int) -> np.ndarray:
         def numbers(name: str, count: int) -> np.ndarray:
@@ -225,7 +217,7 @@ class _File:
         """Return a skin's nodes, and for each the matrix from the mesh to the scene at rest."""
         skin = _entry("skin of a node", self.document.skins, index)
         bones = checks.read_only("joints of a skin", skin.joints, np.int64, (None,))
-        _check_below("joints of a skin", bones, len(self.names))
+        checks.indices("joints of a skin", bones, len(self.names))
         if skin.inverseBindMatrices is None:
             return bones, self.world[bones]
         columns = self.array("inverseBindMatrices", skin.inverseBindMatrices)[: len(bones)]
@@ -236,8 +228,8 @@ class _File:
         """Return positions (n, 3), float64, and faces (m, 3)."""
         name, any_n = f"{what}: POSITION", {"allow_empty": True}
         raw = self.array(name, primitive.attributes.POSITION)
-        if len(raw) > MAX_FILE_VERTICES:
-            checks.fail(name, f"at most {MAX_FILE_VERTICES} vertices", len(raw))
+        if len(raw) > MAX_VERTICES:
+            checks.fail(name, f"at most {MAX_VERTICES} vertices", len(raw))
         positions = checks.read_only(name, raw, np.float64, (None, 3), **any_n)
         corners = np.arange(len(positions))
         if primitive.indices is not None:
@@ -246,7 +238,7 @@ class _File:
         if len(corners) % 3 or len(corners) > 3 * limits.MAX_MESH_FACES:
             most = f"three for each of at most {limits.MAX_MESH_FACES} triangles"
             checks.fail(f"{what}: indices", most, len(corners))
-        _check_below(f"{what}: indices", corners, len(positions))
+        checks.indices(f"{what}: indices", corners, len(positions))
         return positions, corners.reshape(-1, 3)
 
     def weights(
@@ -287,31 +279,25 @@ class _File:
         if self._numbers_left < 0:
             most = f"at most {limits.MAX_GLTF_NUMBERS} numbers, with all uses of them"
             checks.fail("mesh", most, f"{count} elements more for {what}")
-        if entry.bufferView is None:
-            values = np.zeros((count, n), dtype)
-        else:
-            values = self._viewed(what, entry, dtype, count, n)
+        values = np.zeros((count, n), dtype)
+        if entry.bufferView is not None:
+            view = _entry(f"bufferView of {what}", self.document.bufferViews, entry.bufferView)
+            data = _entry(f"buffer of {what}", self._buffers, view.buffer)
+            size, about = n * dtype.itemsize, f"offsets and lengths of {what}"
+            stride, begin, length, offset = (
+                checks.whole(about, value or 0, 0, 2**40)
+                for value in (view.byteStride, view.byteOffset, view.byteLength, entry.byteOffset)
+            )
+            stride, first = stride or size, begin + offset
+            last = first + (count - 1) * stride + size
+            have = min(begin + length, len(data))
+            if not size <= stride < 256 or (count and last > have):
+                expected = f"{count} elements up to byte {last} of buffer {view.buffer}"
+                checks.fail(what, expected, have)
+            if count:
+                strides = (stride, dtype.itemsize)
+                values = np.ndarray((count, n), dtype, data, first, strides=strides)
         if dtype.kind == "f" or not entry.normalized:
             return values
         # glTF 2.0, 3.6.2.2: the most negative signed value means -1, too.
         return np.maximum(values / np.iinfo(dtype).max, -1.0)
-
-    def _viewed(
-        self, what: str, entry: Any, dtype: np.dtype[Any], count: int, n: int
-    ) -> np.ndarray:
-        """Return the numbers that an accessor has in a buffer view."""
-        view = _entry(f"bufferView of {what}", self.document.bufferViews, entry.bufferView)
-        data = _entry(f"buffer of {what}", self._buffers, view.buffer)
-        size, about = n * dtype.itemsize, f"offsets and lengths of {what}"
-        stride, begin, length, offset = (
-            checks.whole(about, value or 0, 0, 2**40)
-            for value in (view.byteStride, view.byteOffset, view.byteLength, entry.byteOffset)
-        )
-        stride, first = stride or size, begin + offset
-        last = first + (count - 1) * stride + size
-        have = min(begin + length, len(data))
-        if not size <= stride < 256 or (count and last > have):
-            checks.fail(what, f"{count} elements up to byte {last} of buffer {view.buffer}", have)
-        if count == 0:
-            return np.zeros((0, n), dtype)
-        return np.ndarray((count, n), dtype, data, first, strides=(stride, dtype.itemsize))

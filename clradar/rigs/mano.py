@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +27,7 @@ from clradar.model import checks
 from clradar.rigs.anatomy import TIPS, check_joints, check_side
 from clradar.rigs.mano_pickle import as_array, load_mano
 from clradar.rigs.names import side_in
-from clradar.rigs.rig import MANO_JOINTS, PoseBlend, Rig
-from clradar.rigs.rigging import Surface, rig_of
+from clradar.rigs.rig import MANO_JOINTS, PoseBlend, Rig, Surface, rig_of
 
 EXPECTED = "a MANO hand model (.pkl or .npz)"
 
@@ -59,47 +57,35 @@ def _shapes(n_vertices: int) -> dict[str, tuple[int | None, ...]]:
 
 
 def plain_mano(
-    path: Path, betas: list[float], unit: str | float | None, handedness: str | None
+    path: Path, betas: list[float], unit_m: float, handedness: str | None
 ) -> dict[str, Any]:
     """Return the rig of a MANO model, in plain types; called in the confined process."""
     content = file_bytes(path, "a MANO model", MAX_MESH_BYTES, error=RigError)
     with reading(path, EXPECTED, error=RigError):
-        model = (_npz if content[:2] == b"PK" else _pickled)(content)
-        return mano_rig(path, model, betas, unit, handedness).plain()
-
-
-def mano_rig(
-    path: Path,
-    model: dict[str, np.ndarray],
-    betas: Sequence[float],
-    unit: str | float | None,
-    handedness: str | None,
-) -> Rig:
-    """Return the rig of the arrays of a model, of a shape."""
-    fields = _checked(model)
-    shapedirs, weights = fields["shapedirs"], fields["weights"]
-    if len(betas) > shapedirs.shape[2]:
-        checks.fail("betas", f"at most {shapedirs.shape[2]}", len(betas))
-    shaped = fields["v_template"] + shapedirs[:, :, : len(betas)] @ np.array(betas, np.float64)
-    joints = np.full((len(JOINT_NAMES), 3), np.nan)
-    joints[list(MANO_JOINTS)] = fields["J_regressor"] @ shaped
-    if len(shaped) == N_VERTICES:
-        joints[list(TIPS)] = shaped[list(TIP_VERTICES)]
-    check_joints(joints)
-    side = check_side(joints, handedness or side_in(path.stem))
-    rows, column = np.nonzero(weights)
-    surface = Surface.grouped(
-        "model", fields["f"], rows, np.array(MANO_JOINTS)[column],
-        weights[rows, column], shaped[rows],
-    )  # fmt: skip
-    used = np.unique(fields["f"])  # vertices without faces are dropped
-    blend = PoseBlend(
-        directions=np.ascontiguousarray(fields["posedirs"][used]),
-        hands_mean=fields.get("hands_mean", np.zeros(_N_ANGLES)),
-        hands_components=fields.get("hands_components", np.zeros((0, _N_ANGLES))),
-    )
-    local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
-    return rig_of(str(path), joints, local, surface, side, unit, blend=blend)
+        fields = _checked((_npz if content[:2] == b"PK" else _pickled)(content))
+        shapedirs, weights = fields["shapedirs"], fields["weights"]
+        if len(betas) > shapedirs.shape[2]:
+            checks.fail("betas", f"at most {shapedirs.shape[2]}", len(betas))
+        shaped = fields["v_template"] + shapedirs[:, :, : len(betas)] @ np.array(betas, np.float64)
+        joints = np.full((len(JOINT_NAMES), 3), np.nan)
+        joints[list(MANO_JOINTS)] = fields["J_regressor"] @ shaped
+        if len(shaped) == N_VERTICES:
+            joints[list(TIPS)] = shaped[list(TIP_VERTICES)]
+        check_joints(joints)
+        side = check_side(joints, handedness or side_in(path.stem))
+        rows, column = np.nonzero(weights)
+        surface = Surface.grouped(
+            "model", fields["f"], rows, np.array(MANO_JOINTS)[column],
+            weights[rows, column], shaped[rows],
+        )  # fmt: skip
+        used = np.unique(fields["f"])  # vertices without faces are dropped
+        blend = PoseBlend(
+            directions=np.ascontiguousarray(fields["posedirs"][used]),
+            hands_mean=fields.get("hands_mean", np.zeros(_N_ANGLES)),
+            hands_components=fields.get("hands_components", np.zeros((0, _N_ANGLES))),
+        )
+        local = np.broadcast_to(np.eye(3), (len(JOINT_NAMES), 3, 3))
+        return rig_of(str(path), joints, local, surface, side, unit_m, blend=blend).plain()
 
 
 def _pickled(content: bytes) -> dict[str, np.ndarray]:
@@ -130,9 +116,8 @@ def _checked(model: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             dtype = np.int64 if name == "f" else np.float64
             checks.read_only(name, model[name], dtype, shape)
             fields[name] = model[name].astype(dtype)
-    faces, tree = fields["f"], fields["kintree_table"]
-    if faces.min() < 0 or faces.max() >= n_vertices:
-        checks.fail("f", f"vertices below {n_vertices}", f"[{faces.min()}, {faces.max()}]")
+    tree = fields["kintree_table"]
+    checks.indices("f", fields["f"], n_vertices)
     # The root's parent is -1, written as an unsigned number.
     parents = [-1 if p < 0 or p >= len(MANO_JOINTS) else int(p) for p in tree[0]]
     if tuple(parents) != PARENTS or tree[1].tolist() != list(range(len(MANO_JOINTS))):

@@ -69,20 +69,20 @@ def read_rig(
     if handedness is not None:
         checks.one_of("handedness", handedness, ("right", "left"))
     if isinstance(unit, str):
-        checks.one_of("unit", unit, tuple(UNITS_M))
-    elif unit is not None:
-        unit = checks.positive("unit", unit)
+        unit = UNITS_M[checks.one_of("unit", unit, tuple(UNITS_M))]
+    unit_m = 1.0 if unit is None else checks.positive("unit", unit)
     size = regular_file_size(file, EXPECTED, error=RigError)
     with reading(file, EXPECTED, error=RigError), open(file, "rb") as opened:
         start = opened.read(64)
     needed = ("clradar.rigs.anatomy:reference_hand",)  # which reads the poses of the package
     reader = confined_reader(EXPECTED, size, MAX_RIG_ANSWER_BYTES, RigError, needed)
-    if start.startswith(b"PK\x03\x04") or _is_pickle(file, start):
+    # Pickles of protocol 2 and later begin with a byte of their own; earlier ones with any opcode.
+    if start.startswith((b"PK\x03\x04", b"\x80")) or file.suffix.lower() in (".pkl", ".pickle"):
         if mapping is not None:
             checks.fail("mapping", "none for a MANO model, whose joints are known", "one")
         given = [] if betas is None else betas
         amounts = checks.read_only("betas", given, np.float64, (None,), allow_empty=True).tolist()
-        return Rig.of_plain(process.run(reader, plain_mano, file, amounts, unit, handedness))
+        return Rig.of_plain(process.run(reader, plain_mano, file, amounts, unit_m, handedness))
     if betas is not None:
         checks.fail("betas", "a MANO model (.pkl, .npz) for them", f"{file.name}")
     if not start.startswith(GLB_MAGIC) and start.lstrip(_BLANKS)[:1] != b"{":
@@ -91,13 +91,8 @@ def read_rig(
     from clradar.rigs.mapping_record import nodes_of
 
     nodes = None if mapping is None else nodes_of(mapping, file)
-    rig = Rig.of_plain(process.run(reader, plain_gltf, file, nodes, unit, handedness))
+    rig = Rig.of_plain(process.run(reader, plain_gltf, file, nodes, unit_m, handedness))
     if rig.ignored:
         names = ", ".join(f"'{name}'" for name in rig.ignored)
         warn(f"{file}: the hand does not move these meshes, which are left out: {names}")
     return rig
-
-
-def _is_pickle(file: Path, content: bytes) -> bool:
-    # Protocol 2 and later begin with a byte of their own; earlier ones with any opcode.
-    return content.startswith(b"\x80") or file.suffix.lower() in (".pkl", ".pickle")

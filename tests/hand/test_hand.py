@@ -11,9 +11,8 @@ from trimesh.creation import icosphere
 import clradar
 from clradar.errors import ModelError
 from clradar.hand import JOINT_NAMES, POSES, HandMesh, HandPose, JointAngles, hand_mesh
-from clradar.hand.crossings import crossing_faces
 from clradar.hand.flesh import PART_NAMES, grown_flesh
-from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
+from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M, crossing_faces
 from clradar.hand.skeleton import posed_skeleton
 
 FINGERS = ("index", "middle", "ring", "pinky")
@@ -236,8 +235,8 @@ FEW = {"vertices_m": np.zeros((10, 3)), "normals": None, "texture_m": None}
     ("call", "message"),
     [
         (lambda: hand_mesh("Q10"), "pose: expected one of"),
-        (lambda: hand_mesh(edge_length_m=0.0), "edge_length_m: expected a positive number"),
-        (lambda: hand_mesh(edge_length_m=1.7), "edge_length_m: expected a length in"),
+        (lambda: hand_mesh(edge_length_m=0.0), "edge_length_m: expected a number in"),
+        (lambda: hand_mesh(edge_length_m=1.7), "edge_length_m: expected a number in .* got 1.7 m"),
         (lambda: hand_mesh(shape=1.0), "shape: expected a HandShape"),
         (lambda: hand_mesh(handedness="both"), "handedness: expected one of 'right', 'left'"),
         (lambda: hand_mesh(center_m=(0.0, 0.0)), "center_m: expected shape"),

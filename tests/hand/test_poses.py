@@ -25,7 +25,7 @@ from clradar.hand import (
     read_pose,
     write_pose,
 )
-from clradar.hand.crossings import crossing_faces
+from clradar.hand.mesh import crossing_faces
 from clradar.hand.sampler import MOST_OVERLAP_M, MOST_PALM_OVERLAP_M, overlaps
 
 FINGERS = ("index", "middle", "ring", "pinky")
@@ -201,8 +201,8 @@ def test_all_signs_are_there_and_described():
 @pytest.mark.parametrize("sign", SIGNS)
 def test_digits_of_a_sign_hardly_penetrate(sign):
     for parts, depth_m in overlaps(POSES[sign]).items():
-        palm = "palm" in parts
-        assert depth_m < (MOST_LETTER_PALM_OVERLAP_M if palm else MOST_LETTER_OVERLAP_M)
+        most_m = MOST_LETTER_PALM_OVERLAP_M if "palm" in parts else MOST_LETTER_OVERLAP_M
+        assert depth_m < most_m
 
 
 EDGES_M = (1.4e-3, 1.7e-3, COARSE_M)
@@ -249,8 +249,7 @@ def test_random_poses_follow_from_the_generator_and_are_plausible():
     assert random_pose(np.random.default_rng(7)) == poses[7] != poses[8]
     for pose in poses:
         for parts, depth_m in overlaps(pose).items():
-            palm = "palm" in parts
-            assert depth_m <= (MOST_PALM_OVERLAP_M if palm else MOST_OVERLAP_M)
+            assert depth_m <= (MOST_PALM_OVERLAP_M if "palm" in parts else MOST_OVERLAP_M)
     bent = np.array([[p.angles(PIP.format(f)).flexion_rad for f in FINGERS] for p in poses])
     together = np.corrcoef(bent.T)
     # Neighbours bend together: drawn with correlations of 0.6, of which 36 samples keep 0.17 at

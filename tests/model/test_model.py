@@ -157,7 +157,7 @@ WRONG = [
      {"tx": [0, 2**32]}),
     ("Paths.length_m", "positive", "0", make_paths, {"length_m": [0.6, 0.0]}),
     ("Paths.bounces", "at least one", "0", make_paths, {"bounces": [0, 1]}),
-    ("Scene.faces", "vertex indices in [0, 3)", "[-1, 1]", make_scene, {"faces": [[0, 1, -1]]}),
+    ("Scene.faces", "indices in [0, 3)", "[-1, 1]", make_scene, {"faces": [[0, 1, -1]]}),
     ("alpha", "values in [0, 1]", "1.1", make_scene, {"alpha": 1.1}),
     ("alpha", "a number", "True", make_scene, {"alpha": True}),
     ("alpha", "shape (1,)", "shape (2,)", make_scene, {"alpha": [0.1, 0.2]}),

@@ -146,7 +146,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a tuple": (lambda: Scene.from_mesh((1, 2, 3)), "expected a mesh file.*got tuple"),
     "a vertex": (
         lambda: Scene.from_mesh((0.1 * np.eye(3), [[0, 1, 3]])),
-        r"mesh: Scene.faces: expected vertex indices in \[0, 3\)",
+        r"mesh: Scene.faces: expected indices in \[0, 3\)",
     ),
     "NaN": (
         lambda: Scene.from_mesh((np.diag([1, 1, np.nan]), [[0, 1, 2]])),

@@ -14,7 +14,7 @@ from clradar.errors import ModelError, RigError
 from clradar.hand import JOINT_NAMES, pose_by_name, posed_skeleton
 from clradar.hand.joints import CHAINS
 from clradar.rigs import read_rig, rotations_of_theta, theta_of_rotations
-from clradar.rigs.mano import TIP_VERTICES, mano_rig
+from clradar.rigs.mano import TIP_VERTICES
 
 TOLERANCE_M = 1e-13
 """float64 throughout: sums of some hundred products of numbers below 1 m, 1e-16 each."""
@@ -116,7 +116,7 @@ def test_parameters_that_are_refused(path, rig):
         rotations_of_theta(rig, np.zeros(45))
 
 
-def test_fingertips_are_vertices_of_the_released_mesh():
+def test_fingertips_are_vertices_of_the_released_mesh(tmp_path):
     """A mesh of 778 vertices has its tips at the vertices that are in use everywhere."""
     made = {k: v for k, v in mano_model().items() if isinstance(v, np.ndarray)}
     made["J_regressor"] = mano_model()["J_regressor"].toarray()
@@ -125,7 +125,8 @@ def test_fingertips_are_vertices_of_the_released_mesh():
     cut = {**made, **{k: made[k][:778] for k in ("v_template", "shapedirs", "posedirs", "weights")}}
     cut["f"] = made["f"][(made["f"] < 778).all(axis=1)]
     cut["J_regressor"] = regressor(cut["v_template"], made["J"])
-    rig = mano_rig(Path("m.npz"), cut, [], None, "right")
+    np.savez(tmp_path / "m.npz", **cut)
+    rig = read_rig(tmp_path / "m.npz", handedness="right")
     assert rig.known[JOINT_NAMES.index("thumb-tip")]
     for chain, vertex in zip(CHAINS, TIP_VERTICES, strict=True):
         expected = (cut["v_template"][vertex] - made["J"][0]) @ rig.axes.T
@@ -177,7 +178,7 @@ def test_invalid_pickles_are_refused(tmp_path, content, message):
         ({"weights": lambda w: 0.5 * w}, "weights: expected a sum of 1 .* got 0.5 at vertex 0"),
         ({"weights": lambda w: w[:-1]}, r"weights: expected shape \(\d+, 16\), got shape"),
         ({"v_template": lambda v: v * np.nan}, "v_template: expected finite numbers"),
-        ({"f": lambda f: f + np.uint32(10**6)}, "f: expected vertices below"),
+        ({"f": lambda f: f + np.uint32(10**6)}, r"f: expected indices in \[0, "),
         ({"kintree_table": lambda k: k[:, ::-1]}, "expected the hierarchy of MANO's 16 joints"),
         ({"J_regressor": lambda j: j * 0.0}, "at the same place"),
         ({"J_regressor": lambda j: j.astype(object)}, "Object arrays cannot be loaded"),
