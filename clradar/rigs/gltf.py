@@ -31,7 +31,7 @@ from clradar.hand.joints import CHAINS, WRIST
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, check_side
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
-from clradar.rigs.rigging import MAX_VERTICES, Surface, rig_of
+from clradar.rigs.rig import MAX_VERTICES, Surface, rig_of
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
