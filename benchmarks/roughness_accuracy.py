@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
@@ -39,15 +38,7 @@ G_RANGE, LENGTH_RANGE_M = (0.2, 3.0), (1.5e-3, 5e-3)
 GAIN = 7.3
 
 
-@dataclass(frozen=True)
-class Object:
-    """What is measured."""
-
-    scene: clradar.Scene
-    regions: Regions | None = None
-
-
-def plate(tilt_deg: float) -> Object:
+def plate(tilt_deg: float) -> clradar.Scene:
     """A plate of 60 mm, 0.3 m away, tilted about an axis that is none of the array's."""
     mesh = trimesh.creation.box((0.06, 0.06, 1e-4))
     mesh.update_faces(mesh.face_normals[:, 2] < -0.5)
@@ -55,27 +46,23 @@ def plate(tilt_deg: float) -> Object:
     axis = np.array([np.sin(0.44), np.cos(0.44), 0.0])
     matrix[:3, :3] = Rotation.from_rotvec(np.radians(tilt_deg) * axis).as_matrix()
     matrix[2, 3] = 0.3
-    return Object(clradar.Scene.from_mesh(mesh).transformed(matrix))
+    return clradar.Scene.from_mesh(mesh).transformed(matrix)
 
 
-def ball() -> Object:
+def ball() -> clradar.Scene:
     mesh = trimesh.creation.icosphere(5, 0.04).apply_translation((0.0, 0.0, 0.34))
-    return Object(clradar.Scene.from_mesh(mesh))
+    return clradar.Scene.from_mesh(mesh)
 
 
-def hand(apart: bool = False) -> Object:
-    scene = clradar.Scene.from_mesh(hand_mesh("F"))
-    return Object(scene, Regions.of_fingers(scene) if apart else None)
+def hand() -> clradar.Scene:
+    return clradar.Scene.from_mesh(hand_mesh("F"))
 
 
-OBJECTS: dict[str, Callable[[], Object]] = {
-    "plate 5": lambda: plate(5.0),
-    "plate 12": lambda: plate(12.0),
-    "plate 25": lambda: plate(25.0),
-    "ball": ball,
-    "hand": hand,
-    "palm and fingers": lambda: hand(True),
-}
+APART = "palm and fingers"
+OBJECTS: dict[str, Callable[[], clradar.Scene]] = {
+    **{f"plate {tilt}": partial(plate, tilt) for tilt in (5, 12, 25)},
+    "ball": ball, "hand": hand, APART: hand,
+}  # fmt: skip
 
 
 def truth(rng: np.random.Generator) -> tuple[float, float]:
@@ -92,19 +79,14 @@ def rough(height_m: float, length_m: float) -> clradar.Material:
 
 
 def measured(
-    folder: Path, own: Object, name: str, case: int
+    folder: Path, scene: clradar.Scene, regions: Regions | None, name: str, case: int
 ) -> tuple[clradar.Capture, list[tuple[float, float]]]:
     """A held-out measurement, and the truth of each region."""
     seed = FIRST_SEED + 100 * list(OBJECTS).index(name) + case
     rng = np.random.default_rng(seed)
-    regions = own.regions
     truths = [truth(rng) for _ in range(1 if regions is None else len(regions.names))]
     materials = [rough(*one) for one in truths]
-    scene = own.scene
-    if regions is None:
-        scene = scene.with_material(materials[0])
-    else:
-        scene = scene.with_material([materials[i] for i in regions.face])
+    scene = scene.with_material([materials[i] for i in regions.face] if regions else materials[0])
     path = folder / f"{name.replace(' ', '-')}-{case}.h5"
     if not path.exists():
         clean = clradar.simulate(scene, ARRAY, WAVEFORM, estimator="physical", seed=seed)
@@ -134,6 +116,21 @@ def rows_of(found: RoughnessSweep, truths: list[tuple[float, float]]) -> list[Ro
     return rows
 
 
+def estimated(
+    work: Path,
+    scene: clradar.Scene,
+    regions: Regions | None,
+    name: str,
+    store: FolderStore,
+    case: int,
+) -> list[Row]:
+    capture, truths = measured(work, scene, regions, name, case)
+    found = sweep_roughness(
+        capture, scene, HEIGHTS_M, LENGTHS_M, seeds=SEEDS, regions=regions, store=store
+    )
+    return [{"object": name, **row} for row in rows_of(found, truths)]
+
+
 def main() -> None:
     options = parser(__doc__ or "", 6, 10_000)
     options.add_argument("--work", type=Path, required=True)
@@ -144,19 +141,12 @@ def main() -> None:
     warnings.simplefilter("ignore", clradar.ClradarWarning)
     everything: list[Row] = []
     for name in given.scene:
-        own = OBJECTS[name]()
+        scene = OBJECTS[name]()
+        regions = Regions.of_fingers(scene) if name == APART else None
         # With regions or without, a scene has the same simulations.
-        store = FolderStore(given.work / ("hand" if own.regions else name.replace(" ", "-")))
+        store = FolderStore(given.work / ("hand" if regions else name.replace(" ", "-")))
 
-        def one(case: int, own: Object = own, name: str = name, store: Any = store) -> list[Row]:
-            capture, truths = measured(given.work, own, name, case)
-            found = sweep_roughness(
-                capture, own.scene, HEIGHTS_M, LENGTHS_M, seeds=SEEDS, regions=own.regions,
-                store=store,
-            )  # fmt: skip
-            return [{"object": name, **row} for row in rows_of(found, truths)]
-
-        everything += run(given, one)
+        everything += run(given, partial(estimated, given.work, scene, regions, name, store))
     groups = {n: lambda row, n=n: row["object"] == n for n in given.scene}
     keys = ("h_within_20", "h_in_68", "h_in_95", "h_error", "h_std_share", "l_error", "slope_error")
     summarize(everything, groups | {"all": lambda row: True}, *keys)

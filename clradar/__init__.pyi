@@ -12,7 +12,7 @@ from . import (
     view as view,
 )
 from .backproject import backproject as backproject
-from .compare import Metrics as Metrics, compare as compare
+from .compare.metrics import Metrics as Metrics, compare as compare
 from .compare.spread import spread as spread
 from .dataset.readers import open_dataset as open_dataset
 from .errors import (

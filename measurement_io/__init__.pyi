@@ -1,5 +1,8 @@
-from .check import CheckReport as CheckReport, check_file as check_file
-from .description import describe as describe
+from .description import (
+    CheckReport as CheckReport,
+    check_file as check_file,
+    describe as describe,
+)
 from .export import export_file as export_file
 from .layouts.layout import Layout as Layout, read_layout as read_layout
 from .maroon.alignment import (

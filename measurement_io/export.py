@@ -126,8 +126,6 @@ _VTI = """<?xml version="1.0"?>
 </ImageData>
 <AppendedData encoding="raw">
    _"""
-_VTI_PARTS = 'NumberOfComponents="2" ComponentName0="real" ComponentName1="imaginary"'
-_VTI_END = b"\n</AppendedData>\n</VTKFile>\n"
 
 
 def _write_vti(path: Path, volume: Volume) -> None:
@@ -141,7 +139,7 @@ def _write_vti(path: Path, volume: Volume) -> None:
         origin=" ".join(repr(float(v)) for v in grid.origin_m),
         spacing=" ".join(repr(float(v)) for v in grid.spacing_m),
         axes="1 0 0 0 1 0 0 0 1",
-        parts=_VTI_PARTS,
+        parts='NumberOfComponents="2" ComponentName0="real" ComponentName1="imaginary"',
         second=8 + arrays[0].nbytes,
     )
     with open(path, "xb") as file:
@@ -149,7 +147,7 @@ def _write_vti(path: Path, volume: Volume) -> None:
         for array in arrays:
             file.write(np.uint64(array.nbytes).astype("<u8").tobytes())
             file.write(np.ascontiguousarray(array).data)
-        file.write(_VTI_END)
+        file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
 # ---- depth maps as surfaces
@@ -176,17 +174,13 @@ def _triangles(depth: DepthMap) -> np.ndarray:
     """Return triangles towards the radar between neighbouring pixels, (n, 3) rows of `points_m`."""
     number = np.full(depth.mask.shape, -1)
     number[depth.mask] = np.arange(depth.mask.sum())
-    here, right = (slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))
-    above, across = (slice(1, None), slice(None, -1)), (slice(1, None), slice(1, None))
-    if min(depth.mask.shape) < 2:
-        return np.empty((0, 3), np.int64)
-    pixel_m = max(float(np.diff(depth.x_m).max()), float(np.diff(depth.y_m).max()))
-    found = []
-    for corners in ((here, above, right), (right, above, across)):
-        z_m = np.stack([depth.depth_m[corner] for corner in corners])
-        joined = np.ptp(z_m, axis=0) <= STEEPEST * pixel_m  # False where one is NaN
-        found.append(np.stack([number[corner][joined] for corner in corners], axis=1))
-    return np.concatenate(found)
+    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
+    squares = np.stack(corners, axis=-1).reshape(-1, 4)
+    triangles = np.concatenate([squares[:, [0, 1, 2]], squares[:, [2, 1, 3]]])
+    triangles = triangles[(triangles >= 0).all(axis=1)]
+    pixel_m = max(np.diff(axis).max(initial=0.0) for axis in (depth.x_m, depth.y_m))
+    heights_m: np.ndarray = np.ptp(depth.depth_m[depth.mask][triangles], axis=1)
+    return triangles[heights_m <= STEEPEST * pixel_m]
 
 
 FORMATS: dict[str, Any] = {

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.meshes.reading import FORMATS
 from clradar.model import Capture, ChannelCalibration, Volume, checks
 from measurement_io.layouts.lab_file import form_of, layout_needed
 from measurement_io.maroon import frame as frame_reader
-from measurement_io.maroon.folders import VARIANTS, find_frame, find_radar_folder
+from measurement_io.maroon.folders import (
+    VARIANTS,
+    antennas_file,
+    find_frame,
+    find_radar_folder,
+)
 from measurement_io.maroon.recording import Recording, open_recording
 from measurement_io.native import records as native
 
 if TYPE_CHECKING:
     from measurement_io.layouts.layout import Layout
 
-Kind = Literal["native", "frame", "folder", "container"]
 SUPPORTED = (
     "a native HDF5 file, a recorded frame (.npy with a pickled dictionary of xr and fvec), "
     "a folder radar_<low GHz>_<high GHz>_<points>, the <object>/<distance> folder that holds one, "
@@ -85,13 +89,12 @@ def open_capture(
 
         return open_with_layout(source, layout, frame)
     with reading(source, SUPPORTED):
+        file = source
         if source.is_dir():
-            radar = find_radar_folder(source)
-            file = find_frame(radar, frame or 0, variant or "raw")
-            return frame_reader.read_frame_file(file, rx_file=rx_file, tx_file=tx_file)
-        if frame is not None or variant is not None:
+            file = find_frame(find_radar_folder(source), frame or 0, variant or "raw")
+        elif frame is not None or variant is not None:
             fail(source, "a folder of frames, for frame= and variant= to choose from", "one file")
-        if form_of(source) == "hdf5":
+        elif form_of(source) == "hdf5":
             # Kind and content in one go: each process costs as much as reading a small file.
             found = native.read_if_native(source, "capture")
             if found is None:
@@ -100,13 +103,14 @@ def open_capture(
                 fail(source, "a recorded frame, for antenna files to apply to", "a native file")
             capture: Capture = found[1]
             return capture
-        if kind_of(source) == "container":
+        elif kind_of(source) == "container":
             raise layout_needed(source)
-        return frame_reader.read_frame_file(source, rx_file=rx_file, tx_file=tx_file)
+        array = frame_reader.antenna_array(rx_file, tx_file, antennas_file(file))
+        return frame_reader.read_frame_file(file, array)
 
 
-def kind_of(path: Path) -> Kind:
-    """Return which kind of source a path is, by its content."""
+def kind_of(path: Path) -> str:
+    """Return what a path is by its content: "folder", "frame", "container", or a native format."""
     with reading(path, SUPPORTED):
         if path.is_dir():
             return "folder"
@@ -114,20 +118,13 @@ def kind_of(path: Path) -> Kind:
     if form == "npy":
         return "container" if frame_reader.is_plain_array(path) else "frame"
     if form == "hdf5":
-        return "container" if native.format_of(path) is None else "native"
+        return native.format_of(path) or "container"
     if path.suffix.lower() in FORMATS:
         fail(path, "a capture", "a mesh by its name: simulate it first (clradar simulate)")
     if form is not None:
         return "container"
     size = regular_file_size(path, SUPPORTED)
     fail(path, SUPPORTED, "something else" if size else "an empty file")
-
-
-def is_volume(path: Path) -> bool:
-    """Whether a path is that of a native volume."""
-    with reading(path, SUPPORTED):
-        folder = path.is_dir()
-    return not folder and form_of(path) == "hdf5" and native.format_of(path) == "volume"
 
 
 def open(path: str | os.PathLike[str]) -> Capture | Volume | ChannelCalibration | Recording:

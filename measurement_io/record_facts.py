@@ -12,15 +12,7 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import clean
-from clradar.model import (
-    AntennaArray,
-    Capture,
-    ChannelCalibration,
-    ImageScale,
-    Volume,
-    VoxelGrid,
-    Waveform,
-)
+from clradar.model import AntennaArray, Capture, ChannelCalibration, Volume, Waveform
 from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import MIN_STEPS, echo_profile
 from clradar.model.resolution import lateral_resolution_m
@@ -194,24 +186,7 @@ def _range_facts(capture: Capture) -> list[Fact]:
     lateral = " x ".join(_length(a) if np.isfinite(a) else "none" for a in across_m)
     text = f"at {_length(range_m)} (half path length, mean over pairs); resolution across {lateral}"
     value = {"range_m": range_m, "lateral_resolution_m": across_m}
-    facts.append(Fact("strongest echo", text, value))
-    if capture.absolute:
-        facts += _echo_rcs_facts(capture, range_m, float(profile.power[0]))
-    return facts
-
-
-def _echo_rcs_facts(capture: Capture, range_m: float, power: float) -> list[Fact]:
-    """Describe an echo by the point target on boresight that has its mean power over pairs."""
-    across_m = np.concatenate([capture.array.tx_m, capture.array.rx_m])[:, :2]
-    height_m = np.sqrt(max(range_m**2 - (across_m**2).sum(axis=1).mean(), 0.0))
-    grid = VoxelGrid.from_extent((0, 0), (0, 0), (height_m, height_m), 1e-3)
-    scale = ImageScale(capture.array, capture.waveform, np.ones(capture.waveform.n_freq))
-    square_metre = float(scale.of_square_metre(grid)[0, 0, 0])
-    if not 0 < square_metre < np.inf:
-        return []
-    dbsm = float(10 * np.log10(power) - 20 * np.log10(square_metre))
-    text = "{dbsm:.1f} dBsm, as a point target on boresight with its mean power over pairs"
-    return [_fact("echo's radar cross section", text, dbsm=dbsm)]
+    return [*facts, Fact("strongest echo", text, value)]
 
 
 def _volume_facts(volume: Volume) -> list[Fact]:

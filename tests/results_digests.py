@@ -33,7 +33,7 @@ import clradar
 import clradar.dataset
 import clradar.hand
 from calibration.clutter import gate
-from clradar.compare import METRICS
+from clradar.compare.metrics import METRICS
 
 sys.path.append(str(Path(__file__).with_name("support")))  # where this is run as a program
 

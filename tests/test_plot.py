@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from nightly import nightly
 
-from clradar.compare import Metrics, compare
+from clradar.compare.metrics import Metrics, compare
 from clradar.errors import CompareError, ModelError, OutputError
 from clradar.model import AntennaArray, DepthMap, ImageScale, Volume, VoxelGrid, Waveform
 from clradar.plot import comparison_figure, image_figure, panels_figure, plane_of, save_figure

@@ -29,7 +29,7 @@ from calibration.registration.mesh_rendering import KNOTS_RAD, decimated
 from calibration.registration.radar import Radar
 from calibration.registration.rigid_motion import moved
 from clradar.backproject import backproject
-from clradar.compare import depth_map_of
+from clradar.compare.images import depth_map_of
 from clradar.compare.metrics import overlap
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarWarning

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from calibration.hand_fit.result import ANGLE_NAMES, TIPS, HandFit, end_joints
-from clradar.compare import depth_map_of
+from clradar.compare.images import depth_map_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.hand import JOINT_NAMES
 from clradar.hand.joints import CHAINS, JOINT_INDEX

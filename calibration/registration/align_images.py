@@ -16,7 +16,6 @@ from calibration.registration.depth_surface import (
     DepthSurface,
     local_planes,
     not_aligned,
-    weighted_quantile,
 )
 from calibration.registration.observability import (
     OBSERVABLE,
@@ -34,6 +33,7 @@ from calibration.registration.rigid_motion import (
     rotation_about,
 )
 from calibration.registration.search_space import PoseSearch, start_rotations
+from clradar.compare.images import weighted_quantile
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks

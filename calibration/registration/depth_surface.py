@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from calibration.registration.observability import TwistScale
-from clradar.compare import depth_map_of
+from clradar.compare.images import depth_map_of, weighted_quantile
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume
 
@@ -131,12 +131,6 @@ def local_planes(surface: DepthSurface, points_m: np.ndarray) -> LocalPlanes:
         weights=(closeness * surface.weights[near]).sum(axis=1),
         gap_m=(closeness * surface.gap_m[near]).sum(axis=1),
     )
-
-
-def weighted_quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
-    order = np.argsort(values, kind="stable")
-    below = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(below, share * below[-1])]])
 
 
 def not_aligned(reason: str) -> CompareError:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft
 
-from calibration.registration.depth_surface import weighted_quantile
 from calibration.registration.mesh_fit import POWER_FLOOR, MeshFit, fit_mesh, initial_log_brightness
 from calibration.registration.mesh_rendering import Aperture, MeasuredImage, MeshRendering
 from calibration.registration.rigid_motion import moved, rotation_about
 from calibration.registration.search_space import TILTS, start_rotations
+from clradar.compare.images import weighted_quantile
 from clradar.model.progress import Progress
 from clradar.tracing.visible_surface import VisibleSurface
 

@@ -27,8 +27,8 @@ from calibration.roughness.regions import Regions
 from calibration.roughness.surface_points import surface_points
 from clradar import arrays
 from clradar.backproject import backproject
-from clradar.compare import METRICS, Metrics, depth_map_of, metrics_of
-from clradar.compare.metrics import check_size
+from clradar.compare.images import depth_map_of
+from clradar.compare.metrics import METRICS, Metrics, check_size, metrics_of
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.jobs.where import Where, open_devices

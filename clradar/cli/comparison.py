@@ -15,7 +15,7 @@ from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.groups import wrong_usage
 from clradar.cli.inputs import nothing_to_draw, title_of
 from clradar.cli.outputs import write
-from clradar.compare import METRIC_TABLE
+from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import warn
 from clradar.files.atomic import write_file

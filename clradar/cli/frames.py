@@ -236,7 +236,7 @@ def record_file(folder: Path, number: int) -> Path:
 
 
 def _metrics(image: cl.DepthMap, other: cl.DepthMap, range_db: float) -> dict[str, Any] | None:
-    from clradar.compare import metrics_of
+    from clradar.compare.metrics import metrics_of
 
     try:
         return metrics_of(image, other, range_db).to_dict()

@@ -49,10 +49,10 @@ class ImageInput:
     def open(cls, path: Path, frames: FrameOptions | None = None) -> ImageInput:
         """Open a file or a folder; a frame can be chosen of a recording only."""
         from measurement_io import open_volume
-        from measurement_io.opening import is_volume
+        from measurement_io.opening import kind_of
 
         frames = frames or FrameOptions()
-        if frames == FrameOptions() and is_volume(path):
+        if frames == FrameOptions() and kind_of(path) == "volume":
             return cls(path, open_volume(path))
         return cls(path, open_frame(path, frames))
 

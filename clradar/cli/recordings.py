@@ -16,7 +16,7 @@ from clradar.cli.console import counted, print_line, print_table, print_warning,
 from clradar.cli.frames import CAPTURES, MAPS, RECORDS, VOLUMES, Frames, FrameSteps, record_file
 from clradar.cli.inputs import ReadOnAccess, grid_for
 from clradar.cli.outputs import save, write
-from clradar.compare import METRIC_TABLE
+from clradar.compare.metrics import METRIC_TABLE
 from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
 from clradar.files.json_file import read_json_object, write_json
@@ -337,7 +337,7 @@ def draw_movement(folder: Path, images: KeptImages, fits: Sequence[FrameFit], na
 
 def _picture(image: cl.DepthMap) -> Picture | None:
     """A thin picture of a frame's maxima, if there is anything above zero."""
-    from clradar.compare import depth_map_of
+    from clradar.compare.images import depth_map_of
     from clradar.constants import DYNAMIC_RANGE_DB
 
     try:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from clradar.compare.images import clipped_db, cut_pair
-from clradar.compare.unmatched import UnmatchedObject, disagreement_of
+from clradar.compare.images import UnmatchedObject, clipped_db, cut_pair, disagreement
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.model import DepthMap, Volume
@@ -268,8 +267,8 @@ class Metrics(Record):
         values = {name: float(getattr(self, name)) for name in (*METRICS, "dynamic_range_db")}
         return {
             **{name: None if math.isnan(value) else value for name, value in values.items()},
-            "missing": [one.to_dict() for one in self.missing],
-            "surplus": [one.to_dict() for one in self.surplus],
+            "missing": [asdict(one) for one in self.missing],
+            "surplus": [asdict(one) for one in self.surplus],
             "remarks": list(self.remarks),
         }
 
@@ -327,7 +326,7 @@ def metrics_of(
     """Return what `compare` returns, without its warning: of simulations that are to differ."""
     first, second = cut_pair("compare", measured, simulated, dynamic_range_db)
     values = {one.field: one.value(first, second) for one in METRIC_TABLE}
-    unmatched = disagreement_of(first, second)
+    unmatched = disagreement(first, second)
     return Metrics(
         **values,
         dynamic_range_db=first.dynamic_range_db,

@@ -37,9 +37,7 @@ MAX_LOADED_BYTES = 2**30
 MAX_KEYS = 10_000
 MAX_NESTING = 16
 """Of groups and structs."""
-MAX_TEXT_CHARACTERS = 2**16
 MAX_CHANNELS = 100_000
-MAX_META_NUMBERS = 1000
 MAX_CHUNK_BYTES = 2**28
 """Of an HDF5 dataset: HDF5 holds a chunk twice, as stored and inflated."""
 

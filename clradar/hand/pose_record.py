@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from clradar.files.records import FileRecord, Number, Text, made, mistake
 from clradar.files.toml_file import nearest
@@ -39,15 +39,14 @@ class PoseFile(FileRecord):
     joints: dict[JointName, JointTable] = Field(
         description="a table joints, with the angles of each joint"
     )
-    _pose: HandPose = PrivateAttr()
 
     @model_validator(mode="after")
     def _is_a_pose(self) -> PoseFile:
-        joints = {
-            name: JointAngles.from_degrees(*dict(own).values()) for name, own in self.joints.items()
-        }
-        self._pose = made(HandPose, self.name, joints, self.description, self.source)
+        made(self.pose)
         return self
 
     def pose(self) -> HandPose:
-        return self._pose
+        angles = {
+            name: JointAngles.from_degrees(*dict(own).values()) for name, own in self.joints.items()
+        }
+        return HandPose(self.name, angles, self.description, self.source)

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
-from clradar.compare import Disagreement, clipped_db
+from clradar.compare.images import Disagreement, clipped_db
 from clradar.errors import quoted
 from clradar.model import DepthMap
 from clradar.model.length_unit import LengthUnit, unit_for

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from clradar.compare import METRIC_TABLE, Disagreement, Metrics, compare, depth_map_of, disagreement
+from clradar.compare.images import Disagreement, depth_map_of, disagreement
+from clradar.compare.metrics import METRIC_TABLE, Metrics, compare
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
@@ -171,10 +172,7 @@ def comparison_figure(
     if metrics is None:
         metrics = [compare(shown[0], s, dynamic_range_db=dynamic_range_db) for s in shown[1:]]
     _check_metrics(metrics, len(simulated), dynamic_range_db)
-    unmatched = [
-        disagreement(shown[0], one, dynamic_range_db=dynamic_range_db)
-        for one in (shown[1:] if differences else ())
-    ]
+    unmatched = [disagreement(shown[0], one) for one in (shown[1:] if differences else ())]
     labels = [measured_label, *(label for label, _ in simulated)]
     extent, columns = drawing.Extent.around(shown), len(labels)
     width = min(drawing.ROW_WIDTH / columns - drawing.GAP, drawing.MULTIPLE_PANEL_WIDTH)

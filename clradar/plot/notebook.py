@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from clradar.compare import METRIC_TABLE, Metrics
+from clradar.compare.metrics import METRIC_TABLE, Metrics
 from clradar.errors import CompareError
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Volume, VoxelGrid, Waveform
 from clradar.model.length_unit import unit_for

@@ -7,7 +7,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from clradar.compare import depth_map_of
+from clradar.compare.images import depth_map_of
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, VoxelGrid, checks
 from clradar.model.length_unit import unit_for

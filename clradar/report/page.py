@@ -12,7 +12,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from clradar.compare import Metrics, compare, depth_map_of
+from clradar.compare.images import depth_map_of
+from clradar.compare.metrics import Metrics, compare
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.compare import Metrics
-from clradar.compare.metrics import METRIC_TABLE, Metric
+from clradar.compare.metrics import METRIC_TABLE, Metric, Metrics
 from clradar.errors import quoted
 from clradar.model import DepthMap, Volume
 from clradar.model.length_unit import METRES, unit_for

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from clradar.compare import clipped_db
+from clradar.compare.images import clipped_db
 from clradar.model import DepthMap, Volume
 from clradar.plot.drawing import Extent, depth_limits_mm
 

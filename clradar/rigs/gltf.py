@@ -31,7 +31,7 @@ from clradar.hand.joints import CHAINS, WRIST
 from clradar.model import checks
 from clradar.rigs.anatomy import check_joints, check_side
 from clradar.rigs.names import FoundJoints, hand_by_mapping, hands_by_name, side_in
-from clradar.rigs.rigging import MAX_VERTICES, Surface, rig_of
+from clradar.rigs.rig import MAX_VERTICES, Surface, rig_of
 
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _NUMBERS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -77,12 +77,11 @@ def _chosen(
     hands: list[FoundJoints], handedness: str | None, side_of_file: str | None
 ) -> tuple[FoundJoints, str | None]:
     """Return the one hand of the requested side, and its side as far as it is given or named."""
-    named = [hand.side or side_of_file for hand in hands]
     if len(hands) > 1 and handedness is not None:
-        hands = [hand for hand, side in zip(hands, named, strict=True) if side == handedness]
+        hands = [hand for hand in hands if (hand.side or side_of_file) == handedness]
     if len(hands) != 1:
-        expected = f"one {handedness or ''} hand, or one of each side and --rig-hand"
-        checks.fail("joints", expected, f"{len(hands)} hands, by their names")
+        expected = "one hand, or one of each side and --rig-hand"
+        checks.fail("joints", expected, f"{len(hands)} {handedness or ''} hands, by their names")
     (hand,) = hands
     side = handedness or hand.side or side_of_file
     if hand.side not in (None, side):

@@ -27,8 +27,7 @@ from clradar.model import checks
 from clradar.rigs.anatomy import TIPS, check_joints, check_side
 from clradar.rigs.mano_pickle import as_array, load_mano
 from clradar.rigs.names import side_in
-from clradar.rigs.rig import MANO_JOINTS, PoseBlend, Rig
-from clradar.rigs.rigging import Surface, rig_of
+from clradar.rigs.rig import MANO_JOINTS, PoseBlend, Rig, Surface, rig_of
 
 EXPECTED = "a MANO hand model (.pkl or .npz)"
 

@@ -97,7 +97,7 @@ def _dense(value: ByColumns) -> np.ndarray:
 
 
 class _Listed(metaclass=Fixed):
-    """A set, list or tuple of a list."""
+    """A set, list or tuple of a list; also `object`, the base of classes that nobody makes."""
 
     def __new__(cls, items: Any = ()) -> Any:
         if not isinstance(items, list | tuple):
@@ -119,15 +119,8 @@ class _Reconstructor(metaclass=Fixed):
         return kind()
 
 
-class _Plain(metaclass=Fixed):
-    """`object`, the base of such a class; nobody calls it."""
-
-    def __init__(self, *_arguments: Any) -> None:
-        refuse("an object without a class of its own")
-
-
-_BUILTINS = {"object": _Plain, "dict": _Dictionary} | dict.fromkeys(
-    ("set", "frozenset", "list", "tuple"), _Listed
+_BUILTINS = {"dict": _Dictionary} | dict.fromkeys(
+    ("object", "set", "frozenset", "list", "tuple"), _Listed
 )
 _SPARSE = ("scipy.sparse", "scipy.sparse.csc", "scipy.sparse._csc")
 _NAMES: Names = {

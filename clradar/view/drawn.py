@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
-from clradar.compare import clipped_db
+from clradar.compare.images import clipped_db
 from clradar.model import DepthMap, Volume, VoxelGrid
 from clradar.plot.drawing import AMPLITUDE_SCALE, DEPTH_SCALE, DIFFERENCE_SCALE
 from clradar.view.wish import Place

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
-from clradar.compare import METRIC_TABLE
+from clradar.compare.metrics import METRIC_TABLE
 from clradar.model import Capture, VoxelGrid
 from clradar.model.length_unit import unit_for
 from clradar.plot.drawing import typeset

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Protocol
 
-from clradar.compare import Metrics, metrics_of
+from clradar.compare.metrics import Metrics, metrics_of
 from clradar.errors import ClradarError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.imaging.placement import place_grid

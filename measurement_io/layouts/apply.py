@@ -16,7 +16,6 @@ from clradar.constants import MAX_FREQUENCIES, PLAUSIBLE_APERTURE_M, PLAUSIBLE_H
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.limits import MAX_ARRAY_BYTES, MAX_CHANNELS
 from clradar.model import AntennaArray, Capture, Waveform
-from measurement_io.antenna_file import read_position_file
 from measurement_io.layouts.contents import EXPECTED
 from measurement_io.layouts.lab_file import Key, LabFile
 from measurement_io.layouts.layout import (
@@ -29,6 +28,7 @@ from measurement_io.layouts.layout import (
     Layout,
     read_layout,
 )
+from measurement_io.maroon.frame import read_position_file
 
 _FIELD_NAMES = (("r", "i"), ("real", "imag"), ("re", "im"), ("i", "q"))
 _PURPOSE = "the data"
@@ -42,8 +42,7 @@ def open_with_layout(
     if not isinstance(layout, Layout):
         layout = read_layout(layout)
     with reading(source, EXPECTED):
-        file = LabFile.opened(source, list(_wanted(layout, frame or 0)))
-        return _capture(file, layout, frame)
+        return _capture(LabFile.opened(source, [*_wanted(layout, frame or 0)]), layout, frame)
 
 
 def _wanted(layout: Layout, frame: int) -> Iterator[tuple[str, Mapping[int, int]]]:
@@ -53,7 +52,7 @@ def _wanted(layout: Layout, frame: int) -> Iterator[tuple[str, Mapping[int, int]
     for name in layout.data.keys:
         yield name, pick
     given = layout.frequency
-    values = [given.key, given.start, given.stop, given.step, given.points, *layout.meta.keys]
+    values = [given.key, given.start, given.stop, given.step, given.points]
     for side in (layout.tx, layout.rx):
         values += [side.key, *side.coordinates.values()]
     for value in values:
@@ -86,8 +85,7 @@ def _capture(file: LabFile, layout: Layout, frame: int | None) -> Capture:
         got = f"{points} in the data {keys[0]}, {len(frequency_hz)} frequencies"
         fail(path, "as many frequencies as the data has", got)
     _check_plausible(path, tx.position_m, rx.position_m, layout.antennas.unit or "m")
-    shape = (len(tx.chosen), len(rx.chosen), points)
-    cube = _cube(file, layout.data, (tx, rx), shape, descending=descending)
+    cube = _cube(file, layout.data, (tx, rx), points, descending=descending)
     meta: dict[str, Any] = {
         "source": shown(path),
         "format": "layout",
@@ -97,9 +95,6 @@ def _capture(file: LabFile, layout: Layout, frame: int | None) -> Capture:
         "frequencies_reversed": descending,
         "layout": layout.plain(),
     }
-    if layout.meta.keys:
-        # In a table of their own: a file can use any name.
-        meta["file"] = {key: file.meta_value(key) for key in layout.meta.keys}
     array = AntennaArray(tx.position_m, rx.position_m, layout.array_name)
     return Capture(cube, array, Waveform(frequency_hz), meta)
 
@@ -250,19 +245,17 @@ def _coordinates(
         axis: file.real_list(value, f"{purpose}, {axis}") if isinstance(value, str) else value
         for axis, value in side.coordinates.items()
     }
-    if side.key is None and side.values is None:
+    if side.key is None:
         counts = {axis: len(values) for axis, values in given.items() if np.ndim(values)}
         if len(set(counts.values())) != 1:
             got = ", ".join(f"{count} of {axis}" for axis, count in counts.items())
             fail(file.path, f"as many values of every coordinate ({purpose})", got)
         return given
-    table = np.array(side.values or ())
-    if side.key is not None:
-        table = file.real_array(side.key, purpose)
+    table = file.real_array(side.key, purpose)
     rows = side.orientation == "rows"
     if table.ndim != 2 or table.shape[1 if rows else 0] != len(columns):
-        source = "values" if side.key is None else side.key
-        wanted = f"{', '.join(columns)} in the {'columns' if rows else 'rows'} of '{clean(source)}'"
+        lines = "columns" if rows else "rows"
+        wanted = f"{', '.join(columns)} in the {lines} of '{clean(side.key)}'"
         turned = table.ndim == 2 and table.shape[0 if rows else 1] == len(columns)
         hint = f'; orientation = "{"columns" if rows else "rows"}" would fit' if turned else ""
         fail(file.path, f"{wanted} ({purpose})", f"shape {table.shape}{hint}")
@@ -287,15 +280,11 @@ def _check_plausible(path: Path, tx_m: np.ndarray, rx_m: np.ndarray, unit: str) 
 
 
 def _cube(
-    file: LabFile,
-    layout: DataLayout,
-    sides: tuple[_Side, _Side],
-    shape: tuple[int, int, int],
-    *,
-    descending: bool,
+    file: LabFile, layout: DataLayout, sides: tuple[_Side, _Side], points: int, *, descending: bool
 ) -> np.ndarray:
     """Return the signal of the used channels, shape (n_tx, n_rx, n_freq), complex64, read-only."""
     tx, rx = sides
+    shape = (len(tx.chosen), len(rx.chosen), points)
     result_bytes = math.prod(shape) * np.dtype(np.complex64).itemsize
     if result_bytes > MAX_ARRAY_BYTES:
         fail(file.path, f"at most {MAX_ARRAY_BYTES} bytes of data", f"{result_bytes}")

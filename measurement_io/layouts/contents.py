@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,6 @@ from clradar.files.limits import (
     MAX_KEYS,
     MAX_LOADED_BYTES,
     MAX_NESTING,
-    MAX_TEXT_CHARACTERS,
 )
 from measurement_io.confined import hdf5_guard
 from measurement_io.confined.hdf5_guard import DEFLATE, FLETCHER32, LZF, SHUFFLE
@@ -48,15 +48,13 @@ Opened = tuple[str, bool, "Iterable[Key]"]
 class Key:
     """One key of a file, as a layout names it.
 
-    `kind` is its type as text, `content` what can be read: "numbers", "text", or "other" for
-    nothing; `value` reads it, in the confined process.
+    `kind` is its type as text; `value` reads its numbers, if it has any, in the confined process.
     """
 
     name: str
     shape: tuple[int, ...]
     kind: str
-    content: str = "other"
-    value: Callable[[Pick], Any] | None = None
+    value: Callable[[Pick], np.ndarray] | None = None
 
     def __str__(self) -> str:
         return f"{clean(self.name)[:80]} {self.description}"
@@ -64,7 +62,7 @@ class Key:
     @property
     def description(self) -> str:
         """Shape and type as text."""
-        shape = "" if self.content == "text" else f"{self.shape} "
+        shape = "" if self.kind == "text" else f"{self.shape} "
         return f"{shape}{clean(self.kind)[:80]}"
 
 
@@ -72,7 +70,7 @@ def read(path: Path, form: str, wanted: list[tuple[str, list[tuple[int, int]]]])
     """Return "kind" and "matlab" of a file of a form, its "keys", and "values" of those wanted.
 
     `wanted` are names, and (axis, index) of axes of which one index is kept. What is not there, has
-    no such index, or holds neither numbers nor text, is left out.
+    no such index, or holds no numbers, is left out.
     """
     with reading(path, EXPECTED), _OPENERS[form](path) as (kind, matlab, listed):
         keys: dict[str, Key] = {}
@@ -90,7 +88,7 @@ def read(path: Path, form: str, wanted: list[tuple[str, list[tuple[int, int]]]])
             if key.value is not None and inside and key.name not in values:
                 with reading(path, f"{_place(key.name)} that can be read"):
                     values[key.name] = key.value(pick)
-        rows = [[key.name, list(key.shape), key.kind, key.content] for key in keys.values()]
+        rows = [[key.name, list(key.shape), key.kind] for key in keys.values()]
         return {"kind": kind, "matlab": matlab, "keys": rows, "values": values}
 
 
@@ -126,11 +124,6 @@ def _holds_numbers(dtype: np.dtype[Any]) -> bool:
     return dtype.subdtype is None and dtype.itemsize <= most.get(dtype.kind, 0)
 
 
-def _text(value: Any) -> str:
-    value = np.asarray(value).reshape(-1)[0]
-    return value.decode("utf-8") if isinstance(value, bytes) else str(value)
-
-
 # ---- numpy
 
 
@@ -154,11 +147,8 @@ def _numpy_key(
         _check_size(path, name, shape, dtype.itemsize, pick)
         return np.array(_picked(load(), pick))
 
-    if dtype.kind in "SU" and shape in ((), (1,)) and dtype.itemsize <= 4 * MAX_TEXT_CHARACTERS:
-        return Key(name, shape, "text", "text", lambda _: _text(load()))
-    if not _holds_numbers(dtype):
-        return Key(name, shape, str(dtype))
-    return Key(name, shape, str(dtype), "numbers", value)
+    kind = "text" if dtype.kind in "SU" else str(dtype)
+    return Key(name, shape, kind, value if _holds_numbers(dtype) else None)
 
 
 @contextmanager
@@ -244,7 +234,7 @@ def _mat5_keys(path: Path, file: Any) -> Iterator[Key]:
                 _check_loaded(path, name, 2 * sizes[name])
                 return _mat5_numbers(path, name, load(name)[name], kind, pick)
 
-            yield Key(name, shape, kind, "numbers", value)
+            yield Key(name, shape, kind, value)
 
 
 def _inner_keys(path: Path, name: str, value: Any, kind: str, depth: int) -> Iterator[Key]:
@@ -258,11 +248,10 @@ def _inner_keys(path: Path, name: str, value: Any, kind: str, depth: int) -> Ite
         for field in dtype.names:
             yield from _inner_keys(path, f"{name}/{field}", value[0, 0][field], "", depth + 1)
     elif dtype.kind == "U" and shape in ((), (0,), (1,)):
-        yield Key(name, shape, "text", "text", lambda _: _text(value) if value.size else "")
+        yield Key(name, shape, "text")
     elif dtype.kind in "iufcb":
         label = "logical" if dtype.kind == "b" else str(dtype)
-        numbers = lambda pick: _mat5_numbers(path, name, value, kind, pick)  # noqa: E731
-        yield Key(name, shape, label, "numbers", numbers)
+        yield Key(name, shape, label, partial(_mat5_numbers, path, name, value, kind))
     else:
         others = {"O": "cell array", "V": "struct array"}
         yield Key(name, shape, others.get(dtype.kind, str(dtype)))
@@ -328,6 +317,8 @@ class _Hdf5:
                 yield self._key(key, group, name, found)
 
     def _key(self, key: str, group: Any, name: str, found: Any) -> Key:
+        import h5py
+
         if found.shape is None:
             return Key(key, (), "empty")
         shape = tuple(int(n) for n in (found.shape[::-1] if self.matlab else found.shape))
@@ -336,22 +327,14 @@ class _Hdf5:
         except (TypeError, ValueError) as error:
             return Key(key, shape, clean(error))
         kind = _matlab_class(found) if self.matlab else None
-        numbers = lambda pick: self._numbers(key, group, name, pick)  # noqa: E731
-        if kind == b"char":
-            if dtype.kind != "u" or math.prod(shape) > MAX_TEXT_CHARACTERS:
-                return Key(key, shape, "text")
-            codes = lambda: numbers({}).ravel("F").tolist() if found.size else []  # noqa: E731
-            return Key(key, shape, "text", "text", lambda _: "".join(map(chr, codes())))
+        if kind == b"char" or h5py.check_string_dtype(dtype) is not None:
+            return Key(key, shape, "text")
         if kind is not None and kind not in _MATLAB_NUMBERS:
             return Key(key, shape, kind.decode("ascii", "backslashreplace"))
         if kind is not None and "MATLAB_empty" in found.attrs:
             return Key(key, (0, 0), f"empty {dtype}")
-        if _holds_numbers(dtype):
-            return Key(key, shape, str(dtype), "numbers", numbers)
-        if not _is_text(dtype) or shape not in ((), (1,)):
-            return Key(key, shape, str(dtype))
-        read = lambda _: _text(hdf5_guard.dataset(self.path, group, name, _FILTERS)[()])  # noqa: E731
-        return Key(key, shape, "text", "text", read)
+        numbers = partial(self._numbers, key, group, name) if _holds_numbers(dtype) else None
+        return Key(key, shape, str(dtype), numbers)
 
     def _numbers(self, key: str, group: Any, name: str, pick: Pick) -> np.ndarray:
         found = hdf5_guard.dataset(self.path, group, name, _FILTERS)
@@ -374,13 +357,6 @@ def _matlab_class(found: Any) -> bytes | None:
     if not isinstance(kind, h5py.h5t.TypeStringID) or kind.is_variable_str():
         return b"class of unknown form"
     return bytes(np.asarray(found.attrs["MATLAB_class"], dtype="S256").reshape(-1)[0])
-
-
-def _is_text(dtype: np.dtype[Any]) -> bool:
-    import h5py
-
-    info = h5py.check_string_dtype(dtype)
-    return info is not None and (info.length is None or info.length <= MAX_TEXT_CHARACTERS)
 
 
 _OPENERS: dict[str, Callable[[Path], Any]] = {

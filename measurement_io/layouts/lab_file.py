@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from clradar.errors import MeasurementError
 from clradar.files.failures import clean, fail, reading, regular_file_size, shown
-from clradar.files.limits import MAX_ARRAY_BYTES, MAX_LISTS_BYTES, MAX_META_NUMBERS
+from clradar.files.limits import MAX_ARRAY_BYTES, MAX_LISTS_BYTES
 from measurement_io.confined.hdf5_guard import HDF5_MAGIC
 from measurement_io.confined.reading import run
 from measurement_io.layouts.contents import EXPECTED, Key, read as read_contents
@@ -51,7 +50,7 @@ class LabFile:
     kind: str
     matlab: bool
     keys: Mapping[str, Key]
-    values: Mapping[str, Any]
+    values: Mapping[str, np.ndarray]
 
     @classmethod
     def opened(cls, path: Path, wanted: Sequence[tuple[str, Mapping[int, int]]] = ()) -> LabFile:
@@ -67,7 +66,7 @@ class LabFile:
             expected=EXPECTED, library=library, modules=modules,
             mapped_bytes=path.stat().st_size if form == "npy" else 0,
         )  # fmt: skip
-        keys = {name: Key(name, tuple(shape), *more) for name, shape, *more in found["keys"]}
+        keys = {name: Key(name, tuple(shape), kind) for name, shape, kind in found["keys"]}
         return cls(path, found["kind"], found["matlab"], keys, found["values"])
 
     def find(self, name: str, purpose: str) -> Key:
@@ -79,11 +78,11 @@ class LabFile:
             fail(self.path, f"the key {_place(name, purpose)}", got)
         return self.keys[wanted]
 
-    def read(self, name: str, purpose: str, content: str = "numbers") -> Any:
-        """Return the numbers, or the text, of a key that was wanted."""
+    def read(self, name: str, purpose: str) -> np.ndarray:
+        """Return the numbers of a key that was wanted."""
         key = self.find(name, purpose)
-        if key.content != content:
-            fail(self.path, f"{_place(name, purpose)} to hold {content}", key.kind)
+        if key.name not in self.values:
+            fail(self.path, f"{_place(name, purpose)} to hold numbers", key.kind)
         return self.values[key.name]
 
     def real_array(self, name: str, purpose: str) -> np.ndarray:
@@ -114,19 +113,6 @@ class LabFile:
         if found.size != 1:
             fail(self.path, f"{_place(value, purpose)} to be a number", f"{found.shape}")
         return float(found.ravel()[0])
-
-    def meta_value(self, name: str) -> Any:
-        """Return a key's content as a JSON value: text, a number or a list of numbers."""
-        found = self.find(name, "metadata")
-        if found.content == "text":
-            return str(self.read(name, "metadata", "text"))
-        if np.prod(found.shape, dtype=float) > MAX_META_NUMBERS:
-            wanted = f"at most {MAX_META_NUMBERS} numbers in {_place(name, 'metadata')}"
-            fail(self.path, wanted, f"shape {found.shape}")
-        value = self.real_array(name, "metadata")
-        whole = self.read(name, "metadata").dtype.kind in "iu"
-        listed = (value.astype(np.int64) if whole else value).ravel().tolist()
-        return listed[0] if len(listed) == 1 else listed
 
     def listed(self) -> str:
         """Return the keys as text, on one line."""

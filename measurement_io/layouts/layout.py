@@ -19,7 +19,6 @@ from clradar.files.records import (
     FileRecord,
     NumberOrText,
     Numbers,
-    Rows,
     Text,
     Vector,
     Whole,
@@ -49,7 +48,7 @@ _EXPECTED = "a layout (a TOML file, see docs/layouts.md)"
 _AXES = 'a list of axes, such as ["tx", "rx", "freq"]'
 _SIGN = "-1 for exp(-j 2 pi f d / c) or +1 for exp(+j ...)"
 _SLICE = re.compile(r"(-?[0-9]{1,9})?:(-?[0-9]{1,9})?(:-?0{0,8}[1-9][0-9]{0,8})?")
-_SOURCES = "one of 'key', 'values', 'file', 'array', or keys 'x', 'y' and 'z'"
+_SOURCES = "one of 'key', 'file', 'array', or keys 'x', 'y' and 'z'"
 _KEYS = "'key', or 'real' and 'imag'"
 _PAIRS = '"tx_major" or "rx_major", for an axis "pair" and for nothing else'
 _SELECT = 'a slice "start:stop" (stop excluded) or a list of channels from 0'
@@ -124,13 +123,12 @@ def _select(value: Any) -> Any:
 class AntennaLayout(FileRecord):
     """The Tx or the Rx side.
 
-    Exactly one of `key`, `x` with `y` and `z`, `values`, `file`, `array` gives the positions.
+    Exactly one of `key`, `x` with `y` and `z`, `file`, `array` gives the positions.
     """
 
     channels: Annotated[Whole, Field(ge=1, le=MAX_CHANNELS)] | None = None
     select: Annotated[str | tuple[int, ...], BeforeValidator(_select)] | None = None
     key: KeyName | None = None
-    values: Rows | None = None
     file: Annotated[str, text("the name of an antenna file, as text")] | None = None
     array: Annotated[str, one_of(*KNOWN_ARRAYS)] | None = None
     orientation: Annotated[str, one_of("rows", "columns")] = "rows"
@@ -158,7 +156,7 @@ class AntennaLayout(FileRecord):
         single = self.coordinates
         keys = any(isinstance(value, str) for value in single.values())
         apart = "x" in single and "y" in single and keys
-        sources = {name: getattr(self, name) for name in ("key", "values", "file", "array")}
+        sources = {name: getattr(self, name) for name in ("key", "file", "array")}
         whole = sum(value is not None for value in sources.values())
         known = self.array is not None or self.file is not None
         turned = "orientation" in self.model_fields_set and self.key is None
@@ -220,12 +218,6 @@ class FrequencyLayout(FileRecord):
         return self
 
 
-class MetaLayout(FileRecord):
-    """What else is kept with the capture."""
-
-    keys: tuple[KeyName, ...] = Field((), description="a list of keys of the file")
-
-
 class Layout(FileRecord):
     """The keys, axes, units and conventions of a file: docs/layouts.md has them all."""
 
@@ -234,7 +226,6 @@ class Layout(FileRecord):
     rx: AntennaLayout
     antennas: FrameOfReference = Field(default_factory=lambda: FrameOfReference.model_validate({}))
     frequency: FrequencyLayout
-    meta: MetaLayout = Field(default_factory=lambda: MetaLayout.model_validate({}))
     _path: Path = PrivateAttr(Path())
 
     @model_validator(mode="after")
@@ -246,7 +237,7 @@ class Layout(FileRecord):
         missing = [c for c in COORDINATES if c not in frame.columns]
         for side in (self.tx, self.rx):
             constants = list(side.coordinates)
-            if (side.key is not None or side.values is not None) and constants != missing:
+            if side.key is not None and constants != missing:
                 raise mistake(
                     "every coordinate either as a column or as a number in [tx] and [rx]",
                     f"columns {', '.join(frame.columns)} and numbers for "

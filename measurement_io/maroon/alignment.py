@@ -73,13 +73,10 @@ class SensorAlignment:
     path : str
     given : mapping of (source, target) to ndarray, shape (4, 4)
         What the file holds: p_target = T p_source.
-    unknown_keys : tuple of str
-        Keys that are no transforms, and were not read.
     """
 
     path: str
     given: Mapping[tuple[str, str], np.ndarray]
-    unknown_keys: tuple[str, ...] = ()
 
     def transform(self, source: str, target: str) -> np.ndarray:
         """Return the 4 x 4 matrix from `source` to `target`, in the units of the two.
@@ -124,10 +121,9 @@ def read_alignment(path: str | os.PathLike[str]) -> SensorAlignment:
     pairs = {key: _pair(key) for key, value in content.items() if value is not None}
     known = {key: pair for key, pair in pairs.items() if pair is not None}
     matrices = record_of({key: content[key] for key in known}, _Transforms, path).root
-    unknown = tuple(clean(key) for key in content if key not in known)
     with reading(path, "transforms between sensors"):
         given = {pair: matrices[key] for key, pair in known.items()}
-        return SensorAlignment(shown(path), MappingProxyType(given), unknown)
+        return SensorAlignment(shown(path), MappingProxyType(given))
 
 
 def _pair(key: str) -> tuple[str, str] | None:

@@ -1,4 +1,4 @@
-"""A recorded frame of the 94 x 94 imager as a `Capture`."""
+"""A recorded frame of the 94 x 94 imager as a `Capture`, and its antennas from text files."""
 
 from __future__ import annotations
 
@@ -10,36 +10,35 @@ from typing import Any
 
 import numpy as np
 
+from clradar import arrays
 from clradar.constants import PLAUSIBLE_HZ
 from clradar.files.confined.process import Companion
-from clradar.files.failures import clean, fail, reading, regular_file_size, shown
-from clradar.files.limits import MAX_FRAME_BYTES
+from clradar.files.failures import clean, fail, read_bytes, reading, regular_file_size, shown
+from clradar.files.limits import MAX_ANTENNA_FILE_BYTES, MAX_FRAME_BYTES
 from clradar.model import AntennaArray, Capture, Waveform
-from measurement_io.antenna_file import CHANNELS, IMAGING, antenna_array
 from measurement_io.confined.reading import run
 from measurement_io.maroon.folders import FrameFile, antennas_file, frame_file
 from measurement_io.maroon.frame_file import EXPECTED, is_plain, read_dictionary
 
+CHANNELS = 96
+"""Channels of the instrument; the first and the last are no imaging antennas."""
+
+IMAGING = slice(1, 95)
+FileName = str | os.PathLike[str]
+ANTENNAS = "an antenna file (a header x,y,z, then a row of three numbers per antenna)"
 _OWN_KEYS = ("xr", "fvec", "number_of_measurements", "timestamp_us")
 
 
 def read_frame_file(
-    path: Path,
-    *,
-    rx_file: str | os.PathLike[str] | None = None,
-    tx_file: str | os.PathLike[str] | None = None,
-    array: AntennaArray | None = None,
-    companion: Companion | None = None,
+    path: Path, array: AntennaArray | None = None, companion: Companion | None = None
 ) -> Capture:
     """Return one `.npy` frame: data[tx, rx, freq] of the imaging channels of its [rx, tx, freq].
 
-    The name of its radar folder, if it lies in one, has to agree with the frequencies inside.
-    Antennas are `array`, or those of the files, else of the radar folder, else of
-    `clradar.arrays.qar50()`.
+    The name of its radar folder, if it lies in one, has to agree with the frequencies inside;
+    without `array` it has the antennas.
     """
     place = frame_file(path)
-    if array is None:
-        array = antenna_array(rx_file, tx_file, antennas_file(path))
+    array = array or antenna_array(None, None, antennas_file(path))
     frame = _dictionary(path, companion)
     with reading(path, "a recorded frame"):
         xr = _required(path, frame, "xr", "a complex array [rx, tx, freq]")
@@ -166,3 +165,46 @@ def _meta(place: FrameFile, frame: dict[str, Any]) -> dict[str, Any]:
 def _single(value: Any) -> Any:
     """Return the only item of a list, or what is given."""
     return value[0] if isinstance(value, list) and len(value) == 1 else value
+
+
+def read_antenna_file(path: FileName) -> np.ndarray:
+    """Return the imaging antennas of a text file, shape (94, 3), metres: 1 to 94 of 96, from 0."""
+    positions = read_position_file(path)
+    if len(positions) not in (CHANNELS, CHANNELS - 2):
+        fail(path, "96 rows (or the 94 imaging ones)", f"{len(positions)} rows")
+    return positions[IMAGING] if len(positions) == CHANNELS else positions
+
+
+def read_position_file(path: FileName) -> np.ndarray:
+    """Return the rows below the header `x,y,z` of a text file, shape (n, 3), in the file's unit."""
+    path = Path(path)
+    content = read_bytes(path, ANTENNAS, MAX_ANTENNA_FILE_BYTES)
+    with reading(path, ANTENNAS):
+        header, _, rows = content.decode("utf-8-sig").strip().partition("\n")
+        if [part.strip().lower() for part in header.split(",")] != ["x", "y", "z"]:
+            fail(path, "a first line 'x,y,z'", repr(header[:60]) if header else "an empty file")
+        if not rows:
+            fail(path, "a row of three numbers per antenna", "none")
+        positions = np.loadtxt(rows.splitlines(), delimiter=",", comments=None, ndmin=2)
+        if positions.shape[1] != 3:
+            fail(path, "three numbers in every row", f"{positions.shape[1]}")
+        if not np.isfinite(positions).all():
+            fail(path, "finite positions", "NaN or infinite ones")
+        return positions
+
+
+def antenna_array(
+    rx_file: FileName | None, tx_file: FileName | None, recorded: Path | None
+) -> AntennaArray:
+    """Return `qar50()` with the positions of the files; without these the array of `recorded`."""
+    known = arrays.qar50()
+    if rx_file is None and tx_file is None:
+        if recorded is not None and recorded.exists():
+            return arrays.read_array(recorded)
+        return known
+    names = [f"{Path(f).name}" if f is not None else "qar50" for f in (rx_file, tx_file)]
+    return AntennaArray(
+        known.tx_m if tx_file is None else read_antenna_file(tx_file),
+        known.rx_m if rx_file is None else read_antenna_file(rx_file),
+        name=f"rx {names[0]}, tx {names[1]}",
+    )

@@ -6,8 +6,7 @@ import operator
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -18,10 +17,9 @@ from clradar.files.confined.process import Companion
 from clradar.files.failures import clean, fail, reading, shown
 from clradar.files.json_file import read_json_object
 from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform, checks
-from measurement_io.antenna_file import antenna_array
 from measurement_io.maroon import folders
 from measurement_io.maroon.folders import ALIGNMENT_FILE, MESH_FOLDER, METADATA_FILE
-from measurement_io.maroon.frame import read_frame_file, read_time_stamp
+from measurement_io.maroon.frame import antenna_array, read_frame_file, read_time_stamp
 
 if TYPE_CHECKING:
     from measurement_io.maroon.alignment import SensorAlignment
@@ -67,25 +65,37 @@ def open_recording(
         frames = folders.frames(radar)
         if not any(frames.values()):
             fail(radar, f"frames %06d.npy in {folders.FRAMES_FOLDER}", "none")
-        return Recording(radar, frames, array)._view(variant)
+        return Recording(radar, array, frames)._view(variant)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Recording(Sequence[Capture]):
     """The frames of a recording, read on access; made by `open_recording`.
 
     ``recording[i]`` is the i-th frame that is there: `frame_numbers` can have gaps. A slice is a
     recording of some frames, and reads nothing. Nothing that was read is kept. A frame that is
     damaged, or has other frequencies than the first, raises `MeasurementError` on access.
+
+    Attributes
+    ----------
+    path : Path
+        The radar folder.
+    array : AntennaArray
+        Antennas of all frames.
+    variant : str
+        "raw" or "emptyfiltered".
+    frame_numbers : tuple of int
+        The numbers of the files of the frames.
     """
 
-    def __init__(
-        self, radar: Path, frames: Mapping[str, Mapping[int, Path]], array: AntennaArray
-    ) -> None:
-        self._radar, self._frames, self._array = radar, frames, array
-        self._paths = [files[number] for files in frames.values() for number in sorted(files)]
-        self._variant, self._numbers = "raw", tuple[int, ...]()
-        # Of all views of it:
-        self._companion, self._read_once = Companion(), dict[str, Any]()
+    path: Path
+    array: AntennaArray
+    _frames: Mapping[str, Mapping[int, Path]]
+    variant: str = "raw"
+    frame_numbers: tuple[int, ...] = ()
+    # Of all views of it:
+    _companion: Companion = field(default_factory=Companion)
+    _read_once: dict[str, Any] = field(default_factory=dict)
 
     def _view(self, variant: str, numbers: tuple[int, ...] | None = None) -> Recording:
         """Return the same recording in a variant, of all frames or those of some numbers."""
@@ -95,13 +105,11 @@ class Recording(Sequence[Capture]):
             found = folders.ranges(there) or "no frame of this variant"
             wanted = f"frames {folders.ranges(missing)}" if missing else "frames"
             fail(self.path, f"{wanted} of the variant '{variant}'", found)
-        view = copy(self)
-        view._variant = variant
-        view._numbers = tuple(sorted(there)) if numbers is None else numbers
-        return view
+        chosen = tuple(sorted(there)) if numbers is None else numbers
+        return replace(self, variant=variant, frame_numbers=chosen)
 
     def __len__(self) -> int:
-        return len(self._numbers)
+        return len(self.frame_numbers)
 
     @overload
     def __getitem__(self, index: int) -> Capture: ...
@@ -109,16 +117,16 @@ class Recording(Sequence[Capture]):
     def __getitem__(self, index: slice) -> Recording: ...
     def __getitem__(self, index: int | slice) -> Capture | Recording:
         if isinstance(index, slice):
-            return self._view(self._variant, self._numbers[index])
+            return self._view(self.variant, self.frame_numbers[index])
         return self._capture_of_number(self._number(index))
 
     def __iter__(self) -> Iterator[Capture]:
         # Not a generator: after an unreadable frame next() continues with the following one.
-        return map(self._capture_of_number, self._numbers)
+        return map(self._capture_of_number, self.frame_numbers)
 
     def readable(self) -> Iterator[Capture]:
         """Go through the frames that can be read; a warning names each of the others."""
-        for number in self._numbers:
+        for number in self.frame_numbers:
             try:
                 capture = self._capture_of_number(number)
             except MeasurementError as error:
@@ -127,22 +135,7 @@ class Recording(Sequence[Capture]):
             yield capture
 
     def __repr__(self) -> str:
-        return f"<Recording {shown(self.path)}: {len(self)} frames, {self._variant}>"
-
-    @property
-    def path(self) -> Path:
-        """The radar folder."""
-        return self._radar
-
-    @property
-    def frame_numbers(self) -> tuple[int, ...]:
-        """The numbers of the files of the frames."""
-        return self._numbers
-
-    @property
-    def variant(self) -> str:
-        """ "raw" or "emptyfiltered"."""
-        return self._variant
+        return f"<Recording {shown(self.path)}: {len(self)} frames, {self.variant}>"
 
     @property
     def variants(self) -> tuple[str, ...]:
@@ -152,8 +145,8 @@ class Recording(Sequence[Capture]):
     def with_variant(self, variant: str) -> Recording:
         """The same recording in another variant; of a slice, the frames of the same numbers."""
         variant = checks.one_of("Recording.with_variant: variant", variant, folders.VARIANTS)
-        whole = len(self._numbers) == len(self._frames[self._variant])
-        return self._view(variant, None if whole else self._numbers)
+        whole = len(self.frame_numbers) == len(self._frames[self.variant])
+        return self._view(variant, None if whole else self.frame_numbers)
 
     @property
     def timestamps_us(self) -> tuple[int | float | None, ...]:
@@ -161,9 +154,9 @@ class Recording(Sequence[Capture]):
 
         Every use reads all files: keep what it returns.
         """
-        files = self._frames[self._variant]
+        files = self._frames[self.variant]
         found: list[int | float | None] = []
-        for number in self._numbers:
+        for number in self.frame_numbers:
             found.append(None)
             with suppress(MeasurementError):
                 found[-1] = read_time_stamp(files[number], self._companion)
@@ -173,7 +166,7 @@ class Recording(Sequence[Capture]):
     def waveform(self) -> Waveform:
         """Frequencies of the first frame that can be read."""
         failures = []
-        for path in self._paths:
+        for path in (files[n] for files in self._frames.values() for n in sorted(files)):
             try:
                 found: Waveform = self._read_once.get("waveform") or self._read(path).waveform
             except MeasurementError as error:
@@ -182,11 +175,6 @@ class Recording(Sequence[Capture]):
             self._read_once["waveform"] = found
             return found
         raise failures[0]
-
-    @property
-    def array(self) -> AntennaArray:
-        """Antennas of all frames."""
-        return self._array
 
     @property
     def metadata(self) -> dict[str, Any] | None:
@@ -241,23 +229,23 @@ class Recording(Sequence[Capture]):
         position = operator.index(index)
         if not -len(self) <= position < len(self):
             raise IndexError(f"{shown(self.path)}: frame {position} of {len(self)}, from 0")
-        return self._numbers[position]
+        return self.frame_numbers[position]
 
     def _capture_of_number(self, number: int) -> Capture:
-        path = self._frames[self._variant][number]
+        path = self._frames[self.variant][number]
         capture = self._read(path)
-        if path == self._paths[0]:
+        if path == next(files[min(files)] for files in self._frames.values() if files):
             self._read_once.setdefault("waveform", capture.waveform)
         if not self.waveform.same_frequencies(capture.waveform):
             fail(path, "the frequencies of the recording's first frame", "others")
         return capture
 
     def _read(self, path: Path) -> Capture:
-        return read_frame_file(path, array=self._array, companion=self._companion)
+        return read_frame_file(path, self.array, self._companion)
 
     @property
     def _distance(self) -> Path:
-        return self._radar.absolute().parent
+        return self.path.absolute().parent
 
     def _beside(self, name: str, read: Callable[[Path], Any]) -> Any:
         """Return `read` of a file of the distance folder; None if it is not there."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import pickle
 import shutil
@@ -29,7 +28,6 @@ from clradar.files.failures import regular_file_size, shown
 from clradar.files.json_text import to_json
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
-from measurement_io.antenna_file import CHANNELS, IMAGING
 from measurement_io.maroon.folders import (
     ALIGNMENT_FILE,
     ANTENNAS_FILE,
@@ -39,6 +37,8 @@ from measurement_io.maroon.folders import (
     METADATA_FILE,
     RadarFolderName,
 )
+from measurement_io.maroon.frame import CHANNELS, IMAGING
+from measurement_io.maroon.frame_file import is_scalar
 
 MAX_FRAMES = 1_000_000
 """A frame's number has six digits."""
@@ -94,7 +94,12 @@ def save_recording(
     >>> measurement_io.open_recording("plate/30").timestamps_us
     (0, 125000, 250000)
     """
-    target = _target_folder(Path(path))
+    target = Path(path)
+    if RadarFolderName.parse(target.absolute().name) is not None:
+        raise OutputError(
+            f"{shown(target)}: expected the folder that is to hold the radar folder, got a name of "
+            "the latter, which is made by itself"
+        )
     _refuse_existing(target, force=force)
     counted: Any = captures if timestamps_us is None else timestamps_us
     if not isinstance(counted, Sized):
@@ -110,7 +115,10 @@ def save_recording(
     with new_folder(target) as temporary:
         radar = temporary / name
         (radar / FRAMES_FOLDER).mkdir(parents=True)
-        _write_antennas(radar, first.array)
+        array = first.array  # as in the form, those of the imager are not written
+        other = array.has_patterns or array.has_gains
+        if other or not array.same_positions(arrays.qar50()):
+            write_file(radar / ANTENNAS_FILE, array_text(array).encode("utf-8"))
         written = 0
         for capture in chain([first], iterator):
             if written >= total:
@@ -125,13 +133,17 @@ def save_recording(
         if written < total:
             expected = f"{total}, one for each of the time stamps"
             checks.fail(f"{_NAME}: captures", expected, f"{written}")
-        _write_calibration(radar / CALIBRATION_FILE, first.waveform, total)
+        entries = {f"{n:06d}": {"volume": _GRID} for n in range(total)}
+        calibration = json.dumps({**_frequency_entries(first.waveform), **entries}, indent=2)
+        write_file(radar / CALIBRATION_FILE, f"{calibration}\n".encode("ascii"))
         for beside, content in ((METADATA_FILE, metadata), (ALIGNMENT_FILE, alignment)):
             if content is not None:
                 text = json.dumps(json.loads(to_json(f"{_NAME}: {beside}", content)), indent=2)
                 (temporary / beside).write_bytes(f"{text}\n".encode("ascii"))
         for mesh in meshes:
-            _copy(Path(mesh), temporary / MESH_FOLDER / Path(mesh).name)
+            regular_file_size(Path(mesh), "a file to copy")
+            (temporary / MESH_FOLDER).mkdir(exist_ok=True)
+            shutil.copyfile(mesh, temporary / MESH_FOLDER / Path(mesh).name)
         _put_in_place(temporary, target, name, force=force)
     return target / name
 
@@ -170,23 +182,6 @@ def _frequency_entries(waveform: Waveform) -> dict[str, float | int]:
     }
 
 
-def _target_folder(path: Path) -> Path:
-    """Return `path`, or raise if it has the name of the folder that is to be made in it."""
-    if RadarFolderName.parse(path.absolute().name) is not None:
-        raise OutputError(
-            f"{shown(path)}: expected the folder that is to hold the radar folder, got a name of "
-            "the latter, which is made by itself"
-        )
-    return path
-
-
-def _write_antennas(radar: Path, array: AntennaArray) -> None:
-    """Write the antennas into a radar folder, unless they are the imager's, as in the form."""
-    plain = not (array.has_patterns or array.has_gains)
-    if not (plain and array.same_positions(arrays.qar50())):
-        write_file(radar / ANTENNAS_FILE, array_text(array).encode("utf-8"), force=False)
-
-
 def _time_stamp(field: str, capture: Capture, given: Any) -> np.ndarray:
     """Return the time stamps of a frame as the form has them: an array, shape (n,)."""
     value = capture.meta.get("timestamp_us") if given is None else given
@@ -213,7 +208,7 @@ def _write_frame(target: Path, capture: Capture, total: int, stamp: np.ndarray) 
         "fvec": np.array(capture.waveform.frequencies_hz),
         "number_of_measurements": total,
         "timestamp_us": stamp,
-        **{k: v for k, v in capture.meta.items() if k not in _OF_THE_FORM and _is_carried(v)},
+        **{k: v for k, v in capture.meta.items() if k not in _OF_THE_FORM and is_scalar(v)},
     }
     with replacing(target) as temporary, open(temporary, "xb") as file:
         header = {"descr": "|O", "fortran_order": False, "shape": ()}
@@ -238,13 +233,6 @@ class _PortablePickler(_Pickler):
         self.memoize(obj)
 
 
-def _is_carried(value: Any) -> bool:
-    """Whether an entry of `meta` is a number or a string that a frame's dictionary can hold."""
-    if isinstance(value, float):
-        return math.isfinite(value)
-    return isinstance(value, str) or (isinstance(value, int) and abs(value) < 2**64)
-
-
 _GRID = {
     "bb_min": [-0.1, -0.1, 0.2],
     "bb_max": [0.1, 0.1, 0.6000000000000001],
@@ -253,19 +241,7 @@ _GRID = {
 """Of a frame without an image, in radar space: where objects of the dataset are."""
 
 
-def _write_calibration(path: Path, waveform: Waveform, n_frames: int) -> None:
-    entries = {f"{n:06d}": {"volume": _GRID} for n in range(n_frames)}
-    content = {**_frequency_entries(waveform), **entries}
-    write_file(path, (json.dumps(content, indent=2) + "\n").encode("ascii"), force=False)
-
-
 # ---- the folder as a whole
-
-
-def _copy(source: Path, target: Path) -> None:
-    regular_file_size(source, "a file to copy")
-    target.parent.mkdir(exist_ok=True)
-    shutil.copyfile(source, target)
 
 
 def _refuse_existing(target: Path, *, force: bool) -> None:

@@ -32,7 +32,6 @@ from measurement_io.native import contents as native_contents
 from measurement_io.native.scheme import (
     EXPECTED,
     SCHEMES,
-    VIEWS,
     WEIGHTS,
     NativeHeader,
     View,
@@ -107,33 +106,27 @@ def instrument_values(array: AntennaArray, waveform: Waveform) -> dict[str, Any]
         "rx_m": array.rx_m,
     }
     for side, own in zip(("tx", "rx"), array.sides, strict=True):
-        if own.gain is not None:
-            values[f"{side}_antenna_gain"] = own.gain.view(np.float64).reshape(-1, 2)
-        if own.boresight is not None:
-            values[f"{side}_antenna_boresight"] = own.boresight
-        if own.pattern is None:
-            continue
-        values[f"{side}_pattern"] = np.array([own.pattern.gain_dbi, own.pattern.exponent])
-        if own.pattern.angle_deg is not None:
-            values[f"{side}_pattern_angle_deg"] = own.pattern.angle_deg
-            values[f"{side}_pattern_field"] = own.pattern.field
-    return values
+        pattern, gain = own.pattern, own.gain
+        values |= {
+            f"{side}_antenna_gain": gain if gain is None else gain.view(np.float64).reshape(-1, 2),
+            f"{side}_antenna_boresight": own.boresight,
+            f"{side}_pattern": pattern and np.array([pattern.gain_dbi, pattern.exponent]),
+            f"{side}_pattern_angle_deg": pattern and pattern.angle_deg,
+            f"{side}_pattern_field": pattern and pattern.field,
+        }
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _views(planes: Planes, grid: VoxelGrid) -> list[View]:
-    """Return what viewers show of a volume; nothing where an amplitude is beyond float32."""
+    """Return what viewers show of a volume, first the one shown at once; nothing beyond float32."""
     try:
         depth = depth_map_of_planes(planes, grid, DYNAMIC_RANGE_DB)
     except ModelError:
         return []
-    titles = (
-        "Maximum amplitude along z; the radar sees x to the left",
-        f"Depth of the maximum along z, within {depth.dynamic_range_db:g} dB of the strongest",
-    )
-    return [
-        View(VIEWS[0], titles[0], depth.amplitude, "amplitude", None),
-        View(VIEWS[1], titles[1], depth.depth_m, "depth", "m"),
-    ]
+    title = "Maximum amplitude along z; the radar sees x to the left"
+    level = View("max_projection", title, depth.amplitude, "amplitude", None)
+    title = f"Depth of the maximum along z, within {depth.dynamic_range_db:g} dB of the strongest"
+    return [level, View("depth_map", title, depth.depth_m, "depth", "m")]
 
 
 Record = Capture | Volume | ChannelCalibration

@@ -187,8 +187,6 @@ class View:
 
 
 VIEW_AXES = ("y_m", "x_m")
-VIEWS = ("max_projection", "depth_map")
-"""Views of a volume; the first one is what viewers show at once."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from systems import posix_only
 from clradar.cli import console
 from clradar.cli.console import progress_bar
 from clradar.cli.groups import call
-from clradar.compare import METRIC_TABLE
+from clradar.compare.metrics import METRIC_TABLE
 from clradar.errors import DeviceError, MeshError
 from clradar.model.progress import part_of, say_stage
 from measurement_io import save_recording

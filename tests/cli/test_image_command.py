@@ -17,7 +17,6 @@ import clradar.plot
 from clradar.cli.inputs import recording_title, title_of
 from clradar.cli.options import GridOptions
 from clradar.cli.parse import axis_mm
-from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CompareError
 from clradar.plot import capture_figure, recording_figure
 from clradar.reference import point_targets
@@ -165,21 +164,12 @@ def test_radar_cross_sections_of_samples_that_are_s_parameters(cli, place):
     cli.ok("image v.h5 --png again.png --dbsm")
 
 
-def test_inspect_names_the_scale_and_the_echo_of_s_parameters(cli):
-    array, waveform = thinned(12), clradar.Waveform.sfcw(72e9, 82e9, 64)
-    wavelength_m = SPEED_OF_LIGHT_M_PER_S / waveform.frequencies_hz
-    length_m = np.linalg.norm(array.tx_m[:, None] * [1, 1, -1] + [0, 0, 0.6] - array.rx_m, axis=2)
-    phase = np.exp(-2j * np.pi * length_m[..., None] / wavelength_m)
-    samples = wavelength_m / (4 * np.pi) / length_m[..., None] * phase
-    save_capture("plate.h5", clradar.Capture(samples, array, waveform, {"absolute": True}))
+def test_inspect_names_the_scale_of_s_parameters(cli):
+    samples = np.ones((2, 2, 8), np.complex64)
+    waveform = clradar.Waveform.sfcw(72e9, 82e9, 8)
+    save_capture("plate.h5", clradar.Capture(samples, thinned(47), waveform, {"absolute": True}))
     facts = json.loads(cli.ok("inspect plate.h5 --json").out)["facts"]
     assert facts["scale"] == {"absolute": True}
-    # pi R^2 with R half the mean length, told to a bin of 4 mm. Lengths from 0.6 to 0.63 m, where
-    # the mean profile (60 mm wide by the window) takes one, cost some tenths of a decibel.
-    range_m = facts["strongest_echo"]["range_m"]
-    assert range_m == pytest.approx(length_m.mean() / 2, abs=4e-3)
-    found = facts["echo's_radar_cross_section"]["dbsm"]
-    assert found == pytest.approx(10 * np.log10(np.pi * range_m**2), abs=0.5)
 
 
 def test_images_by_iteration(cli, made):

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from clradar import ClradarWarning, DepthMap, Metrics, Volume, VoxelGrid, compare
-from clradar.compare import UnmatchedObject, disagreement
-from clradar.compare.metrics import OVERLAP_BLUR_M, SSIM_SIGMA, SSIM_WINDOW, overlap
-from clradar.compare.unmatched import MOST_DB, NEAR_DEPTH_M, NEAR_M, WEAKER_DB
+from clradar.compare.images import MOST_DB, NEAR_DEPTH_M, NEAR_M, WEAKER_DB, cut_pair, disagreement
+from clradar.compare.metrics import OVERLAP_BLUR_M, SSIM_SIGMA, SSIM_WINDOW, metrics_of, overlap
 from clradar.errors import CompareError, ModelError
 
 # Depths and coordinates are float64 sums and products of numbers below 1: a few units in the last
@@ -241,7 +240,7 @@ def scene(names: Sequence[str], **changes: Spot) -> Volume:
 MEASURED = scene(tuple(SPOTS))
 
 
-def places_mm(objects: Sequence[UnmatchedObject]) -> list[tuple[int, ...]]:
+def places_mm(objects: Sequence[Any]) -> list[tuple[int, ...]]:
     return [tuple(round(1e3 * value) for value in one.position_m) for one in objects]
 
 
@@ -307,11 +306,11 @@ def test_objects_of_one_image_alone(simulated, missing, surplus):
 
 def test_an_object_at_another_depth_is_another_object():
     behind = scene(tuple(SPOTS), bright=((-36, 30, 315), 4.0, 1.0))
-    found = disagreement(MEASURED, behind)
+    found = metrics_of(MEASURED, behind, 15.0)
     assert places_mm(found.missing) == [(-36, 30, 290)]
     assert places_mm(found.surplus) == [(-36, 30, 315)]
     near = scene(tuple(SPOTS), bright=((-36, 30, 290 + 1e3 * NEAR_DEPTH_M - 2), 4.0, 1.0))
-    assert disagreement(MEASURED, near).missing == ()
+    assert metrics_of(MEASURED, near, 15.0).missing == ()
 
 
 @pytest.mark.parametrize("moved_mm", [(5, 0, 0), (0, 0, 5), (3, 3, 3)])
@@ -328,7 +327,7 @@ def test_another_brightness_is_not_missing_until_it_is_weaker_by_the_limit():
     """The gain follows what both show, so one level is off and not all others."""
     for change_db, expected in ((-WEAKER_DB + 2, 0), (-WEAKER_DB - 4, 1)):
         weaker = ((30.0, 24.0, 300.0), 11.0, 0.42 * 10 ** (change_db / 20))
-        found = disagreement(MEASURED, scene(tuple(SPOTS), wide=weaker))
+        found = disagreement(*cut_pair("", MEASURED, scene(tuple(SPOTS), wide=weaker), 15.0))
         assert len(found.missing) == expected
         assert found.gain_db == pytest.approx(0.0, abs=0.2)
         assert found.surplus == ()
@@ -344,7 +343,7 @@ def test_against_all_pairs_of_pixels():
         depth_m[rng.random((19, 23)) < 0.3] = np.nan
         amplitude = 10.0 ** (rng.uniform(-25.0, 0.0, (19, 23)) / 20.0)
         maps.append(DepthMap(depth_m, amplitude, x_m, y_m, 15.0))
-    found = disagreement(*maps)
+    found = disagreement(*cut_pair("", *maps, 15.0))
     cut = [
         np.where(m.amplitude >= m.amplitude.max() * 10 ** (-15 / 20), m.depth_m, np.nan)
         for m in maps

@@ -11,7 +11,7 @@ import pytest
 from nightly import nightly
 
 from clradar import DepthMap, Volume, VoxelGrid, compare
-from clradar.compare import METRICS
+from clradar.compare.metrics import METRICS
 from clradar.errors import ClradarError, ModelError
 from clradar.plot import image_figure
 from clradar.report import ReportImage, html_report

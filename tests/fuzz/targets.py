@@ -32,7 +32,7 @@ from measurement_io import (
     read_depth_map,
     read_layout,
 )
-from measurement_io.antenna_file import read_antenna_file
+from measurement_io.maroon.frame import read_antenna_file
 
 Mutator = Callable[[bytes, random.Random], bytes]
 Seeds = Callable[[], list[bytes]]

@@ -8,8 +8,7 @@ from nightly import nightly
 import clradar
 from clradar.errors import DeviceError
 from clradar.hand import POSES, hand_mesh, posed_skeleton, random_pose, random_shape
-from clradar.hand.flesh import Flesh, grown_flesh
-from clradar.hand.flesh_field import FleshField
+from clradar.hand.flesh import Flesh, FleshField, grown_flesh
 from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
 from clradar.opencl import Buffers
 

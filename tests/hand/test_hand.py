@@ -11,9 +11,8 @@ from trimesh.creation import icosphere
 import clradar
 from clradar.errors import ModelError
 from clradar.hand import JOINT_NAMES, POSES, HandMesh, HandPose, JointAngles, hand_mesh
-from clradar.hand.crossings import crossing_faces
 from clradar.hand.flesh import PART_NAMES, grown_flesh
-from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M
+from clradar.hand.mesh import DEFAULT_EDGE_LENGTH_M, crossing_faces
 from clradar.hand.skeleton import posed_skeleton
 
 FINGERS = ("index", "middle", "ring", "pinky")

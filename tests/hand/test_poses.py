@@ -25,7 +25,7 @@ from clradar.hand import (
     read_pose,
     write_pose,
 )
-from clradar.hand.crossings import crossing_faces
+from clradar.hand.mesh import crossing_faces
 from clradar.hand.sampler import MOST_OVERLAP_M, MOST_PALM_OVERLAP_M, overlaps
 
 FINGERS = ("index", "middle", "ring", "pinky")

@@ -24,8 +24,7 @@ from core import nearest
 
 import clradar
 from clradar.hand import POSES, posed_skeleton
-from clradar.hand.flesh import grown_flesh
-from clradar.hand.flesh_field import FleshField
+from clradar.hand.flesh import FleshField, grown_flesh
 from clradar.imaging import block_tree, fast, tree_on_device, way_down
 from clradar.opencl import Buffers, open_device
 from clradar.opencl.program import Program

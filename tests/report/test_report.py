@@ -14,7 +14,7 @@ from command_line import exit_status
 from matplotlib.figure import Figure
 
 from clradar import Volume, VoxelGrid, compare
-from clradar.compare import METRIC_TABLE
+from clradar.compare.metrics import METRIC_TABLE
 from clradar.model import DepthMap
 from clradar.report import ReportImage, html_report, image_report, view_data
 from clradar.report.tables import settings_table

@@ -497,7 +497,7 @@ HANDS = [
     ),
 ]
 ARRAYS = [
-    (edited("weights_out", [0.5, 0.2, 0.1, 0.0], slice(5, 8)), "0.8 at vertex 5 and others at"),
+    (edited("weights_out", [0.5, 0.2, 0.1, 0.0], slice(5, 8)), "0.8 at vertex 5, the first of 3"),
     (edited("weights_out", np.nan), "WEIGHTS_0: expected finite numbers, got 4 of"),
     (edited("positions", np.nan), "mesh 'skin', primitive 0: POSITION: expected finite numbers"),
     (edited("positions", [0.0, -1.6, 0.0]), "remove everything but hand and forearm"),

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from clradar.geometry.bvh import TraversalOptions
-from clradar.hand.flesh_field import _FleshOptions
+from clradar.hand.flesh import _FleshOptions
 from clradar.imaging.direct_sum import _Sizes
 from clradar.imaging.exact import ExactImager, ExactSizes
 from clradar.imaging.range_profiles import RangeImager

@@ -17,7 +17,7 @@ from clradar.cli.comparison import write_csv
 from clradar.cli.console import print_line, print_table, print_text, progress_bar
 from clradar.cli.inputs import Measurement, measurement
 from clradar.cli.outputs import begun, check_folder, write
-from clradar.compare import METRIC_TABLE
+from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import CompareError, warn
 from clradar.jobs import KEY, FolderStore, open_devices
@@ -179,7 +179,7 @@ def sweep_command(
     """
     from calibration.roughness.figures import figure_of
     from calibration.roughness.sweep import check_within_grid
-    from clradar.compare import depth_map_of
+    from clradar.compare.images import depth_map_of
 
     check_folder(output, OWN_NAMES, resumed=True)
     kind = alphas if roughness.roughness_mm is None else roughness
