@@ -164,10 +164,8 @@ def _check_native(path: Path, found: Findings) -> None:
 
 def _layout_template(kind: str, keys: Iterable[Key]) -> str:
     """Return a layout for a file of this kind, with its keys as comments and "?" to fill in."""
-    listed = list(keys)
-    lines = [f"# Layout of {kind} with these keys:"]
-    lines += [f"#   {key}" for key in listed[:_LISTED]]
-    if len(listed) > _LISTED:
-        lines.append(f"#   and {len(listed) - _LISTED} more")
-    lines.append('# Fill in every "?"; docs/layouts.md explains all settings.')
-    return "\n".join(lines) + "\n\n" + _SETTINGS
+    lines = [f"#   {key}" for key in keys]
+    if len(lines) > _LISTED:
+        lines[_LISTED:] = [f"#   and {len(lines) - _LISTED} more"]
+    end = '# Fill in every "?"; docs/layouts.md explains all settings.'
+    return "\n".join([f"# Layout of {kind} with these keys:", *lines, end, "", _SETTINGS])

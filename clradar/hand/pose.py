@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field
 from types import MappingProxyType
-
-import numpy as np
 
 from clradar.hand.joints import ANGLES, JOINT_NAMES, LIMITS_DEG
 from clradar.model import checks
@@ -35,12 +34,11 @@ class JointAngles(Record):
     ) -> JointAngles:
         """The joint with these angles."""
         given = zip(ANGLES, (flexion_deg, abduction_deg, twist_deg), strict=True)
-        return cls(*(float(np.deg2rad(checks.real(f"{name}_deg", deg))) for name, deg in given))
+        return cls(*(math.radians(checks.real(f"{name}_deg", deg)) for name, deg in given))
 
     def degrees(self) -> tuple[float, float, float]:
         """Flexion, abduction and twist."""
-        with np.errstate(over="ignore"):  # to infinity, which no joint reaches
-            flexion, abduction, twist = (float(np.rad2deg(angle)) for angle in astuple(self))
+        flexion, abduction, twist = map(math.degrees, astuple(self))
         return flexion, abduction, twist
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple
@@ -9,8 +10,6 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from clradar.errors import ClradarError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
@@ -150,6 +149,6 @@ def _angles(angles: JointAngles) -> dict[str, float]:
 
 def _decimal_deg(angle_rad: float) -> float:
     """Return the shortest decimal number of degrees that is this angle, else the nearest one."""
-    angle_deg = float(np.rad2deg(angle_rad))
+    angle_deg = math.degrees(angle_rad)
     tried = (round(angle_deg, digits) for digits in range(17))
-    return next((deg for deg in tried if float(np.deg2rad(deg)) == angle_rad), angle_deg)
+    return next((deg for deg in tried if math.radians(deg) == angle_rad), angle_deg)

@@ -58,7 +58,7 @@ def check_joints(joints: np.ndarray) -> None:
     known = np.isfinite(joints).all(axis=1)
     for joint, parent in enumerate(parents_of(known)):
         # A finger's metacarpal may begin at the wrist: some rigs let all of them begin there.
-        if not known[joint] or joint == WRIST or joint in METACARPALS:
+        if not known[joint] or joint in (WRIST, *METACARPALS):
             continue
         if not np.linalg.norm(joints[joint] - joints[parent]) > 1e-6 * reach(joints):
             got = f"'{JOINT_NAMES[joint]}' and '{JOINT_NAMES[parent]}' at the same place"

@@ -77,12 +77,11 @@ def _chosen(
     hands: list[FoundJoints], handedness: str | None, side_of_file: str | None
 ) -> tuple[FoundJoints, str | None]:
     """Return the one hand of the requested side, and its side as far as it is given or named."""
-    named = [hand.side or side_of_file for hand in hands]
     if len(hands) > 1 and handedness is not None:
-        hands = [hand for hand, side in zip(hands, named, strict=True) if side == handedness]
+        hands = [hand for hand in hands if (hand.side or side_of_file) == handedness]
     if len(hands) != 1:
-        expected = f"one {handedness or ''} hand, or one of each side and --rig-hand"
-        checks.fail("joints", expected, f"{len(hands)} hands, by their names")
+        expected = "one hand, or one of each side and --rig-hand"
+        checks.fail("joints", expected, f"{len(hands)} {handedness or ''} hands, by their names")
     (hand,) = hands
     side = handedness or hand.side or side_of_file
     if hand.side not in (None, side):

@@ -42,8 +42,7 @@ def open_with_layout(
     if not isinstance(layout, Layout):
         layout = read_layout(layout)
     with reading(source, EXPECTED):
-        file = LabFile.opened(source, list(_wanted(layout, frame or 0)))
-        return _capture(file, layout, frame)
+        return _capture(LabFile.opened(source, [*_wanted(layout, frame or 0)]), layout, frame)
 
 
 def _wanted(layout: Layout, frame: int) -> Iterator[tuple[str, Mapping[int, int]]]:
@@ -86,8 +85,7 @@ def _capture(file: LabFile, layout: Layout, frame: int | None) -> Capture:
         got = f"{points} in the data {keys[0]}, {len(frequency_hz)} frequencies"
         fail(path, "as many frequencies as the data has", got)
     _check_plausible(path, tx.position_m, rx.position_m, layout.antennas.unit or "m")
-    shape = (len(tx.chosen), len(rx.chosen), points)
-    cube = _cube(file, layout.data, (tx, rx), shape, descending=descending)
+    cube = _cube(file, layout.data, (tx, rx), points, descending=descending)
     meta: dict[str, Any] = {
         "source": shown(path),
         "format": "layout",
@@ -282,15 +280,11 @@ def _check_plausible(path: Path, tx_m: np.ndarray, rx_m: np.ndarray, unit: str) 
 
 
 def _cube(
-    file: LabFile,
-    layout: DataLayout,
-    sides: tuple[_Side, _Side],
-    shape: tuple[int, int, int],
-    *,
-    descending: bool,
+    file: LabFile, layout: DataLayout, sides: tuple[_Side, _Side], points: int, *, descending: bool
 ) -> np.ndarray:
     """Return the signal of the used channels, shape (n_tx, n_rx, n_freq), complex64, read-only."""
     tx, rx = sides
+    shape = (len(tx.chosen), len(rx.chosen), points)
     result_bytes = math.prod(shape) * np.dtype(np.complex64).itemsize
     if result_bytes > MAX_ARRAY_BYTES:
         fail(file.path, f"at most {MAX_ARRAY_BYTES} bytes of data", f"{result_bytes}")

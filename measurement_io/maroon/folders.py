@@ -46,9 +46,7 @@ class RadarFolderName:
     def parse(cls, name: str) -> RadarFolderName | None:
         """Parse `name`; None if it is no radar folder's name."""
         match = _RADAR.match(name)
-        if match is None:
-            return None
-        return cls(Decimal(match[1]), Decimal(match[2]), int(match[3]))
+        return cls(Decimal(match[1]), Decimal(match[2]), int(match[3])) if match else None
 
     def agrees_hz(self, low_hz: float, high_hz: float) -> bool:
         """Whether these frequencies, rounded to the name's digits, are the name's."""
@@ -125,9 +123,8 @@ def product_files(radar: Path, product: str) -> dict[int, Path]:
     with reading(folder, "a folder of products"):
         if not folder.is_dir():
             return {}
-    pattern = re.compile(rf"([0-9]{{6}})\.{PRODUCTS[product]}")
-    matches = ((pattern.fullmatch(path.name), path) for path in entries(folder))
-    return {int(match[1]): path for match, path in matches if match is not None}
+    name = re.compile(rf"([0-9]{{6}})\.{PRODUCTS[product]}")
+    return {int(found[1]): p for p in entries(folder) if (found := name.fullmatch(p.name))}
 
 
 def ignored_files(radar: Path) -> list[str]:

@@ -24,6 +24,7 @@ CHANNELS = 96
 """Channels of the instrument; the first and the last are no imaging antennas."""
 
 IMAGING = slice(1, 95)
+FileName = str | os.PathLike[str]
 ANTENNAS = "an antenna file (a header x,y,z, then a row of three numbers per antenna)"
 _OWN_KEYS = ("xr", "fvec", "number_of_measurements", "timestamp_us")
 
@@ -166,19 +167,15 @@ def _single(value: Any) -> Any:
     return value[0] if isinstance(value, list) and len(value) == 1 else value
 
 
-def read_antenna_file(path: str | os.PathLike[str]) -> np.ndarray:
-    """Return the imaging antennas of a text file, shape (94, 3), metres, in the antenna frame.
-
-    Of 96 rows below the header `x,y,z` these are rows 1 to 94 (counted from 0); or it has those
-    alone.
-    """
+def read_antenna_file(path: FileName) -> np.ndarray:
+    """Return the imaging antennas of a text file, shape (94, 3), metres: 1 to 94 of 96, from 0."""
     positions = read_position_file(path)
     if len(positions) not in (CHANNELS, CHANNELS - 2):
         fail(path, "96 rows (or the 94 imaging ones)", f"{len(positions)} rows")
     return positions[IMAGING] if len(positions) == CHANNELS else positions
 
 
-def read_position_file(path: str | os.PathLike[str]) -> np.ndarray:
+def read_position_file(path: FileName) -> np.ndarray:
     """Return the rows below the header `x,y,z` of a text file, shape (n, 3), in the file's unit."""
     path = Path(path)
     content = read_bytes(path, ANTENNAS, MAX_ANTENNA_FILE_BYTES)
@@ -186,8 +183,8 @@ def read_position_file(path: str | os.PathLike[str]) -> np.ndarray:
         header, _, rows = content.decode("utf-8-sig").strip().partition("\n")
         if [part.strip().lower() for part in header.split(",")] != ["x", "y", "z"]:
             fail(path, "a first line 'x,y,z'", repr(header[:60]) if header else "an empty file")
-        if not rows.strip():
-            return np.empty((0, 3))
+        if not rows:
+            fail(path, "a row of three numbers per antenna", "none")
         positions = np.loadtxt(rows.splitlines(), delimiter=",", comments=None, ndmin=2)
         if positions.shape[1] != 3:
             fail(path, "three numbers in every row", f"{positions.shape[1]}")
@@ -197,9 +194,7 @@ def read_position_file(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def antenna_array(
-    rx_file: str | os.PathLike[str] | None,
-    tx_file: str | os.PathLike[str] | None,
-    recorded: Path | None = None,
+    rx_file: FileName | None, tx_file: FileName | None, recorded: Path | None
 ) -> AntennaArray:
     """Return `qar50()` with the positions of the files; without these the array of `recorded`."""
     known = arrays.qar50()

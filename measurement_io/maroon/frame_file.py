@@ -95,11 +95,14 @@ def _plain(value: Any) -> Any:
         while len(items) == 1 and isinstance(items[0], list):
             items = items[0]
         return items if all(isinstance(item, int | float) for item in items) else None
-    if isinstance(value, bool | str):
-        return value
-    if isinstance(value, int):
-        return value if abs(value) < 2**64 else None
-    return value if isinstance(value, float) and math.isfinite(value) else None
+    return value if is_scalar(value) else None
+
+
+def is_scalar(value: Any) -> bool:
+    """Whether a value is a text or a number that a frame's dictionary can hold."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return isinstance(value, str) or (isinstance(value, int) and abs(value) < 2**64)
 
 
 def pixels(path: Path, most_pixels: int) -> np.ndarray:

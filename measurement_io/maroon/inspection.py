@@ -33,7 +33,7 @@ from measurement_io.maroon.folders import (
     ranges,
 )
 from measurement_io.maroon.frame import first_time_stamp, read_frame_file
-from measurement_io.maroon.recording import mesh_files, open_recording
+from measurement_io.maroon.recording import Recording, mesh_files, open_recording
 from measurement_io.record_facts import Fact, facts_of, mapping_text
 
 Record = TypeVar("Record")
@@ -97,7 +97,9 @@ def inspect_recording(
     if whole:
         if not found.problems:
             found.checked.append("numbering, and what lies beside the frames: all of it agrees")
-        _check_frames(radar, frames, found, progress)
+        if raw or filtered:
+            recording = open_recording(radar, variant="raw" if raw else "emptyfiltered")
+            _check_frames(recording, found, progress)
         _check_depth_maps(radar, products.get("depth", {}), placed, found)
     elif raw:
         capture = found.read(f"frame {min(raw)}", lambda: read_frame_file(raw[min(raw)]))
@@ -219,25 +221,17 @@ def _add_transforms(found: Findings, alignment: SensorAlignment) -> None:
     found.add(ALIGNMENT_FILE, "\n".join(lines) or "no transform in it", {"transforms": values})
 
 
-def _check_frames(
-    radar: Path,
-    frames: dict[str, dict[int, Path]],
-    found: Findings,
-    progress: Progress | None,
-) -> None:
+def _check_frames(recording: Recording, found: Findings, progress: Progress | None) -> None:
     """Read every frame of both variants; list the checks that pass, and the problems."""
-    done, total = 0, sum(map(len, frames.values()))
-    if not total:
-        return
-    recording = open_recording(radar, variant="raw" if frames["raw"] else "emptyfiltered")
-    stamps_us: dict[str, dict[int, int | float]] = {}
-    for variant in recording.variants:
-        view, stamps = recording.with_variant(variant), stamps_us.setdefault(variant, {})
+    views = [recording.with_variant(variant) for variant in recording.variants]
+    done, stamps_us = 0, dict[str, dict[int, int | float]]()
+    for view in views:
+        variant, stamps = view.variant, stamps_us.setdefault(view.variant, {})
         read, zero = 0, []
         for i, number in enumerate(view.frame_numbers):
             done += 1
             if progress is not None:
-                progress(done, total)
+                progress(done, sum(map(len, views)))
             try:
                 capture = view[i]
             except MeasurementError as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import pickle
 import shutil
@@ -39,6 +38,7 @@ from measurement_io.maroon.folders import (
     RadarFolderName,
 )
 from measurement_io.maroon.frame import CHANNELS, IMAGING
+from measurement_io.maroon.frame_file import is_scalar
 
 MAX_FRAMES = 1_000_000
 """A frame's number has six digits."""
@@ -208,7 +208,7 @@ def _write_frame(target: Path, capture: Capture, total: int, stamp: np.ndarray) 
         "fvec": np.array(capture.waveform.frequencies_hz),
         "number_of_measurements": total,
         "timestamp_us": stamp,
-        **{k: v for k, v in capture.meta.items() if k not in _OF_THE_FORM and _is_carried(v)},
+        **{k: v for k, v in capture.meta.items() if k not in _OF_THE_FORM and is_scalar(v)},
     }
     with replacing(target) as temporary, open(temporary, "xb") as file:
         header = {"descr": "|O", "fortran_order": False, "shape": ()}
@@ -231,13 +231,6 @@ class _PortablePickler(_Pickler):
         old = module.replace("numpy._core.", "numpy.core.", 1)
         self.write(f"c{old}\n{obj.__name__}\n".encode("ascii"))
         self.memoize(obj)
-
-
-def _is_carried(value: Any) -> bool:
-    """Whether an entry of `meta` is a number or a string that a frame's dictionary can hold."""
-    if isinstance(value, float):
-        return math.isfinite(value)
-    return isinstance(value, str) or (isinstance(value, int) and abs(value) < 2**64)
 
 
 _GRID = {

@@ -123,14 +123,10 @@ def _views(planes: Planes, grid: VoxelGrid) -> list[View]:
         depth = depth_map_of_planes(planes, grid, DYNAMIC_RANGE_DB)
     except ModelError:
         return []
-    titles = (
-        "Maximum amplitude along z; the radar sees x to the left",
-        f"Depth of the maximum along z, within {depth.dynamic_range_db:g} dB of the strongest",
-    )
-    return [
-        View("max_projection", titles[0], depth.amplitude, "amplitude", None),
-        View("depth_map", titles[1], depth.depth_m, "depth", "m"),
-    ]
+    title = "Maximum amplitude along z; the radar sees x to the left"
+    level = View("max_projection", title, depth.amplitude, "amplitude", None)
+    title = f"Depth of the maximum along z, within {depth.dynamic_range_db:g} dB of the strongest"
+    return [level, View("depth_map", title, depth.depth_m, "depth", "m")]
 
 
 Record = Capture | Volume | ChannelCalibration

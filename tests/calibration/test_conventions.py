@@ -263,7 +263,7 @@ def files(cli: Cli, device: clradar.Device, monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.usefixtures("files")
 def test_command(cli, monkeypatch):
     drawn = []  # the figure would take most of the time
-    monkeypatch.setattr("clradar.plot.drawing_figure", lambda *a: drawn.append(a) or Figure())
+    monkeypatch.setattr("clradar.plot.panels_figure", lambda *a: drawn.append(a) or Figure())
     options = "-o all.png --json all.json --fix-to fixed.h5 --expect-mm 30,-50,300"
     out = cli.ok(f"diagnose wrong.h5 {options}").out
     assert "exp(+j 2 pi f d / c)" in out
