@@ -51,7 +51,8 @@ def hand_fit_figure(
         its angles. Ellipses are two standard deviations of a tip, crosses the tips of other basins.
     """
     shown = depth_map_of(measured, dynamic_range_db, "measured image")
-    figure, unit = image_figure(shown), Extent.around([shown]).unit
+    figure = image_figure(shown, dynamic_range_db=dynamic_range_db)
+    unit = Extent.around([shown]).unit
     # Before the ellipses, which may be large.
     settled(figure, text_height(LEGEND_ROWS, LABEL_PT) + MARGIN)
     panels = figure.axes[:2]

@@ -13,10 +13,7 @@ from calibration.hand_fit.frame_fit import SEARCHED, FrameFit
 from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT, FITTED_ANGLES, angles_of
 from calibration.hand_fit.result import DIGITS, end_joints
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.plot.drawing import LABEL_PT, TICK_PT, TITLE_PT
-
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
-"""Of Okabe and Ito (2008), for the angles of a digit."""
+from clradar.plot.drawing import CURVE_COLOURS, LABEL_PT, TICK_PT, TITLE_PT
 
 MOST_PANELS, COLUMNS = 48, 8
 
@@ -55,13 +52,13 @@ def movement_figure(fits: Sequence[FrameFit], title: str) -> Figure:
     for row, digit in enumerate(DIGITS):
         left, right = panels[row]
         own = range(len(FITTED_ANGLES))[ANGLES_OF_DIGIT[digit]]
-        for colour, k in zip(COLOURS, own, strict=False):
+        for colour, k in zip(CURVE_COLOURS, own, strict=False):
             joint, angle = FITTED_ANGLES[k]
             name = joint.removeprefix(f"{digit}-").removeprefix("finger-").removeprefix("phalanx-")
             _draw(left, time_s, angles[:, k], angle_std[:, k], colour, f"{name} {angle}")
         for axis, name in enumerate("xyz"):
             std = tip_std_mm[:, row]
-            _draw(right, time_s, tips_mm[:, row, axis], std, COLOURS[axis], name)
+            _draw(right, time_s, tips_mm[:, row, axis], std, CURVE_COLOURS[axis], name)
         left.set_ylabel(f"{digit}\ndegrees", fontsize=LABEL_PT)
         right.set_ylabel("mm from the wrist", fontsize=LABEL_PT)
         for axes in (left, right):

@@ -244,9 +244,9 @@ def points(lines: list[Any]) -> np.ndarray:
 def test_joints_and_tips_are_where_the_hand_is():
     axis_m = np.linspace(-0.12, 0.12, 13)
     measured = DepthMap(np.full((13, 13), 0.3), np.ones((13, 13)), axis_m, axis_m, 15.0)
-    covariance_m2 = np.tile(np.diag([1e-6, 4e-6, 9e-6]), (25, 1, 1))
-    fit = made_up_fit(joint_covariance_m2=covariance_m2)
-    amplitude, depth, *_ = hand_fit_figure(measured, fit).axes
+    fit = made_up_fit(joint_covariance_m2=np.tile(np.diag([1e-6, 4e-6, 9e-6]), (25, 1, 1)))
+    amplitude, depth, *_ = hand_fit_figure(measured, fit, dynamic_range_db=10.0).axes
+    assert amplitude.collections[0].get_clim() == (-10.0, 0.0)
     for axes in (amplitude, depth):
         rings = [patch for patch in axes.patches if isinstance(patch, Ellipse)]
         centres_mm = np.array([ring.center for ring in rings])
