@@ -18,7 +18,7 @@ from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.playing import Player
 from clradar.view.scene import SceneView
 from clradar.view.session import Session, Shown, View
-from clradar.view.wish import LAYOUTS, SIDES, escaped, extents_mm, grid_mm
+from clradar.view.wish import LAYOUTS, SIDES, escaped, grid_mm
 
 PANEL_PX = 350.0
 
@@ -35,7 +35,7 @@ class Panel:
         gui.main_panel.dock_right()  # beside the scene, instead of upon it
         gui.main_panel.set_width(PANEL_PX)
         self.session = session = Session(view, self)
-        self.player = player = Player(session, source, self.following, self.paced, self.refuse)
+        self.player = player = Player(session, source, self)
         self._scene = scene = SceneView(server, view)
         self._server, self.gui, self._source, self._beside = server, gui, source, beside
         self._shown: Shown | None = None
@@ -245,10 +245,10 @@ class Panel:
         with gui.add_folder("Image"):
             step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
             step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
-            ends = [
-                gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0)
-                for name, ends_mm in zip("xyz", extents_mm(grid), strict=True)
-            ]
+            ends = []
+            for name, axis_m in zip("xyz", (grid.x_m, grid.y_m, grid.z_m), strict=True):
+                ends_mm = tuple(round(1e3 * float(axis_m[i]), 6) for i in (0, -1))
+                ends.append(gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0))
             self.choice("Method", METHODS, "method")
             self.choice("Window", WINDOWS, "window")
 

@@ -45,6 +45,8 @@ class Front:
     def busy(self, text):
         pass
 
+    following = paced = busy
+
     def refuse(self, text):
         self.said.append(text)
 
@@ -53,7 +55,7 @@ class Front:
         return [shown.wish for shown in self.shown]
 
     def plays(self, session, source):
-        self.player = Player(session, source, lambda _: None, lambda _: None, self.said.append)
+        self.player = Player(session, source, self)
         return self.player
 
 
