@@ -11,7 +11,7 @@ import numpy as np
 from clradar.errors import OutputError
 from clradar.files.atomic import refuse_existing, replacing
 from clradar.files.failures import fail, shown
-from clradar.files.json_text import to_json
+from clradar.files.json_file import to_json
 from clradar.model import Capture, DepthMap, Volume, checks
 
 Exported = Capture | Volume | DepthMap

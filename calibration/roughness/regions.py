@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clradar.files.failures import fail, read_bytes, reading
-from clradar.files.json_text import parse_json
+from clradar.files.json_file import parse_json
 from clradar.model import Scene, checks
 
 PALM, FINGERS = "palm", "fingers"

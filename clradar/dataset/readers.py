@@ -16,7 +16,7 @@ from clradar.dataset.plan.plan import plan_record
 from clradar.dataset.shards import ARRAYS, LABELS, arrays_of, labels_of, opened_shard, samples_of
 from clradar.errors import ClradarError, MissingPackage
 from clradar.files.failures import fail
-from clradar.files.json_text import to_json
+from clradar.files.json_file import to_json
 from clradar.model import checks
 
 if TYPE_CHECKING:

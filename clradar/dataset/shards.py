@@ -22,7 +22,7 @@ from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.dataset.sample import Sample
 from clradar.files.atomic import replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
-from clradar.files.json_text import to_json
+from clradar.files.json_file import to_json
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
 from clradar.jobs.outcome import Aside
 

@@ -44,7 +44,8 @@ def writing(target: Path, other: type[Exception] = ValueError) -> Iterator[None]
     except ClradarError:
         raise
     except (OSError, other) as error:
-        raise OutputError(f"{shown(target)}: cannot be written: {_reason(error)}") from error
+        reason = getattr(error, "strerror", None) or clean(error)
+        raise OutputError(f"{shown(target)}: cannot be written: {reason}") from error
 
 
 def _put(temporary: Path, target: Path, *, force: bool) -> None:
@@ -172,10 +173,6 @@ def refuse_special(target: Path) -> None:
         raise OutputError(
             f"{shown(target)}: expected a file's name, got something that is no regular file"
         )
-
-
-def _reason(error: BaseException) -> str:
-    return getattr(error, "strerror", None) or clean(error)
 
 
 def _sync(path: Path) -> None:

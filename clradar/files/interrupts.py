@@ -43,7 +43,7 @@ def ending_signals() -> Iterator[None]:
     except ValueError:  # another thread than the main one
         yield
         return
-    if _retries():
+    if hasattr(signal, "SIGALRM") and signal.getsignal(signal.SIGALRM) == signal.SIG_DFL:
         signal.signal(_timers.SIGALRM, lambda _, frame: _handle(_ended_by, frame))
     hook, sys.unraisablehook = sys.unraisablehook, _raise_again_if_lost
     _phase = "starting"
@@ -82,10 +82,6 @@ def waits() -> bool:
 def exit_status() -> int:
     """That of a program that was interrupted, as shells have it: 128 and the signal."""
     return 128 + _ended_by
-
-
-def _retries() -> bool:
-    return hasattr(signal, "SIGALRM") and signal.getsignal(signal.SIGALRM) == signal.SIG_DFL
 
 
 def _handle(number: int, frame: FrameType | None) -> None:

@@ -178,16 +178,9 @@ def record_of(
     try:
         return model.model_validate(parsed, context=context)
     except ValidationError as found:
-        lines = mistakes_of(found, model, source, place)
+        errors = found.errors(include_url=False)
+        lines = [line for one in errors for line in _lines(one, model, shown(source), place)]
     raise_mistakes(lines, error)  # by itself: what pydantic found may not be pickled
-
-
-def mistakes_of(
-    found: ValidationError, model: type[BaseModel], source: str | Path, place: str = ""
-) -> list[str]:
-    """Return the lines of what pydantic found."""
-    errors = found.errors(include_url=False)
-    return [line for one in errors for line in _lines(one, model, shown(source), place)]
 
 
 def raise_mistakes(lines: Sequence[str], error: type[ClradarError] = MeasurementError) -> NoReturn:

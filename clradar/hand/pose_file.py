@@ -14,7 +14,7 @@ from typing import Any
 from clradar.errors import ClradarError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail
-from clradar.files.json_text import indented
+from clradar.files.json_file import indented
 from clradar.files.toml_file import nearest, parse_toml, toml_document
 from clradar.hand.joints import ANGLES
 from clradar.hand.pose import HandPose, JointAngles

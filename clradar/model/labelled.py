@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clradar.errors import MissingPackage
-from clradar.files.json_text import to_json
+from clradar.files.json_file import to_json
 
 if TYPE_CHECKING:
     import xarray

@@ -11,7 +11,7 @@ from typing import Any, NoReturn, TypeVar
 from clradar.errors import MeasurementError, ModelError, OutputError, quoted
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail, read_bytes, reading, shown
-from clradar.files.json_text import indented, parse_object
+from clradar.files.json_file import indented, parse_object
 from clradar.files.limits import MAX_TOML_BYTES
 from clradar.files.toml_file import parse_toml, toml_brief, toml_document, unknown_key
 from clradar.model import checks

@@ -25,7 +25,7 @@ from clradar.files.atomic import (
     writing,
 )
 from clradar.files.failures import regular_file_size, shown
-from clradar.files.json_text import to_json
+from clradar.files.json_file import to_json
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
 from measurement_io.maroon.folders import (

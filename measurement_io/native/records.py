@@ -11,7 +11,7 @@ import numpy as np
 
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ModelError
-from clradar.files import json_text
+from clradar.files import json_file
 from clradar.files.failures import clean, fail, reading
 from clradar.model import (
     AntennaArray,
@@ -55,7 +55,7 @@ def save_capture(path: str | os.PathLike[str], capture: Capture, *, force: bool 
     checks.instance("save_capture: capture", capture, Capture)
     texts = {"array_name": plain_text("AntennaArray.name", capture.array.name)}
     values = {"data": capture.data, **instrument_values(capture.array, capture.waveform)}
-    text = json_text.to_json("Capture.meta", capture.meta)
+    text = json_file.to_json("Capture.meta", capture.meta)
     write(Path(path), "capture", text, texts, values, force=force)
 
 
@@ -91,7 +91,7 @@ def save_planes(
         texts["array_name"] = plain_text("AntennaArray.name", scale.array.name)
         values |= instrument_values(scale.array, scale.waveform)
         values[WEIGHTS] = scale.weights
-    text = json_text.to_json("Volume.meta", meta)
+    text = json_file.to_json("Volume.meta", meta)
     views = _views(planes, grid)
     write(Path(path), "volume", text, texts, values, force=force, views=views)
 
@@ -138,7 +138,7 @@ def read_if_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, A
         found = confined.run(native_contents.read_if_native, path, kind)
         if found is None:
             return None
-        meta = json_text.parse_object(found["provenance"], strict=True)
+        meta = json_file.parse_object(found["provenance"], strict=True)
         names = ("format", "version", "created", "unchecked")
         values = {**found["texts"], **found["arrays"]}
         record = _RECORDS[found["format"]](path, meta, values)
@@ -263,7 +263,7 @@ def save_channels(
     values["target_covariance"] = channels.target_covariance
     values["reference_hz"] = np.array([channels.response.reference_hz])
     values |= {name: np.array([getattr(channels, name)]) for name in _NUMBERS}
-    text = json_text.to_json("ChannelCalibration.meta", channels.meta)
+    text = json_file.to_json("ChannelCalibration.meta", channels.meta)
     write(Path(path), "channels", text, texts, values, force=force)
 
 

@@ -15,8 +15,7 @@ from clradar.files import atomic
 from clradar.files.atomic import new_folder, swap_folder, write_file
 from clradar.files.failures import clean, fail, read_bytes
 from clradar.files.json_differences import differences
-from clradar.files.json_file import read_json, read_json_object, write_json
-from clradar.files.json_text import parse_object, to_json
+from clradar.files.json_file import parse_object, read_json, read_json_object, to_json, write_json
 from clradar.files.limits import MAX_JSON_DEPTH, MAX_MESSAGE_CHARACTERS, MAX_TOML_LINE_CHARACTERS
 from clradar.files.toml_file import parse_toml, read_toml, toml_brief, toml_document
 from clradar.files.watched_folder import WatchedFolder

@@ -22,8 +22,7 @@ from clradar.cli.console import (
 from clradar.cli.outputs import MESHES, check_folder, joints_record, turned, write
 from clradar.errors import ClradarError
 from clradar.files.failures import fail
-from clradar.files.json_file import read_json
-from clradar.files.json_text import indented
+from clradar.files.json_file import indented, read_json
 from clradar.files.toml_file import toml_document
 from clradar.jobs import open_devices
 from clradar.model import checks

@@ -88,7 +88,7 @@ def materials_command(
     and phase are relative to metal. h is the RMS height and l the correlation length of the
     roughness, h_micro the RMS height of what is finer. Files and sources: docs/materials.md.
     """
-    from clradar.files.json_text import indented
+    from clradar.files.json_file import indented
     from clradar.model.known_materials import KNOWN
     from clradar.model.material_file import read_materials
 
@@ -164,7 +164,7 @@ def array_command(
     whose echoes appear at the focus, too. Clusters are taken together. See docs/arrays.md.
     """
     from clradar.arrays import array_figures
-    from clradar.files.json_text import indented
+    from clradar.files.json_file import indented
     from clradar.plot import array_figure
 
     clusters, waveform = radar.clusters(), radar.waveform()

@@ -15,7 +15,7 @@ from urllib.parse import unquote
 from clradar.errors import ClradarError, MeshError, ModelError
 from clradar.files import limits
 from clradar.files.failures import clean, fail, read_bytes, reading
-from clradar.files.json_text import parse_object
+from clradar.files.json_file import parse_object
 
 EXPECTED = "a glTF 2.0 file"
 
