@@ -236,10 +236,12 @@ def test_what_comes_back_between_two_probes_is_seen(name):
     assert capture.meta["movement"]["phase_error_db"] <= -50
 
 
-def test_skin_that_tears_is_warned_of():
+@pytest.mark.parametrize("poses", [["flat", "A", "flat"], ["A", "A", "A", "flat", "A"]])
+def test_skin_that_tears_is_warned_of(poses):
     radar = RADAR.part([0, 12], [0])
     timing = clradar.SweepTiming.in_order(2, 2, step_s=1 / 3)
-    moving = MovingScene([MovingHand([0.0, 0.5, 1.0], ["flat", "A", "flat"], edge_length_m=4e-3)])
+    hand = MovingHand(np.linspace(0.0, 1.0, len(poses)), poses, edge_length_m=4e-3)
+    moving = MovingScene([hand])
     waveform = clradar.Waveform.sfcw(72e9, 72.1e9, 2)
     with pytest.warns(clradar.ClradarWarning) as warned:
         clradar.simulate_moving(moving, radar, waveform, timing=timing, samples_per_mm2=0.1)
