@@ -23,11 +23,9 @@ MOST_TERMS = 500_000_000
 COARSEST = 0.02
 """Step of the sines of directions at most."""
 
-CELLS = 4.0
-"""Range cells to either side of the focus in which the echoes of a lobe may be brightest."""
-
-SHIFTS = 256
-"""Ranges at which the echoes of a direction are added up over the band."""
+CELLS, SHIFTS = 4.0, 256
+"""Range cells to either side of the focus in which the echoes of a lobe may be brightest, and the
+number of ranges there at which they are added up over the band."""
 
 CLIMBED = (0.5, 0.5, 0.5, 0.5, 0.5, 0.2, 0.05, 0.01)
 """Steps of a climb, of those of the lattice."""
