@@ -97,8 +97,17 @@ def room_capture(
     checks.instance("room_capture: array", array, AntennaArray)
     checks.instance("room_capture: waveform", waveform, Waveform)
     planes = list(checks.several("room_capture: walls", walls))
+    lengths, levels = [], []
     for wall in planes:
         checks.instance("room_capture: walls", wall, Wall)
+        heights = [(side - wall.point_m) @ wall.normal for side in (array.tx_m, array.rx_m)]
+        both = np.concatenate(heights)
+        if not (both > 0).all() and not (both < 0).all():
+            got = f"heights of {1e3 * both.min():g} to {1e3 * both.max():g} mm over one"
+            checks.fail("room_capture: walls", "all antennas on one side of each wall", got)
+        image = array.tx_m - 2 * heights[0][:, None] * wall.normal
+        lengths.append(np.linalg.norm(image[:, None] - array.rx_m, axis=2))
+        levels.append(_spreading_loss(wall.amplitude, lengths[-1]))
     points, field = np.empty((0, 3)), "room_capture: points_m"
     if points_m is not None:
         points = checks.read_only(field, points_m, np.float64, (None, 3), allow_empty=True)
@@ -109,8 +118,6 @@ def room_capture(
         amplitudes = checks.read_only(
             field, point_amplitudes, np.complex128, amplitudes.shape, allow_empty=True
         )
-    lengths = [wall_lengths_m(array, wall) for wall in planes]
-    levels = [spreading_loss(wall.amplitude, d) for wall, d in zip(planes, lengths, strict=True)]
     for point, amplitude in zip(points, amplitudes, strict=True):
         to_tx, to_rx = (np.linalg.norm(side - point, axis=1) for side in (array.tx_m, array.rx_m))
         lengths.append(to_tx[:, None] + to_rx)
@@ -118,7 +125,7 @@ def room_capture(
     data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
     for tx, row in enumerate(data):
         ways = zip(lengths, levels, strict=True)
-        row[:] = sum(echo(waveform.frequencies_hz, d[tx], a[tx]) for d, a in ways)
+        row[:] = sum(_echo(waveform.frequencies_hz, d[tx], a[tx]) for d, a in ways)
     data.flags.writeable = False
     record = {
         "walls": [
@@ -131,23 +138,12 @@ def room_capture(
     return Capture(data, array, waveform, {"room": record})
 
 
-def wall_lengths_m(array: AntennaArray, wall: Wall) -> np.ndarray:
-    """Return the length of the path Tx -> wall -> Rx, shape (n_tx, n_rx), metres."""
-    heights = [(side - wall.point_m) @ wall.normal for side in (array.tx_m, array.rx_m)]
-    both = np.concatenate(heights)
-    if not (both > 0).all() and not (both < 0).all():
-        got = f"heights of {1e3 * both.min():g} to {1e3 * both.max():g} mm over one"
-        checks.fail("room_capture: walls", "all antennas on one side of each wall", got)
-    image = array.tx_m - 2 * heights[0][:, None] * wall.normal
-    return np.linalg.norm(image[:, None] - array.rx_m, axis=2)
-
-
-def spreading_loss(rms: float, length_m: np.ndarray) -> np.ndarray:
+def _spreading_loss(rms: float, length_m: np.ndarray) -> np.ndarray:
     """Return amplitudes proportional to 1 / length, with this RMS over the pairs."""
     return rms / length_m / np.sqrt((1 / length_m**2).mean())
 
 
-def echo(
+def _echo(
     frequencies_hz: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray, later_s: float = 0.0
 ) -> np.ndarray:
     """Return a exp(-j 2 pi f tau), shape (n, n_freq), for n lengths and amplitudes."""
@@ -277,7 +273,11 @@ def impair(
     data = np.empty(capture.data.shape, np.complex64)
     with np.errstate(over="ignore"):  # Capture refuses what complex64 cannot hold
         for out, row in zip(data, _signal(*chain), strict=True):
-            out[:] = row if bits is None or not full_scale else _quantised(row, bits, full_scale)
+            if bits is not None and full_scale:  # both components in two's complement
+                half = 2 ** (bits - 1)
+                steps = np.rint(row.view(np.float64) / (full_scale / half))
+                row = (np.clip(steps, -half, half - 1) * (full_scale / half)).view(np.complex128)
+            out[:] = row
     data.flags.writeable = False
     before = capture.meta.get("impairments", [])
     earlier = before if isinstance(before, list) else [before]
@@ -313,7 +313,7 @@ def _signal(
             first = "Tx {} on Rx {}".format(*np.argwhere(between_m == 0)[0])
             checks.fail("impair: coupling_db", "antennas apart from each other", first)
         rms = float(np.sqrt(power) * 10 ** (settings["coupling_db"] / 20))
-        coupling = spreading_loss(rms, between_m)
+        coupling = _spreading_loss(rms, between_m)
     noise = random_stream(seed, Part.NOISE, frame)
     for tx in range(array.n_tx):
         x = capture.data[tx].astype(np.complex128)
@@ -321,7 +321,7 @@ def _signal(
             x += room.data[tx]
         if settings["coupling_db"] is not None:
             delay_s = settings["coupling_delay_s"]
-            x += echo(waveform.frequencies_hz, between_m[tx], coupling[tx], delay_s)
+            x += _echo(waveform.frequencies_hz, between_m[tx], coupling[tx], delay_s)
         x *= factor_tx[tx] * factor_rx
         if iq_gain.any() or iq_rad.any():
             x = (1 + g) / 2 * x + (1 - g.conj()) / 2 * x.conj()
@@ -330,14 +330,6 @@ def _signal(
             rms = float(np.sqrt(power) * 10 ** (-settings["snr_db"] / 20))
             x += rms / np.sqrt(2) * drawn
         yield x
-
-
-def _quantised(x: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
-    """Round both components to the 2**bits steps of a two's complement converter, and clip."""
-    half = 2 ** (bits - 1)
-    step = full_scale / half
-    parts = x.view(np.float64)
-    return (np.clip(np.rint(parts / step), -half, half - 1) * step).view(np.complex128)
 
 
 def _mean_power(capture: Capture) -> float:
