@@ -25,39 +25,23 @@ from clradar.model.progress import Progress
 
 COMMON_DELAYS = ("zero", "free")
 
-MIN_FREQUENCIES = 4
-"""Mean and slope over frequency take two degrees of freedom of a pair, its noise the rest."""
-
-MIN_PAIRS = 3
-"""Fewest pairs with an echo for the estimate of a channel."""
-
-MIN_CHANNELS = 3
-"""Fewest live channels on either side: two by two channels fit three of any four phases."""
-
-SEARCHED = 2.0
-"""Search range of the echo about its nominal range, in units of the tolerance."""
-
-DETECTABLE = 5.0
-"""Smallest gain that counts as an echo, in standard deviations."""
-
-MAX_OUTLYING = 0.15
-"""Largest fraction of outlying pairs. For wrong targets it is a third and more."""
-
-QUIET = 1e-3
-"""Channels with noise below -60 dB of the echo are never noisy, whatever the others have."""
+MIN_FREQUENCIES = 4  # mean and slope take two degrees of freedom of a pair, its noise the rest
+MIN_PAIRS = 3  # with an echo, for the estimate of a channel
+MIN_CHANNELS = 3  # live, on either side: two by two channels fit three of any four phases
+SEARCHED = 2.0  # range of the search about the nominal range, in tolerances
+DETECTABLE = 5.0  # smallest gain that counts as an echo, in standard deviations
+MAX_OUTLYING = 0.15  # share of the pairs; for wrong targets it is a third and more
+QUIET = 1e-3  # -60 dB of the echo: with less noise no channel is noisy, whatever the others have
 
 MIN_CELLS, MAX_CELLS = 1.0, 4.0
 """Half width of a gate in resolution cells 1 / bandwidth. Below the minimum nothing is rejected; at
 the maximum other echoes are more than 90 dB down, and more width would only cost resolution."""
 
-CONCENTRATED = 0.5
-"""Eigenvectors with at least this fraction of the largest eigenvalue span the gate."""
+CONCENTRATED = 0.5  # of the largest eigenvalue: eigenvectors with as much span the gate
 
-UNEXPLAINED_DB = 10.0
-"""A residual this far above that of noise alone is warned of..."""
-
-NEGLIGIBLE_DB = -60.0
-"""... unless it is so small, which shifts a gain by a thousandth at most."""
+UNEXPLAINED_DB, NEGLIGIBLE_DB = 10.0, -60.0
+"""A residual so far above that of noise alone is warned of, unless it is below the second, which
+shifts a gain by a thousandth at most."""
 
 
 def estimate_channels(
@@ -286,8 +270,7 @@ def _calibration(
     # The noise of a dead channel, from its pairs with the live ones of the other side.
     power = samples.power()
     alone = (np.median(power[:, live[1]], axis=1), np.median(power[live[0]], axis=0))
-    response: dict[str, np.ndarray] = {}
-    fields: dict[str, Any] = {}
+    response, fields = dict[str, np.ndarray](), dict[str, Any]()
     for k, (name, side, sign) in enumerate(zip(("tx", "rx"), sides, (1, -1), strict=True)):
         turn = first.conj() if sign > 0 else first
         response[f"{name}_gain"] = _filled(side.gain * np.exp(-mean_log[k]) * turn, live[k])

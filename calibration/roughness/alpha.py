@@ -16,30 +16,17 @@ from scipy import special
 from scipy.ndimage import map_coordinates
 
 from calibration.roughness.emulator import Emulator, Fit, Interval, fit_probability, plain
-from calibration.roughness.surface_points import TILT_EDGES_DEG, SurfacePoints, tilt_bins
+from calibration.roughness.surface_points import SurfacePoints, contrast, tilt_bins
 from clradar.model import AntennaArray, DepthMap
 
-LEAST_IN_BIN = 20
-"""Points in a bin of the tilt."""
-
-LEVELS_DB = (3.0, 6.0, 10.0, 15.0, 20.0)
-"""Below the brightest point."""
-
-DARK = 1e-12
-"""Power of a point that is 0, relative to the mean."""
-
-PLACEMENT_STD_M = 1e-3
-"""How well a mesh is taken to be in its place, along x and y each."""
-
+LEAST_IN_BIN = 20  # points, of the tilt
+LEVELS_DB = (3.0, 6.0, 10.0, 15.0, 20.0)  # below the brightest point
+DARK = 1e-12  # power of a point that is 0, relative to the mean
+PLACEMENT_STD_M = 1e-3  # how well a mesh is taken to be in its place, along x and y each
 GRID = 1001  # alphas at which the likelihood is computed
-
-SMOOTH = 0.07
-"""Alphas far below it look like 0."""
-
+SMOOTH = 0.07  # alphas far below it look like 0
 MOST_POWER = 3
-
-FLOOR = 0.05
-"""Standard deviation of a statistic, a natural logarithm, that no simulation has: 5 %."""
+FLOOR = 0.05  # standard deviation of a logarithm that no simulation has: 5 %
 
 NOT_SIMULATED = 1.7
 """Of the variance by this and by the mesh's place: so 95 % of the intervals hold the truth where it
@@ -60,9 +47,8 @@ class BrightnessMeter:
         self._points_m = points.points_m[mine, :2]
         self.n_points = len(self._points_m)
         self.bins = tilt_bins(points.tilts([array])[0, mine], LEAST_IN_BIN)
-        tilts = [f"{TILT_EDGES_DEG[i]:g} to {TILT_EDGES_DEG[i + 1]:g}" for i in self.bins]
         self.names = (
-            *(f"power at {tilt} degrees" for tilt in tilts[:-1]),  # the last follows from the rest
+            *(f"power at {tilt}" for tilt in [*self.bins][:-1]),  # the last follows from the rest
             "contrast",
             *(f"points within {level:g} dB" for level in LEVELS_DB),
         )
@@ -77,10 +63,8 @@ class BrightnessMeter:
         power = power / power.mean() + DARK
         bins = self.bins.values()
         means = [power[own].mean() for own in bins]
-        grain = [np.log(power[own]).mean() - np.log(power[own].mean()) for own in bins]
-        contrast = np.average(grain, weights=[np.count_nonzero(own) for own in bins])
         near = [np.count_nonzero(power > power.max() * 10 ** (-level / 10)) for level in LEVELS_DB]
-        return np.array([*np.log(means[:-1]), contrast, *np.log(near)])
+        return np.array([*np.log(means[:-1]), contrast(power, bins), *np.log(near)])
 
     def displaced(self, image: DepthMap) -> np.ndarray:
         """Return the variance of the statistics by a mesh that is not quite in its place."""

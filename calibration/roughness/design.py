@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, MutableMapping
-from dataclasses import fields, is_dataclass
+import io
+import pickle
+from collections.abc import Iterable, MutableMapping
+from hashlib import sha256
 from typing import Any, ClassVar
 
 import numpy as np
 
 from calibration.roughness.regions import Regions
 from clradar.errors import CompareError, warn
-from clradar.files.hashing import sha256_of_blocks
 from clradar.model import Scene, checks
 
 SEEDS = 3
@@ -57,20 +58,10 @@ class Estimates:
 
 def fingerprint(*values: Any) -> str:
     """Return what names of images begin with: other arguments make others."""
-    return sha256_of_blocks(_blocks(values))[:12]
-
-
-def _blocks(value: Any) -> Iterator[bytes]:
-    if isinstance(value, np.ndarray):
-        yield f"{value.dtype} {value.shape}".encode()
-        yield value.tobytes()
-    elif is_dataclass(value):
-        yield from _blocks([(own.name, getattr(value, own.name)) for own in fields(value)])
-    elif isinstance(value, tuple | list):
-        for item in value:
-            yield from _blocks(item)
-    else:
-        yield repr(value).encode()
+    pickler = pickle.Pickler(stream := io.BytesIO())
+    pickler.fast = True  # without references between equal values: those of the same are the same
+    pickler.dump(values)
+    return sha256(stream.getvalue()).hexdigest()[:12]
 
 
 def check_regions(function: str, regions: Regions | None, scene: Scene) -> tuple[str, ...]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -49,11 +51,18 @@ class SurfacePoints:
         return np.arccos(np.stack(found))
 
 
-def tilt_bins(tilts: np.ndarray, least: int) -> dict[int, np.ndarray]:
+def tilt_bins(tilts: np.ndarray, least: int) -> dict[str, np.ndarray]:
     """Which of these tilts, radians, are in each bin of `TILT_EDGES_DEG` with at least so many."""
-    number = np.digitize(np.degrees(tilts), TILT_EDGES_DEG) - 1
-    bins = {i: number == i for i in range(len(TILT_EDGES_DEG) - 1)}
-    return {i: own for i, own in bins.items() if np.count_nonzero(own) >= least}
+    number = np.digitize(np.degrees(tilts), TILT_EDGES_DEG)
+    ends = enumerate(pairwise(TILT_EDGES_DEG), 1)
+    bins = {f"{low:g} to {high:g} degrees": number == i for i, (low, high) in ends}
+    return {name: own for name, own in bins.items() if np.count_nonzero(own) >= least}
+
+
+def contrast(power: np.ndarray, bins: Collection[np.ndarray]) -> float:
+    """Mean of ln(power) less ln of the mean, in the bins: -0.58 for full speckle."""
+    grain = [np.log(power[own]).mean() - np.log(power[own].mean()) for own in bins]
+    return float(np.average(grain, weights=[np.count_nonzero(own) for own in bins]))
 
 
 def surface_points(

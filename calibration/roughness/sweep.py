@@ -41,11 +41,8 @@ from clradar.tracing.settings import SimulationSettings, resolve_settings, takes
 
 ESTIMATOR = "stochastic"
 
-FEWEST_OF_ONE_SEED = 5
-"""Alphas, where the scatter of a single seed follows from its neighbours."""
-
-MAX_PASSES = 6
-"""Over the regions, until the alpha of none goes to another simulated one."""
+FEWEST_OF_ONE_SEED = 5  # alphas, where the scatter of a single seed follows from its neighbours
+MAX_PASSES = 6  # over the regions, until the alpha of none goes to another simulated one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,15 +219,17 @@ def sweep(
     ]
     none: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
     unknown = Metrics(**none, dynamic_range_db=dynamic_range_db)
-
-    def metrics(image: DepthMap | None) -> Metrics:
-        return unknown if image is None else metrics_of(measured_map, image, dynamic_range_db)
-
+    compared = tuple(
+        tuple(
+            unknown if one is None else metrics_of(measured_map, one, dynamic_range_db)
+            for one in row
+        )
+        for row in whole
+    )
     estimates = (
         _estimate(WHOLE, meters[0], measured_map, whole, values),
         *_of_regions(names, meters[1:], measured_map, images, kept),
     )
-    compared = tuple(tuple(map(metrics, row)) for row in whole)
     result = Sweep(values, images.seeds, compared, estimates, measured_map, tuple(whole[0]))
     # Of a simulation in place of a measurement.
     estimator = capture_meta(measured.meta).get("settings", {}).get("estimator", ESTIMATOR)

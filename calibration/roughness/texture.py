@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calibration.roughness.surface_points import TILT_EDGES_DEG, SurfacePoints, tilt_bins
+from calibration.roughness.surface_points import SurfacePoints, contrast, tilt_bins
 from clradar.imaging.operator import ImagingOperator
 from clradar.model import AntennaArray, Capture, Waveform
 from clradar.opencl import Device
@@ -86,9 +86,7 @@ class TextureMeter:
         self._smooth_power = self._per_patch(np.abs(self._smooth) ** 2)
         self._level = float(np.mean(np.abs(self._smooth) ** 2))
         self.bins = tilt_bins(tilts[:, self._mine], LEAST_IN_BIN)
-        ends = [(f"{TILT_EDGES_DEG[i]:g}", f"{TILT_EDGES_DEG[i + 1]:g}") for i in self.bins]
-        rest = (f"{REST} {low} to {high} degrees" for low, high in ends)
-        self.names = (COHERENT, *rest, CONTRAST, ALIKE)
+        self.names = (COHERENT, *(f"{REST} {tilt}" for tilt in self.bins), CONTRAST, ALIKE)
 
     def measure(self, images: np.ndarray) -> np.ndarray:
         """The statistics of images (4, n_points), complex.
@@ -98,7 +96,7 @@ class TextureMeter:
         - coherent power: ln of sum |c|^2 w / sum w, with the squared power of the smooth patch w;
         - the rest: ln of the mean |V - c V_smooth|^2 in each bin of the tilt, relative to the mean
           |V_smooth|^2 of the region;
-        - contrast: mean of ln |V|^2 less ln of the mean, in the bins: -0.58 for full speckle;
+        - the contrast of |V|^2;
         - the mean correlation of |V| between apertures, over the points.
         """
         mine = images[:, self._mine].astype(np.complex128)
@@ -109,10 +107,8 @@ class TextureMeter:
         coherent = np.sum(np.abs(product) ** 2) / np.sum(self._smooth_power**2)
         bins = self.bins.values()
         logarithms = np.log([coherent + 1e-300, *(rest[own].mean() + 1e-300 for own in bins)])
-        grain = [np.log(power[own]).mean() - np.log(power[own].mean()) for own in bins]
-        contrast = np.average(grain, weights=[np.count_nonzero(own) for own in bins])
         alike = [np.corrcoef(a, b)[0, 1] for a, b in combinations(np.sqrt(power), 2)]
-        return np.array([*logarithms, contrast, np.mean(alike) if alike else 0.0])
+        return np.array([*logarithms, contrast(power, bins), np.mean(alike) if alike else 0.0])
 
     def _per_patch(self, values: np.ndarray) -> np.ndarray:
         n = self._patch.max() + 1
