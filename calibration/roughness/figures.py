@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.roughness.emulator import Fit
+from calibration.roughness.meters import of_power
 from calibration.roughness.millimetres import RoughnessEstimate
 from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
-from calibration.roughness.texture import of_power
 from clradar.compare.metrics import METRIC_TABLE
 from clradar.plot import drawing
 

@@ -19,7 +19,7 @@ from calibration.roughness.emulator import (
     logarithms,
     plain,
 )
-from calibration.roughness.texture import COHERENT, REST, of_power
+from calibration.roughness.meters import COHERENT, REST, of_power
 
 KNOWN_SHARE = 0.3  # of a height or slope, that half its 68 % interval is at most
 KNOWN_RATIO = 2.0  # of the ends of the 68 % interval of a length that is known

@@ -22,14 +22,13 @@ from calibration.roughness.design import (
     fingerprint,
 )
 from calibration.roughness.emulator import Emulator, Interval, logarithms, plain, terms
+from calibration.roughness.meters import SubApertures, TextureMeter, surface_points
 from calibration.roughness.millimetres import (
     RegionStatistics,
     RoughnessEstimate,
     estimate_roughness,
 )
 from calibration.roughness.regions import Regions
-from calibration.roughness.surface_points import surface_points
-from calibration.roughness.texture import SubApertures, TextureMeter
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import ClradarWarning, CompareError
 from clradar.jobs.where import Where, open_devices
@@ -180,7 +179,7 @@ def sweep_roughness(
     devices.check_alike("a sweep")
     array, waveform = measured.array, measured.waveform
     points = surface_points(scene, regions, array.tx_m.mean(axis=0), devices.first)
-    apertures = SubApertures.of(array, waveform, points.points_m, devices.first)
+    apertures = SubApertures(array, waveform, points.points_m, devices.first)
     simulations = _Simulations(scene, array, waveform, points.points_m, settings)
     own = fingerprint(scene, array, waveform, heights, lengths, n_seeds, settings)
     kept: Store = {} if store is None else store
@@ -256,4 +255,4 @@ class _Simulations:
             replace(self.scene, materials=rough), *radar,
             settings=replace(self.settings, seed=seed), device=device,
         )  # fmt: skip
-        yield name, {"images": SubApertures.of(*radar, self.points_m, device).images(capture)}
+        yield name, {"images": SubApertures(*radar, self.points_m, device).images(capture)}

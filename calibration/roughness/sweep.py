@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from calibration.roughness.alpha import AlphaEstimate, BrightnessMeter, estimate_alpha
+from calibration.roughness.alpha import AlphaEstimate, estimate_alpha
 from calibration.roughness.design import (
     LIMITS,
     SEEDS,
@@ -23,8 +23,8 @@ from calibration.roughness.design import (
     fingerprint,
 )
 from calibration.roughness.emulator import Interval
+from calibration.roughness.meters import BrightnessMeter, surface_points
 from calibration.roughness.regions import Regions
-from calibration.roughness.surface_points import surface_points
 from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare.images import depth_map_of
@@ -388,25 +388,22 @@ class _Images:
 
     def simulate_missing(self, store: Store, devices: Where, progress: Progress | None) -> None:
         """Simulate the images that the store lacks, and store each as soon as it is finished."""
-        n_regions = 1 if self.regions is None else len(self.regions.names)
-        n_seeds, n_alphas = len(self.seeds), len(self.alphas)
-        missing = [
-            [
-                i for i in range(n_alphas)
-                if not all(self._name(k, i, r) in store for r in range(n_regions))
-            ]
-            for k in range(n_seeds)
-        ]  # fmt: skip
+        shape = len(self.seeds), len(self.alphas)
+        regions = range(1 if self.regions is None else len(self.regions.names))
+        missing = np.array(
+            [[any(self._name(k, i, r) not in store for r in regions) for i in range(shape[1])]
+             for k in range(shape[0])]
+        )  # fmt: skip
         # A batch of alphas shares rays, so they are divided no more than the devices need.
         n_devices = len(devices.infos)
-        parts = n_devices // math.gcd(n_devices, n_seeds)
+        parts = n_devices // math.gcd(n_devices, shape[0])
         items = [
             (k, part.tolist())
-            for k, indices in enumerate(missing)
-            for part in np.array_split(indices, parts)
+            for k, row in enumerate(missing)
+            for part in np.array_split(np.flatnonzero(row), parts)
             if len(part)
         ]
-        done = part_of(progress, 1.0 - sum(map(len, missing)) / (n_seeds * n_alphas), 1.0)
+        done = part_of(progress, 1.0 - missing.mean(), 1.0)
         for _, (name, image) in devices.made(self, items, done):
             store[name] = image
 
