@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, ClassVar
@@ -22,7 +22,6 @@ from calibration.roughness.design import (
     estimable,
     fingerprint,
 )
-from calibration.roughness.emulator import Interval
 from calibration.roughness.meters import BrightnessMeter, surface_points
 from calibration.roughness.regions import Regions
 from clradar import arrays
@@ -213,10 +212,7 @@ def sweep(
     images = _Images(fingerprint(*given), *given)
     kept: Store = {} if store is None else store
     images.simulate_missing(kept, devices, progress)
-    whole = [
-        [images.of(kept, k, (i,) * max(1, len(names))) for i in range(len(values))]
-        for k in range(n_seeds)
-    ]
+    whole = images.along(kept, lambda i: (i,) * max(1, len(names)))
     none: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
     unknown = Metrics(**none, dynamic_range_db=dynamic_range_db)
     compared = tuple(
@@ -285,13 +281,7 @@ def _of_regions(
 
     @cache
     def among(region: int, others: tuple[int, ...]) -> AlphaEstimate:
-        along = [
-            [
-                images.of(store, k, (*others[:region], i, *others[region:]))
-                for i in range(len(alphas))
-            ]
-            for k in range(len(images.seeds))
-        ]
+        along = images.along(store, lambda i: (*others[:region], i, *others[region:]))
         return _estimate(names[region], meters[region], measured, along, alphas)
 
     def estimate(region: int, at: Sequence[int]) -> AlphaEstimate:
@@ -315,16 +305,13 @@ def _of_regions(
             slope = change / (alphas[moved[other]] - alphas[best[other]])
             off = found[other].alpha - alphas[best[other]]  # the other is simulated at
             variance += slope**2 * (found[other].uncertainty ** 2 + off**2)
-        interval = _widened(one.interval, math.sqrt(variance), alphas[[0, -1]])
+        std = one.interval.std
+        factor = math.hypot(std, math.sqrt(variance)) / max(std, 1e-6)
+        own = np.array([getattr(one.interval, limit) for limit in LIMITS])
+        limits = np.clip(own[0] + factor * (own - own[0]), *alphas[[0, -1]]).tolist()
+        interval = replace(one.interval, **dict(zip(LIMITS, limits, strict=True)))
         widened.append(replace(one, interval=interval))
     return tuple(widened)
-
-
-def _widened(interval: Interval, std: float, ends: np.ndarray) -> Interval:
-    factor = math.hypot(interval.std, std) / max(interval.std, 1e-6)
-    own = np.array([getattr(interval, limit) for limit in LIMITS])
-    limits = np.clip(own[0] + factor * (own - own[0]), *ends).tolist()
-    return replace(interval, **dict(zip(LIMITS, limits, strict=True)))
 
 
 def check_within_grid(scene: Scene, grid: VoxelGrid) -> None:
@@ -407,7 +394,14 @@ class _Images:
         for _, (name, image) in devices.made(self, items, done):
             store[name] = image
 
-    def of(self, store: Store, k: int, at: tuple[int, ...]) -> DepthMap | None:
+    def along(
+        self, store: Store, at: Callable[[int], tuple[int, ...]]
+    ) -> list[list[DepthMap | None]]:
+        """The depth maps [seed][alpha], where an alpha of the sweep is one for each region."""
+        alphas, seeds = range(len(self.alphas)), range(len(self.seeds))
+        return [[self._of(store, k, at(i)) for i in alphas] for k in seeds]
+
+    def _of(self, store: Store, k: int, at: tuple[int, ...]) -> DepthMap | None:
         """The depth map of a seed, with an alpha for each region; None where it is zero."""
         if self.regions is None:
             stored = store[self._name(k, at[0], 0)]
