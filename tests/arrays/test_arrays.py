@@ -143,7 +143,7 @@ def assert_same(got: clradar.AntennaArray, want: clradar.AntennaArray) -> None:
         (f"[[antennas]]\n{LINE}\ngain = [1, 0]\ngain_db = 3", "no gain_db and no phase_deg"),
         ('copy_of = "qar50"\npairs = "some"', "pairs: expected one of .all., .cluster."),
         (f'copy_of = "qar50"\npairs = "cluster"\n[[pose]]\n{LINE}', r"pairs: .* got 4 clusters"),
-        ('copy_of = "qar50"\n[tx_pattern]\nexponent = -1', "tx_pattern.exponent: expected 0 to"),
+        ('copy_of = "qar50"\n[tx_pattern]\nexponent = -1', r"tx_pattern.exponent: .*\[0, 10000\]"),
         ("copy_of =", "expected an antenna array"),
     ],
 )
