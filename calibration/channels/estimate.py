@@ -248,9 +248,9 @@ def _calibration(
     noise = [np.sqrt(power) / typical for power in by_channel(pairs.total, seen)]
     noisy = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
     good = seen & ~noisy[0][:, None] & ~noisy[1]
-    outlying, residual_db, noise_residual_db = _residual(found, good, samples.count)
+    outlying, left, by_noise = _residual(found, good, samples.count)
+    residual_db, noise_residual_db = _decibel(left), _decibel(by_noise)
     # Residual beyond noise, relative to the echoes beyond noise.
-    left, by_noise = (10 ** (db / 10) for db in (residual_db, noise_residual_db))
     excess_db = _decibel(max(left - by_noise, 0.0) / max(1 - by_noise, by_noise, 1e-30))
     if excess_db > max_residual_db:
         raise CalibrationError(
@@ -300,7 +300,7 @@ def _calibration(
 def _residual(
     found: ChannelFit, good: np.ndarray, samples_per_pair: float
 ) -> tuple[float, float, float]:
-    """The share of outlying pairs, and energies that are left of the others, and by noise, dB."""
+    """Shares of outlying pairs, and of the others' energy that is left, and that noise leaves."""
     square = np.square(np.abs(found.pairs.mean - found.pairs.model))
     # A few outlying pairs have nearly no weight, and do not invalidate the rest.
     outlying = good & (square > TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
@@ -313,8 +313,8 @@ def _residual(
         )
     good = good & ~outlying
     echoes = float(np.square(np.abs(found.pairs.mean[good])).sum())
-    left = (float(square[good].sum()), float(found.noise[good].sum()) / samples_per_pair)
-    return share, _decibel(left[0] / echoes), _decibel(left[1] / echoes)
+    by_noise = float(found.noise[good].sum()) / samples_per_pair
+    return share, float(square[good].sum()) / echoes, by_noise / echoes
 
 
 def _filled(values: np.ndarray, live: np.ndarray, dead: np.ndarray | None = None) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -151,7 +151,7 @@ class FlatPlate(Record):
     distance_m: float
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
-    size_m: tuple[float, float] | None = field(default=None, kw_only=True)
+    size_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         distance = checks.positive("FlatPlate.distance_m", self.distance_m)
@@ -171,7 +171,7 @@ class FlatPlate(Record):
         return np.array([self.distance_m, self.tilt_x_deg, self.tilt_y_deg])
 
     def placed(self, parameters: np.ndarray) -> FlatPlate:
-        return FlatPlate(*parameters.tolist(), size_m=self.size_m)
+        return FlatPlate(*parameters.tolist(), self.size_m)
 
     def echo(self, array: AntennaArray) -> Echo:
         slope = np.tan(np.radians([self.tilt_x_deg, self.tilt_y_deg]))
