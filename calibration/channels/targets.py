@@ -171,7 +171,8 @@ class FlatPlate(Record):
         return np.array([self.distance_m, self.tilt_x_deg, self.tilt_y_deg])
 
     def placed(self, parameters: np.ndarray) -> FlatPlate:
-        return FlatPlate(*parameters.tolist(), self.size_m)
+        distance_m, x_deg, y_deg = parameters.tolist()
+        return FlatPlate(distance_m, x_deg, y_deg, self.size_m)
 
     def echo(self, array: AntennaArray) -> Echo:
         slope = np.tan(np.radians([self.tilt_x_deg, self.tilt_y_deg]))

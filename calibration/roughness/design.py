@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
-import pickle
 from collections.abc import Iterable, MutableMapping
 from hashlib import sha256
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic_core import to_json
 
 from calibration.roughness.regions import Regions
 from clradar.errors import CompareError, warn
@@ -58,10 +57,8 @@ class Estimates:
 
 def fingerprint(*values: Any) -> str:
     """Return what names of images begin with: other arguments make others."""
-    pickler = pickle.Pickler(stream := io.BytesIO())
-    pickler.fast = True  # without references between equal values: those of the same are the same
-    pickler.dump(values)
-    return sha256(stream.getvalue()).hexdigest()[:12]
+    content = to_json(values, fallback=lambda own: getattr(own, "tolist", own.__repr__)())
+    return sha256(content).hexdigest()[:12]
 
 
 def check_regions(function: str, regions: Regions | None, scene: Scene) -> tuple[str, ...]:

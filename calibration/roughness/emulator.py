@@ -15,10 +15,11 @@ References
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydantic_core import to_jsonable_python
 from scipy import special
 
 FLOOR_M = 0.06e-3  # heights far below it reflect as smooth ones do: g = 0.04 at 77 GHz
@@ -96,13 +97,7 @@ def at_ends(values: np.ndarray, probability: np.ndarray) -> tuple[bool, bool]:
 
 def plain(value: Any) -> Any:
     """Convert records, arrays and numbers to JSON types; None stands for NaN."""
-    if is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, np.ndarray | tuple | list):
-        return [plain(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    return to_jsonable_python(value, fallback=lambda own: own.tolist(), inf_nan_mode="null")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
