@@ -37,9 +37,6 @@ MOST_CLUSTERS = 1024
 MOST_ANTENNAS = 20_000
 """Of one rule: a whole wall of imaging clusters has some thousands."""
 
-SAME_PLACE_DIGITS = 6
-"""Of metres: two antennas are not as close as this."""
-
 Place = Annotated[Vector, Field(description="[x, y, z] in metres")]
 Length = Annotated[Number, Field(gt=0, description="a length above 0, in metres")]
 _WHOLE = f"a whole number from {{}} to {MOST_ANTENNAS}"
@@ -246,7 +243,7 @@ class ArrayFile(FileRecord):
         name, count = self.name or default_name, len(self._clusters)
         crowded = []
         for label, side in zip(("Tx", "Rx"), self._clusters[0], strict=True):
-            at_m = side.antennas_m.round(SAME_PLACE_DIGITS)
+            at_m = side.antennas_m.round(6)  # two antennas are not as close as this
             if (places := len(np.unique(at_m, axis=0))) < len(at_m):
                 crowded.append(f"{len(at_m)} {label} at {places} places")
         if crowded:
