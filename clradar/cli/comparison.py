@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import clradar as cl
+import measurement_io
 from clradar.cli.console import print_line, print_table, progress_bar
 from clradar.cli.groups import wrong_usage
 from clradar.cli.inputs import nothing_to_draw, title_of
@@ -19,21 +20,17 @@ from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import warn
 from clradar.files.atomic import write_file
+from clradar.model.volume import capture_meta
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PLACED, CAPTURE, VOLUME = "placed.ply", "capture.h5", "volume.h5"
-FIGURE, METRICS = "comparison.png", "metrics.json"
-
-SIMULATION_FILES = (PLACED, CAPTURE, VOLUME, FIGURE, METRICS)
+SIMULATION_FILES = ("placed.ply", "capture.h5", "volume.h5", "comparison.png", "metrics.json")
 """What is written of a mesh or a hand that was fitted and simulated."""
 
 
 def simulated_surface(meta: Mapping[str, Any]) -> str | None:
     """What was simulated: the one alpha, or the materials if physical; None if there is neither."""
-    from clradar.model.volume import capture_meta
-
     scene = capture_meta(meta).get("scene")
     if not isinstance(scene, Mapping):
         return None
@@ -93,10 +90,8 @@ class Comparison:
 
     def figure(self, **options: Any) -> Figure:
         """All images side by side; `options` as in `clradar.plot.comparison_figure`."""
-        from clradar.plot import comparison_figure
-
         columns = list(zip(self.labels, self.maps[1:], strict=True))
-        return comparison_figure(
+        return cl.plot.comparison_figure(
             self.maps[0], columns, metrics=self.metrics, dynamic_range_db=self.dynamic_range_db,
             **options,
         )  # fmt: skip
@@ -134,9 +129,6 @@ def figure_of(
 
     None, and a warning, where there is nothing to see.
     """
-    import measurement_io
-    from clradar.plot import capture_figure, recording_figure
-
     found = measurement_io.open(path)
     if isinstance(found, cl.Volume):
         if (reason := nothing_to_draw(found)) is not None:
@@ -149,12 +141,12 @@ def figure_of(
     if isinstance(found, measurement_io.Recording):
         title = title_of(path, {})
         with progress_bar("reading") as progress:
-            return recording_figure(found, found.frame_numbers, title, progress=progress)
+            return cl.plot.recording_figure(found, found.frame_numbers, title, progress=progress)
     if isinstance(found, cl.ChannelCalibration):
         from calibration.channels.figure import channels_figure
 
         return channels_figure(found, title_of(path, found.meta))
-    return capture_figure(found, title_of(path, found.meta))
+    return cl.plot.capture_figure(found, title_of(path, found.meta))
 
 
 def volume_figure(
@@ -164,16 +156,13 @@ def volume_figure(
     **shown: Any,
 ) -> Figure:
     """The figure of an image, or of one plane of a volume."""
-    from clradar.plot import image_figure, plane_of
-
     if plane is not None and isinstance(image, cl.Volume):
         axis, place_mm = plane
-        image = plane_of(image, axis, None if place_mm is None else place_mm / 1e3)
-    return image_figure(image, title, **shown)
+        image = cl.plot.plane_of(image, axis, None if place_mm is None else place_mm / 1e3)
+    return cl.plot.image_figure(image, title, **shown)
 
 
 def write_csv(path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write rows below their names."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)

@@ -12,10 +12,13 @@ from typing import Any
 
 import numpy as np
 
+import calibration
 import clradar as cl
+import measurement_io
 from clradar.cli import options as opt, parse
 from clradar.cli.inputs import Content, ImageInput
 from clradar.cli.outputs import save
+from clradar.compare.metrics import metrics_of
 from clradar.errors import CompareError, warn
 from clradar.files.failures import fail
 from clradar.files.json_file import write_json
@@ -42,10 +45,9 @@ class Frames:
             self.files = _captures_by_number(path, variant)
             self.read = lambda number: ImageInput.open(self.files[number]).content
         else:
-            from measurement_io import open_recording
             from measurement_io.maroon.folders import frames
 
-            recording = open_recording(path, variant=variant or "raw")
+            recording = measurement_io.open_recording(path, variant=variant or "raw")
             self.files = frames(recording.path)[recording.variant]
             if not self.files:
                 fail(path, f"frames of the variant {recording.variant}", "none")
@@ -193,7 +195,6 @@ class FrameSteps:
         return content.depth_map(self.how.dynamic_range_db)
 
     def keep_map(self, name: str, image: cl.DepthMap) -> None:
-        """Keep a depth map."""
         FolderStore(self.folder / MAPS)[name] = {
             "amplitude": image.amplitude, "depth_m": image.depth_m, "x_m": image.x_m,
             "y_m": image.y_m, "range_db": np.array(image.dynamic_range_db),
@@ -206,10 +207,8 @@ class FrameSteps:
         return cl.DepthMap(kept["depth_m"], kept["amplitude"], kept["x_m"], kept["y_m"], range_db)
 
     def _alignment(self, volume: cl.Volume, capture: cl.Capture, mesh: Path) -> dict[str, Any]:
-        from calibration import align_mesh
-
         try:
-            found = align_mesh(
+            found = calibration.align_mesh(
                 volume, _mesh(mesh, self.how.unit, self.run_name), array=capture.array,
                 waveform=capture.waveform, device=self.device, correct_bias=self.how.bias,
                 search_deg=self.how.search_deg,
@@ -236,8 +235,6 @@ def record_file(folder: Path, number: int) -> Path:
 
 
 def _metrics(image: cl.DepthMap, other: cl.DepthMap, range_db: float) -> dict[str, Any] | None:
-    from clradar.compare.metrics import metrics_of
-
     try:
         return metrics_of(image, other, range_db).to_dict()
     except CompareError:  # nothing above zero in one of the two

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import clradar as cl
+import measurement_io
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.groups import given, wrong_usage
 from clradar.cli.options.measured import (
@@ -20,6 +21,7 @@ from clradar.cli.options.measured import (
     RadarOptions,
     open_frame,
 )
+from clradar.model.volume import capture_meta
 
 Content = cl.Volume | cl.Capture
 
@@ -48,12 +50,11 @@ class ImageInput:
     @classmethod
     def open(cls, path: Path, frames: FrameOptions | None = None) -> ImageInput:
         """Open a file or a folder; a frame can be chosen of a recording only."""
-        from measurement_io import open_volume
         from measurement_io.opening import kind_of
 
         frames = frames or FrameOptions()
         if frames == FrameOptions() and kind_of(path) == "volume":
-            return cls(path, open_volume(path))
+            return cls(path, measurement_io.open_volume(path))
         return cls(path, open_frame(path, frames))
 
     @property
@@ -168,8 +169,6 @@ def measurement(
 
 def title_of(path: Path, meta: Mapping[str, Any]) -> str:
     """Name what is in a file or folder: of a recording its object, distance, variant and frame."""
-    from clradar.model.volume import capture_meta
-
     capture = capture_meta(meta)
     name = path.name or path.absolute().name or str(path)
     text = recording_title(meta)
@@ -182,7 +181,6 @@ def title_of(path: Path, meta: Mapping[str, Any]) -> str:
 
 def recording_title(meta: Mapping[str, Any]) -> str:
     """Object, distance, variant and frame of a recorded capture; empty for any other."""
-    from clradar.model.volume import capture_meta
     from measurement_io.maroon.folders import DISTANCE_FOLDERS, frame_file
 
     capture = capture_meta(meta)

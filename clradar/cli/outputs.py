@@ -14,11 +14,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 import clradar as cl
+import measurement_io as io
 from clradar import __version__
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.groups import call, plain
@@ -37,10 +38,7 @@ from clradar.files.json_file import write_json
 from clradar.jobs import Job
 from clradar.versions import package_versions
 
-if TYPE_CHECKING:
-    from clradar.hand import HandMesh
-
-    Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
+Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
 
 OWNED_DEPTH = 3
 """Folders above a file that may own it: a recording is three above its frames."""
@@ -206,9 +204,7 @@ def write(
     elif isinstance(content, str):
         write_file(path, content.encode(), force=force)
     elif hasattr(content, "savefig"):
-        from clradar.plot import save_figure
-
-        save_figure(content, path, force=force)
+        cl.plot.save_figure(content, path, force=force)
     elif hasattr(content, "faces"):
         write_file(path, mesh_file(path, content), force=force)
     else:
@@ -220,8 +216,6 @@ def write(
 
 def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool = True) -> Result:
     """Write a capture, a volume or channels with their provenance; return it as written."""
-    import measurement_io as io
-
     result = replace(result, meta={**result.meta, **origin})
     writers: Any = {cl.Capture: io.save_capture, cl.Volume: io.save_volume}
     writers.get(type(result), io.save_channels)(path, result, force=force)
@@ -247,7 +241,7 @@ MESHES = (".ply", ".stl", ".obj", ".off")
 """Formats of mesh files; .ply has parts and texture, too."""
 
 
-def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandMesh:
+def turned(mesh: cl.hand.HandMesh, angle_deg: float, center_m: Sequence[float]) -> cl.hand.HandMesh:
     """A hand turned about the vertical through `center_m`."""
     cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
@@ -257,13 +251,11 @@ def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandM
 
 def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
     """The JSON object of joints that a sweep reads; None, which it refuses, for an unknown one."""
-    from clradar.hand import JOINT_NAMES
-
     known = (at.tolist() if np.isfinite(at).all() else None for at in joints)
-    return dict(zip(JOINT_NAMES, known, strict=True))
+    return dict(zip(cl.hand.JOINT_NAMES, known, strict=True))
 
 
-def mesh_file(path: Path, mesh: HandMesh | cl.Scene) -> bytes:
+def mesh_file(path: Path, mesh: cl.hand.HandMesh | cl.Scene) -> bytes:
     """The content of the file of a mesh, in metres; its name says the format."""
     import trimesh
 

@@ -135,7 +135,6 @@ def unlock(lock: BaseFileLock) -> None:
 
 
 def _holder(path: Path) -> str:
-    """Who holds a lock, where the file says it."""
     with suppress(OSError, ValueError):
         process, machine = path.read_text("utf-8").split("\n")[:2]
         if process.isdecimal() and machine:

@@ -175,21 +175,6 @@ def local_client(shares: Sequence[Share]) -> Iterator[Client]:
                 cluster.close()
 
 
-@contextmanager
-def client_of(address: str) -> Iterator[Client]:
-    """Connect to a Dask scheduler that runs already; yields the client."""
-    _silence()
-    try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise ClusterError(
-            f"{clean(address)}: expected the address of a Dask scheduler, such as "
-            f"tcp://HOST:8786; {clean(error)}"
-        ) from error
-    with client:
-        yield client
-
-
 def _silence() -> None:
     """Silence Dask's own messages: the fate of items and workers is reported here."""
     # Dask gives some of its loggers levels of their own, so that the parent's does not count.
@@ -200,7 +185,6 @@ def _silence() -> None:
 
 
 def worker_facts(device: str | None) -> dict[str, Any]:
-    """The versions and the device of the worker that runs this."""
     return made_with(open_device(device))
 
 
@@ -216,7 +200,6 @@ class Terms:
 
 @lru_cache(maxsize=4)
 def breach(terms: Terms) -> str | None:
-    """The condition that this process violates, or None."""
     different = differences(json.loads(terms.made_with), worker_facts(terms.device))
     if different:
         return f"expected versions and device of the other workers: {'; '.join(different)}"
@@ -264,17 +247,26 @@ class Workers:
     @classmethod
     @contextmanager
     def of_scheduler(
-        cls, client: Client, folder: Path, files: Sequence[str], device: str | None
+        cls, address: str, folder: Path, files: Sequence[str], device: str | None
     ) -> Iterator[Workers]:
         """Those that a scheduler has; whether they see the folder is known by a file in it."""
+        _silence()
+        try:
+            client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise ClusterError(
+                f"{clean(address)}: expected the address of a Dask scheduler, such as "
+                f"tcp://HOST:8786; {clean(error)}"
+            ) from error
         # A later run removes it as a temporary file, if this one is killed.
         visible = folder.absolute() / f".visible.{secrets.token_hex(16)}.tmp"
-        write_file(visible, b"")
-        try:
-            facts = json.dumps(cls(client)._facts(device))
-            yield cls(client, Terms(facts, device, (str(visible), *files), os.getcwd()))
-        finally:
-            visible.unlink(missing_ok=True)
+        with client:
+            write_file(visible, b"")
+            try:
+                facts = json.dumps(cls(client)._facts(device))
+                yield cls(client, Terms(facts, device, (str(visible), *files), os.getcwd()))
+            finally:
+                visible.unlink(missing_ok=True)
 
     def _facts(self, device: str | None) -> dict[str, Any]:
         """Versions and device of one worker, which has to be of this version."""
@@ -398,6 +390,5 @@ class Workers:
 
 
 def _is_busy(run: str, dask_worker: Any) -> bool:
-    """Whether a worker is making an item of a run."""
     keys = list(dask_worker.active_threads.values())
     return any(isinstance(key, tuple) and key[:2] == ("item", run) for key in keys)

@@ -46,7 +46,15 @@ def test_a_shell_completes_commands_and_their_options(typed, completed):
     assert done.stdout.split() == [completed]
 
 
-HEAVY = {"trimesh", "scipy", "skimage", "matplotlib", "h5py", "measurement_io", "rich.progress"}
+HEAVY = {
+    "trimesh",
+    "scipy",
+    "skimage",
+    "matplotlib",
+    "h5py",
+    "measurement_io.opening",
+    "rich.progress",
+}
 """Modules that a help text does not need."""
 
 LOADED = """

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+import calibration
 import clradar as cl
+import measurement_io
 from clradar.cli import options as opt, parse
 from clradar.cli.console import (
     counted,
@@ -30,7 +32,6 @@ from clradar.jobs import open_devices
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from calibration import Diagnosis, Hypothesis
     from calibration.channels.targets import Target
 
 
@@ -74,13 +75,10 @@ def read(
     path: Path, frames: opt.FrameOptions, average: bool, align_phase: bool
 ) -> tuple[cl.Capture, str]:
     """One frame or the mean of all, and of how many it is the mean."""
-    from calibration import average_frames
-    from measurement_io import open_recording
-
     if not (average and path.is_dir()):
         return opt.open_frame(path, frames), ""
     variant = frames.variant or "raw"
-    recording = open_recording(path, variant=variant)
+    recording = measurement_io.open_recording(path, variant=variant)
     if not len(recording):
         fail(path, f"frames of variant {variant}", "none")
     with progress_bar("averaging") as progress:
@@ -91,7 +89,7 @@ def read(
                 if progress is not None:
                     progress(number, len(recording))
 
-        found = average_frames(captures(), align_phase=align_phase)
+        found = calibration.average_frames(captures(), align_phase=align_phase)
     expected, count = found.meta.get("number_of_measurements"), len(recording)
     if isinstance(expected, int) and expected != count:
         print_warning(f"{path}: {count} of {expected} frames are there; averaged those")
@@ -130,11 +128,11 @@ class TargetOptions:
     )
 
     def read(self) -> Target:
-        """The target that the options describe."""
-        from calibration import CornerReflector, FlatPlate, Sphere
-
         known = opt.arguments_of(self)
-        kinds: Any = {"plate": FlatPlate, "sphere": Sphere, "corner": CornerReflector}
+        kinds: dict[Any, Any] = {
+            "plate": calibration.FlatPlate, "sphere": calibration.Sphere,
+            "corner": calibration.CornerReflector,
+        }  # fmt: skip
         if tilt_deg := known.pop("tilt_deg", None):
             known |= dict(zip(("tilt_x_deg", "tilt_y_deg"), tilt_deg, strict=True))
         target: Target = kinds[known.pop("target")](**known)
@@ -143,8 +141,6 @@ class TargetOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateOptions:
-    """How gains and delays are estimated."""
-
     PANEL = "Expert"
 
     hold: bool = opt.option("The target is exactly at the position of the options.", False)
@@ -184,14 +180,15 @@ def channels_command(
     """The target's position is refined, too. Which errors are observable:
     docs/channel-calibration.md. The mean of a recording's frames: `clradar clean --average`.
     """
-    from calibration import estimate_channels
     from calibration.channels.figure import channels_figure
     from measurement_io.record_facts import Description, facts_of
 
     known = target.read()
     loaded = opt.open_frame(capture, frames)
     with progress_bar("fitting channels") as progress:
-        channels = estimate_channels(loaded, known, progress=progress, **estimate.settings())
+        channels = calibration.estimate_channels(
+            loaded, known, progress=progress, **estimate.settings()
+        )
     channels = write(output, channels)
     facts = facts_of(channels)
     first = [fact.name for fact in facts].index("dead Tx")  # what is before is of the capture, too
@@ -224,14 +221,12 @@ def diagnose_command(
     image; with a range, the grid is that of the options, by default -100:100:4, -100:100:4,
     260:340:10. See docs/diagnose.md.
     """
-    from calibration import apply_convention, diagnose
-
     grid = voxels.grid(COARSE_GRID_MM) if opt.given(voxels) else None
     expected_m = None if expect_mm is None else opt.scaled(expect_mm, 1e3)
     loaded = opt.open_frame(capture, frames)
     opened = open_devices(device).first
     with progress_bar("imaging") as progress:
-        result = diagnose(
+        result = calibration.diagnose(
             loaded, grid=grid, expected_m=expected_m, device=opened, progress=progress
         )
     if result.scores:
@@ -250,27 +245,24 @@ def diagnose_command(
         others += [] if result.mirror_known else ["the mirror image"]
         if others:
             print_warning(f"{capture}: {' / '.join(others)} cannot be ruled out")
-        fixed = apply_convention(loaded, result.best)
+        fixed = calibration.apply_convention(loaded, result.best)
         write(fix_to, fixed, f"the capture with '{result.best.label}' undone")
 
 
-def figure_of(result: Diagnosis, title: str) -> Figure:
+def figure_of(result: calibration.Diagnosis, title: str) -> Figure:
     """The images, a row for each order of axes."""
-    from clradar.plot import panels_figure
-
     panels: dict[bool, list[Any]] = {}
     for score in result.scores:
         h, level = score.hypothesis, decibels(score.relative_db)
         label = f"{'BEST: ' * (mark_of(result, h) == 'best')}{h.label}\n{level} dB"
         panels.setdefault(h.swapped, []).append((label, score.image))
-    return panels_figure(list(panels.values()), title)
+    return cl.plot.panels_figure(list(panels.values()), title)
 
 
 SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
 
 
-def print_scores(result: Diagnosis) -> None:
-    """Print one row per hypothesis, the sharpest first."""
+def print_scores(result: calibration.Diagnosis) -> None:
     rows = []
     for score in sorted(result.scores, key=lambda s: -s.relative_db):
         h, place = score.hypothesis, ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
@@ -280,7 +272,7 @@ def print_scores(result: Diagnosis) -> None:
     print_table(SCORE_COLUMNS, rows, right=SCORE_COLUMNS[3:5])
 
 
-def mark_of(result: Diagnosis, hypothesis: Hypothesis) -> str:
+def mark_of(result: calibration.Diagnosis, hypothesis: calibration.Hypothesis) -> str:
     """Whether a hypothesis is the best, or one of those that remain."""
     left = [replace(candidate, mirrored=False) for candidate in result.candidates]
     if hypothesis not in left:

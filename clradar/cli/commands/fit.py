@@ -6,21 +6,17 @@ import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
+import calibration
 import clradar as cl
 from clradar.cli import comparison, options as opt, parse
-from clradar.cli.console import counted, print_line, print_table, print_text, progress_bar
+from clradar.cli.console import counted, print_line, print_text, progress_bar
 from clradar.cli.inputs import ImageInput, Measurement, common_grid, measurement
 from clradar.cli.outputs import check_folder, whole_folder, write
 from clradar.errors import ClradarWarning
 from clradar.jobs import open_devices
 from clradar.model import checks
-
-if TYPE_CHECKING:
-    from calibration import HandFit, Registration
 
 
 def align_command(
@@ -51,8 +47,6 @@ def align_command(
     `clradar simulate --transform` does. --frame and --variant are those of MEASURED. A mesh is more
     exact than an image: docs/calibration.md.
     """
-    from calibration import align, align_mesh
-
     path = mesh or simulated
     if path is None:
         raise opt.wrong_usage("SIMULATED, --mesh", "expected one of the two")
@@ -72,9 +66,9 @@ def align_command(
     volumes = [image.volume(grid, imaging, opened) for image in images]
     with progress_bar("aligning") as progress:
         if scene is None:
-            result = align(*volumes, progress=progress, **settings)
+            result = calibration.align(*volumes, progress=progress, **settings)
         else:
-            result = align_mesh(
+            result = calibration.align_mesh(
                 volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
                 **settings, **instrument,
             )  # fmt: skip
@@ -89,8 +83,6 @@ REGISTERED = (TRANSFORM, *comparison.SIMULATION_FILES)
 
 @dataclass(frozen=True, kw_only=True)
 class RegistrationOptions(opt.UnitOptions, opt.SamplingOptions, opt.SearchOptions):
-    """Search and simulations of a registration."""
-
     estimator: opt.Estimator | None = opt.option(
         f"{opt.ESTIMATORS} [default: stochastic, or physical with --material]"
     )
@@ -116,8 +108,6 @@ def register_command(
     """DIR gets the placed mesh, its transform, its simulation (capture and volume), a figure and
     the metrics: all or nothing. Done when a round moves the mesh by less than 0.1 mm.
     """
-    from calibration import register
-
     check_folder(output, REGISTERED)
     how = opt.arguments_of(registration)
     alpha, unit = how.pop("alpha"), how.pop("unit")
@@ -131,7 +121,7 @@ def register_command(
     found = measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
     with progress_bar("registering") as progress:
         how |= {"device": opened, "progress": progress, **found.radar}
-        result = register(found.volume, scene, **how)
+        result = calibration.register(found.volume, scene, **how)
     with whole_folder(output, REGISTERED) as made:
         write_registration(made, found, result)
     print_text(result.alignment.report())
@@ -140,8 +130,9 @@ def register_command(
     print_line(f"{output}: {', '.join(REGISTERED)}")
 
 
-def write_registration(folder: Path, measured: Measurement, result: Registration) -> None:
-    """Write all files of a registration into `folder`."""
+def write_registration(
+    folder: Path, measured: Measurement, result: calibration.Registration
+) -> None:
     more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
     rounds = [
         {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
@@ -154,7 +145,7 @@ def write_registration(folder: Path, measured: Measurement, result: Registration
     elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
         label += f", {comparison.simulated_surface(result.capture.meta)}"
     compared = comparison.Comparison.of([measured.volume, result.volume], [label])
-    metrics = {"alpha": alpha, "simulated": compared.records([Path(comparison.VOLUME)])}
+    metrics = {"alpha": alpha, "simulated": compared.records([Path("volume.h5")])}
     simulated = (result.scene, result.capture, result.volume)
     comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)
 
@@ -197,8 +188,6 @@ def fit_hand_command(
     hand` and data sets), placed.ply, fit.json with what the measurement tells and what not, the
     hand's simulation, two pictures and the metrics: all or nothing. See docs/hand-fit.md.
     """
-    from calibration import fit_hand
-
     starts = opt.StartNames(fitting.pose)
     check_folder(output, FITTED)
     alpha = None if fitting.alpha == parse.FIT else fitting.alpha
@@ -206,20 +195,20 @@ def fit_hand_command(
     opened = open_devices(device).first
     found = measurement(measured, frame, radar, voxels, imaging, opened)
     with progress_bar("fitting") as progress:
-        fit = fit_hand(found.volume, device=opened, progress=progress, **settings, **found.radar)
+        settings |= {"device": opened, "progress": progress, **found.radar}
+        fit = calibration.fit_hand(found.volume, **settings)
     with whole_folder(output, FITTED) as made:
         write_hand_fit(made, found, fit, fitting.seed, opened)
-    print_hand_fit(fit)
+    print_text(fit.report().partition("\nDoubtful: ")[0])  # of which there are warnings
     print_line(f"{output}: {', '.join(FITTED)}")
 
 
 def write_hand_fit(
-    folder: Path, measured: Measurement, fit: HandFit, seed: int, device: cl.Device
+    folder: Path, measured: Measurement, fit: calibration.HandFit, seed: int, device: cl.Device
 ) -> None:
     """Write all files of a fit into `folder`; the hand before and after is simulated for them."""
     from calibration.hand_fit.figure import hand_fit_figure
     from calibration.registration.radar import Radar
-    from clradar.hand import write_pose
 
     used = Radar.of("fit_hand", measured.radar.get("array"), measured.radar.get("waveform"))
 
@@ -233,7 +222,7 @@ def write_hand_fit(
 
     before, (capture, after) = imaged(fit.started)[1], imaged(fit.scene)
     name, source = f"{fit.pose.name}, fitted to {measured.path.name}", str(measured.path)
-    write_pose(folder / POSE, replace(fit.pose, name=name, description="", source=source))
+    cl.hand.write_pose(folder / POSE, replace(fit.pose, name=name, description="", source=source))
     more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
     write(folder / HAND_FIT, fit.to_dict(), **more)
     write(folder / OVERLAY, partial(hand_fit_figure, measured.volume, fit))
@@ -247,50 +236,3 @@ def write_hand_fit(
     metrics = dict(zip(("before", "after"), (m.to_dict() for m in compared.metrics), strict=True))
     simulated = (fit.scene, capture, after)
     comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)
-
-
-DIGIT_COLUMNS = (
-    "digit", "tip x, y, z (mm)", "sd (mm)", "tip determined", "angles determined", "as in the start"
-)  # fmt: skip
-
-
-BASIN_COLUMNS = ("pose", "start", "hand", "deviance", "tips apart (mm)")
-
-
-def print_hand_fit(fit: HandFit) -> None:
-    """Print tips, determined angles and basins as tables, and what remains of the report."""
-    print_table(DIGIT_COLUMNS, digit_rows(fit), right=DIGIT_COLUMNS[1:3])
-    if len(fit.basins) > 1:
-        # One row for each pose in which the fit came to rest, with the tips' largest distance.
-        basins = [
-            [
-                str(number), basin.start, basin.handedness, f"{basin.deviance:.1f}",
-                f"{1e3 * fit.tips_apart_m(basin).max():.0f}",
-            ]
-            for number, basin in enumerate(fit.basins, start=1)
-        ]  # fmt: skip
-        print_table(BASIN_COLUMNS, basins, right=BASIN_COLUMNS[3:])
-    print_line(fit.summary())
-    if fit.remarks():
-        print_line(f"Doubtful: see the {counted(len(fit.remarks()), 'warning')} above.")
-
-
-def digit_rows(fit: HandFit) -> list[list[str]]:
-    """One row for each digit, and one for the arch of the palm."""
-    from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT
-    from calibration.hand_fit.result import ANGLE_NAMES, DIGITS
-
-    rows = []
-    for digit, angles in ANGLES_OF_DIGIT.items():
-        names, where = ANGLE_NAMES[angles], ["", "", ""]
-        unsure = [n.removeprefix(f"{digit}-finger-").removeprefix(f"{digit}-")
-                  for n in names if n in fit.untold]  # fmt: skip
-        if digit in DIGITS:
-            number = DIGITS.index(digit)
-            at_m, std_m = fit.tips_m[number], fit.tip_std_m[number]
-            if np.isfinite(at_m).all():
-                place = ", ".join(f"{1e3 * v:.1f}" for v in at_m)
-                where = [place, f"{1e3 * std_m:.1f}", "yes" if fit.told_tips[number] else "no"]
-        determined = f"{np.count_nonzero(fit.told_angles[angles])} of {len(names)}"
-        rows.append([digit, *where, determined, ", ".join(unsure)])
-    return rows

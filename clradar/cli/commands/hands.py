@@ -29,7 +29,6 @@ from clradar.model import checks
 
 if TYPE_CHECKING:
     from clradar.dataset.check import Replay
-    from clradar.hand import HandMesh, HandPose
 
 
 def _angle_deg(option: str, value: float) -> float:
@@ -93,28 +92,31 @@ class SurfaceOptions(opt.ShapeOptions, opt.RigOptions):
 
     @property
     def handedness(self) -> str:
-        """Which hand the embedded one is."""
         return "left" if self.left else "right"
 
-    def posed(self, pose: HandPose, center_m: Sequence[float], device: cl.Device) -> HandMesh:
-        """The surface of the embedded hand in a pose."""
-        from clradar.hand import HandShape, hand_mesh
-
-        return hand_mesh(
+    def posed(
+        self, pose: cl.hand.HandPose, center_m: Sequence[float], device: cl.Device
+    ) -> cl.hand.HandMesh:
+        return cl.hand.hand_mesh(
             pose, edge_length_m=(1.7 if self.edge_mm is None else self.edge_mm) / 1e3,
-            handedness=self.handedness, center_m=center_m, shape=self.shape or HandShape(),
+            handedness=self.handedness, center_m=center_m, shape=self.shape or cl.hand.HandShape(),
             device=device,
         )  # fmt: skip
 
-    def rigged(self, pose: HandPose, name: str, center_m: Sequence[float]) -> tuple[HandMesh, str]:
+    def rigged(
+        self, pose: cl.hand.HandPose, name: str, center_m: Sequence[float]
+    ) -> tuple[cl.hand.HandMesh, str]:
         """The rig's surface in a pose, or at a theta of MANO; and a description of both."""
-        from clradar.rigs import rotations_of_theta
-
         rig = self.read_rig()
         if self.theta is None:
             mesh, shown = rig.posed(pose, center_m), f"'{name}'"
         else:
-            rotations = rotations_of_theta(rig, read_theta(self.theta))
+            values = read_json(self.theta, expected := "a JSON list of 48 numbers")
+            if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
+                fail(self.theta, expected, "something else")
+            if len(values) != 48:
+                fail(self.theta, expected, f"{len(values)}")
+            rotations = cl.rigs.rotations_of_theta(rig, values)
             mesh, shown = rig.turned(rotations, center_m), f"theta of {self.theta}"
         joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
         unit = "unit m" if rig.unit_m == 1.0 else f"unit {1e3 * rig.unit_m:.6g} mm"
@@ -128,26 +130,13 @@ class SurfaceOptions(opt.ShapeOptions, opt.RigOptions):
             files = {key: os.path.relpath(at, folder) for key, at in own.items() if at}
             more = {"rig_unit": self.rig_unit, "rig_hand": self.rig_hand, "betas": self.betas}
             return {**files, **{key: value for key, value in more.items() if value is not None}}
-        from clradar.hand import HandShape
-
-        shape = self.shape or HandShape()
+        shape = self.shape or cl.hand.HandShape()
         keys = {
             "handedness": self.handedness, "length_mm": 1e3 * shape.length_m,
             "breadth_mm": 1e3 * shape.breadth_m, "girth": shape.girth,
             "finger_lengths": shape.finger_lengths,
         }  # fmt: skip
         return keys if self.edge_mm is None else {**keys, "edge_mm": self.edge_mm}
-
-
-def read_theta(path: Path) -> list[float]:
-    """The numbers of a JSON list."""
-    expected = "a JSON list of 48 numbers"
-    values = read_json(path, expected)
-    if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
-        fail(path, expected, "something else")
-    if len(values) != 48:
-        fail(path, expected, f"{len(values)}")
-    return values
 
 
 def hand_command(
@@ -169,11 +158,12 @@ def hand_command(
     texture, which stays on the skin from pose to pose. Rigs: docs/rigs.md; motion files:
     docs/movement.md.
     """
-    from clradar.hand import POSES
     from clradar.hand.pose_file import pose_of
 
     if list_poses:
-        print_table(("pose", "description"), [(n, known.description) for n, known in POSES.items()])
+        print_table(
+            ("pose", "description"), [(n, known.description) for n, known in cl.hand.POSES.items()]
+        )
         return
     if output is None:
         raise opt.wrong_usage("-o", "expected a mesh file to write, or --list")
@@ -243,12 +233,11 @@ def dataset_command(
     """The same command again resumes where it stopped. A sample that cannot be made is set aside;
     the exit status is 1 as long as any is.
     """
-    from clradar.dataset import plan_schema, run
     from clradar.dataset.check import estimate, replay as make_again
     from clradar.dataset.plan.plan import read_plan
 
     if schema:
-        print_text(json.dumps(plan_schema(), indent=1))
+        print_text(json.dumps(cl.dataset.plan_schema(), indent=1))
         return
     if replay is not None:
         selector = open_devices(device).infos[0].selector
@@ -269,7 +258,9 @@ def dataset_command(
     check_folder(output, resumed=True)
     where = processes.where(device, files=())
     with progress_bar("samples") as progress:
-        result = run(wanted, output, where=where, force=force, retry=retry, progress=progress)
+        result = cl.dataset.run(
+            wanted, output, where=where, force=force, retry=retry, progress=progress
+        )
     there = f"{result.samples - len(result.aside)} of {result.samples} samples"
     print_line(f"{output}: {there}, {result.made} of them made now")
     if result.aside:

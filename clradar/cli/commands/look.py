@@ -11,8 +11,9 @@ from typing import Any
 import typer
 
 import clradar as cl
+import measurement_io
 from clradar.cli import options as opt, parse
-from clradar.cli.comparison import Comparison, figure_labels
+from clradar.cli.comparison import Comparison, figure_labels, figure_of
 from clradar.cli.console import (
     counted,
     print_error,
@@ -45,10 +46,8 @@ def inspect_command(
     picture: opt.PictureOptions,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
-    from clradar.cli.comparison import figure_of
     from clradar.dataset.check import check_dataset, describe_dataset
     from clradar.dataset.folder import is_dataset
-    from measurement_io import check_file, describe
 
     dataset = is_dataset(file)
     if dataset and png is not None:
@@ -58,9 +57,8 @@ def inspect_command(
         )
     if check:
         with progress_bar("checking") as progress:
-            report = (
-                check_dataset(file, progress) if dataset else check_file(file, progress=progress)
-            )
+            verify = check_dataset if dataset else measurement_io.check_file
+            report = verify(file, progress=progress)
         record = {**asdict(report), "ok": report.ok}
         print_text(json.dumps(record, indent=2) if as_json else str(report))
         if not report.ok:
@@ -68,7 +66,7 @@ def inspect_command(
             raise typer.Exit(1)
         return
     try:
-        found = describe_dataset(file) if dataset else describe(file)
+        found = describe_dataset(file) if dataset else measurement_io.describe(file)
     except MeasurementError as error:
         if dataset or not file.is_dir():
             raise
@@ -188,11 +186,9 @@ def compare_command(
     write(json, record, "the metrics, in metres", grid=text)
 
     def page() -> str:
-        from clradar.report import ReportImage, html_report
-
         named = zip((label, *labels), volumes, (measured, *simulated), strict=True)
-        shown = [ReportImage(name, volume, str(path)) for name, volume, path in named]
-        return html_report(
+        shown = [cl.report.ReportImage(name, volume, str(path)) for name, volume, path in named]
+        return cl.report.html_report(
             shown[0], shown[1:], metrics=compared.metrics, settings=provenance(grid=text),
             dynamic_range_db=depth.dynamic_range_db,
         )  # fmt: skip

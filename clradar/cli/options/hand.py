@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+import clradar as cl
 from clradar.cli import parse
 from clradar.cli.groups import arguments_of, option, wrong_usage
 from clradar.cli.options.measured import SearchOptions, own_option, rig_option
 from clradar.model import checks
-
-if TYPE_CHECKING:
-    from clradar.hand import HandShape
-    from clradar.rigs import Rig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,31 +25,24 @@ class ShapeOptions:
     girth: float | None = own_option("Thickness, relative to an average hand of this breadth.")
 
     @property
-    def shape(self) -> HandShape | None:
+    def shape(self) -> cl.hand.HandShape | None:
         """Length, breadth, finger lengths, girth, if there is one of them."""
-        from clradar.hand import HandShape
-
         known = arguments_of(self, ShapeOptions)
-        return HandShape(**known) if known else None
+        return cl.hand.HandShape(**known) if known else None
 
 
 def _unit_of_rig(option: str, text: str) -> str | float:
-    """The name of the unit, or its millimetres."""
-    from clradar.rigs import UNITS_M
-
-    if text in UNITS_M:
+    if text in cl.rigs.UNITS_M:
         return text
     values_mm = parse.numbers(text)
     if len(values_mm) != 1 or values_mm[0] <= 0:
-        known = f"one of {', '.join(UNITS_M)}, or a positive number of mm"
+        known = f"one of {', '.join(cl.rigs.UNITS_M)}, or a positive number of mm"
         raise wrong_usage(option, f"expected {known}, got '{text}'")
     return values_mm[0]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigOptions:
-    """A rigged hand."""
-
     rig: Path | None = option(
         "Pose this hand instead: skinned glTF (.glb, .gltf) or a MANO model (.pkl, .npz).",
         metavar="HAND",
@@ -75,13 +65,10 @@ class RigOptions:
         parse=parse.some,
     )
 
-    def read_rig(self) -> Rig:
-        """The rig of the file."""
-        from clradar.rigs import read_rig
-
+    def read_rig(self) -> cl.rigs.Rig:
         assert self.rig is not None
         unit = self.rig_unit / 1e3 if isinstance(self.rig_unit, float) else self.rig_unit
-        return read_rig(
+        return cl.rigs.read_rig(
             self.rig, mapping=self.mapping, unit=unit, handedness=self.rig_hand, betas=self.betas
         )
 
@@ -113,7 +100,6 @@ class HandOptions(ShapeOptions, RigOptions, SearchOptions):
 
 
 def start_files(text: str) -> list[Path]:
-    """The files among the starts of a fit."""
     return StartNames(text).files
 
 

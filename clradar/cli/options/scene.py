@@ -11,12 +11,14 @@ from typing import Any, Final, Literal
 import numpy as np
 
 import clradar as cl
+import measurement_io
 from clradar.cli import parse
 from clradar.cli.groups import argument, arguments_of, option, wrong_usage
 from clradar.cli.options.measured import UnitOptions
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
+from clradar.model.known_materials import KNOWN
 from clradar.tracing.settings import (
     EXPECTED_SAMPLES_PER_MM2,
     RAYS_PER_SAMPLE,
@@ -40,8 +42,6 @@ ESTIMATORS = (
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingOptions:
-    """How densely rays are launched."""
-
     samples_per_mm2: float | None = option(
         f"Surface samples per mm^2. [default: {SAMPLES_PER_MM2:g} if stochastic]",
         panel="Expert",
@@ -78,8 +78,6 @@ class SimulationOptions(SamplingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class PlacementOptions(UnitOptions):
-    """Unit and position of meshes."""
-
     transform: Path | None = option(
         "4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame; or the "
         "alignment.json of a recording.",
@@ -87,10 +85,7 @@ class PlacementOptions(UnitOptions):
     )
 
     def matrix(self) -> np.ndarray | None:
-        """The transform, shape (4, 4); None if there is none."""
-        from measurement_io import read_transform
-
-        return None if self.transform is None else read_transform(self.transform)
+        return None if self.transform is None else measurement_io.read_transform(self.transform)
 
 
 def _split(option: str, text: str) -> tuple[Path | None, str]:
@@ -108,8 +103,6 @@ def _of_parts(option: str, texts: list[str]) -> dict[Any, tuple[Path | None, str
 
 
 def _material(option: str, file: Path | None, name: str) -> cl.Material:
-    from clradar.model.known_materials import KNOWN
-
     known = KNOWN if file is None else cl.read_materials(file)
     if name not in known:
         where = " or FILE.toml:NAME" if file is None else f" of {file}"
@@ -118,7 +111,6 @@ def _material(option: str, file: Path | None, name: str) -> cl.Material:
 
 
 def check_parts(option: str, parts: Mapping[Any, Any] | None, scene: cl.Scene) -> None:
-    """Raise unless a scene has all these parts."""
     if unknown := {*(parts or ())} - {None, *scene.part_names}:
         raise ModelError(
             f"{option}: expected parts of the meshes ({', '.join(scene.part_names)}), got "
@@ -128,8 +120,6 @@ def check_parts(option: str, parts: Mapping[Any, Any] | None, scene: cl.Scene) -
 
 @dataclass(frozen=True, kw_only=True)
 class MaterialOptions:
-    """What the meshes are made of."""
-
     material: tuple[Path | None, str] | None = option(
         "What the meshes are made of, for the physical estimator: a name of `clradar materials`, "
         "or one of a file. [default: a perfect conductor]",
@@ -155,7 +145,6 @@ class MaterialOptions:
         return chosen
 
     def on(self, scene: cl.Scene) -> cl.Scene:
-        """The scene of these materials."""
         if self.material is not None:
             scene = scene.with_material(_material("--material", *self.material))
         name = "--material-of"
@@ -196,11 +185,9 @@ class SceneOptions(PlacementOptions, MaterialOptions):
 
     @property
     def default_alpha(self) -> float:
-        """The alpha of what has no other."""
         return (self.alpha or {}).get(None, DEFAULT_ALPHA)
 
     def load(self) -> cl.Scene:
-        """All meshes as one scene."""
         return self.finished(cl.Scene.combine(self.bodies()))
 
     def bodies(self) -> list[cl.Scene]:
