@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clradar.errors import MeasurementError, ModelError
-from clradar.files.failures import shown
+from clradar.files.failures import fail, reading
 from clradar.files.limits import MAX_LONG_TOML_BYTES
 from clradar.files.toml_file import read_toml, toml_document, toml_string
 from clradar.model import AntennaArray
-
-_EXPECTED = "an antenna array (a TOML file, see docs/arrays.md)"
 
 
 def read_array(path: str | os.PathLike[str]) -> AntennaArray:
@@ -37,8 +35,7 @@ def read_array(path: str | os.PathLike[str]) -> AntennaArray:
     >>> array.name, array.n_tx, array.n_rx
     ('cross60', 12, 16)
     """
-    path = Path(path)
-    return array_of(_content(path), str(path), path.stem)
+    return _only(read_clusters(path), path)
 
 
 def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
@@ -63,23 +60,19 @@ def read_clusters(path: str | os.PathLike[str]) -> tuple[AntennaArray, ...]:
     two, cluster 2 of 2: 94 Tx about x = 0.1 m
     """
     path = Path(path)
-    return _arrays(_content(path), str(path), path.stem)
+    expected = "an antenna array (a TOML file, see docs/arrays.md)"
+    return _arrays(read_toml(path, expected, limit=MAX_LONG_TOML_BYTES), str(path), path.stem)
 
 
 def array_of(content: Mapping[str, Any], source: str, name: str) -> AntennaArray:
     """Return the array of a table in the vocabulary of files; `source` is named in messages."""
-    found = _arrays(content, source, name)
-    if len(found) > 1:
-        raise MeasurementError(
-            f'{shown(source)}: pairs: expected one array ("all", or a single pose), got '
-            f"{len(found)} clusters, which simulate and image take"
-        )
-    return found[0]
+    return _only(_arrays(content, source, name), source)
 
 
 def array_record(array: AntennaArray) -> dict[str, Any]:
     """Return a table that `array_of` makes the same array of, to the bit."""
     record: dict[str, Any] = {"name": array.name}
+    patterns = {}
     for name, side in zip(("tx", "rx"), array.sides, strict=True):
         own: dict[str, Any] = {"points_m": side.antennas_m.tolist()}
         if side.gain is not None:
@@ -87,15 +80,11 @@ def array_record(array: AntennaArray) -> dict[str, Any]:
         if side.boresight is not None:
             own["boresight"] = side.boresight.tolist()
         record[name] = [own]
-    for name, side in zip(("tx_pattern", "rx_pattern"), array.sides, strict=True):
-        if (pattern := side.pattern) is None:
-            continue
-        record[name] = {"gain_dbi": pattern.gain_dbi, "exponent": pattern.exponent}
-        if pattern.angle_deg is not None and pattern.field is not None:
-            record[name] |= {
-                "angle_deg": pattern.angle_deg.tolist(), "field": pattern.field.tolist()
-            }  # fmt: skip
-    return record
+        if side.pattern is not None:
+            given = ((f.name, getattr(side.pattern, f.name)) for f in fields(side.pattern))
+            known = {key: np.asarray(v).tolist() for key, v in given if v is not None}
+            patterns[f"{name}_pattern"] = known
+    return record | patterns
 
 
 def array_text(array: AntennaArray) -> str:
@@ -108,16 +97,17 @@ def array_text(array: AntennaArray) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _content(path: Path) -> dict[str, Any]:
-    return read_toml(path, _EXPECTED, limit=MAX_LONG_TOML_BYTES)
-
-
 def _arrays(content: Mapping[str, Any], source: str, name: str) -> tuple[AntennaArray, ...]:
     from clradar.arrays.array_record import ArrayFile
     from clradar.files.records import record_of
 
     record = record_of(dict(content), ArrayFile, source)
-    try:
+    with reading(source, "an antenna array"):
         return record.arrays(name)
-    except ModelError as error:
-        raise MeasurementError(f"{shown(source)}: {error}") from error
+
+
+def _only(found: Sequence[AntennaArray], source: str | os.PathLike[str]) -> AntennaArray:
+    if len(found) > 1:
+        got = f"{len(found)} clusters, which simulate and image take"
+        fail(f"{source}: pairs", 'one array ("all", or a single pose)', got)
+    return found[0]

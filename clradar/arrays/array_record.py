@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -29,6 +28,7 @@ from clradar.files.records import (
     row_tuple,
 )
 from clradar.model import AntennaArray, AntennaPattern
+from clradar.model.antenna_side import AntennaSide
 
 ALL, CLUSTER = "all", "cluster"
 """Values of `pairs`: every Tx with every Rx, or with those of its own pose."""
@@ -150,7 +150,7 @@ class Antennas(Placed):
     gain_db: ForEach = None
     phase_deg: ForEach = None
     boresight: ForEach = None
-    _side: Side = PrivateAttr()
+    _side: AntennaSide = PrivateAttr()
 
     @model_validator(mode="after")
     def _is_for_each(self) -> Antennas:
@@ -164,7 +164,7 @@ class Antennas(Placed):
             turned = np.exp(1j * np.deg2rad(phase_deg))
             with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
                 complex_gain = np.ones(len(self._at_m)) * 10 ** (level_db / 20) * turned
-        self._side = Side(self._at_m, complex_gain, boresight)
+        self._side = AntennaSide(self._at_m, None, boresight, complex_gain)
         return self
 
     def _for_each(self, key: str, *columns: int) -> Any:
@@ -201,118 +201,87 @@ class Pattern(FileRecord):
         return self
 
 
-_TABLES = "tables [[{}]]"
-
-
 class ArrayFile(FileRecord):
     """What an array file says."""
 
     name: Text | None = None
     pairs: Annotated[str, one_of(ALL, CLUSTER)] = ALL
     copy_of: Annotated[str, one_of(*KNOWN)] | None = None
-    tx: tuple[Antennas, ...] = Field((), description=_TABLES.format("tx"))
-    rx: tuple[Antennas, ...] = Field((), description=_TABLES.format("rx"))
-    antennas: tuple[Antennas, ...] = Field((), description=_TABLES.format("antennas"))
-    pose: tuple[Pose, ...] = Field((), description=_TABLES.format("pose"))
+    tx: tuple[Antennas, ...] = Field((), description="tables [[tx]]")
+    rx: tuple[Antennas, ...] = Field((), description="tables [[rx]]")
+    antennas: tuple[Antennas, ...] = Field((), description="tables [[antennas]]")
+    pose: tuple[Pose, ...] = Field((), description="tables [[pose]]")
     tx_pattern: Pattern | None = None
     rx_pattern: Pattern | None = None
+    _clusters: list[list[AntennaSide]] = PrivateAttr()
 
     @model_validator(mode="after")
     def _has_both_sides(self) -> ArrayFile:
-        if self.copy_of is not None:
-            if self.tx or self.rx or self.antennas:
+        sides: list[AntennaSide] = []
+        for key in ("tx", "rx"):
+            tables, pattern = getattr(self, key) + self.antennas, getattr(self, f"{key}_pattern")
+            if self.copy_of is not None and tables:
                 raise mistake("no tx, rx, antennas beside it", "both", key="copy_of")
-        else:
-            for key in ("tx", "rx"):
-                if not getattr(self, key) + self.antennas:
-                    expected = f"[[{key}]] or [[antennas]], each with a rule"
-                    raise mistake(expected, "none", key=key)
-        most = max(len(side.at_m) for side in self._sides())
-        places = len(self._places())
+            if self.copy_of is None and not tables:
+                raise mistake(f"[[{key}]] or [[antennas]], each with a rule", "none", key=key)
+            own = [table._side for table in tables]
+            if self.copy_of is not None:
+                own = [KNOWN[self.copy_of]().sides[len(sides)]]
+            sides.append(_joined(own, pattern and pattern._pattern))
+            if sides[-1].boresight is not None and pattern is None:
+                raise mistake(f"[{key}_pattern] for its boresight", "none", key=key)
+        most = max(len(side.antennas_m) for side in sides)
+        places = sum(len(pose._at_m) for pose in self.pose) or 1
         if self.pairs == CLUSTER and places > MOST_CLUSTERS:
             raise mistake(f"at most {MOST_CLUSTERS} clusters", places, key="pose")
         if most * (1 if self.pairs == CLUSTER else places) > MOST_ANTENNAS:
             raise mistake(f"at most {MOST_ANTENNAS} antennas in all", most * places, key="pose")
-        for key, side in zip(("tx", "rx"), self._sides(), strict=True):
-            if side.boresight is not None and getattr(self, f"{key}_pattern") is None:
-                raise mistake(f"[{key}_pattern] for its boresight", "none", key=key)
-        return self
-
-    def _sides(self) -> tuple[Side, Side]:
-        """Tx and Rx without poses."""
-        if self.copy_of is not None:
-            copied = KNOWN[self.copy_of]()
-            return Side(copied.tx_m), Side(copied.rx_m)
-        tx, rx = ([own._side for own in side + self.antennas] for side in (self.tx, self.rx))
-        return Side.joined(tx), Side.joined(rx)
-
-    def _places(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Rotation (3, 3) and position (3,), metres, of each copy of all antennas."""
-        places = []
+        self._clusters = [] if self.pose else [sides]
         for pose in self.pose:
             turn = Rotation.from_rotvec(pose.rotation_deg, degrees=True).as_matrix()
-            places += [(turn, at_m) for at_m in pose._at_m]
-        return places or [(np.eye(3), np.zeros(3))]
+            self._clusters += [[_placed(side, turn, at_m) for side in sides] for at_m in pose._at_m]
+        if self.pairs == ALL:
+            self._clusters = [[_joined(o, o[0].pattern) for o in zip(*self._clusters, strict=True)]]
+        return self
 
     def arrays(self, default_name: str) -> tuple[AntennaArray, ...]:
         """Return the arrays: one, or one for each pose."""
-        name = self.name or default_name
-        placed = [[side.placed(*place) for side in self._sides()] for place in self._places()]
-        if self.pairs == ALL:
-            placed = [[Side.joined(own) for own in zip(*placed, strict=True)]]
-        _warn_of_same_places(name, *placed[0])
-        lobes: Any = [own and own._pattern for own in (self.tx_pattern, self.rx_pattern)]
-        names = [name]
-        if len(placed) > 1:
-            names = [f"{name}, cluster {i} of {len(placed)}" for i in range(1, len(placed) + 1)]
+        name, count = self.name or default_name, len(self._clusters)
+        crowded = []
+        for label, side in zip(("Tx", "Rx"), self._clusters[0], strict=True):
+            at_m = side.antennas_m.round(SAME_PLACE_DIGITS)
+            if (places := len(np.unique(at_m, axis=0))) < len(at_m):
+                crowded.append(f"{len(at_m)} {label} at {places} places")
+        if crowded:
+            warn(
+                f"{name}: antennas at the same place all count, {', '.join(crowded)}; are rules "
+                "and poses as they are meant?"
+            )
         return tuple(
             AntennaArray(
-                tx.at_m, rx.at_m, own, lobes[0], lobes[1], tx.gain, rx.gain,
-                lobes[0] and tx.boresight, lobes[1] and rx.boresight,
+                tx.antennas_m, rx.antennas_m,
+                name if count == 1 else f"{name}, cluster {number} of {count}",
+                tx.pattern, rx.pattern, tx.gain, rx.gain, tx.boresight, rx.boresight,
             )
-            for own, (tx, rx) in zip(names, placed, strict=True)
+            for number, (tx, rx) in enumerate(self._clusters, start=1)
         )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Side:
-    """Antennas of one side: positions (n, 3), metres, gains (n,) and boresights (n, 3) or None."""
-
-    at_m: np.ndarray
-    gain: np.ndarray | None = None
-    boresight: np.ndarray | None = None
-
-    def placed(self, rotation: np.ndarray, at_m: np.ndarray) -> Side:
-        """Turned about the origin, then moved; +z is turned where they have no boresight."""
-        turned = self.boresight
-        if turned is not None or not np.allclose(rotation[:, 2], [0.0, 0.0, 1.0]):
-            turned = (_along_z(len(self.at_m)) if turned is None else turned) @ rotation.T
-        return Side(self.at_m @ rotation.T + at_m, self.gain, turned)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Side]) -> Side:
-        """All of them in one, with 1 for gains and +z for boresights that only others have."""
-        if len(parts) == 1:
-            return parts[0]
-        ones = [np.ones(len(part.at_m)) if part.gain is None else part.gain for part in parts]
-        axes = [_along_z(len(p.at_m)) if p.boresight is None else p.boresight for p in parts]
-        gain = None if all(p.gain is None for p in parts) else np.concatenate(ones)
-        boresight = None if all(p.boresight is None for p in parts) else np.concatenate(axes)
-        return cls(np.concatenate([part.at_m for part in parts]), gain, boresight)
+def _placed(side: AntennaSide, turn: np.ndarray, at_m: np.ndarray) -> AntennaSide:
+    """Turn antennas about the origin, then move them; +z is turned where they have no boresight."""
+    axes = side.boresight
+    if side.pattern is not None and (axes is not None or not np.allclose(turn[:, 2], [0, 0, 1])):
+        axes = side.axes @ turn.T
+    return AntennaSide(side.antennas_m @ turn.T + at_m, side.pattern, axes, side.gain)
 
 
-def _along_z(count: int) -> np.ndarray:
-    return np.tile([0.0, 0.0, 1.0], (count, 1))
-
-
-def _warn_of_same_places(name: str, tx: Side, rx: Side) -> None:
-    found = []
-    for label, side in (("Tx", tx), ("Rx", rx)):
-        places = len(np.unique(side.at_m.round(SAME_PLACE_DIGITS), axis=0))
-        if places < len(side.at_m):
-            found.append(f"{len(side.at_m)} {label} at {places} places")
-    if found:
-        warn(
-            f"{name}: antennas at the same place all count, {', '.join(found)}; are rules and "
-            "poses as they are meant?"
-        )
+def _joined(sides: Sequence[AntennaSide], pattern: AntennaPattern | None) -> AntennaSide:
+    """All of them in one, with 1 for gains and +z for boresights that only others have."""
+    gain = boresight = None
+    if any(side.gain is not None for side in sides):
+        ones = (np.ones(len(side.antennas_m)) if side.gain is None else side.gain for side in sides)
+        gain = np.concatenate([*ones])
+    if any(side.boresight is not None for side in sides):
+        boresight = np.concatenate([side.axes for side in sides])
+    at_m = np.concatenate([side.antennas_m for side in sides])
+    return AntennaSide(at_m, pattern, boresight, gain)

@@ -1,22 +1,17 @@
-"""Lobes of a focused array: other directions whose echoes look as if they came from the focus."""
+"""Lobes and aliases: what else a focused array shows of a point, or takes for it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.arrays.point_spread import (
-    Clusters,
-    clusters_of,
-    pair_sums,
-    response,
-    spans_m,
-    wavenumbers,
-)
+from clradar.arrays.instruments import qar50
+from clradar.arrays.point_spread import Clusters, clusters_of, pair_sums, response, thinned
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import checks
+from clradar.model import Waveform, checks
+from clradar.model.range_profile import MIN_STEPS
 
 GRATING_DB = -6.0
 """Lobes from this level on can be taken for the target: they are called grating lobes."""
@@ -46,17 +41,75 @@ FLAT = 1e-4
 AT_POLE = 1e-3
 """Distance of a unit vector from the y axis within which its azimuth is that of rounding."""
 
+GHOST_DB = -3.0
+"""From this level on a lobe or an alias is as good as the echo itself."""
+
+SEARCHED = 24
+"""Antennas of a side, drawn, whose response tells where all of them may have a lobe."""
+
+MOST_GHOST_TERMS = 6e7
+"""Antennas times directions of a search for ghosts: 1 s. Larger arrays are not searched."""
+
+FEWEST_PEAK = 0.3
+"""Of the response of the drawn antennas at one frequency, on a lattice that may miss the top."""
+
+MOST_GHOSTS = 3
+"""Peaks that are climbed at all frequencies, strongest first."""
+
+ALIAS_DB = -12.0
+"""Of an alias that is worth a word: farther echoes are often stronger than what is near."""
+
+ALIAS_CELLS, ALIAS_POINTS = 3.0, 49
+"""An alias is looked for so many range cells to either side, since paths bend in the near field."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DirectionMap:
     """The response at one frequency over directions, at the distance of the focus.
 
-    Unit vectors (n_y, n_x, 3) on a lattice of sines, and levels relative to the focus.
+    Unit vectors (n_y, n_x, 3) on a lattice of sines, twice as fine as the array resolves (along an
+    axis without aperture only that of the focus); levels relative to the focus, 0 beyond the angle
+    of the search; and steps (2,) of the sines along x and y, 0 without aperture.
     """
 
     directions: np.ndarray
     level: np.ndarray
     frequency_hz: float
+    step: np.ndarray
+
+    @classmethod
+    def of(
+        cls, array: Clusters, frequency_hz: float, focus_m: np.ndarray, within_deg: float
+    ) -> DirectionMap:
+        """Return the map up to an angle; more than `MOST_TERMS` are an error."""
+        counts, terms = _search(array, frequency_hz, within_deg)
+        if terms > MOST_TERMS:
+            checks.fail(
+                "array_figures: within_deg",
+                f"a search of at most {MOST_TERMS:.0e} antennas times directions",
+                f"{terms:.1e} within {within_deg:g} degrees",
+            )
+        most = np.sin(np.deg2rad(within_deg))
+        distance_m = float(np.linalg.norm(focus_m))
+        axes = [
+            most * np.linspace(-1, 1, 2 * count + 1) if count else np.array([at_m / distance_m])
+            for count, at_m in zip(counts, focus_m, strict=False)
+        ]
+        sines = np.stack(np.meshgrid(*axes), axis=2)
+        square = (sines**2).sum(axis=2)
+        directions = np.dstack([sines, np.sqrt(np.clip(1 - square, 0, None))])
+        level, seen = np.zeros(square.shape), square <= most**2
+        points_m = distance_m * directions[seen]
+        level[seen] = response(array, np.array([frequency_hz]), focus_m, points_m)
+        step = np.array([axis[1] - axis[0] if len(axis) > 1 else 0.0 for axis in axes])
+        return cls(directions, level, frequency_hz, step)
+
+    def maxima(self, least: float) -> np.ndarray:
+        """Directions (n, 3) above a level that none beside them exceeds, strongest first."""
+        from scipy.ndimage import maximum_filter
+
+        peaks = (self.level == maximum_filter(self.level, size=3)) & (self.level > least)
+        return self.directions[peaks][np.argsort(-self.level[peaks], kind="stable")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,25 +144,72 @@ def lobes(
     maximum over the whole band is climbed.
     """
     middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
-    directions, level, step = response_over_directions(array, middle_hz, focus_m, within_deg)
+    over = DirectionMap.of(array, middle_hz, focus_m, within_deg)
     # Another frequency's maximum may be higher: half the level will do.
-    peaks = maxima(level, 10 ** (least_db / 20) / 2)
-    strongest = np.argsort(-level[peaks])[: 5 * MOST_LOBES]
-    starts_m = np.linalg.norm(focus_m) * directions[peaks][strongest]
+    strongest = over.maxima(10 ** (least_db / 20) / 2)[: 5 * MOST_LOBES]
+    starts_m = np.linalg.norm(focus_m) * strongest
     most = np.sin(np.deg2rad(within_deg)) + 1e-9
     found = [
         lobe
-        for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, step, least_db)
+        for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, over.step, least_db)
         if np.hypot(*lobe.position_m[:2]) <= most * np.linalg.norm(lobe.position_m)
     ]
-    return tuple(found[:MOST_LOBES]), DirectionMap(directions, level, middle_hz)
+    return tuple(found[:MOST_LOBES]), over
 
 
-def maxima(level: np.ndarray, least: float) -> np.ndarray:
-    """Whether each place of a lattice is above `least`, and none next to it is higher."""
-    from scipy.ndimage import maximum_filter
+def ghosts(
+    array: Clusters,
+    waveform: Waveform,
+    at_m: np.ndarray,
+    *among: Callable[[np.ndarray], np.ndarray],
+) -> list[list[Lobe]]:
+    """Return grating lobes of the image of a point from `GHOST_DB` on, strongest first: a list for
+    each of `among`, which say of positions (n, 3), metres, at that distance, which count.
+    """
+    clusters = clusters_of(array)
 
-    return np.asarray((level == maximum_filter(level, size=3)) & (level > least))
+    def drawn(count: int) -> np.ndarray:
+        some = min(count, max(1, SEARCHED // len(clusters)))
+        return np.sort(np.random.default_rng(0).choice(count, some, replace=False))
+
+    few = [one.part(drawn(one.n_tx), drawn(one.n_rx)) for one in clusters]
+    # Of the 94 x 94 imager up to its band all lobes are below -13 dB.
+    known = waveform.frequencies_hz[-1] <= 82.5e9 and clusters[0].same_positions(qar50())
+    terms = _search(few, waveform.center_hz, 90.0)[1]
+    if (known and len(clusters) == 1) or terms > MOST_GHOST_TERMS:
+        return [[] for _ in among]
+    over = DirectionMap.of(few, waveform.center_hz, at_m, 90.0)
+    places_m = float(np.linalg.norm(at_m)) * over.maxima(FEWEST_PEAK)
+    places_m = places_m[~are_one(places_m, at_m, over.step)]
+    band_hz = thinned(waveform)
+    starts_m = (places_m[counts(places_m)][:MOST_GHOSTS] for counts in among)
+    return [climbed_lobes(array, band_hz, at_m, own, over.step, GHOST_DB) for own in starts_m]
+
+
+def range_aliases(
+    array: Clusters, waveform: Waveform, at_m: np.ndarray, periods: Sequence[int]
+) -> list[tuple[np.ndarray, float]]:
+    """Return where a point appears some unambiguous ranges farther (negative: nearer), and how
+    bright.
+
+    Positions, metres, and amplitudes relative to the point itself, `ALIAS_DB` or more: 1 far away,
+    and less where the curvature of the wavefronts tells the range. Nothing behind the antennas, and
+    for so few frequencies that they resolve no range.
+    """
+    if waveform.n_freq < MIN_STEPS or waveform.span_hz <= 0 or not len(periods):
+        return []
+    antennas_m = np.concatenate([side.antennas_m for a in clusters_of(array) for side in a.sides])
+    middle_m = antennas_m.mean(axis=0)
+    range_m = float(np.linalg.norm(at_m - middle_m))
+    cells_m = ALIAS_CELLS * waveform.range_resolution_m * np.linspace(-1, 1, ALIAS_POINTS)
+    there_m = range_m + np.array(periods)[:, None] * waveform.unambiguous_range_m + cells_m
+    places_m = middle_m + there_m[:, :, None] * (at_m - middle_m) / range_m
+    ahead = (there_m > 0) & (places_m[:, :, 2] > antennas_m[:, 2].max())
+    level: np.ndarray = np.zeros(there_m.shape)
+    level[ahead] = response(array, thinned(waveform), at_m, places_m[ahead])
+    highest = zip(places_m, level, level.argmax(axis=1), strict=True)
+    found = [(places[i], float(values[i])) for places, values, i in highest]
+    return [alias for alias in found if alias[1] >= 10 ** (ALIAS_DB / 20)]
 
 
 def are_one(places_m: np.ndarray, place_m: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -119,6 +219,31 @@ def are_one(places_m: np.ndarray, place_m: np.ndarray, step: np.ndarray) -> np.n
     return np.asarray((off <= 2 * step + 1e-9).all(axis=-1))
 
 
+def widest_search_deg(array: Clusters, frequency_hz: float) -> float:
+    """The largest angle of some, 90 degrees at first, whose search has at most `MOST_TERMS`."""
+    within_deg = 90.0
+    while _search(array, frequency_hz, within_deg)[1] > MOST_TERMS and within_deg > 0.1:
+        within_deg = float(f"{NARROWER_DEG * within_deg:.2g}")
+    return within_deg
+
+
+def _search(array: Clusters, frequency_hz: float, within_deg: float) -> tuple[list[int], float]:
+    """Steps of sines to either side along x and y, 0 without aperture; antennas times directions.
+
+    The extent of Tx + Rx over all pairs is twice that of their middles.
+    """
+    own = clusters_of(array)
+    last_m = np.max([one.tx_m.max(axis=0) + one.rx_m.max(axis=0) for one in own], axis=0)
+    first_m = np.min([one.tx_m.min(axis=0) + one.rx_m.min(axis=0) for one in own], axis=0)
+    counts = [0, 0]
+    for axis, span_m in enumerate((last_m - first_m)[:2]):
+        if span_m > 0:
+            finest = 0.5 * SPEED_OF_LIGHT_M_PER_S / (frequency_hz * max(span_m, 1e-9))
+            counts[axis] = int(np.ceil(np.sin(np.deg2rad(within_deg)) / min(finest, COARSEST)))
+    directions = float(np.prod([2.0 * count + 1 for count in counts]))
+    return counts, sum(one.n_tx + one.n_rx for one in own) * directions
+
+
 def _lobe(position_m: np.ndarray, height: float) -> Lobe:
     direction = position_m / np.linalg.norm(position_m)
     aside = np.hypot(direction[0], direction[2])
@@ -126,66 +251,6 @@ def _lobe(position_m: np.ndarray, height: float) -> Lobe:
     angles = azimuth, np.arcsin(np.clip(direction[1], -1.0, 1.0))
     azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
     return Lobe(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
-
-
-def search_terms(array: Clusters, frequency_hz: float, within_deg: float) -> float:
-    """Antennas times directions of `response_over_directions`."""
-    n_x, n_y = (2 * count + 1 for count in _counts(array, frequency_hz, within_deg))
-    return sum(one.n_tx + one.n_rx for one in clusters_of(array)) * float(n_x * n_y)
-
-
-def widest_search_deg(array: Clusters, frequency_hz: float) -> float:
-    """The largest angle of some, 90 degrees at first, whose search has at most `MOST_TERMS`."""
-    within_deg = 90.0
-    while search_terms(array, frequency_hz, within_deg) > MOST_TERMS and within_deg > 0.1:
-        within_deg = float(f"{NARROWER_DEG * within_deg:.2g}")
-    return within_deg
-
-
-def _counts(array: Clusters, frequency_hz: float, within_deg: float) -> list[int]:
-    """Steps of sines to either side along x and y; 0 without aperture."""
-    most = np.sin(np.deg2rad(within_deg))
-    spans = spans_m(array)[:2]
-    finest = [0.5 * SPEED_OF_LIGHT_M_PER_S / (frequency_hz * max(span, 1e-9)) for span in spans]
-    return [
-        int(np.ceil(most / min(step, COARSEST))) if span > 0 else 0
-        for span, step in zip(spans, finest, strict=True)
-    ]
-
-
-def response_over_directions(
-    array: Clusters, frequency_hz: float, focus_m: np.ndarray, within_deg: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Magnitude of the response at one frequency, at the distance of the focus.
-
-    Returns directions (n_y, n_x, 3), unit vectors on a lattice of sines, twice as fine as the array
-    resolves (along an axis without aperture only that of the focus); levels relative to the focus,
-    0 beyond the angle; and steps (2,) of the sines along x and y, 0 without aperture. More than
-    `MOST_TERMS` antennas times directions are an error.
-    """
-    most = np.sin(np.deg2rad(within_deg))
-    distance_m = float(np.linalg.norm(focus_m))
-    counts = _counts(array, frequency_hz, within_deg)
-    axes = [
-        most * np.linspace(-1, 1, 2 * count + 1) if count else np.array([at_focus_m / distance_m])
-        for count, at_focus_m in zip(counts, focus_m, strict=False)
-    ]
-    terms = search_terms(array, frequency_hz, within_deg)
-    if terms > MOST_TERMS:
-        checks.fail(
-            "array_figures: within_deg",
-            f"a search of at most {MOST_TERMS:.0e} antennas times directions",
-            f"{terms:.1e} within {within_deg:g} degrees",
-        )
-    sines = np.stack(np.meshgrid(*axes), axis=2)
-    square = (sines**2).sum(axis=2)
-    directions = np.dstack([sines, np.sqrt(np.clip(1 - square, 0, None))])
-    level, seen = np.zeros(square.shape), square <= most**2
-    points_m = distance_m * directions[seen]
-    sums = pair_sums(array, np.array([frequency_hz]), focus_m, points_m)
-    level[seen] = np.abs(sums[:, 0])
-    step = np.array([axis[1] - axis[0] if len(axis) > 1 else 0.0 for axis in axes])
-    return directions, level, step
 
 
 def climbed_lobes(
@@ -199,15 +264,16 @@ def climbed_lobes(
     """The maxima of the response next to points (n, 3) at the distance of the focus, metres.
 
     Each once, strongest first, without the main lobe and what is below `least_db`; at the ranges
-    that suit them. `step` is that of `response_over_directions`: half a step beside a maximum there
-    is 0.8 of it, so points with less than half of `least_db` are left out.
+    that suit them. `step` is that of a `DirectionMap`: half a step beside a maximum there is 0.8 of
+    it, so points with less than half of `least_db` are left out.
     """
     distance_m = float(np.linalg.norm(focus_m))
     span_hz = float(np.ptp(frequencies_hz))
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * span_hz) if span_hz > 0 else 0.0
     shifts_m = np.linspace(-CELLS, CELLS, SHIFTS) * min(cell_m, distance_m / (CELLS + 1))
     sums = pair_sums(array, frequencies_hz, focus_m, starts_m)
-    profiles = np.abs(sums @ np.exp(2j * np.outer(wavenumbers(frequencies_hz), shifts_m)))
+    wavenumbers = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_PER_S
+    profiles = np.abs(sums @ np.exp(2j * np.outer(wavenumbers, shifts_m)))
     high = profiles.max(axis=1) > len(frequencies_hz) * 10 ** (least_db / 20) / 2
 
     def places_m(at: np.ndarray) -> np.ndarray:

@@ -35,24 +35,11 @@ def clusters_of(array: Clusters) -> tuple[AntennaArray, ...]:
     return (array,) if isinstance(array, AntennaArray) else tuple(array)
 
 
-def spans_m(array: Clusters) -> np.ndarray:
-    """Extent of Tx + Rx over all pairs along x, y and z, shape (3,): twice that of the middles."""
-    own = clusters_of(array)
-    last = np.max([one.tx_m.max(axis=0) + one.rx_m.max(axis=0) for one in own], axis=0)
-    first = np.min([one.tx_m.min(axis=0) + one.rx_m.min(axis=0) for one in own], axis=0)
-    return np.asarray(last - first)
-
-
 def thinned(waveform: Waveform) -> np.ndarray:
     """At most `FREQUENCIES` of a band, over all of it."""
     count = min(waveform.n_freq, FREQUENCIES)
     rows = np.linspace(0, waveform.n_freq - 1, count).round().astype(int)
     return waveform.frequencies_hz[rows]
-
-
-def wavenumbers(frequencies_hz: np.ndarray) -> np.ndarray:
-    """k = 2 pi f / c, radians per metre."""
-    return 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_PER_S
 
 
 def pair_sums(

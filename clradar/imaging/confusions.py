@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clradar.arrays.ambiguity import ghosts, range_aliases
+from clradar.arrays.lobes import ghosts, range_aliases
 from clradar.errors import warn
 from clradar.imaging.echo_location import amplitude_near, antennas_of, resolution_m
 from clradar.imaging.grid_words import box_words, length_words, place_words

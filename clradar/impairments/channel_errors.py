@@ -97,23 +97,19 @@ def draw_channels(
     """
     checks.instance("draw_channels: array", array, AntennaArray)
     checks.instance("draw_channels: waveform", waveform, Waveform)
-    gain = checked_spread("draw_channels: gain_db", gain_db, GAIN_LIMIT_DB)
-    phase = checked_spread("draw_channels: phase_rad", phase_rad, np.pi)
-    delay = checked_spread("draw_channels: delay_s", delay_s)
-
-    def side(count: int, dead: Iterable[int], name: str, parts: tuple[Part, Part, Part]):
+    gain = checks.within("draw_channels: gain_db", gain_db, 0.0, GAIN_LIMIT_DB)
+    phase = checks.within("draw_channels: phase_rad", phase_rad, 0.0, np.pi)
+    delay = checks.within("draw_channels: delay_s", delay_s, 0.0, np.inf)
+    drawn: dict[str, np.ndarray] = {}
+    for side, count, dead in (("tx", array.n_tx, dead_tx), ("rx", array.n_rx, dead_rx)):
+        parts = [Part[f"{side.upper()}_{kind}"] for kind in ("GAIN", "PHASE", "DELAY")]
         units = [random_stream(seed, part).uniform(-1, 1, count) for part in parts]
         response = 10 ** (gain * units[0] / 20) * np.exp(1j * phase * units[1])
-        field = f"draw_channels: {name}"
+        field = f"draw_channels: dead_{side}"
         for channel in checks.several(field, dead):
             response[checks.whole(field, channel, 0, count - 1)] = 0
-        return response, delay * units[2]
-
-    tx_parts = Part.TX_GAIN, Part.TX_PHASE, Part.TX_DELAY
-    rx_parts = Part.RX_GAIN, Part.RX_PHASE, Part.RX_DELAY
-    tx_gain, tx_delay_s = side(array.n_tx, dead_tx, "dead_tx", tx_parts)
-    rx_gain, rx_delay_s = side(array.n_rx, dead_rx, "dead_rx", rx_parts)
-    return ChannelResponse(tx_gain, rx_gain, tx_delay_s, rx_delay_s, waveform.center_hz)
+        drawn |= {f"{side}_gain": response, f"{side}_delay_s": delay * units[2]}
+    return ChannelResponse(**drawn, reference_hz=waveform.center_hz)
 
 
 def drift_factors(
@@ -136,15 +132,13 @@ def drift_factors(
 
     common = walk(Part.COMMON_PHASE_DRIFT, common_phase_rad, 1)
     sides = []
-    for count, phases, gains in (
-        (array.n_tx, Part.TX_PHASE_DRIFT, Part.TX_GAIN_DRIFT),
-        (array.n_rx, Part.RX_PHASE_DRIFT, Part.RX_GAIN_DRIFT),
-    ):
-        gain = walk(gains, gain_db, count)
+    for side, count in (("TX", array.n_tx), ("RX", array.n_rx)):
+        gain = walk(Part[f"{side}_GAIN_DRIFT"], gain_db, count)
         if (most := np.abs(gain).max()) > GAIN_LIMIT_DB:
             got = f"{most:g} dB at frame {frame}"
             checks.fail("drift_gain_db", f"a walk within {GAIN_LIMIT_DB:g} dB", got)
-        sides.append(10 ** (gain / 20) * np.exp(1j * walk(phases, phase_rad, count)))
+        phase = walk(Part[f"{side}_PHASE_DRIFT"], phase_rad, count)
+        sides.append(10 ** (gain / 20) * np.exp(1j * phase))
     return sides[0] * np.exp(1j * common), sides[1]
 
 
@@ -162,12 +156,3 @@ def _walked(seed: int, part: Part, count: int, frame: int) -> np.ndarray:
         while len(_WALKS) > MOST_WALKS:
             del _WALKS[next(iter(_WALKS))]
         return position
-
-
-def checked_spread(field: str, value: object, limit: float = np.inf, low: float = 0.0) -> float:
-    """Return a number from `low` to `limit`."""
-    number = checks.real(field, value)
-    if not low <= number <= limit:
-        top = "" if limit == np.inf else f" and at most {limit:g}"
-        checks.fail(field, f"a number of at least {low:g}{top}", repr(value))
-    return number

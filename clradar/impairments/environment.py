@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,17 +87,16 @@ def room_capture(
     planes = list(checks.several("room_capture: walls", walls))
     for wall in planes:
         checks.instance("room_capture: walls", wall, Wall)
-
-    def given(name: str, value: Any, default: np.ndarray, dtype: Any, shape: Any) -> np.ndarray:
-        value = default if value is None else value
-        return checks.read_only(f"room_capture: {name}", value, dtype, shape, allow_empty=True)
-
-    points = given("points_m", points_m, np.empty((0, 3)), np.float64, (None, 3))
-    n = len(points)
-    amplitudes = given("point_amplitudes", point_amplitudes, np.ones(n), np.complex128, (n,))
+    empty: Any = {"allow_empty": True}
+    points = np.empty((0, 3)) if points_m is None else points_m
+    points = checks.read_only("room_capture: points_m", points, np.float64, (None, 3), **empty)
+    given = np.ones(len(points)) if point_amplitudes is None else point_amplitudes
+    own = points.shape[:1]
+    amplitudes = checks.read_only(
+        "room_capture: point_amplitudes", given, np.complex128, own, **empty
+    )
     if not planes and not len(points):
         checks.fail("room_capture", "at least one wall or one point", "none")
-
     lengths = [wall_lengths_m(array, wall) for wall in planes]
     levels = [spreading_loss(wall.amplitude, d) for wall, d in zip(planes, lengths, strict=True)]
     for point, amplitude in zip(points, amplitudes, strict=True):
@@ -106,10 +105,8 @@ def room_capture(
         levels.append(np.full(lengths[-1].shape, amplitude))
     data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
     for tx, row in enumerate(data):
-        row[:] = sum(
-            echo(waveform.frequencies_hz, d[tx] / SPEED_OF_LIGHT_M_PER_S, a[tx])
-            for d, a in zip(lengths, levels, strict=True)
-        )
+        ways = zip(lengths, levels, strict=True)
+        row[:] = sum(echo(waveform.frequencies_hz, d[tx], a[tx]) for d, a in ways)
     data.flags.writeable = False
     record = {
         "walls": [
@@ -133,28 +130,14 @@ def wall_lengths_m(array: AntennaArray, wall: Wall) -> np.ndarray:
     return np.linalg.norm(image[:, None] - array.rx_m, axis=2)
 
 
-def coupling_rows(
-    array: AntennaArray, waveform: Waveform, rms: float, delay_s: float
-) -> Iterator[np.ndarray]:
-    """Yield the direct coupling, transmitter by transmitter, shape (n_rx, n_freq), complex128.
-
-    Its amplitude goes with 1 / |tx - rx|, with this RMS; it comes after |tx - rx| / c + `delay_s`.
-    """
-    distance_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m, axis=2)
-    if not distance_m.all():
-        tx, rx = (int(i) for i in np.argwhere(distance_m == 0)[0])
-        checks.fail("coupling_db", "antennas apart from each other", f"Tx {tx} on Rx {rx}")
-    for distance, amplitude in zip(distance_m, spreading_loss(rms, distance_m), strict=True):
-        delays_s = distance / SPEED_OF_LIGHT_M_PER_S + delay_s
-        yield echo(waveform.frequencies_hz, delays_s, amplitude)
-
-
 def spreading_loss(rms: float, length_m: np.ndarray) -> np.ndarray:
     """Return amplitudes proportional to 1 / length, with this RMS over the pairs."""
     return rms / length_m / np.sqrt((1 / length_m**2).mean())
 
 
-def echo(frequencies_hz: np.ndarray, delay_s: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Return a exp(-j 2 pi f tau), shape (n, n_freq), for n delays and amplitudes."""
-    cycles = delay_s[:, None] * frequencies_hz
+def echo(
+    frequencies_hz: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray, later_s: float = 0.0
+) -> np.ndarray:
+    """Return a exp(-j 2 pi f tau), shape (n, n_freq), for n lengths and amplitudes."""
+    cycles = (length_m / SPEED_OF_LIGHT_M_PER_S + later_s)[:, None] * frequencies_hz
     return amplitude[:, None] * np.exp(-2j * np.pi * cycles)

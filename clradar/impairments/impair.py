@@ -12,11 +12,10 @@ from clradar.impairments.channel_errors import (
     GAIN_LIMIT_DB,
     SEED_LIMIT,
     Part,
-    checked_spread,
     drift_factors,
     random_stream,
 )
-from clradar.impairments.environment import coupling_rows
+from clradar.impairments.environment import echo, spreading_loss
 from clradar.model import Capture, ChannelResponse, checks
 from clradar.model.capture import check_same_radar
 
@@ -92,12 +91,6 @@ def impair(
     """
     checks.instance("impair: capture", capture, Capture)
     n_tx, n_rx = capture.array.n_tx, capture.array.n_rx
-    coupling, snr = (
-        None
-        if given is None
-        else checked_spread(f"impair: {name}", given, GAIN_LIMIT_DB, -GAIN_LIMIT_DB)
-        for name, given in (("coupling_db", coupling_db), ("snr_db", snr_db))
-    )
     if room is not None:
         checks.instance("impair: room", room, Capture)
         check_same_radar("impair: room", room, capture)
@@ -113,24 +106,35 @@ def impair(
             checks.fail("impair: adc_full_scale", "adc_bits with it", "none")
         full_scale = checks.positive("impair: adc_full_scale", adc_full_scale)
     delay_s = checks.real("impair: coupling_delay_s", coupling_delay_s)
-    if coupling is None and delay_s != 0:
+    if coupling_db is None and delay_s != 0:
         checks.fail("impair: coupling_delay_s", "coupling_db with it", "none")
-    relative = coupling is not None or snr is not None
+    power = None
+    if reference_power is not None:
+        power = checks.positive("impair: reference_power", reference_power)
+    elif coupling_db is not None or snr_db is not None:
+        power = _mean_power(capture)
+        if power == 0:
+            expected = "a power, since the capture is zero and decibels are relative to its own"
+            checks.fail("impair: reference_power", expected, "None")
+
+    def number(name: str, value: Any, low: float, high: float) -> float | None:
+        return None if value is None else checks.within(f"impair: {name}", value, low, high)
+
     common_rad = drift_common_phase_rad
     settings: dict[str, Any] = {
         "seed": checks.whole("impair: seed", seed, 0, SEED_LIMIT),
         "frame": checks.whole("impair: frame", frame, 0, FRAME_LIMIT),
-        "reference_power": _reference_power(capture, reference_power, relative),
+        "reference_power": power,
         "room": None if room is None else {"power": _mean_power(room), "meta": dict(room.meta)},
-        "coupling_db": coupling,
+        "coupling_db": number("coupling_db", coupling_db, -GAIN_LIMIT_DB, GAIN_LIMIT_DB),
         "coupling_delay_s": delay_s,
         "channels": None if channels is None else _channel_record(channels),
-        "drift_phase_rad": checked_spread("impair: drift_phase_rad", drift_phase_rad),
-        "drift_gain_db": checked_spread("impair: drift_gain_db", drift_gain_db, GAIN_LIMIT_DB),
-        "drift_common_phase_rad": checked_spread("impair: drift_common_phase_rad", common_rad),
+        "drift_phase_rad": number("drift_phase_rad", drift_phase_rad, 0.0, np.inf),
+        "drift_gain_db": number("drift_gain_db", drift_gain_db, 0.0, GAIN_LIMIT_DB),
+        "drift_common_phase_rad": number("drift_common_phase_rad", common_rad, 0.0, np.inf),
         "iq_gain_db": _per_receiver("iq_gain_db", iq_gain_db, n_rx, GAIN_LIMIT_DB),
         "iq_phase_rad": _per_receiver("iq_phase_rad", iq_phase_rad, n_rx, np.pi),
-        "snr_db": snr,
+        "snr_db": number("snr_db", snr_db, -GAIN_LIMIT_DB, GAIN_LIMIT_DB),
         "adc_bits": bits,
         "adc_full_scale": full_scale,
     }
@@ -171,17 +175,21 @@ def _signal(
         for key in ("iq_gain_db", "iq_phase_rad")
     )
     g = 10 ** (iq_gain / 20) * np.exp(1j * iq_rad)
-    coupling: Iterator[np.ndarray] | None = None
+    between_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m, axis=2)
     if settings["coupling_db"] is not None:
+        if not between_m.all():
+            first = "Tx {} on Rx {}".format(*np.argwhere(between_m == 0)[0])
+            checks.fail("impair: coupling_db", "antennas apart from each other", first)
         rms = float(np.sqrt(power) * 10 ** (settings["coupling_db"] / 20))
-        coupling = coupling_rows(array, waveform, rms, settings["coupling_delay_s"])
+        coupling = spreading_loss(rms, between_m)
     noise = random_stream(seed, Part.NOISE, frame)
     for tx in range(array.n_tx):
         x = capture.data[tx].astype(np.complex128)
         if room is not None:
             x += room.data[tx]
-        if coupling is not None:
-            x += next(coupling)
+        if settings["coupling_db"] is not None:
+            delay_s = settings["coupling_delay_s"]
+            x += echo(waveform.frequencies_hz, between_m[tx], coupling[tx], delay_s)
         x *= factor_tx[tx] * factor_rx
         if iq_gain.any() or iq_rad.any():
             x = (1 + g) / 2 * x + (1 - g.conj()) / 2 * x.conj()
@@ -205,18 +213,6 @@ def _mean_power(capture: Capture) -> float:
     # Not a dot product: its last bit would depend on how the library splits it over threads.
     rows = (row.astype(np.complex128).view(np.float64) for row in capture.data)
     return sum(float(np.square(row).sum()) for row in rows) / capture.data.size
-
-
-def _reference_power(capture: Capture, given: float | None, needed: bool) -> float | None:
-    if given is not None:
-        return checks.positive("impair: reference_power", given)
-    if not needed:
-        return None
-    power = _mean_power(capture)
-    if power == 0:
-        expected = "a power, since the capture is zero and decibels are relative to its own"
-        checks.fail("impair: reference_power", expected, "None")
-    return power
 
 
 def _channel_record(channels: ChannelResponse) -> dict[str, Any]:

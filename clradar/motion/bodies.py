@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -28,13 +28,6 @@ class BodyInSweep:
     carried: np.ndarray | None = None
 
 
-class Body(Protocol):
-    """What a `MovingScene` is made of."""
-
-    def during(self, begin_s: float, end_s: float) -> BodyInSweep:
-        """The body from one time to another."""
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MovingBody(Record):
     """A scene that moves as a rigid body.
@@ -44,15 +37,14 @@ class MovingBody(Record):
     scene : Scene
         In its place before the motion.
     motion : RigidMotion, optional
-        None: it stays.
+        Without one it stays.
     """
 
     scene: Scene
-    motion: Any = None
+    motion: RigidMotion = STILL
 
     def __post_init__(self) -> None:
         checks.instance("MovingBody.scene", self.scene, Scene)
-        self._set(motion=STILL if self.motion is None else self.motion)
         checks.instance("MovingBody.motion", self.motion, RigidMotion)
 
     def during(self, begin_s: float, end_s: float) -> BodyInSweep:
@@ -91,39 +83,24 @@ class MovingScene(Record):
     [-0.02 -0.12  0.28]
     """
 
-    bodies: Sequence[Body]
+    bodies: Sequence[Any]
     finish: Callable[[Scene], Scene] | None = None
 
     def __post_init__(self) -> None:
-        several = [self.bodies] if hasattr(self.bodies, "during") else self.bodies
-        bodies = tuple(checks.several("MovingScene.bodies", several))
+        bodies = tuple(checks.several("MovingScene.bodies", self.bodies))
         if not bodies or not all(hasattr(body, "during") for body in bodies):
             checks.fail("MovingScene.bodies", "MovingBody or MovingHand, at least one", bodies)
         self._set(bodies=bodies)
 
-    def during(self, begin_s: float, end_s: float) -> SceneInSweep:
-        """Return the scene during a sweep.
+    def at(self, time_s: float) -> Scene:
+        """Return the scene at a time, as a sweep without duration sees it."""
+        return self.seen([body.during(time_s, time_s) for body in self.bodies], time_s)
+
+    def seen(self, bodies: Sequence[BodyInSweep], time_s: float) -> Scene:
+        """Return the scene at a time of the sweep that its bodies are of.
 
         :meta private:
         """
-        if not begin_s <= end_s:
-            checks.fail("begin_s, end_s", "begin_s <= end_s", f"{begin_s:g}, {end_s:g}")
-        return SceneInSweep(tuple(b.during(begin_s, end_s) for b in self.bodies), self.finish)
-
-    def at(self, time_s: float) -> Scene:
-        """Return the scene at a time, as a sweep without duration sees it."""
-        return self.during(time_s, time_s).scene(time_s)
-
-
-@dataclass(frozen=True, slots=True)
-class SceneInSweep:
-    """A moving scene during one sweep, on the same faces at all times."""
-
-    bodies: tuple[BodyInSweep, ...]
-    finish: Callable[[Scene], Scene] | None
-
-    def scene(self, time_s: float) -> Scene:
-        """Return the scene at a time."""
-        scenes = [body.scene(time_s) for body in self.bodies]
+        scenes = [body.scene(time_s) for body in bodies]
         scene = scenes[0] if len(scenes) == 1 else Scene.combine(scenes)
         return scene if self.finish is None else self.finish(scene)

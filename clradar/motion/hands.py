@@ -24,7 +24,7 @@ from clradar.model import Scene, checks
 from clradar.model.plausible import place
 from clradar.model.record import Record
 from clradar.motion.bodies import BodyInSweep
-from clradar.motion.rigid import PROFILES, STILL, RigidMotion, between, increasing, moved, pieces
+from clradar.motion.rigid import PROFILES, STILL, RigidMotion, between, moved, pieces
 from clradar.opencl import Device
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class MovingHand(Record):
     times_s: Any
     poses: Sequence[Any]
     profile: str = "smooth"
-    motion: Any = None
+    motion: RigidMotion = STILL
     center_m: Any = DEFAULT_CENTER_M
     shape: HandShape = AVERAGE
     edge_length_m: float = DEFAULT_EDGE_LENGTH_M
@@ -70,22 +70,20 @@ class MovingHand(Record):
     _wrist_m: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        times_s = increasing("MovingHand.times_s", self.times_s)
-        given: Any = [self.poses] if isinstance(self.poses, str | HandPose) else self.poses
-        poses = tuple(map(pose_of, checks.several("MovingHand.poses", given)))
+        times_s = checks.one_axis("MovingHand.times_s", self.times_s)
+        poses = tuple(map(pose_of, checks.several("MovingHand.poses", self.poses)))
         if len(poses) != len(times_s):
             checks.fail("MovingHand.poses", f"one for each of {len(times_s)} times", len(poses))
         checks.one_of("MovingHand.profile", self.profile, PROFILES)
-        self._set(motion=STILL if self.motion is None else self.motion)
         checks.instance("MovingHand.motion", self.motion, RigidMotion)
         checks.instance("MovingHand.shape", self.shape, HandShape)
         if self.rig is None:
             self._set(edge_length_m=checked_edge_m(self.edge_length_m))
         checks.one_of("MovingHand.handedness", self.handedness, ("right", "left"))
-        center_m = checks.read_only("center_m", place("center_m", self.center_m), np.float64, (3,))
+        center_m = place("center_m", self.center_m)
         side = self.handedness if self.rig is None else self.rig.handedness
         self._set(times_s=times_s, poses=poses, center_m=center_m, handedness=side)
-        keys_m = [posed_skeleton(pose, self.shape).joints_m * self.mirror for pose in poses]
+        keys_m = [posed_skeleton(pose, self.shape).joints_m * self._mirror for pose in poses]
         box_m = np.min(keys_m, axis=(0, 1)), np.max(keys_m, axis=(0, 1))
         self._set(_wrist_m=center_m - 0.5 * (box_m[0] + box_m[1]))
 
@@ -98,11 +96,8 @@ class MovingHand(Record):
         return interpolate_poses(first, last, share)
 
     @property
-    def mirror(self) -> np.ndarray:
-        """Factors of the coordinates, (3,), from the right hand's frame to that of the hand.
-
-        :meta private:
-        """
+    def _mirror(self) -> np.ndarray:
+        """Factors of the coordinates, (3,), from the right hand's frame to that of the hand."""
         return np.array([-1.0 if self.handedness == "left" else 1.0, 1.0, 1.0])
 
     def transform(self, time_s: float) -> np.ndarray:
@@ -115,7 +110,7 @@ class MovingHand(Record):
         """Return the joints at a time, shape (25, 3), antenna frame; NaN where a rig has none."""
         if self.rig is not None:
             return self.mesh(time_s).joints_m
-        own_m = posed_skeleton(self.pose(time_s), self.shape).joints_m * self.mirror
+        own_m = posed_skeleton(self.pose(time_s), self.shape).joints_m * self._mirror
         return moved(self.transform(time_s), own_m)
 
     def mesh(self, time_s: float) -> HandMesh:
@@ -132,8 +127,8 @@ class MovingHand(Record):
         """
         poses = self.poses
         ways = pieces(self.times_s, begin_s, end_s)
-        found = [times_s for first, *times_s in ways if poses[first] != poses[first + 1]]
-        marks_s = np.union1d(self.motion.marks_s(begin_s, end_s), found)
+        turned_s = [times_s for first, *times_s in ways if poses[first] != poses[first + 1]]
+        marks_s = np.union1d(self.motion.marks_s(begin_s, end_s), turned_s)
         own = _HandInSweep(self, self.pose(0.5 * (begin_s + end_s)))
         carried = own.mesh.faces if self.rig is None and len(marks_s) else None
         return BodyInSweep(marks_s, own.scene, own.vertices_m, carried)
@@ -168,9 +163,9 @@ class _HandInSweep:
         """The skin in the frame of the skeleton, and its distances from the surface, metres."""
         hand, mesh, bones = self.hand, self.mesh, posed_skeleton(self.middle, self.hand.shape)
         assert mesh.normals is not None
-        at_m = (mesh.vertices_m - mesh.joints_m[WRIST]) * hand.mirror + bones.joints_m[WRIST]
+        at_m = (mesh.vertices_m - mesh.joints_m[WRIST]) * hand._mirror + bones.joints_m[WRIST]
         _, _, away_m = kept_from_skin(at_m, None, self.middle, hand.shape, hand.device)
-        weights = skin_weights(at_m, mesh.normals * hand.mirror, bones)
+        weights = skin_weights(at_m, mesh.normals * hand._mirror, bones)
         return Skin.on(at_m, weights, bones), away_m
 
     def _carried(self, pose: HandPose, rows: Any = None) -> tuple[np.ndarray, ...]:
@@ -187,24 +182,22 @@ class _HandInSweep:
         moved_m, normals, _ = kept_from_skin(carried_m, away_m, pose, hand.shape, hand.device)
         wrist_m = bones.joints_m[WRIST]
         own = (moved_m - wrist_m, normals, bones.joints_m - wrist_m)
-        return tuple(vectors * hand.mirror for vectors in own)
+        return tuple(vectors * hand._mirror for vectors in own)
 
     def vertices_m(self, time_s: float, rows: Any) -> np.ndarray:
         pose = self.hand.pose(time_s)
         if isinstance(rows, slice) or pose == self.middle or self.hand.rig is not None:
             return self._mesh_at(time_s).vertices_m[rows]
-        vertices_m, *_ = self._carried(pose, rows)
-        return moved(self.hand.transform(time_s), vertices_m)
+        return moved(self.hand.transform(time_s), self._carried(pose, rows)[0])
 
     def scene(self, time_s: float) -> Scene:
         return Scene.from_mesh(self._mesh_at(time_s), alpha=self.hand.alpha)
 
     def _mesh_at(self, time_s: float) -> HandMesh:
-        pose = self.hand.pose(time_s)
-        if pose == self.middle:
-            return self.hand._placed(self.mesh, time_s)
-        if self.hand.rig is not None:
-            return self.hand.mesh(time_s)
-        at_m, normals, joints_m = self._carried(pose)
-        mesh = replace(self.mesh, vertices_m=at_m, normals=normals, joints_m=joints_m)
+        pose, mesh = self.hand.pose(time_s), self.mesh
+        if pose != self.middle and self.hand.rig is not None:
+            mesh = self.hand._posed(pose)
+        elif pose != self.middle:
+            at_m, normals, joints_m = self._carried(pose)
+            mesh = replace(mesh, vertices_m=at_m, normals=normals, joints_m=joints_m)
         return self.hand._placed(mesh, time_s)

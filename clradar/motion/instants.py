@@ -5,7 +5,7 @@ E15 in ``docs/equations.md``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import ModelError
 from clradar.model import AntennaArray, Waveform
-from clradar.motion.bodies import SceneInSweep
+from clradar.motion.bodies import BodyInSweep
 
 COUNTS = tuple(sorted({round(2 ** (step / 4)) for step in range(33)}))
 """Numbers of instants that are tried for a piece, 1 to 256."""
@@ -108,9 +108,8 @@ class Probes:
     stretch: float
 
     @classmethod
-    def of(cls, sweep: SceneInSweep, begin_s: float, end_s: float) -> Probes:
+    def of(cls, bodies: Sequence[BodyInSweep], begin_s: float, end_s: float) -> Probes:
         """The vertices of every body that are outermost, and those that move most."""
-        bodies = sweep.bodies
         marks_s = np.unique(np.concatenate([[begin_s, end_s], *(body.marks_s for body in bodies)]))
         marks_s = marks_s[(marks_s >= begin_s) & (marks_s <= end_s)]
         if len(marks_s) > CHECKED:
@@ -125,7 +124,11 @@ class Probes:
             outermost = (at_m[1] @ _DIRECTIONS.T).argmax(axis=0)
             rows.append(np.unique([*outermost, *np.argsort(-away_m, kind="stable")[:_FASTEST]]))
             if body.carried is not None:
-                stretch = max(stretch, _stretch(at_m[:, body.carried]))
+                corners_m = at_m[:, body.carried]
+                edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=2), axis=3)
+                longest_m = edges_m.max(axis=2)
+                longer = longest_m / np.maximum(longest_m[1], np.finfo(float).tiny)
+                stretch = max(stretch, float(np.quantile(longer, 0.99, axis=1).max()))
 
         def placed_m(time_s: float) -> np.ndarray:
             at_m = [b.vertices_m(time_s, own) for b, own in zip(bodies, rows, strict=True)]
@@ -155,85 +158,52 @@ MIDDLE = slice(-1, None)
 """The last point of `Probes`: the middle of what moves."""
 
 
-def _stretch(corners_m: np.ndarray) -> float:
-    """Return by how much 1 % of the faces become longer at least: faces (n_times, F, 3, 3), of
-    which the second time is that of the mesh.
+def planned(
+    probes: Probes,
+    array: AntennaArray,
+    waveform: Waveform,
+    times_s: np.ndarray,
+    tolerance: float,
+    overhead_tx: float,
+) -> list[Piece]:
+    """Return pieces of the time with the least work whose `Piece.error` is within a tolerance.
+
+    Samples are recorded at `times_s` (n_tx, n_rx or 1, n_freq). One simulation costs `overhead_tx`
+    and its Tx. Phases are taken relative to that of the middle of what moves.
     """
-    edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=2), axis=3)
-    longest_m = edges_m.max(axis=2)
-    longer = longest_m / np.maximum(longest_m[1], np.finfo(float).tiny)
-    return max(1.0, float(np.quantile(longer, 0.99, axis=1).max()))
+    k = 2 * np.pi * float(waveform.frequencies_hz.max()) / SPEED_OF_LIGHT_M_PER_S
+    order = np.argsort(times_s.mean(axis=(1, 2)), kind="stable")
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Planner:
-    """Divides the time of a sweep into pieces, with few instants within a tolerance.
-
-    Samples are recorded at `times_s` (n_tx, n_rx or 1, n_freq); the tolerance is of `Piece.error`.
-    Phases are taken relative to that of the middle of what moves.
-    """
-
-    probes: Probes
-    array: AntennaArray
-    waveform: Waveform
-    times_s: np.ndarray
-    tolerance: float
-
-    def pieces(self, overhead_tx: float) -> list[Piece]:
-        """Return the pieces with the least work; one simulation costs `overhead_tx` and its Tx."""
-        trials = []
-        for parts in sorted({min(parts, self.array.n_tx) for parts in PARTS}):
-            windows = self._windows(parts)
-            half = len(windows) // 2
-            # One for all: that with the most samples, the middle one of many that have as many.
-            piece = self._fewest(*max(windows[half:] + windows[:half], key=lambda own: len(own[0])))
-            if piece.error <= self.tolerance:
-                each = len(piece.times_s) * (overhead_tx + len(piece.tx))
-                trials.append((len(windows) * each, parts))
-        for _, parts in sorted(trials):
-            pieces = [self._fewest(*window) for window in self._windows(parts)]
-            if sum(len(piece.times_s) for piece in pieces) <= MOST_INSTANTS and all(
-                piece.error <= self.tolerance for piece in pieces
-            ):
-                return pieces
-        raise too_fast()
-
-    def _windows(self, parts: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return times of samples and the Tx that record then: from mark to mark, where velocities
-        may jump, and from one of `parts` parts of the Tx to the next.
+    def windows(parts: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Times of samples and the Tx that record then: from mark to mark, where velocities may
+        jump, and from one of `parts` parts of the Tx to the next.
         """
-        order = np.argsort(self.times_s.mean(axis=(1, 2)), kind="stable")
-        starts_s = [self.times_s[tx].min() for tx in np.array_split(order, parts)[1:]]
-        cuts_s = np.unique([*self.probes.marks_s[1:-1], *starts_s])
-        number = np.searchsorted(cuts_s, self.times_s, side="right")
+        starts_s = [times_s[tx].min() for tx in np.array_split(order, parts)[1:]]
+        cuts_s = np.unique([*probes.marks_s[1:-1], *starts_s])
+        number = np.searchsorted(cuts_s, times_s, side="right")
         recorded = (number == own for own in np.unique(number))
-        return [
-            (np.unique(self.times_s[here]), np.flatnonzero(here.any(axis=(1, 2))))
-            for here in recorded
-        ]
+        return [(np.unique(times_s[h]), np.flatnonzero(h.any(axis=(1, 2)))) for h in recorded]
 
-    def _fewest(self, samples_s: np.ndarray, tx: np.ndarray) -> Piece:
-        """Return the piece of samples at some times with the fewest instants that are enough."""
+    def fewest(samples_s: np.ndarray, tx: np.ndarray) -> Piece:
+        """The piece of samples at some times with the fewest instants that are enough."""
         begin_s, end_s = (float(time_s) for time_s in samples_s[[0, -1]])
         direct = Piece(begin_s, end_s, samples_s, direct=True, tx=tx)
-        tx_m, rx_m = self.array.tx_m[tx], self.array.rx_m
-        ends_m = tx_m[_extremes(tx_m)], rx_m[_extremes(rx_m)]
-        k = 2 * np.pi * float(self.waveform.frequencies_hz.max()) / SPEED_OF_LIGHT_M_PER_S
+        ends_m = [_extremes(side_m) for side_m in (array.tx_m[tx], array.rx_m)]
 
         def phases(at_s: np.ndarray) -> np.ndarray:
-            ways_m = _lengths_m(self.probes.at_m(at_s), *ends_m)
-            return np.asarray(k * (ways_m - _lengths_m(self.probes.at_m(at_s, MIDDLE), *ends_m)))
+            ways_m = _lengths_m(probes.at_m(at_s), *ends_m)
+            return np.asarray(k * (ways_m - _lengths_m(probes.at_m(at_s, MIDDLE), *ends_m)))
 
         # Between two marks a body goes one way and turns by no more than an eighth of a turn. So
         # the phases at a few times tell how far they turn, and nothing between them is missed.
         turned = np.abs(np.diff(phases(np.linspace(begin_s, end_s, 17)), axis=0)).sum(axis=0)
         n_checked = int(np.ceil(float(turned.max()) / STEP_RAD)) + 1
-        fewest = turned.max() / np.pi  # a polynomial has no more zeros than its degree
+        least = turned.max() / np.pi  # a polynomial has no more zeros than its degree
         error, checked_s, true, piece = np.inf, np.empty(0), np.empty(0), direct
         for count in COUNTS:
             if len(samples_s) <= count:
                 return direct
-            if count < fewest or n_checked > CHECKED:
+            if count < least or n_checked > CHECKED:
                 continue
             if len(checked_s) < 4 * count:
                 checked_s = np.linspace(begin_s, end_s, max(n_checked, 16 * count))
@@ -242,9 +212,24 @@ class Planner:
             shares = np.stack(list(piece.shares(checked_s)))
             known = np.exp(-1j * phases(piece.times_s))
             error = float(np.abs(np.tensordot(shares, known, (0, 0)) - true).max())
-            if error <= self.tolerance:
+            if error <= tolerance:
                 break
         return replace(piece, tx=tx, error=error)
+
+    trials = []
+    for parts in sorted({min(parts, array.n_tx) for parts in PARTS}):
+        own = windows(parts)
+        # One for all: that with the most samples, the middle one of many that have as many.
+        half = len(own) // 2
+        piece = fewest(*max(own[half:] + own[:half], key=lambda one: len(one[0])))
+        if piece.error <= tolerance:
+            trials.append((len(own) * len(piece.times_s) * (overhead_tx + len(piece.tx)), parts))
+    for _, parts in sorted(trials):
+        pieces = [fewest(*window) for window in windows(parts)]
+        instants = sum(len(piece.times_s) for piece in pieces)
+        if instants <= MOST_INSTANTS and all(piece.error <= tolerance for piece in pieces):
+            return pieces
+    raise too_fast()
 
 
 def _lengths_m(points_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> np.ndarray:
@@ -254,5 +239,5 @@ def _lengths_m(points_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> np.n
 
 
 def _extremes(at_m: np.ndarray) -> np.ndarray:
-    """Rows of the antennas at the ends of an aperture."""
-    return np.unique([*at_m.argmin(axis=0), *at_m.argmax(axis=0), len(at_m) // 2])
+    """The antennas at the ends of an aperture, and one between them."""
+    return at_m[np.unique([*at_m.argmin(axis=0), *at_m.argmax(axis=0), len(at_m) // 2])]

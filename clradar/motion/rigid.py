@@ -54,12 +54,11 @@ class RigidMotion(Record):
     beyond: str = "hold"
 
     def __post_init__(self) -> None:
-        times_s = increasing("RigidMotion.times_s", self.times_s)
-        self._set(times_s=times_s)
-        self._set_array("shifts_m", np.float64, (len(times_s), 3))
-        if self.turns_rad is None:
-            self._set(turns_rad=np.zeros((len(times_s), 3)))
-        self._set_array("turns_rad", np.float64, (len(times_s), 3))
+        times_s = checks.one_axis("RigidMotion.times_s", self.times_s)
+        turns_rad = np.zeros((len(times_s), 3)) if self.turns_rad is None else self.turns_rad
+        self._set(times_s=times_s, turns_rad=turns_rad)
+        for name in ("shifts_m", "turns_rad"):
+            self._set_array(name, np.float64, (len(times_s), 3))
         self._set_array("about_m", np.float64, (3,))
         checks.one_of("RigidMotion.profile", self.profile, PROFILES)
         checks.one_of("RigidMotion.beyond", self.beyond, BEYOND)
@@ -78,8 +77,7 @@ class RigidMotion(Record):
         velocity = checks.read_only("velocity_m_per_s", velocity_m_per_s, np.float64, (3,))
         turn = checks.read_only("turn_rad_per_s", turn_rad_per_s, np.float64, (3,))
         still = np.zeros(3)
-        places = np.stack([still, velocity]), np.stack([still, turn])
-        return cls(np.array([0.0, 1.0]), *places, about_m, beyond="continue")
+        return cls([0.0, 1.0], [still, velocity], [still, turn], about_m, beyond="continue")
 
     def at(self, time_s: float) -> np.ndarray:
         """Return the rigid transform at a time, shape (4, 4), float64."""
@@ -97,9 +95,8 @@ class RigidMotion(Record):
     def marks_s(self, begin_s: float, end_s: float) -> np.ndarray:
         """Return times of a sweep between which it goes one way; none: it stays in its place.
 
-        They are the keys where something may change, and so many between them that the body turns
-        by no more than an eighth of a turn from one to the next: in whatever sweep, it cannot come
-        back to its place between two marks.
+        From one to the next it turns by no more than an eighth of a turn: in whatever sweep, it
+        cannot come back to its place between two.
 
         :meta private:
         """
@@ -125,19 +122,11 @@ def pieces(
     times_s: np.ndarray, begin_s: float, end_s: float, *, hold: bool = True
 ) -> Iterator[tuple[int, float, float]]:
     """Yield the first key of every way between two keys that a sweep sees, and when it does."""
-    for first, (from_s, to_s) in enumerate(pairwise(times_s.tolist())):
-        seen_s = begin_s if first == 0 and not hold else max(begin_s, from_s)
-        gone_s = end_s if first == len(times_s) - 2 and not hold else min(end_s, to_s)
+    ends_s = times_s if hold else np.array([-np.inf, *times_s[1:-1], np.inf])
+    for first, way_s in enumerate(pairwise(ends_s)):
+        seen_s, gone_s = np.clip(way_s, begin_s, end_s).tolist()
         if seen_s < gone_s:
             yield first, seen_s, gone_s
-
-
-def increasing(field: str, times_s: Any) -> np.ndarray:
-    """Return times, shape (n,), float64, read-only; raise `ModelError` unless they increase."""
-    checked = checks.read_only(field, times_s, np.float64, (None,))
-    if (np.diff(checked) <= 0).any():
-        checks.fail(field, "times that increase", f"{checked.tolist()}")
-    return checked
 
 
 def between(

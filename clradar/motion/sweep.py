@@ -13,7 +13,7 @@ from clradar.errors import ClradarWarning, warn
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.motion.bodies import MovingScene
-from clradar.motion.instants import MIDDLE, Planner, Probes
+from clradar.motion.instants import MIDDLE, Probes, planned
 from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device, open_device
 from clradar.simulation import simulate
@@ -100,13 +100,16 @@ def simulate_moving(
     if timing is None:
         timing = SweepTiming.in_order(array.n_tx, waveform.n_freq)
     checks.instance("simulate_moving: timing", timing, SweepTiming)
-    timing.check(array, waveform)
+    wanted = (array.n_tx, array.n_rx, waveform.n_freq)
+    if timing.times_s.shape not in (wanted, (wanted[0], 1, wanted[2])):
+        expected = f"times of {wanted[0]} Tx, 1 or {wanted[1]} Rx and {wanted[2]} frequencies"
+        checks.fail("timing", expected, checks.shape_text(timing.times_s.shape))
     times_s = timing.times_s + start_s
     begin_s, end_s = float(times_s.min()), float(times_s.max())
-    sweep = moving.during(begin_s, end_s)
-    scene = sweep.scene(0.5 * (begin_s + end_s))
+    bodies = [body.during(begin_s, end_s) for body in moving.bodies]
+    scene = moving.seen(bodies, 0.5 * (begin_s + end_s))
     resolved = merged_settings(settings, **fields).for_scene(scene).resolved()
-    opened, probes = open_device(device), Probes.of(sweep, begin_s, end_s)
+    opened, probes = open_device(device), Probes.of(bodies, begin_s, end_s)
     about = {"start_s": start_s, "sweep_s": end_s - begin_s}
     if not probes.moves:
         still = simulate(
@@ -120,8 +123,9 @@ def simulate_moving(
             "take a shorter sweep or a slower movement"
         )
     warn_of_ambiguity(scene, array, waveform)
-    planner = Planner(probes, array, waveform, times_s, 10.0 ** (tolerance_db / 20.0))
-    pieces = planner.pieces(_OVERHEAD_TX.get(str(resolved.estimator), 12.0))
+    overhead_tx = _OVERHEAD_TX.get(str(resolved.estimator), 12.0)
+    tolerance = 10.0 ** (tolerance_db / 20.0)
+    pieces = planned(probes, array, waveform, times_s, tolerance, overhead_tx)
     between = [piece for piece in pieces if not piece.direct]
     tested_piece = between[len(between) // 2] if between else None
     total = sum(len(piece.times_s) * len(piece.tx) for piece in pieces)
@@ -134,7 +138,7 @@ def simulate_moving(
         nonlocal done, meta
         with sampled_as(scene), warnings.catch_warnings():
             warnings.filterwarnings("ignore", "" if meta else AMBIGUOUS, ClradarWarning)
-            one = simulate(sweep.scene(time_s), part, waveform, settings=own, device=opened)
+            one = simulate(moving.seen(bodies, time_s), part, waveform, settings=own, device=opened)
         meta = meta or dict(one.meta)
         done += part.n_tx
         if progress is not None:
@@ -151,7 +155,10 @@ def simulate_moving(
 
     data = np.zeros((array.n_tx, array.n_rx, waveform.n_freq), dtype=np.complex64)
     for number, piece in enumerate(pieces):
-        part, own = array.part(piece.tx, slice(None)), _of_piece(resolved, number)
+        part, own = array.part(piece.tx, slice(None)), resolved
+        if number and resolved.estimator == "stochastic":  # rays are numbered within their piece
+            words = np.random.SeedSequence([resolved.seed, number]).generate_state(1, np.uint64)
+            own = replace(resolved, seed=int(words[0]))
         recorded_s, doubtful_s = times_s[piece.tx], np.full((1, 1, 1), piece.doubtful_s)
         here = (piece.begin_s <= recorded_s) & (recorded_s <= piece.end_s)
         # Lagrange's polynomials grow beyond all bounds outside of their piece.
@@ -179,11 +186,3 @@ def simulate_moving(
 
 def _decibels(error: float) -> float:
     return 20.0 * float(np.log10(max(error, 1e-15)))
-
-
-def _of_piece(settings: SimulationSettings, number: int) -> SimulationSettings:
-    """The settings of a piece: rays of chance are numbered within it, so each has its own seed."""
-    if number == 0 or settings.estimator != "stochastic":
-        return settings
-    words = np.random.SeedSequence([settings.seed, number]).generate_state(1, np.uint64)
-    return replace(settings, seed=int(words[0]))

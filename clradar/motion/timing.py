@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from clradar.model import AntennaArray, Waveform, checks
+from clradar.model import checks
 from clradar.model.record import Record
 
 STEP_S = 2.5e-6
@@ -54,9 +54,7 @@ class SweepTiming(Record):
         """
         n_tx = checks.whole("n_tx", n_tx, 1)
         n_freq = checks.whole("n_freq", n_freq, 1)
-        step_s = checks.real("step_s", step_s)
-        if step_s < 0:
-            checks.fail("step_s", "a time of at least 0 s", f"{step_s:g}")
+        step_s = checks.within("step_s", step_s, 0.0, np.inf, " s")
         checks.one_of("order", order, ORDERS)
         tx, step = np.arange(n_tx)[:, None, None], np.arange(n_freq)[None, None]
         slot = tx * n_freq + step if order == "tx" else step * n_tx + tx
@@ -71,17 +69,3 @@ class SweepTiming(Record):
     def end_s(self) -> float:
         """Time of the last sample."""
         return float(self.times_s.max())
-
-    def check(self, array: AntennaArray, waveform: Waveform) -> None:
-        """Raise `ModelError` unless it is the timing of captures of this radar.
-
-        :meta private:
-        """
-        wanted = (array.n_tx, array.n_rx, waveform.n_freq)
-        n_tx, n_rx, n_freq = self.times_s.shape
-        if (n_tx, n_freq) != wanted[::2] or n_rx not in (1, wanted[1]):
-            checks.fail(
-                "timing",
-                f"times of {wanted[0]} Tx, 1 or {wanted[1]} Rx and {wanted[2]} frequencies",
-                checks.shape_text(self.times_s.shape),
-            )

@@ -6,8 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from clradar.arrays.ambiguity import ghosts, range_aliases
-from clradar.arrays.lobes import Lobe
+from clradar.arrays.lobes import Lobe, ghosts, range_aliases
 from clradar.errors import warn
 from clradar.model import AntennaArray, Scene, Waveform
 from clradar.tracing.placement import bounding_box_m

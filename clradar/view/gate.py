@@ -5,15 +5,12 @@ from __future__ import annotations
 import asyncio
 import secrets
 import socket
-from collections.abc import Coroutine, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import Any
 from urllib.parse import urlsplit
 
 from clradar.errors import ClradarError
-
-T = TypeVar("T")
 
 HOST = "127.0.0.1"
 """This machine alone: who may log in may look, through ssh."""
@@ -101,7 +98,7 @@ class Gate:
     ) -> None:
         self._target, self._protocol, self._loop = target, protocol, loop
         self._tasks: set[asyncio.Task[None]] = set()
-        self._server = self._run(asyncio.start_server(self._serve, sock=listening)).result()
+        self._server = self._run(asyncio.start_server(self._serve, sock=listening))
 
     def close(self) -> None:
         """Take no more requests, and end those that there are."""
@@ -112,10 +109,10 @@ class Gate:
                 task.cancel()
             await asyncio.gather(*self._tasks, return_exceptions=True)
 
-        self._run(close()).result()
+        self._run(close())
 
-    def _run(self, work: Coroutine[Any, Any, T]) -> Future[T]:
-        return asyncio.run_coroutine_threadsafe(work, self._loop)
+    def _run(self, work: Any) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()

@@ -13,12 +13,12 @@ from clradar.compare.metrics import METRIC_TABLE
 from clradar.model import Capture, VoxelGrid
 from clradar.model.length_unit import unit_for
 from clradar.plot.drawing import typeset
-from clradar.view.beside import MATERIALS, Beside
+from clradar.view.beside import MATERIALS
 from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.playing import Player
 from clradar.view.scene import SceneView
 from clradar.view.session import Session, Shown, View
-from clradar.view.wish import LAYOUTS, SIDES, escaped, extents_mm, grid_mm
+from clradar.view.wish import LAYOUTS, SIDES, escaped, grid_mm
 
 PANEL_PX = 350.0
 
@@ -34,98 +34,98 @@ class Panel:
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         gui.main_panel.dock_right()  # beside the scene, instead of upon it
         gui.main_panel.set_width(PANEL_PX)
+        self.session = session = Session(view, self)
+        self.player = player = Player(session, source, self)
         self._scene = scene = SceneView(server, view)
         self._server, self.gui, self._source, self._beside = server, gui, source, beside
         self._shown: Shown | None = None
-        self._acts: dict[int, Callable[[], None]] = {}
+        self._acts: dict[int, Callable[[Any], None]] = {}
         self.state = gui.add_markdown("")
         self.pace = gui.add_markdown("", visible=source.grows)
-        self.frame = gui.add_slider("Frame", 0, 1, 1, 0)
-        self.play = gui.add_checkbox("Play", source.grows)
-        self.follow_frames(wish.frame)
-        self.layout = gui.add_dropdown("Layout", LAYOUTS, initial_value=wish.layout)
-        self.range_db = gui.add_slider(
-            "Dynamic range (dB)", 3.0, 60.0, 0.5, min(60.0, max(3.0, wish.dynamic_range_db))
+        self.frame = self.on(gui.add_slider("Frame", 0, 1, 1, 0), self._choose_frame)
+        self.play = self.on(
+            gui.add_checkbox("Play", source.grows), lambda on: player.play(bool(on))
         )
-        self.voxels = gui.add_checkbox("Voxels", wish.voxels)
+        self.follow_frames(wish.frame)
+        keys = ["L changes the layout", "V shows voxels"]
+        if source.grows or len(source.frames()) > 1:
+            keys = ["space plays", "N and P go to the next frame and back", *keys]
+        self.key("space", "Play or stop", lambda: self.toggle(self.play))
+        self.key("N", "Next frame", lambda: player.step(1))
+        self.key("P", "Previous frame", lambda: player.step(-1))
+        self.layout = self.choice("Layout", LAYOUTS, "layout")
+        self.key("L", "Layout", lambda: session.change(layout=_next(session.wish.layout, LAYOUTS)))
+        range_db = min(60.0, max(3.0, wish.dynamic_range_db))
+        self.on(
+            gui.add_slider("Dynamic range (dB)", 3.0, 60.0, 0.5, range_db),
+            lambda value: session.change(dynamic_range_db=float(value)),
+        )
+        voxels = gui.add_checkbox("Voxels", wish.voxels)
+        self.on(voxels, lambda on: session.change(voxels=bool(on)))
+        self.key("V", "Points or voxels", lambda: self.toggle(voxels))
         if beside is not None:
-            self.side = gui.add_dropdown("Show", SIDES)
-            if len(beside.labels) > 1:
-                self.other = gui.add_dropdown("Beside", numbered(beside.labels))
+            keys.append("B shows both, measured, simulated in turn")
+            self.side = self.choice("Show", SIDES, "side")
+            self.key(
+                "B", ", ".join(SIDES), lambda: session.change(side=_next(session.wish.side, SIDES))
+            )
+            if len(labels := numbered(beside.labels)) > 1:
+                other = gui.add_dropdown("Beside", labels)
+                self.on(other, lambda label: session.change(other=labels.index(label)))
             self.metrics = gui.add_markdown("")
         if scene.mesh is not None:
-            self.mesh = gui.add_checkbox("Mesh", True)
+            keys.append("M shows the mesh")
+            mesh = gui.add_checkbox("Mesh", True)
+            self.on(mesh, lambda on: setattr(scene.mesh, "visible", bool(on)))
+            self.key("M", "Mesh", lambda: self.toggle(mesh))
+        server.scene.on_click()(lambda event: self.attempt(self._choose_place, event))
         self._tabs = gui.add_tab_group()
         self._tabs_of_captures = False
         self._shows: list[Callable[[Shown], None]] = []
         if view.truth is not None:
             self._add_truth()
+        with self._tabs.add_tab("Place"):
+            self._add_place()
+        gui.add_markdown(f"Keys: {', '.join(keys)}.")
 
-    def on(self, control: Any, act: Callable[[], None]) -> None:
-        """Call `act` when a user changes a control."""
+    def on(self, control: Any, act: Callable[[Any], None]) -> Any:
+        """Call `act` with the value of a control when a user changes it; return the control."""
 
         def changed(event: Any) -> None:
             # A value that was set here to follow the state is no wish.
             if event.client is not None:
-                self.attempt(act)
+                self.attempt(act, control.value)
 
         control.on_update(changed)
         self._acts[id(control)] = act
+        return control
 
-    def attempt(self, act: Callable[[], None]) -> None:
+    def choice(self, label: str, known: Sequence[str], field: str) -> Any:
+        """Add the choice of a field of the wish; a page could send any other."""
+
+        def choose(value: Any) -> None:
+            if value not in known:
+                raise ValueError(f"expected one of {', '.join(known)}")
+            self.session.change(**{field: value})
+
+        now = getattr(self.session.wish, field)
+        return self.on(self.gui.add_dropdown(label, known, initial_value=now), choose)
+
+    def attempt(self, act: Callable[..., None], *given: Any) -> None:
         """Do what a message of a page asks for; one that makes no sense is refused."""
         try:
-            act()
+            act(*given)
         except Exception as error:  # whatever a page sends must not print a traceback
             self.refuse(str(error))
 
     def key(self, key: str, label: str, act: Callable[[], None]) -> None:
         """Call `act` when a key is pressed."""
-        command = self.gui.add_command(label, hotkey=key)
-        command.on_trigger(lambda _: self.attempt(act))
+        self.gui.add_command(label, hotkey=key).on_trigger(lambda _: self.attempt(act))
 
     def toggle(self, control: Any) -> None:
         """Change a checkbox as a user does."""
         control.value = not control.value
-        self._acts[id(control)]()
-
-    def connect(self, session: Session, player: Player) -> None:
-        """Turn changes of the controls into wishes."""
-        self._session, self._player = session, player
-        self._server.scene.on_click()(lambda event: self.attempt(lambda: self._choose_place(event)))
-        keys = ["L changes the layout", "V shows voxels"]
-        self.on(self.range_db, lambda: session.change(dynamic_range_db=float(self.range_db.value)))
-        self.on(self.voxels, lambda: session.change(voxels=bool(self.voxels.value)))
-        self.on(self.layout, lambda: session.change(layout=one_of(self.layout.value, LAYOUTS)))
-        self.on(self.frame, self._choose_frame)
-        self.on(self.play, lambda: player.play(bool(self.play.value)))
-        self.key("L", "Layout", lambda: session.change(layout=_next(session.wish.layout, LAYOUTS)))
-        self.key("V", "Points or voxels", lambda: self.toggle(self.voxels))
-        if self._source.grows or len(self._source.frames()) > 1:
-            keys = ["space plays", "N and P go to the next frame and back", *keys]
-        self.key("space", "Play or stop", lambda: self.toggle(self.play))
-        self.key("N", "Next frame", lambda: player.step(1))
-        self.key("P", "Previous frame", lambda: player.step(-1))
-        with self._tabs.add_tab("Place"):
-            self._add_place()
-        if self._beside is not None:
-            keys.append("B shows both, measured, simulated in turn")
-            self._connect_beside(self._beside)
-        if self._scene.mesh is not None:
-            keys.append("M shows the mesh")
-            self.on(self.mesh, lambda: setattr(self._scene.mesh, "visible", self.mesh.value))
-            self.key("M", "Mesh", lambda: self.toggle(self.mesh))
-        self.gui.add_markdown(f"Keys: {', '.join(keys)}.")
-
-    def _connect_beside(self, beside: Beside) -> None:
-        session = self._session
-        self.on(self.side, lambda: session.change(side=one_of(self.side.value, SIDES)))
-        self.key(
-            "B", ", ".join(SIDES), lambda: session.change(side=_next(session.wish.side, SIDES))
-        )
-        if len(beside.labels) > 1:
-            labels = numbered(beside.labels)
-            self.on(self.other, lambda: session.change(other=labels.index(self.other.value)))
+        self._acts[id(control)](control.value)
 
     def show(self, shown: Shown) -> None:
         """Draw a result, and its state."""
@@ -133,7 +133,7 @@ class Panel:
             self._scene.show(shown)
             self._show_state(shown)
         self._shown = shown
-        self._player.shown(shown)
+        self.player.shown(shown)
 
     def _show_state(self, shown: Shown) -> None:
         if isinstance(shown.content, Capture) and not self._tabs_of_captures:
@@ -166,13 +166,13 @@ class Panel:
     def _choose_place(self, event: Any) -> None:
         at_m = None if self._shown is None else self._scene.clicked_m(self._shown, event)
         if at_m is not None:
-            self._session.change(at_m=at_m)
+            self.session.change(at_m=at_m)
 
-    def _choose_frame(self) -> None:
-        self._player.chosen()
+    def _choose_frame(self, number: int) -> None:
+        self.player.chosen()
         frames = self._source.frames()  # there may be fewer than when the slider was drawn
         if frames:
-            self._session.change(frame=frames[min(int(self.frame.value), len(frames) - 1)])
+            self.session.change(frame=frames[min(int(number), len(frames) - 1)])
 
     def following(self, on: bool) -> None:
         """Show that there are other frames, and whether the newest is followed."""
@@ -196,14 +196,14 @@ class Panel:
 
     def _add_place(self) -> None:
         """Add the place where the slices meet, and the values there."""
-        gui, session = self.gui, self._session
+        gui, session = self.gui, self.session
         place = gui.add_vector3("x, y, z (mm)", (0.0, 0.0, 0.0), step=0.1)
         gui.add_button("Strongest voxel").on_click(lambda _: session.change(at_m=None))
         values = gui.add_markdown("")
         gui.add_markdown("A click on a picture, or on a point of the scene, chooses a place.")
 
-        def typed() -> None:
-            x, y, z = (1e-3 * float(value) for value in place.value)
+        def typed(place_mm: Any) -> None:
+            x, y, z = (1e-3 * float(value) for value in place_mm)
             if not all(map(math.isfinite, (x, y, z))):
                 raise ValueError("place: expected finite numbers")
             session.change(at_m=(x, y, z))
@@ -236,52 +236,47 @@ class Panel:
             lines = ("not known of this frame",) if truth is None else truth.lines
             assign(text, "content", "\n\n".join(map(escaped, lines)))
 
-        self.on(drawn, lambda: self._scene.show_truth(bool(drawn.value)))
+        self.on(drawn, lambda on: self._scene.show_truth(bool(on)))
         self._shows.append(show)
 
     def _add_imaging(self, grid: VoxelGrid) -> None:
         """Add controls of grid, method and window that captures are imaged with."""
-        gui, session = self.gui, self._session
+        gui, session = self.gui, self.session
         with gui.add_folder("Image"):
             step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
             step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
-            ends = [
-                gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0)
-                for name, ends_mm in zip("xyz", extents_mm(grid), strict=True)
-            ]
-            method = gui.add_dropdown("Method", METHODS, initial_value=session.wish.method)
-            window = gui.add_dropdown("Window", WINDOWS, initial_value=session.wish.window)
+            ends = []
+            for name, axis_m in zip("xyz", (grid.x_m, grid.y_m, grid.z_m), strict=True):
+                ends_mm = tuple(round(1e3 * float(axis_m[i]), 6) for i in (0, -1))
+                ends.append(gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0))
+            self.choice("Method", METHODS, "method")
+            self.choice("Window", WINDOWS, "window")
 
-        def again() -> None:
+        def again(_: Any) -> None:
             x_mm, y_mm, z_mm = (control.value for control in ends)
-            session.change(
-                grid=grid_mm(x_mm, y_mm, z_mm, step.value),
-                method=one_of(method.value, METHODS),
-                window=one_of(window.value, WINDOWS),
-            )
+            session.change(grid=grid_mm(x_mm, y_mm, z_mm, step.value))
 
-        for control in (step, *ends, method, window):
+        for control in (step, *ends):
             self.on(control, again)
 
     def _add_simulation(self) -> None:
         """Add controls of what the mesh is simulated with."""
-        gui, session = self.gui, self._session
-        with gui.add_folder("Simulation"):
-            alpha = gui.add_slider(
+        session = self.session
+        with self.gui.add_folder("Simulation"):
+            alpha = self.gui.add_slider(
                 "\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, session.wish.alpha
             )
-            material = gui.add_dropdown("Material", MATERIALS, initial_value=session.wish.material)
-        self.on(alpha, lambda: session.change(alpha=float(alpha.value)))
-        self.on(material, lambda: session.change(material=one_of(material.value, MATERIALS)))
+            self.on(alpha, lambda value: session.change(alpha=float(value)))
+            self.choice("Material", MATERIALS, "material")
 
     def _add_channels(self, capture: Capture) -> None:
         """Add the channel data of all pairs, and of a chosen one."""
-        gui, session, array = self.gui, self._session, capture.array
+        gui, session, array = self.gui, self.session, capture.array
         # The end of a slider has to be above its begin.
         tx = gui.add_slider("Tx", 0, max(1, array.n_tx - 1), 1, session.wish.tx)
         rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, session.wish.rx)
-        self.on(tx, lambda: session.change(tx=int(tx.value)))
-        self.on(rx, lambda: session.change(rx=int(rx.value)))
+        self.on(tx, lambda number: session.change(tx=int(number)))
+        self.on(rx, lambda number: session.change(rx=int(number)))
         last, drawn_s = (capture, session.wish.tx, session.wish.rx), time.monotonic()
         with gui.add_folder("Pair"):
             overview = gui.add_image(overview_picture(*last).pixels, jpeg_quality=90)
@@ -315,13 +310,6 @@ def assign(control: Any, name: str, value: Any) -> None:
     """Set a property unless it has that value: each assignment is sent to every browser."""
     if getattr(control, name) != value:
         setattr(control, name, value)
-
-
-def one_of(value: Any, known: Sequence[str]) -> str:
-    """Return one of some choices; a page could send any."""
-    if value not in known:
-        raise ValueError(f"expected one of {', '.join(known)}")
-    return str(value)
 
 
 def _next(now: str, known: tuple[str, ...]) -> str:

@@ -6,8 +6,8 @@ import statistics
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from clradar.errors import ClradarError
 from clradar.model import Capture
@@ -90,22 +90,15 @@ class Player:
     """Steps through a session while it plays, or shows the newest frame of a source that grows.
 
     Each in a thread of its own. While a frame is imaged the newest one is read; those between are
-    dropped. `on_follow` is called with whether the newest frame is followed when that
-    or the frames have changed, `on_pace` and `refuse` with text.
+    dropped. `front` is told whether the newest frame is followed when that or the frames have
+    changed (`following`), how fast frames come (`paced`), and what went wrong (`refuse`).
     """
 
-    def __init__(
-        self,
-        session: Session,
-        source: Source,
-        on_follow: Callable[[bool], None],
-        on_pace: Callable[[str], None],
-        refuse: Callable[[str], None],
-    ) -> None:
+    def __init__(self, session: Session, source: Source, front: Any) -> None:
         self.pace = Pace()
         self._session, self._source = session, source
         self._growing = source if isinstance(source, Growing) else None
-        self._on_follow, self._on_pace, self._refuse = on_follow, on_pace, refuse
+        self._front = front
         self._following, self._newest = True, max(source.frames(), default=-1)
         """The last one that was shown or dropped."""
         self._asked, self._trouble = -1, ""
@@ -142,7 +135,7 @@ class Player:
             if on and self._source.frames():
                 self._session.change(frame=self._source.frames()[-1])
             self._finish()
-            self._on_follow(on)
+            self._front.following(on)
         with self._changed:
             self._playing = on and not self._source.grows
             self._changed.notify_all()
@@ -152,7 +145,7 @@ class Player:
         if self._growing is not None and self._following:
             self._following = False
             self._finish()
-            self._on_follow(False)
+            self._front.following(False)
 
     def step(self, by: int) -> None:
         """Go on by some frames, and stay there."""
@@ -179,14 +172,14 @@ class Player:
             # It may come back; until then one error stands for all looks.
             if str(error) != self._trouble:
                 self._trouble = str(error)
-                self._refuse(self._trouble)
+                self._front.refuse(self._trouble)
             return False
         self._trouble = ""
         self._take(growing, changed)
         if self._asked < 0 and self.pace.quiet_s > QUIET_S:
             self._finish()
         if growing.grows and (changed or self.pace.quiet_s > QUIET_S):
-            self._on_pace(self.pace.text(self._following, getattr(growing, "ended", False)))
+            self._front.paced(self.pace.text(self._following, getattr(growing, "ended", False)))
         return True
 
     def _take(self, growing: Growing, changed: bool) -> None:
@@ -195,7 +188,7 @@ class Player:
         if changed and not (self._following and new):
             self.pace.dropped += len(new)
             self._newest = max([self._newest, *new])
-            self._on_follow(self._following)
+            self._front.following(self._following)
             return
         begun_s = time.perf_counter()
         free_s = self._asked_s + self._image_s if self._session.busy else begun_s

@@ -18,7 +18,6 @@ from clradar.model import Capture, Scene, Volume, VoxelGrid, checks
 from clradar.opencl import Device, open_device
 from clradar.view.gate import HOST, Gate, hidden_host, listen
 from clradar.view.panel import Panel
-from clradar.view.playing import Player
 from clradar.view.session import Session, View
 from clradar.view.sources import FixedFrames, Source, StreamFrames, viewed
 from clradar.view.wish import Wish
@@ -80,10 +79,8 @@ def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
     """Serve a view during the block, and yield its port and session."""
     with running(view.source.name, port) as (server, served):
         panel = Panel(server, view)
-        session = Session(view, panel)
-        player = Player(session, view.source, panel.following, panel.paced, panel.refuse)
+        session, player = panel.session, panel.player
         try:
-            panel.connect(session, player)
             panel.busy("reading" if view.source.frames() else "waiting for a first frame")
             if view.source.frames():
                 session.change()

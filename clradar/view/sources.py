@@ -101,17 +101,10 @@ def read_file(path: Path) -> Capture | Volume:
 class FolderFrames:
     """The files of a folder; new, rewritten and removed ones are taken in by `look`."""
 
-    def __init__(
-        self,
-        path: Path,
-        variant: str = "raw",
-        read_file: Callable[[Path], Capture | Volume] = read_file,
-        *,
-        watch: bool = False,
-    ) -> None:
+    def __init__(self, path: Path, variant: str, *, watch: bool) -> None:
         self.name = path.name or path.absolute().name
         self.grows = watch
-        self._path, self._read_file = path, read_file
+        self._path = path
         self._is_recording, self._folder = _watched(path, variant)
         self._lock = threading.Lock()
         self._files: dict[int, tuple[Path, float]] = {}
@@ -142,7 +135,7 @@ class FolderFrames:
         if path is None:
             fail(self._path, "the file of a frame", "none: it is gone, or not there yet")
         try:
-            content = self._read_file(path)
+            content = read_file(path)
         except ClradarError:
             # Half-written, perhaps: once it has changed it comes again, under another number.
             with self._lock:

@@ -88,15 +88,6 @@ def grid_mm(x_mm: Extent, y_mm: Extent, z_mm: Extent, step_mm: float) -> VoxelGr
     return VoxelGrid(origin_m, np.full(3, 1e-3 * step_mm), (nx, ny, nz))
 
 
-def extents_mm(grid: VoxelGrid) -> tuple[Extent, Extent, Extent]:
-    """Return the ends along x, y and z, millimetres, without digits of rounding."""
-    x, y, z = (
-        (round(1e3 * float(axis[0]), 6), round(1e3 * float(axis[-1]), 6))
-        for axis in (grid.x_m, grid.y_m, grid.z_m)
-    )
-    return x, y, z
-
-
 def escaped(text: str) -> str:
     """Return text of a file so that Markdown and HTML show it as it is."""
     return "".join(f"&#{ord(c)};" if c in "\\`*_{}[]<>()#+!|&~$" else c for c in text)

@@ -7,8 +7,8 @@ import pytest
 
 import clradar
 from clradar.arrays import array_figures, qar50, read_array
-from clradar.arrays.ambiguity import ghosts
 from clradar.arrays.array_file import array_of, array_record, array_text
+from clradar.arrays.lobes import ghosts
 from clradar.arrays.point_spread import response
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S as C
 from clradar.errors import ClradarWarning, MeasurementError, ModelError

@@ -15,8 +15,7 @@ from clradar.errors import MeasurementError, MeshError, RigError
 from clradar.hand import HandPose, read_pose
 from clradar.model import Capture, ChannelCalibration, DepthMap, Scene, Volume
 from clradar.model.material_file import read_materials
-from clradar.motion.motion_file import read_motion
-from clradar.motion.motion_record import Motion
+from clradar.motion.motion_file import Motion, read_motion
 from clradar.rigs import Rig, read_rig
 from fuzz import mutators, seeds
 from measurement_io import (

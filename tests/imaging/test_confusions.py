@@ -9,7 +9,7 @@ import trimesh
 from comparisons import warnings_of
 
 import clradar
-from clradar.arrays.ambiguity import ghosts, range_aliases
+from clradar.arrays.lobes import ghosts, range_aliases
 from clradar.errors import ClradarWarning
 from clradar.tracing.ambiguous import warn_of_ambiguity
 

@@ -42,8 +42,7 @@ class Front:
         if self.player is not None:
             self.player.shown(shown)
 
-    def busy(self, text):
-        pass
+    busy = following = paced = lambda self, _: None
 
     def refuse(self, text):
         self.said.append(text)
@@ -53,7 +52,7 @@ class Front:
         return [shown.wish for shown in self.shown]
 
     def plays(self, session, source):
-        self.player = Player(session, source, lambda _: None, lambda _: None, self.said.append)
+        self.player = Player(session, source, self)
         return self.player
 
 

@@ -33,7 +33,7 @@ from clradar.model import checks
 from clradar.model.progress import Progress, part_of
 
 if TYPE_CHECKING:
-    from clradar.motion.motion_record import Motion
+    from clradar.motion.motion_file import Motion
 
 
 # Names in the folder of clusters, and beside the frames of a recording.
