@@ -16,7 +16,7 @@ import calibration
 import clradar as cl
 import measurement_io
 from clradar.cli import options as opt, parse
-from clradar.cli.inputs import Content, ImageInput
+from clradar.cli.images import Content, ImageInput, rms_db
 from clradar.cli.outputs import save
 from clradar.compare.metrics import metrics_of
 from clradar.errors import CompareError, warn
@@ -173,11 +173,11 @@ class FrameSteps:
         from measurement_io.maroon.frame import first_time_stamp
 
         capture = _opened(self.source, self.how.variant, self.run_name).capture(number)
-        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": _rms_db(capture)}
+        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": rms_db(capture)}
         room = self.how.empty
         empty = None if room is None else _opened(room, None, self.run_name).capture(0)
         capture = self.how.cleaned(capture, empty)
-        return capture, {**record, "cleaned_db": _rms_db(capture)}
+        return capture, {**record, "cleaned_db": rms_db(capture)}
 
     def _simulated(self, i: int, number: int) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
@@ -239,11 +239,6 @@ def _metrics(image: cl.DepthMap, other: cl.DepthMap, range_db: float) -> dict[st
         return metrics_of(image, other, range_db).to_dict()
     except CompareError:  # nothing above zero in one of the two
         return None
-
-
-def _rms_db(capture: cl.Capture) -> float | None:
-    power = float(np.mean(np.abs(capture.data) ** 2, dtype=np.float64))
-    return 10 * math.log10(power) if power > 0 else None
 
 
 def _figures(volume: cl.Volume, dynamic_range_db: float) -> dict[str, Any]:

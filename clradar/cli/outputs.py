@@ -24,15 +24,7 @@ from clradar import __version__
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.groups import call, plain
 from clradar.errors import OutputError
-from clradar.files.atomic import (
-    move_folder,
-    new_folder,
-    refuse_special,
-    remove_left,
-    swap_folder,
-    write_file,
-    writing,
-)
+from clradar.files import atomic
 from clradar.files.hashing import holds_still
 from clradar.files.json_file import write_json
 from clradar.jobs import Job
@@ -48,10 +40,10 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
     """Raise unless every output of the command that runs may be written."""
     written = set()
     wanted = [output for output in outputs if output is not None]
-    remove_left(wanted)
+    atomic.remove_left(wanted)
     known: dict[Path, bool] = {}
     for output in wanted:
-        with writing(output):
+        with atomic.writing(output):
             if any(_same(output, path) for path in call.paths):
                 raise OutputError(f"{output}: is also an input; choose another name")
             place = os.path.realpath(output).casefold()  # case may not count on this disk
@@ -61,7 +53,7 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
             if output.is_dir():
                 raise OutputError(f"{output}: expected a file's name, got a folder")
             _check_place(output, known)
-            refuse_special(output)
+            atomic.refuse_special(output)
             if not call.force and os.path.lexists(output):
                 raise OutputError(f"{output}: exists already; --force replaces it")
 
@@ -80,10 +72,10 @@ def check_folder(
 
     `replaced` names the only files that it may replace, none of which is an input; None: any.
     """
-    with writing(folder):
+    with atomic.writing(folder):
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
-        remove_left([folder])
+        atomic.remove_left([folder])
         _check_place(folder, {})
         for path in call.paths:
             if _same(folder, path):
@@ -147,16 +139,16 @@ def whole_folder(folder: Path, replaced: Collection[str]) -> Iterator[Path]:
 
     A failure leaves everything as it was. `replaced` as in `check_folder`.
     """
-    with new_folder(folder) as temporary:
+    with atomic.new_folder(folder) as temporary:
         made = temporary / "made"
         made.mkdir()
         yield made
         # Another process may have made it meanwhile.
         check_folder(folder, replaced)
         if call.force:
-            swap_folder(made, folder, temporary / "replaced")
+            atomic.swap_folder(made, folder, temporary / "replaced")
         else:
-            move_folder(made, folder)
+            atomic.move_folder(made, folder)
 
 
 def begun(
@@ -202,11 +194,11 @@ def write(
     if isinstance(content, Mapping):
         write_json(path, {**content, **provenance(**more)}, force=force)
     elif isinstance(content, str):
-        write_file(path, content.encode(), force=force)
+        atomic.write_file(path, content.encode(), force=force)
     elif hasattr(content, "savefig"):
         cl.plot.save_figure(content, path, force=force)
     elif hasattr(content, "faces"):
-        write_file(path, mesh_file(path, content), force=force)
+        atomic.write_file(path, mesh_file(path, content), force=force)
     else:
         content = save(path, content, provenance(**more), force=force)
     if text:

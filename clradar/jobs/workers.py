@@ -20,16 +20,7 @@ from time import monotonic, sleep
 from typing import Any
 
 import dask
-from distributed import (
-    CancelledError,
-    Client,
-    Future,
-    KilledWorker,
-    Nanny,
-    Scheduler,
-    SpecCluster,
-    as_completed,
-)
+import distributed
 from distributed.comm import CommClosedError
 from distributed.diagnostics.plugin import WorkerPlugin
 
@@ -39,7 +30,7 @@ from clradar.files.failures import clean, shown
 from clradar.files.interrupts import interrupts_blocked
 from clradar.files.json_differences import differences
 from clradar.jobs.lock import scratch_folder
-from clradar.jobs.outcome import ATTEMPTS, Outcome, made_with, outcome_of, reason_of, silent
+from clradar.jobs.where import ATTEMPTS, Outcome, made_with, outcome_of, reason_of, silent
 from clradar.model.progress import Progress
 from clradar.opencl import Device, DeviceInfo, open_device
 from clradar.opencl.program import compiled
@@ -125,7 +116,7 @@ class KeepToCores(WorkerPlugin):
 
 
 @contextmanager
-def local_client(shares: Sequence[Share]) -> Iterator[Client]:
+def local_client(shares: Sequence[Share]) -> Iterator[distributed.Client]:
     """Start one worker process for each share of this machine; yields the client."""
     _silence()
     threads = str(min(share.threads for share in shares))
@@ -142,7 +133,7 @@ def local_client(shares: Sequence[Share]) -> Iterator[Client]:
         "distributed.scheduler.allowed-failures": 1,
     }
     scheduler = {
-        "cls": Scheduler,
+        "cls": distributed.Scheduler,
         "options": {"host": HERE, "port": 0, "dashboard": True, "dashboard_address": f"{HERE}:0"},
     }
     common = {
@@ -153,7 +144,7 @@ def local_client(shares: Sequence[Share]) -> Iterator[Client]:
     workers = {}
     for i, share in enumerate(shares):
         own = {"env": share.environment(), "plugins": (KeepToCores(share.cores),)}
-        workers[i] = {"cls": Nanny, "options": common | own}
+        workers[i] = {"cls": distributed.Nanny, "options": common | own}
     # Dask leaves its folder of scratch behind.
     with (
         scratch_folder() as scratch,
@@ -161,13 +152,13 @@ def local_client(shares: Sequence[Share]) -> Iterator[Client]:
     ):
         try:
             with interrupts_blocked():
-                cluster = SpecCluster(
+                cluster = distributed.SpecCluster(
                     workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
                 )
         except Exception as error:
             raise ClusterError(f"the workers did not start: {clean(error)}") from error
         try:
-            with Client(cluster, set_as_default=False) as client:
+            with distributed.Client(cluster, set_as_default=False) as client:
                 yield client
         finally:
             # Ctrl-C would cancel the closing, and closing again would wait for that forever.
@@ -240,7 +231,7 @@ class Workers:
     """The workers of a client: of this machine, with the names of their devices, or on terms."""
 
     def __init__(
-        self, client: Client, terms: Terms | None = None, names: Sequence[str] = ()
+        self, client: distributed.Client, terms: Terms | None = None, names: Sequence[str] = ()
     ) -> None:
         self.client, self.terms, self.names = client, terms, names
 
@@ -252,7 +243,7 @@ class Workers:
         """Those that a scheduler has; whether they see the folder is known by a file in it."""
         _silence()
         try:
-            client = Client(address, timeout=CONNECT_S, set_as_default=False)
+            client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             raise ClusterError(
                 f"{clean(address)}: expected the address of a Dask scheduler, such as "
@@ -288,7 +279,7 @@ class Workers:
         for i, future in self._finished(function, [*enumerate(items)], AHEAD, ordered=True):
             try:
                 result, warned = future.result()
-            except KilledWorker as error:
+            except distributed.KilledWorker as error:
                 name = self.names[int(str(error.last_worker.name))]
                 raise DeviceError(
                     f"device {name}: its process died at item {i}; choose other devices, see "
@@ -320,9 +311,9 @@ class Workers:
         for number, future in self._finished(function, items, WAITING):
             try:
                 yield number, future.result()
-            except KilledWorker:
+            except distributed.KilledWorker:
                 blamed.append(number)
-            except (CancelledError, CommClosedError) as error:
+            except (distributed.CancelledError, CommClosedError) as error:
                 raise ClusterError(
                     "the scheduler is gone, or cancelled the samples; the same command resumes"
                 ) from error
@@ -336,11 +327,11 @@ class Workers:
         ahead: int,
         *,
         ordered: bool = False,
-    ) -> Iterator[tuple[int, Future]]:
+    ) -> Iterator[tuple[int, distributed.Future]]:
         """Yield numbers of items with futures that are done; `ahead` for each worker are begun."""
-        run, finished = secrets.token_hex(4), as_completed([], loop=self.client.loop)
-        pending: dict[Future, int] = {}
-        ready: dict[int, Future] = {}
+        run, finished = secrets.token_hex(4), distributed.as_completed([], loop=self.client.loop)
+        pending: dict[distributed.Future, int] = {}
+        ready: dict[int, distributed.Future] = {}
         submitted = 0
         try:
             for turn, (expected, _) in enumerate(items):

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
-
-import numpy as np
 
 import calibration
 import clradar as cl
@@ -23,7 +20,7 @@ from clradar.cli.console import (
     print_warning,
     progress_bar,
 )
-from clradar.cli.inputs import title_of
+from clradar.cli.images import rms_db, title_of
 from clradar.cli.outputs import write
 from clradar.errors import ModelError
 from clradar.files.failures import fail
@@ -65,9 +62,24 @@ def clean_command(
         empty, averaged = read(room, opt.FrameOptions(), average, align_phase)
         steps.append(f"minus {room} (scaling {cleaning.scaling}{averaged and ', ' + averaged})")
     done = cleaning.cleaned(loaded, empty)
-    write(output, done, "; ".join([*steps, *cleaning.steps(done.meta)]))
-    powers = [float(np.mean(np.abs(one.data) ** 2, dtype=np.float64)) for one in (loaded, done)]
-    change = f"{10 * math.log10(powers[1] / powers[0]):+.1f} dB" if min(powers) > 0 else "zero"
+    if cleaning.gate_mm is not None:
+        gate = done.meta["range_gate"]
+        steps.append(
+            f"gated to {1e3 * gate['near_m']:g} to {1e3 * gate['far_m']:g} mm (inside "
+            f"{gate['passband_db']:+.1f} dB at worst, rejects {gate['rejection_db']:.0f} dB or "
+            f"more beyond {1e3 * gate['edge_m']:.0f} mm from it)"
+        )
+    if cleaning.channels is not None:
+        channels = done.meta["channels"]
+        steps.append(
+            f"{100 * channels['live_share']:.1f} % of the pairs left, without "
+            f"{len(channels['masked_tx'])} Tx and {len(channels['masked_rx'])} Rx"
+        )
+    write(output, done, "; ".join(steps))
+    before_db, after_db = rms_db(loaded), rms_db(done)
+    change = "zero"
+    if before_db is not None and after_db is not None:
+        change = f"{after_db - before_db:+.1f} dB"
     print_line(f"{output}: power against {capture}: {change}")
 
 
@@ -197,6 +209,7 @@ def channels_command(
     write(plot, figure, "gains, phases and delays")
 
 
+SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
 COARSE_GRID_MM = ((-100.0, 100.0, 4.0), (-100.0, 100.0, 4.0), (260.0, 340.0, 10.0))
 
 
@@ -230,7 +243,16 @@ def diagnose_command(
             loaded, grid=grid, expected_m=expected_m, device=opened, progress=progress
         )
     if result.scores:
-        print_scores(result)
+        rows = []
+        for score in sorted(result.scores, key=lambda s: -s.relative_db):
+            h, place = score.hypothesis, ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
+            row = [
+                "[rx, tx]" if h.swapped else "[tx, rx]",
+                "exp(+j)" if h.conjugated else "exp(-j)",
+            ]
+            row += ["descending" if h.reversed else "ascending", decibels(score.relative_db), place]
+            rows.append([*row, mark_of(result, h)])
+        print_table(SCORE_COLUMNS, rows, right=SCORE_COLUMNS[3:5])
     print_line(result.recommendation)
     write(json, {"capture": str(capture), **result.to_dict()}, "the result, in metres")
     if result.scores:
@@ -257,19 +279,6 @@ def figure_of(result: calibration.Diagnosis, title: str) -> Figure:
         label = f"{'BEST: ' * (mark_of(result, h) == 'best')}{h.label}\n{level} dB"
         panels.setdefault(h.swapped, []).append((label, score.image))
     return cl.plot.panels_figure(list(panels.values()), title)
-
-
-SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
-
-
-def print_scores(result: calibration.Diagnosis) -> None:
-    rows = []
-    for score in sorted(result.scores, key=lambda s: -s.relative_db):
-        h, place = score.hypothesis, ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
-        row = ["[rx, tx]" if h.swapped else "[tx, rx]", "exp(+j)" if h.conjugated else "exp(-j)"]
-        row += ["descending" if h.reversed else "ascending", decibels(score.relative_db), place]
-        rows.append([*row, mark_of(result, h)])
-    print_table(SCORE_COLUMNS, rows, right=SCORE_COLUMNS[3:5])
 
 
 def mark_of(result: calibration.Diagnosis, hypothesis: calibration.Hypothesis) -> str:

@@ -10,9 +10,18 @@ from typing import Any
 
 import calibration
 import clradar as cl
-from clradar.cli import comparison, options as opt, parse
+from clradar.cli import options as opt, parse
 from clradar.cli.console import counted, print_line, print_text, progress_bar
-from clradar.cli.inputs import ImageInput, Measurement, common_grid, measurement
+from clradar.cli.images import (
+    SIMULATION_FILES,
+    Comparison,
+    ImageInput,
+    Measurement,
+    common_grid,
+    measurement,
+    simulated_surface,
+    write_simulation,
+)
 from clradar.cli.outputs import check_folder, whole_folder, write
 from clradar.errors import ClradarWarning
 from clradar.jobs import open_devices
@@ -78,7 +87,7 @@ def align_command(
 
 
 TRANSFORM = "transform.json"
-REGISTERED = (TRANSFORM, *comparison.SIMULATION_FILES)
+REGISTERED = (TRANSFORM, *SIMULATION_FILES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,15 +152,15 @@ def write_registration(
     if alpha is not None:
         label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
     elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
-        label += f", {comparison.simulated_surface(result.capture.meta)}"
-    compared = comparison.Comparison.of([measured.volume, result.volume], [label])
+        label += f", {simulated_surface(result.capture.meta)}"
+    compared = Comparison.of([measured.volume, result.volume], [label])
     metrics = {"alpha": alpha, "simulated": compared.records([Path("volume.h5")])}
     simulated = (result.scene, result.capture, result.volume)
-    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)
+    write_simulation(folder, measured.path, simulated, compared, metrics, **more)
 
 
 POSE, HAND_FIT, OVERLAY = "pose.toml", "fit.json", "overlay.png"
-FITTED = (POSE, HAND_FIT, OVERLAY, *comparison.SIMULATION_FILES)
+FITTED = (POSE, HAND_FIT, OVERLAY, *SIMULATION_FILES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,12 +236,12 @@ def write_hand_fit(
     write(folder / HAND_FIT, fit.to_dict(), **more)
     write(folder / OVERLAY, partial(hand_fit_figure, measured.volume, fit))
     labels = [f"Before: '{fit.start}', moved", "After"]
-    if (surface := comparison.simulated_surface(after.meta)) is not None:
+    if (surface := simulated_surface(after.meta)) is not None:
         labels[1] += f", {surface}"
     with warnings.catch_warnings():
         # That the start is another pose is no news; the table has what differs.
         warnings.simplefilter("ignore", ClradarWarning)
-        compared = comparison.Comparison.of([measured.volume, before, after], labels)
+        compared = Comparison.of([measured.volume, before, after], labels)
     metrics = dict(zip(("before", "after"), (m.to_dict() for m in compared.metrics), strict=True))
     simulated = (fit.scene, capture, after)
-    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)
+    write_simulation(folder, measured.path, simulated, compared, metrics, **more)

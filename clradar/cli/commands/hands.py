@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt, parse
@@ -26,9 +26,6 @@ from clradar.files.json_file import indented, read_json
 from clradar.files.toml_file import toml_document
 from clradar.jobs import open_devices
 from clradar.model import checks
-
-if TYPE_CHECKING:
-    from clradar.dataset.check import Replay
 
 
 def _angle_deg(option: str, value: float) -> float:
@@ -243,7 +240,17 @@ def dataset_command(
         selector = open_devices(device).infos[0].selector
         with progress_bar("making the sample"):
             found = make_again(*replay, device=selector, rigs=rigs or "")
-        print_replay(*replay, found)
+        index, shown = replay[1], f"in {replay[0] / (found.stored_in or '')}"
+        if found.stored_in is None:
+            print_warning(f"sample {index} is not {shown}: there was nothing to compare with")
+        elif not found.differences:
+            print_line(f"sample {index}: the same bits as {shown}")
+        else:
+            for line in found.made_otherwise:
+                print_warning(f"made otherwise then: {line}")
+            print_text("\n".join(found.differences))
+            count = counted(len(found.differences), "difference")
+            raise ClradarError(f"sample {index}: {count} to that {shown}")
         return
     if plan is None:
         raise opt.wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
@@ -256,7 +263,7 @@ def dataset_command(
     if output is None:
         raise opt.wrong_usage("-o", "expected the folder of the data set, or --dry-run")
     check_folder(output, resumed=True)
-    where = processes.where(device, files=())
+    where = processes.where(device)
     with progress_bar("samples") as progress:
         result = cl.dataset.run(
             wanted, output, where=where, force=force, retry=retry, progress=progress
@@ -266,17 +273,3 @@ def dataset_command(
     if result.aside:
         count = counted(len(result.aside), "sample")
         raise ClradarError(f"{output}: {count} set aside; --retry tries again")
-
-
-def print_replay(folder: Path, index: int, found: Replay) -> None:
-    """Print how a sample that was made again differs from the stored one, and raise if it does."""
-    if found.stored_in is None:
-        print_warning(f"sample {index} is not in {folder}: there was nothing to compare with")
-    elif not found.differences:
-        print_line(f"sample {index}: the same bits as in {folder / found.stored_in}")
-    else:
-        for line in found.made_otherwise:
-            print_warning(f"made otherwise then: {line}")
-        print_text("\n".join(found.differences))
-        count = counted(len(found.differences), "difference")
-        raise ClradarError(f"sample {index}: {count} to that in {folder / found.stored_in}")

@@ -15,9 +15,15 @@ import numpy as np
 
 import clradar as cl
 from clradar.cli import options as opt, parse
-from clradar.cli.comparison import volume_figure
 from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.inputs import ImageInput, form_image, grid_for, nothing_to_draw, title_of
+from clradar.cli.images import (
+    ImageInput,
+    form_image,
+    grid_for,
+    nothing_to_draw,
+    title_of,
+    volume_figure,
+)
 from clradar.cli.outputs import begun, provenance, write
 from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing

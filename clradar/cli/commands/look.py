@@ -13,7 +13,6 @@ import typer
 import clradar as cl
 import measurement_io
 from clradar.cli import options as opt, parse
-from clradar.cli.comparison import Comparison, figure_labels, figure_of
 from clradar.cli.console import (
     counted,
     print_error,
@@ -22,7 +21,14 @@ from clradar.cli.console import (
     print_warning,
     progress_bar,
 )
-from clradar.cli.inputs import ImageInput, common_grid, recording_title
+from clradar.cli.images import (
+    Comparison,
+    ImageInput,
+    common_grid,
+    figure_labels,
+    figure_of,
+    recording_title,
+)
 from clradar.cli.outputs import provenance, write
 from clradar.errors import MeasurementError
 from clradar.jobs import open_devices

@@ -13,7 +13,6 @@ import numpy as np
 import calibration
 import clradar as cl
 from clradar.cli import options as opt
-from clradar.cli.comparison import figure_labels, write_csv
 from clradar.cli.console import counted, print_line, print_table, print_warning, progress_bar
 from clradar.cli.frames import (
     CAPTURES,
@@ -25,7 +24,7 @@ from clradar.cli.frames import (
     ProcessOptions,
     record_file,
 )
-from clradar.cli.inputs import ReadOnAccess, grid_for
+from clradar.cli.images import ReadOnAccess, figure_labels, grid_for, write_csv
 from clradar.cli.outputs import begun, check_folder, provenance, save, write
 from clradar.cli.parse import chosen_frames
 from clradar.compare.images import depth_map_of
@@ -155,6 +154,8 @@ class RecordingWork:
 
     def _hands(self, records: Sequence[Record]) -> list[calibration.FrameFit] | None:
         """The hands of the frames, each fitted from the one before, here; None if impossible."""
+        from calibration.hand_fit.frame_fit import FOLLOWED
+
         numbers = [int(one["frame"]) for one in records]
         images = KeptImages(
             numbers, lambda number: self.steps.map_of(f"{number:06d}-hand"),
@@ -173,7 +174,16 @@ class RecordingWork:
             except CompareError as error:
                 print_warning(f"{HANDS}: {error}")
                 return None
-        print_sequence(folder, fits)
+        rows = [
+            [str(fit.frame), f"{fit.time_s:.3f}", fit.how, "; ".join(fit.notes)]
+            for fit in fits
+            if fit.how != FOLLOWED or fit.notes
+        ]
+        print_table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
+        followed = sum(fit.how == FOLLOWED for fit in fits)
+        lost = sum(fit.state is None for fit in fits)
+        words = f"{len(fits)} frames, {followed} followed, {len(fits) - followed - lost} searched"
+        print_line(f"{folder}: {words}" + (f", {lost} without a hand" if lost else ""))
         draw_movement(folder, images, fits, self.source.path.name)
         return fits
 
@@ -380,22 +390,6 @@ def hand_columns(fits: Sequence[calibration.FrameFit]) -> dict[str, np.ndarray]:
             *(round(value, 4) for value in (*shape.finger_lengths, shape.girth)),
         ]
     return {f"hand {name}": values for name, values in zip(names, rows.T, strict=True)}
-
-
-def print_sequence(folder: Path, fits: Sequence[calibration.FrameFit]) -> None:
-    """Print a line for each frame that was searched for or has no hand, and a summary."""
-    from calibration.hand_fit.frame_fit import FOLLOWED
-
-    rows = [
-        [str(fit.frame), f"{fit.time_s:.3f}", fit.how, "; ".join(fit.notes)]
-        for fit in fits
-        if fit.how != FOLLOWED or fit.notes
-    ]
-    print_table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
-    followed = sum(fit.how == FOLLOWED for fit in fits)
-    lost = sum(fit.state is None for fit in fits)
-    words = f"{len(fits)} frames, {followed} followed, {len(fits) - followed - lost} searched"
-    print_line(f"{folder}: {words}" + (f", {lost} without a hand" if lost else ""))
 
 
 def process_command(

@@ -11,21 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import clradar as cl
 import measurement_io
-from clradar.cli import options as opt
-from clradar.cli.comparison import Comparison, figure_labels
+from clradar.cli import options as opt, outputs as out
 from clradar.cli.console import counted, print_line, progress_bar
-from clradar.cli.outputs import (
-    begun,
-    check_folder,
-    check_outputs,
-    described,
-    joints_record,
-    provenance,
-    save,
-    turned,
-    whole_folder,
-    write,
-)
+from clradar.cli.images import Comparison, figure_labels
 from clradar.errors import MeshError, warn
 from clradar.jobs import KEY, open_devices
 from clradar.jobs.lock import made_folder
@@ -84,7 +72,7 @@ class ClusterSteps:
             _scenes[self.digest], array, self.waveform, settings=self.settings, device=self.device,
             progress=progress,
         )  # fmt: skip
-        save(self.file_of(number), capture, self.origin)
+        out.save(self.file_of(number), capture, self.origin)
         return summary(capture)
 
     def file_of(self, number: int) -> Path:
@@ -153,10 +141,10 @@ def record_movement(
         for number, timing in enumerate(timings):
             name = CLUSTER_NAME.format(number + 1)
             if n_frames is None:
-                write(folder / f"{name}.h5", next(captures(number)))
+                out.write(folder / f"{name}.h5", next(captures(number)))
                 continue
             own = folder / name if several else folder
-            frames = (described(capture, provenance()) for capture in captures(number))
+            frames = (out.described(capture, out.provenance()) for capture in captures(number))
             measurement_io.save_recording(own, frames, timestamps_us=stamps_us, force=True)
             (own / TRUTH).mkdir()
             middle_s = 0.5 * (timing.begin_s + timing.end_s)
@@ -164,13 +152,13 @@ def record_movement(
                 {"frame": i, "timestamp_us": stamp, **_truth(motion, scene, start_s + middle_s)}
                 for i, (start_s, stamp) in enumerate(zip(starts_s, stamps_us, strict=True))
             ]
-            write(own / TRUTH / "truth.json", {"frames": truth})
+            out.write(own / TRUTH / "truth.json", {"frames": truth})
 
     with progress_bar("simulating") as progress:
         if n_frames is None and not several:
-            write(output, next(captures(0)))
+            out.write(output, next(captures(0)))
         else:
-            with whole_folder(output, recording_files(output)) as folder:
+            with out.whole_folder(output, recording_files(output)) as folder:
                 made_into(folder)
     text = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
     text += f" of {1e3 * sweep_s:.3g} ms"
@@ -187,7 +175,7 @@ def _truth(motion: Motion, scene: cl.MovingScene, middle_s: float) -> dict[str, 
         {
             "pose": body.pose(middle_s).name,
             "transform": body.transform(middle_s).tolist(),
-            "joints_m": joints_record(body.joints_m(middle_s)),
+            "joints_m": out.joints_record(body.joints_m(middle_s)),
         }
         for body in scene.bodies
         if isinstance(body, cl.MovingHand)
@@ -244,9 +232,9 @@ def simulate_command(
         wanted = "without --motion" if several else "an --array of clusters with it"
         raise opt.wrong_usage(next(iter(opt.given(processes))), f"expected {wanted}")
     kept = cluster_files(output) if several and still else recording_files(output)
-    check: Callable[[], None] = partial(check_folder, output, kept, resumed=several and still)
+    check: Callable[[], None] = partial(out.check_folder, output, kept, resumed=several and still)
     if not several and moving.frames is None:
-        check = partial(check_outputs, [output])
+        check = partial(out.check_outputs, [output])
     check()
     motion = None if moving.motion is None else cl.read_motion(moving.motion)
     if motion is not None:
@@ -281,9 +269,9 @@ def simulate_command(
         _scenes[digest := scene.digest()] = scene
         steps = ClusterSteps(
             scene=scenery, digest=digest, waveform=waveform, settings=settings, folder=output,
-            origin=provenance(),
+            origin=out.provenance(),
         )  # fmt: skip
-        job = begun(
+        job = out.begun(
             output, "simulation of clusters", cluster_files(output), PATTERN,
             settings=asdict(settings),
         )  # fmt: skip
@@ -301,7 +289,7 @@ def simulate_command(
             capture = cl.simulate(
                 scene, clusters[0], waveform, settings=settings, device=opened, progress=progress
             )
-        text = summary(write(output, capture))
+        text = summary(out.write(output, capture))
     print_line(f"{output}: {text}, {perf_counter() - start_s:.1f} s on {label}")
 
 
@@ -328,7 +316,7 @@ def demo_command(
     not outshine the fingers.
     """
     radar.antennas()  # wrong usage is reported before anything is made
-    check_folder(output)
+    out.check_folder(output)
     opened = open_devices(device).first
     voxel_m = 1e-3 if full else 2e-3
     grid = cl.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), voxel_m)
@@ -345,8 +333,10 @@ def run_demo(
     from clradar.hand.mesh import DEFAULT_CENTER_M
 
     mesh, physical = folder / "hand_f.ply", {"estimator": PHYSICAL}
-    write(
-        mesh, turned(cl.hand.hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True
+    out.write(
+        mesh,
+        out.turned(cl.hand.hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M),
+        force=True,
     )
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
     skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in cl.hand.PART_NAMES})
@@ -370,16 +360,16 @@ def run_demo(
             measurement_io.save_recording(folder / name, [noisy], force=True)
             capture = measurement_io.open_capture(folder / name)
         else:
-            capture = write(folder / f"{name}.h5", capture, **how)
+            capture = out.write(folder / f"{name}.h5", capture, **how)
         with progress_bar(f"imaging {name}") as progress:
             image = cl.backproject(capture, grid, device=device, progress=progress)
-        volumes.append(write(folder / f"{name}_volume.h5", image, **how))
+        volumes.append(out.write(folder / f"{name}_volume.h5", image, **how))
         print_line(f"{name}: simulated and imaged in {perf_counter() - start_s:.1f} s")
     first, *paths = (Path(f"{name}_volume.h5") for name in simulated)
     compared = Comparison.of(volumes, figure_labels(paths, [v.meta for v in volumes[1:]]))
     found = {"measured": str(first), "simulated": compared.records(paths)}
-    write(folder / "metrics.json", {**found, "device": device.describe()}, **how)
+    out.write(folder / "metrics.json", {**found, "device": device.describe()}, **how)
     compared.print()
     figure = partial(compared.figure, measured_label="Synthetic measurement")
     text = "the synthetic measurement beside the simulated images"
-    write(folder / "comparison.png", figure, text, force=True)
+    out.write(folder / "comparison.png", figure, text, force=True)

@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import calibration
 import clradar as cl
 from clradar.cli import options as opt, parse
-from clradar.cli.comparison import write_csv
 from clradar.cli.console import print_line, print_table, print_text, progress_bar
-from clradar.cli.inputs import Measurement, measurement
+from clradar.cli.images import Measurement, measurement, write_csv
 from clradar.cli.outputs import begun, check_folder, write
 from clradar.compare.images import depth_map_of
 from clradar.compare.metrics import METRIC_TABLE
@@ -25,9 +24,6 @@ from clradar.errors import CompareError, warn
 from clradar.jobs import KEY, FolderStore, open_devices
 from clradar.model import checks
 from clradar.versions import package_versions
-
-if TYPE_CHECKING:
-    from calibration.roughness.design import Estimates
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,18 +200,13 @@ def sweep_command(
             write(output / RESULT, record, force=True, grid=grid)
         job.clear([WORK])
     if not finished:
-        print_sweep(result)
+        if isinstance(result, calibration.Sweep):
+            means = {one.field: result.of(one.field).mean(axis=0) for one in METRIC_TABLE}
+            rows = []
+            for i, alpha in enumerate(result.alphas):
+                at: Any = SimpleNamespace(**{name: values[i] for name, values in means.items()})
+                nearest = "nearest" if i == result.nearest else ""
+                rows.append([f"{alpha:g}", *(one.text(at) for one in METRIC_TABLE), nearest])
+            print_table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
+        print_text(result.report())
         print_line(f"{output}: {', '.join(RESULTS)}")
-
-
-def print_sweep(result: Estimates) -> None:
-    """Print the metrics of each alpha, if that is swept, as means over the seeds; the estimates."""
-    if isinstance(result, calibration.Sweep):
-        means = {one.field: result.of(one.field).mean(axis=0) for one in METRIC_TABLE}
-        rows = []
-        for i, alpha in enumerate(result.alphas):
-            at: Any = SimpleNamespace(**{name: values[i] for name, values in means.items()})
-            nearest = "nearest" if i == result.nearest else ""
-            rows.append([f"{alpha:g}", *(one.text(at) for one in METRIC_TABLE), nearest])
-        print_table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
-    print_text(result.report())

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import calibration
 import clradar as cl
@@ -86,10 +85,9 @@ class WorkerOptions:
         kept=False,
     )
 
-    def where(self, device: str | None, files: Sequence[Path] | None = None) -> Where:
-        """Where the work is done; workers of a scheduler have to see the files, or all inputs."""
-        shared = tuple(call.paths if files is None else files)
-        return Where(device, self.workers, self.scheduler, shared)
+    def where(self, device: str | None) -> Where:
+        """Where the work is done; workers of a scheduler have to see all inputs."""
+        return Where(device, self.workers, self.scheduler, tuple(call.paths))
 
 
 def array_files(array: str) -> list[Path]:
@@ -269,39 +267,18 @@ class CleaningOptions:
             mask=("dead",) if self.keep_noisy else ("dead", "noisy"),
         )  # fmt: skip
 
-    def steps(self, meta: Any) -> list[str]:
-        """What was done to a capture beside the empty room, as its `meta` has it."""
-        steps = []
-        if self.gate_mm is not None:
-            gate = meta["range_gate"]
-            steps.append(
-                f"gated to {1e3 * gate['near_m']:g} to {1e3 * gate['far_m']:g} mm (inside "
-                f"{gate['passband_db']:+.1f} dB at worst, rejects {gate['rejection_db']:.0f} dB or "
-                f"more beyond {1e3 * gate['edge_m']:.0f} mm from it)"
-            )
-        if self.channels is not None:
-            channels = meta["channels"]
-            steps.append(
-                f"{100 * channels['live_share']:.1f} % of the pairs left, without "
-                f"{len(channels['masked_tx'])} Tx and {len(channels['masked_rx'])} Rx"
-            )
-        return steps
-
 
 def open_frame(path: Path, frames: FrameOptions) -> cl.Capture:
     return noted(path, measurement_io.open_capture(path, **arguments_of(frames)))
 
 
-Content = TypeVar("Content", cl.Capture, "cl.Volume | cl.Capture")
-
-
-def noted(path: Path, found: Content) -> Content:
+def noted(path: Path, found: cl.Capture) -> cl.Capture:
     """What was opened of an input: if that is a folder, the file of the frame is what was read."""
     if path.is_dir():
         call.read.setdefault(path, []).extend(frame_files(found))
     return found
 
 
-def frame_files(capture: cl.Capture | cl.Volume) -> list[Path]:
+def frame_files(capture: cl.Capture) -> list[Path]:
     source = capture.meta.get("source")
     return [Path(source)] if isinstance(source, str) and Path(source).is_file() else []
