@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -65,12 +65,6 @@ class Frames:
         chosen = self.files if numbers is None else numbers
         return [self.files[number] for number in chosen] if self.files else [self.path]
 
-    def check_frames(self, numbers: Sequence[int], recording: Path) -> None:
-        """Raise unless all these frames of a recording are there, or one is the same at each."""
-        missing = [n for n in numbers if self.files and n not in self.files]
-        if missing:
-            fail(self.path, f"the frames of '{recording}'", f"none of number {_listed(missing)}")
-
 
 def _captures_by_number(folder: Path, variant: str | None) -> dict[int, Path]:
     """Without a variant raw ones, if there are any; other names count from 0."""
@@ -82,14 +76,15 @@ def _captures_by_number(folder: Path, variant: str | None) -> dict[int, Path]:
     chosen = variant or ("raw" if raw else "emptyfiltered")
     found = {int(match[1]): path for match, path in named if (match[2] or "raw") == chosen}
     if not found:
-        there = _listed(path.name for path in files)
+        there = listed(path.name for path in files)
         fail(folder, f"frames of the variant {chosen} by their names", there)
     if others := [path.name for path in files if not _FRAME.match(path.stem)]:
-        warn(f"{folder}: left out, as they are not named like frames: {_listed(others)}")
+        warn(f"{folder}: left out, as they are not named like frames: {listed(others)}")
     return dict(sorted(found.items()))
 
 
-def _listed(items: Iterable[object]) -> str:
+def listed(items: Iterable[object]) -> str:
+    """The first five."""
     texts = [str(item) for item in items]
     return ", ".join(texts[:5]) + (", ..." if len(texts) > 5 else "")
 

@@ -197,8 +197,21 @@ def write(
         atomic.write_file(path, content.encode(), force=force)
     elif hasattr(content, "savefig"):
         cl.plot.save_figure(content, path, force=force)
-    elif hasattr(content, "faces"):
-        atomic.write_file(path, mesh_file(path, content), force=force)
+    elif hasattr(content, "faces"):  # in metres; the name says the format
+        import trimesh
+
+        from clradar.files.meshes.ply_parts import ply_of_parts
+
+        kind, surface, part = (
+            path.suffix.lower()[1:],
+            (content.vertices_m, content.faces),
+            content.part,
+        )
+        if kind == "ply":
+            made = ply_of_parts(*surface, np.asarray(part), content.part_names, content.texture_m)
+        else:
+            made = trimesh.Trimesh(*surface, process=False).export(file_type=kind)
+        atomic.write_file(path, made.encode() if isinstance(made, str) else made, force=force)
     else:
         content = save(path, content, provenance(**more), force=force)
     if text:
@@ -245,19 +258,6 @@ def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
     """The JSON object of joints that a sweep reads; None, which it refuses, for an unknown one."""
     known = (at.tolist() if np.isfinite(at).all() else None for at in joints)
     return dict(zip(cl.hand.JOINT_NAMES, known, strict=True))
-
-
-def mesh_file(path: Path, mesh: cl.hand.HandMesh | cl.Scene) -> bytes:
-    """The content of the file of a mesh, in metres; its name says the format."""
-    import trimesh
-
-    from clradar.files.meshes.ply_parts import ply_of_parts
-
-    kind, surface, part = path.suffix.lower()[1:], (mesh.vertices_m, mesh.faces), mesh.part
-    if kind == "ply":
-        return ply_of_parts(*surface, np.asarray(part), mesh.part_names, mesh.texture_m)
-    content = trimesh.Trimesh(*surface, process=False).export(file_type=kind)
-    return content.encode() if isinstance(content, str) else content
 
 
 def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:

@@ -131,32 +131,26 @@ def register_command(
     with progress_bar("registering") as progress:
         how |= {"device": opened, "progress": progress, **found.radar}
         result = calibration.register(found.volume, scene, **how)
-    with whole_folder(output, REGISTERED) as made:
-        write_registration(made, found, result)
-    print_text(result.alignment.report())
-    moved_mm = 1e3 * result.rounds[-1].moved_m
-    print_line(f"{counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm")
-    print_line(f"{output}: {', '.join(REGISTERED)}")
-
-
-def write_registration(
-    folder: Path, measured: Measurement, result: calibration.Registration
-) -> None:
-    more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
-    rounds = [
-        {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
-        for r in result.rounds
-    ]
-    write(folder / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
     alpha, label = result.rounds[-1].alpha, "Simulated"
     if alpha is not None:
         label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
     elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
         label += f", {simulated_surface(result.capture.meta)}"
-    compared = Comparison.of([measured.volume, result.volume], [label])
+    compared = Comparison.of([found.volume, result.volume], [label])
+    rounds = [
+        {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
+        for r in result.rounds
+    ]
     metrics = {"alpha": alpha, "simulated": compared.records([Path("volume.h5")])}
     simulated = (result.scene, result.capture, result.volume)
-    write_simulation(folder, measured.path, simulated, compared, metrics, **more)
+    more: dict[str, Any] = {"grid": opt.grid_text(found.volume.grid)}
+    with whole_folder(output, REGISTERED) as made:
+        write(made / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
+        write_simulation(made, measured, simulated, compared, metrics, **more)
+    print_text(result.alignment.report())
+    moved_mm = 1e3 * result.rounds[-1].moved_m
+    print_line(f"{counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm")
+    print_line(f"{output}: {', '.join(REGISTERED)}")
 
 
 POSE, HAND_FIT, OVERLAY = "pose.toml", "fit.json", "overlay.png"

@@ -91,15 +91,6 @@ class SurfaceOptions(opt.ShapeOptions, opt.RigOptions):
     def handedness(self) -> str:
         return "left" if self.left else "right"
 
-    def posed(
-        self, pose: cl.hand.HandPose, center_m: Sequence[float], device: cl.Device
-    ) -> cl.hand.HandMesh:
-        return cl.hand.hand_mesh(
-            pose, edge_length_m=(1.7 if self.edge_mm is None else self.edge_mm) / 1e3,
-            handedness=self.handedness, center_m=center_m, shape=self.shape or cl.hand.HandShape(),
-            device=device,
-        )  # fmt: skip
-
     def rigged(
         self, pose: cl.hand.HandPose, name: str, center_m: Sequence[float]
     ) -> tuple[cl.hand.HandMesh, str]:
@@ -166,36 +157,33 @@ def hand_command(
         raise opt.wrong_usage("-o", "expected a mesh file to write, or --list")
     parse.ends_in(*((".toml",) if pose.start is not None else MESHES))("-o", output)
     if pose.start is not None:
+        folder = output.parent
+        hand = {"center_mm": pose.center_mm, **surface.motion_keys(folder)}
+        text = "[[hand]]\n" + toml_document(hand)
+        if pose.turn_deg:
+            text += f"about_mm = {list(pose.center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"
+            text += f"turn_deg = [0.0, {pose.turn_deg!r}, 0.0]\n"
+        for time_s, name in ((0.0, pose.start), (pose.duration_s, str(pose.end))):
+            pose_of(name)  # raises where there is none
+            named = os.path.relpath(name, folder) if Path(name).suffix else name
+            text += "[[hand.pose]]\n" + toml_document({"time_s": time_s, "pose": named})
         ends = f"'{pose.start}' to '{pose.end}'"
-        text = f"hand from {ends} in {pose.duration_s:g} s"
-        write(output, motion_of(output.parent, pose, surface), text)
+        write(output, text, f"hand from {ends} in {pose.duration_s:g} s")
         return
     name, center_m = pose.pose or "F", opt.scaled(pose.center_mm, 1e3)
     angles = pose_of(name)
     if surface.rig is None:
-        mesh = surface.posed(angles, center_m, open_devices(device).first)
+        edge_mm = 1.7 if surface.edge_mm is None else surface.edge_mm
+        mesh = cl.hand.hand_mesh(
+            angles, edge_length_m=edge_mm / 1e3, handedness=surface.handedness, center_m=center_m,
+            shape=surface.shape or cl.hand.HandShape(), device=open_devices(device).first,
+        )  # fmt: skip
         text = f"hand '{angles.name}'"
     else:
         mesh, text = surface.rigged(angles, name, center_m)
     mesh = turned(mesh, pose.turn_deg, center_m)
     write(joints, indented(joints_record(mesh.joints_m)))
     write(output, mesh, f"{text}, {len(mesh.faces)} faces")
-
-
-def motion_of(folder: Path, pose: PoseOptions, surface: SurfaceOptions) -> str:
-    """A motion file in this folder, of the embedded hand or of a rig."""
-    from clradar.hand.pose_file import pose_of
-
-    hand = {"center_mm": pose.center_mm, **surface.motion_keys(folder)}
-    text = "[[hand]]\n" + toml_document(hand)
-    if pose.turn_deg:
-        text += f"about_mm = {list(pose.center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"
-        text += f"turn_deg = [0.0, {pose.turn_deg!r}, 0.0]\n"
-    for time_s, name in ((0.0, str(pose.start)), (pose.duration_s, str(pose.end))):
-        pose_of(name)  # raises where there is none
-        named = os.path.relpath(name, folder) if Path(name).suffix else name
-        text += "[[hand.pose]]\n" + toml_document({"time_s": time_s, "pose": named})
-    return text
 
 
 def dataset_command(

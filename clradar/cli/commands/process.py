@@ -22,6 +22,7 @@ from clradar.cli.frames import (
     Frames,
     FrameSteps,
     ProcessOptions,
+    listed,
     record_file,
 )
 from clradar.cli.images import ReadOnAccess, figure_labels, grid_for, write_csv
@@ -32,6 +33,7 @@ from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
 from clradar.files.atomic import write_file
+from clradar.files.failures import fail
 from clradar.files.json_file import read_json_object, write_json
 from clradar.jobs import KEY, FolderStore, Job, Where, open_devices, remove
 from clradar.model.progress import Progress
@@ -419,7 +421,8 @@ def process_command(
         raise opt.wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
     numbers, compared = chosen_frames(how.frames, [*source.files]), list(map(Frames, others))
     for frames in compared:
-        frames.check_frames(numbers, recording)
+        if missing := [n for n in numbers if frames.files and n not in frames.files]:
+            fail(frames.path, f"the frames of '{recording}'", f"none of number {listed(missing)}")
     hand = None if starts is None else how.settings(starts)
     where = processes.where(device)
     read = {"RECORDING": source.files_of(numbers)}
