@@ -44,7 +44,7 @@ import numpy as np
 import clradar
 from clradar.errors import MeasurementError, OutputError
 from clradar.files import confined
-from clradar.jobs import job as work_folder
+from clradar.jobs import lock as work_folder
 from clradar.files.atomic import write_file
 from clradar.files.confined import process
 from measurement_io import open_capture, save_capture

@@ -172,8 +172,10 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
         function: Callable[..., Any] = os.abort  # of those that are not run, but listed
         if name == requested:
             require_own("calibration", "measurement_io")
+            from clradar.cli.outputs import check_outputs
+
             command = function_of(name)
-            function = _guarded(expanded(command), debug)
+            function = _guarded(expanded(command, check_outputs), debug)
             summary = f"{summary}\n\n{inspect.getdoc(command)}"
         app.command(name, cls=_Command, help=summary, short_help=COMMANDS[name])(function)
     return app

@@ -156,10 +156,13 @@ def option_name(name: str, one: Field[Any]) -> str:
     return str((one.metadata["names"] or ("--" + name.replace("_", "-"),))[0])
 
 
-def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command one keyword for each field of its groups: the parameters that typer reads."""
-    from clradar.cli.outputs import check_outputs
+def expanded(
+    command: Callable[..., Any], check: Callable[[Iterable[Any]], None] = lambda outputs: None
+) -> Callable[..., Any]:
+    """Give a command one keyword for each field of its groups: the parameters that typer reads.
 
+    Before it runs, `check` raises where an output cannot be written.
+    """
     shown = inspect.signature(command, eval_str=True)
     groups: dict[str, Any] = {
         n: p.annotation for n, p in shown.parameters.items() if is_dataclass(p.annotation)
@@ -202,7 +205,7 @@ def expanded(command: Callable[..., Any]) -> Callable[..., Any]:
         inputs = {option: paths for option, paths in named.items() if paths}
         vars(call).update(vars(Call(label, kept, typed, inputs, force)))
         try:
-            check_outputs(values[n] for n, one in declared.items() if one.metadata["writes"])
+            check(values[n] for n, one in declared.items() if one.metadata["writes"])
             if any(values[name] is not None for name in writing):
                 for path in filter(Path.is_file, call.paths):
                     with suppress(ClradarError):  # the reader of the file says why

@@ -33,7 +33,7 @@ from clradar.files.atomic import TEMPORARY
 from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
-from clradar.jobs.where import made_with
+from clradar.jobs.outcome import made_with
 from clradar.model.progress import Progress
 from clradar.opencl import open_device
 from measurement_io import CheckReport, Description, Fact

@@ -24,7 +24,7 @@ from clradar.errors import quoted
 from clradar.files.failures import fail, shown
 from clradar.files.json_file import read_json_object, write_json
 from clradar.files.records import OpenRecord, Whole, record_of
-from clradar.jobs.where import Aside
+from clradar.jobs.outcome import Aside
 
 FORMAT, VERSION = "dataset", 2
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"

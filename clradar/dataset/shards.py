@@ -24,7 +24,7 @@ from clradar.files.atomic import replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.json_file import to_json
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
-from clradar.jobs.where import Aside
+from clradar.jobs.outcome import Aside
 
 EXPECTED = "a shard of a data set (HDF5)"
 FORMAT, VERSION = "dataset-shard", 1

@@ -29,8 +29,8 @@ from clradar.files.atomic import write_file
 from clradar.files.failures import clean, shown
 from clradar.files.interrupts import interrupts_blocked
 from clradar.files.json_differences import differences
-from clradar.jobs.job import scratch_folder
-from clradar.jobs.where import ATTEMPTS, Outcome, made_with, outcome_of, reason_of, silent
+from clradar.jobs.lock import scratch_folder
+from clradar.jobs.outcome import ATTEMPTS, Outcome, made_with, outcome_of, reason_of, silent
 from clradar.model.progress import Progress
 from clradar.opencl import Device, DeviceInfo, open_device
 from clradar.opencl.program import compiled

@@ -109,7 +109,7 @@ import clradar.hand
 from clradar.cli import main
 from clradar.files import interrupts
 from clradar.files.atomic import replacing
-from clradar.jobs.job import held, scratch_folder
+from clradar.jobs.lock import held, scratch_folder
 
 tempfile.tempdir = os.getcwd()
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what runs behind a shell ignores it

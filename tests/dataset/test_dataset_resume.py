@@ -23,7 +23,7 @@ from clradar.dataset import open_dataset, run, runs
 from clradar.dataset.check import check_dataset, describe_dataset
 from clradar.dataset.folder import CONTACT_SHEET, MANIFEST, read_manifest
 from clradar.errors import ClradarWarning, ModelError, OutputError
-from clradar.jobs.where import ATTEMPTS, Aside
+from clradar.jobs.outcome import ATTEMPTS, Aside
 
 pytestmark = [
     pytest.mark.usefixtures("quick_runs"),

@@ -27,7 +27,8 @@ from clradar.errors import (
 )
 from clradar.files.atomic import write_file
 from clradar.jobs import FolderStore, Job, Where
-from clradar.jobs.job import KEY, LOCK, held, scratch_folder
+from clradar.jobs.job import KEY
+from clradar.jobs.lock import LOCK, held, scratch_folder
 from clradar.opencl import Device, DeviceInfo, choice, device, open_device
 
 HERE = Where("pocl")
@@ -161,7 +162,7 @@ def test_an_item_of_a_scheduler_is_made_in_the_folder_of_the_client(tmp_path, mo
 HOLDING = """
 import sys, time
 from pathlib import Path
-from clradar.jobs.job import held
+from clradar.jobs.lock import held
 with held(Path(sys.argv[1]), "sweep"):
     print("held", flush=True)
     time.sleep(600)

@@ -11,7 +11,7 @@ from clradar.dataset.folder import Manifest, shard_name, write_manifest
 from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.dataset.shards import new_shard
 from clradar.errors import MeasurementError, ModelError
-from clradar.jobs.where import Aside
+from clradar.jobs.outcome import Aside
 from clradar.view import samples
 from clradar.view.drawn import SCALES, Drawn, Flat, clicked_m, level_colours, voxels_of
 from clradar.view.pictures import image_pictures, overview_picture, pair_curves, slice_pictures

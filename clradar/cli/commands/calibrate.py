@@ -27,8 +27,6 @@ from clradar.files.failures import fail
 from clradar.jobs import open_devices
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from calibration.channels.targets import Target
 
 
@@ -243,6 +241,11 @@ def diagnose_command(
             loaded, grid=grid, expected_m=expected_m, device=opened, progress=progress
         )
     if result.scores:
+        panels: dict[bool, list[Any]] = {}  # a row for each order of axes
+        for score in result.scores:
+            h, level = score.hypothesis, decibels(score.relative_db)
+            label = f"{'BEST: ' * (mark_of(result, h) == 'best')}{h.label}\n{level} dB"
+            panels.setdefault(h.swapped, []).append((label, score.image))
         rows = []
         for score in sorted(result.scores, key=lambda s: -s.relative_db):
             h, place = score.hypothesis, ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
@@ -256,7 +259,8 @@ def diagnose_command(
     print_line(result.recommendation)
     write(json, {"capture": str(capture), **result.to_dict()}, "the result, in metres")
     if result.scores:
-        figure = partial(figure_of, result, title_of(capture, loaded.meta))
+        title = title_of(capture, loaded.meta)
+        figure = partial(cl.plot.panels_figure, list(panels.values()), title)
         write(output, figure, "the image under each hypothesis")
     elif output is not None:
         print_warning(f"{output}: not drawn, since there is no image")
@@ -269,16 +273,6 @@ def diagnose_command(
             print_warning(f"{capture}: {' / '.join(others)} cannot be ruled out")
         fixed = calibration.apply_convention(loaded, result.best)
         write(fix_to, fixed, f"the capture with '{result.best.label}' undone")
-
-
-def figure_of(result: calibration.Diagnosis, title: str) -> Figure:
-    """The images, a row for each order of axes."""
-    panels: dict[bool, list[Any]] = {}
-    for score in result.scores:
-        h, level = score.hypothesis, decibels(score.relative_db)
-        label = f"{'BEST: ' * (mark_of(result, h) == 'best')}{h.label}\n{level} dB"
-        panels.setdefault(h.swapped, []).append((label, score.image))
-    return cl.plot.panels_figure(list(panels.values()), title)
 
 
 def mark_of(result: calibration.Diagnosis, hypothesis: calibration.Hypothesis) -> str:

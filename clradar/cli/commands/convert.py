@@ -15,7 +15,7 @@ from clradar.cli.console import counted, print_line, print_warning, progress_bar
 from clradar.cli.images import ImageInput, ReadOnAccess
 from clradar.errors import MeasurementError, ModelError
 from clradar.files.failures import fail
-from clradar.jobs.job import made_folder
+from clradar.jobs.lock import made_folder
 
 
 def write_captures(

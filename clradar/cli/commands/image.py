@@ -100,29 +100,6 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
         names = ("iterations", "damping_db", "sparsity_db") if self.iterated else ("window",)
         return {name: getattr(self, name) for name in ("method", "tolerance_db", *names)}
 
-    def check(
-        self,
-        content: cl.Capture | cl.Volume,
-        captures: list[Path],
-        files: ImageFiles,
-        others: Mapping[str, Any],
-    ) -> None:
-        """Raise where an option has no meaning for what is read."""
-        several, volume = len(captures) > 1, isinstance(content, cl.Volume)
-        if several and volume:
-            raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
-        wrong = {"--method": self.iterated, "--dbsm": files.dbsm, "--absolute": self.absolute}
-        for name in (name for name, is_wrong in wrong.items() if several and is_wrong):
-            raise opt.wrong_usage(name, "expected with a single capture, not with several")
-        if files.dbsm and not (self.absolute or content.absolute):
-            raise MeasurementError(
-                f"{captures[0]}: expected S-parameters for --dbsm, got samples on a relative "
-                "scale; --absolute says that they are S-parameters"
-            )
-        chosen = {**opt.given(self), "-o": files.output, **others}
-        for name in (name for name, value in chosen.items() if volume and value is not None):
-            raise opt.wrong_usage(name, "the input is a volume, which is an image already")
-
 
 def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
     found = ImageInput.open(path, frames).content
@@ -360,7 +337,21 @@ def image_command(
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
     content, range_db = ImageInput.open(captures[0], frames).content, depth.dynamic_range_db
-    imaging.check(content, captures, files, {**opt.given(processes), "--device": device})
+    several, volume = len(captures) > 1, isinstance(content, cl.Volume)
+    if several and volume:
+        raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
+    wrong = {"--method": imaging.iterated, "--dbsm": files.dbsm, "--absolute": imaging.absolute}
+    for name in (name for name, is_wrong in wrong.items() if several and is_wrong):
+        raise opt.wrong_usage(name, "expected with a single capture, not with several")
+    if files.dbsm and not (imaging.absolute or content.absolute):
+        raise MeasurementError(
+            f"{captures[0]}: expected S-parameters for --dbsm, got samples on a relative "
+            "scale; --absolute says that they are S-parameters"
+        )
+    others = {"-o": files.output, **opt.given(processes), "--device": device}
+    chosen = {name: value for name, value in others.items() if value is not None}
+    for name in {**opt.given(imaging), **chosen} if volume else {}:
+        raise opt.wrong_usage(name, "the input is a volume, which is an image already")
     if isinstance(content, cl.Volume):
         draw(files, content, captures, range_db)
         return
@@ -372,7 +363,7 @@ def image_command(
         folder=folder, captures=tuple(captures), n_samples=(content.data.size,), frames=frames,
         grid=grid, imaging=imaging.arguments,
     )  # fmt: skip
-    if not imaging.iterated and (len(captures) > 1 or len(steps.pieces) > 1):
+    if not imaging.iterated and (several or len(steps.pieces) > 1):
         image_by_parts(steps, content, files, where, range_db)
         return
     start_s, text = perf_counter(), opt.grid_text(grid)

@@ -168,7 +168,13 @@ def array_command(
     figure = partial(cl.plot.array_figure, clusters, waveform, found, title)
     write(output, figure, "" if as_json else "elements, virtual aperture, response")
     if as_json:
-        print_text(indented({"array": name, "clusters": len(clusters), **record_of(found)}))
+        keys = ("focus_m", "widths_m", "range_cell_m", "unambiguous_range_m", "within_deg")
+        record = {key: np.asarray(getattr(found, key)).tolist() for key in keys}
+        record["widths_m"] = [width if width < np.inf else None for width in record["widths_m"]]
+        record |= {key: None for key, value in record.items() if value == np.inf}
+        lobes = (asdict(lobe).items() for lobe in found.lobes)
+        record["lobes"] = [{k: np.asarray(v).tolist() for k, v in one} for one in lobes]
+        print_text(indented({"array": name, "clusters": len(clusters), **record}))
         return
     widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.widths_m, strict=True))
     several = f"{len(clusters)} clusters of " if len(clusters) > 1 else ""
@@ -187,16 +193,6 @@ def array_command(
         print_table(LOBE_COLUMNS, rows, right=LOBE_COLUMNS[:4])
     if any(lobe.grating for lobe in found.lobes):
         print_warning(f"{name}: echoes from the directions of grating lobes look like the focus")
-
-
-def record_of(found: cl.arrays.ArrayFigures) -> dict[str, Any]:
-    """The figures in types of JSON; None where a length is endless."""
-    names = ("focus_m", "widths_m", "range_cell_m", "unambiguous_range_m", "within_deg")
-    record = {name: np.asarray(getattr(found, name)).tolist() for name in names}
-    record["widths_m"] = [width if width < np.inf else None for width in record["widths_m"]]
-    record |= {k: None for k, value in record.items() if value == np.inf}
-    lobes = (asdict(lobe).items() for lobe in found.lobes)
-    return {**record, "lobes": [{k: np.asarray(v).tolist() for k, v in one} for one in lobes]}
 
 
 def _mm(length_m: float) -> str:

@@ -130,8 +130,6 @@ def view_command(
     scene = None
     if mesh is not None:  # one that cannot be read should not cost an image first
         scene = cl.Scene.from_mesh(mesh, unit=place.unit, transform=place.matrix())
-    elif place.transform is not None:
-        raise opt.wrong_usage("--transform", "expected --mesh with it")
     source = open_source(path, variant, watch=watch)
     second: Others | Simulation | None = None
     if simulated:

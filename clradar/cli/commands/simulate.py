@@ -16,7 +16,7 @@ from clradar.cli.console import counted, print_line, progress_bar
 from clradar.cli.images import Comparison, figure_labels
 from clradar.errors import MeshError, warn
 from clradar.jobs import KEY, open_devices
-from clradar.jobs.job import made_folder
+from clradar.jobs.lock import made_folder
 from clradar.model import checks
 from clradar.model.progress import Progress, part_of
 

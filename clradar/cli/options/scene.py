@@ -78,6 +78,7 @@ class PlacementOptions(UnitOptions):
         "4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame; or the "
         "alignment.json of a recording.",
         metavar="T.json",
+        needs="--mesh",
     )
 
     def matrix(self) -> np.ndarray | None:
