@@ -17,8 +17,8 @@ import numpy as np
 from study import ARRAY, WAVEFORM, Row, parser, run, summarize
 
 import clradar
-from calibration.roughness.alpha import BrightnessMeter, estimate_alpha
-from calibration.roughness.surface_points import surface_points
+from calibration.roughness.alpha import estimate_alpha
+from calibration.roughness.meters import BrightnessMeter, surface_points
 from clradar.hand import hand_mesh
 from clradar.jobs.job import FolderStore
 from clradar.simulation import simulate_alphas

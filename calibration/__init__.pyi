@@ -6,9 +6,9 @@ from .channels.targets import (
     Sphere as Sphere,
     response as response,
 )
-from .cleaning import clean as clean
 from .clutter import (
     average_frames as average_frames,
+    clean as clean,
     range_gate as range_gate,
     subtract_background as subtract_background,
 )

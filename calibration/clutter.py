@@ -1,4 +1,4 @@
-"""What is in a capture beside the object: averaging of frames, the empty room, and range gates.
+"""What is done to recorded captures before they are imaged: means, the empty room, range gates.
 
 Frames are averaged coherently, the empty room is subtracted by generalised least squares over
 delay, and a range gate is a Wiener filter over frequency, against coupling, walls and mirrors.
@@ -7,24 +7,67 @@ delay, and a range gate is a Wiener filter over frequency, against coupling, wal
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any, Literal
 
 import numpy as np
 
+from calibration.channels.correction import MASKS, correct
 from calibration.channels.fit import rank_one
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import warn
-from clradar.model import Capture, Waveform, checks
+from clradar.model import Capture, ChannelCalibration, Waveform, checks
 from clradar.model.capture import check_same_radar
 
 SCALINGS = ("none", "common", "channel")
-ROUNDS = 6
-"""Reweighting rounds: each takes its weights from the residual of the last."""
-MOST_GROUPS = 3
-"""Of frames that agree with each other, which are averaged until the largest is known."""
-RESIDUAL_FLOOR = 1e-12
-"""Smallest residual power of a delay bin, relative to the mean: bounds the weights."""
+ROUNDS = 6  # of reweighting: each takes its weights from the residual of the last
+MOST_GROUPS = 3  # of frames that agree, which are averaged until the largest is known
+RESIDUAL_FLOOR = 1e-12  # residual power of a delay bin over the mean: bounds the weights
+POWER_FLOOR = 1e-10  # of the strongest echo's power: below are sidelobes and rounding
+MOST_LOSS_DB = 30.0  # beyond it the echoes of two captures cancel each other
+
+EDGE_CELLS = 4.0
+"""Default width of the transition bands in resolution cells c / 2B: 6 cm for 10 GHz."""
+CLUTTER_DB = 40.0
+EDGE_WEIGHT = 0.03
+"""Weight of the transition bands. With less, echoes in them can grow (fourfold at 0.001)."""
+NOISE_POWER = 1e-3
+"""Power of the noise relative to the scene, per delay: keeps the gate from amplifying noise."""
+PROBES_PER_CELL = 8
+
+
+def clean(
+    capture: Capture,
+    *,
+    empty: Capture | None = None,
+    scaling: Literal["none", "common", "channel"] = "none",
+    gate: Mapping[str, Any] | None = None,
+    channels: ChannelCalibration | None = None,
+    mask: Collection[str] = MASKS,
+) -> Capture:
+    """Subtract the empty room, gate in range, correct the channels: in this order, what is given.
+
+    Parameters
+    ----------
+    capture : Capture
+    empty, scaling
+        As of `subtract_background`.
+    gate : mapping, optional
+        Arguments of `range_gate`.
+    channels, mask
+        `calibration` and `mask` of `correct`.
+
+    Examples
+    --------
+    >>> found = calibration.clean(frames[2], empty=frames[0])
+    >>> complex(found.data[0, 0, 0]), list(found.meta)
+    ((2-2j), ['background'])
+    """
+    if empty is not None:
+        capture = subtract_background(capture, empty, scaling=scaling)
+    if gate is not None:
+        capture = range_gate(capture, **gate)
+    return capture if channels is None else correct(capture, channels, mask=mask)
 
 
 def average_frames(
@@ -205,13 +248,6 @@ def _fitted(
     return tx, rx
 
 
-MOST_LOSS_DB = 30.0
-"""Losses beyond this are told as this: the echoes of two captures cancel each other."""
-
-POWER_FLOOR = 1e-10
-"""Of the strongest echo's power: below are sidelobes and rounding."""
-
-
 def path_lengths_m(waveform: Waveform) -> np.ndarray:
     """Path lengths of the bins of `delay_profiles`, shape (n_freq,), metres."""
     n = waveform.n_freq
@@ -253,16 +289,6 @@ def averaging_loss_db(one: np.ndarray, other: np.ndarray) -> tuple[float, int]:
     worst = int(share.argmax())
     left = max(1 - float(share[worst]), 10 ** (-MOST_LOSS_DB / 10))
     return -10 * math.log10(left), worst
-
-
-EDGE_CELLS = 4.0
-"""Default width of the transition bands in resolution cells c / 2B: 6 cm for 10 GHz."""
-CLUTTER_DB = 40.0
-EDGE_WEIGHT = 0.03
-"""Weight of the transition bands. With less, echoes in them can grow (fourfold at 0.001)."""
-NOISE_POWER = 1e-3
-"""Power of the noise relative to the scene, per delay: keeps the gate from amplifying noise."""
-PROBES_PER_CELL = 8
 
 
 def range_gate(
@@ -338,17 +364,14 @@ def gate(
     if waveform.n_freq < 2:
         checks.fail("range_gate: waveform", "two frequencies or more", "one, which has no range")
     cell_m = SPEED_OF_LIGHT_M_PER_S / (2 * waveform.span_hz)
+    near, far = checks.real("range_gate: near_m", near_m), checks.real("range_gate: far_m", far_m)
     edge_m = EDGE_CELLS * cell_m if edge_m is None else edge_m
-    given = {"near_m": near_m, "far_m": far_m, "edge_m": edge_m, "clutter_db": clutter_db}
-    given = {name: checks.real(f"range_gate: {name}", value) for name, value in given.items()}
-    near, far, edge, clutter = given.values()
+    edge = checks.within("range_gate: edge_m", edge_m, 0.0, math.inf, " m")
+    clutter = checks.within("range_gate: clutter_db", clutter_db, 0.0, 100.0, " dB")
+    given = {"near_m": near, "far_m": far, "edge_m": edge, "clutter_db": clutter}
     period_m = SPEED_OF_LIGHT_M_PER_S / (2 * float(np.diff(waveform.frequencies_hz).max()))
     if not 0 <= near < far:
         checks.fail("range_gate", "0 <= near_m < far_m", f"{near:g} and {far:g}")
-    if edge < 0:
-        checks.fail("range_gate: edge_m", "a width that is not negative", repr(edge_m))
-    if not 0 <= clutter <= 100:
-        checks.fail("range_gate: clutter_db", "0 to 100 dB", repr(clutter_db))
     if far > period_m:
         expected = "where ranges start to repeat with these frequency steps"
         checks.fail("range_gate: far_m", f"at most {period_m:.4g} m, {expected}", f"{far:g} m")

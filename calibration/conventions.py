@@ -36,34 +36,23 @@ MARGIN_DB = 2.5
 """Conventions whose sharpness is this close to the best remain. On plates, which focus least, a
 wrong one was 1.8 dB ahead with antennas three wavelengths apart."""
 
-NOISE_SPREADS = 5.0
-"""The margin is at least this many standard deviations of the sharpness of pure noise."""
-
-GAUSSIAN_FOURTH_MOMENT_SPREAD = float(np.sqrt(20.0) / 2.0)
-"""Standard deviation over mean of |V|^4, V circular Gaussian: E|V|^8 = 24, (E|V|^4)^2 = 4."""
+NOISE_SPREADS = 5.0  # of the sharpness of pure noise: the margin is at least as many
+GAUSSIAN_FOURTH_MOMENT_SPREAD = float(np.sqrt(20.0) / 2.0)  # E|V|^8 = 24, (E|V|^4)^2 = 4
 
 FAST_FROM_TERMS = 2e8
 """Pairs times voxels of an image from which on the fast one is formed. It takes some tenths of a
 second whatever the size of so coarse a grid; below, range profiles take less."""
 
-MOST_TERMS = 8e9
-"""Pairs times voxels of all images; beyond that a subset of the antennas is used."""
+MOST_TERMS = 8e9  # pairs times voxels of all images; beyond, of a subset of the antennas
 
 SCENE_POWER_SHARE, SCENE_PATH_M = 0.1, 0.2
 """Range bins within 10 dB of the strongest echo, and no farther from it, belong to the scene."""
 
-VIEW = 0.4
-"""Half width of the field of view over the range."""
+VIEW = 0.4  # half width of the field of view over the range
+VOXELS_PER_RESOLUTION = 1.5  # a peak between two loses at most 1.6 dB along either axis
+MAX_PLANES = 24  # one per cell c / (2 span), of which the window's main lobe has four
 
-VOXELS_PER_RESOLUTION = 1.5
-"""Across boresight. A peak between two voxels loses at most 1.6 dB along either axis."""
-
-MAX_PLANES = 24
-"""Along boresight, one plane per cell c / (2 span), of which the window's main lobe has four."""
-
-EXPECTED_WITHIN_M = 0.020
-"""How far a known target may be, along each axis, from where it is expected."""
-
+EXPECTED_WITHIN_M = 0.020  # of a known target, along each axis
 EXPECTED_MARGIN_DB, EXPECTED_FLOOR_DB = 3.0, -20.0
 """Known target: margin over other hypotheses, and level relative to the image's maximum."""
 
@@ -326,19 +315,18 @@ def search_grids(capture: Capture) -> list[VoxelGrid]:
     for sign in (Hypothesis(), Hypothesis(conjugated=True)):
         corrected = apply_convention(capture, sign)
         beyond = beyond_coupling(corrected, range_profile(corrected))
-        first = echoes(corrected, beyond)[:1]
-        if len(first):
-            near = np.abs(beyond.path_m - beyond.path_m[first[0]]) <= SCENE_PATH_M
-            strong = beyond.power >= SCENE_POWER_SHARE * beyond.power[first[0]]
-            found.append((corrected, beyond.path_m[near & strong]))
+        for first in echoes(corrected, beyond)[:1]:
+            near = np.abs(beyond.path_m - beyond.path_m[first]) <= SCENE_PATH_M
+            strong = beyond.power >= SCENE_POWER_SHARE * beyond.power[first]
+            found.append(beyond.path_m[near & strong])
     period_m = 2 * capture.waveform.unambiguous_range_m
-    if len(found) == 2 and period_m > 2 * NEAR_PATH_M:
-        found = [min(found, key=lambda one: float(one[1][0]))]
-    grids = []
-    for corrected, paths_m in found:
-        aliases = 1 + max(0, int((NEAR_PATH_M - paths_m[0]) // period_m))
-        grids += [_grid(corrected, paths_m + i * period_m) for i in range(aliases)]
-    return grids
+    if period_m > 2 * NEAR_PATH_M:
+        found = sorted(found, key=lambda paths_m: float(paths_m[0]))[:1]
+    return [
+        _grid(capture, paths_m + i * period_m)
+        for paths_m in found
+        for i in range(1 + max(0, int((NEAR_PATH_M - paths_m[0]) // period_m)))
+    ]
 
 
 def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
@@ -353,14 +341,12 @@ def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
     low_m = np.sqrt(max(nearest_m**2 - aside_m**2, (nearest_m / 2) ** 2)) - cell_m / 2
     high_m = paths_m[-1] / 2 + cell_m / 2
     planes = int(np.clip(np.ceil((high_m - low_m) / cell_m) + 1, 2, MAX_PLANES))
-    half_counts = [
-        max(1, int(np.ceil(half_m * VOXELS_PER_RESOLUTION / cell)))
-        for cell in (lateral_resolution_m(capture, axis, range_m) for axis in (0, 1))
-    ]
+    cells_m = [lateral_resolution_m(capture, axis, range_m) for axis in (0, 1)]
+    x, y = (max(1, int(np.ceil(half_m * VOXELS_PER_RESOLUTION / cell))) for cell in cells_m)
     return VoxelGrid(
         np.array([-half_m, -half_m, low_m]),
-        np.array([*(half_m / n for n in half_counts), (high_m - low_m) / (planes - 1)]),
-        (2 * half_counts[0] + 1, 2 * half_counts[1] + 1, planes),
+        np.array([half_m / x, half_m / y, (high_m - low_m) / (planes - 1)]),
+        (2 * x + 1, 2 * y + 1, planes),
     )
 
 

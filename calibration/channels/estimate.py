@@ -25,39 +25,23 @@ from clradar.model.progress import Progress
 
 COMMON_DELAYS = ("zero", "free")
 
-MIN_FREQUENCIES = 4
-"""Mean and slope over frequency take two degrees of freedom of a pair, its noise the rest."""
-
-MIN_PAIRS = 3
-"""Fewest pairs with an echo for the estimate of a channel."""
-
-MIN_CHANNELS = 3
-"""Fewest live channels on either side: two by two channels fit three of any four phases."""
-
-SEARCHED = 2.0
-"""Search range of the echo about its nominal range, in units of the tolerance."""
-
-DETECTABLE = 5.0
-"""Smallest gain that counts as an echo, in standard deviations."""
-
-MAX_OUTLYING = 0.15
-"""Largest fraction of outlying pairs. For wrong targets it is a third and more."""
-
-QUIET = 1e-3
-"""Channels with noise below -60 dB of the echo are never noisy, whatever the others have."""
+MIN_FREQUENCIES = 4  # mean and slope take two degrees of freedom of a pair, its noise the rest
+MIN_PAIRS = 3  # with an echo, for the estimate of a channel
+MIN_CHANNELS = 3  # live, on either side: two by two channels fit three of any four phases
+SEARCHED = 2.0  # range of the search about the nominal range, in tolerances
+DETECTABLE = 5.0  # smallest gain that counts as an echo, in standard deviations
+MAX_OUTLYING = 0.15  # share of the pairs; for wrong targets it is a third and more
+QUIET = 1e-3  # -60 dB of the echo: with less noise no channel is noisy, whatever the others have
 
 MIN_CELLS, MAX_CELLS = 1.0, 4.0
 """Half width of a gate in resolution cells 1 / bandwidth. Below the minimum nothing is rejected; at
 the maximum other echoes are more than 90 dB down, and more width would only cost resolution."""
 
-CONCENTRATED = 0.5
-"""Eigenvectors with at least this fraction of the largest eigenvalue span the gate."""
+CONCENTRATED = 0.5  # of the largest eigenvalue: eigenvectors with as much span the gate
 
-UNEXPLAINED_DB = 10.0
-"""A residual this far above that of noise alone is warned of..."""
-
-NEGLIGIBLE_DB = -60.0
-"""... unless it is so small, which shifts a gain by a thousandth at most."""
+UNEXPLAINED_DB, NEGLIGIBLE_DB = 10.0, -60.0
+"""A residual so far above that of noise alone is warned of, unless it is below the second, which
+shifts a gain by a thousandth at most."""
 
 
 def estimate_channels(
@@ -264,9 +248,9 @@ def _calibration(
     noise = [np.sqrt(power) / typical for power in by_channel(pairs.total, seen)]
     noisy = [n > max(QUIET, 10 ** (noisy_db / 20) * float(np.median(n))) for n in noise]
     good = seen & ~noisy[0][:, None] & ~noisy[1]
-    outlying, residual_db, noise_residual_db = _residual(found, good, samples.count)
+    outlying, left, by_noise = _residual(found, good, samples.count)
+    residual_db, noise_residual_db = _decibel(left), _decibel(by_noise)
     # Residual beyond noise, relative to the echoes beyond noise.
-    left, by_noise = (10 ** (db / 10) for db in (residual_db, noise_residual_db))
     excess_db = _decibel(max(left - by_noise, 0.0) / max(1 - by_noise, by_noise, 1e-30))
     if excess_db > max_residual_db:
         raise CalibrationError(
@@ -286,8 +270,7 @@ def _calibration(
     # The noise of a dead channel, from its pairs with the live ones of the other side.
     power = samples.power()
     alone = (np.median(power[:, live[1]], axis=1), np.median(power[live[0]], axis=0))
-    response: dict[str, np.ndarray] = {}
-    fields: dict[str, Any] = {}
+    response, fields = dict[str, np.ndarray](), dict[str, Any]()
     for k, (name, side, sign) in enumerate(zip(("tx", "rx"), sides, (1, -1), strict=True)):
         turn = first.conj() if sign > 0 else first
         response[f"{name}_gain"] = _filled(side.gain * np.exp(-mean_log[k]) * turn, live[k])
@@ -317,7 +300,7 @@ def _calibration(
 def _residual(
     found: ChannelFit, good: np.ndarray, samples_per_pair: float
 ) -> tuple[float, float, float]:
-    """The share of outlying pairs, and energies that are left of the others, and by noise, dB."""
+    """Shares of outlying pairs, and of the others' energy that is left, and that noise leaves."""
     square = np.square(np.abs(found.pairs.mean - found.pairs.model))
     # A few outlying pairs have nearly no weight, and do not invalidate the rest.
     outlying = good & (square > TUKEY_CUTOFF**2 * float(np.median(square[good])) / np.log(2.0))
@@ -330,8 +313,8 @@ def _residual(
         )
     good = good & ~outlying
     echoes = float(np.square(np.abs(found.pairs.mean[good])).sum())
-    left = (float(square[good].sum()), float(found.noise[good].sum()) / samples_per_pair)
-    return share, _decibel(left[0] / echoes), _decibel(left[1] / echoes)
+    by_noise = float(found.noise[good].sum()) / samples_per_pair
+    return share, float(square[good].sum()) / echoes, by_noise / echoes
 
 
 def _filled(values: np.ndarray, live: np.ndarray, dead: np.ndarray | None = None) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clradar.model import ChannelCalibration, checks
-from clradar.plot.drawing import LABEL_PT, TICK_PT, label_axes
+from clradar.plot.drawing import TICK_PT, label_axes, new_figure
 
 LIVE_COLOUR, NOISY_COLOUR, DEAD_COLOUR = "#1f5c99", "#d98a00", "#b3261e"
 
@@ -17,7 +17,7 @@ def channels_figure(channels: ChannelCalibration, title: str | None = None) -> F
     Bars are one standard deviation of phase and delay.
     """
     checks.instance("channels_figure: channels", channels, ChannelCalibration)
-    figure = Figure(figsize=(8.0, 6.0), dpi=200, facecolor="white", layout="constrained")
+    figure = new_figure(8.0, 6.0, title, dpi=200)
     grid = figure.subplots(3, 2, sharex="col", sharey="row")
     for column, side in enumerate(("tx", "rx")):
         response = channels.response
@@ -49,7 +49,4 @@ def channels_figure(channels: ChannelCalibration, title: str | None = None) -> F
         if dead.size or noisy.size:
             legend = dict(zip(*grid[0, column].get_legend_handles_labels()[::-1], strict=True))
             grid[0, column].legend(legend.values(), legend.keys(), fontsize=TICK_PT)
-    if title is not None:
-        # A title can be a file name, and a dollar sign in it is not mathematics.
-        figure.suptitle(title, fontsize=LABEL_PT + 1, fontweight="bold", parse_math=False)
     return figure

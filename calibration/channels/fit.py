@@ -22,30 +22,17 @@ from scipy.optimize import least_squares
 from calibration.channels.targets import Echo, Target
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.errors import CalibrationError
+from clradar.jobs.outcome import silent
 from clradar.model import AntennaArray
 from clradar.model.progress import Progress
 
-TUKEY_CUTOFF = 4.685 / np.sqrt(2.0)
-"""Of Tukey's biweight on the magnitude of complex residuals with mean square 1."""
-
-LEAST_WEIGHT = 1e-4
-"""Of an outlier, relative to any other pair: a channel of outliers alone needs a solution, too."""
-
-DELAY_FLOOR_S = 1e-13
-"""Smallest prior spread of the delays: 0.03 mm of path."""
-
-NOISE_FLOOR = 1e-5
-"""Smallest noise, relative to the echo: far above the rounding of complex64."""
-
-STEP_TOLERANCE = 0.02
-"""Converged when no parameter moves by more than this fraction of its standard deviation."""
-
-LEAST_STEP = 1e-5
-"""Nor does convergence require smaller steps than this: radians, nepers, pose tolerances."""
-
-CAPTURE_RANGE = 3.0
-"""Largest distance of the pose from its nominal one, in units of its tolerance."""
-
+TUKEY_CUTOFF = 4.685 / np.sqrt(2.0)  # for magnitudes of complex residuals with mean square 1
+LEAST_WEIGHT = 1e-4  # of outliers over others: a channel of outliers alone needs a solution, too
+DELAY_FLOOR_S = 1e-13  # smallest prior spread of the delays: 0.03 mm of path
+NOISE_FLOOR = 1e-5  # smallest noise over the echo: far above the rounding of complex64
+STEP_TOLERANCE = 0.02  # converged when no parameter moves by more of its standard deviation, ...
+LEAST_STEP = 1e-5  # ... or than this: radians, nepers, pose tolerances
+CAPTURE_RANGE = 3.0  # most distance of the pose from its nominal one, in tolerances
 MOST_STEPS = 60
 _DIFFERENCE = 1e-4  # step of the derivative by the pose, in units of the tolerance
 _SCAN_STEPS = 8  # of the search for delays, per resolution cell 1 / bandwidth
@@ -228,9 +215,9 @@ def fit_channels(
     def placed(away: np.ndarray) -> Target:
         return target.placed(nominal + away * tolerance) if away.size else target
 
+    progress = progress or silent
     for iteration in range(MOST_STEPS):
-        if progress is not None:
-            progress(iteration, MOST_STEPS)
+        progress(iteration, MOST_STEPS)
         echo = placed(moved).echo(array)
         pairs = pairs_of(samples, echo, tx, rx)
         noise = _noise(pairs, echo.seen)
@@ -250,7 +237,17 @@ def fit_channels(
             ends = (-CAPTURE_RANGE, CAPTURE_RANGE)
             found = least_squares(residuals, moved, slopes, ends, x_scale=1.0, max_nfev=50)
             moved, covariance = found.x, np.linalg.inv(found.jac.T @ found.jac)
-            _check_range(target, nominal, moved, tolerance)
+            worst = int(np.abs(moved).argmax())
+            if abs(moved[worst]) > 0.99 * CAPTURE_RANGE:  # the solver stays within
+                name, unit = target.parameter_names[worst].rsplit("_", 1)
+                scale, unit = (1e3, "mm") if unit == "m" else (1.0, "degrees")
+                step = scale * tolerance[worst]
+                raise CalibrationError(
+                    f"estimate_channels: the {target.kind} is not in its nominal position, or is "
+                    f"another: expected {name} {scale * nominal[worst]:.4g} {unit} within "
+                    f"{CAPTURE_RANGE * step:.3g} {unit}, the fit leads "
+                    f"{moved[worst] * step:+.3g} {unit} away and on"
+                )
         longer_m = placed(moved).echo(array).length_m - echo.length_m
         gains, later = near.best(longer_m)
         factors = np.exp(np.clip(gains.real, -1.0, 1.0) + 1j * gains.imag)
@@ -266,8 +263,7 @@ def fit_channels(
             f"estimate_channels: expected a fit that settles within {MOST_STEPS} steps, got "
             f"one that still moves: another target than the {target.kind}, or another position"
         )
-    if progress is not None:
-        progress(MOST_STEPS, MOST_STEPS)
+    progress(MOST_STEPS, MOST_STEPS)
     target = placed(moved)
     echo = target.echo(array)
     every = np.zeros((nominal.size, nominal.size))
@@ -376,18 +372,3 @@ class _Channels:
     def _sums(self, values: np.ndarray) -> np.ndarray:
         weighted = self._weight * values
         return np.concatenate([weighted.sum(axis=1), weighted.sum(axis=0)])
-
-
-def _check_range(
-    target: Target, nominal: np.ndarray, moved: np.ndarray, tolerance: np.ndarray
-) -> None:
-    worst = int(np.abs(moved).argmax())
-    if abs(moved[worst]) > 0.99 * CAPTURE_RANGE:  # the solver stays within
-        name, unit = target.parameter_names[worst].rsplit("_", 1)
-        scale, unit = (1e3, "mm") if unit == "m" else (1.0, "degrees")
-        raise CalibrationError(
-            f"estimate_channels: the {target.kind} is not in its nominal position, or is another: "
-            f"expected {name} {scale * nominal[worst]:.4g} {unit} within "
-            f"{CAPTURE_RANGE * scale * tolerance[worst]:.3g} {unit}, the fit leads "
-            f"{scale * moved[worst] * tolerance[worst]:+.3g} {unit} away and on"
-        )

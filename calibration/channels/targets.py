@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -10,14 +10,13 @@ import numpy as np
 from clradar.constants import PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
 from clradar.model import AntennaArray, Waveform, checks
 from clradar.model.plausible import check_plausible, place
+from clradar.model.record import Record
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 MAX_TILT_DEG = 60.0
-
-RADIUS_M = (1e-4, 5.0)
-"""Plausible radius of a sphere: a third of the shortest wavelength, to the largest aperture."""
+RADIUS_M = (1e-4, 5.0)  # of a sphere: a third of the shortest wavelength, to the largest aperture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +30,8 @@ class Echo:
     seen: np.ndarray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _AtPosition:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class _AtPosition(Record):
     """A target whose pose is a place in front of the antennas.
 
     `parameters` are the pose of a target, in the order and units of `parameter_names`.
@@ -48,7 +47,7 @@ class _AtPosition:
         if position[2] <= 0:
             expected = "a place in front of the antennas (z > 0)"
             checks.fail(f"{name}.position_m", expected, f"z = {position[2]:g} m")
-        object.__setattr__(self, "position_m", position)
+        self._set(position_m=position)
 
     @property
     def parameters(self) -> np.ndarray:
@@ -58,7 +57,7 @@ class _AtPosition:
         return replace(self, position_m=parameters)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class CornerReflector(_AtPosition):
     """A trihedral corner reflector, or a point target: all paths lead via its apex.
 
@@ -81,7 +80,7 @@ class CornerReflector(_AtPosition):
         return Echo(to_m + back_m, seen)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Sphere(_AtPosition):
     """A sphere: one specular path per pair by the law of reflection (Alhazen's problem).
 
@@ -105,7 +104,7 @@ class Sphere(_AtPosition):
         _AtPosition.__post_init__(self)
         radius = checks.positive("Sphere.radius_m", self.radius_m)
         check_plausible("Sphere.radius_m", "a radius", radius, RADIUS_M)
-        object.__setattr__(self, "radius_m", radius)
+        self._set(radius_m=radius)
 
     def echo(self, array: AntennaArray) -> Echo:
         from scipy.optimize.elementwise import find_root
@@ -128,8 +127,8 @@ class Sphere(_AtPosition):
         return Echo(leg(a, t) + leg(b, between - t), seen)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FlatPlate:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FlatPlate(Record):
     """A flat mirror, by the image-source method.
 
     The plane is z = distance_m + x tan(tilt_x) + y tan(tilt_y). With h the distances of the two
@@ -152,18 +151,16 @@ class FlatPlate:
     distance_m: float
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
-    size_m: tuple[float, float] | None = field(default=None, kw_only=True)
+    size_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         distance = checks.positive("FlatPlate.distance_m", self.distance_m)
         check_plausible("FlatPlate.distance_m", "a distance", distance, PLAUSIBLE_RANGE_M)
-        object.__setattr__(self, "distance_m", distance)
+        self._set(distance_m=distance)
         for name in ("tilt_x_deg", "tilt_y_deg"):
-            tilt = checks.real(f"FlatPlate.{name}", getattr(self, name))
-            if abs(tilt) > MAX_TILT_DEG:
-                limits = f"an angle within {MAX_TILT_DEG:g} degrees of upright"
-                checks.fail(f"FlatPlate.{name}", limits, f"{tilt:g}")
-            object.__setattr__(self, name, tilt)
+            ends_deg = -MAX_TILT_DEG, MAX_TILT_DEG
+            tilt = checks.within(f"FlatPlate.{name}", getattr(self, name), *ends_deg, " degrees")
+            self._set(**{name: tilt})
         if self.size_m is not None:
             size = checks.read_only("FlatPlate.size_m", self.size_m, np.float64, (2,))
             if (size <= 0).any():
@@ -174,8 +171,8 @@ class FlatPlate:
         return np.array([self.distance_m, self.tilt_x_deg, self.tilt_y_deg])
 
     def placed(self, parameters: np.ndarray) -> FlatPlate:
-        distance, tilt_x, tilt_y = (float(p) for p in parameters)
-        return replace(self, distance_m=distance, tilt_x_deg=tilt_x, tilt_y_deg=tilt_y)
+        distance_m, x_deg, y_deg = parameters.tolist()
+        return FlatPlate(distance_m, x_deg, y_deg, self.size_m)
 
     def echo(self, array: AntennaArray) -> Echo:
         slope = np.tan(np.radians([self.tilt_x_deg, self.tilt_y_deg]))

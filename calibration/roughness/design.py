@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, MutableMapping
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterable, MutableMapping
+from hashlib import sha256
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic_core import to_json
 
 from calibration.roughness.regions import Regions
 from clradar.errors import CompareError, warn
-from clradar.files.hashing import sha256_of_blocks
 from clradar.model import Scene, checks
 
 SEEDS = 3
@@ -57,20 +57,8 @@ class Estimates:
 
 def fingerprint(*values: Any) -> str:
     """Return what names of images begin with: other arguments make others."""
-    return sha256_of_blocks(_blocks(values))[:12]
-
-
-def _blocks(value: Any) -> Iterator[bytes]:
-    if isinstance(value, np.ndarray):
-        yield f"{value.dtype} {value.shape}".encode()
-        yield value.tobytes()
-    elif is_dataclass(value):
-        yield from _blocks([(own.name, getattr(value, own.name)) for own in fields(value)])
-    elif isinstance(value, tuple | list):
-        for item in value:
-            yield from _blocks(item)
-    else:
-        yield repr(value).encode()
+    content = to_json(values, fallback=lambda own: getattr(own, "tolist", own.__repr__)())
+    return sha256(content).hexdigest()[:12]
 
 
 def check_regions(function: str, regions: Regions | None, scene: Scene) -> tuple[str, ...]:

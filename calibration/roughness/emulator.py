@@ -15,39 +15,29 @@ References
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from pydantic_core import to_jsonable_python
 from scipy import special
 
-FLOOR_M = 0.06e-3
-"""Heights far below it reflect as smooth ones do: g = 0.04 at 77 GHz."""
+FLOOR_M = 0.06e-3  # heights far below it reflect as smooth ones do: g = 0.04 at 77 GHz
+UNIT_M = (0.3e-3, 3e-3)  # height and length whose logarithms are 0
 
-UNIT_M = (0.3e-3, 3e-3)
-"""Height and length whose logarithms are 0."""
+SHRINKAGE, TREND_SHARE = 0.2, 0.7
+"""Shares of the diagonal in the correlation of the residuals, and kept of the trend of their
+variance: few simulations tell both badly."""
 
-SHRINKAGE = 0.2
-"""Share of the diagonal in the correlation of the residuals, which few simulations tell badly."""
-
-TREND_SHARE = 0.7
-"""Share kept of the trend of the residuals' variance, which squares of few of them tell badly."""
-
-LEAST_VARIANCE = 1e-8
-"""Of a statistic that is the same in all simulations, such as that all of a plate is bright."""
+LEAST_VARIANCE = 1e-8  # of what all simulations share, such as that all of a plate is bright
 
 WIDENED = 1.15
 """Of the standard deviations. The statistics are not quite normal: leaving out one simulation at a
 time, errors of h were 1.06 to 1.18 times the stated ones for plates, a ball and a hand."""
 
-MEAN_LOG_CHI2 = -1.27
-"""Mean of the logarithm of the square of a standard normal number."""
-
-UNLIKELY = 1e-3
-"""Probability of as bad a fit below which no simulation looks like the measurement."""
-
-LEVELS = (0.025, 0.16, 0.5, 0.84, 0.975)
-"""Cumulative probabilities of an interval: 95 % and 68 % of it, and the median."""
+MEAN_LOG_CHI2 = -1.27  # of the square of a standard normal number
+UNLIKELY = 1e-3  # of as bad a fit: below it no simulation looks like the measurement
+LEVELS = (0.025, 0.16, 0.5, 0.84, 0.975)  # of 95 % and 68 % of the probability, and the median
 
 EDGE_SHARE, EDGE_PROBABILITY = 1.15, 0.05
 """A quantity that is within this ratio of an end of its range with more than this probability is
@@ -107,13 +97,7 @@ def at_ends(values: np.ndarray, probability: np.ndarray) -> tuple[bool, bool]:
 
 def plain(value: Any) -> Any:
     """Convert records, arrays and numbers to JSON types; None stands for NaN."""
-    if is_dataclass(value):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, np.ndarray | tuple | list):
-        return [plain(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    return to_jsonable_python(value, fallback=lambda own: own.tolist(), inf_nan_mode="null")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +147,10 @@ class Emulator:
         mean = np.linalg.lstsq(design, statistics, rcond=None)[0]
         left = statistics - design @ mean
         freedom = len(statistics) - len(powers)
-        trend = _variance_trend(at, left)
+        # Slopes of the logarithm of the variance.
+        logarithm = np.log(left**2 + (1e-4 * left.var(axis=0) + 1e-300)) - MEAN_LOG_CHI2
+        line = np.column_stack([np.ones(len(at)), at])
+        trend = TREND_SHARE * np.linalg.lstsq(line, logarithm, rcond=None)[0][1:]
         left = left * np.exp(-0.5 * at @ trend)
         covariance = left.T @ left / freedom
         covariance = (1 - SHRINKAGE) * covariance + SHRINKAGE * np.diag(np.diag(covariance))
@@ -218,11 +205,3 @@ def terms(n_heights: int, n_lengths: int) -> np.ndarray:
 
 def _design(at: np.ndarray, powers: np.ndarray) -> np.ndarray:
     return np.prod(at[..., None, :] ** powers, axis=-1)
-
-
-def _variance_trend(at: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """Slopes of the logarithm of the variance, shape (2, n_statistics)."""
-    floor = 1e-4 * left.var(axis=0) + 1e-300
-    logarithm = np.log(left**2 + floor) - MEAN_LOG_CHI2
-    design = np.column_stack([np.ones(len(at)), at])
-    return TREND_SHARE * np.linalg.lstsq(design, logarithm, rcond=None)[0][1:]

@@ -9,31 +9,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.roughness.emulator import Fit
+from calibration.roughness.meters import of_power
 from calibration.roughness.millimetres import RoughnessEstimate
 from calibration.roughness.roughness_sweep import RoughnessSweep
 from calibration.roughness.sweep import Sweep
-from calibration.roughness.texture import of_power
 from clradar.compare.metrics import METRIC_TABLE
 from clradar.plot import drawing
 
-MOST_IMAGES, IMAGES_IN_ROW = 6, 4
-"""Simulated images beside the measured one, and images side by side."""
-
+MOST_IMAGES, IMAGES_IN_ROW = 6, 4  # simulated ones beside the measured one; side by side
 ALPHA = "\N{GREEK SMALL LETTER ALPHA}"
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#404040")
-"""Palette of Okabe and Ito (2008), which colour-blind readers distinguish."""
-
+COLOURS = (*drawing.CURVE_COLOURS, "#404040")
 DECIBEL_PER_NATURAL = 10.0 / np.log(10.0)
+DRAWN = 1e-3  # share of its maximum down to which a probability is drawn
 
 SHORT_NAMES = (
     ("rest at ", ""), (" degrees", "\N{DEGREE SIGN}"), (" to ", "\N{EN DASH}"),
     ("coherent power", "coherent"), ("correlation of ", ""), ("power at ", ""),
     ("points within ", "< "),
 )  # fmt: skip
-
-DRAWN = 1e-3
-"""Share of its maximum down to which a probability is drawn."""
 
 
 def figure_of(result: Sweep | RoughnessSweep) -> Figure:

@@ -19,17 +19,11 @@ from calibration.roughness.emulator import (
     logarithms,
     plain,
 )
-from calibration.roughness.texture import COHERENT, REST, of_power
+from calibration.roughness.meters import COHERENT, REST, of_power
 
-KNOWN_SHARE = 0.3
-"""A height or slope is known if half its 68 % interval is at most this share of it."""
-
-KNOWN_RATIO = 2.0
-"""A length is known if its 68 % interval is at most an octave."""
-
-SMOOTHER_BY = 3.0
-"""Standard deviations below the lowest simulated height from which a surface counts as smoother."""
-
+KNOWN_SHARE = 0.3  # of a height or slope, that half its 68 % interval is at most
+KNOWN_RATIO = 2.0  # of the ends of the 68 % interval of a length that is known
+SMOOTHER_BY = 3.0  # standard deviations below the lowest simulated height
 N_HEIGHTS, N_LENGTHS = 72, 24
 GAIN_SPAN_DB, GAIN_STEP_DB, GAIN_SEARCH_DB = 15.0, 0.2, 2.0
 NATURAL_PER_DB = math.log(10.0) / 10.0
@@ -104,14 +98,11 @@ class RoughnessEstimate:
 
     def remarks(self) -> list[str]:
         """Reasons to doubt the estimate, one clause each."""
-        found = []
-        if self.roughness_m.bounded_above:
-            found.append(
-                f"the roughness may be above {1e3 * self.heights_m[-1]:.3g} mm, the end of its "
-                "range: take a wider one"
-            )
-        doubts = self.fit.remarks("another pose, shape or material")
-        return found if self.is_smooth else found + doubts
+        if self.is_smooth:
+            return []
+        end = f"{1e3 * self.heights_m[-1]:.3g} mm, the end of its range: take a wider one"
+        above = [f"the roughness may be above {end}"] if self.roughness_m.bounded_above else []
+        return above + self.fit.remarks("another pose, shape or material")
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers in types that strict JSON has."""
@@ -188,13 +179,20 @@ def _estimate(
     chi2: np.ndarray,
 ) -> RoughnessEstimate:
     """The estimate of a region, by its likelihood over heights, lengths and gains of all."""
+    at = logarithms(heights_m[:, None], lengths_m)
     i, j, k = (int(index) for index in np.unravel_index(np.argmax(joint), joint.shape))
     probability = np.exp(special.logsumexp(joint, axis=2) - special.logsumexp(joint))
-    if _is_smoother(region, heights_m[0], lengths_m):
+    # With less power in the rest than at the lowest height, nothing below that is known.
+    rest = np.array([name.startswith(REST) for name in region.statistics])
+    coherent = np.array([name == COHERENT for name in region.statistics])
+    weight = rest / np.count_nonzero(rest) - coherent
+    mean, spread = region.emulator.at(at[0])
+    lowest = mean @ weight - SMOOTHER_BY * np.sqrt(spread**2 @ weight**2)
+    if region.measured @ weight < lowest.min():
         i, k = 0, int(np.argmax(joint[0, j]))
         probability = np.zeros_like(probability)
         probability[0] = 1 / len(lengths_m)
-    mean, spread = region.emulator.at(logarithms(heights_m[i], lengths_m[j]))
+    mean, spread = region.emulator.at(at[i, j])
     slopes = math.sqrt(2.0) * heights_m[:, None] / lengths_m
     of_heights, of_lengths = probability.sum(axis=1), probability.sum(axis=0)
     ends = at_ends(lengths_m, of_lengths) if len(lengths_m) > 1 else (False, False)
@@ -211,13 +209,3 @@ def _estimate(
         probability,
         Fit(region.statistics, region.measured, fitted, spread, as_bad, region.n_points),
     )
-
-
-def _is_smoother(region: RegionStatistics, lowest_m: np.ndarray, lengths_m: np.ndarray) -> bool:
-    """Whether less power is in the rest than at the lowest height: below it nothing is known."""
-    rest = np.array([name.startswith(REST) for name in region.statistics])
-    coherent = np.array([name == COHERENT for name in region.statistics])
-    weight = rest / np.count_nonzero(rest) - coherent
-    mean, spread = region.emulator.at(logarithms(lowest_m, lengths_m))
-    share = mean @ weight - SMOOTHER_BY * np.sqrt(spread**2 @ weight**2)
-    return bool(region.measured @ weight < share.min())

@@ -13,18 +13,16 @@ import numpy as np
 from clradar.files.failures import fail, read_bytes, reading
 from clradar.files.json_file import parse_json
 from clradar.model import Scene, checks
+from clradar.model.record import Record
 
 PALM, FINGERS = "palm", "fingers"
 
-LIMIT_BYTES = 2**28
-"""Of a file of regions."""
-
 DIGITS = ("thumb", "index", "middle", "ring", "pinky")
-"""Parts of a hand that are fingers; its other part is the palm."""
+LIMIT_BYTES = 2**28  # of a file of regions
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Regions:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Regions(Record):
     """The region of each face of a mesh.
 
     Parameters
@@ -45,17 +43,15 @@ class Regions:
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        face = checks.read_only("regions", self.face, np.int32, (None,))
+        face = self._set_array("face", np.int32, (None,))
         names = tuple(checks.text("regions: names", name) for name in self.names)
         if len(names) < 2 or len(set(names)) != len(names):
             checks.fail("regions", "at least two, with names of their own", f"{list(names)}")
-        if face.min() < 0 or face.max() >= len(names):
-            checks.fail("regions", f"numbers in [0, {len(names)})", f"[{face.min()}, {face.max()}]")
+        checks.indices("regions", face, len(names))
         empty = [name for i, name in enumerate(names) if not (face == i).any()]
         if empty:
             checks.fail("regions", "at least one face in each", f"none in {empty}")
-        object.__setattr__(self, "face", face)
-        object.__setattr__(self, "names", names)
+        self._set(names=names)
 
     @classmethod
     def of_labels(cls, labels: Sequence[Any] | np.ndarray) -> Regions:
@@ -69,9 +65,7 @@ class Regions:
 
         `groups` maps a region to the names of its parts, every part once.
         """
-        part = np.asarray(scene.part)
-        # Without the names that no face has.
-        parts = [name for i, name in enumerate(scene.part_names) if (part == i).any()]
+        parts = [scene.part_names[i] for i in np.unique(scene.part)]
         if groups is None:
             groups = {name: [name] for name in parts}
         listed = [name for names in groups.values() for name in names]
@@ -81,7 +75,7 @@ class Regions:
         for i, names in enumerate(groups.values()):
             for name in names:
                 number[scene.part_names.index(name)] = i
-        return cls(number[part], tuple(groups))
+        return cls(number[scene.part], tuple(groups))
 
     @classmethod
     def read(cls, path: str | Path, scene: Scene) -> Regions:

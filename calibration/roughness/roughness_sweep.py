@@ -22,32 +22,27 @@ from calibration.roughness.design import (
     fingerprint,
 )
 from calibration.roughness.emulator import Emulator, Interval, logarithms, plain, terms
+from calibration.roughness.meters import SubApertures, TextureMeter, surface_points
 from calibration.roughness.millimetres import (
     RegionStatistics,
     RoughnessEstimate,
     estimate_roughness,
 )
 from calibration.roughness.regions import Regions
-from calibration.roughness.surface_points import surface_points
-from calibration.roughness.texture import SubApertures, TextureMeter
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import ClradarWarning, CompareError
 from clradar.jobs.where import Where, open_devices
 from clradar.model import AntennaArray, Capture, Scene, Waveform, checks
 from clradar.model.kirchhoff import check_kirchhoff
-from clradar.model.material import METAL, Material
+from clradar.model.material import Material
 from clradar.model.plausible import check_plausible
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
 
-CORRELATIONS_M = (1.5e-3, 3e-3, 6e-3)
-"""Correlation lengths that are tried if none are given."""
-
-LEAST_SIMULATIONS = 30
-"""Mean and covariance of a dozen statistics need more simulations than that."""
-
+CORRELATIONS_M = (1.5e-3, 3e-3, 6e-3)  # that are tried if none are given
+LEAST_SIMULATIONS = 30  # mean and covariance of a dozen statistics need more
 ESTIMATOR = "physical"
 
 
@@ -184,7 +179,7 @@ def sweep_roughness(
     devices.check_alike("a sweep")
     array, waveform = measured.array, measured.waveform
     points = surface_points(scene, regions, array.tx_m.mean(axis=0), devices.first)
-    apertures = SubApertures.of(array, waveform, points.points_m, devices.first)
+    apertures = SubApertures(array, waveform, points.points_m, devices.first)
     simulations = _Simulations(scene, array, waveform, points.points_m, settings)
     own = fingerprint(scene, array, waveform, heights, lengths, n_seeds, settings)
     kept: Store = {} if store is None else store
@@ -193,7 +188,7 @@ def sweep_roughness(
         missing = [item for item in items if item[0] not in kept]
         done = part_of(progress, 1.0 - len(missing) / len(items), 1.0)
         for _, (name, images) in devices.made(simulations, missing, done):
-            kept[name] = {"images": images}
+            kept[name] = images
 
     smooth = f"{own}-smooth"
     simulate_missing([(smooth, 0.0, float(lengths[0]), first)])
@@ -225,17 +220,15 @@ def sweep_roughness(
     result.warn()
     for one in result.estimates:
         if one.tells_roughness and one.tells_correlation:
-            found = one.roughness_m.median, one.correlation_m.median
-            check_kirchhoff(_rough(METAL, *found, name=one.name), waveform)
+            found = Material(
+                one.name, conductor=True, roughness_rms_m=one.roughness_m.median,
+                correlation_length_m=one.correlation_m.median,
+            )  # fmt: skip
+            check_kirchhoff(found, waveform)
     return result
 
 
-def _rough(material: Material, height_m: float, length_m: float, **other: Any) -> Material:
-    return replace(material, roughness_rms_m=height_m, correlation_length_m=length_m, **other)
-
-
-_Item = tuple[str, float, float, int]
-"""Name, height, length and seed of a simulation."""
+_Item = tuple[str, float, float, int]  # name, height, length and seed of a simulation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -250,13 +243,16 @@ class _Simulations:
 
     def __call__(
         self, item: _Item, device: Device, progress: Progress
-    ) -> Iterator[tuple[str, np.ndarray]]:
+    ) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
         """Yield the name and the images."""
         name, height_m, length_m, seed = item
-        radar, materials = (self.array, self.waveform), self.scene.materials
-        rough = tuple(_rough(own, height_m, length_m) for own in materials)
+        radar = self.array, self.waveform
+        rough = tuple(
+            replace(own, roughness_rms_m=height_m, correlation_length_m=length_m)
+            for own in self.scene.materials
+        )
         capture = simulate(
             replace(self.scene, materials=rough), *radar,
             settings=replace(self.settings, seed=seed), device=device,
         )  # fmt: skip
-        yield name, SubApertures.of(*radar, self.points_m, device).images(capture)
+        yield name, {"images": SubApertures(*radar, self.points_m, device).images(capture)}

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from calibration.roughness.alpha import AlphaEstimate, BrightnessMeter, estimate_alpha
+from calibration.roughness.alpha import AlphaEstimate, estimate_alpha
 from calibration.roughness.design import (
     LIMITS,
     SEEDS,
@@ -22,9 +22,8 @@ from calibration.roughness.design import (
     estimable,
     fingerprint,
 )
-from calibration.roughness.emulator import Interval
+from calibration.roughness.meters import BrightnessMeter, surface_points
 from calibration.roughness.regions import Regions
-from calibration.roughness.surface_points import surface_points
 from clradar import arrays
 from clradar.backproject import backproject
 from clradar.compare.images import depth_map_of
@@ -41,11 +40,8 @@ from clradar.tracing.settings import SimulationSettings, resolve_settings, takes
 
 ESTIMATOR = "stochastic"
 
-FEWEST_OF_ONE_SEED = 5
-"""Alphas, where the scatter of a single seed follows from its neighbours."""
-
-MAX_PASSES = 6
-"""Over the regions, until the alpha of none goes to another simulated one."""
+FEWEST_OF_ONE_SEED = 5  # alphas, where the scatter of a single seed follows from its neighbours
+MAX_PASSES = 6  # over the regions, until the alpha of none goes to another simulated one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,21 +212,20 @@ def sweep(
     images = _Images(fingerprint(*given), *given)
     kept: Store = {} if store is None else store
     images.simulate_missing(kept, devices, progress)
-    whole = [
-        [images.of(kept, k, (i,) * max(1, len(names))) for i in range(len(values))]
-        for k in range(n_seeds)
-    ]
+    whole = images.along(kept, lambda i: (i,) * max(1, len(names)))
     none: dict[str, Any] = dict.fromkeys(METRICS, math.nan)
     unknown = Metrics(**none, dynamic_range_db=dynamic_range_db)
-
-    def metrics(image: DepthMap | None) -> Metrics:
-        return unknown if image is None else metrics_of(measured_map, image, dynamic_range_db)
-
+    compared = tuple(
+        tuple(
+            unknown if one is None else metrics_of(measured_map, one, dynamic_range_db)
+            for one in row
+        )
+        for row in whole
+    )
     estimates = (
         _estimate(WHOLE, meters[0], measured_map, whole, values),
         *_of_regions(names, meters[1:], measured_map, images, kept),
     )
-    compared = tuple(tuple(map(metrics, row)) for row in whole)
     result = Sweep(values, images.seeds, compared, estimates, measured_map, tuple(whole[0]))
     # Of a simulation in place of a measurement.
     estimator = capture_meta(measured.meta).get("settings", {}).get("estimator", ESTIMATOR)
@@ -286,13 +281,7 @@ def _of_regions(
 
     @cache
     def among(region: int, others: tuple[int, ...]) -> AlphaEstimate:
-        along = [
-            [
-                images.of(store, k, (*others[:region], i, *others[region:]))
-                for i in range(len(alphas))
-            ]
-            for k in range(len(images.seeds))
-        ]
+        along = images.along(store, lambda i: (*others[:region], i, *others[region:]))
         return _estimate(names[region], meters[region], measured, along, alphas)
 
     def estimate(region: int, at: Sequence[int]) -> AlphaEstimate:
@@ -316,16 +305,13 @@ def _of_regions(
             slope = change / (alphas[moved[other]] - alphas[best[other]])
             off = found[other].alpha - alphas[best[other]]  # the other is simulated at
             variance += slope**2 * (found[other].uncertainty ** 2 + off**2)
-        interval = _widened(one.interval, math.sqrt(variance), alphas[[0, -1]])
+        std = one.interval.std
+        factor = math.hypot(std, math.sqrt(variance)) / max(std, 1e-6)
+        own = np.array([getattr(one.interval, limit) for limit in LIMITS])
+        limits = np.clip(own[0] + factor * (own - own[0]), *alphas[[0, -1]]).tolist()
+        interval = replace(one.interval, **dict(zip(LIMITS, limits, strict=True)))
         widened.append(replace(one, interval=interval))
     return tuple(widened)
-
-
-def _widened(interval: Interval, std: float, ends: np.ndarray) -> Interval:
-    factor = math.hypot(interval.std, std) / max(interval.std, 1e-6)
-    own = np.array([getattr(interval, limit) for limit in LIMITS])
-    limits = np.clip(own[0] + factor * (own - own[0]), *ends).tolist()
-    return replace(interval, **dict(zip(LIMITS, limits, strict=True)))
 
 
 def check_within_grid(scene: Scene, grid: VoxelGrid) -> None:
@@ -389,29 +375,33 @@ class _Images:
 
     def simulate_missing(self, store: Store, devices: Where, progress: Progress | None) -> None:
         """Simulate the images that the store lacks, and store each as soon as it is finished."""
-        n_regions = 1 if self.regions is None else len(self.regions.names)
-        n_seeds, n_alphas = len(self.seeds), len(self.alphas)
-        missing = [
-            [
-                i for i in range(n_alphas)
-                if not all(self._name(k, i, r) in store for r in range(n_regions))
-            ]
-            for k in range(n_seeds)
-        ]  # fmt: skip
+        shape = len(self.seeds), len(self.alphas)
+        regions = range(1 if self.regions is None else len(self.regions.names))
+        missing = np.array(
+            [[any(self._name(k, i, r) not in store for r in regions) for i in range(shape[1])]
+             for k in range(shape[0])]
+        )  # fmt: skip
         # A batch of alphas shares rays, so they are divided no more than the devices need.
         n_devices = len(devices.infos)
-        parts = n_devices // math.gcd(n_devices, n_seeds)
+        parts = n_devices // math.gcd(n_devices, shape[0])
         items = [
             (k, part.tolist())
-            for k, indices in enumerate(missing)
-            for part in np.array_split(indices, parts)
+            for k, row in enumerate(missing)
+            for part in np.array_split(np.flatnonzero(row), parts)
             if len(part)
         ]
-        done = part_of(progress, 1.0 - sum(map(len, missing)) / (n_seeds * n_alphas), 1.0)
+        done = part_of(progress, 1.0 - missing.mean(), 1.0)
         for _, (name, image) in devices.made(self, items, done):
             store[name] = image
 
-    def of(self, store: Store, k: int, at: tuple[int, ...]) -> DepthMap | None:
+    def along(
+        self, store: Store, at: Callable[[int], tuple[int, ...]]
+    ) -> list[list[DepthMap | None]]:
+        """The depth maps [seed][alpha], where an alpha of the sweep is one for each region."""
+        alphas, seeds = range(len(self.alphas)), range(len(self.seeds))
+        return [[self._of(store, k, at(i)) for i in alphas] for k in seeds]
+
+    def _of(self, store: Store, k: int, at: tuple[int, ...]) -> DepthMap | None:
         """The depth map of a seed, with an alpha for each region; None where it is zero."""
         if self.regions is None:
             stored = store[self._name(k, at[0], 0)]

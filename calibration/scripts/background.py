@@ -1,7 +1,8 @@
-"""Subtract the background of a capture and gate it in range: a script to run, copy and edit.
+"""Clean a capture of background, ranges and channels: a script to run, copy and edit.
 
     python calibration/scripts/background.py hand.h5 --empty empty.h5 -o clean.h5
-    python calibration/scripts/background.py hand.h5 --near-mm 250 --far-mm 400 -o clean.h5
+    python calibration/scripts/background.py hand.h5 --gate-mm 250 400 -o clean.h5
+    python calibration/scripts/background.py hand.h5 --channels channels.h5 -o clean.h5
 
 `clradar clean` does the same with more options; docs/background.md explains them.
 """
@@ -9,30 +10,29 @@
 from pathlib import Path
 
 import numpy as np
-import typer
 
 from calibration import clean
 from calibration.scripts.scripting import Output, Recorded, run
-from measurement_io import open_capture, save_capture
+from measurement_io import open_capture, open_channels, save_capture
 
 
 def main(
     capture: Recorded,
     output: Output,
     empty: Path | None = None,
-    near_mm: float | None = None,
-    far_mm: float | None = None,
+    gate_mm: tuple[float, float] | None = None,
+    channels: Path | None = None,
 ) -> None:
-    """Subtract EMPTY, recorded without the object, and keep the ranges from NEAR to FAR."""
-    if (near_mm is None) != (far_mm is None) or (empty is None and near_mm is None):
-        raise typer.BadParameter("expected --empty, or --near-mm and --far-mm, or all three")
-    gate = None
-    if near_mm is not None and far_mm is not None:
-        gate = {"near_m": near_mm / 1e3, "far_m": far_mm / 1e3}
+    """Subtract EMPTY, recorded without the object, keep ranges, divide by CHANNELS."""
     recorded = open_capture(capture)
     # "none" subtracts as recorded; "common" and "channel" scale the empty capture first.
-    room = None if empty is None else open_capture(empty)
-    cleaned = clean(recorded, empty=room, scaling="common", gate=gate)
+    cleaned = clean(
+        recorded,
+        empty=open_capture(empty) if empty else None,
+        scaling="common",
+        gate={"near_m": gate_mm[0] / 1e3, "far_m": gate_mm[1] / 1e3} if gate_mm else None,
+        channels=open_channels(channels) if channels else None,
+    )
     save_capture(output, cleaned)
     left = np.mean(np.abs(cleaned.data) ** 2) / np.mean(np.abs(recorded.data) ** 2)
     print(f"{output}: {10 * np.log10(left):+.1f} dB of power is left")

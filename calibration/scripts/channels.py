@@ -1,33 +1,25 @@
-"""Calibrate the channels on a plate, and correct a capture: a script to run, copy and edit.
+"""Calibrate the channels on a plate: a script to run, copy and edit.
 
     python calibration/scripts/channels.py plate.h5 -o channels.h5 --distance-mm 300
-    python calibration/scripts/channels.py plate.h5 -o channels.h5 --distance-mm 300 \
-        --correct hand.h5 --corrected hand-corrected.h5
 
-`clradar channels` and `clradar clean` do the same with more options and targets;
-docs/channel-calibration.md has the model and its observability.
+`clradar channels` does the same with more options and targets; docs/channel-calibration.md has the
+model and its observability. background.py corrects a capture by CHANNELS.
 """
-
-from pathlib import Path
 
 import numpy as np
 import typer
 
-from calibration import FlatPlate, clean, estimate_channels
-from calibration.scripts.scripting import Another, Output, Recorded, run
-from measurement_io import open_capture, save_capture, save_channels
+from calibration import FlatPlate, estimate_channels
+from calibration.scripts.scripting import Output, Recorded, run
+from measurement_io import open_capture, save_channels
 
 
 def main(
     capture: Recorded,
     output: Output,
     distance_mm: float = typer.Option(..., help="From the aperture to the plate."),
-    correct: Path | None = None,
-    corrected: Another = None,
 ) -> None:
     """Estimate gain, phase and delay of every channel from a capture of a flat plate."""
-    if (correct is None) != (corrected is None):
-        raise typer.BadParameter("expected both or neither", param_hint="--correct, --corrected")
     # Sphere and CornerReflector of the same package are the other targets.
     channels = estimate_channels(open_capture(capture), FlatPlate(distance_mm / 1e3))
     save_channels(output, channels)
@@ -36,8 +28,6 @@ def main(
         dead = np.flatnonzero(gain == 0).tolist()
         print(f"{side}: {gain_db.min():+.2f} to {gain_db.max():+.2f} dB, dead: {dead}")
     print(f"{output}: {channels.residual_db:.1f} dB of the echoes is left")
-    if correct is not None and corrected is not None:
-        save_capture(corrected, clean(open_capture(correct), channels=channels))
 
 
 if __name__ == "__main__":

@@ -17,9 +17,8 @@ from clradar.files.atomic import refuse_existing
 GRID = clradar.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.25, 0.35), 2e-3)
 
 
-def _new(path: Path | None) -> Path | None:
-    if path is not None:
-        refuse_existing(path, force=False)
+def _new(path: Path) -> Path:
+    refuse_existing(path, force=False)
     return path
 
 
@@ -27,7 +26,6 @@ Recorded = Annotated[Path, typer.Argument(help="Recorded or simulated capture.")
 Mesh = Annotated[Path, typer.Argument(help="Mesh of the object.")]
 Unit = Annotated[str, typer.Option(help="Unit of the mesh file: m, cm or mm.")]
 Output = Annotated[Path, typer.Option("-o", "--output", callback=_new, help="New file.")]
-Another = Annotated[Path | None, typer.Option(callback=_new, help="Another new file.")]
 
 
 def run(main: Callable[..., Any]) -> None:

@@ -94,7 +94,7 @@ def test_corner_is_a_point_target():
         (lambda: Sphere([0, 0, 0.3], 0.0), "positive"),
         (lambda: Sphere([0, 0, 0.3], 0.31).echo(QAR50), "no antenna touches"),
         (lambda: FlatPlate(-0.3), "positive"),
-        (lambda: FlatPlate(0.3, 80.0), "within 60 degrees"),
+        (lambda: FlatPlate(0.3, 80.0), "-60, 60. degrees, got 80 degrees"),
         (lambda: FlatPlate(0.05, 50.0).echo(QAR50), "no antenna touches"),
         (lambda: FlatPlate(0.3, size_m=(0.1, 0.0)), "positive lengths"),
         (lambda: FlatPlate("near"), "a number"),

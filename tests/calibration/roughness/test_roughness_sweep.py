@@ -19,9 +19,8 @@ import clradar
 from calibration import Regions, RoughnessEstimate, sweep_roughness
 from calibration.roughness import figures, roughness_sweep as module
 from calibration.roughness.emulator import Emulator, Fit, Interval, at_ends, logarithms, terms
+from calibration.roughness.meters import SurfacePoints, TextureMeter, surface_points
 from calibration.roughness.millimetres import RegionStatistics, estimate_roughness
-from calibration.roughness.surface_points import SurfacePoints, surface_points
-from calibration.roughness.texture import TextureMeter
 from clradar.errors import CompareError, ModelError
 from measurement_io import save_capture
 

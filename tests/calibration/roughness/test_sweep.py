@@ -15,9 +15,9 @@ from shapes import plate, sphere
 
 import clradar
 from calibration import Regions, Sweep, sweep
-from calibration.roughness.alpha import AlphaEstimate, BrightnessMeter, estimate_alpha
+from calibration.roughness.alpha import AlphaEstimate, estimate_alpha
 from calibration.roughness.figures import sweep_figure
-from calibration.roughness.surface_points import surface_points
+from calibration.roughness.meters import BrightnessMeter, surface_points
 from clradar.cli.commands import sweep as command
 from clradar.cli.commands.sweep import AlphaOptions, RegionOptions
 from clradar.errors import ClradarWarning, CompareError, ModelError

@@ -14,7 +14,7 @@ from shapes import plate
 
 import clradar
 from calibration import FlatPlate, correct, estimate_channels, range_gate, subtract_background
-from measurement_io import open_capture, save_capture
+from measurement_io import open_capture, open_channels, save_capture, save_channels
 
 FOLDER = Path(__file__).resolve().parents[3] / "calibration" / "scripts"
 
@@ -52,6 +52,8 @@ def files(tmp_path):
     for i, name in enumerate(("plate", "other")):
         truth = instrument(i, SMALL, n_freq=16)
         save_capture(tmp_path / f"{name}.h5", truth.record_target(FlatPlate(0.3)))
+    known = estimate_channels(open_capture(tmp_path / "plate.h5"), FlatPlate(0.3))
+    save_channels(tmp_path / "known.h5", known)
     scene = clradar.Scene(*plate(0.06, 0.3), 0.5)
     trimesh.Trimesh(scene.vertices_m, scene.faces, process=False).export(tmp_path / "plate.ply")
     waveform = clradar.Waveform.sfcw(72e9, 82e9, 32)
@@ -64,14 +66,14 @@ def cleaned(folder):
     """What is in the file, and what the library gives."""
     hand, empty = (open_capture(folder / f"{name}.h5") for name in ("plate", "other"))
     found = subtract_background(hand, empty, scaling="common")
-    expected = range_gate(found, near_m=0.08, far_m=0.14).data
+    gated = range_gate(found, near_m=0.08, far_m=0.14)
+    expected = correct(gated, open_channels(folder / "known.h5")).data
     return open_capture(folder / "clean.h5").data, expected
 
 
-def corrected(folder):
-    plate, other = (open_capture(folder / f"{name}.h5") for name in ("plate", "other"))
-    expected = correct(other, estimate_channels(plate, FlatPlate(0.3))).data
-    return open_capture(folder / "corrected.h5").data, expected
+def estimated(folder):
+    found, known = (open_channels(folder / f"{name}.h5") for name in ("channels", "known"))
+    return found.response.tx_gain, known.response.tx_gain
 
 
 def aligned(folder):
@@ -85,13 +87,12 @@ def aligned(folder):
 @pytest.mark.parametrize(
     ("line", "said", "result"),
     [
-        ("background plate.h5 --empty other.h5 -o clean.h5 --near-mm 80 --far-mm 140", "", cleaned),
         (
-            "channels plate.h5 -o channels.h5 --distance-mm 300 --correct other.h5 "
-            "--corrected corrected.h5",
-            "of the echoes is left",
-            corrected,
+            "background plate.h5 --empty other.h5 --gate-mm 80 140 --channels known.h5 -o clean.h5",
+            "",
+            cleaned,
         ),
+        ("channels plate.h5 -o channels.h5 --distance-mm 300", "of the echoes is left", estimated),
         (
             "sweep rough.h5 plate.ply -o sweep.png --transform transform.json --alphas 3 "
             "--samples-per-mm2 0.5 --seeds 2",
