@@ -35,8 +35,7 @@ from .imaging.operator import ImagingOperator as ImagingOperator, forward as for
 from .imaging.placement import place_grid as place_grid
 from .imaging.reconstruction import reconstruct as reconstruct
 from .impairments.channel_errors import draw_channels as draw_channels
-from .impairments.environment import Wall as Wall, room_capture as room_capture
-from .impairments.impair import impair as impair
+from .impairments.impair import Wall as Wall, impair as impair, room_capture as room_capture
 from .jobs.where import map_devices as map_devices
 from .model import (
     METAL as METAL,

@@ -11,6 +11,7 @@ from clradar.arrays.lobes import DirectionMap, Lobe, lobes, widest_search_deg
 from clradar.arrays.point_spread import Clusters, clusters_of, thinned, width_m
 from clradar.errors import warn
 from clradar.model import AntennaArray, Waveform, checks
+from clradar.model.checks import MAX_DYNAMIC_RANGE_DB
 from clradar.model.plausible import doubtful_place
 
 LEVEL_DB = -20.0
@@ -21,7 +22,7 @@ class ArrayFigures:
     """What `array_figures` found."""
 
     focus_m: np.ndarray
-    widths_m: tuple[float, float, float]
+    widths_m: tuple[float, ...]
     """At -3 dB along x, y and z; infinite without an aperture (along z and bandwidth)."""
     range_cell_m: float
     """c / (2 B), the resolution in range."""
@@ -74,33 +75,27 @@ def array_figures(
     >>> [(lobe.azimuth_deg, round(lobe.level_db, 1) + 0.0, lobe.grating) for lobe in found.lobes]
     [(-90.0, 0.0, True), (90.0, 0.0, True)]
     """
-    if not isinstance(array, Sequence) or not array:
-        checks.instance("array_figures: array", array, AntennaArray)
-    for one in clusters_of(array):
+    own = clusters_of(array)
+    for one in own or [None]:
         checks.instance("array_figures: array", one, AntennaArray)
     checks.instance("array_figures: waveform", waveform, Waveform)
     focus = checks.read_only("array_figures: focus_m", focus_m, np.float64, (3,))
     frequencies_hz = thinned(waveform)
     if within_deg is None:
         within_deg = widest_search_deg(array, float(frequencies_hz[len(frequencies_hz) // 2]))
-    within = checks.positive("array_figures: within_deg", within_deg)
-    level = checks.real("array_figures: level_db", level_db)
-    antennas_m = np.concatenate([s.antennas_m for a in clusters_of(array) for s in a.sides])
+    within = checks.within("array_figures: within_deg", within_deg, 0.0, 90.0)
+    level = checks.within("array_figures: level_db", level_db, -MAX_DYNAMIC_RANGE_DB, 0.0, " dB")
+    antennas_m = np.concatenate([side.antennas_m for one in own for side in one.sides])
     foremost_m = antennas_m[:, 2].max()
     if focus[2] <= foremost_m:
         checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
-    doubt = doubtful_place(0.0, focus, antennas_m)
-    if doubt is not None:
+    if (doubt := doubtful_place(0.0, focus, antennas_m)) is not None:
         warn(f"the focus is {doubt}")
-    if within > 90 or level >= 0:
-        checks.fail("array_figures", "within_deg up to 90, level_db below 0", (within, level))
     found, over_directions = lobes(array, frequencies_hz, focus, within, level)
-    across_m = 2 * float(np.linalg.norm(focus))
-    along_m = 0.99 * float(focus[2] - foremost_m)
-    width_x, width_y, width_z = (
+    across_m, along_m = 2 * float(np.linalg.norm(focus)), 0.99 * float(focus[2] - foremost_m)
+    widths_m = tuple(
         width_m(array, frequencies_hz, focus, axis, longest_m)
         for axis, longest_m in zip(np.eye(3), (across_m, across_m, along_m), strict=True)
     )
     ranges_m = waveform.range_resolution_m, waveform.unambiguous_range_m
-    widths_m = (width_x, width_y, width_z)
     return ArrayFigures(focus, widths_m, *ranges_m, found, within, over_directions)

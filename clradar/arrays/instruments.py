@@ -20,17 +20,11 @@ def qar50() -> AntennaArray:
     [69.  70.5  0. ]
     """
     steps_m = np.arange(-23, 24) * 3e-3
-    edge_m = 0.0705
-    zeros = np.zeros_like(steps_m)
-    rx_rows = [
-        np.stack([steps_m, np.full_like(steps_m, y), zeros], axis=1) for y in (-edge_m, edge_m)
-    ]
-    tx_columns = []
-    for side in (-1.0, 1.0):
-        x = np.full_like(steps_m, side * edge_m)
-        x[[0, -1]] = side * 0.072
-        tx_columns.append(np.stack([x, steps_m, zeros], axis=1))
-    return AntennaArray(np.concatenate(tx_columns), np.concatenate(rx_rows), name="qar50")
+    row_m = np.stack([steps_m, np.full(47, 0.0705), np.zeros(47)], axis=1)
+    column_m = row_m[:, [1, 0, 2]]
+    column_m[[0, -1], 0] = 0.072
+    tx_m = np.concatenate([column_m * [-1, 1, 1], column_m])
+    return AntennaArray(tx_m, np.concatenate([row_m * [1, -1, 1], row_m]), name="qar50")
 
 
 KNOWN = {"qar50": qar50}

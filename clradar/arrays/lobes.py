@@ -20,26 +20,15 @@ MOST_LOBES = 20
 MOST_TERMS = 500_000_000
 """Antennas times directions of a search: some 10 s."""
 
-NARROWER_DEG = 0.8
-"""Factor between angles that are tried until a search is small enough."""
-
 COARSEST = 0.02
 """Step of the sines of directions at most."""
 
-CELLS = 4.0
-"""Range cells to either side of the focus in which the echoes of a lobe may be brightest."""
-
-SHIFTS = 256
-"""Ranges at which the echoes of a direction are added up over the band."""
+CELLS, SHIFTS = 4.0, 256
+"""Range cells to either side of the focus in which the echoes of a lobe may be brightest, and the
+number of ranges there at which they are added up over the band."""
 
 CLIMBED = (0.5, 0.5, 0.5, 0.5, 0.5, 0.2, 0.05, 0.01)
 """Steps of a climb, of those of the lattice."""
-
-FLAT = 1e-4
-"""Of the strongest curvature: less is none, as levels are exact to 1e-5."""
-
-AT_POLE = 1e-3
-"""Distance of a unit vector from the y axis within which its azimuth is that of rounding."""
 
 GHOST_DB = -3.0
 """From this level on a lobe or an alias is as good as the echo itself."""
@@ -223,7 +212,7 @@ def widest_search_deg(array: Clusters, frequency_hz: float) -> float:
     """The largest angle of some, 90 degrees at first, whose search has at most `MOST_TERMS`."""
     within_deg = 90.0
     while _search(array, frequency_hz, within_deg)[1] > MOST_TERMS and within_deg > 0.1:
-        within_deg = float(f"{NARROWER_DEG * within_deg:.2g}")
+        within_deg = float(f"{0.8 * within_deg:.2g}")
     return within_deg
 
 
@@ -247,7 +236,8 @@ def _search(array: Clusters, frequency_hz: float, within_deg: float) -> tuple[li
 def _lobe(position_m: np.ndarray, height: float) -> Lobe:
     direction = position_m / np.linalg.norm(position_m)
     aside = np.hypot(direction[0], direction[2])
-    azimuth = np.arctan2(direction[0], direction[2]) if aside > AT_POLE else 0.0
+    # Next to the y axis the azimuth is that of rounding.
+    azimuth = np.arctan2(direction[0], direction[2]) if aside > 1e-3 else 0.0
     angles = azimuth, np.arcsin(np.clip(direction[1], -1.0, 1.0))
     azimuth_deg, elevation_deg = (round(float(np.rad2deg(a)), 6) + 0.0 for a in angles)  # no -0
     return Lobe(position_m, azimuth_deg, elevation_deg, 20 * float(np.log10(height)))
@@ -320,8 +310,8 @@ def climbed(
         level = heights(places)
         fit = level @ parabola.T
         curve[:, i, j] = curve[:, j, i] = fit[:, 4:] * np.where(i == j, 2.0, 1.0)
-        # Along an axis without aperture or bandwidth nothing changes.
-        top = -np.linalg.pinv(curve, FLAT, hermitian=True) @ fit[:, 1:4, None]
+        # Levels are exact to 1e-5. Along an axis without aperture or bandwidth nothing changes.
+        top = -np.linalg.pinv(curve, 1e-4, hermitian=True) @ fit[:, 1:4, None]
         top = at[:, None] + step * np.clip(top.swapaxes(1, 2), -1.0, 1.0)
         places = np.concatenate([places, top], axis=1)
         level = np.hstack([level, heights(top)])

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.model import AntennaArray, Waveform
+from clradar.model import AntennaArray, Waveform, checks
 from clradar.model.antenna_side import AntennaSide
 
 Clusters: TypeAlias = AntennaArray | Sequence[AntennaArray]
@@ -32,7 +32,9 @@ SAME_STEP = 1e-9
 
 def clusters_of(array: Clusters) -> tuple[AntennaArray, ...]:
     """The arrays whose pairs an image is the sum over."""
-    return (array,) if isinstance(array, AntennaArray) else tuple(array)
+    if isinstance(array, AntennaArray):
+        return (array,)
+    return tuple(checks.several("array", array))
 
 
 def thinned(waveform: Waveform) -> np.ndarray:

@@ -20,8 +20,7 @@ from clradar.files.hashing import sha256_of
 from clradar.files.meshes.gltf_document import files_of
 from clradar.hand import HandMesh, hand_mesh
 from clradar.impairments.channel_errors import draw_channels
-from clradar.impairments.environment import Wall, room_capture
-from clradar.impairments.impair import impair
+from clradar.impairments.impair import Wall, impair, room_capture
 from clradar.model import Capture, Scene, checks
 from clradar.motion.bodies import MovingScene
 from clradar.motion.hands import MovingHand

@@ -126,25 +126,23 @@ def drift_factors(
     Random walks: each frame adds a normal step to the phase (standard deviation `phase_rad`) and to
     the gain (`gain_db`) of every channel, and one to the phase that all share. Frame 0 has none.
     """
-
-    def walk(part: Part, deviation: float, count: int) -> np.ndarray:
-        return deviation * _walked(seed, part, count, frame) if deviation else np.zeros(count)
-
-    common = walk(Part.COMMON_PHASE_DRIFT, common_phase_rad, 1)
+    common = _walked(seed, Part.COMMON_PHASE_DRIFT, 1, frame, common_phase_rad)
     sides = []
     for side, count in (("TX", array.n_tx), ("RX", array.n_rx)):
-        gain = walk(Part[f"{side}_GAIN_DRIFT"], gain_db, count)
+        gain = _walked(seed, Part[f"{side}_GAIN_DRIFT"], count, frame, gain_db)
         if (most := np.abs(gain).max()) > GAIN_LIMIT_DB:
             got = f"{most:g} dB at frame {frame}"
             checks.fail("drift_gain_db", f"a walk within {GAIN_LIMIT_DB:g} dB", got)
-        phase = walk(Part[f"{side}_PHASE_DRIFT"], phase_rad, count)
+        phase = _walked(seed, Part[f"{side}_PHASE_DRIFT"], count, frame, phase_rad)
         sides.append(10 ** (gain / 20) * np.exp(1j * phase))
     return sides[0] * np.exp(1j * common), sides[1]
 
 
-def _walked(seed: int, part: Part, count: int, frame: int) -> np.ndarray:
+def _walked(seed: int, part: Part, count: int, frame: int, deviation: float) -> np.ndarray:
     """Sum of the normal steps of so many frames, shape (count,): from the frame before, if that is
     the last that was asked for, so that a recording of n frames does not cost n^2 steps."""
+    if not deviation:
+        return np.zeros(count)
     key = (seed, part, count)
     with _LOCK:
         done, position, random = _WALKS.pop(key, (0, np.zeros(count), None))
@@ -155,4 +153,4 @@ def _walked(seed: int, part: Part, count: int, frame: int) -> np.ndarray:
         _WALKS[key] = (frame, position, random)
         while len(_WALKS) > MOST_WALKS:
             del _WALKS[next(iter(_WALKS))]
-        return position
+        return deviation * position

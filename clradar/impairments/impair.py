@@ -1,12 +1,14 @@
-"""Receiver impairments (E10 in ``docs/equations.md``): the signal chain from echo to sample."""
+"""Empty rooms, and the signal chain from echo to sample (E10 in ``docs/equations.md``)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.impairments.channel_errors import (
     FRAME_LIMIT,
     GAIN_LIMIT_DB,
@@ -15,12 +17,138 @@ from clradar.impairments.channel_errors import (
     drift_factors,
     random_stream,
 )
-from clradar.impairments.environment import echo, spreading_loss
-from clradar.model import Capture, ChannelResponse, checks
+from clradar.model import AntennaArray, Capture, ChannelResponse, Waveform, checks
 from clradar.model.capture import check_same_radar
+from clradar.model.plausible import place
+from clradar.model.record import Record
 
 MOST_BITS = 24
 """Bits of the mantissa of complex64."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Wall(Record):
+    """An infinite plane that reflects like a mirror.
+
+    Parameters
+    ----------
+    point_m : array_like, shape (3,), float64
+        Any point of the plane.
+    normal : array_like, shape (3,), float64
+        Of any length and either sign.
+    amplitude : float
+        RMS over the pairs of its echo, in the units of a capture; negative where the reflection
+        reverses the sign.
+    """
+
+    point_m: np.ndarray
+    normal: np.ndarray
+    amplitude: float = 1.0
+
+    def __post_init__(self) -> None:
+        amplitude = checks.real("Wall.amplitude", self.amplitude)
+        self._set(point_m=place("Wall.point_m", self.point_m), amplitude=amplitude)
+        normal = self._set_array("normal", np.float64, (3,))
+        length = float(np.linalg.norm(normal))
+        if not 0 < length < np.inf:
+            checks.fail("Wall.normal", "a direction", f"{normal.tolist()}")
+        self._set(normal=normal / length)
+        self._set_array("normal", np.float64, (3,))
+
+
+def room_capture(
+    array: AntennaArray,
+    waveform: Waveform,
+    walls: Iterable[Wall],
+    *,
+    points_m: Any = None,
+    point_amplitudes: Any = None,
+) -> Capture:
+    """Return the capture of an empty room: walls and small reflectors (E10 in docs/equations.md).
+
+    Parameters
+    ----------
+    array : AntennaArray
+    waveform : Waveform
+    walls : iterable of Wall
+        Each gives one specular reflection per pair.
+    points_m : array_like, shape (n, 3), float64, optional
+        Small isotropic reflectors, such as lamps and screws.
+    point_amplitudes : array_like, shape (n,), complex128, optional
+        As received, without patterns and gains; default 1.
+
+    Returns
+    -------
+    Capture
+        `meta["room"]` holds the walls and the points.
+
+    Examples
+    --------
+    The slope of the phase is the path by way of the wall: ``2 |(0.3 m, 0.4 m)| = 1 m``.
+
+    >>> array = clradar.AntennaArray([[-0.3, 0, 0]], [[0.3, 0, 0]])
+    >>> waveform = clradar.Waveform.sfcw(72e9, 82e9, 128)
+    >>> wall = clradar.Wall(point_m=(0, 0, 0.4), normal=(0, 0, -1), amplitude=2.0)
+    >>> room = clradar.room_capture(array, waveform, [wall])
+    >>> k = 2 * np.pi * waveform.frequencies_hz / 299_792_458
+    >>> print(f"{-np.polyfit(k, np.unwrap(np.angle(room.data[0, 0])), 1)[0]:.3f} m")
+    1.000 m
+    """
+    checks.instance("room_capture: array", array, AntennaArray)
+    checks.instance("room_capture: waveform", waveform, Waveform)
+    planes = list(checks.several("room_capture: walls", walls))
+    lengths, levels = [], []
+    for wall in planes:
+        checks.instance("room_capture: walls", wall, Wall)
+        heights = [(side - wall.point_m) @ wall.normal for side in (array.tx_m, array.rx_m)]
+        both = np.concatenate(heights)
+        if not (both > 0).all() and not (both < 0).all():
+            got = f"heights of {1e3 * both.min():g} to {1e3 * both.max():g} mm over one"
+            checks.fail("room_capture: walls", "all antennas on one side of each wall", got)
+        image = array.tx_m - 2 * heights[0][:, None] * wall.normal
+        lengths.append(np.linalg.norm(image[:, None] - array.rx_m, axis=2))
+        levels.append(_spreading_loss(wall.amplitude, lengths[-1]))
+    points, field = np.empty((0, 3)), "room_capture: points_m"
+    if points_m is not None:
+        points = checks.read_only(field, points_m, np.float64, (None, 3), allow_empty=True)
+    if not planes and not len(points):
+        checks.fail("room_capture", "at least one wall or one point", "none")
+    amplitudes, field = np.ones(len(points), np.complex128), "room_capture: point_amplitudes"
+    if point_amplitudes is not None:
+        amplitudes = checks.read_only(
+            field, point_amplitudes, np.complex128, amplitudes.shape, allow_empty=True
+        )
+    for point, amplitude in zip(points, amplitudes, strict=True):
+        to_tx, to_rx = (np.linalg.norm(side - point, axis=1) for side in (array.tx_m, array.rx_m))
+        lengths.append(to_tx[:, None] + to_rx)
+        levels.append(np.full(lengths[-1].shape, amplitude))
+    data = np.empty((array.n_tx, array.n_rx, waveform.n_freq), np.complex64)
+    for tx, row in enumerate(data):
+        ways = zip(lengths, levels, strict=True)
+        row[:] = sum(_echo(waveform.frequencies_hz, d[tx], a[tx]) for d, a in ways)
+    data.flags.writeable = False
+    record = {
+        "walls": [
+            {"point_m": w.point_m.tolist(), "normal": w.normal.tolist(), "amplitude": w.amplitude}
+            for w in planes
+        ],
+        "points_m": points.tolist(),
+        "point_amplitudes": [[a.real, a.imag] for a in amplitudes.tolist()],
+    }
+    return Capture(data, array, waveform, {"room": record})
+
+
+def _spreading_loss(rms: float, length_m: np.ndarray) -> np.ndarray:
+    """Return amplitudes proportional to 1 / length, with this RMS over the pairs."""
+    return rms / length_m / np.sqrt((1 / length_m**2).mean())
+
+
+def _echo(
+    frequencies_hz: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray, later_s: float = 0.0
+) -> np.ndarray:
+    """Return a exp(-j 2 pi f tau), shape (n, n_freq), for n lengths and amplitudes."""
+    cycles = (length_m / SPEED_OF_LIGHT_M_PER_S + later_s)[:, None] * frequencies_hz
+    return amplitude[:, None] * np.exp(-2j * np.pi * cycles)
 
 
 def impair(
@@ -145,7 +273,11 @@ def impair(
     data = np.empty(capture.data.shape, np.complex64)
     with np.errstate(over="ignore"):  # Capture refuses what complex64 cannot hold
         for out, row in zip(data, _signal(*chain), strict=True):
-            out[:] = row if bits is None or not full_scale else _quantised(row, bits, full_scale)
+            if bits is not None and full_scale:  # both components in two's complement
+                half = 2 ** (bits - 1)
+                steps = np.rint(row.view(np.float64) / (full_scale / half))
+                row = (np.clip(steps, -half, half - 1) * (full_scale / half)).view(np.complex128)
+            out[:] = row
     data.flags.writeable = False
     before = capture.meta.get("impairments", [])
     earlier = before if isinstance(before, list) else [before]
@@ -181,7 +313,7 @@ def _signal(
             first = "Tx {} on Rx {}".format(*np.argwhere(between_m == 0)[0])
             checks.fail("impair: coupling_db", "antennas apart from each other", first)
         rms = float(np.sqrt(power) * 10 ** (settings["coupling_db"] / 20))
-        coupling = spreading_loss(rms, between_m)
+        coupling = _spreading_loss(rms, between_m)
     noise = random_stream(seed, Part.NOISE, frame)
     for tx in range(array.n_tx):
         x = capture.data[tx].astype(np.complex128)
@@ -189,7 +321,7 @@ def _signal(
             x += room.data[tx]
         if settings["coupling_db"] is not None:
             delay_s = settings["coupling_delay_s"]
-            x += echo(waveform.frequencies_hz, between_m[tx], coupling[tx], delay_s)
+            x += _echo(waveform.frequencies_hz, between_m[tx], coupling[tx], delay_s)
         x *= factor_tx[tx] * factor_rx
         if iq_gain.any() or iq_rad.any():
             x = (1 + g) / 2 * x + (1 - g.conj()) / 2 * x.conj()
@@ -198,14 +330,6 @@ def _signal(
             rms = float(np.sqrt(power) * 10 ** (-settings["snr_db"] / 20))
             x += rms / np.sqrt(2) * drawn
         yield x
-
-
-def _quantised(x: np.ndarray, bits: int, full_scale: float) -> np.ndarray:
-    """Round both components to the 2**bits steps of a two's complement converter, and clip."""
-    half = 2 ** (bits - 1)
-    step = full_scale / half
-    parts = x.view(np.float64)
-    return (np.clip(np.rint(parts / step), -half, half - 1) * step).view(np.complex128)
 
 
 def _mean_power(capture: Capture) -> float:

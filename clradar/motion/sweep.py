@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
-from clradar.errors import ClradarWarning, warn
+from clradar.errors import ClradarWarning
 from clradar.model import AntennaArray, Capture, Waveform, checks
 from clradar.model.progress import Progress
 from clradar.motion.bodies import MovingScene
@@ -22,10 +22,6 @@ from clradar.tracing.settings import SimulationSettings, merged_settings, takes_
 from clradar.tracing.surface_samples import sampled_as
 
 TOLERANCE_DB = -50.0
-
-TORN = 3.0
-"""Of `Probes.stretch`: captures of skin that was carried so far were off by -24 to -6 dB, of less
-by -41 to -15 dB (docs/movement.md)."""
 
 AMBIGUOUS = "simulate: the scene (is as wide as|reaches to)"
 """How `warn_of_ambiguity` begins: the lobes of some Tx are not those of the array."""
@@ -94,9 +90,7 @@ def simulate_moving(
     checks.instance("simulate_moving: array", array, AntennaArray)
     checks.instance("simulate_moving: waveform", waveform, Waveform)
     start_s = checks.real("simulate_moving: start_s", start_s)
-    tolerance_db = checks.real("simulate_moving: tolerance_db", tolerance_db)
-    if not -100.0 <= tolerance_db < 0.0:
-        checks.fail("simulate_moving: tolerance_db", "-100 to below 0", f"{tolerance_db:g}")
+    checks.within("simulate_moving: tolerance_db", tolerance_db, -100.0, -1.0, " dB")
     if timing is None:
         timing = SweepTiming.in_order(array.n_tx, waveform.n_freq)
     checks.instance("simulate_moving: timing", timing, SweepTiming)
@@ -109,19 +103,13 @@ def simulate_moving(
     bodies = [body.during(begin_s, end_s) for body in moving.bodies]
     scene = moving.seen(bodies, 0.5 * (begin_s + end_s))
     resolved = merged_settings(settings, **fields).for_scene(scene).resolved()
-    opened, probes = open_device(device), Probes.of(bodies, begin_s, end_s)
-    about = {"start_s": start_s, "sweep_s": end_s - begin_s}
-    if not probes.moves:
+    opened, about = open_device(device), {"start_s": start_s, "sweep_s": end_s - begin_s}
+    if not any(len(body.marks_s) for body in bodies):
         still = simulate(
             scene, array, waveform, settings=resolved, device=opened, progress=progress
         )
         return replace(still, meta={**still.meta, "movement": about})
-    if probes.stretch > TORN:
-        warn(
-            "simulate_moving: a hand bends so far within one sweep that its skin, carried from the "
-            f"middle, tears: 1 % of its faces become {probes.stretch:.1f} times as long or longer; "
-            "take a shorter sweep or a slower movement"
-        )
+    probes = Probes.of(bodies, begin_s, end_s)
     warn_of_ambiguity(scene, array, waveform)
     overhead_tx = _OVERHEAD_TX.get(str(resolved.estimator), 12.0)
     tolerance = 10.0 ** (tolerance_db / 20.0)

@@ -209,9 +209,8 @@ UNSEEN = {
 @pytest.mark.parametrize("count", [1, 5, 12])
 def test_polynomials_through_as_many_instants_are_exact(count):
     piece, times_s = Piece.between(2.0, 5.0, count), np.linspace(2.0, 5.0, 31)
-    found = sum(
-        s * at ** (count - 1) for s, at in zip(piece.shares(times_s), piece.times_s, strict=True)
-    )
+    shares = zip(piece.shares(times_s), piece.times_s, strict=True)
+    found = sum(share * at_s ** (count - 1) for share, at_s in shares)
     np.testing.assert_allclose(found, times_s ** (count - 1), atol=1e-12 * 5.0 ** (count - 1))
 
 
@@ -236,11 +235,12 @@ def test_what_comes_back_between_two_probes_is_seen(name):
     assert capture.meta["movement"]["phase_error_db"] <= -50
 
 
-def test_skin_that_tears_is_warned_of():
+@pytest.mark.parametrize("poses", [["flat", "A", "flat"], ["A", "A", "A", "flat", "A"]])
+def test_skin_that_tears_is_warned_of(poses):
     radar = RADAR.part([0, 12], [0])
     timing = clradar.SweepTiming.in_order(2, 2, step_s=1 / 3)
-    moving = MovingScene([MovingHand([0.0, 0.5, 1.0], ["flat", "A", "flat"], edge_length_m=4e-3)])
-    waveform = clradar.Waveform.sfcw(72e9, 72.1e9, 2)
+    hand = MovingHand(np.linspace(0.0, 1.0, len(poses)), poses, edge_length_m=4e-3)
+    waveform, moving = clradar.Waveform.sfcw(72e9, 72.1e9, 2), MovingScene([hand])
     with pytest.warns(clradar.ClradarWarning) as warned:
         clradar.simulate_moving(moving, radar, waveform, timing=timing, samples_per_mm2=0.1)
     assert any("its skin, carried from the middle, tears" in str(one.message) for one in warned)
