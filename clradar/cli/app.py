@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 from clradar import __version__
 from clradar.cli.console import print_error, print_warning, printed_log
 from clradar.cli.groups import expanded
-from clradar.errors import ClradarError, handled_warnings
+from clradar.errors import ClradarError, PackageError, handled_warnings
 from clradar.files import interrupts
 from clradar.versions import require_own
 
@@ -125,42 +125,37 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Always ends in `SystemExit`: 0 done, 1 an error (one line on stderr), 2 wrong usage, 130
     interrupted, 143 terminated.
     """
-    given, debug = _without_debug(sys.argv[1:] if arguments is None else arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    end = given.index("--") if "--" in given else len(given)
+    debug = "--debug" in given[:end]
+    given = [a for a in given[:end] if a != "--debug"] + given[end:]
     asked, shell = given, os.environ
     if "_CLRADAR_COMPLETE" in shell:  # of what is typed there
         typed = shell.get("_TYPER_COMPLETE_ARGS") or shell.get("COMP_WORDS", "")
         asked = typed.split()[1:]
     # The first argument that is no option: those before it have no values.
     requested = next((a for a in asked if not a.startswith("-")), None)
-    command = typer.main.get_command(_app(requested, debug))
     with handled_warnings(print_warning), printed_log(debug):
         try:
+            command = typer.main.get_command(_app(requested, debug))
             status = command.main(args=given, prog_name="clradar", standalone_mode=False)
         except typer.Abort:
             status = 1
+        except PackageError as error:
+            print_error(error)
+            status = 1
         except Exception as error:
-            status = _usage_status(error)
+            wrong: Any = error
+            if not hasattr(wrong, "format_message"):  # typer has a click of its own, or not
+                raise
+            if type(wrong).__name__ == "NoArgsIsHelpError":
+                wrong.show()
+            else:  # wrong usage, on one line as all errors
+                place = f"; see {wrong.ctx.command_path} -h" if wrong.ctx is not None else ""
+                text = wrong.format_message().replace("Value error, ", "").rstrip(".")
+                print_error(f"{text}{place}")
+            status = wrong.exit_code
     raise SystemExit(status or 0)
-
-
-def _usage_status(error: Any) -> int:
-    """Print wrong usage on one line, as all errors are; others are raised again."""
-    if not hasattr(error, "format_message"):  # typer has a click of its own, or not
-        raise error
-    if type(error).__name__ == "NoArgsIsHelpError":
-        error.show()
-    else:
-        place = f"; see {error.ctx.command_path} -h" if error.ctx is not None else ""
-        print_error(f"{error.format_message().replace('Value error, ', '').rstrip('.')}{place}")
-    return int(error.exit_code)
-
-
-def _without_debug(arguments: Sequence[str]) -> tuple[list[str], bool]:
-    """The arguments without ``--debug`` before ``--``, and whether it was there."""
-    given = list(arguments)
-    end = given.index("--") if "--" in given else len(given)
-    kept = [a for a in given[:end] if a != "--debug"]
-    return kept + given[end:], len(kept) < end
 
 
 def _app(requested: str | None, debug: bool) -> typer.Typer:
@@ -174,8 +169,9 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
     )
     app.callback()(_root)
     for name, summary in COMMANDS.items():
-        function: Callable[..., Any] = _not_loaded
+        function: Callable[..., Any] = os.abort  # of those that are not run, but listed
         if name == requested:
+            require_own("calibration", "measurement_io")
             from clradar.cli.outputs import check_outputs
 
             command = function_of(name)
@@ -195,12 +191,10 @@ def context_of(name: str | None = None) -> Any:
 
 
 def module_of(name: str) -> str:
-    """The module of a subcommand."""
     return f"clradar.cli.commands.{next(own for own in MODULES if name in MODULES[own])}"
 
 
 def function_of(name: str) -> Callable[..., Any]:
-    """The function of a subcommand."""
     found: Callable[..., Any] = getattr(
         import_module(module_of(name)), f"{name.replace('-', '_')}_command"
     )
@@ -237,10 +231,6 @@ def _root(
     """
 
 
-def _not_loaded() -> None:
-    """Placeholder of a subcommand that is not run, so that the help lists it."""
-
-
 def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     """Turn every error of a function into one line and an exit status."""
 
@@ -248,7 +238,6 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     def run(*args: Any, **kwargs: Any) -> Any:
         try:
             interrupts.working()
-            require_own("calibration", "measurement_io")
             return function(*args, **kwargs)
         except (typer.Exit, typer.Abort, typer.BadParameter):
             raise
@@ -269,9 +258,9 @@ def _guarded(function: Callable[..., Any], debug: bool) -> Callable[..., Any]:
     return run
 
 
-def _interrupted(*words: object) -> typer.Exit:
+def _interrupted(*words: str) -> typer.Exit:
     interrupts.ended()
-    print_error("; ".join(["interrupted", *map(str, words)]), "")
+    print_error("; ".join(["interrupted", *words]), "")
     return typer.Exit(interrupts.exit_status())
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -12,10 +12,13 @@ from typing import Any
 
 import numpy as np
 
+import calibration
 import clradar as cl
+import measurement_io
 from clradar.cli import options as opt, parse
-from clradar.cli.inputs import Content, ImageInput
+from clradar.cli.images import Content, ImageInput, rms_db
 from clradar.cli.outputs import save
+from clradar.compare.metrics import metrics_of
 from clradar.errors import CompareError, warn
 from clradar.files.failures import fail
 from clradar.files.json_file import write_json
@@ -42,10 +45,9 @@ class Frames:
             self.files = _captures_by_number(path, variant)
             self.read = lambda number: ImageInput.open(self.files[number]).content
         else:
-            from measurement_io import open_recording
             from measurement_io.maroon.folders import frames
 
-            recording = open_recording(path, variant=variant or "raw")
+            recording = measurement_io.open_recording(path, variant=variant or "raw")
             self.files = frames(recording.path)[recording.variant]
             if not self.files:
                 fail(path, f"frames of the variant {recording.variant}", "none")
@@ -63,12 +65,6 @@ class Frames:
         chosen = self.files if numbers is None else numbers
         return [self.files[number] for number in chosen] if self.files else [self.path]
 
-    def check_frames(self, numbers: Sequence[int], recording: Path) -> None:
-        """Raise unless all these frames of a recording are there, or one is the same at each."""
-        missing = [n for n in numbers if self.files and n not in self.files]
-        if missing:
-            fail(self.path, f"the frames of '{recording}'", f"none of number {_listed(missing)}")
-
 
 def _captures_by_number(folder: Path, variant: str | None) -> dict[int, Path]:
     """Without a variant raw ones, if there are any; other names count from 0."""
@@ -80,14 +76,15 @@ def _captures_by_number(folder: Path, variant: str | None) -> dict[int, Path]:
     chosen = variant or ("raw" if raw else "emptyfiltered")
     found = {int(match[1]): path for match, path in named if (match[2] or "raw") == chosen}
     if not found:
-        there = _listed(path.name for path in files)
+        there = listed(path.name for path in files)
         fail(folder, f"frames of the variant {chosen} by their names", there)
     if others := [path.name for path in files if not _FRAME.match(path.stem)]:
-        warn(f"{folder}: left out, as they are not named like frames: {_listed(others)}")
+        warn(f"{folder}: left out, as they are not named like frames: {listed(others)}")
     return dict(sorted(found.items()))
 
 
-def _listed(items: Iterable[object]) -> str:
+def listed(items: Iterable[object]) -> str:
+    """The first five."""
     texts = [str(item) for item in items]
     return ", ".join(texts[:5]) + (", ..." if len(texts) > 5 else "")
 
@@ -171,11 +168,11 @@ class FrameSteps:
         from measurement_io.maroon.frame import first_time_stamp
 
         capture = _opened(self.source, self.how.variant, self.run_name).capture(number)
-        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": _rms_db(capture)}
+        record = {"time_us": first_time_stamp(capture.meta), "recorded_db": rms_db(capture)}
         room = self.how.empty
         empty = None if room is None else _opened(room, None, self.run_name).capture(0)
         capture = self.how.cleaned(capture, empty)
-        return capture, {**record, "cleaned_db": _rms_db(capture)}
+        return capture, {**record, "cleaned_db": rms_db(capture)}
 
     def _simulated(self, i: int, number: int) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
@@ -193,7 +190,6 @@ class FrameSteps:
         return content.depth_map(self.how.dynamic_range_db)
 
     def keep_map(self, name: str, image: cl.DepthMap) -> None:
-        """Keep a depth map."""
         FolderStore(self.folder / MAPS)[name] = {
             "amplitude": image.amplitude, "depth_m": image.depth_m, "x_m": image.x_m,
             "y_m": image.y_m, "range_db": np.array(image.dynamic_range_db),
@@ -206,10 +202,8 @@ class FrameSteps:
         return cl.DepthMap(kept["depth_m"], kept["amplitude"], kept["x_m"], kept["y_m"], range_db)
 
     def _alignment(self, volume: cl.Volume, capture: cl.Capture, mesh: Path) -> dict[str, Any]:
-        from calibration import align_mesh
-
         try:
-            found = align_mesh(
+            found = calibration.align_mesh(
                 volume, _mesh(mesh, self.how.unit, self.run_name), array=capture.array,
                 waveform=capture.waveform, device=self.device, correct_bias=self.how.bias,
                 search_deg=self.how.search_deg,
@@ -236,17 +230,10 @@ def record_file(folder: Path, number: int) -> Path:
 
 
 def _metrics(image: cl.DepthMap, other: cl.DepthMap, range_db: float) -> dict[str, Any] | None:
-    from clradar.compare.metrics import metrics_of
-
     try:
         return metrics_of(image, other, range_db).to_dict()
     except CompareError:  # nothing above zero in one of the two
         return None
-
-
-def _rms_db(capture: cl.Capture) -> float | None:
-    power = float(np.mean(np.abs(capture.data) ** 2, dtype=np.float64))
-    return 10 * math.log10(power) if power > 0 else None
 
 
 def _figures(volume: cl.Volume, dynamic_range_db: float) -> dict[str, Any]:

@@ -157,7 +157,7 @@ def option_name(name: str, one: Field[Any]) -> str:
 
 
 def expanded(
-    command: Callable[..., Any], check: Callable[[list[Any]], None] = lambda outputs: None
+    command: Callable[..., Any], check: Callable[[Iterable[Any]], None] = lambda outputs: None
 ) -> Callable[..., Any]:
     """Give a command one keyword for each field of its groups: the parameters that typer reads.
 
@@ -197,9 +197,15 @@ def expanded(
             for name, group in groups.items()
         }
         single = {name: values[name] for name in shown.parameters if name not in groups}
-        vars(call).update(vars(Call(label, kept, typed, _inputs(declared, values), force)))
+        named = {
+            option_name(name, one): (one.metadata["files"] or paths_in)(values[name])
+            for name, one in declared.items()
+            if values[name] is not None and not _is_output(one)
+        }
+        inputs = {option: paths for option, paths in named.items() if paths}
+        vars(call).update(vars(Call(label, kept, typed, inputs, force)))
         try:
-            check([values[name] for name, one in declared.items() if one.metadata["writes"]])
+            check(values[n] for n, one in declared.items() if one.metadata["writes"])
             if any(values[name] is not None for name in writing):
                 for path in filter(Path.is_file, call.paths):
                     with suppress(ClradarError):  # the reader of the file says why
@@ -214,16 +220,6 @@ def expanded(
 
 def _is_output(one: Field[Any]) -> bool:
     return one.metadata["writes"] or one.metadata["names"][:1] == ("-o",)
-
-
-def _inputs(declared: dict[str, Field[Any]], values: dict[str, Any]) -> dict[str, list[Path]]:
-    """The files and folders that each option names, but those to write."""
-    named = {
-        option_name(name, one): (one.metadata["files"] or paths_in)(values[name])
-        for name, one in declared.items()
-        if values[name] is not None and not _is_output(one)
-    }
-    return {option: paths for option, paths in named.items() if paths}
 
 
 def _parameter(name: str, hint: Any, one: Field[Any], panel: str) -> Parameter:

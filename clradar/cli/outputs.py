@@ -14,33 +14,23 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 import clradar as cl
+import measurement_io as io
 from clradar import __version__
 from clradar.cli.console import print_line, progress_bar
 from clradar.cli.groups import call, plain
 from clradar.errors import OutputError
-from clradar.files.atomic import (
-    move_folder,
-    new_folder,
-    refuse_special,
-    remove_left,
-    swap_folder,
-    write_file,
-    writing,
-)
+from clradar.files import atomic
 from clradar.files.hashing import holds_still
 from clradar.files.json_file import write_json
 from clradar.jobs import Job
 from clradar.versions import package_versions
 
-if TYPE_CHECKING:
-    from clradar.hand import HandMesh
-
-    Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
+Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
 
 OWNED_DEPTH = 3
 """Folders above a file that may own it: a recording is three above its frames."""
@@ -50,10 +40,10 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
     """Raise unless every output of the command that runs may be written."""
     written = set()
     wanted = [output for output in outputs if output is not None]
-    remove_left(wanted)
+    atomic.remove_left(wanted)
     known: dict[Path, bool] = {}
     for output in wanted:
-        with writing(output):
+        with atomic.writing(output):
             if any(_same(output, path) for path in call.paths):
                 raise OutputError(f"{output}: is also an input; choose another name")
             place = os.path.realpath(output).casefold()  # case may not count on this disk
@@ -63,7 +53,7 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
             if output.is_dir():
                 raise OutputError(f"{output}: expected a file's name, got a folder")
             _check_place(output, known)
-            refuse_special(output)
+            atomic.refuse_special(output)
             if not call.force and os.path.lexists(output):
                 raise OutputError(f"{output}: exists already; --force replaces it")
 
@@ -82,10 +72,10 @@ def check_folder(
 
     `replaced` names the only files that it may replace, none of which is an input; None: any.
     """
-    with writing(folder):
+    with atomic.writing(folder):
         if os.path.lexists(folder) and not folder.is_dir():
             raise OutputError(f"{folder}: expected a folder's name, got a file")
-        remove_left([folder])
+        atomic.remove_left([folder])
         _check_place(folder, {})
         for path in call.paths:
             if _same(folder, path):
@@ -149,16 +139,16 @@ def whole_folder(folder: Path, replaced: Collection[str]) -> Iterator[Path]:
 
     A failure leaves everything as it was. `replaced` as in `check_folder`.
     """
-    with new_folder(folder) as temporary:
+    with atomic.new_folder(folder) as temporary:
         made = temporary / "made"
         made.mkdir()
         yield made
         # Another process may have made it meanwhile.
         check_folder(folder, replaced)
         if call.force:
-            swap_folder(made, folder, temporary / "replaced")
+            atomic.swap_folder(made, folder, temporary / "replaced")
         else:
-            move_folder(made, folder)
+            atomic.move_folder(made, folder)
 
 
 def begun(
@@ -204,13 +194,24 @@ def write(
     if isinstance(content, Mapping):
         write_json(path, {**content, **provenance(**more)}, force=force)
     elif isinstance(content, str):
-        write_file(path, content.encode(), force=force)
+        atomic.write_file(path, content.encode(), force=force)
     elif hasattr(content, "savefig"):
-        from clradar.plot import save_figure
+        cl.plot.save_figure(content, path, force=force)
+    elif hasattr(content, "faces"):  # in metres; the name says the format
+        import trimesh
 
-        save_figure(content, path, force=force)
-    elif hasattr(content, "faces"):
-        write_file(path, mesh_file(path, content), force=force)
+        from clradar.files.meshes.ply_parts import ply_of_parts
+
+        kind, surface, part = (
+            path.suffix.lower()[1:],
+            (content.vertices_m, content.faces),
+            content.part,
+        )
+        if kind == "ply":
+            made = ply_of_parts(*surface, np.asarray(part), content.part_names, content.texture_m)
+        else:
+            made = trimesh.Trimesh(*surface, process=False).export(file_type=kind)
+        atomic.write_file(path, made.encode() if isinstance(made, str) else made, force=force)
     else:
         content = save(path, content, provenance(**more), force=force)
     if text:
@@ -220,8 +221,6 @@ def write(
 
 def save(path: Path, result: Result, origin: Mapping[str, Any], *, force: bool = True) -> Result:
     """Write a capture, a volume or channels with their provenance; return it as written."""
-    import measurement_io as io
-
     result = replace(result, meta={**result.meta, **origin})
     writers: Any = {cl.Capture: io.save_capture, cl.Volume: io.save_volume}
     writers.get(type(result), io.save_channels)(path, result, force=force)
@@ -247,7 +246,7 @@ MESHES = (".ply", ".stl", ".obj", ".off")
 """Formats of mesh files; .ply has parts and texture, too."""
 
 
-def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandMesh:
+def turned(mesh: cl.hand.HandMesh, angle_deg: float, center_m: Sequence[float]) -> cl.hand.HandMesh:
     """A hand turned about the vertical through `center_m`."""
     cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     matrix = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
@@ -257,23 +256,8 @@ def turned(mesh: HandMesh, angle_deg: float, center_m: Sequence[float]) -> HandM
 
 def joints_record(joints: np.ndarray) -> dict[str, list[float] | None]:
     """The JSON object of joints that a sweep reads; None, which it refuses, for an unknown one."""
-    from clradar.hand import JOINT_NAMES
-
     known = (at.tolist() if np.isfinite(at).all() else None for at in joints)
-    return dict(zip(JOINT_NAMES, known, strict=True))
-
-
-def mesh_file(path: Path, mesh: HandMesh | cl.Scene) -> bytes:
-    """The content of the file of a mesh, in metres; its name says the format."""
-    import trimesh
-
-    from clradar.files.meshes.ply_parts import ply_of_parts
-
-    kind, surface, part = path.suffix.lower()[1:], (mesh.vertices_m, mesh.faces), mesh.part
-    if kind == "ply":
-        return ply_of_parts(*surface, np.asarray(part), mesh.part_names, mesh.texture_m)
-    content = trimesh.Trimesh(*surface, process=False).export(file_type=kind)
-    return content.encode() if isinstance(content, str) else content
+    return dict(zip(cl.hand.JOINT_NAMES, known, strict=True))
 
 
 def described(capture: cl.Capture, origin: Mapping[str, Any]) -> cl.Capture:

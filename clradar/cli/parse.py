@@ -59,7 +59,6 @@ page = ends_in(".html", ".htm")
 
 
 def figure(option: str, path: Path) -> Path:
-    """A check of the name of a figure."""
     from clradar.plot.saving import SUFFIXES
 
     return ends_in(*SUFFIXES)(option, path)

@@ -76,7 +76,15 @@ class Job:
             remove_temporaries(place)
         path = self.folder / self.key_name
         if path.exists() or path.is_symlink():
-            before = self._read_key(path)
+            try:
+                expected = f"the settings of a begun {self.work}, as JSON"
+                before = read_json(path, expected)
+                if not isinstance(before, dict):
+                    fail(path, expected, "no JSON object")
+            except ValueError:  # MeasurementError is one
+                if not self.force:
+                    raise
+                before = {}
             known = before.pop(MADE_FROM, {})
             now = json.loads(json.dumps(self.compared(self.key), allow_nan=False))
             different = [
@@ -99,18 +107,6 @@ class Job:
         made_from = {name: list(map(content_record, files)) for name, files in self.inputs.items()}
         more = {MADE_FROM: made_from} if self.inputs else {}
         write_json(path, {**self.key, **more}, force=False)
-
-    def _read_key(self, path: Path) -> dict[str, Any]:
-        expected = f"the settings of a begun {self.work}, as JSON"
-        try:
-            value = read_json(path, expected)
-            if not isinstance(value, dict):
-                fail(path, expected, "no JSON object")
-            return value
-        except ValueError:  # MeasurementError is one
-            if self.force:
-                return {}
-            raise
 
     def clear(self, names: Iterable[str] | None = None) -> None:
         """Remove what is the job's own, or some of it."""

@@ -86,9 +86,13 @@ def held(folder: Path, work: str) -> Iterator[None]:
         with writing(folder):
             lock = locked(folder / LOCK)
         if lock is None:
-            raise OutputError(
-                f"{shown(folder)}: another {work} is writing into it{_holder(folder / LOCK)}"
-            )
+            holder = ""
+            with suppress(OSError, ValueError):
+                process, machine = (folder / LOCK).read_text("utf-8").split("\n")[:2]
+                if process.isdecimal() and machine:
+                    holder = f": process {process} of {machine}; if that is gone, remove "
+                    holder += f"'{shown(folder / LOCK)}'"
+            raise OutputError(f"{shown(folder)}: another {work} is writing into it{holder}")
         try:
             yield
         except KeyboardInterrupt as interruption:
@@ -132,12 +136,3 @@ def unlock(lock: BaseFileLock) -> None:
     for step in steps if sys.platform != "win32" else reversed(steps):
         with suppress(OSError):
             step()
-
-
-def _holder(path: Path) -> str:
-    """Who holds a lock, where the file says it."""
-    with suppress(OSError, ValueError):
-        process, machine = path.read_text("utf-8").split("\n")[:2]
-        if process.isdecimal() and machine:
-            return f": process {process} of {machine}; if that is gone, remove '{shown(path)}'"
-    return ""

@@ -31,7 +31,6 @@ class Aside:
 
 
 def reason_of(error: BaseException) -> str:
-    """The reason of a failure on one line."""
     return clean(f"{type(error).__name__}: {error}")
 
 
@@ -61,6 +60,4 @@ def made_with(device: Device) -> dict[str, Any]:
     }
 
 
-@cache
-def _packages() -> dict[str, str]:
-    return package_versions()  # reads files, for every item
+_packages = cache(package_versions)  # which reads files, for every item

@@ -63,12 +63,10 @@ class Where:
 
     @property
     def text(self) -> str:
-        """Names of the devices, for a person."""
         return self.first.info.label if len(self.infos) == 1 else _listed(self.infos)
 
     @property
     def here(self) -> bool:
-        """Whether all is done by this process."""
         return self.workers is None and self.scheduler is None and len(self.infos) == 1
 
     def check_alike(self, what: str) -> None:
@@ -134,10 +132,8 @@ class Where:
             files = [str(path.absolute()) for path in self.files]
             # Of several devices each worker has its own, in CLRADAR_DEVICE.
             device = None if several(self.device) else self.device
-            with (
-                dask.client_of(self.scheduler) as client,
-                dask.Workers.of_scheduler(client, folder or Path(), files, device) as started,
-            ):
+            of = (self.scheduler, folder or Path(), files, device)
+            with dask.Workers.of_scheduler(*of) as started:
                 yield started
             return
         infos: Sequence[DeviceInfo] = self.infos
@@ -230,5 +226,4 @@ def _with_progress(
 
 
 def _listed(infos: Sequence[DeviceInfo]) -> str:
-    """Selectors and names of devices."""
     return ", ".join(f"{info.selector} {info.label}" for info in infos)

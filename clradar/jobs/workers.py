@@ -20,16 +20,7 @@ from time import monotonic, sleep
 from typing import Any
 
 import dask
-from distributed import (
-    CancelledError,
-    Client,
-    Future,
-    KilledWorker,
-    Nanny,
-    Scheduler,
-    SpecCluster,
-    as_completed,
-)
+import distributed
 from distributed.comm import CommClosedError
 from distributed.diagnostics.plugin import WorkerPlugin
 
@@ -125,7 +116,7 @@ class KeepToCores(WorkerPlugin):
 
 
 @contextmanager
-def local_client(shares: Sequence[Share]) -> Iterator[Client]:
+def local_client(shares: Sequence[Share]) -> Iterator[distributed.Client]:
     """Start one worker process for each share of this machine; yields the client."""
     _silence()
     threads = str(min(share.threads for share in shares))
@@ -142,7 +133,7 @@ def local_client(shares: Sequence[Share]) -> Iterator[Client]:
         "distributed.scheduler.allowed-failures": 1,
     }
     scheduler = {
-        "cls": Scheduler,
+        "cls": distributed.Scheduler,
         "options": {"host": HERE, "port": 0, "dashboard": True, "dashboard_address": f"{HERE}:0"},
     }
     common = {
@@ -153,7 +144,7 @@ def local_client(shares: Sequence[Share]) -> Iterator[Client]:
     workers = {}
     for i, share in enumerate(shares):
         own = {"env": share.environment(), "plugins": (KeepToCores(share.cores),)}
-        workers[i] = {"cls": Nanny, "options": common | own}
+        workers[i] = {"cls": distributed.Nanny, "options": common | own}
     # Dask leaves its folder of scratch behind.
     with (
         scratch_folder() as scratch,
@@ -161,33 +152,18 @@ def local_client(shares: Sequence[Share]) -> Iterator[Client]:
     ):
         try:
             with interrupts_blocked():
-                cluster = SpecCluster(
+                cluster = distributed.SpecCluster(
                     workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL
                 )
         except Exception as error:
             raise ClusterError(f"the workers did not start: {clean(error)}") from error
         try:
-            with Client(cluster, set_as_default=False) as client:
+            with distributed.Client(cluster, set_as_default=False) as client:
                 yield client
         finally:
             # Ctrl-C would cancel the closing, and closing again would wait for that forever.
             with interrupts_blocked():
                 cluster.close()
-
-
-@contextmanager
-def client_of(address: str) -> Iterator[Client]:
-    """Connect to a Dask scheduler that runs already; yields the client."""
-    _silence()
-    try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise ClusterError(
-            f"{clean(address)}: expected the address of a Dask scheduler, such as "
-            f"tcp://HOST:8786; {clean(error)}"
-        ) from error
-    with client:
-        yield client
 
 
 def _silence() -> None:
@@ -200,7 +176,6 @@ def _silence() -> None:
 
 
 def worker_facts(device: str | None) -> dict[str, Any]:
-    """The versions and the device of the worker that runs this."""
     return made_with(open_device(device))
 
 
@@ -216,7 +191,6 @@ class Terms:
 
 @lru_cache(maxsize=4)
 def breach(terms: Terms) -> str | None:
-    """The condition that this process violates, or None."""
     different = differences(json.loads(terms.made_with), worker_facts(terms.device))
     if different:
         return f"expected versions and device of the other workers: {'; '.join(different)}"
@@ -257,24 +231,33 @@ class Workers:
     """The workers of a client: of this machine, with the names of their devices, or on terms."""
 
     def __init__(
-        self, client: Client, terms: Terms | None = None, names: Sequence[str] = ()
+        self, client: distributed.Client, terms: Terms | None = None, names: Sequence[str] = ()
     ) -> None:
         self.client, self.terms, self.names = client, terms, names
 
     @classmethod
     @contextmanager
     def of_scheduler(
-        cls, client: Client, folder: Path, files: Sequence[str], device: str | None
+        cls, address: str, folder: Path, files: Sequence[str], device: str | None
     ) -> Iterator[Workers]:
         """Those that a scheduler has; whether they see the folder is known by a file in it."""
+        _silence()
+        try:
+            client = distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise ClusterError(
+                f"{clean(address)}: expected the address of a Dask scheduler, such as "
+                f"tcp://HOST:8786; {clean(error)}"
+            ) from error
         # A later run removes it as a temporary file, if this one is killed.
         visible = folder.absolute() / f".visible.{secrets.token_hex(16)}.tmp"
-        write_file(visible, b"")
-        try:
-            facts = json.dumps(cls(client)._facts(device))
-            yield cls(client, Terms(facts, device, (str(visible), *files), os.getcwd()))
-        finally:
-            visible.unlink(missing_ok=True)
+        with client:
+            write_file(visible, b"")
+            try:
+                facts = json.dumps(cls(client)._facts(device))
+                yield cls(client, Terms(facts, device, (str(visible), *files), os.getcwd()))
+            finally:
+                visible.unlink(missing_ok=True)
 
     def _facts(self, device: str | None) -> dict[str, Any]:
         """Versions and device of one worker, which has to be of this version."""
@@ -296,7 +279,7 @@ class Workers:
         for i, future in self._finished(function, [*enumerate(items)], AHEAD, ordered=True):
             try:
                 result, warned = future.result()
-            except KilledWorker as error:
+            except distributed.KilledWorker as error:
                 name = self.names[int(str(error.last_worker.name))]
                 raise DeviceError(
                     f"device {name}: its process died at item {i}; choose other devices, see "
@@ -328,9 +311,9 @@ class Workers:
         for number, future in self._finished(function, items, WAITING):
             try:
                 yield number, future.result()
-            except KilledWorker:
+            except distributed.KilledWorker:
                 blamed.append(number)
-            except (CancelledError, CommClosedError) as error:
+            except (distributed.CancelledError, CommClosedError) as error:
                 raise ClusterError(
                     "the scheduler is gone, or cancelled the samples; the same command resumes"
                 ) from error
@@ -344,11 +327,11 @@ class Workers:
         ahead: int,
         *,
         ordered: bool = False,
-    ) -> Iterator[tuple[int, Future]]:
+    ) -> Iterator[tuple[int, distributed.Future]]:
         """Yield numbers of items with futures that are done; `ahead` for each worker are begun."""
-        run, finished = secrets.token_hex(4), as_completed([], loop=self.client.loop)
-        pending: dict[Future, int] = {}
-        ready: dict[int, Future] = {}
+        run, finished = secrets.token_hex(4), distributed.as_completed([], loop=self.client.loop)
+        pending: dict[distributed.Future, int] = {}
+        ready: dict[int, distributed.Future] = {}
         submitted = 0
         try:
             for turn, (expected, _) in enumerate(items):
@@ -398,6 +381,5 @@ class Workers:
 
 
 def _is_busy(run: str, dask_worker: Any) -> bool:
-    """Whether a worker is making an item of a run."""
     keys = list(dask_worker.active_threads.values())
     return any(isinstance(key, tuple) and key[:2] == ("item", run) for key in keys)

@@ -13,7 +13,7 @@ from quick_figures import draw_quickly, seek_nothing_else
 import clradar
 from clradar.arrays.array_file import array_text
 from clradar.cli.commands import simulate
-from clradar.cli.comparison import figure_labels
+from clradar.cli.images import figure_labels
 from clradar.cli.options.measured import RadarOptions
 from clradar.hand import hand_mesh
 from measurement_io import check_file, open_capture, open_volume, save_recording, save_volume

@@ -149,5 +149,5 @@ def test_devices_marks_the_one_that_is_used(cli, monkeypatch):
     def none() -> None:
         raise DeviceError("no OpenCL platform was found")
 
-    monkeypatch.setattr("clradar.opencl.device.list_devices", none)
+    monkeypatch.setattr("clradar.cli.commands.lists.list_devices", none)
     cli.fails("devices", "no OpenCL platform")

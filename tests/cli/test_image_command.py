@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import clradar
 import clradar.plot
-from clradar.cli.inputs import recording_title, title_of
+from clradar.cli.images import recording_title, title_of
 from clradar.cli.options import GridOptions
 from clradar.cli.parse import axis_mm
 from clradar.errors import CompareError

@@ -28,9 +28,9 @@ from calibration.hand_fit.starts import read_start
 from calibration.registration.mesh_pose import depth_for_mesh
 from clradar import AntennaArray, Capture, ChannelCalibration, VoxelGrid, Waveform, backproject
 from clradar.arrays import qar50
-from clradar.cli import recordings
+from clradar.cli.commands import process as recordings
+from clradar.cli.commands.process import MOVEMENT as FIGURE, SHEET, table
 from clradar.cli.frames import RECORDS, FrameSteps
-from clradar.cli.recordings import MOVEMENT as FIGURE, SHEET, table
 from clradar.hand import read_pose
 from clradar.plot.captures import write_gif
 from measurement_io import (

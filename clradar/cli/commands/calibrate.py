@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
+import calibration
 import clradar as cl
+import measurement_io
 from clradar.cli import options as opt, parse
 from clradar.cli.console import (
     counted,
@@ -21,16 +20,13 @@ from clradar.cli.console import (
     print_warning,
     progress_bar,
 )
-from clradar.cli.inputs import title_of
+from clradar.cli.images import rms_db, title_of
 from clradar.cli.outputs import write
 from clradar.errors import ModelError
 from clradar.files.failures import fail
 from clradar.jobs import open_devices
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from calibration import Diagnosis, Hypothesis
     from calibration.channels.targets import Target
 
 
@@ -64,9 +60,24 @@ def clean_command(
         empty, averaged = read(room, opt.FrameOptions(), average, align_phase)
         steps.append(f"minus {room} (scaling {cleaning.scaling}{averaged and ', ' + averaged})")
     done = cleaning.cleaned(loaded, empty)
-    write(output, done, "; ".join([*steps, *cleaning.steps(done.meta)]))
-    powers = [float(np.mean(np.abs(one.data) ** 2, dtype=np.float64)) for one in (loaded, done)]
-    change = f"{10 * math.log10(powers[1] / powers[0]):+.1f} dB" if min(powers) > 0 else "zero"
+    if cleaning.gate_mm is not None:
+        gate = done.meta["range_gate"]
+        steps.append(
+            f"gated to {1e3 * gate['near_m']:g} to {1e3 * gate['far_m']:g} mm (inside "
+            f"{gate['passband_db']:+.1f} dB at worst, rejects {gate['rejection_db']:.0f} dB or "
+            f"more beyond {1e3 * gate['edge_m']:.0f} mm from it)"
+        )
+    if cleaning.channels is not None:
+        channels = done.meta["channels"]
+        steps.append(
+            f"{100 * channels['live_share']:.1f} % of the pairs left, without "
+            f"{len(channels['masked_tx'])} Tx and {len(channels['masked_rx'])} Rx"
+        )
+    write(output, done, "; ".join(steps))
+    before_db, after_db = rms_db(loaded), rms_db(done)
+    change = "zero"
+    if before_db is not None and after_db is not None:
+        change = f"{after_db - before_db:+.1f} dB"
     print_line(f"{output}: power against {capture}: {change}")
 
 
@@ -74,13 +85,10 @@ def read(
     path: Path, frames: opt.FrameOptions, average: bool, align_phase: bool
 ) -> tuple[cl.Capture, str]:
     """One frame or the mean of all, and of how many it is the mean."""
-    from calibration import average_frames
-    from measurement_io import open_recording
-
     if not (average and path.is_dir()):
         return opt.open_frame(path, frames), ""
     variant = frames.variant or "raw"
-    recording = open_recording(path, variant=variant)
+    recording = measurement_io.open_recording(path, variant=variant)
     if not len(recording):
         fail(path, f"frames of variant {variant}", "none")
     with progress_bar("averaging") as progress:
@@ -91,7 +99,7 @@ def read(
                 if progress is not None:
                     progress(number, len(recording))
 
-        found = average_frames(captures(), align_phase=align_phase)
+        found = calibration.average_frames(captures(), align_phase=align_phase)
     expected, count = found.meta.get("number_of_measurements"), len(recording)
     if isinstance(expected, int) and expected != count:
         print_warning(f"{path}: {count} of {expected} frames are there; averaged those")
@@ -130,11 +138,11 @@ class TargetOptions:
     )
 
     def read(self) -> Target:
-        """The target that the options describe."""
-        from calibration import CornerReflector, FlatPlate, Sphere
-
         known = opt.arguments_of(self)
-        kinds: Any = {"plate": FlatPlate, "sphere": Sphere, "corner": CornerReflector}
+        kinds: dict[Any, Any] = {
+            "plate": calibration.FlatPlate, "sphere": calibration.Sphere,
+            "corner": calibration.CornerReflector,
+        }  # fmt: skip
         if tilt_deg := known.pop("tilt_deg", None):
             known |= dict(zip(("tilt_x_deg", "tilt_y_deg"), tilt_deg, strict=True))
         target: Target = kinds[known.pop("target")](**known)
@@ -143,8 +151,6 @@ class TargetOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateOptions:
-    """How gains and delays are estimated."""
-
     PANEL = "Expert"
 
     hold: bool = opt.option("The target is exactly at the position of the options.", False)
@@ -184,14 +190,15 @@ def channels_command(
     """The target's position is refined, too. Which errors are observable:
     docs/channel-calibration.md. The mean of a recording's frames: `clradar clean --average`.
     """
-    from calibration import estimate_channels
     from calibration.channels.figure import channels_figure
     from measurement_io.record_facts import Description, facts_of
 
     known = target.read()
     loaded = opt.open_frame(capture, frames)
     with progress_bar("fitting channels") as progress:
-        channels = estimate_channels(loaded, known, progress=progress, **estimate.settings())
+        channels = calibration.estimate_channels(
+            loaded, known, progress=progress, **estimate.settings()
+        )
     channels = write(output, channels)
     facts = facts_of(channels)
     first = [fact.name for fact in facts].index("dead Tx")  # what is before is of the capture, too
@@ -200,6 +207,7 @@ def channels_command(
     write(plot, figure, "gains, phases and delays")
 
 
+SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
 COARSE_GRID_MM = ((-100.0, 100.0, 4.0), (-100.0, 100.0, 4.0), (260.0, 340.0, 10.0))
 
 
@@ -224,22 +232,35 @@ def diagnose_command(
     image; with a range, the grid is that of the options, by default -100:100:4, -100:100:4,
     260:340:10. See docs/diagnose.md.
     """
-    from calibration import apply_convention, diagnose
-
     grid = voxels.grid(COARSE_GRID_MM) if opt.given(voxels) else None
     expected_m = None if expect_mm is None else opt.scaled(expect_mm, 1e3)
     loaded = opt.open_frame(capture, frames)
     opened = open_devices(device).first
     with progress_bar("imaging") as progress:
-        result = diagnose(
+        result = calibration.diagnose(
             loaded, grid=grid, expected_m=expected_m, device=opened, progress=progress
         )
     if result.scores:
-        print_scores(result)
+        panels: dict[bool, list[Any]] = {}  # a row for each order of axes
+        for score in result.scores:
+            h, level = score.hypothesis, decibels(score.relative_db)
+            label = f"{'BEST: ' * (mark_of(result, h) == 'best')}{h.label}\n{level} dB"
+            panels.setdefault(h.swapped, []).append((label, score.image))
+        rows = []
+        for score in sorted(result.scores, key=lambda s: -s.relative_db):
+            h, place = score.hypothesis, ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
+            row = [
+                "[rx, tx]" if h.swapped else "[tx, rx]",
+                "exp(+j)" if h.conjugated else "exp(-j)",
+            ]
+            row += ["descending" if h.reversed else "ascending", decibels(score.relative_db), place]
+            rows.append([*row, mark_of(result, h)])
+        print_table(SCORE_COLUMNS, rows, right=SCORE_COLUMNS[3:5])
     print_line(result.recommendation)
     write(json, {"capture": str(capture), **result.to_dict()}, "the result, in metres")
     if result.scores:
-        figure = partial(figure_of, result, title_of(capture, loaded.meta))
+        title = title_of(capture, loaded.meta)
+        figure = partial(cl.plot.panels_figure, list(panels.values()), title)
         write(output, figure, "the image under each hypothesis")
     elif output is not None:
         print_warning(f"{output}: not drawn, since there is no image")
@@ -250,37 +271,11 @@ def diagnose_command(
         others += [] if result.mirror_known else ["the mirror image"]
         if others:
             print_warning(f"{capture}: {' / '.join(others)} cannot be ruled out")
-        fixed = apply_convention(loaded, result.best)
+        fixed = calibration.apply_convention(loaded, result.best)
         write(fix_to, fixed, f"the capture with '{result.best.label}' undone")
 
 
-def figure_of(result: Diagnosis, title: str) -> Figure:
-    """The images, a row for each order of axes."""
-    from clradar.plot import panels_figure
-
-    panels: dict[bool, list[Any]] = {}
-    for score in result.scores:
-        h, level = score.hypothesis, decibels(score.relative_db)
-        label = f"{'BEST: ' * (mark_of(result, h) == 'best')}{h.label}\n{level} dB"
-        panels.setdefault(h.swapped, []).append((label, score.image))
-    return panels_figure(list(panels.values()), title)
-
-
-SCORE_COLUMNS = ("axes", "phase", "frequencies", "sharpness (dB)", "brightest at x, y, z (mm)", "")
-
-
-def print_scores(result: Diagnosis) -> None:
-    """Print one row per hypothesis, the sharpest first."""
-    rows = []
-    for score in sorted(result.scores, key=lambda s: -s.relative_db):
-        h, place = score.hypothesis, ", ".join(f"{1e3 * v:.0f}" for v in score.peak_m)
-        row = ["[rx, tx]" if h.swapped else "[tx, rx]", "exp(+j)" if h.conjugated else "exp(-j)"]
-        row += ["descending" if h.reversed else "ascending", decibels(score.relative_db), place]
-        rows.append([*row, mark_of(result, h)])
-    print_table(SCORE_COLUMNS, rows, right=SCORE_COLUMNS[3:5])
-
-
-def mark_of(result: Diagnosis, hypothesis: Hypothesis) -> str:
+def mark_of(result: calibration.Diagnosis, hypothesis: calibration.Hypothesis) -> str:
     """Whether a hypothesis is the best, or one of those that remain."""
     left = [replace(candidate, mirrored=False) for candidate in result.candidates]
     if hypothesis not in left:

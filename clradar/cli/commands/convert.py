@@ -9,17 +9,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import clradar as cl
-from clradar.cli import options as opt, parse
+import measurement_io
+from clradar.cli import options as opt, outputs as out, parse
 from clradar.cli.console import counted, print_line, print_warning, progress_bar
-from clradar.cli.inputs import ImageInput, ReadOnAccess
-from clradar.cli.outputs import (
-    check_folder,
-    check_outputs,
-    described,
-    provenance,
-    save,
-    write,
-)
+from clradar.cli.images import ImageInput, ReadOnAccess
 from clradar.errors import MeasurementError, ModelError
 from clradar.files.failures import fail
 from clradar.jobs.lock import made_folder
@@ -29,13 +22,12 @@ def write_captures(
     source: Path, output: Path, variant: str | None, antennas: opt.AntennaOptions
 ) -> None:
     """Write `output/000000.h5`, `000000_emptyfiltered.h5` ..., one frame in memory at a time."""
-    from measurement_io import open_recording
     from measurement_io.maroon.folders import find_radar_folder, frames
 
-    check_folder(output, resumed=True)
+    out.check_folder(output, resumed=True)
     there = frames(find_radar_folder(source)) if source.is_dir() else {}
     first = variant or next((name for name, found in there.items() if found), "raw")
-    recording = open_recording(source, variant=first, **opt.arguments_of(antennas))
+    recording = measurement_io.open_recording(source, variant=first, **opt.arguments_of(antennas))
     variants = recording.variants if variant is None else (variant,)
     views = {name: recording.with_variant(name) for name in variants}
     files = {
@@ -45,7 +37,7 @@ def write_captures(
     }
     beside, written = opt.paths_in(opt.arguments_of(antennas)), list[str]()
     if output.is_dir():
-        check_outputs(files)
+        out.check_outputs(files)
     with made_folder(output), progress_bar("converting") as progress:
         for done, (path, opened) in enumerate(files.items(), start=1):
             try:
@@ -55,7 +47,7 @@ def write_captures(
                 continue
             own = {key: capture.meta[key] for key in ("frame", "variant")}
             inputs = [*(opt.frame_files(capture) if source.is_dir() else [source]), *beside]
-            save(path, capture, provenance(inputs, **own), force=opt.call.force)
+            out.save(path, capture, out.provenance(inputs, **own), force=opt.call.force)
             written.append(path.name)
             del capture  # before the next one is read
             if progress is not None:
@@ -68,26 +60,30 @@ def write_captures(
 
 def write_recording(sources: Sequence[Path], output: Path, antennas: opt.AntennaOptions) -> None:
     """Write `output/radar_<low>_<high>_<points>` with a frame for each capture."""
-    from measurement_io import open_capture, save_recording
     from measurement_io.maroon.folders import BESIDE
     from measurement_io.opening import kind_of
 
     for path in sources:
         if path.is_dir():
             fail(path, "a capture, with --to maroon", "a folder")
-    check_folder(output)
-    check_folder(output, [*BESIDE, *(path.name for path in output.glob("radar_*"))], resumed=True)
+    out.check_folder(output)
+    out.check_folder(
+        output, [*BESIDE, *(path.name for path in output.glob("radar_*"))], resumed=True
+    )
     beside, opened = opt.paths_in(opt.arguments_of(antennas)), list[Path]()
 
     def read(path: Path) -> cl.Capture:
         opened.append(path)
         own = antennas if kind_of(path) == "frame" else opt.AntennaOptions()
-        return described(open_capture(path, **opt.arguments_of(own)), provenance([path, *beside]))
+        found = measurement_io.open_capture(path, **opt.arguments_of(own))
+        return out.described(found, out.provenance([path, *beside]))
 
     captures = ReadOnAccess(sources, read)
     with progress_bar("converting") as progress:
         try:
-            radar = save_recording(output, captures, force=opt.call.force, progress=progress)
+            radar = measurement_io.save_recording(
+                output, captures, force=opt.call.force, progress=progress
+            )
         except ModelError as error:
             raise ModelError(f"{opened[-1]}: {error}") from error
     print_line(f"{radar}: {counted(len(sources), 'frame')}")
@@ -120,8 +116,6 @@ def convert_command(
     """The content of a SOURCE decides its kind, not its name. The data stays as recorded, bit by
     bit.
     """
-    from measurement_io import open_capture
-
     if to == "maroon":
         if frames != opt.FrameOptions():
             raise opt.wrong_usage("--frame, --variant", "expected without --to maroon")
@@ -133,16 +127,16 @@ def convert_command(
     if all_frames:
         write_captures(source, output, frames.variant, antennas)
         return
-    check_outputs([output])
+    out.check_outputs([output])
     how = {**opt.arguments_of(frames), **opt.arguments_of(antennas)}
-    capture = opt.noted(source, open_capture(source, layout=layout, **how))
+    capture = opt.noted(source, measurement_io.open_capture(source, layout=layout, **how))
     if layout is not None:
         sides = (capture.meta["layout"][name] for name in ("tx", "rx"))
         opt.call.inputs["--layout"] += [Path(side["file"]) for side in sides if "file" in side]
-        check_outputs([output])  # they are known only now
+        out.check_outputs([output])  # they are known only now
     low, high = capture.waveform.frequencies_hz[[0, -1]] / 1e9
     shape = " x ".join(str(n) for n in capture.data.shape)
-    write(output, capture, f"{shape} (tx, rx, frequency), {low:g} to {high:g} GHz")
+    out.write(output, capture, f"{shape} (tx, rx, frequency), {low:g} to {high:g} GHz")
 
 
 def export_command(
@@ -158,7 +152,6 @@ def export_command(
     """A volume goes to .vti (ParaView), its depth map to .ply (MeshLab, Blender: the amplitude as
     grey), and either of them or a capture to .mat (MATLAB) or .npz (numpy), in metres and hertz.
     """
-    from measurement_io import export_file
     from measurement_io.export import FORMATS
 
     parse.ends_in(*FORMATS)("-o", output)
@@ -169,8 +162,8 @@ def export_command(
     if depth_map or (output.suffix.lower() == ".ply" and not isinstance(content, cl.Capture)):
         content = content.depth_map(depth.dynamic_range_db)
     else:
-        content = replace(content, meta={**content.meta, **provenance()})
-    export_file(output, content, force=opt.call.force)
+        content = replace(content, meta={**content.meta, **out.provenance()})
+    measurement_io.export_file(output, content, force=opt.call.force)
     kind = {cl.Capture: "capture", cl.Volume: "volume"}.get(type(content), "depth map")
     shape = content.__array__().shape[:: 1 if kind == "capture" else -1]  # x first, as everywhere
     print_line(f"{output}: {kind}, {' x '.join(map(str, shape))}")

@@ -6,21 +6,26 @@ import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
+import calibration
 import clradar as cl
-from clradar.cli import comparison, options as opt, parse
-from clradar.cli.console import counted, print_line, print_table, print_text, progress_bar
-from clradar.cli.inputs import ImageInput, Measurement, common_grid, measurement
+from clradar.cli import options as opt, parse
+from clradar.cli.console import counted, print_line, print_text, progress_bar
+from clradar.cli.images import (
+    SIMULATION_FILES,
+    Comparison,
+    ImageInput,
+    Measurement,
+    common_grid,
+    measurement,
+    simulated_surface,
+    write_simulation,
+)
 from clradar.cli.outputs import check_folder, whole_folder, write
 from clradar.errors import ClradarWarning
 from clradar.jobs import open_devices
 from clradar.model import checks
-
-if TYPE_CHECKING:
-    from calibration import HandFit, Registration
 
 
 def align_command(
@@ -51,8 +56,6 @@ def align_command(
     `clradar simulate --transform` does. --frame and --variant are those of MEASURED. A mesh is more
     exact than an image: docs/calibration.md.
     """
-    from calibration import align, align_mesh
-
     path = mesh or simulated
     if path is None:
         raise opt.wrong_usage("SIMULATED, --mesh", "expected one of the two")
@@ -72,9 +75,9 @@ def align_command(
     volumes = [image.volume(grid, imaging, opened) for image in images]
     with progress_bar("aligning") as progress:
         if scene is None:
-            result = align(*volumes, progress=progress, **settings)
+            result = calibration.align(*volumes, progress=progress, **settings)
         else:
-            result = align_mesh(
+            result = calibration.align_mesh(
                 volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
                 **settings, **instrument,
             )  # fmt: skip
@@ -84,13 +87,11 @@ def align_command(
 
 
 TRANSFORM = "transform.json"
-REGISTERED = (TRANSFORM, *comparison.SIMULATION_FILES)
+REGISTERED = (TRANSFORM, *SIMULATION_FILES)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegistrationOptions(opt.UnitOptions, opt.SamplingOptions, opt.SearchOptions):
-    """Search and simulations of a registration."""
-
     estimator: opt.Estimator | None = opt.option(
         f"{opt.ESTIMATORS} [default: stochastic, or physical with --material]"
     )
@@ -116,8 +117,6 @@ def register_command(
     """DIR gets the placed mesh, its transform, its simulation (capture and volume), a figure and
     the metrics: all or nothing. Done when a round moves the mesh by less than 0.1 mm.
     """
-    from calibration import register
-
     check_folder(output, REGISTERED)
     how = opt.arguments_of(registration)
     alpha, unit = how.pop("alpha"), how.pop("unit")
@@ -131,36 +130,31 @@ def register_command(
     found = measurement(measured, frames, radar, voxels, opt.ImagingOptions(), opened)
     with progress_bar("registering") as progress:
         how |= {"device": opened, "progress": progress, **found.radar}
-        result = register(found.volume, scene, **how)
+        result = calibration.register(found.volume, scene, **how)
+    alpha, label = result.rounds[-1].alpha, "Simulated"
+    if alpha is not None:
+        label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
+    elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
+        label += f", {simulated_surface(result.capture.meta)}"
+    compared = Comparison.of([found.volume, result.volume], [label])
+    rounds = [
+        {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
+        for r in result.rounds
+    ]
+    metrics = {"alpha": alpha, "simulated": compared.records([Path("volume.h5")])}
+    simulated = (result.scene, result.capture, result.volume)
+    more: dict[str, Any] = {"grid": opt.grid_text(found.volume.grid)}
     with whole_folder(output, REGISTERED) as made:
-        write_registration(made, found, result)
+        write(made / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
+        write_simulation(made, measured, simulated, compared, metrics, **more)
     print_text(result.alignment.report())
     moved_mm = 1e3 * result.rounds[-1].moved_m
     print_line(f"{counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm")
     print_line(f"{output}: {', '.join(REGISTERED)}")
 
 
-def write_registration(folder: Path, measured: Measurement, result: Registration) -> None:
-    """Write all files of a registration into `folder`."""
-    more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
-    rounds = [
-        {"transform": r.transform.tolist(), "alpha": r.alpha, "moved_m": r.moved_m}
-        for r in result.rounds
-    ]
-    write(folder / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
-    alpha, label = result.rounds[-1].alpha, "Simulated"
-    if alpha is not None:
-        label += f", \N{GREEK SMALL LETTER ALPHA} = {alpha:.2f}"
-    elif result.capture.meta["settings"]["estimator"] == opt.PHYSICAL:
-        label += f", {comparison.simulated_surface(result.capture.meta)}"
-    compared = comparison.Comparison.of([measured.volume, result.volume], [label])
-    metrics = {"alpha": alpha, "simulated": compared.records([Path(comparison.VOLUME)])}
-    simulated = (result.scene, result.capture, result.volume)
-    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)
-
-
 POSE, HAND_FIT, OVERLAY = "pose.toml", "fit.json", "overlay.png"
-FITTED = (POSE, HAND_FIT, OVERLAY, *comparison.SIMULATION_FILES)
+FITTED = (POSE, HAND_FIT, OVERLAY, *SIMULATION_FILES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,8 +191,6 @@ def fit_hand_command(
     hand` and data sets), placed.ply, fit.json with what the measurement tells and what not, the
     hand's simulation, two pictures and the metrics: all or nothing. See docs/hand-fit.md.
     """
-    from calibration import fit_hand
-
     starts = opt.StartNames(fitting.pose)
     check_folder(output, FITTED)
     alpha = None if fitting.alpha == parse.FIT else fitting.alpha
@@ -206,20 +198,20 @@ def fit_hand_command(
     opened = open_devices(device).first
     found = measurement(measured, frame, radar, voxels, imaging, opened)
     with progress_bar("fitting") as progress:
-        fit = fit_hand(found.volume, device=opened, progress=progress, **settings, **found.radar)
+        settings |= {"device": opened, "progress": progress, **found.radar}
+        fit = calibration.fit_hand(found.volume, **settings)
     with whole_folder(output, FITTED) as made:
         write_hand_fit(made, found, fit, fitting.seed, opened)
-    print_hand_fit(fit)
+    print_text(fit.report().partition("\nDoubtful: ")[0])  # of which there are warnings
     print_line(f"{output}: {', '.join(FITTED)}")
 
 
 def write_hand_fit(
-    folder: Path, measured: Measurement, fit: HandFit, seed: int, device: cl.Device
+    folder: Path, measured: Measurement, fit: calibration.HandFit, seed: int, device: cl.Device
 ) -> None:
     """Write all files of a fit into `folder`; the hand before and after is simulated for them."""
     from calibration.hand_fit.figure import hand_fit_figure
     from calibration.registration.radar import Radar
-    from clradar.hand import write_pose
 
     used = Radar.of("fit_hand", measured.radar.get("array"), measured.radar.get("waveform"))
 
@@ -233,64 +225,17 @@ def write_hand_fit(
 
     before, (capture, after) = imaged(fit.started)[1], imaged(fit.scene)
     name, source = f"{fit.pose.name}, fitted to {measured.path.name}", str(measured.path)
-    write_pose(folder / POSE, replace(fit.pose, name=name, description="", source=source))
+    cl.hand.write_pose(folder / POSE, replace(fit.pose, name=name, description="", source=source))
     more: dict[str, Any] = {"grid": opt.grid_text(measured.volume.grid)}
     write(folder / HAND_FIT, fit.to_dict(), **more)
     write(folder / OVERLAY, partial(hand_fit_figure, measured.volume, fit))
     labels = [f"Before: '{fit.start}', moved", "After"]
-    if (surface := comparison.simulated_surface(after.meta)) is not None:
+    if (surface := simulated_surface(after.meta)) is not None:
         labels[1] += f", {surface}"
     with warnings.catch_warnings():
         # That the start is another pose is no news; the table has what differs.
         warnings.simplefilter("ignore", ClradarWarning)
-        compared = comparison.Comparison.of([measured.volume, before, after], labels)
+        compared = Comparison.of([measured.volume, before, after], labels)
     metrics = dict(zip(("before", "after"), (m.to_dict() for m in compared.metrics), strict=True))
     simulated = (fit.scene, capture, after)
-    comparison.write_simulation(folder, measured.path, simulated, compared, metrics, **more)
-
-
-DIGIT_COLUMNS = (
-    "digit", "tip x, y, z (mm)", "sd (mm)", "tip determined", "angles determined", "as in the start"
-)  # fmt: skip
-
-
-BASIN_COLUMNS = ("pose", "start", "hand", "deviance", "tips apart (mm)")
-
-
-def print_hand_fit(fit: HandFit) -> None:
-    """Print tips, determined angles and basins as tables, and what remains of the report."""
-    print_table(DIGIT_COLUMNS, digit_rows(fit), right=DIGIT_COLUMNS[1:3])
-    if len(fit.basins) > 1:
-        # One row for each pose in which the fit came to rest, with the tips' largest distance.
-        basins = [
-            [
-                str(number), basin.start, basin.handedness, f"{basin.deviance:.1f}",
-                f"{1e3 * fit.tips_apart_m(basin).max():.0f}",
-            ]
-            for number, basin in enumerate(fit.basins, start=1)
-        ]  # fmt: skip
-        print_table(BASIN_COLUMNS, basins, right=BASIN_COLUMNS[3:])
-    print_line(fit.summary())
-    if fit.remarks():
-        print_line(f"Doubtful: see the {counted(len(fit.remarks()), 'warning')} above.")
-
-
-def digit_rows(fit: HandFit) -> list[list[str]]:
-    """One row for each digit, and one for the arch of the palm."""
-    from calibration.hand_fit.hand_state import ANGLES_OF_DIGIT
-    from calibration.hand_fit.result import ANGLE_NAMES, DIGITS
-
-    rows = []
-    for digit, angles in ANGLES_OF_DIGIT.items():
-        names, where = ANGLE_NAMES[angles], ["", "", ""]
-        unsure = [n.removeprefix(f"{digit}-finger-").removeprefix(f"{digit}-")
-                  for n in names if n in fit.untold]  # fmt: skip
-        if digit in DIGITS:
-            number = DIGITS.index(digit)
-            at_m, std_m = fit.tips_m[number], fit.tip_std_m[number]
-            if np.isfinite(at_m).all():
-                place = ", ".join(f"{1e3 * v:.1f}" for v in at_m)
-                where = [place, f"{1e3 * std_m:.1f}", "yes" if fit.told_tips[number] else "no"]
-        determined = f"{np.count_nonzero(fit.told_angles[angles])} of {len(names)}"
-        rows.append([digit, *where, determined, ", ".join(unsure)])
-    return rows
+    write_simulation(folder, measured.path, simulated, compared, metrics, **more)

@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import clradar as cl
 from clradar.cli import options as opt, parse
@@ -26,10 +26,6 @@ from clradar.files.json_file import indented, read_json
 from clradar.files.toml_file import toml_document
 from clradar.jobs import open_devices
 from clradar.model import checks
-
-if TYPE_CHECKING:
-    from clradar.dataset.check import Replay
-    from clradar.hand import HandMesh, HandPose
 
 
 def _angle_deg(option: str, value: float) -> float:
@@ -93,28 +89,22 @@ class SurfaceOptions(opt.ShapeOptions, opt.RigOptions):
 
     @property
     def handedness(self) -> str:
-        """Which hand the embedded one is."""
         return "left" if self.left else "right"
 
-    def posed(self, pose: HandPose, center_m: Sequence[float], device: cl.Device) -> HandMesh:
-        """The surface of the embedded hand in a pose."""
-        from clradar.hand import HandShape, hand_mesh
-
-        return hand_mesh(
-            pose, edge_length_m=(1.7 if self.edge_mm is None else self.edge_mm) / 1e3,
-            handedness=self.handedness, center_m=center_m, shape=self.shape or HandShape(),
-            device=device,
-        )  # fmt: skip
-
-    def rigged(self, pose: HandPose, name: str, center_m: Sequence[float]) -> tuple[HandMesh, str]:
+    def rigged(
+        self, pose: cl.hand.HandPose, name: str, center_m: Sequence[float]
+    ) -> tuple[cl.hand.HandMesh, str]:
         """The rig's surface in a pose, or at a theta of MANO; and a description of both."""
-        from clradar.rigs import rotations_of_theta
-
         rig = self.read_rig()
         if self.theta is None:
             mesh, shown = rig.posed(pose, center_m), f"'{name}'"
         else:
-            rotations = rotations_of_theta(rig, read_theta(self.theta))
+            values = read_json(self.theta, expected := "a JSON list of 48 numbers")
+            if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
+                fail(self.theta, expected, "something else")
+            if len(values) != 48:
+                fail(self.theta, expected, f"{len(values)}")
+            rotations = cl.rigs.rotations_of_theta(rig, values)
             mesh, shown = rig.turned(rotations, center_m), f"theta of {self.theta}"
         joints = f"{int(rig.known.sum())} of {len(rig.known)} joints"
         unit = "unit m" if rig.unit_m == 1.0 else f"unit {1e3 * rig.unit_m:.6g} mm"
@@ -128,26 +118,13 @@ class SurfaceOptions(opt.ShapeOptions, opt.RigOptions):
             files = {key: os.path.relpath(at, folder) for key, at in own.items() if at}
             more = {"rig_unit": self.rig_unit, "rig_hand": self.rig_hand, "betas": self.betas}
             return {**files, **{key: value for key, value in more.items() if value is not None}}
-        from clradar.hand import HandShape
-
-        shape = self.shape or HandShape()
+        shape = self.shape or cl.hand.HandShape()
         keys = {
             "handedness": self.handedness, "length_mm": 1e3 * shape.length_m,
             "breadth_mm": 1e3 * shape.breadth_m, "girth": shape.girth,
             "finger_lengths": shape.finger_lengths,
         }  # fmt: skip
         return keys if self.edge_mm is None else {**keys, "edge_mm": self.edge_mm}
-
-
-def read_theta(path: Path) -> list[float]:
-    """The numbers of a JSON list."""
-    expected = "a JSON list of 48 numbers"
-    values = read_json(path, expected)
-    if not isinstance(values, list) or not all(type(v) in (int, float) for v in values):
-        fail(path, expected, "something else")
-    if len(values) != 48:
-        fail(path, expected, f"{len(values)}")
-    return values
 
 
 def hand_command(
@@ -169,46 +146,44 @@ def hand_command(
     texture, which stays on the skin from pose to pose. Rigs: docs/rigs.md; motion files:
     docs/movement.md.
     """
-    from clradar.hand import POSES
     from clradar.hand.pose_file import pose_of
 
     if list_poses:
-        print_table(("pose", "description"), [(n, known.description) for n, known in POSES.items()])
+        print_table(
+            ("pose", "description"), [(n, known.description) for n, known in cl.hand.POSES.items()]
+        )
         return
     if output is None:
         raise opt.wrong_usage("-o", "expected a mesh file to write, or --list")
     parse.ends_in(*((".toml",) if pose.start is not None else MESHES))("-o", output)
     if pose.start is not None:
+        folder = output.parent
+        hand = {"center_mm": pose.center_mm, **surface.motion_keys(folder)}
+        text = "[[hand]]\n" + toml_document(hand)
+        if pose.turn_deg:
+            text += f"about_mm = {list(pose.center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"
+            text += f"turn_deg = [0.0, {pose.turn_deg!r}, 0.0]\n"
+        for time_s, name in ((0.0, pose.start), (pose.duration_s, str(pose.end))):
+            pose_of(name)  # raises where there is none
+            named = os.path.relpath(name, folder) if Path(name).suffix else name
+            text += "[[hand.pose]]\n" + toml_document({"time_s": time_s, "pose": named})
         ends = f"'{pose.start}' to '{pose.end}'"
-        text = f"hand from {ends} in {pose.duration_s:g} s"
-        write(output, motion_of(output.parent, pose, surface), text)
+        write(output, text, f"hand from {ends} in {pose.duration_s:g} s")
         return
     name, center_m = pose.pose or "F", opt.scaled(pose.center_mm, 1e3)
     angles = pose_of(name)
     if surface.rig is None:
-        mesh = surface.posed(angles, center_m, open_devices(device).first)
+        edge_mm = 1.7 if surface.edge_mm is None else surface.edge_mm
+        mesh = cl.hand.hand_mesh(
+            angles, edge_length_m=edge_mm / 1e3, handedness=surface.handedness, center_m=center_m,
+            shape=surface.shape or cl.hand.HandShape(), device=open_devices(device).first,
+        )  # fmt: skip
         text = f"hand '{angles.name}'"
     else:
         mesh, text = surface.rigged(angles, name, center_m)
     mesh = turned(mesh, pose.turn_deg, center_m)
     write(joints, indented(joints_record(mesh.joints_m)))
     write(output, mesh, f"{text}, {len(mesh.faces)} faces")
-
-
-def motion_of(folder: Path, pose: PoseOptions, surface: SurfaceOptions) -> str:
-    """A motion file in this folder, of the embedded hand or of a rig."""
-    from clradar.hand.pose_file import pose_of
-
-    hand = {"center_mm": pose.center_mm, **surface.motion_keys(folder)}
-    text = "[[hand]]\n" + toml_document(hand)
-    if pose.turn_deg:
-        text += f"about_mm = {list(pose.center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"
-        text += f"turn_deg = [0.0, {pose.turn_deg!r}, 0.0]\n"
-    for time_s, name in ((0.0, str(pose.start)), (pose.duration_s, str(pose.end))):
-        pose_of(name)  # raises where there is none
-        named = os.path.relpath(name, folder) if Path(name).suffix else name
-        text += "[[hand.pose]]\n" + toml_document({"time_s": time_s, "pose": named})
-    return text
 
 
 def dataset_command(
@@ -243,18 +218,27 @@ def dataset_command(
     """The same command again resumes where it stopped. A sample that cannot be made is set aside;
     the exit status is 1 as long as any is.
     """
-    from clradar.dataset import plan_schema, run
     from clradar.dataset.check import estimate, replay as make_again
     from clradar.dataset.plan.plan import read_plan
 
     if schema:
-        print_text(json.dumps(plan_schema(), indent=1))
+        print_text(json.dumps(cl.dataset.plan_schema(), indent=1))
         return
     if replay is not None:
         selector = open_devices(device).infos[0].selector
         with progress_bar("making the sample"):
             found = make_again(*replay, device=selector, rigs=rigs or "")
-        print_replay(*replay, found)
+        index, shown = replay[1], f"in {replay[0] / (found.stored_in or '')}"
+        if found.stored_in is None:
+            print_warning(f"sample {index} is not {shown}: there was nothing to compare with")
+        elif not found.differences:
+            print_line(f"sample {index}: the same bits as {shown}")
+        else:
+            for line in found.made_otherwise:
+                print_warning(f"made otherwise then: {line}")
+            print_text("\n".join(found.differences))
+            count = counted(len(found.differences), "difference")
+            raise ClradarError(f"sample {index}: {count} to that {shown}")
         return
     if plan is None:
         raise opt.wrong_usage("PLAN.toml", "expected a plan, or --replay DIR N")
@@ -267,25 +251,13 @@ def dataset_command(
     if output is None:
         raise opt.wrong_usage("-o", "expected the folder of the data set, or --dry-run")
     check_folder(output, resumed=True)
-    where = processes.where(device, files=())
+    where = processes.where(device)
     with progress_bar("samples") as progress:
-        result = run(wanted, output, where=where, force=force, retry=retry, progress=progress)
+        result = cl.dataset.run(
+            wanted, output, where=where, force=force, retry=retry, progress=progress
+        )
     there = f"{result.samples - len(result.aside)} of {result.samples} samples"
     print_line(f"{output}: {there}, {result.made} of them made now")
     if result.aside:
         count = counted(len(result.aside), "sample")
         raise ClradarError(f"{output}: {count} set aside; --retry tries again")
-
-
-def print_replay(folder: Path, index: int, found: Replay) -> None:
-    """Print how a sample that was made again differs from the stored one, and raise if it does."""
-    if found.stored_in is None:
-        print_warning(f"sample {index} is not in {folder}: there was nothing to compare with")
-    elif not found.differences:
-        print_line(f"sample {index}: the same bits as in {folder / found.stored_in}")
-    else:
-        for line in found.made_otherwise:
-            print_warning(f"made otherwise then: {line}")
-        print_text("\n".join(found.differences))
-        count = counted(len(found.differences), "difference")
-        raise ClradarError(f"sample {index}: {count} to that in {folder / found.stored_in}")

@@ -15,15 +15,21 @@ import numpy as np
 
 import clradar as cl
 from clradar.cli import options as opt, parse
-from clradar.cli.comparison import volume_figure
 from clradar.cli.console import print_line, print_warning, progress_bar
-from clradar.cli.inputs import ImageInput, form_image, grid_for, nothing_to_draw, title_of
+from clradar.cli.images import (
+    ImageInput,
+    form_image,
+    grid_for,
+    nothing_to_draw,
+    title_of,
+    volume_figure,
+)
 from clradar.cli.outputs import begun, provenance, write
 from clradar.errors import MeasurementError
 from clradar.files.atomic import replacing
 from clradar.imaging.fast import GridPiece, grid_pieces
 from clradar.imaging.several_captures import mean_over_pairs
-from clradar.jobs import KEY, Job, Where
+from clradar.jobs import KEY, Where
 from clradar.model import ImageScale
 from clradar.model.progress import Progress
 from clradar.model.volume import plane_slabs
@@ -37,8 +43,6 @@ Part = tuple[int, int]  # numbers of a piece and of a capture
 
 @dataclass(frozen=True, kw_only=True)
 class ImageFiles(opt.PictureOptions):
-    """Files of an image, one of which has to be opt.written."""
-
     output: Path | None = opt.output_option("Volume to write (HDF5).")
     png: Path | None = opt.written(
         "Draw amplitude and depth: .png, .pdf or .svg.", "--png", "--figure", check=parse.figure
@@ -96,32 +100,8 @@ class ImageOptions(opt.GridOptions, opt.ImagingOptions):
         names = ("iterations", "damping_db", "sparsity_db") if self.iterated else ("window",)
         return {name: getattr(self, name) for name in ("method", "tolerance_db", *names)}
 
-    def check(
-        self,
-        content: cl.Capture | cl.Volume,
-        captures: list[Path],
-        files: ImageFiles,
-        others: Mapping[str, Any],
-    ) -> None:
-        """Raise where an option has no meaning for what is read."""
-        several, volume = len(captures) > 1, isinstance(content, cl.Volume)
-        if several and volume:
-            raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
-        wrong = {"--method": self.iterated, "--dbsm": files.dbsm, "--absolute": self.absolute}
-        for name in (name for name, is_wrong in wrong.items() if several and is_wrong):
-            raise opt.wrong_usage(name, "expected with a single capture, not with several")
-        if files.dbsm and not (self.absolute or content.absolute):
-            raise MeasurementError(
-                f"{captures[0]}: expected S-parameters for --dbsm, got samples on a relative "
-                "scale; --absolute says that they are S-parameters"
-            )
-        chosen = {**opt.given(self), "-o": files.output, **others}
-        for name in (name for name, value in chosen.items() if volume and value is not None):
-            raise opt.wrong_usage(name, "the input is a volume, which is an image already")
-
 
 def capture_of(path: Path, frames: opt.FrameOptions) -> cl.Capture:
-    """A capture; wrong usage if the file is a volume."""
     found = ImageInput.open(path, frames).content
     if isinstance(found, cl.Volume):
         raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {path}")
@@ -142,11 +122,9 @@ class PartSteps:
 
     @cached_property
     def pieces(self) -> list[GridPiece]:
-        """The pieces of the grid."""
         return grid_pieces(self.grid)
 
     def run(self, part: Part, progress: Progress | None = None) -> None:
-        """Image a capture on a piece of the grid, and write it."""
         piece, number = part
         capture = capture_of(self.captures[number], self.frames)
         image = cl.backproject(
@@ -163,11 +141,9 @@ class PartSteps:
         return self.folder / PARTS / f"{piece:04d}-{number:04d}.npy"
 
     def piece_file(self, piece: int) -> Path:
-        """The file of a piece of the image."""
         return self.folder / PARTS / f"{piece:04d}.npy"
 
     def is_done(self, part: Part) -> bool:
-        """Whether a part is there, or its piece of the image."""
         return self.piece_file(part[0]).is_file() or self.file_of(part).is_file()
 
     def join(self, piece: int) -> None:
@@ -262,7 +238,17 @@ def image_by_parts(
         spacing_m=grid.spacing_m.tolist(), counts=list(grid.counts), device=opened.describe(),
     )  # fmt: skip
     with job.held():
-        _make_parts(job, steps, where)
+        (folder / PARTS).mkdir(exist_ok=True)
+        pieces = range(len(steps.pieces))
+        for piece in pieces:
+            steps.join(piece)
+        items = [(piece, number) for piece in pieces for number in range(len(sizes))]
+        with progress_bar("imaging") as progress:
+            for (piece, _), _ in job.each(
+                steps, items, where, done=steps.is_done, progress=progress, say=print_line,
+                noun="part",
+            ):  # fmt: skip
+                steps.join(piece)
         warn_of_grid(samples if alone else kept, grid, image, weights, opened)
         whole = folder / WHOLE
         if output is not None:
@@ -280,20 +266,6 @@ def image_by_parts(
         folder.rmdir()
 
 
-def _make_parts(job: Job, steps: PartSteps, where: Where) -> None:
-    """Make the pieces that are not there yet, each of its parts once these are."""
-    (steps.folder / PARTS).mkdir(exist_ok=True)
-    pieces = range(len(steps.pieces))
-    for piece in pieces:
-        steps.join(piece)
-    items = [(piece, number) for piece in pieces for number in range(len(steps.captures))]
-    with progress_bar("imaging") as progress:
-        for (piece, _), _ in job.each(
-            steps, items, where, done=steps.is_done, progress=progress, say=print_line, noun="part"
-        ):
-            steps.join(piece)
-
-
 def draw(
     files: ImageFiles,
     image: cl.Volume | PartedImage,
@@ -304,7 +276,6 @@ def draw(
     """Write figure and page, as far as they were asked for."""
     from clradar.model.volume import depth_map_of_planes
     from clradar.plot.views import thin_view
-    from clradar.report import ReportImage, image_report
 
     if files.png is None and files.report is None:
         return
@@ -329,8 +300,8 @@ def draw(
     figure = partial(volume_figure, volume, title, files.slice, **shown)
     write(files.png, figure, f"the picture, {range_db:g} dB")
     if isinstance(volume, cl.Volume):
-        of, origin = ReportImage(title, volume, str(captures[0])), provenance(**more)
-        page = partial(image_report, of, settings=origin, **shown)
+        of, origin = cl.report.ReportImage(title, volume, str(captures[0])), provenance(**more)
+        page = partial(cl.report.image_report, of, settings=origin, **shown)
         write(files.report, page, "the image as a page, to be opened in a browser")
 
 
@@ -340,14 +311,6 @@ STOPPED = {
     "iterations": "no more were asked for",
 }
 """How an image by iteration ended: `clradar.reconstruct` explains the reasons."""
-
-
-def print_fit(volume: cl.Volume) -> None:
-    """Say how an image by iteration ended."""
-    left_db, count = volume.meta["residual_db"], volume.meta["iterations"]
-    left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
-    reason = STOPPED[volume.meta["stopped"]]
-    print_line(f"{volume.meta['method']}: {count} iterations, {reason}; left: {left}")
 
 
 def image_command(
@@ -374,7 +337,21 @@ def image_command(
         raise opt.wrong_usage("-o", "expected a volume to write, or --png, or --report; got none")
     folder = to_write[0].with_name(f"{to_write[0].name}.parts")
     content, range_db = ImageInput.open(captures[0], frames).content, depth.dynamic_range_db
-    imaging.check(content, captures, files, {**opt.given(processes), "--device": device})
+    several, volume = len(captures) > 1, isinstance(content, cl.Volume)
+    if several and volume:
+        raise opt.wrong_usage("CAPTURE", f"expected captures, got the volume {captures[0]}")
+    wrong = {"--method": imaging.iterated, "--dbsm": files.dbsm, "--absolute": imaging.absolute}
+    for name in (name for name, is_wrong in wrong.items() if several and is_wrong):
+        raise opt.wrong_usage(name, "expected with a single capture, not with several")
+    if files.dbsm and not (imaging.absolute or content.absolute):
+        raise MeasurementError(
+            f"{captures[0]}: expected S-parameters for --dbsm, got samples on a relative "
+            "scale; --absolute says that they are S-parameters"
+        )
+    others = {"-o": files.output, **opt.given(processes), "--device": device}
+    chosen = {name: value for name, value in others.items() if value is not None}
+    for name in {**opt.given(imaging), **chosen} if volume else {}:
+        raise opt.wrong_usage(name, "the input is a volume, which is an image already")
     if isinstance(content, cl.Volume):
         draw(files, content, captures, range_db)
         return
@@ -386,7 +363,7 @@ def image_command(
         folder=folder, captures=tuple(captures), n_samples=(content.data.size,), frames=frames,
         grid=grid, imaging=imaging.arguments,
     )  # fmt: skip
-    if not imaging.iterated and (len(captures) > 1 or len(steps.pieces) > 1):
+    if not imaging.iterated and (several or len(steps.pieces) > 1):
         image_by_parts(steps, content, files, where, range_db)
         return
     start_s, text = perf_counter(), opt.grid_text(grid)
@@ -394,5 +371,8 @@ def image_command(
     took = f"{perf_counter() - start_s:.1f} s on {where.first.info.label}"
     write(files.output, volume, f"{text}, {took}", grid=text)
     if imaging.iterated:
-        print_fit(volume)
+        left_db, count = volume.meta["residual_db"], volume.meta["iterations"]
+        left = "nothing" if left_db is None else f"{left_db:.1f} dB of the samples"
+        reason = STOPPED[volume.meta["stopped"]]
+        print_line(f"{imaging.method}: {count} iterations, {reason}; left: {left}")
     draw(files, volume, captures, range_db, grid=text)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import typer
@@ -16,10 +15,11 @@ import clradar as cl
 from clradar.cli import options as opt, parse
 from clradar.cli.console import print_line, print_table, print_text, print_warning, progress_bar
 from clradar.cli.outputs import write
-
-if TYPE_CHECKING:
-    from clradar.arrays import ArrayFigures
-
+from clradar.errors import DeviceError
+from clradar.files.json_file import indented
+from clradar.model.known_materials import KNOWN
+from clradar.opencl.choice import fault, select_devices
+from clradar.opencl.device import INSTALL_HINT, list_devices
 
 DEVICE_COLUMNS = ("", "selector", "name", "platform", "kind", "memory", "units", "works")
 
@@ -29,10 +29,6 @@ def devices_command() -> None:
     CLRADAR_DEVICE choose another, by its selector or part of its name. Every device is tested: does
     it build kernels and compute as it must?
     """
-    from clradar.errors import DeviceError
-    from clradar.opencl.choice import fault, select_devices
-    from clradar.opencl.device import INSTALL_HINT, list_devices
-
     devices, chosen, failure = list_devices(), [], None
     try:
         chosen = select_devices(None)
@@ -88,13 +84,9 @@ def materials_command(
     and phase are relative to metal. h is the RMS height and l the correlation length of the
     roughness, h_micro the RMS height of what is finer. Files and sources: docs/materials.md.
     """
-    from clradar.files.json_file import indented
-    from clradar.model.known_materials import KNOWN
-    from clradar.model.material_file import read_materials
-
     first_ghz, last_ghz = band_ghz
     frequencies_hz = np.linspace(1e9 * first_ghz, 1e9 * last_ghz, FREQUENCIES)
-    found = [own for file in files for own in read_materials(file).values()]
+    found = [own for file in files for own in cl.read_materials(file).values()]
     records = [_figures(own, frequencies_hz) for own in found or KNOWN.values()]
     if as_json:
         print_text(indented(records))
@@ -140,11 +132,10 @@ def _row(record: dict[str, Any]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class ArrayOptions(opt.RadarOptions):
-    """The antennas, and the frequencies."""
-
     array: str = opt.array_option(kind=typer.Argument)
 
 
+LOBE_COLUMNS = ("lobe", "azimuth (°)", "elevation (°)", "level (dB)", "")
 FOCUS_MM = parse.so_many(3, "X,Y,Z in millimetres", plausible=("a coordinate", (0.0, 100.0), "mm"))
 
 
@@ -163,47 +154,32 @@ def array_command(
     """Widths are those of the response at -3 dB, without a window. A lobe is another direction
     whose echoes appear at the focus, too. Clusters are taken together. See docs/arrays.md.
     """
-    from clradar.arrays import array_figures
-    from clradar.files.json_file import indented
-    from clradar.plot import array_figure
+    from clradar.arrays.figures_of_merit import LEVEL_DB
 
     clusters, waveform = radar.clusters(), radar.waveform()
     name = clusters[0].name.partition(", cluster ")[0]
     with progress_bar("searching lobes"):
-        found = array_figures(clusters, waveform, opt.scaled(at_mm, 1e3), within_deg=within_deg)
+        found = cl.arrays.array_figures(
+            clusters, waveform, opt.scaled(at_mm, 1e3), within_deg=within_deg
+        )
     first_ghz, last_ghz, _ = radar.band
     at = ",".join(f"{v:g}" for v in at_mm)
     title = f"{name}, {first_ghz:g} to {last_ghz:g} GHz, focused on {at} mm"
-    figure = partial(array_figure, clusters, waveform, found, title)
+    figure = partial(cl.plot.array_figure, clusters, waveform, found, title)
     write(output, figure, "" if as_json else "elements, virtual aperture, response")
     if as_json:
-        print_text(indented({"array": name, "clusters": len(clusters), **record_of(found)}))
-    else:
-        print_array(name, clusters, found)
-
-
-def record_of(found: ArrayFigures) -> dict[str, Any]:
-    """The figures in types of JSON; None where a length is endless."""
-    names = ("focus_m", "widths_m", "range_cell_m", "unambiguous_range_m", "within_deg")
-    record = {name: np.asarray(getattr(found, name)).tolist() for name in names}
-    record["widths_m"] = [width if width < np.inf else None for width in record["widths_m"]]
-    record |= {k: None for k, value in record.items() if value == np.inf}
-    lobes = (asdict(lobe).items() for lobe in found.lobes)
-    return {**record, "lobes": [{k: np.asarray(v).tolist() for k, v in one} for one in lobes]}
-
-
-LOBE_COLUMNS = ("lobe", "azimuth (°)", "elevation (°)", "level (dB)", "")
-
-
-def print_array(name: str, clusters: Sequence[cl.AntennaArray], found: ArrayFigures) -> None:
-    """Print widths, ranges and lobes."""
-    from clradar.arrays.figures_of_merit import LEVEL_DB
-
-    at = ", ".join(f"{1e3 * value:g}" for value in found.focus_m)
+        keys = ("focus_m", "widths_m", "range_cell_m", "unambiguous_range_m", "within_deg")
+        record = {key: np.asarray(getattr(found, key)).tolist() for key in keys}
+        record["widths_m"] = [width if width < np.inf else None for width in record["widths_m"]]
+        record |= {key: None for key, value in record.items() if value == np.inf}
+        lobes = (asdict(lobe).items() for lobe in found.lobes)
+        record["lobes"] = [{k: np.asarray(v).tolist() for k, v in one} for one in lobes]
+        print_text(indented({"array": name, "clusters": len(clusters), **record}))
+        return
     widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.widths_m, strict=True))
     several = f"{len(clusters)} clusters of " if len(clusters) > 1 else ""
     antennas = f"{several}{clusters[0].n_tx} Tx, {clusters[0].n_rx} Rx"
-    print_line(f"{name}: {antennas}, focused on {at} mm")
+    print_line(f"{name}: {antennas}, focused on {at.replace(',', ', ')} mm")
     print_line(f"widths at -3 dB: {widths}; resolution in range c/2B {_mm(found.range_cell_m)}")
     print_line(f"unambiguous range c/2df: {_mm(found.unambiguous_range_m)}")
     within = f" within {found.within_deg:g}°" if found.within_deg < 90 else ""
@@ -211,9 +187,8 @@ def print_array(name: str, clusters: Sequence[cl.AntennaArray], found: ArrayFigu
     rows = []
     for number, lobe in enumerate(found.lobes, start=1):
         angles = [f"{round(a, 1) + 0.0:.1f}" for a in (lobe.azimuth_deg, lobe.elevation_deg)]
-        rows.append(
-            [str(number), *angles, f"{lobe.level_db:.1f}", "grating lobe" if lobe.grating else ""]
-        )
+        level, kind = f"{lobe.level_db:.1f}", "grating lobe" if lobe.grating else ""
+        rows.append([str(number), *angles, level, kind])
     if rows:
         print_table(LOBE_COLUMNS, rows, right=LOBE_COLUMNS[:4])
     if any(lobe.grating for lobe in found.lobes):

@@ -11,8 +11,8 @@ from typing import Any
 import typer
 
 import clradar as cl
+import measurement_io
 from clradar.cli import options as opt, parse
-from clradar.cli.comparison import Comparison, figure_labels
 from clradar.cli.console import (
     counted,
     print_error,
@@ -21,7 +21,14 @@ from clradar.cli.console import (
     print_warning,
     progress_bar,
 )
-from clradar.cli.inputs import ImageInput, common_grid, recording_title
+from clradar.cli.images import (
+    Comparison,
+    ImageInput,
+    common_grid,
+    figure_labels,
+    figure_of,
+    recording_title,
+)
 from clradar.cli.outputs import provenance, write
 from clradar.errors import MeasurementError
 from clradar.jobs import open_devices
@@ -45,10 +52,8 @@ def inspect_command(
     picture: opt.PictureOptions,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
-    from clradar.cli.comparison import figure_of
     from clradar.dataset.check import check_dataset, describe_dataset
     from clradar.dataset.folder import is_dataset
-    from measurement_io import check_file, describe
 
     dataset = is_dataset(file)
     if dataset and png is not None:
@@ -58,9 +63,8 @@ def inspect_command(
         )
     if check:
         with progress_bar("checking") as progress:
-            report = (
-                check_dataset(file, progress) if dataset else check_file(file, progress=progress)
-            )
+            verify = check_dataset if dataset else measurement_io.check_file
+            report = verify(file, progress=progress)
         record = {**asdict(report), "ok": report.ok}
         print_text(json.dumps(record, indent=2) if as_json else str(report))
         if not report.ok:
@@ -68,7 +72,7 @@ def inspect_command(
             raise typer.Exit(1)
         return
     try:
-        found = describe_dataset(file) if dataset else describe(file)
+        found = describe_dataset(file) if dataset else measurement_io.describe(file)
     except MeasurementError as error:
         if dataset or not file.is_dir():
             raise
@@ -126,8 +130,6 @@ def view_command(
     scene = None
     if mesh is not None:  # one that cannot be read should not cost an image first
         scene = cl.Scene.from_mesh(mesh, unit=place.unit, transform=place.matrix())
-    elif place.transform is not None:
-        raise opt.wrong_usage("--transform", "expected --mesh with it")
     source = open_source(path, variant, watch=watch)
     second: Others | Simulation | None = None
     if simulated:
@@ -188,11 +190,9 @@ def compare_command(
     write(json, record, "the metrics, in metres", grid=text)
 
     def page() -> str:
-        from clradar.report import ReportImage, html_report
-
         named = zip((label, *labels), volumes, (measured, *simulated), strict=True)
-        shown = [ReportImage(name, volume, str(path)) for name, volume, path in named]
-        return html_report(
+        shown = [cl.report.ReportImage(name, volume, str(path)) for name, volume, path in named]
+        return cl.report.html_report(
             shown[0], shown[1:], metrics=compared.metrics, settings=provenance(grid=text),
             dynamic_range_db=depth.dynamic_range_db,
         )  # fmt: skip

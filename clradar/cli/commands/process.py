@@ -1,16 +1,397 @@
-"""``clradar process``: all frames of a recording, cleaned, imaged, compared, aligned, and drawn."""
+"""``clradar process``: all frames of a recording, done once, then table, curves and pictures."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from secrets import token_hex
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+import calibration
+import clradar as cl
 from clradar.cli import options as opt
-from clradar.cli.comparison import figure_labels
-from clradar.cli.frames import RECORDS, Frames, FrameSteps, ProcessOptions
-from clradar.cli.outputs import begun, check_folder, provenance
+from clradar.cli.console import counted, print_line, print_table, print_warning, progress_bar
+from clradar.cli.frames import (
+    CAPTURES,
+    MAPS,
+    RECORDS,
+    VOLUMES,
+    Frames,
+    FrameSteps,
+    ProcessOptions,
+    listed,
+    record_file,
+)
+from clradar.cli.images import ReadOnAccess, figure_labels, grid_for, write_csv
+from clradar.cli.outputs import begun, check_folder, provenance, save, write
 from clradar.cli.parse import chosen_frames
-from clradar.cli.recordings import OWN_NAMES, RecordingWork
+from clradar.compare.images import depth_map_of
+from clradar.compare.metrics import METRIC_TABLE
+from clradar.constants import DYNAMIC_RANGE_DB
+from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementError, OutputError
+from clradar.files.atomic import write_file
+from clradar.files.failures import fail
+from clradar.files.json_file import read_json_object, write_json
+from clradar.jobs import KEY, FolderStore, Job, Where, open_devices, remove
+from clradar.model.progress import Progress
+
+if TYPE_CHECKING:
+    from calibration.hand_fit.movement_figure import Picture
+
+# Names in the folder.
+RESULT, TABLE, FIGURE, MOVIE = "recording.json", "frames.csv", "time-line.png", "movie.gif"
+PICTURES = "pictures"
+EMPTY = "empty.h5"  # the mean of the empty room's frames
+GRID = "grid"  # among the maps
+HANDS, WORK = "hand", "work"  # the fit of a hand, with records as of all frames; resumes by WORK
+MOVEMENT, SHEET = "movement.png", "contact-sheet.png"
+TRACK, NUMBERS = "track", "numbers"  # in WORK: what is remembered after the last frame; all frames
+
+SHEET_PIXEL_M = 2e-3
+
+OWN_NAMES = (
+    RESULT, KEY, EMPTY, TABLE, FIGURE, MOVIE,
+    PICTURES, f"{HANDS}/{RECORDS}", f"{HANDS}/{WORK}", HANDS, RECORDS, MAPS, CAPTURES, VOLUMES,
+)  # fmt: skip
+"""Names in the folder that are its own; --force replaces no others. The result goes first, so that
+what is left is never taken for finished."""
+
+DEFAULT_STEP_S = 0.1  # between the pictures of frames without time stamps
+
+MISSED = (DeviceError, OutputError, ClusterError)
+"""Errors that are not of a single frame, and end the run."""
+
+Record = Mapping[str, Any]
+
+
+@dataclass(slots=True, kw_only=True)
+class RecordingWork:
+    """A recording, and what is done with its frames."""
+
+    source: Frames
+    steps: FrameSteps  # without what is placed or averaged once the folder is begun
+    voxels: opt.GridOptions
+    numbers: Sequence[int]
+    labels: Sequence[str]
+    where: Where
+    hand: Mapping[str, Any] | None  # settings of `calibration.fit_hands`
+
+    def run(self, job: Job) -> None:
+        """Do the frames that are not done yet, and what is made of all; say what is there."""
+        folder = self.steps.folder
+        with job.held():
+            finished = (folder / RESULT).is_file()  # it goes before any frame is done
+            if not finished or len(self._done()) < len(self.numbers):
+                job.clear([RESULT])
+                self._prepare()
+                with progress_bar("frames") as progress:
+                    for _ in job.each(
+                        self.steps, self.numbers, self.where,
+                        done=lambda number: record_file(folder, number).is_file(),
+                        name=lambda number: f"frame {number}: ",
+                        tolerated=lambda error: not isinstance(error, MISSED),
+                        progress=progress, say=print_line, noun="frame",
+                    ):  # fmt: skip
+                        pass
+                if not self._done():
+                    raise MeasurementError(f"{self.source.path}: no frame could be processed")
+            records = [read_json_object(record_file(folder, number)) for number in self._done()]
+            if not (folder / RESULT).is_file():
+                fits = None if self.hand is None else self._hands(records)
+                self._write(records, fits)
+            job.clear([f"{HANDS}/{WORK}"])
+        texts = {
+            TABLE: counted(len(records), "frame"), FIGURE: "the same over time",
+            RESULT: "the same with all metrics, and how they were made",
+            MOVIE: "the animation; its pictures are in pictures/",
+        }  # fmt: skip
+        for path in (folder / name for name in texts if (folder / name).is_file()):
+            print_line(f"{path}: {texts[path.name]}")
+        if missing := len(self.numbers) - len(records):
+            raise MeasurementError(
+                f"{self.source.path}: {missing} of {len(self.numbers)} frames could not be "
+                f"processed; {folder} has the others"
+            )
+
+    def _done(self) -> list[int]:
+        return [n for n in self.numbers if record_file(self.steps.folder, n).is_file()]
+
+    def _prepare(self) -> None:
+        """Complete the steps with what all frames need: the mean of the empty room, the grid."""
+        steps, folder = self.steps, self.steps.folder
+        kept = [CAPTURES] * steps.how.keep_captures + [VOLUMES] * steps.how.keep_volumes
+        for name in (RECORDS, MAPS, *kept):
+            (folder / name).mkdir(exist_ok=True)
+        if steps.how.empty is not None and steps.how.empty.is_dir():
+            mean = folder / EMPTY
+            if not mean.is_file():
+                room = Frames(steps.how.empty)
+                with progress_bar("averaging"):
+                    frames = map(room.capture, room.files)
+                    save(mean, calibration.average_frames(frames), steps.origin)
+            steps = replace(steps, how=replace(steps.how, empty=mean))
+        store = FolderStore(folder / MAPS)
+        if GRID not in store:  # kept: another first frame may be readable when the run is resumed
+            grid = self.voxels.grid() if opt.given(self.voxels) else self._placed(steps)
+            arrays = {"origin_m": grid.origin_m, "spacing_m": grid.spacing_m}
+            store[GRID] = {**arrays, "counts": np.array(grid.counts)}
+        known = store[GRID]
+        grid = cl.VoxelGrid(known["origin_m"], known["spacing_m"], known["counts"].tolist())
+        self.steps = replace(steps, grid=grid)
+
+    def _placed(self, steps: FrameSteps) -> cl.VoxelGrid:
+        """The grid by the first frame that can be read."""
+        failures = []
+        for number in self.numbers:
+            try:
+                capture, _ = steps.cleaned(number)
+            except MeasurementError as error:
+                failures.append(error)  # which is said when its turn comes
+                continue
+            return grid_for(capture, self.voxels, steps.device)
+        raise failures[0]
+
+    def _hands(self, records: Sequence[Record]) -> list[calibration.FrameFit] | None:
+        """The hands of the frames, each fitted from the one before, here; None if impossible."""
+        from calibration.hand_fit.frame_fit import FOLLOWED
+
+        numbers = [int(one["frame"]) for one in records]
+        images = KeptImages(
+            numbers, lambda number: self.steps.map_of(f"{number:06d}-hand"),
+            [one["time_us"] for one in records],
+        )  # fmt: skip
+        first = self.source.capture(numbers[0])
+        settings = {
+            **(self.hand or {}), "array": first.array, "waveform": first.waveform,
+            "device": self.steps.device or open_devices(self.where.device).first,
+        }  # fmt: skip
+        del first
+        folder = self.steps.folder / HANDS
+        with progress_bar("fitting the hand") as progress:
+            try:
+                fits = fit_frames(folder, images, settings, progress)
+            except CompareError as error:
+                print_warning(f"{HANDS}: {error}")
+                return None
+        rows = [
+            [str(fit.frame), f"{fit.time_s:.3f}", fit.how, "; ".join(fit.notes)]
+            for fit in fits
+            if fit.how != FOLLOWED or fit.notes
+        ]
+        print_table(("frame", "time (s)", "how", "why"), rows, right=("frame", "time (s)"))
+        followed = sum(fit.how == FOLLOWED for fit in fits)
+        lost = sum(fit.state is None for fit in fits)
+        words = f"{len(fits)} frames, {followed} followed, {len(fits) - followed - lost} searched"
+        print_line(f"{folder}: {words}" + (f", {lost} without a hand" if lost else ""))
+        draw_movement(folder, images, fits, self.source.path.name)
+        return fits
+
+    def _write(
+        self, records: Sequence[dict[str, Any]], fits: Sequence[calibration.FrameFit] | None
+    ) -> None:
+        """Write what is made of all frames, and last the file that marks it as finished."""
+        from clradar.plot.captures import FramePictures, curves_figure, write_gif
+
+        folder = self.steps.folder
+        remove(folder, [TABLE, FIGURE, MOVIE, PICTURES])  # there may have been more frames
+        columns = table(records, self.labels[1:])
+        if fits is not None:
+            columns |= hand_columns(fits)
+            for one in records:
+                one["hand"] = read_json_object(record_file(folder / HANDS, one["frame"]))
+        cells = (["" if np.isnan(v) else f"{v:.10g}" for v in row] for row in columns.values())
+        write_csv(folder / TABLE, list(columns), zip(*cells, strict=True))
+        timed = bool(np.isfinite(columns["time s"]).all())
+        time = columns["time s" if timed else "frame"]
+        title = f"{self.labels[0]}, {counted(len(records), 'frame')}"
+        if panels := curves(columns):
+            figure = curves_figure(time, panels, "time (s)" if timed else "frame", title)
+            write(folder / FIGURE, figure, force=True)
+        shown = [one["frame"] for one in records if one["peak_db"] is not None]
+        if shown:
+            images = (self.steps.map_of(f"{number:06d}") for number in shown)
+            pictures = FramePictures(images, self.steps.how.dynamic_range_db)
+            (folder / PICTURES).mkdir(exist_ok=True)
+            files = []
+            with progress_bar("drawing") as progress:
+                for i, one in enumerate(records):
+                    number = one["frame"]
+                    image = self.steps.map_of(f"{number:06d}") if number in shown else None
+                    when = f", {columns['time s'][i]:.3f} s" if timed else ""
+                    files.append(folder / PICTURES / f"{i:06d}.png")
+                    picture = pictures.png(image, f"{self.labels[0]}, frame {number}{when}")
+                    write_file(files[-1], picture, force=True)
+                    if progress is not None:
+                        progress(i + 1, len(records))
+                step_s = float(np.median(np.diff(time))) if timed and len(time) > 1 else 0.0
+                write_gif(folder / MOVIE, files, step_s if step_s > 0 else DEFAULT_STEP_S)
+        record = {"recording": str(self.source.path), "frames": records}
+        write(folder / RESULT, record, force=True)
+
+
+LEVELS = {"peak dB": "peak_db", "recorded RMS dB": "recorded_db", "cleaned RMS dB": "cleaned_db"}
+
+
+def table(records: Sequence[Record], labels: Sequence[str]) -> dict[str, np.ndarray]:
+    """The columns of the table by name, each of shape (n,), float64; NaN where there is none."""
+    rows = [_row(one, labels) for one in records]
+    found = {name: np.array([row[name] for row in rows], np.float64) for name in rows[0]}
+    stamps = found["time s"]
+    found["time s"] = (stamps - [*stamps[np.isfinite(stamps)], 0.0][0]) / 1e6
+    return found | (_motion(records) if any("alignment" in one for one in records) else {})
+
+
+def _row(record: Record, labels: Sequence[str]) -> dict[str, float | None]:
+    row = {"frame": record["frame"], "time s": record["time_us"]}
+    row |= {name: record[key] for name, key in LEVELS.items()}
+    for what in ("peak", "centre"):
+        for axis, place_m in zip("xyz", record[f"{what}_m"] or 3 * [np.nan], strict=True):
+            row[f"{what} {axis} mm"] = 1e3 * place_m
+    for label, metrics in zip(labels, record["metrics"], strict=True):
+        for metric in METRIC_TABLE:
+            value = (metrics or {}).get(metric.field)
+            name = f"{label}: {metric.name}" if len(labels) > 1 else metric.name
+            row[name] = None if value is None else metric.scale * value
+    return row
+
+
+def _motion(records: Sequence[Record]) -> dict[str, np.ndarray]:
+    """Rotation and translation of the aligned mesh, about its centre in the first frame."""
+    from scipy.spatial.transform import Rotation
+
+    rows = np.full((len(records), 8), np.nan)
+    about: np.ndarray | None = None
+    for row, one in zip(rows, records, strict=True):
+        if "transform" not in one.get("alignment", {}):
+            continue
+        matrix = np.asarray(one["alignment"]["transform"], np.float64)
+        if about is None:
+            centre_m = np.asarray(one["alignment"]["centre_m"], np.float64)
+            about = matrix[:3, :3].T @ (centre_m - matrix[:3, 3])
+            first = matrix
+        row[:3] = 1e3 * (matrix[:3, :3] @ about + matrix[:3, 3])
+        row[3:6] = np.degrees(Rotation.from_matrix(matrix[:3, :3] @ first[:3, :3].T).as_rotvec())
+        row[6:] = one["alignment"]["inlier_share"], 1e3 * one["alignment"]["rms_m"]
+    names = [f"mesh {axis} mm" for axis in "xyz"] + [f"mesh turn {axis} deg" for axis in "xyz"]
+    return dict(zip([*names, "mesh inliers", "mesh rms mm"], rows.T, strict=True))
+
+
+def curves(columns: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
+    """What is drawn over time: axis name -> curve -> values; without what has no value."""
+    cleaned, recorded = columns["cleaned RMS dB"], columns["recorded RMS dB"]
+    levels = ["recorded RMS dB", "cleaned RMS dB"]
+    if np.array_equal(cleaned, recorded, equal_nan=True):  # nothing was cleaned
+        levels.pop()
+    # One axis each: 300 mm of depth would flatten everything else.
+    panels = {"peak (dB)": ["peak dB"], "RMS (dB)": levels}
+    for what in ("centre", "mesh"):
+        panels |= {f"{what} {axis} (mm)": [f"{what} {axis} mm"] for axis in "xyz"}
+    panels["mesh turned (deg)"] = [f"mesh turn {axis} deg" for axis in "xyz"]
+    for metric in ("overlap", "depth RMSE (mm)"):
+        panels[metric] = [name for name in columns if name.endswith(metric)]
+    there = {
+        panel: {n: columns[n] for n in names if n in columns and np.isfinite(columns[n]).any()}
+        for panel, names in panels.items()
+    }
+    return {panel: drawn for panel, drawn in there.items() if drawn}
+
+
+@dataclass(frozen=True, slots=True)
+class KeptImages(ReadOnAccess):
+    """Depth maps of frames, and their time stamps, which depth maps do not have."""
+
+    times_us: Sequence[float | None]
+
+    @property
+    def frame_numbers(self) -> Sequence[int]:
+        return self.items
+
+    def time_us(self, index: int) -> float | None:
+        return self.times_us[index]
+
+
+def fit_frames(
+    folder: Path,
+    images: KeptImages,
+    settings: Mapping[str, Any],
+    progress: Progress | None,
+) -> list[calibration.FrameFit]:
+    """Fit a hand to frames that are not done yet, each from the one before; of others anew."""
+    from calibration.hand_fit.track import Track
+
+    numbers = images.frame_numbers
+    folder.mkdir(exist_ok=True)
+    store = FolderStore(folder / WORK)
+    if NUMBERS not in store or store[NUMBERS]["frames"].tolist() != list(numbers):
+        remove(folder, [WORK, RECORDS, MOVEMENT, SHEET])
+        store = FolderStore(folder / WORK)
+        store[NUMBERS] = {"frames": np.array(numbers)}
+    (folder / RECORDS).mkdir(exist_ok=True)
+    track = Track.from_arrays(store[TRACK]) if TRACK in store else None
+    if track is None or track.frame != numbers[-1]:
+        for fit, reached in calibration.fit_hands(
+            images, frames=list(numbers), after=track, progress=progress, **settings
+        ):
+            if fit.state is not None:
+                pose = folder / RECORDS / f"{fit.frame:06d}.toml"
+                cl.hand.write_pose(pose, fit.state.pose, force=True)
+            write_json(record_file(folder, fit.frame), fit.to_dict(), force=True)
+            if reached is not None:
+                store[TRACK] = reached.to_arrays()
+    files = [record_file(folder, number) for number in numbers]
+    return [calibration.FrameFit.from_dict(read_json_object(file), file) for file in files]
+
+
+def draw_movement(
+    folder: Path, images: KeptImages, fits: Sequence[calibration.FrameFit], name: str
+) -> None:
+    from calibration.hand_fit.movement_figure import movement_figure, movement_sheet, shown_frames
+
+    shown = shown_frames(len(fits))
+    pictures = [_picture(images[i]) for i in shown]
+    write(folder / SHEET, movement_sheet([fits[i] for i in shown], pictures), force=True)
+    title = f"{name}: angles and tips, with one standard deviation"
+    write(folder / MOVEMENT, movement_figure(fits, title), force=True)
+
+
+def _picture(image: cl.DepthMap) -> Picture | None:
+    """A thin picture of a frame's maxima, if there is anything above zero."""
+    try:
+        seen = depth_map_of(image, DYNAMIC_RANGE_DB, "image")
+    except CompareError:
+        return None
+    thin = slice(None, None, max(1, round(SHEET_PIXEL_M / float(seen.x_m[1] - seen.x_m[0]))))
+    amplitude = seen.amplitude[thin, thin] / seen.amplitude.max()
+    return amplitude.astype(np.float32), seen.x_m[thin], seen.y_m[thin]
+
+
+def hand_columns(fits: Sequence[calibration.FrameFit]) -> dict[str, np.ndarray]:
+    """Columns of the table: tips in millimetres, angles in degrees, shape; NaN without a hand."""
+    from calibration.hand_fit.hand_shape_vector import SHAPE_NAMES
+    from calibration.hand_fit.hand_state import angles_of
+    from calibration.hand_fit.result import ANGLE_NAMES, DIGITS
+
+    tips = [f"{digit} tip {axis} mm" for digit in DIGITS for axis in (*"xyz", "sd")]
+    angles = [f"{name} {what}" for name in ANGLE_NAMES for what in ("deg", "sd deg")]
+    names = ["misfit per cell", *tips, *angles, "length mm", "breadth mm", *SHAPE_NAMES[2:]]
+    rows = np.full((len(fits), len(names)), np.nan)
+    for row, fit in zip(rows, fits, strict=True):
+        if fit.state is None:
+            continue
+        shape = fit.state.shape
+        tips_mm = 1e3 * np.column_stack([fit.tips_m, fit.tip_std_m])
+        angles_deg = np.degrees(np.column_stack([angles_of(fit.state.pose), fit.angle_std_rad]))
+        row[:] = [
+            round(fit.misfit_per_cell, 4),
+            *(round(value, 3) for value in tips_mm.ravel().tolist()),
+            *(round(value, 3) for value in angles_deg.ravel().tolist()),
+            *(round(1e3 * value, 2) for value in (shape.length_m, shape.breadth_m)),
+            *(round(value, 4) for value in (*shape.finger_lengths, shape.girth)),
+        ]
+    return {f"hand {name}": values for name, values in zip(names, rows.T, strict=True)}
 
 
 def process_command(
@@ -40,7 +421,8 @@ def process_command(
         raise opt.wrong_usage("RECORDING", "expected a radar folder, or a folder of captures (.h5)")
     numbers, compared = chosen_frames(how.frames, [*source.files]), list(map(Frames, others))
     for frames in compared:
-        frames.check_frames(numbers, recording)
+        if missing := [n for n in numbers if frames.files and n not in frames.files]:
+            fail(frames.path, f"the frames of '{recording}'", f"none of number {listed(missing)}")
     hand = None if starts is None else how.settings(starts)
     where = processes.where(device)
     read = {"RECORDING": source.files_of(numbers)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,23 +10,12 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import clradar as cl
-from clradar.cli import options as opt
-from clradar.cli.comparison import Comparison, figure_labels
+import measurement_io
+from clradar.cli import options as opt, outputs as out
 from clradar.cli.console import counted, print_line, progress_bar
-from clradar.cli.outputs import (
-    begun,
-    check_folder,
-    check_outputs,
-    described,
-    joints_record,
-    provenance,
-    save,
-    turned,
-    whole_folder,
-    write,
-)
+from clradar.cli.images import Comparison, figure_labels
 from clradar.errors import MeshError, warn
-from clradar.jobs import KEY, Where, open_devices
+from clradar.jobs import KEY, open_devices
 from clradar.jobs.lock import made_folder
 from clradar.model import checks
 from clradar.model.progress import Progress, part_of
@@ -46,16 +35,6 @@ _scenes: dict[str, cl.Scene] = {}
 """The scene that this process simulates, by its digest."""
 
 
-def check_output(output: Path, moving: MotionOptions, several: bool) -> None:
-    """Raise unless the capture, the recording or the folder of clusters may be written."""
-    if several and moving.motion is None:
-        check_folder(output, cluster_files(output), resumed=True)
-    elif several or moving.frames is not None:
-        check_folder(output, recording_files(output))
-    else:
-        check_outputs([output])
-
-
 def cluster_files(folder: Path) -> list[str]:
     """What --force replaces in a folder: also clusters of an earlier array of more of them."""
     return [KEY, *sorted(path.name for path in folder.glob(PATTERN))]
@@ -65,14 +44,6 @@ def recording_files(folder: Path) -> list[str]:
     """What a recording of this command replaces in a folder."""
     found = [*folder.glob("radar_*"), *folder.glob("cluster_*")]
     return [TRUTH, *(path.name for path in found)]
-
-
-def keep_scene(scene: cl.Scene) -> str:
-    """Have this process simulate a scene that it has read; return its digest."""
-    _scenes.clear()
-    digest = scene.digest()
-    _scenes[digest] = scene
-    return digest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,38 +61,22 @@ class ClusterSteps:
     def run(self, item: Item, progress: Progress | None = None) -> str:
         """Simulate a cluster, write its capture, and return what it is."""
         number, array = item
-        if self.digest not in _scenes and keep_scene(self.scene.load()) != self.digest:
-            names = ", ".join(str(path) for path, _ in self.scene.meshes or [])
-            raise MeshError(f"{names}: changed while clusters were simulated")
+        if self.digest not in _scenes:
+            _scenes.clear()
+            scene = self.scene.load()
+            if scene.digest() != self.digest:
+                names = ", ".join(str(path) for path, _ in self.scene.meshes or [])
+                raise MeshError(f"{names}: changed while clusters were simulated")
+            _scenes[self.digest] = scene
         capture = cl.simulate(
             _scenes[self.digest], array, self.waveform, settings=self.settings, device=self.device,
             progress=progress,
         )  # fmt: skip
-        save(self.file_of(number), capture, self.origin)
+        out.save(self.file_of(number), capture, self.origin)
         return summary(capture)
 
     def file_of(self, number: int) -> Path:
-        """The capture of a cluster."""
         return self.folder / f"{CLUSTER_NAME.format(number)}.h5"
-
-
-def simulate_clusters(
-    steps: ClusterSteps, clusters: Sequence[cl.AntennaArray], where: Where
-) -> str:
-    """Make the captures of clusters that are not there yet; return how many there are."""
-    job = begun(
-        steps.folder, "simulation of clusters", cluster_files(steps.folder), PATTERN,
-        settings=asdict(steps.settings),
-    )  # fmt: skip
-    with job.held(), progress_bar("tracing") as progress:
-        for (number, _), text in job.each(
-            steps, list(enumerate(clusters, start=1)), where,
-            done=lambda one: steps.file_of(one[0]).is_file(),
-            name=lambda one: f"cluster {one[0]}: ", progress=progress, say=print_line,
-            noun="cluster",
-        ):  # fmt: skip
-            print_line(f"{steps.file_of(number)}: {text}")
-    return f"{len(clusters)} clusters"
 
 
 def summary(capture: cl.Capture) -> str:
@@ -157,8 +112,6 @@ def record_movement(
     **how: Any,
 ) -> str:
     """Write a capture of what moves, or a recording, or a folder of clusters; return what it is."""
-    from measurement_io import save_recording
-
     several, n_frames = len(clusters) > 1, moving.frames
     timings = motion.timings(clusters, waveform)
     sweep_s = max(t.end_s for t in timings) - min(t.begin_s for t in timings)
@@ -188,24 +141,24 @@ def record_movement(
         for number, timing in enumerate(timings):
             name = CLUSTER_NAME.format(number + 1)
             if n_frames is None:
-                write(folder / f"{name}.h5", next(captures(number)))
+                out.write(folder / f"{name}.h5", next(captures(number)))
                 continue
             own = folder / name if several else folder
-            frames = (described(capture, provenance()) for capture in captures(number))
-            save_recording(own, frames, timestamps_us=stamps_us, force=True)
+            frames = (out.described(capture, out.provenance()) for capture in captures(number))
+            measurement_io.save_recording(own, frames, timestamps_us=stamps_us, force=True)
             (own / TRUTH).mkdir()
             middle_s = 0.5 * (timing.begin_s + timing.end_s)
             truth = [
                 {"frame": i, "timestamp_us": stamp, **_truth(motion, scene, start_s + middle_s)}
                 for i, (start_s, stamp) in enumerate(zip(starts_s, stamps_us, strict=True))
             ]
-            write(own / TRUTH / "truth.json", {"frames": truth})
+            out.write(own / TRUTH / "truth.json", {"frames": truth})
 
     with progress_bar("simulating") as progress:
         if n_frames is None and not several:
-            write(output, next(captures(0)))
+            out.write(output, next(captures(0)))
         else:
-            with whole_folder(output, recording_files(output)) as folder:
+            with out.whole_folder(output, recording_files(output)) as folder:
                 made_into(folder)
     text = f"{n_frames} frames, sweeps" if n_frames is not None else "a sweep"
     text += f" of {1e3 * sweep_s:.3g} ms"
@@ -222,7 +175,7 @@ def _truth(motion: Motion, scene: cl.MovingScene, middle_s: float) -> dict[str, 
         {
             "pose": body.pose(middle_s).name,
             "transform": body.transform(middle_s).tolist(),
-            "joints_m": joints_record(body.joints_m(middle_s)),
+            "joints_m": out.joints_record(body.joints_m(middle_s)),
         }
         for body in scene.bodies
         if isinstance(body, cl.MovingHand)
@@ -233,8 +186,6 @@ def _truth(motion: Motion, scene: cl.MovingScene, middle_s: float) -> dict[str, 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionOptions:
-    """Movement, and frames of it."""
-
     motion: Path | None = opt.option(
         "How meshes and hands move, and when each sample is recorded (docs/movement.md).",
         metavar="MOTION.toml",
@@ -280,12 +231,16 @@ def simulate_command(
     if opt.given(processes) and not (still and several):
         wanted = "without --motion" if several else "an --array of clusters with it"
         raise opt.wrong_usage(next(iter(opt.given(processes))), f"expected {wanted}")
-    check_output(output, moving, several)
+    kept = cluster_files(output) if several and still else recording_files(output)
+    check: Callable[[], None] = partial(out.check_folder, output, kept, resumed=several and still)
+    if not several and moving.frames is None:
+        check = partial(out.check_outputs, [output])
+    check()
     motion = None if moving.motion is None else cl.read_motion(moving.motion)
     if motion is not None:
         opt.call.inputs["--motion"] = list(motion.files)
         opt.call.records_of(motion.files)
-        check_output(output, moving, several)  # they are known only now
+        check()  # they are known only now
     kind = scenery.estimator(estimator)
     meshes = scenery.meshes or []
     has_alpha = scenery.alpha or any(alpha is not None for _, alpha in meshes)
@@ -310,17 +265,31 @@ def simulate_command(
         )
     elif scene is not None and several:
         settings = settings.for_scene(scene, clusters[0], waveform)  # one for all: images add up
+        _scenes.clear()
+        _scenes[digest := scene.digest()] = scene
         steps = ClusterSteps(
-            scene=scenery, digest=keep_scene(scene), waveform=waveform,
-            settings=settings, folder=output, origin=provenance(),
+            scene=scenery, digest=digest, waveform=waveform, settings=settings, folder=output,
+            origin=out.provenance(),
         )  # fmt: skip
-        text, label = simulate_clusters(steps, clusters, where), where.text
+        job = out.begun(
+            output, "simulation of clusters", cluster_files(output), PATTERN,
+            settings=asdict(settings),
+        )  # fmt: skip
+        with job.held(), progress_bar("tracing") as progress:
+            for (number, _), text in job.each(
+                steps, list(enumerate(clusters, start=1)), where,
+                done=lambda one: steps.file_of(one[0]).is_file(),
+                name=lambda one: f"cluster {one[0]}: ", progress=progress, say=print_line,
+                noun="cluster",
+            ):  # fmt: skip
+                print_line(f"{steps.file_of(number)}: {text}")
+        text, label = f"{len(clusters)} clusters", where.text
     elif scene is not None:
         with progress_bar("tracing") as progress:
             capture = cl.simulate(
                 scene, clusters[0], waveform, settings=settings, device=opened, progress=progress
             )
-        text = summary(write(output, capture))
+        text = summary(out.write(output, capture))
     print_line(f"{output}: {text}, {perf_counter() - start_s:.1f} s on {label}")
 
 
@@ -347,7 +316,7 @@ def demo_command(
     not outshine the fingers.
     """
     radar.antennas()  # wrong usage is reported before anything is made
-    check_folder(output)
+    out.check_folder(output)
     opened = open_devices(device).first
     voxel_m = 1e-3 if full else 2e-3
     grid = cl.VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), voxel_m)
@@ -361,15 +330,16 @@ def run_demo(
     folder: Path, radar: opt.RadarOptions, grid: cl.VoxelGrid, device: cl.Device, **rays: Any
 ) -> None:
     """Write the files of the demonstration over those of an earlier one; `rays` over alpha."""
-    from clradar.hand import hand_mesh
-    from clradar.hand.flesh import PART_NAMES
     from clradar.hand.mesh import DEFAULT_CENTER_M
-    from measurement_io import open_capture, save_recording
 
     mesh, physical = folder / "hand_f.ply", {"estimator": PHYSICAL}
-    write(mesh, turned(hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M), force=True)
+    out.write(
+        mesh,
+        out.turned(cl.hand.hand_mesh("F", device=device), TURN_DEG, DEFAULT_CENTER_M),
+        force=True,
+    )
     scene = cl.Scene.from_mesh(mesh)  # as `clradar simulate` has it
-    skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in PART_NAMES})
+    skin = scene.with_material({p: "palm" if p == "palm" else "skin" for p in cl.hand.PART_NAMES})
     opt.call.inputs["hand"] = [mesh]
     how: dict[str, Any] = {"force": True, "rays": rays, "grid": opt.grid_text(grid)}
     simulated: dict[str, Any] = {
@@ -387,19 +357,19 @@ def run_demo(
             )  # fmt: skip
         if name == MEASUREMENT:
             noisy = cl.impair(capture, seed=2, snr_db=SNR_DB)
-            save_recording(folder / name, [noisy], force=True)
-            capture = open_capture(folder / name)
+            measurement_io.save_recording(folder / name, [noisy], force=True)
+            capture = measurement_io.open_capture(folder / name)
         else:
-            capture = write(folder / f"{name}.h5", capture, **how)
+            capture = out.write(folder / f"{name}.h5", capture, **how)
         with progress_bar(f"imaging {name}") as progress:
             image = cl.backproject(capture, grid, device=device, progress=progress)
-        volumes.append(write(folder / f"{name}_volume.h5", image, **how))
+        volumes.append(out.write(folder / f"{name}_volume.h5", image, **how))
         print_line(f"{name}: simulated and imaged in {perf_counter() - start_s:.1f} s")
     first, *paths = (Path(f"{name}_volume.h5") for name in simulated)
     compared = Comparison.of(volumes, figure_labels(paths, [v.meta for v in volumes[1:]]))
     found = {"measured": str(first), "simulated": compared.records(paths)}
-    write(folder / "metrics.json", {**found, "device": device.describe()}, **how)
+    out.write(folder / "metrics.json", {**found, "device": device.describe()}, **how)
     compared.print()
     figure = partial(compared.figure, measured_label="Synthetic measurement")
     text = "the synthetic measurement beside the simulated images"
-    write(folder / "comparison.png", figure, text, force=True)
+    out.write(folder / "comparison.png", figure, text, force=True)

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+import calibration
 import clradar as cl
 from clradar.cli import options as opt, parse
-from clradar.cli.comparison import write_csv
 from clradar.cli.console import print_line, print_table, print_text, progress_bar
-from clradar.cli.inputs import Measurement, measurement
+from clradar.cli.images import Measurement, measurement, write_csv
 from clradar.cli.outputs import begun, check_folder, write
+from clradar.compare.images import depth_map_of
 from clradar.compare.metrics import METRIC_TABLE
 from clradar.constants import PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.errors import CompareError, warn
@@ -24,15 +25,9 @@ from clradar.jobs import KEY, FolderStore, open_devices
 from clradar.model import checks
 from clradar.versions import package_versions
 
-if TYPE_CHECKING:
-    from calibration import Regions, RoughnessSweep, Sweep
-    from calibration.roughness.design import Estimates
-
 
 @dataclass(frozen=True, kw_only=True)
 class AlphaOptions:
-    """The alphas and the seeds to simulate with."""
-
     alpha: tuple[float, ...] = opt.option(
         f"{parse.RANGE_RULE}, or a list with commas; in [0, 1].",
         "0:1:0.1",
@@ -51,10 +46,8 @@ class AlphaOptions:
 
     def sweep(
         self, measured: Measurement, scene: cl.Scene, images: Mapping[str, Any], **how: Any
-    ) -> Sweep:
+    ) -> calibration.Sweep:
         """Sweep over alpha; `images` and `how` as of `calibration.sweep`."""
-        import calibration
-
         window = images["window"]
         own = measured.content.meta.get("window", window)
         if own != window and isinstance(measured.content, cl.Volume):
@@ -96,10 +89,8 @@ class RoughnessOptions:
 
     def sweep(
         self, measured: Measurement, scene: cl.Scene, images: Mapping[str, Any], **how: Any
-    ) -> RoughnessSweep:
+    ) -> calibration.RoughnessSweep:
         """Sweep over roughness and correlation length; whole `images` are not formed."""
-        import calibration
-
         if isinstance(measured.content, cl.Volume):
             raise CompareError(
                 f"{measured.path}: expected a capture with --roughness-mm, got a volume: roughness "
@@ -114,32 +105,24 @@ class RoughnessOptions:
 PARTS, FINGERS = "parts", "fingers"
 
 
-def _region_file(regions: str) -> list[Path]:
-    return [] if regions in (PARTS, FINGERS) else [Path(regions)]
-
-
 @dataclass(frozen=True, kw_only=True)
 class RegionOptions:
-    """Regions of the mesh that have an alpha each."""
-
     regions: str | None = opt.option(
         "Find an alpha for each named part, for fingers and palm, or for the regions of a file: "
         ".npy or .json with a label per face, or .json with region: [parts].",
         metavar="parts|fingers|FILE",
-        files=_region_file,
+        files=lambda regions: [] if regions in (PARTS, FINGERS) else [Path(regions)],
     )
 
-    def read(self, scene: cl.Scene, max_bounces: int = 1) -> Regions | None:
-        """The regions of a mesh."""
-        from calibration import Regions
-
+    def read(self, scene: cl.Scene, max_bounces: int = 1) -> calibration.Regions | None:
         if self.regions is None:
             return None
         if max_bounces > 1:
             text = "expected 1 with --regions: a path of two bounces belongs to no single region"
             raise opt.wrong_usage("--max-bounces", text)
-        known = {PARTS: Regions.of_parts, FINGERS: Regions.of_fingers}
-        return known.get(self.regions, partial(Regions.read, Path(self.regions)))(scene)
+        kind = calibration.Regions
+        known = {PARTS: kind.of_parts, FINGERS: kind.of_fingers}
+        return known.get(self.regions, partial(kind.read, Path(self.regions)))(scene)
 
 
 RESULT, TABLE, REGION_TABLE, FIGURE = "sweep.json", "sweep.csv", "regions.csv", "sweep.png"
@@ -179,7 +162,6 @@ def sweep_command(
     """
     from calibration.roughness.figures import figure_of
     from calibration.roughness.sweep import check_within_grid
-    from clradar.compare.images import depth_map_of
 
     check_folder(output, OWN_NAMES, resumed=True)
     kind = alphas if roughness.roughness_mm is None else roughness
@@ -218,20 +200,13 @@ def sweep_command(
             write(output / RESULT, record, force=True, grid=grid)
         job.clear([WORK])
     if not finished:
-        print_sweep(result)
+        if isinstance(result, calibration.Sweep):
+            means = {one.field: result.of(one.field).mean(axis=0) for one in METRIC_TABLE}
+            rows = []
+            for i, alpha in enumerate(result.alphas):
+                at: Any = SimpleNamespace(**{name: values[i] for name, values in means.items()})
+                nearest = "nearest" if i == result.nearest else ""
+                rows.append([f"{alpha:g}", *(one.text(at) for one in METRIC_TABLE), nearest])
+            print_table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
+        print_text(result.report())
         print_line(f"{output}: {', '.join(RESULTS)}")
-
-
-def print_sweep(result: Estimates) -> None:
-    """Print the metrics of each alpha, if that is swept, as means over the seeds; the estimates."""
-    from calibration import Sweep
-
-    if isinstance(result, Sweep):
-        means = {one.field: result.of(one.field).mean(axis=0) for one in METRIC_TABLE}
-        rows = []
-        for i, alpha in enumerate(result.alphas):
-            at: Any = SimpleNamespace(**{name: values[i] for name, values in means.items()})
-            nearest = "nearest" if i == result.nearest else ""
-            rows.append([f"{alpha:g}", *(one.text(at) for one in METRIC_TABLE), nearest])
-        print_table(("alpha", *(one.name for one in METRIC_TABLE), ""), rows)
-    print_text(result.report())

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal
 
+import calibration
 import clradar as cl
+import measurement_io
 from clradar.cli import parse
 from clradar.cli.groups import argument, arguments_of, call, option
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.model import VoxelGrid, checks
-
-if TYPE_CHECKING:
-    from clradar.jobs import Where
+from clradar.jobs import Where
+from clradar.model import checks
 
 CAPTURE: Any = argument("Native capture, recorded .npy frame, or radar folder.")
 MEASURED: Any = argument("Volume, capture or recording.")
@@ -56,15 +55,11 @@ Variant = Literal["raw", "emptyfiltered"]
 
 @dataclass(frozen=True, kw_only=True)
 class UnitOptions:
-    """The unit of length of a mesh."""
-
     unit: Unit = option("Unit of length of the mesh file.", "m")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """The search for the pose of a mesh."""
-
     search_deg: float = option(
         "Rotations about boresight that are tried.", 45.0, panel="Expert", check=checks.positive
     )
@@ -90,12 +85,9 @@ class WorkerOptions:
         kept=False,
     )
 
-    def where(self, device: str | None, files: Sequence[Path] | None = None) -> Where:
-        """Where the work is done; workers of a scheduler have to see the files, or all inputs."""
-        from clradar.jobs import Where
-
-        shared = tuple(call.paths if files is None else files)
-        return Where(device, self.workers, self.scheduler, shared)
+    def where(self, device: str | None) -> Where:
+        """Where the work is done; workers of a scheduler have to see all inputs."""
+        return Where(device, self.workers, self.scheduler, tuple(call.paths))
 
 
 def array_files(array: str) -> list[Path]:
@@ -135,7 +127,6 @@ class RadarOptions:
         return cl.Waveform.sfcw(start_ghz * 1e9, stop_ghz * 1e9, steps)
 
     def antennas(self) -> cl.AntennaArray:
-        """The array."""
         from clradar.arrays.instruments import KNOWN
 
         own = array_files(self.array)
@@ -181,15 +172,15 @@ class GridOptions:
     y_mm: parse.Axis | None = option("The same along y.", metavar="RANGE", parse=parse.axis_mm)
     z_mm: parse.Axis | None = option("The same along z.", metavar="RANGE", parse=parse.axis_mm)
 
-    def grid(self, defaults_mm: tuple[parse.Axis, ...] = PAPER_GRID_MM) -> VoxelGrid:
+    def grid(self, defaults_mm: tuple[parse.Axis, ...] = PAPER_GRID_MM) -> cl.VoxelGrid:
         """The grid, with default ranges for the axes that were not given."""
         own = (self.x_mm, self.y_mm, self.z_mm)
         axes = [axis or default for axis, default in zip(own, defaults_mm, strict=True)]
         x_m, y_m, z_m = ((first / 1e3, last / 1e3) for first, last, _ in axes)
-        return VoxelGrid.from_extent(x_m, y_m, z_m, [step / 1e3 for _, _, step in axes])
+        return cl.VoxelGrid.from_extent(x_m, y_m, z_m, [step / 1e3 for _, _, step in axes])
 
 
-def grid_text(grid: VoxelGrid) -> str:
+def grid_text(grid: cl.VoxelGrid) -> str:
     """Voxels and ends of a grid."""
     from clradar.imaging.grid_words import box_words
 
@@ -204,8 +195,6 @@ METHODS = (
 
 @dataclass(frozen=True, kw_only=True)
 class ImagingOptions:
-    """How an image is formed."""
-
     method: Literal["fast", "range", "exact"] = option(METHODS, "fast")
     window: Literal["rect", "hann", "taylor"] = option(
         "Weights over frequency.", "rect", without=ITERATED
@@ -219,8 +208,6 @@ class ImagingOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class DepthMapOptions:
-    """How a depth map is made of a volume."""
-
     dynamic_range_db: float = option(
         "Cut this far below an image's maximum.", DYNAMIC_RANGE_DB, check=checks.dynamic_range
     )
@@ -228,8 +215,6 @@ class DepthMapOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PictureOptions:
-    """What is drawn of a volume."""
-
     PANEL = "Output"
 
     view: Literal["xy", "xz", "yz", "all"] | None = option(
@@ -272,57 +257,28 @@ class CleaningOptions:
     keep_noisy: bool = option("Do not set noisy channels to zero.", False, needs="--channels")
 
     def cleaned(self, capture: cl.Capture, empty: cl.Capture | None) -> cl.Capture:
-        """The capture without the empty room, gated and corrected."""
-        from calibration import clean
-        from measurement_io import open_channels
-
         known = arguments_of(self, CleaningOptions)
         gate: dict[str, Any] = {n: known[n] for n in ("edge_m", "clutter_db") if n in known}
         if self.gate_mm is not None:
             gate |= dict(zip(("near_m", "far_m"), known["gate_m"], strict=True))
-        return clean(
+        return calibration.clean(
             capture, empty=empty, scaling=self.scaling, gate=gate or None,
-            channels=None if self.channels is None else open_channels(self.channels),
+            channels=None if self.channels is None else measurement_io.open_channels(self.channels),
             mask=("dead",) if self.keep_noisy else ("dead", "noisy"),
         )  # fmt: skip
 
-    def steps(self, meta: Any) -> list[str]:
-        """What was done to a capture beside the empty room, as its `meta` has it."""
-        steps = []
-        if self.gate_mm is not None:
-            gate = meta["range_gate"]
-            steps.append(
-                f"gated to {1e3 * gate['near_m']:g} to {1e3 * gate['far_m']:g} mm (inside "
-                f"{gate['passband_db']:+.1f} dB at worst, rejects {gate['rejection_db']:.0f} dB or "
-                f"more beyond {1e3 * gate['edge_m']:.0f} mm from it)"
-            )
-        if self.channels is not None:
-            channels = meta["channels"]
-            steps.append(
-                f"{100 * channels['live_share']:.1f} % of the pairs left, without "
-                f"{len(channels['masked_tx'])} Tx and {len(channels['masked_rx'])} Rx"
-            )
-        return steps
-
 
 def open_frame(path: Path, frames: FrameOptions) -> cl.Capture:
-    """The capture of a file or folder."""
-    from measurement_io import open_capture
-
-    return noted(path, open_capture(path, **arguments_of(frames)))
+    return noted(path, measurement_io.open_capture(path, **arguments_of(frames)))
 
 
-Content = TypeVar("Content", cl.Capture, "cl.Volume | cl.Capture")
-
-
-def noted(path: Path, found: Content) -> Content:
+def noted(path: Path, found: cl.Capture) -> cl.Capture:
     """What was opened of an input: if that is a folder, the file of the frame is what was read."""
     if path.is_dir():
         call.read.setdefault(path, []).extend(frame_files(found))
     return found
 
 
-def frame_files(capture: cl.Capture | cl.Volume) -> list[Path]:
-    """The file of the frame that a capture is."""
+def frame_files(capture: cl.Capture) -> list[Path]:
     source = capture.meta.get("source")
     return [Path(source)] if isinstance(source, str) and Path(source).is_file() else []

@@ -1,4 +1,4 @@
-"""Options of a simulation: rays, meshes with their alphas and materials, and how they move."""
+"""Options of what is simulated or fitted: meshes and hands, what they are made of, rays."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ from typing import Any, Final, Literal
 import numpy as np
 
 import clradar as cl
+import measurement_io
 from clradar.cli import parse
 from clradar.cli.groups import argument, arguments_of, option, wrong_usage
-from clradar.cli.options.measured import UnitOptions
+from clradar.cli.options.measured import SearchOptions, UnitOptions, own_option, rig_option
 from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.errors import ModelError, warn
 from clradar.geometry.normals import CREASE_DEG
-from clradar.tracing.settings import (
-    EXPECTED_SAMPLES_PER_MM2,
-    RAYS_PER_SAMPLE,
-    SAMPLES_PER_MM2,
-    SimulationSettings,
-)
+from clradar.model import checks
+from clradar.model.known_materials import KNOWN
+from clradar.tracing.settings import EXPECTED_SAMPLES_PER_MM2, RAYS_PER_SAMPLE, SAMPLES_PER_MM2
 from clradar.tracing.suited import RECEPTION_RADIUS_M
 
 Estimator = Literal["stochastic", "expected", "physical"]
@@ -40,8 +38,6 @@ ESTIMATORS = (
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingOptions:
-    """How densely rays are launched."""
-
     samples_per_mm2: float | None = option(
         f"Surface samples per mm^2. [default: {SAMPLES_PER_MM2:g} if stochastic]",
         panel="Expert",
@@ -71,26 +67,22 @@ class SimulationOptions(SamplingOptions):
         "Paths end on the surface of the normals, or on the flat faces.", "curved"
     )
 
-    def settings(self, **more: Any) -> SimulationSettings:
+    def settings(self, **more: Any) -> cl.SimulationSettings:
         """The settings of the simulation; `more` are seed and estimator."""
-        return SimulationSettings(**arguments_of(self), **more)
+        return cl.SimulationSettings(**arguments_of(self), **more)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlacementOptions(UnitOptions):
-    """Unit and position of meshes."""
-
     transform: Path | None = option(
         "4 x 4 matrix, row-major, metres, that moves the meshes into the antenna frame; or the "
         "alignment.json of a recording.",
         metavar="T.json",
+        needs="--mesh",
     )
 
     def matrix(self) -> np.ndarray | None:
-        """The transform, shape (4, 4); None if there is none."""
-        from measurement_io import read_transform
-
-        return None if self.transform is None else read_transform(self.transform)
+        return None if self.transform is None else measurement_io.read_transform(self.transform)
 
 
 def _split(option: str, text: str) -> tuple[Path | None, str]:
@@ -108,8 +100,6 @@ def _of_parts(option: str, texts: list[str]) -> dict[Any, tuple[Path | None, str
 
 
 def _material(option: str, file: Path | None, name: str) -> cl.Material:
-    from clradar.model.known_materials import KNOWN
-
     known = KNOWN if file is None else cl.read_materials(file)
     if name not in known:
         where = " or FILE.toml:NAME" if file is None else f" of {file}"
@@ -118,7 +108,6 @@ def _material(option: str, file: Path | None, name: str) -> cl.Material:
 
 
 def check_parts(option: str, parts: Mapping[Any, Any] | None, scene: cl.Scene) -> None:
-    """Raise unless a scene has all these parts."""
     if unknown := {*(parts or ())} - {None, *scene.part_names}:
         raise ModelError(
             f"{option}: expected parts of the meshes ({', '.join(scene.part_names)}), got "
@@ -128,8 +117,6 @@ def check_parts(option: str, parts: Mapping[Any, Any] | None, scene: cl.Scene) -
 
 @dataclass(frozen=True, kw_only=True)
 class MaterialOptions:
-    """What the meshes are made of."""
-
     material: tuple[Path | None, str] | None = option(
         "What the meshes are made of, for the physical estimator: a name of `clradar materials`, "
         "or one of a file. [default: a perfect conductor]",
@@ -155,7 +142,6 @@ class MaterialOptions:
         return chosen
 
     def on(self, scene: cl.Scene) -> cl.Scene:
-        """The scene of these materials."""
         if self.material is not None:
             scene = scene.with_material(_material("--material", *self.material))
         name = "--material-of"
@@ -196,11 +182,9 @@ class SceneOptions(PlacementOptions, MaterialOptions):
 
     @property
     def default_alpha(self) -> float:
-        """The alpha of what has no other."""
         return (self.alpha or {}).get(None, DEFAULT_ALPHA)
 
     def load(self) -> cl.Scene:
-        """All meshes as one scene."""
         return self.finished(cl.Scene.combine(self.bodies()))
 
     def bodies(self) -> list[cl.Scene]:
@@ -224,3 +208,117 @@ class SceneOptions(PlacementOptions, MaterialOptions):
                 values[np.asarray(scene.part) == scene.part_names.index(name)] = value
             scene = scene.with_alpha(values)
         return self.on(scene)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeOptions:
+    """Size and proportions of the embedded hand."""
+
+    length_mm: float | None = own_option("Wrist crease to middle fingertip. [default: 187.4]")
+    breadth_mm: float | None = own_option("Across the knuckles. [default: 85.6]")
+    finger_lengths: tuple[float, float, float, float, float] | None = own_option(
+        "Thumb to little finger, relative to an average hand of this length.", metavar="T I M R P"
+    )
+    girth: float | None = own_option("Thickness, relative to an average hand of this breadth.")
+
+    @property
+    def shape(self) -> cl.hand.HandShape | None:
+        """Length, breadth, finger lengths, girth, if there is one of them."""
+        known = arguments_of(self, ShapeOptions)
+        return cl.hand.HandShape(**known) if known else None
+
+
+def _unit_of_rig(option: str, text: str) -> str | float:
+    if text in cl.rigs.UNITS_M:
+        return text
+    values_mm = parse.numbers(text)
+    if len(values_mm) != 1 or values_mm[0] <= 0:
+        known = f"one of {', '.join(cl.rigs.UNITS_M)}, or a positive number of mm"
+        raise wrong_usage(option, f"expected {known}, got '{text}'")
+    return values_mm[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOptions:
+    rig: Path | None = option(
+        "Pose this hand instead: skinned glTF (.glb, .gltf) or a MANO model (.pkl, .npz).",
+        metavar="HAND",
+        needs="--fit-hand",
+    )
+    mapping: Path | None = rig_option(
+        "Which node is which joint, without WebXR names: a table [joints].", metavar="M.toml"
+    )
+    rig_unit: str | float | None = rig_option(
+        "m, cm, mm, inch, or a number of mm. [default: m]",
+        metavar="UNIT",
+        parse=_unit_of_rig,
+    )
+    rig_hand: Literal["right", "left"] | None = rig_option(
+        "Which hand the rig is. [default: as its names say, else right]"
+    )
+    betas: tuple[float, ...] | None = rig_option(
+        "Shape of a MANO hand, up to 10 numbers.",
+        metavar="B,B,...",
+        parse=parse.some,
+    )
+
+    def read_rig(self) -> cl.rigs.Rig:
+        assert self.rig is not None
+        unit = self.rig_unit / 1e3 if isinstance(self.rig_unit, float) else self.rig_unit
+        return cl.rigs.read_rig(
+            self.rig, mapping=self.mapping, unit=unit, handedness=self.rig_hand, betas=self.betas
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandOptions(ShapeOptions, RigOptions, SearchOptions):
+    """What is known of the hand that is fitted to one image or to frames."""
+
+    hand: Literal["right", "left", "either"] | None = own_option(
+        "Which hand it is. [default: right; that of an earlier fit, or of the rig]"
+    )
+    fit_shape: bool = own_option("Fit size and proportions of the hand, too.", False)
+    angle_std_deg: float = option(
+        "Standard deviation of flexion from the starting pose.",
+        12.0,
+        needs="--fit-hand",
+        check=checks.positive,
+    )
+    seed: int = option("Of all that is drawn.", 0, needs="--fit-hand")
+
+    def settings(self, starts: StartNames) -> dict[str, Any]:
+        """The arguments that `calibration.fit_hand` and `calibration.fit_hands` have both."""
+        names = ("fit_shape", "angle_std_deg", "search_deg", "seed")
+        settings = {"pose": starts.read(self.hand), **{n: getattr(self, n) for n in names}}
+        if self.rig is None:
+            return {**settings, "handedness": self.hand or "right", "shape": self.shape}
+        rig = self.read_rig()
+        return {**settings, "rig": rig, "handedness": rig.handedness}
+
+
+def start_files(text: str) -> list[Path]:
+    return StartNames(text).files
+
+
+class StartNames:
+    """Starts of a fit, of poses and files with commas between them."""
+
+    def __init__(self, text: str) -> None:
+        from calibration.hand_fit.starts import start_file
+
+        # A comma in the name of a file that exists separates nothing.
+        self._texts = [text] if Path(text).exists() else text.split(",")
+        self.files = [path for one in self._texts if (path := start_file(one)) is not None]
+        # Those in files count by their content.
+        self.names = [None if start_file(one) else one for one in self._texts]
+
+    def read(self, hand: str | None) -> tuple[Any, ...]:
+        """The starts; an earlier fit has to be of the hand that was given, if it was."""
+        from calibration.hand_fit.starts import starts_of
+
+        starts = starts_of(self._texts)
+        for start in starts:
+            if hand is not None and start.handedness not in (None, hand):
+                text = f"expected {start.handedness}, as in --pose, got '{hand}'"
+                raise wrong_usage("--hand", text)
+        return starts
