@@ -11,7 +11,6 @@ from calibration.channels.fit import (
     TUKEY_CUTOFF,
     ChannelFit,
     Samples,
-    Side,
     by_channel,
     fit_channels,
     pairs_of,
@@ -134,8 +133,8 @@ def estimate_channels(
     units = [parameter.rsplit("_", 1)[1] for parameter in target.parameter_names]
     tolerance = np.array([tolerances[unit] for unit in units if refine_position])
 
-    sides = start(samples, echo, search_s)
-    live = _live(samples, echo, sides, dead_db)
+    gain, delay_s = start(samples, echo, search_s)
+    live = _live(samples, echo, gain, delay_s, dead_db)
     for side, alive in zip(("Tx", "Rx"), live, strict=True):
         if np.count_nonzero(alive) < MIN_CHANNELS:
             raise CalibrationError(
@@ -145,10 +144,10 @@ def estimate_channels(
     array = capture.array.part(live[0], live[1])
     _check_coverage(target.echo(array))
     part = replace(samples, data=samples.data[np.ix_(*live)])
-    tx, rx = (Side(s.gain[a], s.delay_s[a]) for s, a in zip(sides, live, strict=True))
+    own, zero_mean = np.concatenate(live), common_delay == "zero"
     try:
         found = fit_channels(
-            part, array, target, (tx, rx), tolerance, common_delay == "zero", progress
+            part, array, target, gain[own], delay_s[own], tolerance, zero_mean, progress
         )
     except (ModelError, np.linalg.LinAlgError) as error:
         why = str(error) if isinstance(error, ModelError) else "singular equations"
@@ -218,19 +217,17 @@ def _check_coverage(echo: Echo) -> None:
 
 
 def _live(
-    samples: Samples, echo: Echo, sides: tuple[Side, Side], dead_db: float
+    samples: Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray, dead_db: float
 ) -> list[np.ndarray]:
-    """Which channels have an echo, by their gain and its standard deviation due to noise."""
-    tx, rx = sides
-    noise = by_channel(pairs_of(samples, echo, tx, rx).scatter, echo.seen)
+    """Which Tx and Rx have an echo, by their gain and its standard deviation due to noise."""
+    noise = by_channel(pairs_of(samples, echo, gain, delay_s).scatter, echo.seen)
+    tx, rx = np.split(np.abs(gain), [len(samples.data)])
     strength = echo.seen * samples.count
-    reach = (strength @ np.abs(rx.gain) ** 2, strength.T @ np.abs(tx.gain) ** 2)
     live = []
-    for side, power, own in zip(sides, noise, reach, strict=True):
-        gain = np.abs(side.gain)
-        least = float(np.median(gain)) * 10 ** (-dead_db / 20)
+    for own, power, reach in ((tx, noise[0], strength @ rx**2), (rx, noise[1], strength.T @ tx**2)):
+        least = float(np.median(own)) * 10 ** (-dead_db / 20)
         # The first term is for a channel that is zero everywhere: it has no noise, either.
-        live.append((gain > 0) & (gain >= least) & (gain**2 * own > DETECTABLE**2 * power))
+        live.append((own > 0) & (own >= least) & (own**2 * reach > DETECTABLE**2 * power))
     return live
 
 
@@ -263,19 +260,22 @@ def _calibration(
             f"estimate_channels: {residual_db - noise_residual_db:.0f} dB more is left than by "
             "noise: other echoes (gate_m, --gate-mm), or a target that differs from its description"
         )
-    sides = (found.tx, found.rx)
-    mean_log = [float(np.log(np.abs(side.gain)).mean()) for side in sides]
-    first = found.tx.gain[0] / abs(found.tx.gain[0])
-    offset_s = (float(found.tx.delay_s.mean()) - float(found.rx.delay_s.mean())) / 2
+    gain, delay_s, phase_std_rad = (
+        np.split(one, [len(seen)]) for one in (found.gain, found.delay_s, found.phase_std_rad)
+    )
+    mean_log = [float(np.log(np.abs(own)).mean()) for own in gain]
+    first = gain[0][0] / abs(gain[0][0])
+    offset_s = (float(delay_s[0].mean()) - float(delay_s[1].mean())) / 2
     # The noise of a dead channel, from its pairs with the live ones of the other side.
     power = samples.power()
     alone = (np.median(power[:, live[1]], axis=1), np.median(power[live[0]], axis=0))
     response, fields = dict[str, np.ndarray](), dict[str, Any]()
-    for k, (name, side, sign) in enumerate(zip(("tx", "rx"), sides, (1, -1), strict=True)):
-        turn = first.conj() if sign > 0 else first
-        response[f"{name}_gain"] = _filled(side.gain * np.exp(-mean_log[k]) * turn, live[k])
-        response[f"{name}_delay_s"] = _filled(side.delay_s - sign * offset_s, live[k])
-        std = _filled(found.phase_std_rad[k], live[k])
+    for k, (name, turn, later_s) in enumerate(
+        (("tx", first.conj(), -offset_s), ("rx", first, offset_s))
+    ):
+        response[f"{name}_gain"] = _filled(gain[k] * np.exp(-mean_log[k]) * turn, live[k])
+        response[f"{name}_delay_s"] = _filled(delay_s[k] + later_s, live[k])
+        std = _filled(phase_std_rad[k], live[k])
         fields[f"{name}_phase_std_rad"] = std
         fields[f"{name}_delay_std_s"] = std / samples.spread_rad_per_s
         fields[f"{name}_noise"] = _filled(noise[k], live[k], np.sqrt(alone[k]) / typical)

@@ -77,23 +77,13 @@ class Samples:
         n = self.frequencies_hz.size if self.basis is None else self.basis.shape[1]
         return np.stack([self.energy(row.astype(np.complex128)) / n for row in self.data])
 
-    def flattened(
-        self, length_m: np.ndarray, tx_delay_s: np.ndarray, rx_delay_s: np.ndarray
-    ) -> Iterator[np.ndarray]:
+    def flattened(self, length_m: np.ndarray, delay_s: np.ndarray) -> Iterator[np.ndarray]:
         """Yield per Tx, shape (n_rx, n_freq), the samples without paths and delays."""
         rad_per_m = 2 * np.pi / SPEED_OF_LIGHT_M_PER_S * self.frequencies_hz
         for i, row in enumerate(self.data):
-            late = tx_delay_s[i] + rx_delay_s
+            late = delay_s[i] + delay_s[len(self.data) :]
             phase = length_m[i][:, None] * rad_per_m + late[:, None] * self.offset_rad_per_s
             yield row * np.exp(1j * phase)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Side:
-    """The channels of one side: complex gain and delay, each of shape (n,)."""
-
-    gain: np.ndarray
-    delay_s: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,20 +99,20 @@ class Pairs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelFit:
-    """The converged fit, with the target in its estimated pose."""
+    """The converged fit, with the target in its estimated pose; channels are Tx and then Rx."""
 
-    tx: Side
-    rx: Side
+    gain: np.ndarray
+    delay_s: np.ndarray
+    phase_std_rad: np.ndarray  # given the pose
     target: Target
     echo: Echo
     pairs: Pairs
     noise: np.ndarray  # of one sample, shape (n_tx, n_rx), from the channels'
-    phase_std_rad: tuple[np.ndarray, np.ndarray]  # of Tx and of Rx, given the pose
     covariance: np.ndarray  # of the pose in its units, 0 if it is fixed
 
 
-def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
-    """Initial estimate of all channels, dead ones too, for a target in its nominal pose.
+def start(samples: Samples, echo: Echo, search_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Gains and delays of all Tx and Rx to begin with, dead ones too, of a target in its place.
 
     The delay of a channel is the maximum of the delay profiles of its pairs, summed in power; gains
     are the best rank-one approximation of the sum over frequency.
@@ -134,7 +124,7 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
     delays_s = np.linspace(-search_s, search_s, 2 * half + 1)
     steer = samples.weight[:, None] * np.exp(1j * samples.offset_rad_per_s[:, None] * delays_s)
     tx_power, rx_power = np.zeros((n_tx, delays_s.size)), np.zeros((n_rx, delays_s.size))
-    rows = samples.flattened(echo.length_m, np.zeros(n_tx), np.zeros(n_rx))
+    rows = samples.flattened(echo.length_m, np.zeros(n_tx + n_rx))
     for i, row in enumerate(rows):
         power = np.abs(row @ steer) ** 2 * echo.seen[i][:, None]
         tx_power[i] = power.sum(axis=0)
@@ -147,16 +137,15 @@ def start(samples: Samples, echo: Echo, search_s: float) -> tuple[Side, Side]:
             f"{reach_mm:.0f} mm of its range, found a stronger one at the end of that window"
         )
     # A Tx profile peaks at its delay plus the mean of the Rx, and vice versa.
-    tx_delay = _peaks(delays_s, tx_power) - common / 2
-    rx_delay = _peaks(delays_s, rx_power) - common / 2
-    rows = samples.flattened(echo.length_m, tx_delay, rx_delay)
+    delay_s = _peaks(delays_s, np.concatenate([tx_power, rx_power])) - common / 2
+    rows = samples.flattened(echo.length_m, delay_s)
     mean = np.stack([row @ samples.weight for row in rows])
     # Rows and columns are normalised first, or the SVD would follow a single strong channel.
     tx_level, rx_level = by_channel(np.abs(mean), echo.seen)
     right = np.linalg.svd(_ratio(mean * echo.seen, np.outer(tx_level, rx_level)))[2][0]
     started = (np.zeros(n_tx, complex), right * rx_level)
-    tx, rx = rank_one(mean * echo.seen, echo.seen.astype(float), *started)
-    return Side(tx, tx_delay), Side(rx, rx_delay)
+    sides = rank_one(mean * echo.seen, echo.seen.astype(float), *started)
+    return np.concatenate(sides), delay_s
 
 
 def _peaks(delays_s: np.ndarray, power: np.ndarray) -> np.ndarray:
@@ -199,7 +188,8 @@ def fit_channels(
     samples: Samples,
     array: AntennaArray,
     target: Target,
-    sides: tuple[Side, Side],
+    gain: np.ndarray,
+    delay_s: np.ndarray,
     tolerance: np.ndarray,
     zero_mean: bool,
     progress: Progress | None = None,
@@ -209,7 +199,7 @@ def fit_channels(
     `tolerance` are standard deviations of the pose in its units, none where it is fixed; with
     `zero_mean` delays scatter about zero, else about an unknown common delay.
     """
-    nominal, (tx, rx) = target.parameters, sides
+    nominal = target.parameters
     moved = np.zeros(tolerance.size)
 
     def placed(away: np.ndarray) -> Target:
@@ -219,10 +209,10 @@ def fit_channels(
     for iteration in range(MOST_STEPS):
         progress(iteration, MOST_STEPS)
         echo = placed(moved).echo(array)
-        pairs = pairs_of(samples, echo, tx, rx)
+        pairs = pairs_of(samples, echo, gain, delay_s)
         noise = _noise(pairs, echo.seen)
         weight = _weights(samples, pairs, noise, echo.seen)
-        near = _Channels(samples, pairs, weight, (tx, rx), zero_mean)
+        near = _Channels(samples, pairs, weight, delay_s, zero_mean)
 
         def residuals(away: np.ndarray) -> np.ndarray:
             longer_m = placed(away).echo(array).length_m - echo.length_m  # noqa: B023
@@ -250,10 +240,8 @@ def fit_channels(
                 )
         longer_m = placed(moved).echo(array).length_m - echo.length_m
         gains, later = near.best(longer_m)
-        factors = np.exp(np.clip(gains.real, -1.0, 1.0) + 1j * gains.imag)
-        n_tx, delays_s = len(tx.gain), later / samples.spread_rad_per_s
-        tx = Side(tx.gain * factors[:n_tx], tx.delay_s + delays_s[:n_tx])
-        rx = Side(rx.gain * factors[n_tx:], rx.delay_s + delays_s[n_tx:])
+        gain = gain * np.exp(np.clip(gains.real, -1.0, 1.0) + 1j * gains.imag)
+        delay_s = delay_s + later / samples.spread_rad_per_s
         std = 1.0 / np.sqrt(np.concatenate([weight.sum(axis=1), weight.sum(axis=0)]))
         steps = ((gains, std), (later, std), (moved - before, np.sqrt(np.diag(covariance))))
         if all((np.abs(x) <= np.maximum(STEP_TOLERANCE * s, LEAST_STEP)).all() for x, s in steps):
@@ -268,17 +256,17 @@ def fit_channels(
     echo = target.echo(array)
     every = np.zeros((nominal.size, nominal.size))
     every[: moved.size, : moved.size] = covariance * np.outer(tolerance, tolerance)
-    pairs = pairs_of(samples, echo, tx, rx)
-    return ChannelFit(tx, rx, target, echo, pairs, noise, (std[:n_tx], std[n_tx:]), every)
+    pairs = pairs_of(samples, echo, gain, delay_s)
+    return ChannelFit(gain, delay_s, std, target, echo, pairs, noise, every)
 
 
-def pairs_of(samples: Samples, echo: Echo, tx: Side, rx: Side) -> Pairs:
+def pairs_of(samples: Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray) -> Pairs:
     """Statistics of each pair, given a trial."""
     late = samples.offset_rad_per_s / samples.spread_rad_per_s
-    gain = np.outer(tx.gain, rx.gain)
-    turn, model = np.exp(-1j * np.angle(gain)), np.abs(gain)
+    of_pair = np.outer(*np.split(gain, [len(samples.data)]))
+    turn, model = np.exp(-1j * np.angle(of_pair)), np.abs(of_pair)
     found = []
-    for i, row in enumerate(samples.flattened(echo.length_m, tx.delay_s, rx.delay_s)):
+    for i, row in enumerate(samples.flattened(echo.length_m, delay_s)):
         turned = row * turn[i][:, None]
         mean, slope = turned @ samples.weight, turned @ (samples.weight * late)
         left = turned - mean[:, None] - slope[:, None] * late
@@ -318,7 +306,7 @@ class _Channels:
     """
 
     def __init__(
-        self, samples: Samples, pairs: Pairs, weight: np.ndarray, sides: tuple[Side, Side],
+        self, samples: Samples, pairs: Pairs, weight: np.ndarray, delay_s: np.ndarray,
         zero_mean: bool,
     ) -> None:  # fmt: skip
         n_tx, n_rx = weight.shape
@@ -331,7 +319,7 @@ class _Channels:
         # A prior of the delays, from their own spread (empirical Bayes). For a target whose paths
         # are a sum of two segments only this makes the position observable: a shift is equivalent
         # to delays that follow the antennas' positions.
-        self._delay = spread * np.concatenate([side.delay_s for side in sides])
+        self._delay = spread * delay_s
         centre = np.eye(n_tx + n_rx)
         if not zero_mean:
             for part in (slice(0, n_tx), slice(n_tx, None)):
