@@ -190,13 +190,10 @@ def context_of(name: str | None = None) -> Any:
     return program.commands[name].make_context(name, [], parent=context, resilient_parsing=True)
 
 
-def module_of(name: str) -> str:
-    return f"clradar.cli.commands.{next(own for own in MODULES if name in MODULES[own])}"
-
-
 def function_of(name: str) -> Callable[..., Any]:
+    own = next(own for own, names in MODULES.items() if name in names)
     found: Callable[..., Any] = getattr(
-        import_module(module_of(name)), f"{name.replace('-', '_')}_command"
+        import_module(f"clradar.cli.commands.{own}"), f"{name.replace('-', '_')}_command"
     )
     return found
 

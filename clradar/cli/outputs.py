@@ -44,8 +44,6 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
     known: dict[Path, bool] = {}
     for output in wanted:
         with atomic.writing(output):
-            if any(_same(output, path) for path in call.paths):
-                raise OutputError(f"{output}: is also an input; choose another name")
             place = os.path.realpath(output).casefold()  # case may not count on this disk
             if place in written:
                 raise OutputError(f"{output}: is named twice as an output; choose another name")
@@ -78,8 +76,6 @@ def check_folder(
         atomic.remove_left([folder])
         _check_place(folder, {})
         for path in call.paths:
-            if _same(folder, path):
-                raise OutputError(f"{folder}: is also an input; choose another folder")
             place = Path(os.path.realpath(path))
             kept = (os.path.realpath(folder / name) for name in replaced or ())
             if any(map(place.is_relative_to, kept)):
@@ -101,7 +97,9 @@ def check_folder(
 
 
 def _check_place(output: Path, known: dict[Path, bool]) -> None:
-    """Raise unless an output's folder can be written to; `known`: which are recordings, of many."""
+    """Raise unless an output may be where it is; `known`: which folders are recordings, of many."""
+    if any(_same(output, path) for path in call.paths):
+        raise OutputError(f"{output}: is also an input; choose another name")
     if not output.parent.is_dir():
         raise OutputError(f"{output}: expected an existing folder, got '{output.parent}'")
     if not output.is_dir() and not os.access(output.parent, os.W_OK | os.X_OK):

@@ -191,10 +191,9 @@ def fit_hand_command(
     hand` and data sets), placed.ply, fit.json with what the measurement tells and what not, the
     hand's simulation, two pictures and the metrics: all or nothing. See docs/hand-fit.md.
     """
-    starts = opt.StartNames(fitting.pose)
     check_folder(output, FITTED)
     alpha = None if fitting.alpha == parse.FIT else fitting.alpha
-    settings = {**fitting.settings(starts), "alpha": alpha, "closed_loop": not fitting.quick}
+    settings = {**fitting.settings(fitting.pose), "alpha": alpha, "closed_loop": not fitting.quick}
     opened = open_devices(device).first
     found = measurement(measured, frame, radar, voxels, imaging, opened)
     with progress_bar("fitting") as progress:

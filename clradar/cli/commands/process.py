@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from secrets import token_hex
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -37,9 +37,6 @@ from clradar.files.failures import fail
 from clradar.files.json_file import read_json_object, write_json
 from clradar.jobs import KEY, FolderStore, Job, Where, open_devices, remove
 from clradar.model.progress import Progress
-
-if TYPE_CHECKING:
-    from calibration.hand_fit.movement_figure import Picture
 
 # Names in the folder.
 RESULT, TABLE, FIGURE, MOVIE = "recording.json", "frames.csv", "time-line.png", "movie.gif"
@@ -357,7 +354,7 @@ def draw_movement(
     write(folder / MOVEMENT, movement_figure(fits, title), force=True)
 
 
-def _picture(image: cl.DepthMap) -> Picture | None:
+def _picture(image: cl.DepthMap) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """A thin picture of a frame's maxima, if there is anything above zero."""
     try:
         seen = depth_map_of(image, DYNAMIC_RANGE_DB, "image")
@@ -414,7 +411,6 @@ def process_command(
     every frame and an animation.
     """
     others = tuple(simulated or ())
-    starts = None if how.fit_hand is None else opt.StartNames(how.fit_hand)
     check_folder(output, OWN_NAMES, resumed=True)
     source = Frames(recording, how.variant)
     if not source.files:
@@ -423,7 +419,8 @@ def process_command(
     for frames in compared:
         if missing := [n for n in numbers if frames.files and n not in frames.files]:
             fail(frames.path, f"the frames of '{recording}'", f"none of number {listed(missing)}")
-    hand = None if starts is None else how.settings(starts)
+    starts = [] if how.fit_hand is None else opt.starts_in(how.fit_hand)
+    hand = None if how.fit_hand is None else how.settings(how.fit_hand)
     where = processes.where(device)
     read = {"RECORDING": source.files_of(numbers)}
     read["SIMULATED"] = [file for frames in compared for file in frames.files_of(numbers)]
@@ -437,7 +434,8 @@ def process_command(
     job = begun(
         output, "processed recording", OWN_NAMES, f"{RECORDS}/*.json", read=read, numbers=numbers,
         simulated=[path.is_dir() for path in others],
-        fit_hand=None if starts is None else starts.names,
+        # Those in files count by their content.
+        fit_hand=[None if path else one for one, path in starts] or None,
     )  # fmt: skip
     RecordingWork(
         source=source, steps=steps, voxels=voxels, numbers=numbers, labels=labels, where=where,

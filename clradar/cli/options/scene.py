@@ -286,39 +286,33 @@ class HandOptions(ShapeOptions, RigOptions, SearchOptions):
     )
     seed: int = option("Of all that is drawn.", 0, needs="--fit-hand")
 
-    def settings(self, starts: StartNames) -> dict[str, Any]:
+    def settings(self, text: str) -> dict[str, Any]:
         """The arguments that `calibration.fit_hand` and `calibration.fit_hands` have both."""
+        from calibration.hand_fit.starts import starts_of
+
+        starts = starts_of([one for one, _ in starts_in(text)])
+        for start in starts:  # an earlier fit has to be of the hand that was given
+            if self.hand is not None and start.handedness not in (None, self.hand):
+                expected = f"expected {start.handedness}, as in --pose, got '{self.hand}'"
+                raise wrong_usage("--hand", expected)
         names = ("fit_shape", "angle_std_deg", "search_deg", "seed")
-        settings = {"pose": starts.read(self.hand), **{n: getattr(self, n) for n in names}}
+        settings = {"pose": starts, **{n: getattr(self, n) for n in names}}
         if self.rig is None:
             return {**settings, "handedness": self.hand or "right", "shape": self.shape}
         rig = self.read_rig()
         return {**settings, "rig": rig, "handedness": rig.handedness}
 
 
+def starts_in(text: str) -> list[tuple[str, Path | None]]:
+    """Starts of a fit, poses and files with commas between them; each with its file, if it is one.
+
+    A comma in the name of a file that exists separates nothing.
+    """
+    from calibration.hand_fit.starts import start_file
+
+    texts = [text] if Path(text).exists() else text.split(",")
+    return [(one, start_file(one)) for one in texts]
+
+
 def start_files(text: str) -> list[Path]:
-    return StartNames(text).files
-
-
-class StartNames:
-    """Starts of a fit, of poses and files with commas between them."""
-
-    def __init__(self, text: str) -> None:
-        from calibration.hand_fit.starts import start_file
-
-        # A comma in the name of a file that exists separates nothing.
-        self._texts = [text] if Path(text).exists() else text.split(",")
-        self.files = [path for one in self._texts if (path := start_file(one)) is not None]
-        # Those in files count by their content.
-        self.names = [None if start_file(one) else one for one in self._texts]
-
-    def read(self, hand: str | None) -> tuple[Any, ...]:
-        """The starts; an earlier fit has to be of the hand that was given, if it was."""
-        from calibration.hand_fit.starts import starts_of
-
-        starts = starts_of(self._texts)
-        for start in starts:
-            if hand is not None and start.handedness not in (None, hand):
-                text = f"expected {start.handedness}, as in --pose, got '{hand}'"
-                raise wrong_usage("--hand", text)
-        return starts
+    return [path for _, path in starts_in(text) if path is not None]
