@@ -75,8 +75,8 @@ def array_figures(
     >>> [(lobe.azimuth_deg, round(lobe.level_db, 1) + 0.0, lobe.grating) for lobe in found.lobes]
     [(-90.0, 0.0, True), (90.0, 0.0, True)]
     """
-    own = clusters_of(array)
-    for one in own or [None]:
+    array = clusters_of(array)
+    for one in array or [None]:
         checks.instance("array_figures: array", one, AntennaArray)
     checks.instance("array_figures: waveform", waveform, Waveform)
     focus = checks.read_only("array_figures: focus_m", focus_m, np.float64, (3,))
@@ -88,7 +88,7 @@ def array_figures(
             within_deg = float(f"{0.8 * within_deg:.2g}")
     within = checks.within("array_figures: within_deg", within_deg, 0.0, 90.0)
     level = checks.within("array_figures: level_db", level_db, -MAX_DYNAMIC_RANGE_DB, 0.0, " dB")
-    antennas_m = np.concatenate([side.antennas_m for one in own for side in one.sides])
+    antennas_m = np.concatenate([side.antennas_m for one in array for side in one.sides])
     foremost_m = antennas_m[:, 2].max()
     if focus[2] <= foremost_m:
         checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
