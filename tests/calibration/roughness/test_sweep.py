@@ -19,7 +19,7 @@ from calibration.roughness.alpha import AlphaEstimate, estimate_alpha
 from calibration.roughness.figures import sweep_figure
 from calibration.roughness.meters import BrightnessMeter, surface_points
 from clradar.cli.commands import sweep as command
-from clradar.cli.commands.sweep import AlphaOptions, RegionOptions
+from clradar.cli.commands.sweep import RegionOptions, SweptOptions
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand.flesh import PART_NAMES
 from clradar.plot import plane_of
@@ -298,8 +298,8 @@ def test_a_mesh_that_no_ray_comes_back_from_is_an_error():
 
 
 def test_alphas_are_rounded_as_typed():
-    assert AlphaOptions().alpha == tuple(round(i / 10, 1) for i in range(11))
-    assert group_of(AlphaOptions, alpha="0.1,0.25,1").alpha == (0.1, 0.25, 1.0)
+    assert SweptOptions().alpha == tuple(round(i / 10, 1) for i in range(11))
+    assert group_of(SweptOptions, alpha="0.1,0.25,1").alpha == (0.1, 0.25, 1.0)
 
 
 # --- regions
