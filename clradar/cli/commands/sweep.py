@@ -91,28 +91,6 @@ class SweptOptions:
 
 
 PARTS, FINGERS = "parts", "fingers"
-
-
-@dataclass(frozen=True, kw_only=True)
-class RegionOptions:
-    regions: str | None = opt.option(
-        "Find an alpha for each named part, for fingers and palm, or for the regions of a file: "
-        ".npy or .json with a label per face, or .json with region: [parts].",
-        metavar="parts|fingers|FILE",
-        files=lambda regions: [] if regions in (PARTS, FINGERS) else [Path(regions)],
-    )
-
-    def read(self, scene: cl.Scene, max_bounces: int = 1) -> calibration.Regions | None:
-        if self.regions is None:
-            return None
-        if max_bounces > 1:
-            text = "expected 1 with --regions: a path of two bounces belongs to no single region"
-            raise opt.wrong_usage("--max-bounces", text)
-        kind = calibration.Regions
-        known = {PARTS: kind.of_parts, FINGERS: kind.of_fingers}
-        return known.get(self.regions, partial(kind.read, Path(self.regions)))(scene)
-
-
 RESULT, TABLE, REGION_TABLE, FIGURE = "sweep.json", "sweep.csv", "regions.csv", "sweep.png"
 WORK = "work"
 
@@ -129,7 +107,12 @@ def sweep_command(
     output: Path = opt.output_option("New folder, or one to resume.", metavar="DIR", folder=True),
     swept: SweptOptions,
     made_of: opt.MaterialOptions,
-    regions: RegionOptions,
+    regions: str | None = opt.option(
+        "Find an alpha for each named part, for fingers and palm, or for the regions of a file: "
+        ".npy or .json with a label per face, or .json with region: [parts].",
+        metavar="parts|fingers|FILE",
+        files=lambda regions: [] if regions in (PARTS, FINGERS) else [Path(regions)],
+    ),
     place: opt.PlacementOptions,
     simulation: opt.SimulationOptions,
     radar: opt.RadarOptions,
@@ -156,7 +139,14 @@ def sweep_command(
     devices = open_devices(device)
     devices.check_alike("a sweep")
     scene = made_of.on(cl.Scene.from_mesh(mesh, unit=place.unit, transform=place.matrix()))
-    labels = regions.read(scene, settings.max_bounces)
+    labels = None
+    if regions is not None:
+        if settings.max_bounces > 1:
+            text = "expected 1 with --regions: a path of two bounces belongs to no single region"
+            raise opt.wrong_usage("--max-bounces", text)
+        kind = calibration.Regions
+        known = {PARTS: kind.of_parts, FINGERS: kind.of_fingers}
+        labels = known.get(regions, partial(kind.read, Path(regions)))(scene)
     found = measurement(measured, frames, radar, voxels, imaging, devices.first)
     images = {**imaging.arguments, "dynamic_range_db": depth.dynamic_range_db}
     # What cannot be compared replaces no earlier sweep.
