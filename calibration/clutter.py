@@ -26,13 +26,10 @@ RESIDUAL_FLOOR = 1e-12  # residual power of a delay bin over the mean: bounds th
 POWER_FLOOR = 1e-10  # of the strongest echo's power: below are sidelobes and rounding
 MOST_LOSS_DB = 30.0  # beyond it the echoes of two captures cancel each other
 
-EDGE_CELLS = 4.0
-"""Default width of the transition bands in resolution cells c / 2B: 6 cm for 10 GHz."""
+EDGE_CELLS = 4.0  # default width of the transition bands, in cells c / 2B: 6 cm for 10 GHz
 CLUTTER_DB = 40.0
-EDGE_WEIGHT = 0.03
-"""Weight of the transition bands. With less, echoes in them can grow (fourfold at 0.001)."""
-NOISE_POWER = 1e-3
-"""Power of the noise relative to the scene, per delay: keeps the gate from amplifying noise."""
+EDGE_WEIGHT = 0.03  # of the transition bands: with less, echoes in them can grow, fourfold at 0.001
+NOISE_POWER = 1e-3  # over the scene's, per delay: keeps the gate from amplifying noise
 PROBES_PER_CELL = 8
 
 

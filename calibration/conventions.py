@@ -282,7 +282,11 @@ def diagnose(
         return _undecidable("no hypothesis shows anything within the grid")
     with np.errstate(divide="ignore"):
         relative_db = 10 * np.log10(sharpness / sharpness.max())
-    scores = tuple(map(_score, possible, relative_db.tolist(), volumes.values()))
+    scores = []
+    for (h, volume), level_db in zip(volumes.items(), relative_db.tolist(), strict=True):
+        z, y, x = np.unravel_index(int(np.abs(volume.data).argmax()), volume.data.shape)
+        peak_m = np.array([volume.grid.x_m[x], volume.grid.y_m[y], volume.grid.z_m[z]])
+        scores.append(Score(h, level_db, peak_m, volume.depth_map()))
     margin_db = max(_margin_db(imaged, own) for own in grids)
     left = [score.hypothesis for score in scores if score.relative_db >= -margin_db]
     left.sort(key=lambda h: (h.changes, h))
@@ -296,7 +300,7 @@ def diagnose(
     undecided = len({(h.conjugated, h.reversed and not one_frequency) for h in left}) > 1
     best = None if undecided else left[0]
     text = _recommendation(best, left, mirror_known, expected is not None)
-    return Diagnosis(scores, tuple(left), best, mirror_known, text, margin_db)
+    return Diagnosis(tuple(scores), tuple(left), best, mirror_known, text, margin_db)
 
 
 def _undecidable(reason: str) -> Diagnosis:
@@ -353,8 +357,7 @@ def _grid(capture: Capture, paths_m: np.ndarray) -> VoxelGrid:
 def _image(capture: Capture, grid: VoxelGrid, device: Device) -> Volume:
     terms = capture.array.n_tx * capture.array.n_rx * float(np.prod(grid.counts))
     method = "fast" if terms >= FAST_FROM_TERMS else "range"
-    # Hann, whose sidelobes fall by 18 dB per octave, against coupling; of few frequencies it would
-    # leave next to nothing.
+    # As of a range profile: Hann against coupling, unless it would leave next to nothing.
     window = "hann" if capture.waveform.n_freq >= MIN_STEPS else "rect"
     return backproject(capture, grid, method=method, window=window, check_grid=False, device=device)
 
@@ -374,12 +377,6 @@ def _margin_db(capture: Capture, grid: VoxelGrid) -> float:
     pairs = capture.array.n_tx * capture.array.n_rx
     spread = GAUSSIAN_FOURTH_MOMENT_SPREAD / np.sqrt(min(cells, pairs) * planes)
     return max(MARGIN_DB, float(10 * np.log10(1 + NOISE_SPREADS * np.sqrt(2) * spread)))
-
-
-def _score(h: Hypothesis, relative_db: float, volume: Volume) -> Score:
-    z, y, x = np.unravel_index(int(np.abs(volume.data).argmax()), volume.data.shape)
-    peak_m = np.array([volume.grid.x_m[x], volume.grid.y_m[y], volume.grid.z_m[z]])
-    return Score(h, relative_db, peak_m, volume.depth_map())
 
 
 def _with_target(

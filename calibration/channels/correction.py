@@ -90,13 +90,11 @@ def _check_same(capture: Capture, calibration: ChannelCalibration) -> None:
             f"('{calibration.array.name}'), got another ('{capture.array.name}'): {differs}"
         )
     if not capture.waveform.same_frequencies(calibration.waveform):
-        have_hz, want_hz = (x.waveform.frequencies_hz for x in (capture, calibration))
-        raise CalibrationError(
-            f"correct: expected a capture of the waveform that was calibrated ({_sweep(want_hz)}), "
-            f"got another ({_sweep(have_hz)})"
+        all_ghz = (x.waveform.frequencies_hz / 1e9 for x in (capture, calibration))
+        have, want = (
+            f"{ghz.size} frequencies from {ghz[0]:.9g} to {ghz[-1]:.9g} GHz" for ghz in all_ghz
         )
-
-
-def _sweep(frequencies_hz: np.ndarray) -> str:
-    low, high = frequencies_hz[[0, -1]] / 1e9
-    return f"{frequencies_hz.size} frequencies from {low:.9g} to {high:.9g} GHz"
+        raise CalibrationError(
+            f"correct: expected a capture of the waveform that was calibrated ({want}), "
+            f"got another ({have})"
+        )

@@ -210,7 +210,9 @@ def fit_channels(
         progress(iteration, MOST_STEPS)
         echo = placed(moved).echo(array)
         pairs = pairs_of(samples, echo, gain, delay_s)
-        noise = _noise(pairs, echo.seen)
+        # Noise power of one sample of each pair: that of the noisier of its channels.
+        floor = NOISE_FLOOR**2 * float(np.median(pairs.model[echo.seen])) ** 2
+        noise = np.maximum(np.maximum.outer(*by_channel(pairs.scatter, echo.seen)), floor)
         weight = _weights(samples, pairs, noise, echo.seen)
         near = _Channels(samples, pairs, weight, delay_s, zero_mean)
 
@@ -278,13 +280,6 @@ def pairs_of(samples: Samples, echo: Echo, gain: np.ndarray, delay_s: np.ndarray
     bare = samples.energy(every).sum()
     flat = samples.energy(every - (shapes * samples.weight).T @ shapes).sum()
     return Pairs(mean, slope, model, scatter / flat, total / bare)
-
-
-def _noise(pairs: Pairs, seen: np.ndarray) -> np.ndarray:
-    """Noise power of one sample of each pair: that of the noisier of its channels."""
-    by_tx, by_rx = by_channel(pairs.scatter, seen)
-    floor = NOISE_FLOOR**2 * float(np.median(pairs.model[seen])) ** 2
-    return np.maximum(np.maximum(by_tx[:, None], by_rx[None, :]), floor)
 
 
 def _weights(samples: Samples, pairs: Pairs, noise: np.ndarray, seen: np.ndarray) -> np.ndarray:

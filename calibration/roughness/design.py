@@ -16,9 +16,7 @@ from clradar.model import Scene, checks
 SEEDS = 3
 WHOLE = "all"
 
-Table = tuple[tuple[str, ...], list[list[Any]]]
-"""Names of columns, and rows."""
-
+Table = tuple[tuple[str, ...], list[list[Any]]]  # names of columns, and rows
 LIMITS = ("median", "low", "high", "low95", "high95")  # of an `Interval`, in tables
 
 Store = MutableMapping[str, dict[str, np.ndarray]]

@@ -27,14 +27,12 @@ from clradar.model import AntennaArray, Capture, DepthMap, Scene, Waveform
 from clradar.opencl import Device
 from clradar.tracing.visible_surface import VisibleSurface
 
-SPACING_M = 3e-3
-"""Of the points. A quarter of the 14 cm aperture's pairs resolve 7.6 mm at 0.3 m."""
+SPACING_M = 3e-3  # of the points; a quarter of the 14 cm aperture's pairs resolve 7.6 mm at 0.3 m
+SAMPLES_PER_POINT = 8.0
 
 PATCH_M = 10e-3
 """Edge of the cubes within which an image's phase relative to the smooth surface's is one: larger
 than a resolution cell, small enough that a mesh displaced by a fraction of a degree fits."""
-
-SAMPLES_PER_POINT = 8.0
 
 TILT_EDGES_DEG = (0.0, 4.0, 8.0, 12.0, 17.0, 23.0, 30.0, 40.0, 55.0)
 """Bins of the angle between the normal and the bisector of Tx and Rx. The lobe of a surface with

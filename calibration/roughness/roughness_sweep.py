@@ -159,9 +159,9 @@ def sweep_roughness(
     """
     checks.instance("sweep_roughness: measured", measured, Capture)
     checks.instance("sweep_roughness: scene", scene, Scene)
-    heights = checks.one_axis("sweep_roughness: roughness_m", roughness_m)
-    lengths = checks.one_axis("sweep_roughness: correlation_m", np.atleast_1d(correlation_m))
     named = "sweep_roughness: roughness_m", "sweep_roughness: correlation_m"
+    heights = checks.one_axis(named[0], roughness_m)
+    lengths = checks.one_axis(named[1], np.atleast_1d(correlation_m))
     check_plausible(named[0], "lengths", heights, PLAUSIBLE_ROUGHNESS_M)
     check_plausible(named[1], "lengths", lengths, PLAUSIBLE_CORRELATION_M)
     if np.count_nonzero(heights) < 3:

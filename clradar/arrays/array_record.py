@@ -37,9 +37,6 @@ MOST_CLUSTERS = 1024
 MOST_ANTENNAS = 20_000
 """Of one rule: a whole wall of imaging clusters has some thousands."""
 
-SAME_PLACE_DIGITS = 6
-"""Of metres: two antennas are not as close as this."""
-
 Place = Annotated[Vector, Field(description="[x, y, z] in metres")]
 Length = Annotated[Number, Field(gt=0, description="a length above 0, in metres")]
 _WHOLE = f"a whole number from {{}} to {MOST_ANTENNAS}"
@@ -119,15 +116,14 @@ class Placed(FileRecord):
 
     @model_validator(mode="after")
     def _has_one_rule(self) -> Placed:
-        names = tuple(Placed.model_fields)
-        given = [name for name in names if getattr(self, name) is not None]
+        rules = {name: getattr(self, name) for name in Placed.model_fields}
+        given = [name for name, rule in rules.items() if rule is not None]
         if len(given) != 1:
-            raise mistake(f"one of {', '.join(names)}", " and ".join(given) or "none")
-        rule = getattr(self, given[0])
-        if self.points_m is not None and len(self.points_m[0]) != 3:
-            got = f"rows of {len(self.points_m[0])}"
-            raise mistake("rows of three numbers", got, key="points_m")
+            raise mistake(f"one of {', '.join(rules)}", " and ".join(given) or "none")
+        rule = rules[given[0]]
         self._at_m = np.array(rule) if self.points_m is not None else rule.placed_m()
+        if (columns := self._at_m.shape[1]) != 3:
+            raise mistake("rows of three numbers", f"rows of {columns}", key="points_m")
         return self
 
 
@@ -147,23 +143,21 @@ class Antennas(Placed):
     """Antennas of one rule, with a gain and a boresight for all of them or for each."""
 
     gain: ForEach = None
-    gain_db: ForEach = None
-    phase_deg: ForEach = None
+    gain_db: ForEach = 0.0
+    phase_deg: ForEach = 0.0
     boresight: ForEach = None
     _side: AntennaSide = PrivateAttr()
 
     @model_validator(mode="after")
     def _is_for_each(self) -> Antennas:
         gain, boresight = self._for_each("gain", 2), self._for_each("boresight", 3)
-        level_db, phase_deg = self._for_each("gain_db"), self._for_each("phase_deg")
         complex_gain = None if gain is None else gain @ [1.0, 1j]
-        if level_db is not None or phase_deg is not None:
+        if self.model_fields_set & {"gain_db", "phase_deg"}:
             if gain is not None:
                 raise mistake("no gain_db and no phase_deg beside it", "both", key="gain")
-            level_db, phase_deg = (0.0 if v is None else v for v in (level_db, phase_deg))
-            turned = np.exp(1j * np.deg2rad(phase_deg))
+            level_db, phase_rad = self._for_each("gain_db"), np.deg2rad(self._for_each("phase_deg"))
             with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused
-                complex_gain = np.ones(len(self._at_m)) * 10 ** (level_db / 20) * turned
+                complex_gain = 10 ** (level_db / 20) * np.exp(1j * phase_rad)
         self._side = AntennaSide(self._at_m, None, boresight, complex_gain)
         return self
 
@@ -249,7 +243,7 @@ class ArrayFile(FileRecord):
         name, count = self.name or default_name, len(self._clusters)
         crowded = []
         for label, side in zip(("Tx", "Rx"), self._clusters[0], strict=True):
-            at_m = side.antennas_m.round(SAME_PLACE_DIGITS)
+            at_m = side.antennas_m.round(6)  # two antennas are not as close as this
             if (places := len(np.unique(at_m, axis=0))) < len(at_m):
                 crowded.append(f"{len(at_m)} {label} at {places} places")
         if crowded:

@@ -20,9 +20,6 @@ MOST_LOBES = 20
 MOST_TERMS = 500_000_000
 """Antennas times directions of a search: some 10 s."""
 
-COARSEST = 0.02
-"""Step of the sines of directions at most."""
-
 CELLS, SHIFTS = 4.0, 256
 """Range cells to either side of the focus in which the echoes of a lobe may be brightest, and the
 number of ranges there at which they are added up over the band."""
@@ -217,9 +214,8 @@ def widest_search_deg(array: Clusters, frequency_hz: float) -> float:
 
 
 def _search(array: Clusters, frequency_hz: float, within_deg: float) -> tuple[list[int], float]:
-    """Steps of sines to either side along x and y, 0 without aperture; antennas times directions.
-
-    The extent of Tx + Rx over all pairs is twice that of their middles.
+    """Steps of sines, of at most 0.02, to either side along x and y, 0 without aperture; antennas
+    times directions. The extent of Tx + Rx over all pairs is twice that of their middles.
     """
     own = clusters_of(array)
     last_m = np.max([one.tx_m.max(axis=0) + one.rx_m.max(axis=0) for one in own], axis=0)
@@ -228,7 +224,7 @@ def _search(array: Clusters, frequency_hz: float, within_deg: float) -> tuple[li
     for axis, span_m in enumerate((last_m - first_m)[:2]):
         if span_m > 0:
             finest = 0.5 * SPEED_OF_LIGHT_M_PER_S / (frequency_hz * max(span_m, 1e-9))
-            counts[axis] = int(np.ceil(np.sin(np.deg2rad(within_deg)) / min(finest, COARSEST)))
+            counts[axis] = int(np.ceil(np.sin(np.deg2rad(within_deg)) / min(finest, 0.02)))
     directions = float(np.prod([2.0 * count + 1 for count in counts]))
     return counts, sum(one.n_tx + one.n_rx for one in own) * directions
 

@@ -26,9 +26,6 @@ FREQUENCIES = 32
 TERMS_AT_ONCE = 100_000
 """Antennas times points: what a core's cache holds."""
 
-SAME_STEP = 1e-9
-"""Of the highest frequency: steps that differ by less are one."""
-
 
 def clusters_of(array: Clusters) -> tuple[AntennaArray, ...]:
     """The arrays whose pairs an image is the sum over."""
@@ -82,7 +79,7 @@ def _side_sums(
     sums = [turned.sum(axis=1)]
     by_step: dict[int, np.ndarray] = {}
     for step_hz in np.diff(frequencies_hz):
-        key = round(step_hz / (SAME_STEP * frequencies_hz[-1]))
+        key = round(step_hz / (1e-9 * frequencies_hz[-1]))  # steps that differ by less are one
         if key not in by_step:
             by_step[key] = _phasors(away_m, step_hz)
         turned *= by_step[key]

@@ -50,9 +50,6 @@ def random_stream(seed: int, part: Part, frame: int = 0) -> np.random.Generator:
 GAIN_LIMIT_DB = 300.0
 """complex64 holds amplitudes from -900 to 760 dB, so a signal still fits in."""
 
-MOST_WALKS = 64
-"""That are remembered."""
-
 _WALKS: dict[Any, tuple[int, np.ndarray, Any]] = {}
 _LOCK = Lock()
 
@@ -151,6 +148,6 @@ def _walked(seed: int, part: Part, count: int, frame: int, deviation: float) -> 
         for _ in range(done, frame):
             position = position + random.standard_normal(count)
         _WALKS[key] = (frame, position, random)
-        while len(_WALKS) > MOST_WALKS:
+        while len(_WALKS) > 64:  # are remembered
             del _WALKS[next(iter(_WALKS))]
         return deviation * position

@@ -22,9 +22,6 @@ from clradar.model.capture import check_same_radar
 from clradar.model.plausible import place
 from clradar.model.record import Record
 
-MOST_BITS = 24
-"""Bits of the mantissa of complex64."""
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Wall(Record):
@@ -227,7 +224,8 @@ def impair(
         counts = (len(channels.tx_gain), len(channels.rx_gain))
         if counts != (n_tx, n_rx):
             checks.fail("impair: channels", f"{n_tx} Tx and {n_rx} Rx", "{}, {}".format(*counts))
-    bits = None if adc_bits is None else checks.whole("impair: adc_bits", adc_bits, 2, MOST_BITS)
+    # The mantissa of complex64 has 24.
+    bits = None if adc_bits is None else checks.whole("impair: adc_bits", adc_bits, 2, 24)
     full_scale = None
     if adc_full_scale is not None:
         if bits is None:

@@ -118,10 +118,8 @@ class MovingHand(Record):
         return self._placed(self._posed(self.pose(time_s)), time_s)
 
     def during(self, begin_s: float, end_s: float) -> BodyInSweep:
-        """Return the hand during a sweep.
-
-        The hand of this package is meshed in the middle of the sweep, and its skin moves with the
-        bones from there, on the surface of each pose; a rig has the same faces in all poses.
+        """Return the hand during a sweep, meshed in its middle: from there the skin moves with the
+        bones, on the surface of each pose. A rig has the same faces in all poses.
 
         :meta private:
         """

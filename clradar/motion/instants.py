@@ -146,8 +146,8 @@ class Probes:
         nodes = [Piece.between(*ends, NODES).times_s for ends in pairwise(marks_s)]
         return cls(marks_s, np.array([[placed_m(time_s) for time_s in own] for own in nodes]))
 
-    def at_m(self, times_s: np.ndarray, points: slice = slice(-1)) -> np.ndarray:
-        """Places of all points but the middle, or of some, shape (*times_s.shape, n, 3), metres."""
+    def at_m(self, times_s: np.ndarray, points: slice = slice(None)) -> np.ndarray:
+        """Places of points, shape (*times_s.shape, n, 3), metres."""
         flat_s = np.ravel(times_s)
         chosen_m = self.places_m[:, :, points]
         number = np.searchsorted(self.marks_s[1:-1], flat_s, side="right")
@@ -198,7 +198,7 @@ def planned(
 
         def phases(at_s: np.ndarray) -> np.ndarray:
             ways_m = _lengths_m(probes.at_m(at_s), *ends_m)
-            return np.asarray(k * (ways_m - _lengths_m(probes.at_m(at_s, MIDDLE), *ends_m)))
+            return np.asarray(k * (ways_m[:, :-1] - ways_m[:, -1:]))
 
         # Between two marks a body goes one way and turns by no more than an eighth of a turn. So
         # the phases at a few times tell how far they turn, and nothing between them is missed.

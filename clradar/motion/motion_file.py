@@ -57,9 +57,11 @@ class Moving(FileRecord):
     place: tuple[PlaceTable, ...] = Field((), max_length=MAX_PLACES)
     beyond: Annotated[str, one_of(*BEYOND)] = "hold"
 
-    def rigid(self, profile: str, *, of_body: bool) -> RigidMotion:
-        """Return the motion; a hand may be without."""
-        given = self.model_fields_set
+    _motion: RigidMotion = PrivateAttr(STILL)
+
+    @model_validator(mode="after")
+    def _is_one_motion(self) -> Moving:
+        given, of_body = self.model_fields_set, isinstance(self, BodyTable)
         steady = not given.isdisjoint({"velocity_mm_per_s", "turn_deg_per_s"})
         if steady == bool(self.place) and (of_body or steady):
             expected = "either velocity_mm_per_s or turn_deg_per_s, or [[place]] with times"
@@ -71,14 +73,16 @@ class Moving(FileRecord):
         about_m = np.array(self.about_mm) / 1e3
         if steady:
             velocity_m = np.array(self.velocity_mm_per_s) / 1e3
-            return RigidMotion.steady(velocity_m, np.radians(self.turn_deg_per_s), about_m)
-        if not self.place:
-            return STILL
-        return made(
-            RigidMotion, [own.time_s for own in self.place],
-            np.array([own.shift_mm for own in self.place]) / 1e3,
-            np.radians([own.turn_deg for own in self.place]), about_m, profile, self.beyond,
-        )  # fmt: skip
+            turn_rad = np.radians(self.turn_deg_per_s)
+            self._motion = RigidMotion.steady(velocity_m, turn_rad, about_m)
+        elif self.place:
+            self._motion = made(
+                RigidMotion, [own.time_s for own in self.place],
+                np.array([own.shift_mm for own in self.place]) / 1e3,
+                np.radians([own.turn_deg for own in self.place]), about_m,
+                self.profile if isinstance(self, BodyTable) else "linear", self.beyond,
+            )  # fmt: skip
+        return self
 
 
 class BodyTable(Moving):
@@ -86,12 +90,6 @@ class BodyTable(Moving):
 
     mesh: Annotated[str, text("the name of a mesh file")] = ""
     profile: Annotated[str, one_of(*PROFILES)] = "linear"
-    _motion: RigidMotion = PrivateAttr()
-
-    @model_validator(mode="after")
-    def _moves(self) -> BodyTable:
-        self._motion = self.rigid(self.profile, of_body=True)
-        return self
 
 
 class PoseTable(FileRecord):
@@ -125,7 +123,6 @@ class HandTable(Moving):
     breadth_mm: Number = 1e3 * AVERAGE.breadth_m
     girth: Number = AVERAGE.girth
     finger_lengths: Annotated[Any, numbers(5)] = AVERAGE.finger_lengths
-    _motion: RigidMotion = PrivateAttr()
 
     @model_validator(mode="after")
     def _fits_together(self) -> HandTable:
@@ -133,16 +130,12 @@ class HandTable(Moving):
             if key in self.model_fields_set:
                 expected = "none beside rig, which keeps mesh, size and side as it is"
                 raise mistake(*((expected, "both") if self.rig else ("a rig", "none")), key=key)
-        self._motion = self.rigid("linear", of_body=False)
         return self
 
     def moving(self, folder: Path, files: list[Path]) -> MovingHand:
         """Return the hand, whose files are in a folder and are added to a list."""
-        poses = []
-        for own in self.pose:
-            is_file = bool(Path(own.pose).suffix)
-            files += [folder / own.pose] if is_file else []
-            poses.append(str(files[-1]) if is_file else own.pose)
+        poses = [folder / p.pose if Path(p.pose).suffix else p.pose for p in self.pose]
+        files += [pose for pose in poses if isinstance(pose, Path)]
         rig = None
         if self.rig is not None:
             from clradar.rigs import read_rig

@@ -21,13 +21,8 @@ from clradar.tracing.ambiguous import warn_of_ambiguity
 from clradar.tracing.settings import SimulationSettings, merged_settings, takes_settings
 from clradar.tracing.surface_samples import sampled_as
 
-TOLERANCE_DB = -50.0
-
 AMBIGUOUS = "simulate: the scene (is as wide as|reaches to)"
 """How `warn_of_ambiguity` begins: the lobes of some Tx are not those of the array."""
-
-_OVERHEAD_TX = {"physical": 80.0}
-"""What a simulation costs apart from its Tx, in the cost of one Tx: measured with a hand."""
 
 
 @takes_settings
@@ -38,7 +33,7 @@ def simulate_moving(
     *,
     timing: SweepTiming | None = None,
     start_s: float = 0.0,
-    tolerance_db: float = TOLERANCE_DB,
+    tolerance_db: float = -50.0,
     settings: SimulationSettings | None = None,
     device: Device | str | None = None,
     progress: Progress | None = None,
@@ -111,7 +106,8 @@ def simulate_moving(
         return replace(still, meta={**still.meta, "movement": about})
     probes = Probes.of(bodies, begin_s, end_s)
     warn_of_ambiguity(scene, array, waveform)
-    overhead_tx = _OVERHEAD_TX.get(str(resolved.estimator), 12.0)
+    # What a simulation costs apart from its Tx, in the cost of one Tx: measured with a hand.
+    overhead_tx = 80.0 if resolved.estimator == "physical" else 12.0
     tolerance = 10.0 ** (tolerance_db / 20.0)
     pieces = planned(probes, array, waveform, times_s, tolerance, overhead_tx)
     between = [piece for piece in pieces if not piece.direct]
