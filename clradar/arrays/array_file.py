@@ -12,7 +12,7 @@ import numpy as np
 
 from clradar.files.failures import fail, reading
 from clradar.files.limits import MAX_LONG_TOML_BYTES
-from clradar.files.toml_file import read_toml, toml_document, toml_string
+from clradar.files.toml_file import read_toml, toml_document
 from clradar.model import AntennaArray
 
 
@@ -89,12 +89,9 @@ def array_record(array: AntennaArray) -> dict[str, Any]:
 
 def array_text(array: AntennaArray) -> str:
     """Return the text of a file that `read_array` makes the same array of, to the bit."""
-    tables = array_record(array)
-    lines = [f"name = {toml_string(tables.pop('name'))}"]
-    for name, table in tables.items():
-        own, brackets = (table[0], "[[{}]]") if isinstance(table, list) else (table, "[{}]")
-        lines += ["", brackets.format(name), toml_document(own).strip()]
-    return "\n".join(lines) + "\n"
+    record = array_record(array)
+    text = toml_document({**record, "tx": record["tx"][0], "rx": record["rx"][0]})
+    return text.replace("\n[tx]\n", "\n[[tx]]\n").replace("\n[rx]\n", "\n[[rx]]\n")
 
 
 def _arrays(content: Mapping[str, Any], source: str, name: str) -> tuple[AntennaArray, ...]:

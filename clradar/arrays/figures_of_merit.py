@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clradar.arrays.lobes import DirectionMap, Lobe, lobes, widest_search_deg
+from clradar.arrays.lobes import MOST_TERMS, DirectionMap, Lobe, climbed_lobes, search
 from clradar.arrays.point_spread import Clusters, clusters_of, thinned, width_m
 from clradar.errors import warn
 from clradar.model import AntennaArray, Waveform, checks
 from clradar.model.checks import MAX_DYNAMIC_RANGE_DB
 from clradar.model.plausible import doubtful_place
 
-LEVEL_DB = -20.0
+LEVEL_DB, MOST_LOBES = -20.0, 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +81,11 @@ def array_figures(
     checks.instance("array_figures: waveform", waveform, Waveform)
     focus = checks.read_only("array_figures: focus_m", focus_m, np.float64, (3,))
     frequencies_hz = thinned(waveform)
+    middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
     if within_deg is None:
-        within_deg = widest_search_deg(array, float(frequencies_hz[len(frequencies_hz) // 2]))
+        within_deg = 90.0
+        while search(array, middle_hz, within_deg)[1] > MOST_TERMS and within_deg > 0.1:
+            within_deg = float(f"{0.8 * within_deg:.2g}")
     within = checks.within("array_figures: within_deg", within_deg, 0.0, 90.0)
     level = checks.within("array_figures: level_db", level_db, -MAX_DYNAMIC_RANGE_DB, 0.0, " dB")
     antennas_m = np.concatenate([side.antennas_m for one in own for side in one.sides])
@@ -91,11 +94,21 @@ def array_figures(
         checks.fail("array_figures: focus_m", f"z above {foremost_m:g} m, in front", focus[2])
     if (doubt := doubtful_place(0.0, focus, antennas_m)) is not None:
         warn(f"the focus is {doubt}")
-    found, over_directions = lobes(array, frequencies_hz, focus, within, level)
+    # The response at one frequency tells where to climb that of the whole band. Another frequency's
+    # maximum may be higher: half the level will do.
+    over = DirectionMap.of(array, middle_hz, focus, within)
+    strongest = over.maxima(10 ** (level / 20) / 2)[: 5 * MOST_LOBES]
+    starts_m = np.linalg.norm(focus) * strongest
+    most = np.sin(np.deg2rad(within)) + 1e-9
+    found = [
+        lobe
+        for lobe in climbed_lobes(array, frequencies_hz, focus, starts_m, over.step, level)
+        if np.hypot(*lobe.position_m[:2]) <= most * np.linalg.norm(lobe.position_m)
+    ]
     across_m, along_m = 2 * float(np.linalg.norm(focus)), 0.99 * float(focus[2] - foremost_m)
     widths_m = tuple(
         width_m(array, frequencies_hz, focus, axis, longest_m)
         for axis, longest_m in zip(np.eye(3), (across_m, across_m, along_m), strict=True)
     )
     ranges_m = waveform.range_resolution_m, waveform.unambiguous_range_m
-    return ArrayFigures(focus, widths_m, *ranges_m, found, within, over_directions)
+    return ArrayFigures(focus, widths_m, *ranges_m, tuple(found[:MOST_LOBES]), within, over)

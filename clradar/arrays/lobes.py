@@ -16,7 +16,6 @@ from clradar.model.range_profile import MIN_STEPS
 GRATING_DB = -6.0
 """Lobes from this level on can be taken for the target: they are called grating lobes."""
 
-MOST_LOBES = 20
 MOST_TERMS = 500_000_000
 """Antennas times directions of a search: some 10 s."""
 
@@ -68,7 +67,7 @@ class DirectionMap:
         cls, array: Clusters, frequency_hz: float, focus_m: np.ndarray, within_deg: float
     ) -> DirectionMap:
         """Return the map up to an angle; more than `MOST_TERMS` are an error."""
-        counts, terms = _search(array, frequency_hz, within_deg)
+        counts, terms = search(array, frequency_hz, within_deg)
         if terms > MOST_TERMS:
             checks.fail(
                 "array_figures: within_deg",
@@ -117,32 +116,6 @@ class Lobe:
         return self.level_db >= GRATING_DB
 
 
-def lobes(
-    array: Clusters,
-    frequencies_hz: np.ndarray,
-    focus_m: np.ndarray,
-    within_deg: float,
-    least_db: float,
-) -> tuple[tuple[Lobe, ...], DirectionMap]:
-    """Maxima of the response over direction and range but for the main lobe, strongest first.
-
-    The response at the middle frequency, which is returned, too, tells where to look; there the
-    maximum over the whole band is climbed.
-    """
-    middle_hz = float(frequencies_hz[len(frequencies_hz) // 2])
-    over = DirectionMap.of(array, middle_hz, focus_m, within_deg)
-    # Another frequency's maximum may be higher: half the level will do.
-    strongest = over.maxima(10 ** (least_db / 20) / 2)[: 5 * MOST_LOBES]
-    starts_m = np.linalg.norm(focus_m) * strongest
-    most = np.sin(np.deg2rad(within_deg)) + 1e-9
-    found = [
-        lobe
-        for lobe in climbed_lobes(array, frequencies_hz, focus_m, starts_m, over.step, least_db)
-        if np.hypot(*lobe.position_m[:2]) <= most * np.linalg.norm(lobe.position_m)
-    ]
-    return tuple(found[:MOST_LOBES]), over
-
-
 def ghosts(
     array: Clusters,
     waveform: Waveform,
@@ -161,7 +134,7 @@ def ghosts(
     few = [one.part(drawn(one.n_tx), drawn(one.n_rx)) for one in clusters]
     # Of the 94 x 94 imager up to its band all lobes are below -13 dB.
     known = waveform.frequencies_hz[-1] <= 82.5e9 and clusters[0].same_positions(qar50())
-    terms = _search(few, waveform.center_hz, 90.0)[1]
+    terms = search(few, waveform.center_hz, 90.0)[1]
     if (known and len(clusters) == 1) or terms > MOST_GHOST_TERMS:
         return [[] for _ in among]
     over = DirectionMap.of(few, waveform.center_hz, at_m, 90.0)
@@ -205,15 +178,7 @@ def are_one(places_m: np.ndarray, place_m: np.ndarray, step: np.ndarray) -> np.n
     return np.asarray((off <= 2 * step + 1e-9).all(axis=-1))
 
 
-def widest_search_deg(array: Clusters, frequency_hz: float) -> float:
-    """The largest angle of some, 90 degrees at first, whose search has at most `MOST_TERMS`."""
-    within_deg = 90.0
-    while _search(array, frequency_hz, within_deg)[1] > MOST_TERMS and within_deg > 0.1:
-        within_deg = float(f"{0.8 * within_deg:.2g}")
-    return within_deg
-
-
-def _search(array: Clusters, frequency_hz: float, within_deg: float) -> tuple[list[int], float]:
+def search(array: Clusters, frequency_hz: float, within_deg: float) -> tuple[list[int], float]:
     """Steps of sines, of at most 0.02, to either side along x and y, 0 without aperture; antennas
     times directions. The extent of Tx + Rx over all pairs is twice that of their middles.
     """

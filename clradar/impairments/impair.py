@@ -219,11 +219,17 @@ def impair(
     if room is not None:
         checks.instance("impair: room", room, Capture)
         check_same_radar("impair: room", room, capture)
+    response: dict[str, Any] | None = None
     if channels is not None:
         checks.instance("impair: channels", channels, ChannelResponse)
         counts = (len(channels.tx_gain), len(channels.rx_gain))
         if counts != (n_tx, n_rx):
             checks.fail("impair: channels", f"{n_tx} Tx and {n_rx} Rx", "{}, {}".format(*counts))
+        response = {"reference_hz": channels.reference_hz}
+        for side in ("tx", "rx"):
+            gain, delay_s = (getattr(channels, f"{side}_{name}") for name in ("gain", "delay_s"))
+            pairs = np.stack([gain.real, gain.imag], axis=1)
+            response |= {f"{side}_gain": pairs.tolist(), f"{side}_delay_s": delay_s.tolist()}
     # The mantissa of complex64 has 24.
     bits = None if adc_bits is None else checks.whole("impair: adc_bits", adc_bits, 2, 24)
     full_scale = None
@@ -254,7 +260,7 @@ def impair(
         "room": None if room is None else {"power": _mean_power(room), "meta": dict(room.meta)},
         "coupling_db": number("coupling_db", coupling_db, -GAIN_LIMIT_DB, GAIN_LIMIT_DB),
         "coupling_delay_s": delay_s,
-        "channels": None if channels is None else _channel_record(channels),
+        "channels": response,
         "drift_phase_rad": number("drift_phase_rad", drift_phase_rad, 0.0, np.inf),
         "drift_gain_db": number("drift_gain_db", drift_gain_db, 0.0, GAIN_LIMIT_DB),
         "drift_common_phase_rad": number("drift_common_phase_rad", common_rad, 0.0, np.inf),
@@ -335,16 +341,6 @@ def _mean_power(capture: Capture) -> float:
     # Not a dot product: its last bit would depend on how the library splits it over threads.
     rows = (row.astype(np.complex128).view(np.float64) for row in capture.data)
     return sum(float(np.square(row).sum()) for row in rows) / capture.data.size
-
-
-def _channel_record(channels: ChannelResponse) -> dict[str, Any]:
-    """Return a channel response in types of JSON: gains as [real, imaginary]."""
-    record: dict[str, Any] = {"reference_hz": channels.reference_hz}
-    for side in ("tx", "rx"):
-        gain = getattr(channels, f"{side}_gain")
-        record[f"{side}_gain"] = np.stack([gain.real, gain.imag], axis=1).tolist()
-        record[f"{side}_delay_s"] = getattr(channels, f"{side}_delay_s").tolist()
-    return record
 
 
 def _per_receiver(name: str, value: Any, count: int, limit: float) -> float | list[float]:

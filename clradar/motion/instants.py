@@ -175,7 +175,7 @@ def planned(
     """Return pieces of the time with the least work whose `Piece.error` is within a tolerance.
 
     Samples are recorded at `times_s` (n_tx, n_rx or 1, n_freq). One simulation costs `overhead_tx`
-    and its Tx. Phases are taken relative to that of the middle of what moves.
+    and its Tx.
     """
     k = 2 * np.pi * float(waveform.frequencies_hz.max()) / SPEED_OF_LIGHT_M_PER_S
     order = np.argsort(times_s.mean(axis=(1, 2)), kind="stable")
@@ -194,10 +194,16 @@ def planned(
         """The piece of samples at some times with the fewest instants that are enough."""
         begin_s, end_s = (float(time_s) for time_s in samples_s[[0, -1]])
         direct = Piece(begin_s, end_s, samples_s, direct=True, tx=tx)
-        ends_m = [_extremes(side_m) for side_m in (array.tx_m[tx], array.rx_m)]
+        ends_m = []  # of both apertures, with an antenna between them
+        for side_m in (array.tx_m[tx], array.rx_m):
+            rows = [*side_m.argmin(axis=0), *side_m.argmax(axis=0), len(side_m) // 2]
+            ends_m.append(side_m[np.unique(rows)])
 
         def phases(at_s: np.ndarray) -> np.ndarray:
-            ways_m = _lengths_m(probes.at_m(at_s), *ends_m)
+            """Of echoes (n_times, n_points, n_tx, n_rx), relative to that of the middle."""
+            points_m = probes.at_m(at_s)[:, :, None]
+            to_tx_m, to_rx_m = (np.linalg.norm(points_m - at_m, axis=3) for at_m in ends_m)
+            ways_m = to_tx_m[..., :, None] + to_rx_m[..., None, :]
             return np.asarray(k * (ways_m[:, :-1] - ways_m[:, -1:]))
 
         # Between two marks a body goes one way and turns by no more than an eighth of a turn. So
@@ -236,14 +242,3 @@ def planned(
         if instants <= MOST_INSTANTS and all(piece.error <= tolerance for piece in pieces):
             return pieces
     raise too_fast()
-
-
-def _lengths_m(points_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray) -> np.ndarray:
-    """Two-way lengths, shape (n_times, n_points, n_tx, n_rx), of points (n_times, n_points, 3)."""
-    legs = [np.linalg.norm(points_m[:, :, None] - ends_m, axis=3) for ends_m in (tx_m, rx_m)]
-    return np.asarray(legs[0][..., :, None] + legs[1][..., None, :])
-
-
-def _extremes(at_m: np.ndarray) -> np.ndarray:
-    """The antennas at the ends of an aperture, and one between them."""
-    return at_m[np.unique([*at_m.argmin(axis=0), *at_m.argmax(axis=0), len(at_m) // 2])]
