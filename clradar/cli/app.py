@@ -169,7 +169,7 @@ def _app(requested: str | None, debug: bool) -> typer.Typer:
     )
     app.callback()(_root)
     for name, summary in COMMANDS.items():
-        function: Callable[..., Any] = os.abort  # of those that are not run, but listed
+        function: Callable[..., Any] = interrupts.ended  # of those that are not run, but listed
         if name == requested:
             require_own("calibration", "measurement_io")
             from clradar.cli.outputs import check_outputs

@@ -41,40 +41,6 @@ def _pose_file(pose: str) -> list[Path]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseOptions:
-    """Pose and position of the hand, or the poses that it goes from and to."""
-
-    pose: str | None = opt.argument(
-        "Name of the pose (--list shows them), or a pose file (.toml, .json). [default: F]",
-        metavar="POSE",
-        files=_pose_file,
-    )
-    center_mm: tuple[float, float, float] = opt.option(
-        "Centre of the bounding box.", (0.0, 0.0, 300.0), metavar="X Y Z"
-    )
-    turn_deg: float = opt.option(
-        "Turn about the vertical through the centre; positive brings +x nearer.",
-        0.0,
-        check=_angle_deg,
-    )
-    start: str | None = opt.option(
-        "Go from this pose to that of --to: -o is a motion file (.toml) for `clradar simulate`.",
-        None,
-        "--from",
-        metavar="POSE",
-        needs="--to",
-        without="POSE --joints",
-        files=_pose_file,
-    )
-    end: str | None = opt.option(
-        "The last pose.", None, "--to", metavar="POSE", needs="--from", files=_pose_file
-    )
-    duration_s: float = opt.option(
-        "Time from pose to pose.", 1.0, needs="--from", check=checks.positive
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
 class SurfaceOptions(opt.ShapeOptions, opt.RigOptions):
     """The surface: the embedded hand, or a rig in a pose of its own parameters."""
 
@@ -129,7 +95,34 @@ class SurfaceOptions(opt.ShapeOptions, opt.RigOptions):
 
 def hand_command(
     *,
-    pose: PoseOptions,
+    pose: str | None = opt.argument(
+        "Name of the pose (--list shows them), or a pose file (.toml, .json). [default: F]",
+        metavar="POSE",
+        files=_pose_file,
+    ),
+    center_mm: tuple[float, float, float] = opt.option(
+        "Centre of the bounding box.", (0.0, 0.0, 300.0), metavar="X Y Z"
+    ),
+    turn_deg: float = opt.option(
+        "Turn about the vertical through the centre; positive brings +x nearer.",
+        0.0,
+        check=_angle_deg,
+    ),
+    start: str | None = opt.option(
+        "Go from this pose to that of --to: -o is a motion file (.toml) for `clradar simulate`.",
+        None,
+        "--from",
+        metavar="POSE",
+        needs="--to",
+        without="POSE --joints",
+        files=_pose_file,
+    ),
+    end: str | None = opt.option(
+        "The last pose.", None, "--to", metavar="POSE", needs="--from", files=_pose_file
+    ),
+    duration_s: float = opt.option(
+        "Time from pose to pose.", 1.0, needs="--from", check=checks.positive
+    ),
     output: Path | None = opt.output_option(
         "Mesh file: .ply, .stl, .obj, .off; with --from a motion file, .toml."
     ),
@@ -155,22 +148,22 @@ def hand_command(
         return
     if output is None:
         raise opt.wrong_usage("-o", "expected a mesh file to write, or --list")
-    parse.ends_in(*((".toml",) if pose.start is not None else MESHES))("-o", output)
-    if pose.start is not None:
+    parse.ends_in(*((".toml",) if start is not None else MESHES))("-o", output)
+    if start is not None:
         folder = output.parent
-        hand = {"center_mm": pose.center_mm, **surface.motion_keys(folder)}
+        hand = {"center_mm": center_mm, **surface.motion_keys(folder)}
         text = "[[hand]]\n" + toml_document(hand)
-        if pose.turn_deg:
-            text += f"about_mm = {list(pose.center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"
-            text += f"turn_deg = [0.0, {pose.turn_deg!r}, 0.0]\n"
-        for time_s, name in ((0.0, pose.start), (pose.duration_s, str(pose.end))):
+        if turn_deg:
+            text += f"about_mm = {list(center_mm)}\n[[hand.place]]\ntime_s = 0.0\n"
+            text += f"turn_deg = [0.0, {turn_deg!r}, 0.0]\n"
+        for time_s, name in ((0.0, start), (duration_s, str(end))):
             pose_of(name)  # raises where there is none
             named = os.path.relpath(name, folder) if Path(name).suffix else name
             text += "[[hand.pose]]\n" + toml_document({"time_s": time_s, "pose": named})
-        ends = f"'{pose.start}' to '{pose.end}'"
-        write(output, text, f"hand from {ends} in {pose.duration_s:g} s")
+        ends = f"'{start}' to '{end}'"
+        write(output, text, f"hand from {ends} in {duration_s:g} s")
         return
-    name, center_m = pose.pose or "F", opt.scaled(pose.center_mm, 1e3)
+    name, center_m = pose or "F", opt.scaled(center_mm, 1e3)
     angles = pose_of(name)
     if surface.rig is None:
         edge_mm = 1.7 if surface.edge_mm is None else surface.edge_mm
@@ -181,7 +174,7 @@ def hand_command(
         text = f"hand '{angles.name}'"
     else:
         mesh, text = surface.rigged(angles, name, center_m)
-    mesh = turned(mesh, pose.turn_deg, center_m)
+    mesh = turned(mesh, turn_deg, center_m)
     write(joints, indented(joints_record(mesh.joints_m)))
     write(output, mesh, f"{text}, {len(mesh.faces)} faces")
 

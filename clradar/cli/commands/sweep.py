@@ -26,8 +26,14 @@ from clradar.model import checks
 from clradar.versions import package_versions
 
 
+def _lengths_mm(noun: str, bounds_m: tuple[float, float]) -> Any:
+    return parse.ascending(noun, (1e3 * bounds_m[0], 1e3 * bounds_m[1]))
+
+
 @dataclass(frozen=True, kw_only=True)
-class AlphaOptions:
+class SweptOptions:
+    """Alphas, or in their place roughness and correlation lengths; and the seeds."""
+
     alpha: tuple[float, ...] = opt.option(
         f"{parse.RANGE_RULE}, or a list with commas; in [0, 1].",
         "0:1:0.1",
@@ -41,33 +47,6 @@ class AlphaOptions:
         check=partial(checks.whole, low=1),
     )
     seed: int = opt.option("The first seed.", 0)
-
-    estimator = None
-
-    def sweep(
-        self, measured: Measurement, scene: cl.Scene, images: Mapping[str, Any], **how: Any
-    ) -> calibration.Sweep:
-        """Sweep over alpha; `images` and `how` as of `calibration.sweep`."""
-        window = images["window"]
-        own = measured.content.meta.get("window", window)
-        if own != window and isinstance(measured.content, cl.Volume):
-            warn(
-                f"{measured.path}: was formed with the window '{own}'; simulations are with "
-                f"'{window}' (--window)"
-            )
-        return calibration.sweep(
-            measured.volume, scene, np.array(self.alpha), **measured.radar, **images, **how
-        )
-
-
-def _lengths_mm(noun: str, bounds_m: tuple[float, float]) -> Any:
-    return parse.ascending(noun, (1e3 * bounds_m[0], 1e3 * bounds_m[1]))
-
-
-@dataclass(frozen=True, kw_only=True)
-class RoughnessOptions:
-    """Roughness and correlation lengths to simulate with, in place of alphas."""
-
     roughness_mm: tuple[float, ...] | None = opt.option(
         "In place of --alpha: RMS heights of the surface, at least three; heights times lengths "
         "times --seeds are 30 or more; as --alpha. Try 0.1:0.6:0.1.",
@@ -85,12 +64,21 @@ class RoughnessOptions:
         "MEASURED is in S-parameters, and its level counts.", False, needs="--roughness-mm"
     )
 
-    estimator = opt.PHYSICAL
-
     def sweep(
         self, measured: Measurement, scene: cl.Scene, images: Mapping[str, Any], **how: Any
-    ) -> calibration.RoughnessSweep:
-        """Sweep over roughness and correlation length; whole `images` are not formed."""
+    ) -> calibration.Sweep | calibration.RoughnessSweep:
+        """Sweep over alpha by `images`, or over roughness, for which whole ones are not formed."""
+        if self.roughness_mm is None:
+            window = images["window"]
+            own = measured.content.meta.get("window", window)
+            if own != window and isinstance(measured.content, cl.Volume):
+                warn(
+                    f"{measured.path}: was formed with the window '{own}'; simulations are with "
+                    f"'{window}' (--window)"
+                )
+            return calibration.sweep(
+                measured.volume, scene, np.array(self.alpha), **measured.radar, **images, **how
+            )
         if isinstance(measured.content, cl.Volume):
             raise CompareError(
                 f"{measured.path}: expected a capture with --roughness-mm, got a volume: roughness "
@@ -103,28 +91,6 @@ class RoughnessOptions:
 
 
 PARTS, FINGERS = "parts", "fingers"
-
-
-@dataclass(frozen=True, kw_only=True)
-class RegionOptions:
-    regions: str | None = opt.option(
-        "Find an alpha for each named part, for fingers and palm, or for the regions of a file: "
-        ".npy or .json with a label per face, or .json with region: [parts].",
-        metavar="parts|fingers|FILE",
-        files=lambda regions: [] if regions in (PARTS, FINGERS) else [Path(regions)],
-    )
-
-    def read(self, scene: cl.Scene, max_bounces: int = 1) -> calibration.Regions | None:
-        if self.regions is None:
-            return None
-        if max_bounces > 1:
-            text = "expected 1 with --regions: a path of two bounces belongs to no single region"
-            raise opt.wrong_usage("--max-bounces", text)
-        kind = calibration.Regions
-        known = {PARTS: kind.of_parts, FINGERS: kind.of_fingers}
-        return known.get(self.regions, partial(kind.read, Path(self.regions)))(scene)
-
-
 RESULT, TABLE, REGION_TABLE, FIGURE = "sweep.json", "sweep.csv", "regions.csv", "sweep.png"
 WORK = "work"
 
@@ -139,10 +105,14 @@ def sweep_command(
     measured: Path = opt.MEASURED,
     mesh: Path = opt.argument("Mesh file."),
     output: Path = opt.output_option("New folder, or one to resume.", metavar="DIR", folder=True),
-    alphas: AlphaOptions,
-    roughness: RoughnessOptions,
+    swept: SweptOptions,
     made_of: opt.MaterialOptions,
-    regions: RegionOptions,
+    regions: str | None = opt.option(
+        "Find an alpha for each named part, for fingers and palm, or for the regions of a file: "
+        ".npy or .json with a label per face, or .json with region: [parts].",
+        metavar="parts|fingers|FILE",
+        files=lambda regions: [] if regions in (PARTS, FINGERS) else [Path(regions)],
+    ),
     place: opt.PlacementOptions,
     simulation: opt.SimulationOptions,
     radar: opt.RadarOptions,
@@ -164,12 +134,19 @@ def sweep_command(
     from calibration.roughness.sweep import check_within_grid
 
     check_folder(output, OWN_NAMES, resumed=True)
-    kind = alphas if roughness.roughness_mm is None else roughness
-    settings = simulation.settings(seed=alphas.seed, estimator=kind.estimator)
+    estimator = None if swept.roughness_mm is None else opt.PHYSICAL
+    settings = simulation.settings(seed=swept.seed, estimator=estimator)
     devices = open_devices(device)
     devices.check_alike("a sweep")
     scene = made_of.on(cl.Scene.from_mesh(mesh, unit=place.unit, transform=place.matrix()))
-    labels = regions.read(scene, settings.max_bounces)
+    labels = None
+    if regions is not None:
+        if settings.max_bounces > 1:
+            text = "expected 1 with --regions: a path of two bounces belongs to no single region"
+            raise opt.wrong_usage("--max-bounces", text)
+        kind = calibration.Regions
+        known = {PARTS: kind.of_parts, FINGERS: kind.of_fingers}
+        labels = known.get(regions, partial(kind.read, Path(regions)))(scene)
     found = measurement(measured, frames, radar, voxels, imaging, devices.first)
     images = {**imaging.arguments, "dynamic_range_db": depth.dynamic_range_db}
     # What cannot be compared replaces no earlier sweep.
@@ -182,7 +159,7 @@ def sweep_command(
         device=devices.first.describe(), packages=package_versions(),
     )  # fmt: skip
     how: dict[str, Any] = {
-        "seeds": alphas.seeds, "regions": labels, "settings": settings, "device": devices,
+        "seeds": swept.seeds, "regions": labels, "settings": settings, "device": devices,
     }  # fmt: skip
     with job.held():
         if finished := all((output / name).is_file() for name in RESULTS):
@@ -192,7 +169,7 @@ def sweep_command(
             if len(store):
                 print_line(f"{output}: resumes with {len(store)} images that are done")
             with progress_bar("sweeping") as how["progress"]:
-                result = kind.sweep(found, scene, images, **how)
+                result = swept.sweep(found, scene, images, **how)
             write(output / FIGURE, partial(figure_of, result), force=True)
             for name, table in zip((TABLE, REGION_TABLE), result.tables(), strict=False):
                 write_csv(output / name, *table)

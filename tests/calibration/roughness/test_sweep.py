@@ -19,7 +19,7 @@ from calibration.roughness.alpha import AlphaEstimate, estimate_alpha
 from calibration.roughness.figures import sweep_figure
 from calibration.roughness.meters import BrightnessMeter, surface_points
 from clradar.cli.commands import sweep as command
-from clradar.cli.commands.sweep import AlphaOptions, RegionOptions
+from clradar.cli.commands.sweep import SweptOptions
 from clradar.errors import ClradarWarning, CompareError, ModelError
 from clradar.hand.flesh import PART_NAMES
 from clradar.plot import plane_of
@@ -298,8 +298,8 @@ def test_a_mesh_that_no_ray_comes_back_from_is_an_error():
 
 
 def test_alphas_are_rounded_as_typed():
-    assert AlphaOptions().alpha == tuple(round(i / 10, 1) for i in range(11))
-    assert group_of(AlphaOptions, alpha="0.1,0.25,1").alpha == (0.1, 0.25, 1.0)
+    assert SweptOptions().alpha == tuple(round(i / 10, 1) for i in range(11))
+    assert group_of(SweptOptions, alpha="0.1,0.25,1").alpha == (0.1, 0.25, 1.0)
 
 
 # --- regions
@@ -325,9 +325,8 @@ def test_a_file_of_regions(tmp_path, monkeypatch):
     (tmp_path / "b.json").write_text(json.dumps([["left", "right"][i] for i in labels]))
     (tmp_path / "c.json").write_text(json.dumps({"one": ["right"], "two": ["left"]}))
     np.save("d.npy", np.asarray(labels))
-    made = [
-        RegionOptions(regions=name).read(SCENE) for name in ("a.json", "b.json", "c.json", "d.npy")
-    ]
+    files = map(Path, ("a.json", "b.json", "c.json", "d.npy"))
+    made = [Regions.read(file, SCENE) for file in files]
     assert [r.names for r in made] == [("0", "1"), ("left", "right"), ("one", "two"), ("0", "1")]
     for regions, flip in zip(made, (0, 0, 1, 0), strict=True):
         assert np.array_equal(regions.face, SCENE.part ^ flip)
@@ -335,10 +334,10 @@ def test_a_file_of_regions(tmp_path, monkeypatch):
     for text in (*wrong, "[0, 1]", "[0.5, 1]", '{"one": ["left"]}', '{"one": "left"}', "7", "{"):
         (tmp_path / "bad.json").write_text(text)
         with pytest.raises(ValueError, match=r"bad\.json"):
-            RegionOptions(regions="bad.json").read(SCENE)
+            Regions.read(Path("bad.json"), SCENE)
     np.save("bad.npy", np.array([{}], dtype=object), allow_pickle=True)
     with pytest.raises(ValueError, match=r"bad\.npy"):
-        RegionOptions(regions="bad.npy").read(SCENE)
+        Regions.read(Path("bad.npy"), SCENE)
 
 
 def test_the_figure_shows_images_and_probabilities(regional):
