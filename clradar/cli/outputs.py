@@ -200,13 +200,10 @@ def write(
 
         from clradar.files.meshes.ply_parts import ply_of_parts
 
-        kind, surface, part = (
-            path.suffix.lower()[1:],
-            (content.vertices_m, content.faces),
-            content.part,
-        )
+        kind, surface = path.suffix.lower()[1:], (content.vertices_m, content.faces)
         if kind == "ply":
-            made = ply_of_parts(*surface, np.asarray(part), content.part_names, content.texture_m)
+            parts = np.asarray(content.part), content.part_names, content.texture_m
+            made = ply_of_parts(*surface, *parts)
         else:
             made = trimesh.Trimesh(*surface, process=False).export(file_type=kind)
         atomic.write_file(path, made.encode() if isinstance(made, str) else made, force=force)
