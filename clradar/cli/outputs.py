@@ -202,8 +202,8 @@ def write(
 
         kind, surface = path.suffix.lower()[1:], (content.vertices_m, content.faces)
         if kind == "ply":
-            parts = np.asarray(content.part), content.part_names, content.texture_m
-            made = ply_of_parts(*surface, *parts)
+            part, names = np.asarray(content.part), content.part_names
+            made = ply_of_parts(*surface, part, names, content.texture_m)
         else:
             made = trimesh.Trimesh(*surface, process=False).export(file_type=kind)
         atomic.write_file(path, made.encode() if isinstance(made, str) else made, force=force)
