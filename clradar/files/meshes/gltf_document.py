@@ -86,22 +86,22 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
 
 def parents_and_order(children: list[list[int]]) -> tuple[list[int], list[int]]:
     """Return the parent of each node, -1 of a root, and all nodes, each after its parent."""
-    count, depth, order = len(children), 0, list[int]()
+    count, order = len(children), list[int]()
     parents = [-1] * count
     if count > limits.MAX_MESH_NODES:
         raise ModelError(f"nodes: expected at most {limits.MAX_MESH_NODES}, got {count}")
     for at, below in enumerate(children):
         for child in below:
             if child not in range(count) or parents[child] >= 0:
-                raise ModelError(f"child {child!r} of node {at}: expected one of no other node")
+                wanted = f"one of {count} nodes, and of no other node"
+                raise ModelError(f"child {child!r} of node {at}: expected {wanted}")
             parents[child] = at
     level = [at for at, parent in enumerate(parents) if parent < 0]
-    while level:
+    for _ in range(limits.MAX_MESH_DEPTH):
         order += level
-        depth += 1
         level = [child for at in level for child in children[at]]
-        if depth > limits.MAX_MESH_DEPTH:
-            raise ModelError(f"nodes: expected at most {limits.MAX_MESH_DEPTH} levels, got more")
+    if level:
+        raise ModelError(f"nodes: expected at most {limits.MAX_MESH_DEPTH} levels, got more")
     if len(order) < count:
         raise ModelError(f"nodes: expected trees, got {count - len(order)} in a cycle")
     return parents, order
