@@ -250,7 +250,7 @@ class _File:
         while len(sets) < _MAX_SETS:
             names = [f"{name}_{len(sets)}" for name in ("JOINTS", "WEIGHTS")]
             given = [getattr(primitive.attributes, name, None) for name in names]
-            if given == [None, None]:
+            if None in given:
                 break
             sets.append([
                 checks.read_only(
@@ -259,8 +259,8 @@ class _File:
                 )
                 for name, at, dtype in zip(names, given, (np.int64, np.float64), strict=True)
             ])  # fmt: skip
-        if not sets:
-            checks.fail(f"{what}: JOINTS_0, WEIGHTS_0", "those of a skin", "none")
+        if not sets or given.count(None) == 1:
+            checks.fail(f"{what}: {', '.join(names)}", "both, of a skin", "none, or one of the two")
         bones, weights = (np.concatenate(arrays, axis=1) for arrays in zip(*sets, strict=True))
         return bones, weights
 
