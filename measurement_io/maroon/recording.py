@@ -203,8 +203,7 @@ class Recording(Sequence[Capture]):
         `clradar.Scene`.
         """
         checks.text("Recording.scene: name", name)
-        alignment = self.alignment
-        if alignment is None:
+        if (alignment := self.alignment) is None:
             fail(self._distance, f"{ALIGNMENT_FILE}, to place the mesh with", "none")
         meshes = mesh_files(self._distance)
         if name not in meshes:
@@ -234,8 +233,9 @@ class Recording(Sequence[Capture]):
     def _capture_of_number(self, number: int) -> Capture:
         path = self._frames[self.variant][number]
         capture = self._read(path)
-        if path == next(files[min(files)] for files in self._frames.values() if files):
-            self._read_once.setdefault("waveform", capture.waveform)
+        firsts = (files[min(files)] for files in self._frames.values() if files)
+        if "waveform" not in self._read_once and path == next(firsts):
+            self._read_once["waveform"] = capture.waveform
         if not self.waveform.same_frequencies(capture.waveform):
             fail(path, "the frequencies of the recording's first frame", "others")
         return capture
