@@ -65,8 +65,7 @@ class Certainty:
     @property
     def joint_std_m(self) -> np.ndarray:
         """As `HandFit.joint_std_m`."""
-        std_m: np.ndarray = np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
-        return std_m
+        return np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,8 +85,7 @@ class Information:
     def covariance(self) -> np.ndarray:
         """Of the fitted parameters: (n, n), the brightness among them; not widened."""
         own = np.ix_(self.fitted, self.fitted)
-        inverse: np.ndarray = np.linalg.inv((self.measured + self.before)[own])
-        return inverse
+        return np.linalg.inv((self.measured + self.before)[own])
 
     def told(self) -> np.ndarray:
         """Mask, (23,), of the angles that the measurement tells."""
@@ -233,8 +231,7 @@ def _without_negative(matrix: np.ndarray) -> np.ndarray:
     """The nearest matrix without negative eigenvalues, each parameter in its own unit."""
     unit = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
-    positive: np.ndarray = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(unit, unit)
-    return positive
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(unit, unit)
 
 
 def _joint_derivatives(fitter: HandFitter, state: HandState, centre_m: np.ndarray) -> np.ndarray:

@@ -158,8 +158,7 @@ class HandFitter:
         """The brightness, scaled to the power of the measured image."""
         picture = self.picture(level)
         power, _ = picture.render(state, log_brightness)
-        scaled: np.ndarray = log_brightness + np.log(picture.power.sum() / power.sum())
-        return scaled
+        return log_brightness + np.log(picture.power.sum() / power.sum())
 
     def step(self, found: Fitted, prior: Prior, missed: Missed) -> tuple[np.ndarray, np.ndarray]:
         """A step of all fitted parameters, (44,), on the surface of `FINE` that was drawn last, and

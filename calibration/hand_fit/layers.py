@@ -92,8 +92,7 @@ def on_digit(samples: SkinnedSamples, digit: str) -> np.ndarray:
     """Mask of the samples that a digit moves more than any other bone does."""
     bones = bones_of_digit(digit)
     first = samples.skin.bone[:, 0]
-    found: np.ndarray = (first >= bones.start) & (first < bones.stop)
-    return found
+    return (first >= bones.start) & (first < bones.stop)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,8 +75,7 @@ def _sight_rates(
 def _slope(angle: np.ndarray, log_brightness: np.ndarray) -> np.ndarray:
     """Derivative of the interpolated log brightness by the angle, (n,)."""
     slopes = np.concatenate([[0.0], np.diff(log_brightness) / np.diff(KNOTS_RAD), [0.0]])
-    found: np.ndarray = slopes[np.searchsorted(KNOTS_RAD, angle, side="right")]
-    return found
+    return slopes[np.searchsorted(KNOTS_RAD, angle, side="right")]
 
 
 def _weights(corners: list[tuple[np.ndarray, np.ndarray]], n_pixels: int) -> csc_array:

@@ -220,8 +220,7 @@ def _slope(each: np.ndarray, alphas: Sequence[float]) -> np.ndarray:
     away = np.array(alphas) - alphas[-1] if len(alphas) else np.zeros(len(each))
     weights = np.exp(-0.5 * (away / ALPHA_WIDTH) ** 2)
     away = away - weights @ away / weights.sum()
-    slope: np.ndarray = np.tensordot(weights * away, each, 1) / max(weights @ away**2, 1e-12)
-    return slope
+    return np.tensordot(weights * away, each, 1) / max(weights @ away**2, 1e-12)
 
 
 def _places(

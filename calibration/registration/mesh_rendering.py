@@ -257,8 +257,7 @@ def _blurred(image: np.ndarray, blur_m: float, step_m: tuple[float, float]) -> n
     along_y = np.fft.fftfreq(wide.shape[0], step_m[1])[:, None]
     along_x = np.fft.rfftfreq(wide.shape[1], step_m[0])[None, :]
     soft = np.exp(-2.0 * (np.pi * blur_m) ** 2 * (along_x**2 + along_y**2))
-    found: np.ndarray = fft.irfft2(fft.rfft2(wide) * soft, wide.shape)
-    return found
+    return fft.irfft2(fft.rfft2(wide) * soft, wide.shape)
 
 
 class MeshRendering(Canvas):

@@ -218,8 +218,7 @@ def _mat5_keys(path: Path, file: Any) -> Iterator[Key]:
 
     def load(*names: str) -> dict[str, Any]:
         file.seek(0)
-        found: dict[str, Any] = scipy.io.loadmat(file, variable_names=names)
-        return found
+        return scipy.io.loadmat(file, variable_names=names)
 
     at_once = [name for name, _, kind in headers if kind in kinds]
     loaded = load(*at_once) if at_once else {}

@@ -159,5 +159,4 @@ def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
     if isinstance(value, dict) and any(MESH_SOURCE in str(key).split("2") for key in value):
         return read_alignment(path).to_antenna(MESH_SOURCE)
     value = value if isinstance(value, dict) else {"transform": value}
-    matrix: np.ndarray = record_of(value, _Transform, path).transform
-    return matrix
+    return record_of(value, _Transform, path).transform

@@ -55,8 +55,7 @@ def read_frame_file(
 def is_plain_array(path: Path) -> bool:
     """Whether an `.npy` file holds an array of numbers or text, and no pickled object."""
     modules = ("numpy.lib.format",)
-    found: bool = run(is_plain, path, expected=EXPECTED, library="numpy", modules=modules)
-    return found
+    return run(is_plain, path, expected=EXPECTED, library="numpy", modules=modules)
 
 
 def read_time_stamp(path: Path, companion: Companion | None = None) -> int | float | None:

@@ -159,8 +159,7 @@ def read_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Any]
 def format_of(path: Path) -> str | None:
     """Return the format of a native file; None for an HDF5 file of another program."""
     with reading(path, EXPECTED):
-        found: str | None = confined.run(native_contents.format_of, path)
-        return found
+        return confined.run(native_contents.format_of, path)
 
 
 def _capture(path: Path, meta: dict[str, Any], found: native_contents.Contents) -> Capture:
@@ -211,8 +210,7 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
     >>> measurement_io.open_volume("volume.h5").grid.z_m.tolist()
     [0.3, 0.31]
     """
-    volume: Volume = read_native(Path(path), "volume")[1]
-    return volume
+    return read_native(Path(path), "volume")[1]
 
 
 LIVE, DEAD, NOISY = 0, 1, 2
@@ -276,8 +274,7 @@ def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:
     >>> measurement_io.open_channels("channels.h5").response.tx_gain.tolist()
     [(1+0j), 1j]
     """
-    channels: ChannelCalibration = read_native(Path(path), "channels")[1]
-    return channels
+    return read_native(Path(path), "channels")[1]
 
 
 def _channels(
