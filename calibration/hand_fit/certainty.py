@@ -29,9 +29,7 @@ UNTOLD_SHARE = 0.8
 share. At 0.8 the value that prior and other angles give it is as exact, in
 simulations, as the value fitted: rms 9.4 against 9.5 degrees (docs/hand-fit-method.md)."""
 
-SURFACE_NOISE = 2.0
-"""By so much the deviance differs between surfaces that are drawn anew."""
-
+SURFACE_NOISE = 2.0  # by so much the deviance differs between surfaces that are drawn anew
 DEVIANCE_PER_E = COVARIANCE_RATIO**2 * np.sqrt(1.0 + np.pi / 8.0 * SURFACE_NOISE**2)
 """Difference of the deviances of two poses that makes one e times as likely: 1 but for what makes
 errors larger and, with a normal distribution of this width, for the noise of the surfaces (D.

@@ -35,9 +35,7 @@ _MOST[:3], _MOST[3:6], _MOST[ANGLES], _MOST[SHAPE], _MOST[BRIGHTNESS] = 0.1, 6e-
 
 _BRIGHTNESS_ONLY = np.arange(N_PARAMETERS) >= N_GEOMETRY
 
-_SETTLED = 0.05
-"""A fall of the deviance below which surfaces are not drawn anew."""
-
+_SETTLED = 0.05  # a fall of the deviance below which surfaces are not drawn anew
 _DAMPING = 1e-2
 _TRIALS = 4
 

@@ -57,9 +57,7 @@ def refinements(digit: str, step: float) -> np.ndarray:
     return np.concatenate([moves, -moves])
 
 
-STEPS = (0.5, 0.25)
-"""Of the refinement of the best, in those of the grid."""
-
+STEPS = (0.5, 0.25)  # of the refinement of the best, in those of the grid
 REFINED = 4
 
 WORSE = 10.0

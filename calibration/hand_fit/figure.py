@@ -21,9 +21,7 @@ from clradar.model.length_unit import LengthUnit
 from clradar.plot.drawing import LABEL_PT, MARGIN, TICK_PT, Extent, settled, text_height
 from clradar.plot.images import image_figure
 
-SILHOUETTE_PIXEL_M = 0.25e-3
-"""A tenth of what the imager resolves."""
-
+SILHOUETTE_PIXEL_M = 0.25e-3  # a tenth of what the imager resolves
 BONES, OTHERS = "#56b4e9", "#d55e00"
 """Of the palette of Okabe and Ito (2008), which colour-blind readers distinguish; on a black
 background, and on both scales."""

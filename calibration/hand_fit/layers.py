@@ -24,12 +24,8 @@ from clradar.tracing.visible_surface import VisibleSurface
 
 SAMPLES_PER_MM2 = 0.5
 
-HIDDEN_M = 8e-3
-"""What lies farther behind something else is hidden: half a finger's thickness."""
-
-DEPTH_PIXEL_M = 4e-3
-"""Of the depths that hide: eight samples each."""
-
+HIDDEN_M = 8e-3  # what lies farther behind something else is hidden: half a finger's thickness
+DEPTH_PIXEL_M = 4e-3  # of the depths that hide: eight samples each
 _AT_ONCE = 48  # pictures
 
 

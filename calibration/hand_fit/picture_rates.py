@@ -7,8 +7,7 @@ from scipy.sparse import csc_array
 
 from calibration.registration.mesh_rendering import KNOTS_RAD, Canvas
 
-_LEAST_SINE = 1e-6
-"""Of the angle of incidence: what faces the radar is as bright from either side."""
+_LEAST_SINE = 1e-6  # of the angle of incidence: what faces the radar is as bright from either side
 
 
 def drawn_rates(

@@ -24,9 +24,7 @@ RIVAL_DEVIANCE = 6.0
 """A basin whose deviance is larger by less is a rival: with Gaussian errors its likelihood is at
 least exp(-3) = 5 % of the best one's."""
 
-TOLD_M = 4e-3
-"""A tip whose standard deviation is below is determined: about a resolution cell."""
-
+TOLD_M = 4e-3  # a tip whose standard deviation is below is determined: about a resolution cell
 APART_M = 10e-3
 """Poses with a tip farther apart than this are different ones: a finger is 15 mm thick."""
 

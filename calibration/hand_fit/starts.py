@@ -22,9 +22,7 @@ from clradar.model import checks
 FIT_FILE = "fit.json"
 """In the folder of a fit; `HandFit.to_dict` with what made it."""
 
-ALL = "all"
-"""All letters of the alphabet."""
-
+ALL = "all"  # all letters of the alphabet
 EARLIER_FIT = "an earlier fit"
 
 

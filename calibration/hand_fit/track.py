@@ -15,11 +15,8 @@ from calibration.hand_fit.hand_state import HandState
 from clradar.hand import JOINT_NAMES, HandPose, HandShape, JointAngles
 from clradar.hand.joints import ANGLES
 
-FRAME_S = 0.125
-"""Between frames without time stamps."""
-
-MOST_STEPS = 4.0
-"""Times that the last motion is taken to go on, while no hand is found."""
+FRAME_S = 0.125  # between frames without time stamps
+MOST_STEPS = 4.0  # times that the last motion is taken to go on, while no hand is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,9 +33,7 @@ NOMINAL_NOISE = {"level": 0.087, "range": 0.108}
 """Median over the simulations of 18 simulated measurements of hands. The standard deviations of the
 fit after the correction were measured with such residuals: larger ones widen them."""
 
-FEWEST_SIMULATIONS = 1.5
-"""Effective number below which the scatter of simulations says nothing."""
-
+FEWEST_SIMULATIONS = 1.5  # effective number below which the scatter of simulations says nothing
 LOCAL_RATIO = 3.0
 """Ratio to the noise from which a pixel disagrees: one in a hundred does by chance."""
 
@@ -43,11 +41,8 @@ ALPHA_WIDTH, MOST_ALPHA = 0.1, 0.15
 """Alphas of the simulations from which the residuals' change with alpha is estimated, and the
 largest error of alpha that it may explain: alpha is found to 0.1 in most simulations."""
 
-SMALLEST_PLACE_M2 = 5e-5
-"""Three resolution cells: smaller ones are mostly chance."""
-
-MOST_PLACES = 3
-"""Listed, the worst first."""
+SMALLEST_PLACE_M2 = 5e-5  # three resolution cells: smaller ones are mostly chance
+MOST_PLACES = 3  # listed, the worst first
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -61,9 +61,7 @@ REGISTERED_RATIO = 0.6
 MIN_OVERLAP = 0.5
 """Smallest overlap of the last simulation with the measurement (docs/registration-method.md)."""
 
-LARGEST_CORRECTION_M = 10e-3
-"""Largest bias: a larger one shows that the fit is invalid."""
-
+LARGEST_CORRECTION_M = 10e-3  # largest bias: a larger one shows that the fit is invalid
 _FIT_STEPS = 50
 
 

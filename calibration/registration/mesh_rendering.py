@@ -25,9 +25,7 @@ them: dense in the specular lobe of a smooth surface."""
 PATTERN_HALF_WIDTH_M = 24e-3
 """Half width of the point spread function: five sidelobes of the 94 x 94 imager."""
 
-_BLUR_REACH = 5.0
-"""Standard deviations beyond which a Gaussian, 4e-6 of its middle, is left out."""
-
+_BLUR_REACH = 5.0  # standard deviations beyond which a Gaussian, 4e-6 of its middle, is left out
 VIEWS = 3
 """Visibility is computed from a square grid of so many by so many viewpoints over the aperture,
 without the centre: eight, the group size of the kernel."""

@@ -13,16 +13,10 @@ from clradar.compare.images import weighted_quantile
 from clradar.model.progress import Progress
 from clradar.tracing.visible_surface import VisibleSurface
 
-COARSE_STEP_M = 4e-3
-"""Pixels of the search: a resolution cell."""
-
+COARSE_STEP_M = 4e-3  # pixels of the search: a resolution cell
 COARSE_BLUR_M = 4e-3
-COARSE_SAMPLES_PER_MM2 = 0.2
-"""Three samples per pixel of the search."""
-
-TRIED = 6
-"""Candidates that are refined on the coarse image."""
-
+COARSE_SAMPLES_PER_MM2 = 0.2  # three samples per pixel of the search
+TRIED = 6  # candidates that are refined on the coarse image
 _COARSE_STEPS = 12
 _RANGE_SPREAD_M = 10e-3  # median range difference that cancels a perfect correlation
 

@@ -24,22 +24,16 @@ from clradar.model import checks
 from clradar.opencl import Buffers, Device, cpu_beside
 from clradar.opencl.program import private_length
 
-CHILDREN = 8
-"""Children per node in the kernels."""
-
+CHILDREN = 8  # children per node in the kernels
 NODE_ROWS, TRIANGLE_ROWS = 8, 12
 """Numbers per child of a node and per triangle of a block in the kernels."""
 
-EMPTY_M = 1e30
-"""Bound of a box that holds nothing."""
-
+EMPTY_M = 1e30  # bound of a box that holds nothing
 MEDIAN_BELOW_LEVEL = 40
 """From this depth on nodes are halved by count, which bounds the depth of any tree to this plus
 log2 of the number of triangles."""
 
-RAY_WORK = 2000.0
-"""Operations, roughly, of a ray through the tree: some 8 nodes and 2 leaves."""
-
+RAY_WORK = 2000.0  # operations, roughly, of a ray through the tree: some 8 nodes and 2 leaves
 ERROR_ULPS = 32.0
 """Error bound of the triangle test, in 2^-24 of the scene's size (``kernels/common/bvh.h``)."""
 

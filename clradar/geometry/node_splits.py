@@ -11,12 +11,8 @@ import numpy as np
 
 from clradar.opencl import Buffers, build
 
-BLOCK = 8
-"""Triangles per leaf in the kernels."""
-
-BINS = 16
-"""Bins along an axis, as in ``kernels/build.cl``."""
-
+BLOCK = 8  # triangles per leaf in the kernels
+BINS = 16  # bins along an axis, as in ``kernels/build.cl``
 FLOAT_MAX = np.finfo(np.float32).max
 
 

@@ -11,9 +11,7 @@ import numpy as np
 from clradar.geometry.bvh import face_normals
 from clradar.model import Scene, checks
 
-CREASE_DEG = 30.0
-"""Faces that meet at more than this angle keep an edge between them."""
-
+CREASE_DEG = 30.0  # faces that meet at more than this angle keep an edge between them
 KNOWN_DEG = 60.0
 """A scene's own normals are used at faces that are tilted against them by no more: at a vertex
 between two surfaces that touch, its normal is that of one of them."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_CHUNK = 2**16
-"""Faces at a time, so that they stay in the cache."""
+_CHUNK = 2**16  # faces at a time, so that they stay in the cache
 
 
 def outward_side(triangles_m: np.ndarray) -> int:

@@ -40,17 +40,12 @@ MARGIN = 0.8
 EXTREME = 0.5
 """Fraction of the samples' coordinates at the ends of their range, where the errors are largest."""
 
-STEP_COST = 2.0
-"""What a term on the way down costs, in terms of the last sum's products."""
-
+STEP_COST = 2.0  # what a term on the way down costs, in terms of the last sum's products
 FEW_KEPT = 1 / 3
 """Fraction of the grid's voxels up to which the image in the rest is interpolated from them."""
 
-MOST_LEAF = 2**18
-"""Voxels of a smallest block: the positions of all are held in memory."""
-
-LEAST_LEAF = 8
-"""Voxels of a smallest block, where the grid has as many: the lanes of a work-item."""
+MOST_LEAF = 2**18  # voxels of a smallest block: the positions of all are held in memory
+LEAST_LEAF = 8  # voxels of a smallest block, where the grid has as many: the lanes of a work-item
 
 Triple = tuple[int, int, int]
 

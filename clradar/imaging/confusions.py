@@ -19,8 +19,7 @@ BRIGHTER_DB = 0.2
 """Of two places of one echo it came from that which is brighter by this; less may be the coarse
 image's error, and nothing tells."""
 
-PERIODS = 3
-"""So many unambiguous ranges beyond the grid are looked at."""
+PERIODS = 3  # so many unambiguous ranges beyond the grid are looked at
 
 
 def warn_of_confusions(

@@ -17,12 +17,8 @@ from clradar.opencl.double_single import antenna_rows, hi_lo
 TX_BLOCK, RX_BLOCK = 4, 2
 """Transmitters and receivers that an item sums side by side, as registers allow."""
 
-FREQUENCY_CHUNK = 8
-"""Frequencies per call, so that their part of the cube stays in the cache."""
-
-LEAST_POINTS = 256
-"""Points per call: two sides of the phasors of one frequency stay in the cache."""
-
+FREQUENCY_CHUNK = 8  # frequencies per call, so that their part of the cube stays in the cache
+LEAST_POINTS = 256  # points per call: two sides of the phasors of one frequency stay in the cache
 CHUNK_PHASORS = 2**18
 """Points times antennas of a call that may have more points. Part of the order of summation, like
 the other sizes, so it depends on the array alone."""

@@ -49,8 +49,7 @@ image has a voxel at."""
 THIN_RESOLUTIONS = 2.0
 """An axis that is no longer than this is a slice through the object, and meant to be one."""
 
-PLANES = 16
-"""Of a volume whose amplitude is taken at a time."""
+PLANES = 16  # of a volume whose amplitude is taken at a time
 
 
 @dataclass(frozen=True, slots=True)

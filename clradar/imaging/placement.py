@@ -35,9 +35,7 @@ NAMED_DB = 25.0
 side lobes are at -31 dB."""
 
 MOST_BODIES = 4
-MOST_TRIED = 8
-"""Maxima of the range profile that are located in search of other bodies."""
-
+MOST_TRIED = 8  # maxima of the range profile that are located in search of other bodies
 FEWEST_PER_RESOLUTION = 2.0
 """Of a grid around several bodies. With more voxels than `MOST_VOXELS` it shows fewer of them."""
 

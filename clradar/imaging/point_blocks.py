@@ -28,8 +28,7 @@ STRICTER = 0.5
 """Fraction of the tolerance that is asked of the levels: a few points may reflect alone, and
 errors of neighbours do not cancel."""
 
-LANES = 8
-"""Points are summed so many at a time."""
+LANES = 8  # points are summed so many at a time
 
 
 class PointCells:

@@ -23,9 +23,7 @@ from clradar.opencl.program import private_length
 FLOAT32_SHARE = 0.3
 """Fraction of the tolerance that float32 phases may take; beyond it they are double-single."""
 
-WEIGHTS_TILE = 4
-"""Weighted sums that a kernel makes per pass; weights are padded to a multiple."""
-
+WEIGHTS_TILE = 4  # weighted sums that a kernel makes per pass; weights are padded to a multiple
 CPU_CHUNK_BYTES = 8 * 2**20
 """What the blocks of one launch may take: about what stays in a CPU's cache."""
 
@@ -34,8 +32,7 @@ GPU_CHUNK_BYTES = 256 * 2**20
 MOST_GROUPS = 16
 """Groups of lanes whose phasors to the skeleton of a smallest block an item of the way up holds."""
 
-GROUPS_TIMES_LEAF = 512
-"""Most groups times antennas: they are in private memory."""
+GROUPS_TIMES_LEAF = 512  # most groups times antennas: they are in private memory
 
 AnyBlocks = GridBlocks | PointBlocks
 

@@ -27,8 +27,7 @@ AHEAD = 4
 """Launches over smallest blocks that may wait on the device: the host goes on meanwhile, and can
 stop soon."""
 
-LANES = 8
-"""Numbers beyond the image that a kernel may read."""
+LANES = 8  # numbers beyond the image that a kernel may read
 
 Report = Callable[[float], None]
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 
-GRAZING_COS = 1e-7
-"""Least cosine of incidence: at 0 some coefficients are a quotient of zeros."""
+GRAZING_COS = 1e-7  # least cosine of incidence: at 0 some coefficients are a quotient of zeros
 
 
 def half_space(

@@ -9,9 +9,7 @@ from clradar.errors import warn
 from clradar.model.material import Material
 from clradar.model.waveform import Waveform
 
-STEEPEST = 0.3
-"""Largest RMS slope: beyond it shadows and second bounces between heights matter."""
-
+STEEPEST = 0.3  # largest RMS slope: beyond it shadows and second bounces between heights matter
 LEAST_CURVATURE_WAVELENGTHS = 2.0
 """Least mean radius of curvature, in the longest wavelengths of the band."""
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from clradar.model import checks
 
-SMALL = 6
-"""Arrays of at most this many elements are written out."""
+SMALL = 6  # arrays of at most this many elements are written out
 
 
 class Record:

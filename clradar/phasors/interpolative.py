@@ -16,21 +16,14 @@ QUANTUM = 2.0**-18
 add up without rounding, up to 2^17 samples, so neither the order of summation nor the number of the
 library's threads can change which of two equal points is chosen."""
 
-SLACK = 1.25
-"""How much larger the error may be on samples that the decomposition was not made from."""
-
-SAMPLE_ROUNDS = 6
-"""How often samples are added before all points are kept."""
-
+SLACK = 1.25  # how much larger the error may be on samples that the decomposition was not made from
+SAMPLE_ROUNDS = 6  # how often samples are added before all points are kept
 ONE_THREAD = 2**18
 """Multiplications up to which OpenBLAS keeps to one thread. Products here are small: waking other
 threads, and waiting for them where the cores are busy, took four times as long as the rest."""
 
-LEAST_SLICE = 8
-"""Rows of a slice below which the products are large enough for threads."""
-
-TIGHTEN = 0.5
-"""Least factor by which the tolerance of one round is below that of the round before."""
+LEAST_SLICE = 8  # rows of a slice below which the products are large enough for threads
+TIGHTEN = 0.5  # least factor by which the tolerance of one round is below that of the round before
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,12 +34,8 @@ CUBE_WAVELENGTHS = 4.4
 """Edge of a cube in the shortest wavelengths: 16 mm at 82 GHz. Larger cubes need more skeleton
 antennas and frequencies, smaller ones are more."""
 
-TOLERANCE_DB = -60.0
-"""RMS error of the capture relative to its RMS that the compression may cause."""
-
-MARGIN = 0.5
-"""Part of the tolerance that the skeletons use, shared by Tx, Rx and frequencies."""
-
+TOLERANCE_DB = -60.0  # RMS error of the capture relative to its RMS that the compression may cause
+MARGIN = 0.5  # part of the tolerance that the skeletons use, shared by Tx, Rx and frequencies
 FEW_POINTS = 200
 """With fewer points that all antennas see, choosing skeleton antennas costs more than it saves."""
 

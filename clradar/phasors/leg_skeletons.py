@@ -15,12 +15,8 @@ from clradar.phasors.interpolative import Decomposition, decompose_sampled
 from clradar.phasors.leg_tables import NODES, PATTERN_NODES
 
 MIN_SAMPLES = 480
-SAMPLES_PER_POINT = 4
-"""Sampled functions per antenna or frequency."""
-
-CANDIDATES = 4
-"""Points of which the one whose phase varies most is taken."""
-
+SAMPLES_PER_POINT = 4  # sampled functions per antenna or frequency
+CANDIDATES = 4  # points of which the one whose phase varies most is taken
 NEAR_POOL, NEAR = 8192, 64
 """Points of which those are picked that are closest to the antennas: drawn as often as all."""
 

@@ -18,9 +18,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Waveform
 from clradar.opencl.double_single import hi_lo
 
-MOMENTS = 8
-"""Moments per block: degree 7 in the position within the block."""
-
+MOMENTS = 8  # moments per block: degree 7 in the position within the block
 EDGE_PHASE_RAD = 1.0
 """Phase between a block's centre and its edge at the band's edge. With eight moments the error of a
 path is 2 (J_8(1) + J_9(1) + ...) = 2.0e-7 at most."""
@@ -39,8 +37,7 @@ NARROWEST_HZ = 1e6
 """Narrower bands have the blocks of this one, 191 m: in longer ones the powers of a short path's
 position would underflow, which is slow on a CPU."""
 
-_POWERS = np.zeros((MOMENTS, MOMENTS))
-"""Column p: T_p in powers of x."""
+_POWERS = np.zeros((MOMENTS, MOMENTS))  # column p: T_p in powers of x
 for _p in range(MOMENTS):
     _POWERS[: _p + 1, _p] = chebyshev.cheb2poly([0.0] * _p + [1.0])
 

@@ -17,9 +17,7 @@ from clradar.tracing.lit_surface import SUM_SHARE
 CALL_PATHS = 2**18
 """Paths per kernel call; a smaller device makes it smaller. No result depends on it."""
 
-PATH_BYTES = 8 + 4
-"""Device memory of a path: float64 length, float32 amplitude."""
-
+PATH_BYTES = 8 + 4  # device memory of a path: float64 length, float32 amplitude
 GROUP_PAIRS = 16
 """Pairs per item of the last kernel with eight lanes, which share the phases of their blocks."""
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MOST_CUBES_A_SIDE = 2**20
-"""Of the region: three indices make one number of 64 bits."""
+MOST_CUBES_A_SIDE = 2**20  # of the region: three indices make one number of 64 bits
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,8 +20,7 @@ METADATA: dict[str, dict[str, None]] = {
 }
 """None drops what would differ from run to run (dates) or from version to version (software)."""
 
-SUFFIXES = tuple(METADATA)
-"""The kinds of file that `save_figure` writes."""
+SUFFIXES = tuple(METADATA)  # the kinds of file that `save_figure` writes
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = False) -> Path:

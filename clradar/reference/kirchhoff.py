@@ -33,10 +33,8 @@ from clradar.reference import (
     visible,
 )
 
-N_WAVES = 512
-"""Plane waves that a height field is made of."""
-DOMAIN_WAVE = 4
-"""Last word of the counters of a height field's random numbers."""
+N_WAVES = 512  # plane waves that a height field is made of
+DOMAIN_WAVE = 4  # last word of the counters of a height field's random numbers
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,7 @@ from clradar.errors import warn
 from clradar.model import AntennaArray, Scene, Waveform
 from clradar.tracing.placement import bounding_box_m
 
-LEAST_SPAN = 0.05
-"""Of the sines of a scene's directions; less is no wider than a lobe."""
-
+LEAST_SPAN = 0.05  # of the sines of a scene's directions; less is no wider than a lobe
 PERIODS = 5
 
 

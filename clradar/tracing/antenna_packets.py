@@ -16,12 +16,8 @@ import numpy as np
 from clradar.geometry.bvh import TraversalOptions
 from clradar.opencl import Device
 
-GROUP = 8
-"""Antennas per group, and bits per byte of what is visible."""
-
-BUNDLE_GROUPS = 8
-"""Most groups that one pass through the tree serves."""
-
+GROUP = 8  # antennas per group, and bits per byte of what is visible
+BUNDLE_GROUPS = 8  # most groups that one pass through the tree serves
 BUNDLE = np.dtype(
     [
         ("n_groups", np.int32),

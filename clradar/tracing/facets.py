@@ -24,9 +24,7 @@ wavelength: an error of 0.14 changes the maximum of the image by 0.3 dB and leav
 limit.
 """
 
-LEAST_SHARE = 0.05
-"""Part of the area that has to be coarse: fingertips alone are not warned of."""
-
+LEAST_SHARE = 0.05  # part of the area that has to be coarse: fingertips alone are not warned of
 ROUND_DEG = 70.0
 """Faces of a coarse mesh of a round body, a finger of six sides, meet at less; a box's at 90."""
 

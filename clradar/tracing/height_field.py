@@ -20,8 +20,7 @@ TORN = 2.0
 """Edges that are longer by this factor in the coordinates of the roughness are torn: the face lies
 between parts of a body that do not belong together, as two fingers that touch."""
 
-WAVES = 512
-"""Waves of a height field; the kurtosis of the heights is 3 - 1.5 / WAVES."""
+WAVES = 512  # waves of a height field; the kurtosis of the heights is 3 - 1.5 / WAVES
 
 
 def wave_table(

@@ -22,11 +22,8 @@ FEWER = 0.1
 """Of an edge's parts that are rounded down: a density 1.2 times below what is asked for at worst,
 for one triangle a face, and not four times above it."""
 
-MOST_EDGE_POINTS = 2**11
-"""Parts of an edge: their square is counted in float32."""
-
-MOST_POINTS = 2**31
-"""Their ordinals are signed numbers of 32 bits on the device."""
+MOST_EDGE_POINTS = 2**11  # parts of an edge: their square is counted in float32
+MOST_POINTS = 2**31  # their ordinals are signed numbers of 32 bits on the device
 
 
 BLOCK_FACES = 2**16

@@ -31,12 +31,8 @@ PART_POINTS = 2**20
 """Most points of a part, whose lit ones are in memory at a time, with some 500 bytes for each while
 they are summed."""
 
-FRAME_ROWS = 18
-"""Numbers of a point that its roughness needs, beside those of `LitPoints`."""
-
-OUT_ROWS = 12
-"""Numbers of a point that `LitPoints` holds as floats."""
-
+FRAME_ROWS = 18  # numbers of a point that its roughness needs, beside those of `LitPoints`
+OUT_ROWS = 12  # numbers of a point that `LitPoints` holds as floats
 NEAREST_SPACINGS = 1.5
 """Least distance between points and antennas, in spacings of the points: closer by, 1/R^2 is no
 longer integrated. An antenna on the surface is at most 1.4 of them away from a point: two thirds

@@ -27,8 +27,7 @@ class SampleOptions:
     width: int = 1
 
 
-MOST_SAMPLES = 2**31
-"""Of a scene: their ordinals are signed numbers of 32 bits on the device."""
+MOST_SAMPLES = 2**31  # of a scene: their ordinals are signed numbers of 32 bits on the device
 
 
 def samples_per_face(scene: Scene, settings: SimulationSettings) -> np.ndarray:

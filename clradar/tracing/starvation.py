@@ -19,8 +19,7 @@ STARVED_PATHS = 20.0
 left without one by chance. The others are where nothing is reflected to, as beside the mirror image
 of a small plate."""
 
-WANTED_PATHS = 20.0
-"""Per pair, which the advice aims at: shot noise of 0.2 of the signal."""
+WANTED_PATHS = 20.0  # per pair, which the advice aims at: shot noise of 0.2 of the signal
 
 
 def warn_if_starved(

@@ -30,9 +30,7 @@ from measurement_io.confined.hdf5_guard import DEFLATE, FLETCHER32, LZF, SHUFFLE
 from measurement_io.maroon.frame_file import npy_header
 
 EXPECTED = "an HDF5, MATLAB (v5 or v7.3), .npz or plain .npy file"
-NPY_KEY = "array"
-"""How a layout calls what an `.npy` file holds, which has no name."""
-
+NPY_KEY = "array"  # how a layout calls what an `.npy` file holds, which has no name
 _FILTERS = (SHUFFLE, FLETCHER32, DEFLATE, LZF)
 _SHOWN_BYTES = 2**26
 """A MATLAB v5 file of no more is loaded to list its types, which its headers do not say."""

@@ -25,11 +25,8 @@ from clradar.files.records import OpenRecord, mistake, record_of, row_tuple
 from clradar.model import checks
 
 RADAR = "radar"
-MESH_SOURCE = "photogrammetry"
-"""The frame of reference of a recording's meshes."""
-
-MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
-"""Radar space to antenna frame, and back."""
+MESH_SOURCE = "photogrammetry"  # the frame of reference of a recording's meshes
+MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])  # radar space to antenna frame, and back
 MIRROR_X.flags.writeable = False
 
 LAST_ROW_ROUNDING = 1e-9

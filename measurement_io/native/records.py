@@ -213,9 +213,7 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
     return read_native(Path(path), "volume")[1]
 
 
-LIVE, DEAD, NOISY = 0, 1, 2
-"""Names of the values of `tx_state` and `rx_state`."""
-
+LIVE, DEAD, NOISY = 0, 1, 2  # names of the values of `tx_state` and `rx_state`
 _OF_RESPONSE = ("tx_gain", "rx_gain", "tx_delay_s", "rx_delay_s")
 _BY_CHANNEL = tuple(
     f"{s}_{n}" for s in ("tx", "rx") for n in ("noise", "phase_std_rad", "delay_std_s")
