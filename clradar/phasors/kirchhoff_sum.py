@@ -88,25 +88,10 @@ class _Group:
 
 
 class KirchhoffSum(OnDevice):
-    """Sums lit points to S-parameters.
+    """Sums lit points, relative to `middle_m`, to S-parameters; a context manager.
 
-    A context manager.
-
-    Parameters
-    ----------
-    array : AntennaArray
-    waveform : Waveform
-    materials : sequence of Material
-    middle_m : ndarray, shape (3,), metres
-        Origin of the points.
-    seed : int
-        Of the incoherent part of micro-roughness.
-    device : Device
-
-    Attributes
-    ----------
-    counts : dict
-        Of the last sum: cubes, points that all antennas see, skeleton Tx, Rx and frequencies.
+    `seed` is of the incoherent part of micro-roughness. `counts` are of the last sum: cubes, points
+    that all antennas see, skeleton Tx, Rx and frequencies.
     """
 
     def __init__(

@@ -44,31 +44,18 @@ for _p in range(MOMENTS):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LengthBlocks:
-    """Blocks of path length for one waveform.
+    """Blocks of path length for one waveform: block b is centred at b `block_m`.
 
-    Attributes
-    ----------
-    block_m : float
-        Length of a block, metres, exact in float32. Block b is centred at b block_m.
-    per_half_block : float
-        1/m, exact in float32: scales the distance from the centre to -1 to 1.
-    wavenumber : float
-        Of the band's centre, cycles per metre.
-    table : ndarray, shape (MOMENTS + 2, n_freq), float32
-        Weight of each moment at each frequency; then the wavenumbers relative to the centre's as
-        hi and lo, cycles per metre.
-    n_slots : int
-        Blocks that each pair keeps at a time, a power of two.
-    longest_m : float
-        Longest path that can be summed.
+    `table` has the weight of each moment at each frequency; then the wavenumbers relative to the
+    centre's as hi and lo, cycles per metre.
     """
 
-    block_m: float
-    per_half_block: float
-    wavenumber: float
-    table: np.ndarray
-    n_slots: int
-    longest_m: float
+    block_m: float  # exact in float32
+    per_half_block: float  # 1/m, exact in float32: scales the distance from the centre to -1 to 1
+    wavenumber: float  # of the band's centre, cycles per metre
+    table: np.ndarray  # (MOMENTS + 2, n_freq), float32
+    n_slots: int  # blocks that each pair keeps at a time, a power of two
+    longest_m: float  # path that can be summed
 
 
 def length_blocks(waveform: Waveform) -> LengthBlocks:

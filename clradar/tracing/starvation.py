@@ -32,14 +32,8 @@ def warn_if_starved(
 ) -> None:
     """Warn if no path reached a receiver, or so few that many pairs are zero by chance.
 
-    Parameters
-    ----------
-    paths : ndarray, shape (n_tx * n_rx,)
-        Number of paths of each pair.
-    scene, array, settings
-        What was simulated.
-    only_stochastic : bool
-        The function that was called has no other estimator.
+    `paths`, shape (n_tx * n_rx,), has the number of each pair. `only_stochastic`: the function that
+    was called has no other estimator.
     """
     total = int(paths.sum())
     if total == 0:

@@ -57,23 +57,13 @@ class OrderOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathColumns:
-    """Receptions of one tile on the host, sorted by pair, then sample, ray and bounce.
+    """Receptions of one tile on the host, (n,), sorted by pair, then sample, ray and bounce."""
 
-    Attributes
-    ----------
-    pair : ndarray, shape (n,), uint32
-    length_m : ndarray, shape (n,), float64, metres
-    amplitude : ndarray, shape (n,), float32
-    bounces : ndarray, shape (n,), uint8
-    face : ndarray, shape (n,), int32
-        Of the first reflection.
-    """
-
-    pair: np.ndarray
-    length_m: np.ndarray
-    amplitude: np.ndarray
-    bounces: np.ndarray
-    face: np.ndarray
+    pair: np.ndarray  # uint32
+    length_m: np.ndarray  # float64
+    amplitude: np.ndarray  # float32
+    bounces: np.ndarray  # uint8
+    face: np.ndarray  # int32: of the first reflection
 
 
 class Tracer(LitSurface):
