@@ -122,16 +122,8 @@ class Belief:
         return Prior(mean[_ANGLES], shape, information)
 
     def measured(self, state: HandState, covariance: np.ndarray) -> Belief:
-        """After a fit whose prior was this one.
+        """After a fit whose prior was this one; its `covariance`, as large as `known`, includes it.
 
-        Parameters
-        ----------
-        state : HandState
-        covariance : ndarray
-            Of angles and shape, of the fit and its prior together, as large as `known`.
-
-        Notes
-        -----
         The velocities follow by their covariance with the angles: with the gain K = C_vx / C_xx
         their mean grows by K times the change of the known, and C_vv by K (C - C_xx) K^T.
         """

@@ -109,12 +109,8 @@ def close_loop(
     """Correct a fit by simulations of it until they rest.
 
     `missed` are the slopes with which the fit was settled, and with which simulations are fitted.
-    `progress` is called with the number of rounds and that of all, which it reaches in any case.
-
-    Raises
-    ------
-    CompareError
-        No ray of a simulation reaches a receiver.
+    `progress` is called with the number of rounds and that of all, which it reaches in any case. No
+    ray of a simulation at a receiver is a `CompareError`.
     """
     measured = decimated(fitter.depth, VOXEL_M)
     picture = fitter.picture(FINE)

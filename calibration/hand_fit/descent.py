@@ -86,19 +86,10 @@ class Fitted:
 
 
 class HandFitter:
-    """Fits states of a hand to one measured image.
+    """Fits states of a hand to one measured image, on pixels of about 2 mm or finer.
 
-    Parameters
-    ----------
-    model : HandModel
-    depth : DepthMap
-        On pixels of about 2 mm or finer.
-    aperture : Aperture
-    device : Device
-    fitted : ndarray of bool, shape (44,)
-        The parameters that are fitted; the others stay.
-    levels : tuple of Level
-        Those that it will be asked for.
+    `fitted`, (44,), tells the parameters that are fitted; the others stay. `levels` are those that
+    it will be asked for.
     """
 
     def __init__(

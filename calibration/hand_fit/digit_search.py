@@ -117,16 +117,7 @@ class Swept:
 
 
 class DigitSearch:
-    """Judges many poses of one digit of a hand.
-
-    Parameters
-    ----------
-    fitter : HandFitter
-    skin : HandSkin
-    prior : Prior
-    level : Level
-        Pixels and scatter of ranges.
-    """
+    """Judges many poses of one digit of a hand, at the pixels and scatter of a `level`."""
 
     def __init__(self, fitter: HandFitter, skin: HandSkin, prior: Prior, level: Level) -> None:
         self.fitter, self.skin, self.prior, self.level = fitter, skin, prior, level

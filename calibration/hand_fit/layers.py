@@ -41,14 +41,7 @@ _THUMBS_DEG = (
 class HandSkin:
     """Samples of the skin of every digit, drawn in a few poses, and of the whole hand in any.
 
-    Parameters
-    ----------
-    model : HandModel
-    pose : HandPose
-        Of the joints that are not fitted.
-    shape : HandShape
-    device : Device
-    seed : int
+    `pose` is that of the joints that are not fitted.
     """
 
     def __init__(
@@ -113,16 +106,9 @@ class Seen:
 
 
 class LayeredRendering:
-    """Renderings of a hand of which some bones take many places.
+    """Renderings of a hand of which some bones take many places, in the antenna frame.
 
-    Parameters
-    ----------
-    canvas : Canvas
-    rest : SkinnedSamples
-        Of what does not move.
-    bones : Bones
-        Its bones, in the antenna frame.
-    log_brightness : ndarray, shape (7,)
+    `rest` are samples of what does not move; `log_brightness` has shape (7,).
     """
 
     def __init__(

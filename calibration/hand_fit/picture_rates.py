@@ -20,16 +20,8 @@ def drawn_rates(
 ) -> np.ndarray:
     """Derivatives of what `Canvas.splat` draws of samples, by k parameters, (k, 2, n_y, n_x).
 
-    Parameters
-    ----------
-    canvas : Canvas
-    points_m, normals : ndarray, shape (n, 3)
-        Metres, and unit vectors.
-    rates : tuple of ndarray, shape (n, 3, k)
-        Derivatives of both by the parameters.
-    share : ndarray, shape (n,)
-        Factor of every sample's brightness.
-    log_brightness : ndarray, shape (n_knots,)
+    `rates` are the derivatives, (n, 3, k), of points and unit normals, (n, 3); `share`, (n,), is a
+    factor of every sample's brightness.
     """
     inside, corners = canvas.corners(points_m)
     d_points, d_normals = rates

@@ -158,31 +158,12 @@ def beyond_noise(
 ) -> BeyondNoise:
     """Residuals of a measurement relative to the noise, and the places where they are largest.
 
-    Parameters
-    ----------
-    measured : ResidualImage
-    simulated : sequence of ResidualImage
-        Of simulations of the mesh.
-    weights : ndarray, shape (n,)
-        How near to the pose and the alpha found each is.
-    alphas : sequence of float
-        Of each, the last one that found; empty if alpha is given.
-    centre_m : ndarray, shape (3,), metres
-        Centre of the aperture.
-
-    Returns
-    -------
-    BeyondNoise
-
-    Notes
-    -----
-    With weights w_k of sum 1, s the weighted standard deviation of the simulations over all lit
-    pixels, m the residual of the measurement, that of a pixel is
-
-        (m - sum w_k m_k) / (s sqrt(1 + sum w_k^2))
-
-    The scatter of the measurement is assumed to be that of a simulation. What a small error of
-    alpha explains is subtracted by least squares: it is no error of the pose.
+    `weights`, (n,), are how near each simulation is to the pose and the alpha that were found;
+    `alphas` those of each, the last one that found; empty if alpha is given. With weights w_k of
+    sum 1, s the weighted standard deviation of the simulations over all lit pixels, m the residual
+    of the measurement, that of a pixel is (m - sum w_k m_k) / (s sqrt(1 + sum w_k^2)). The scatter
+    of the measurement is assumed to be that of a simulation. What a small error of alpha explains
+    is subtracted by least squares: it is no error of the pose.
     """
     share = weights / weights.sum()
     if 1.0 / (share @ share) < FEWEST_SIMULATIONS:

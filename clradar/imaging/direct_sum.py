@@ -35,21 +35,12 @@ class _Sizes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSet:
-    """Points, and which antennas see them.
-
-    Attributes
-    ----------
-    n : int
-    points_m : callable
-        Returns the positions of the points [start, stop), shape (stop - start, 3), float64, metres.
-    tx_visible, rx_visible : ndarray, shape (n, n_tx) and (n, n_rx), bool, or None
-        None: every antenna sees every point.
-    """
+    """Points, and which antennas see them."""
 
     n: int
-    points_m: Callable[[int, int], np.ndarray]
-    tx_visible: np.ndarray | None = None
-    rx_visible: np.ndarray | None = None
+    points_m: Callable[[int, int], np.ndarray]  # of [start, stop): (stop - start, 3), float64
+    tx_visible: np.ndarray | None = None  # (n, n_tx), bool; None: every one sees every point
+    rx_visible: np.ndarray | None = None  # (n, n_rx), bool
 
 
 class DirectSum:

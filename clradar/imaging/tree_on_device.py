@@ -77,22 +77,12 @@ class _ForwardSizes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Antennas:
-    """The antennas of one side, and how they are reduced to their skeleton.
+    """The antennas of one side, and how they are reduced to their skeleton."""
 
-    Attributes
-    ----------
-    antennas_m : ndarray, shape (n, 3), float64, metres
-    n_skeleton : int
-    planes : Buffer
-        The antennas, as the kernels read them.
-    weights : Buffer
-        From the antennas to the skeleton; for the way up transposed.
-    """
-
-    antennas_m: np.ndarray
+    antennas_m: np.ndarray  # (n, 3), float64
     n_skeleton: int
-    planes: Any
-    weights: Any
+    planes: Any  # buffer of the antennas, as the kernels read them
+    weights: Any  # buffer, from the antennas to the skeleton; for the way up transposed
 
     @property
     def n(self) -> int:
@@ -117,23 +107,12 @@ class LevelStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Some blocks of one level and their samples.
+    """Some blocks of one level and their samples."""
 
-    Attributes
-    ----------
-    index : ndarray, shape (n, ...), int
-        Which blocks.
-    centre_m : ndarray, shape (n, 3), float32
-    centres : Buffer
-        The same.
-    g : Buffer
-        float (n, frequencies, rows, 2, columns), see the kernels.
-    """
-
-    index: np.ndarray
-    centre_m: np.ndarray
-    centres: Any
-    g: Any
+    index: np.ndarray  # (n, ...), int: which blocks
+    centre_m: np.ndarray  # (n, 3), float32
+    centres: Any  # buffer of the same
+    g: Any  # buffer, float (n, frequencies, rows, 2, columns), see the kernels
 
 
 @dataclass(frozen=True, slots=True, eq=False)

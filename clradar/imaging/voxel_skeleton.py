@@ -42,11 +42,7 @@ Triple = tuple[int, int, int]
 class VoxelSkeleton:
     """The skeleton voxels of every block of one size: all of some indices along x, y, z.
 
-    Attributes
-    ----------
-    axes : tuple of 3 Decompositions
-        Along x, y, z: indices in a block, and the weights of all voxels.
-    waves : PlaneWaves
+    `axes` have, along x, y and z, indices in a block, and the weights of all voxels.
     """
 
     axes: tuple[Decomposition, Decomposition, Decomposition]

@@ -34,11 +34,8 @@ def curvature_radius_m(material: Material) -> float:
 def check_kirchhoff(material: Material, waveform: Waveform) -> None:
     """Warn where a material is too rough, at the waveform's frequencies, for physical optics.
 
-    Warns
-    -----
-    ClradarWarning
-        An RMS slope above 0.3, or a mean radius of curvature below two wavelengths with heights
-        that matter.
+    That is an RMS slope above 0.3, or a mean radius of curvature below two wavelengths with heights
+    that matter.
     """
     text = f"material {material.name!r}: roughness of {1e3 * material.roughness_rms_m:g} mm over "
     text += f"{1e3 * (material.correlation_length_m or 0.0):g} mm"
