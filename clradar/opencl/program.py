@@ -61,16 +61,12 @@ class Program:
         parts = launch_parts(padded, local, self.device.launch_work / max(1.0, work))
 
         def enqueue() -> list[Any]:
-            events = []
+            events, queue = [], self.device.queue
             with self.device.lock:
                 kernel.set_args(*args)
                 for offset, size in parts:
-                    events.append(
-                        cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local, offset)
-                    )
-                    self.device.queue.flush()
-            if self.device.launched is not None:
-                self.device.launched.extend(events)
+                    events.append(cl.enqueue_nd_range_kernel(queue, kernel, size, local, offset))
+                    queue.flush()
             return events
 
         events = self._checked(name, global_size, enqueue)
@@ -93,16 +89,15 @@ class Program:
     def _checked(self, name: str, global_size: tuple[int, ...], call: Callable[[], Any]) -> Any:
         try:
             return call()
-        except cl.MemoryError as error:
-            raise DeviceError(
-                f"device {self.device.info.label}: out of memory in kernel {name} of {self.file} "
-                f"({error}); make the problem smaller, or {OTHER_DEVICE_HINT}"
-            ) from error
         except cl.Error as error:
-            raise DeviceError(
-                f"device {self.device.info.label}: kernel {name} of {self.file} failed over "
-                f"{global_size} items ({error}); {OTHER_DEVICE_HINT}"
-            ) from error
+            what, remedy = f"kernel {name} of {self.file}", OTHER_DEVICE_HINT
+            if isinstance(error, cl.MemoryError):
+                failed = f"out of memory in {what}"
+                remedy = f"make the problem smaller, or {OTHER_DEVICE_HINT}"
+            else:
+                failed = f"{what} failed over {global_size} items"
+            message = f"device {self.device.info.label}: {failed} ({error}); {remedy}"
+            raise DeviceError(message) from error
 
 
 def group_shape(global_size: tuple[int, ...], most: int) -> tuple[int, ...]:
@@ -218,15 +213,6 @@ def private_length(n: int, step: int, device: Device) -> int:
     return steps * step
 
 
-def nvidia_registers(options: Any) -> int | None:
-    """Most registers of an item on NVIDIA's GPUs, where a program's options say so.
-
-    The compiler then uses so many: it is for programs that take more without need.
-    """
-    most: int | None = getattr(options, "nvidia_registers", None)
-    return most
-
-
 def _gpu_flags(device: Device, options: Any) -> list[str]:
     """Flags that make a GPU round as a CPU does, and that keep its registers few."""
     if device.info.kind != "gpu":
@@ -235,7 +221,8 @@ def _gpu_flags(device: Device, options: Any) -> list[str]:
     (opened,) = device.context.devices
     if opened.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         flags.append("-cl-fp32-correctly-rounded-divide-sqrt")
-    most = nvidia_registers(options)
+    # NVIDIA's compiler then uses so many: it is for programs that take more without need.
+    most = getattr(options, "nvidia_registers", None)
     if most is not None and "cl_nv_compiler_options" in opened.extensions:
         flags.append(f"-cl-nv-maxrregcount={most}")
     return flags

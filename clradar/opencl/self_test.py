@@ -44,8 +44,8 @@ def self_test(device: Device, compiled: Callable[[Device, str, Any], Any]) -> No
 
 
 def _tested(device: Device, key: tuple[str, Any], compiled: Callable[..., Any]) -> Any:
-    # Neither the caller's memory limit nor its measurement of kernels is for this.
-    apart = replace(device, budget_bytes=2**20, launched=None, buffers=WeakSet())
+    # The caller's memory limit is not for this.
+    apart = replace(device, budget_bytes=2**20, buffers=WeakSet())
     program = compiled(apart, *key)
     vectors = _vectors()
     with Buffers(apart) as buffers:

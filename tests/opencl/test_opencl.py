@@ -33,7 +33,7 @@ from clradar.opencl import (
     runtimes,
 )
 from clradar.opencl.buffers import OnDevice
-from clradar.opencl.choice import default_device
+from clradar.opencl.choice import chosen_device
 from clradar.opencl.self_test import self_test
 from clradar.opencl.sources import source
 
@@ -95,9 +95,9 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 )
 def test_none_means_gpu_then_intel_then_pocl_never_the_checker(machine, infos, chosen):
     machine(*infos)
-    assert default_device() == chosen
+    assert chosen_device() == chosen
     machine(*infos[::-1])
-    assert default_device().platform == chosen.platform
+    assert chosen_device().platform == chosen.platform
 
 
 EVERYTHING = (OCLGRIND, POCL, INTEL, CARD, CARD_2)
@@ -114,9 +114,9 @@ EVERYTHING = (OCLGRIND, POCL, INTEL, CARD, CARD_2)
 def test_a_device_is_chosen_by_name_kind_or_index(machine, monkeypatch, variable, wanted, chosen):
     machine(*EVERYTHING)
     monkeypatch.setenv(variable, wanted)
-    assert default_device() == chosen
+    assert chosen_device() == chosen
     monkeypatch.setenv("CLRADAR_DEVICE", "oclgrind")  # goes before the other
-    assert default_device() == OCLGRIND
+    assert chosen_device() == OCLGRIND
 
 
 WHY = r"self_test.cl does not build \(error: unknown target CPU 'generic'\)"
@@ -137,12 +137,12 @@ def test_of_several_devices_the_first_that_works_is_used_and_the_others_are_name
     if wanted is not None:
         monkeypatch.setenv("CLRADAR_DEVICE", wanted)
     with pytest.warns(clradar.ClradarWarning) as caught:
-        assert default_device() == chosen
+        assert chosen_device() == chosen
     for info, one in zip(failing, caught, strict=True):
         start = re.escape(f"device {info.selector} {info.label}")
         instead = re.escape(f"{chosen.label} is used instead")
         assert re.fullmatch(f"{start} {WHY}; {instead}.*", str(one.message))  # one line
-    assert default_device() == chosen  # without a word
+    assert chosen_device() == chosen  # without a word
 
 
 def test_all_devices_are_those_that_would_be_used(machine, monkeypatch):
