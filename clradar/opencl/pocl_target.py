@@ -117,9 +117,7 @@ class _Maps:
 
 def _room(address: int) -> int:
     """Bytes that the allocation at an address holds."""
-    usable = getattr(ctypes.CDLL(None), "malloc_usable_size", None)
-    if usable is None:
-        return len(GENERIC)
+    usable = ctypes.CDLL(None).malloc_usable_size
     usable.argtypes, usable.restype = [ctypes.c_void_p], ctypes.c_size_t
     return int(usable(address))
 

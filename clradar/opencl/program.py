@@ -101,14 +101,7 @@ class Program:
 
 
 def group_shape(global_size: tuple[int, ...], most: int) -> tuple[int, ...]:
-    """Sides of a work-group of at most `most` items: powers of two, the first as long as useful.
-
-    Examples
-    --------
-    >>> from clradar.opencl.program import group_shape
-    >>> group_shape((12, 16384), 64), group_shape((1000,), 64), group_shape((9, 9, 9), 1)
-    ((16, 4), (64,), (1, 1, 1))
-    """
+    """Sides of a work-group of at most `most` items: powers of two, the first as long as useful."""
     shape = []
     for n in global_size:
         side = 1
@@ -126,16 +119,6 @@ def launch_parts(
 
     None has more than `most_items`, but for a single work-group. The last axes are cut first, so
     that neighbouring items stay together.
-
-    Examples
-    --------
-    >>> from clradar.opencl.program import launch_parts
-    >>> launch_parts((64, 30), (64, 1), 10**6)
-    [(None, (64, 30))]
-    >>> launch_parts((64, 30), (64, 1), 1300)
-    [((0, 0), (64, 20)), ((0, 20), (64, 10))]
-    >>> launch_parts((256, 2), (64, 1), 130)
-    [((0, 0), (128, 1)), ((0, 1), (128, 1)), ((128, 0), (128, 1)), ((128, 1), (128, 1))]
     """
     if math.prod(size) <= most_items:
         return [(None, size)]
@@ -199,13 +182,6 @@ def private_length(n: int, step: int, device: Device) -> int:
 
     A GPU has little such memory: the next multiple of `step`. A CPU: powers of two of steps, four
     at least. No result depends on it.
-
-    Examples
-    --------
-    >>> from clradar.opencl import open_device
-    >>> from clradar.opencl.program import private_length
-    >>> [private_length(n, 16, open_device("pocl")) for n in (3, 64, 65)]
-    [64, 64, 128]
     """
     steps = -(-n // step)
     if device.width == 8:
