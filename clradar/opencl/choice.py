@@ -11,8 +11,7 @@ from clradar.errors import DeviceError, quoted, warn
 from clradar.model import checks
 from clradar.opencl.device import INSTALL_HINT, Device, DeviceInfo, list_devices, opened
 from clradar.opencl.pocl_target import POCL
-from clradar.opencl.program import compiled
-from clradar.opencl.self_test import self_test
+from clradar.opencl.program import self_test
 
 ALL = "all"
 
@@ -105,7 +104,7 @@ def fault(selector: str) -> str | None:
 @lru_cache(maxsize=64)
 def _failure(selector: str) -> DeviceError | None:
     try:
-        self_test(opened(selector), compiled)
+        self_test(opened(selector))
     except DeviceError as error:
         return error
     return None

@@ -34,8 +34,7 @@ from clradar.opencl import (
 )
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.choice import chosen_device
-from clradar.opencl.program import group_shape, launch_parts, private_length
-from clradar.opencl.self_test import self_test
+from clradar.opencl.program import group_shape, launch_parts, private_length, self_test
 from clradar.opencl.sources import source
 
 # Which device ------------------------------------------------------------------------------------
@@ -446,7 +445,7 @@ def test_a_cpu_beside_a_gpu_is_one_that_works(device, machine, monkeypatch):
 @pytest.fixture
 def kernel_text(monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Iterator[Callable]:
     """Replace every kernel file by a text."""
-    self_test(device, program_module.compiled)
+    self_test(device)
     known = dict(device.programs)
 
     def use(text: str) -> None:

@@ -26,8 +26,7 @@ from clradar.imaging.samples import SampleSizes
 from clradar.imaging.strongest import DepthSizes
 from clradar.imaging.tiled import KernelSizes
 from clradar.imaging.tree_on_device import _ForwardSizes, _KernelSizes, _SumSizes, groups_of_leaf
-from clradar.opencl.program import defines
-from clradar.opencl.self_test import _Width
+from clradar.opencl.program import _Width, defines
 from clradar.opencl.sources import source
 from clradar.phasors.kirchhoff_sum import KirchhoffOptions
 from clradar.phasors.phasor_sum import SynthesizeOptions
