@@ -131,8 +131,7 @@ def _readers_here() -> Iterator[None]:
                 process._reply(json.loads(message), sent)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-        sent.seek(0)
-        return wire.receive(sent, most_bytes)
+        return wire.receive(io.BytesIO(sent.getvalue()), most_bytes)
 
     system = SimpleNamespace(**{**vars(resource), "setrlimit": limit})
     with mock.patch.multiple(process, _answer_of=answer, _confined=True, resource=system):
