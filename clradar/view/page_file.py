@@ -12,7 +12,7 @@ from clradar.errors import ClradarError
 from clradar.files.atomic import refuse_existing, write_file
 from clradar.view.scene import LEGEND, SceneView
 from clradar.view.server import running
-from clradar.view.session import Session, Shown, View
+from clradar.view.session import Front, Session, Shown, View
 from clradar.view.truth import UNITS_PER_M
 
 MOST_BYTES = 200 * 2**20
@@ -21,7 +21,7 @@ MOST_BYTES = 200 * 2**20
 FRAMES_PER_S = 10.0
 
 
-class _Last:
+class _Last(Front):
     """What a session shows last, or why it does not."""
 
     shown: Shown | None = None
@@ -29,9 +29,6 @@ class _Last:
 
     def show(self, shown: Shown) -> None:
         self.shown = shown
-
-    def busy(self, text: str) -> None:
-        pass
 
     def refuse(self, text: str) -> None:
         self.shown, self.refused = None, text
@@ -62,7 +59,7 @@ def write_page(
                 _draw_title(server, shown, source.name, source.label(frame))
                 written += 1
                 for drawn in filter(None, (shown.first, shown.second)):
-                    drawn_bytes += drawn.cloud.points_m.nbytes + drawn.cloud.colours.nbytes
+                    drawn_bytes += drawn.points_m.nbytes + drawn.colours.nbytes
                 if drawn_bytes > MOST_BYTES and count < len(frames):
                     warn(f"the first {count} of {len(frames)} frames: more are too many for a page")
                     break

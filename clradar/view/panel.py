@@ -17,7 +17,7 @@ from clradar.view.beside import MATERIALS
 from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.playing import Player
 from clradar.view.scene import SceneView
-from clradar.view.session import Session, Shown, View
+from clradar.view.session import Front, Session, Shown, View
 from clradar.view.wish import LAYOUTS, SIDES, escaped, grid_mm
 
 PANEL_PX = 350.0
@@ -26,7 +26,7 @@ FOLLOWED_S = 1.0
 """Between two drawings of the channels of frames that are followed."""
 
 
-class Panel:
+class Panel(Front):
     """Controls of a view beside its scene; shows the results of a session."""
 
     def __init__(self, server: Any, view: View) -> None:
@@ -39,54 +39,40 @@ class Panel:
         self._scene = scene = SceneView(server, view)
         self._server, self.gui, self._source, self._beside = server, gui, source, beside
         self._shown: Shown | None = None
-        self._acts: dict[int, Callable[[Any], None]] = {}
         self.state = gui.add_markdown("")
         self.pace = gui.add_markdown("", visible=source.grows)
         self.frame = self.on(gui.add_slider("Frame", 0, 1, 1, 0), self._choose_frame)
-        self.play = self.on(
-            gui.add_checkbox("Play", source.grows), lambda on: player.play(bool(on))
-        )
+        self.play = self.switch("Play", source.grows, player.play, "space")
         self.follow_frames(wish.frame)
-        keys = ["L changes the layout", "V shows voxels"]
-        if source.grows or len(source.frames()) > 1:
-            keys = ["space plays", "N and P go to the next frame and back", *keys]
-        self.key("space", "Play or stop", lambda: self.toggle(self.play))
         self.key("N", "Next frame", lambda: player.step(1))
         self.key("P", "Previous frame", lambda: player.step(-1))
-        self.layout = self.choice("Layout", LAYOUTS, "layout")
-        self.key("L", "Layout", lambda: session.change(layout=_next(session.wish.layout, LAYOUTS)))
-        range_db = min(60.0, max(3.0, wish.dynamic_range_db))
-        self.on(
-            gui.add_slider("Dynamic range (dB)", 3.0, 60.0, 0.5, range_db),
-            lambda value: session.change(dynamic_range_db=float(value)),
-        )
-        voxels = gui.add_checkbox("Voxels", wish.voxels)
-        self.on(voxels, lambda on: session.change(voxels=bool(on)))
-        self.key("V", "Points or voxels", lambda: self.toggle(voxels))
+        self.layout = self.choice("Layout", LAYOUTS, "layout", "L")
+        self.slider("Dynamic range (dB)", 3.0, 60.0, 0.5, "dynamic_range_db")
+        self.switch("Voxels", wish.voxels, lambda on: session.change(voxels=on), "V")
         if beside is not None:
-            keys.append("B shows both, measured, simulated in turn")
-            self.side = self.choice("Show", SIDES, "side")
-            self.key(
-                "B", ", ".join(SIDES), lambda: session.change(side=_next(session.wish.side, SIDES))
-            )
+            self.side = self.choice("Show", SIDES, "side", "B")
             if len(labels := numbered(beside.labels)) > 1:
                 other = gui.add_dropdown("Beside", labels)
                 self.on(other, lambda label: session.change(other=labels.index(label)))
             self.metrics = gui.add_markdown("")
         if scene.mesh is not None:
-            keys.append("M shows the mesh")
-            mesh = gui.add_checkbox("Mesh", True)
-            self.on(mesh, lambda on: setattr(scene.mesh, "visible", bool(on)))
-            self.key("M", "Mesh", lambda: self.toggle(mesh))
+            self.switch("Mesh", True, lambda on: setattr(scene.mesh, "visible", on), "M")
         server.scene.on_click()(lambda event: self.attempt(self._choose_place, event))
         self._tabs = gui.add_tab_group()
         self._tabs_of_captures = False
         self._shows: list[Callable[[Shown], None]] = []
-        if view.truth is not None:
+        if source.truth is not None:
             self._add_truth()
         with self._tabs.add_tab("Place"):
             self._add_place()
-        gui.add_markdown(f"Keys: {', '.join(keys)}.")
+        several = source.grows or len(source.frames()) > 1
+        keys = {
+            "space plays, N and P go to the next frame and back": several,
+            "L changes the layout, V shows voxels": True,
+            "B shows both, measured, simulated in turn": beside is not None,
+            "M shows the mesh": scene.mesh is not None,
+        }
+        gui.add_markdown(f"Keys: {', '.join(text for text, there in keys.items() if there)}.")
 
     def on(self, control: Any, act: Callable[[Any], None]) -> Any:
         """Call `act` with the value of a control when a user changes it; return the control."""
@@ -97,19 +83,43 @@ class Panel:
                 self.attempt(act, control.value)
 
         control.on_update(changed)
-        self._acts[id(control)] = act
         return control
 
-    def choice(self, label: str, known: Sequence[str], field: str) -> Any:
-        """Add the choice of a field of the wish; a page could send any other."""
+    def slider(self, label: str, low: Any, high: Any, step: Any, field: str) -> Any:
+        """Add the slider of a field of the wish."""
+        now = min(high, max(low, getattr(self.session.wish, field)))
+        control = self.gui.add_slider(label, low, high, step, now)
+        return self.on(control, lambda value: self.session.change(**{field: type(low)(value)}))
+
+    def choice(self, label: str, known: Sequence[str], field: str, key: str = "") -> Any:
+        """Add the choice of a field of the wish, with a key for the next one."""
 
         def choose(value: Any) -> None:
-            if value not in known:
+            if value not in known:  # a page could send any other
                 raise ValueError(f"expected one of {', '.join(known)}")
             self.session.change(**{field: value})
 
-        now = getattr(self.session.wish, field)
-        return self.on(self.gui.add_dropdown(label, known, initial_value=now), choose)
+        def now() -> Any:
+            return getattr(self.session.wish, field)
+
+        if key:
+            self.key(
+                key, f"{label}: {', '.join(known)}",
+                lambda: choose(known[(known.index(now()) + 1) % len(known)]),
+            )  # fmt: skip
+        return self.on(self.gui.add_dropdown(label, known, initial_value=now()), choose)
+
+    def switch(self, label: str, on: bool, act: Callable[[bool], None], key: str = "") -> Any:
+        """Add a checkbox, perhaps with a key."""
+        control = self.on(self.gui.add_checkbox(label, on), lambda value: act(bool(value)))
+
+        def turn() -> None:
+            control.value = not control.value
+            act(control.value)
+
+        if key:
+            self.key(key, label, turn)
+        return control
 
     def attempt(self, act: Callable[..., None], *given: Any) -> None:
         """Do what a message of a page asks for; one that makes no sense is refused."""
@@ -121,11 +131,6 @@ class Panel:
     def key(self, key: str, label: str, act: Callable[[], None]) -> None:
         """Call `act` when a key is pressed."""
         self.gui.add_command(label, hotkey=key).on_trigger(lambda _: self.attempt(act))
-
-    def toggle(self, control: Any) -> None:
-        """Change a checkbox as a user does."""
-        control.value = not control.value
-        self._acts[id(control)](control.value)
 
     def show(self, shown: Shown) -> None:
         """Draw a result, and its state."""
@@ -142,7 +147,9 @@ class Panel:
                 self._add_channels(shown.content)
             with self._tabs.add_tab("Settings"):
                 if self._beside is not None and self._beside.simulates:
-                    self._add_simulation()
+                    with self.gui.add_folder("Simulation"):
+                        self.slider("\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, "alpha")
+                        self.choice("Material", MATERIALS, "material")
                 if shown.first.volume is not None:
                     self._add_imaging(shown.first.volume.grid)
         for show in self._shows:
@@ -228,7 +235,7 @@ class Panel:
     def _add_truth(self) -> None:
         """Add what a frame was made of, and whether it is drawn."""
         with self.gui.add_folder("Truth"):
-            drawn = self.gui.add_checkbox("Shown", True)
+            self.switch("Shown", True, self._scene.show_truth)
             text = self.gui.add_markdown("")
 
         def show(_: Shown) -> None:
@@ -236,7 +243,6 @@ class Panel:
             lines = ("not known of this frame",) if truth is None else truth.lines
             assign(text, "content", "\n\n".join(map(escaped, lines)))
 
-        self.on(drawn, lambda on: self._scene.show_truth(bool(on)))
         self._shows.append(show)
 
     def _add_imaging(self, grid: VoxelGrid) -> None:
@@ -259,24 +265,12 @@ class Panel:
         for control in (step, *ends):
             self.on(control, again)
 
-    def _add_simulation(self) -> None:
-        """Add controls of what the mesh is simulated with."""
-        session = self.session
-        with self.gui.add_folder("Simulation"):
-            alpha = self.gui.add_slider(
-                "\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, session.wish.alpha
-            )
-            self.on(alpha, lambda value: session.change(alpha=float(value)))
-            self.choice("Material", MATERIALS, "material")
-
     def _add_channels(self, capture: Capture) -> None:
         """Add the channel data of all pairs, and of a chosen one."""
         gui, session, array = self.gui, self.session, capture.array
         # The end of a slider has to be above its begin.
-        tx = gui.add_slider("Tx", 0, max(1, array.n_tx - 1), 1, session.wish.tx)
-        rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, session.wish.rx)
-        self.on(tx, lambda number: session.change(tx=int(number)))
-        self.on(rx, lambda number: session.change(rx=int(number)))
+        tx = self.slider("Tx", 0, max(1, array.n_tx - 1), 1, "tx")
+        rx = self.slider("Rx", 0, max(1, array.n_rx - 1), 1, "rx")
         last, drawn_s = (capture, session.wish.tx, session.wish.rx), time.monotonic()
         with gui.add_folder("Pair"):
             overview = gui.add_image(overview_picture(*last).pixels, jpeg_quality=90)
@@ -312,10 +306,6 @@ def assign(control: Any, name: str, value: Any) -> None:
         setattr(control, name, value)
 
 
-def _next(now: str, known: tuple[str, ...]) -> str:
-    return known[(known.index(now) + 1) % len(known)]
-
-
 def numbered(labels: tuple[str, ...]) -> tuple[str, ...]:
     """Return labels that differ."""
     return tuple(f"{i}: {label}" for i, label in enumerate(labels, 1))
@@ -338,7 +328,7 @@ def state_text(shown: Shown, label: str) -> str:
     else:
         kind = "image" if isinstance(shown.content, Capture) else "volume"
         counts = f"{' x '.join(str(n) for n in first.volume.grid.counts)} voxels"
-    drawn = f"{len(first.cloud.points_m)} {'voxels' if shown.wish.voxels else 'points'} drawn"
+    drawn = f"{len(first.points_m)} {'voxels' if shown.wish.voxels else 'points'} drawn"
     if shown.second is not None:
-        drawn += f", {len(shown.second.cloud.points_m)} simulated"
+        drawn += f", {len(shown.second.points_m)} simulated"
     return f"{escaped(label)}: {kind} of {counts}, {drawn}"

@@ -72,16 +72,18 @@ class Picture:
     up: Axis
     to_m: float
 
-    def values_m(self, column: float, row: float) -> tuple[float, float] | None:
-        """Return the values on both axes at a pixel, metres; None: beside the image."""
+    def values_m(self, across: float, down: float) -> tuple[float, float] | None:
+        """Return the values on both axes at shares of width and height, metres; None: beside it."""
         left, top, right, bottom = self.box
-        across, up = (column - left) / (right - left), (bottom - row) / (bottom - top)
-        if not (0.0 <= across <= 1.0 and 0.0 <= up <= 1.0):
+        rows, columns = self.pixels.shape[:2]
+        shares = (across * columns - left) / (right - left), (bottom - down * rows) / (bottom - top)
+        if not all(0.0 <= share <= 1.0 for share in shares):
             return None
-        return (
-            self.to_m * (self.across.first + across * (self.across.last - self.across.first)),
-            self.to_m * (self.up.first + up * (self.up.last - self.up.first)),
+        x, y = (
+            self.to_m * (axis.first + share * (axis.last - axis.first))
+            for share, axis in zip(shares, (self.across, self.up), strict=True)
         )
+        return x, y
 
 
 def image_pictures(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from clradar.dataset.shards import read_sample
 from clradar.files.failures import fail
 from clradar.model import Capture, DepthMap, Volume
 from clradar.view.drawn import Flat
+from clradar.view.sources import Content, Source
 from clradar.view.truth import Truth
 
 KEPT_SAMPLES = 8
@@ -23,27 +25,22 @@ LOOK_S = 1.0
 """Between two looks at a data set that is written."""
 
 
-class SampleFrames:
+class SampleFrames(Source):
     """The stored samples of a data set, numbered as in the plan, read one at a time."""
 
     def __init__(self, folder: Path, *, watch: bool = False) -> None:
-        self.grows = watch
-        self.name = folder.name or folder.absolute().name
-        self._folder = folder
-        self._manifest = read_manifest(folder)
-        self._frames = tuple(self._manifest.stored)
-        if not self._frames and not watch:
-            fail(folder, "a data set with at least one sample", "none")
-        self._looked_s = time.perf_counter()
+        super().__init__(folder.name or folder.absolute().name)
+        self.grows, self._folder = watch, folder
+        self.truth = self._truth_of
         self._sample = lru_cache(KEPT_SAMPLES)(self._read_sample)
+        self._take_in()
+        if not self._there and not watch:
+            fail(folder, "a data set with at least one sample", "none")
 
-    def frames(self) -> tuple[int, ...]:
-        return self._frames
-
-    def label(self, frame: int) -> str:
+    def _label_of(self, frame: int, known: Any) -> str:
         return f"sample {frame}"
 
-    def read(self, frame: int) -> Capture | Volume | Flat:
+    def _content_of(self, frame: int, known: Any) -> Content:
         """Read the volume that is stored, else the capture, else projection and depth map.
 
         Where only one of these two is stored, the other is without a value, or 1 where there is a
@@ -66,8 +63,7 @@ class SampleFrames:
         image = DepthMap(depth_m.astype(np.float64), amplitude, grid.x_m, grid.y_m)
         return Flat(image, tuple(known))
 
-    def truth(self, frame: int) -> Truth:
-        """Return what a sample was made of; errors as `read`."""
+    def _truth_of(self, frame: int) -> Truth:
         sample = self._sample(frame)
         arrays = sample.arrays
         return Truth(
@@ -80,15 +76,16 @@ class SampleFrames:
     def look(self) -> bool:
         """Wait a second, take in what was stored since; return whether there are other samples."""
         time.sleep(LOOK_S)
-        self._manifest, before = read_manifest(self._folder), self._frames
-        self._frames = tuple(self._manifest.stored)
-        if self._frames != before:
-            self.grows, self._looked_s = True, time.perf_counter()
-        return self._frames != before
+        before = self.frames()
+        self._take_in()
+        if others := self.frames() != before:
+            self.grows = True
+        return others
 
-    def came_s(self, frame: int) -> float:
-        """When the last samples were found: when they were written is not known."""
-        return self._looked_s
+    def _take_in(self) -> None:
+        # When they were written is not known: new ones came now.
+        self._manifest, now_s = read_manifest(self._folder), time.perf_counter()
+        self._there = {n: self._there.get(n, (None, now_s)) for n in self._manifest.stored}
 
     def _read_sample(self, frame: int) -> Sample:
         shard = self._folder / self._manifest.place_of(frame)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, TypeAlias
 
 import measurement_io
 from clradar.dataset.folder import is_dataset
@@ -17,6 +16,7 @@ from clradar.files.failures import fail
 from clradar.files.watched_folder import WatchedFolder, visible
 from clradar.model import Capture, Volume, checks
 from clradar.view.drawn import Flat
+from clradar.view.truth import Truth, recording_truth
 from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
 from measurement_io.opening import kind_of
 
@@ -31,52 +31,58 @@ KEPT_BYTES = 256 * 2**20
 """Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
 
 
-class Source(Protocol):
-    """Frames that are read on access, each under a number of its own.
+class Source:
+    """Frames that are read on access, each under a number of its own: these do not change.
 
     A number stands for one content: what is written anew gets a new one. What is remembered of a
     frame under its number stays right. `grows`: frames come while it is viewed, and the newest is
-    to be shown.
+    to be shown. `ended`: no more will come, because of an `error` that is to be raised, if any.
     """
 
-    name: str
-    grows: bool
+    grows, ended = False, False
+    error: BaseException | None = None
+    truth: Callable[[int], Truth | None] | None = None
+    """What a frame was made of, where it may be known."""
+
+    def __init__(
+        self, name: str, labels: Sequence[str] = (), read: Callable[[int], Content] | None = None
+    ) -> None:
+        self.name, self._read = name, read
+        self._there: dict[int, tuple[Any, float]] = {i: (one, 0.0) for i, one in enumerate(labels)}
+        """What is known of each frame, and when it came; replaced, never changed, since others
+        read it meanwhile."""
 
     def frames(self) -> tuple[int, ...]:
         """Return the numbers of the frames to go through, ascending; they may change."""
-
-    def label(self, frame: int) -> str:
-        """Return what a frame is called."""
-
-    def read(self, frame: int) -> Content:
-        """Read a frame; errors are those of `measurement_io.open_capture`."""
-
-
-@runtime_checkable
-class Growing(Source, Protocol):
-    """A source that is looked at again."""
-
-    def look(self) -> bool:
-        """Wait a while for other frames; return whether there are."""
+        return tuple(self._there)
 
     def came_s(self, frame: int) -> float:
         """Return when a frame came, by `time.perf_counter`."""
-
-
-@dataclass(slots=True)
-class FixedFrames:
-    """A source whose frames do not change: 0, 1, ... with these labels, at least one."""
-
-    name: str
-    labels: tuple[str, ...]
-    read: Callable[[int], Content]
-    grows: bool = False
-
-    def frames(self) -> tuple[int, ...]:
-        return tuple(range(len(self.labels)))
+        return self._there.get(frame, (None, time.perf_counter()))[1]
 
     def label(self, frame: int) -> str:
-        return self.labels[frame]
+        """Return what a frame is called."""
+        known = self._there.get(frame)
+        return "a frame that is gone" if known is None else self._label_of(frame, known[0])
+
+    def read(self, frame: int) -> Content:
+        """Read a frame; errors are those of `measurement_io.open_capture`."""
+        known = self._there.get(frame)
+        if known is None:
+            fail(self.name, "a frame that is there", "one that is gone, or not there yet")
+        return self._content_of(frame, known[0])
+
+    def _label_of(self, frame: int, known: Any) -> str:
+        return str(known)
+
+    def _content_of(self, frame: int, known: Any) -> Content:
+        assert self._read is not None
+        return self._read(frame)
+
+    def look(self) -> bool:
+        """Wait a while for other frames; return whether there are."""
+        time.sleep(REST_S)
+        return False
 
 
 def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Source:
@@ -89,7 +95,7 @@ def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Sou
         return FolderFrames(path, variant, watch=watch)
     name = path.name or path.absolute().name
     content = read_file(path)  # a file that is damaged is refused before there is a page
-    return FixedFrames(name, (name,), lambda _: content)
+    return Source(name, (name,), lambda _: content)
 
 
 def read_file(path: Path) -> Capture | Volume:
@@ -98,54 +104,40 @@ def read_file(path: Path) -> Capture | Volume:
     return found if isinstance(found, Capture | Volume) else measurement_io.open_capture(path)
 
 
-class FolderFrames:
+class FolderFrames(Source):
     """The files of a folder; new, rewritten and removed ones are taken in by `look`."""
 
     def __init__(self, path: Path, variant: str, *, watch: bool) -> None:
-        self.name = path.name or path.absolute().name
-        self.grows = watch
-        self._path = path
+        super().__init__(path.name or path.absolute().name)
+        self.grows, self._path = watch, path
         self._is_recording, self._folder = _watched(path, variant)
+        self.truth = recording_truth(path, self.label)
         self._lock = threading.Lock()
-        self._files: dict[int, tuple[Path, float]] = {}
-        """With when they came; replaced, never changed, since others read it meanwhile."""
         self._last: dict[int, Capture | Volume] = {}
         self._count, self._changed_s = 0, time.perf_counter()
         self._take_in()
         time.sleep(LOOK_S)  # a file is complete once it is the same in two looks
         self._take_in()
-        if not self._files and not watch:
+        if not self._there and not watch:
             fail(path, f"a recording, or files ({', '.join(SUFFIXES)}) in the folder", "none")
 
-    def frames(self) -> tuple[int, ...]:
-        return tuple(self._files)
+    def _label_of(self, frame: int, known: Any) -> str:
+        number = frame_file(known).frame if self._is_recording else None
+        return str(known.name) if number is None else f"frame {number}"
 
-    def label(self, frame: int) -> str:
-        path, _ = self._files.get(frame, (None, 0.0))
-        if path is None:
-            return "a file that is gone"
-        number = frame_file(path).frame if self._is_recording else None
-        return path.name if number is None else f"frame {number}"
-
-    def read(self, frame: int) -> Capture | Volume:
+    def _content_of(self, frame: int, known: Any) -> Content:
         last = self._last  # the newest is read ahead, while the one before is imaged
         if frame in last:
             return last[frame]
-        path, _ = self._files.get(frame, (None, 0.0))
-        if path is None:
-            fail(self._path, "the file of a frame", "none: it is gone, or not there yet")
         try:
-            content = read_file(path)
+            content = read_file(known)
         except ClradarError:
             # Half-written, perhaps: once it has changed it comes again, under another number.
             with self._lock:
-                self._files = {n: file for n, file in self._files.items() if n != frame}
+                self._there = {n: file for n, file in self._there.items() if n != frame}
             raise
         self._last = {**dict(list(last.items())[-1:]), frame: content}
         return content
-
-    def came_s(self, frame: int) -> float:
-        return self._files.get(frame, (None, time.perf_counter()))[1]
 
     def look(self) -> bool:
         """Wait a while, take in new, rewritten and removed files; whether the frames are others."""
@@ -170,7 +162,7 @@ class FolderFrames:
         with self._lock:
             files = {
                 number: (path, came_s)
-                for number, (path, came_s) in self._files.items()
+                for number, (path, came_s) in self._there.items()
                 if path.name not in names and self._folder.is_there(path.name)
             }
             for path in found:
@@ -179,7 +171,7 @@ class FolderFrames:
                     came_s = min(now_s, path.stat().st_mtime - behind_s)
                 files[self._count] = path, came_s
                 self._count += 1
-            self._files = files
+            self._there = files
 
 
 def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:
@@ -206,59 +198,39 @@ def viewed(frame: Any) -> Capture | Volume:
     return frame
 
 
-class StreamFrames:
+class StreamFrames(Source):
     """Captures or volumes of an iterable, gone through in a thread; the last ones are kept."""
 
     grows = True
 
     def __init__(self, frames: Iterable[Capture | Volume], name: str) -> None:
-        self.name = name
-        self.ended = False
-        self.error: BaseException | None = None
-        """What the iterable raised."""
-        self._kept: dict[int, tuple[Capture | Volume, float]] = {}
-        self._changed = threading.Condition()
-        self._looked = -1
-        self._thread = threading.Thread(
+        super().__init__(name)
+        self._came = threading.Event()
+        threading.Thread(
             target=self._run, args=(frames,), name="clradar frames", daemon=True
-        )
-        self._thread.start()
+        ).start()
 
-    def frames(self) -> tuple[int, ...]:
-        return tuple(self._kept)
+    def _label_of(self, frame: int, known: Any) -> str:
+        return f"frame {known.meta.get('frame', frame)}"
 
-    def label(self, frame: int) -> str:
-        kept = self._kept.get(frame)
-        if kept is None:
-            return "a frame that is no longer kept"
-        return f"frame {kept[0].meta.get('frame', frame)}"
-
-    def read(self, frame: int) -> Capture | Volume:
-        kept = self._kept.get(frame)
-        if kept is None:
-            raise MeasurementError(f"{self.name}: expected a frame that is kept, got {frame}")
-        return kept[0]
-
-    def came_s(self, frame: int) -> float:
-        return self._kept.get(frame, (None, time.perf_counter()))[1]
+    def _content_of(self, frame: int, known: Any) -> Content:
+        content: Content = known
+        return content
 
     def look(self) -> bool:
-        with self._changed:
-            self._changed.wait_for(lambda: max(self._kept, default=-1) > self._looked, REST_S)
-            newest, before = max(self._kept, default=-1), self._looked
-            self._looked = newest
-        return newest > before
+        came = self._came.wait(REST_S)
+        self._came.clear()
+        return came
 
     def _run(self, frames: Iterable[Capture | Volume]) -> None:
         try:
             for count, frame in enumerate(frames):
-                kept = {**self._kept, count: (viewed(frame), time.perf_counter())}
+                kept = {**self._there, count: (viewed(frame), time.perf_counter())}
                 left = sum(one.data.nbytes for one, _ in kept.values())
                 while left > KEPT_BYTES and len(kept) > 1:
                     left -= kept.pop(next(iter(kept)))[0].data.nbytes
-                with self._changed:
-                    self._kept = kept  # replaced, since others read it meanwhile
-                    self._changed.notify_all()
+                self._there = kept
+                self._came.set()
         except BaseException as error:
             self.error = error
         finally:

@@ -8,7 +8,7 @@ import numpy as np
 import clradar
 from clradar.view.playing import Player
 from clradar.view.session import Session, Shown, View
-from clradar.view.sources import FixedFrames
+from clradar.view.sources import Source
 from clradar.view.wish import Wish
 
 GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
@@ -26,7 +26,7 @@ def capture(samples=1.0):
 
 def frames(*contents, name="rec"):
     labels = tuple(f"{name} {i}" for i in range(len(contents)))
-    return FixedFrames(name, labels, contents.__getitem__)
+    return Source(name, labels, contents.__getitem__)
 
 
 class Front:

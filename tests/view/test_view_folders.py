@@ -45,7 +45,7 @@ class Watched(Front):
         """The amplitudes that two looks bring to be shown."""
         self.peaks.clear()
         for _ in range(2):
-            self.player.look(self.source)
+            self.player.look()
         self.session.settle()
         return self.peaks
 
