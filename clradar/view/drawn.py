@@ -80,7 +80,8 @@ class Drawn:
             level_db = clipped_db(shown)[shown.mask] if len(points_m) else np.empty(0)
             steps_m = [float(np.diff(a).min()) for a in (shown.x_m, shown.y_m) if len(a) > 1]
             size_m = min(steps_m, default=1e-3)
-        colours = level_colours(level_db, dynamic_range_db, second)
+        scale = "second" if second else "amplitude"
+        colours = colours_on(scale, level_db, -dynamic_range_db, 0.0)
         return cls(shown, volume, known, points_m.astype(np.float32), colours, size_m)
 
     @property
@@ -175,18 +176,11 @@ def clicked_m(
     return float(x), float(y), float(z)
 
 
-def amplitude_pixels(amplitude: np.ndarray, peak: float, dynamic_range_db: float) -> np.ndarray:
-    """Return the colours of amplitudes relative to a peak, shape (..., 3), uint8."""
+def below_db(amplitude: np.ndarray, peak: float) -> np.ndarray:
+    """Return the levels of amplitudes relative to a peak; decibel."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        level_db = 20 * np.log10(amplitude / peak)
-    return level_colours(level_db, dynamic_range_db)
-
-
-def level_colours(
-    level_db: np.ndarray, dynamic_range_db: float, second: bool = False
-) -> np.ndarray:
-    """Return the colours of levels below the maximum, shape (..., 3), uint8."""
-    return colours_on("second" if second else "amplitude", level_db, -dynamic_range_db, 0.0)
+        level_db: np.ndarray = 20 * np.log10(amplitude / peak)
+    return level_db
 
 
 def colours_on(scale: str, values: np.ndarray, first: float, last: float) -> np.ndarray:

@@ -47,7 +47,7 @@ def write_page(
         try:
             serializer = server.get_scene_serializer()
             for count, frame in enumerate(frames, 1):
-                session.change(frame=frame)
+                session.change(frame=frame, layout="3-D")
                 session.settle()
                 shown = last.shown
                 if shown is None:
@@ -55,7 +55,7 @@ def write_page(
                     continue
                 if written:  # a single frame needs no time line, whose end builds it anew
                     serializer.insert_sleep(1 / FRAMES_PER_S)
-                scene.show(shown, pictures=False)
+                scene.show(shown)
                 _draw_title(server, shown, source.name, source.label(frame))
                 written += 1
                 for drawn in filter(None, (shown.first, shown.second)):

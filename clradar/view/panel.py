@@ -234,8 +234,9 @@ class Panel(Front):
 
     def _add_truth(self) -> None:
         """Add what a frame was made of, and whether it is drawn."""
+        node = self._scene.truth_node
         with self.gui.add_folder("Truth"):
-            self.switch("Shown", True, self._scene.show_truth)
+            self.switch("Shown", True, lambda on: setattr(node, "visible", on))
             text = self.gui.add_markdown("")
 
         def show(_: Shown) -> None:

@@ -41,17 +41,16 @@ class SceneView:
         """Handle of viser, if there is a mesh."""
         self.truth: Truth | None = None
         """That of the frame which is shown, if it is known."""
-        self._truth_of, self._frame = view.source.truth, -1
+        self._truth_of, self._truth_nodes, self._frame = view.source.truth, list[Any](), -1
         self._ends_m: np.ndarray | None = None
         self._clouds: dict[str, tuple[Any, Drawn]] = {}
         """Handles of viser, and what they show."""
         self._pictures: dict[str, tuple[Any, Picture]] = {}
         self._layout = LAYOUTS[-1]
-        self._drawn_for: tuple[Any, ...] = ()
         self._view: tuple[Any, ...] = (np.zeros(3), 1.0, 1.0, 0.0)
         """Middle, width, height and depth of what the camera is to show, units of the scene."""
         self._space = server.scene.add_frame("/3-D", show_axes=False)
-        self._truth = server.scene.add_frame("/3-D/truth", show_axes=False)
+        self.truth_node = server.scene.add_frame("/3-D/truth", show_axes=False)
         self._box: Any = None
         server.scene.set_up_direction("+y")
         server.scene.world_axes.visible = False
@@ -70,10 +69,9 @@ class SceneView:
             )  # fmt: skip
         server.on_client_connect(self._connect)
 
-    def show(self, shown: Shown, *, pictures: bool = True) -> None:
+    def show(self, shown: Shown) -> None:
         """Draw the points or voxels of a result, and the pictures of its layout."""
-        layout = shown.wish.layout if pictures else LAYOUTS[-1]
-        ends_m = shown.first.ends_m
+        layout, ends_m = shown.wish.layout, shown.first.ends_m
         changed = self._ends_m is None or not np.allclose(ends_m, self._ends_m, atol=1e-6)
         if changed:
             self._draw_box(ends_m)
@@ -86,24 +84,27 @@ class SceneView:
         for name, one, hidden in drawn:
             handle = self._cloud(name, one, "square" if shown.wish.voxels else "circle")
             handle.visible = shown.second is None or shown.wish.side != hidden
-        self._draw_pictures(shown, layout, moved=changed or layout != self._layout)
-        if changed or layout != self._layout:
+        pictures: dict[str, Picture] = {}
+        if layout != "3-D":
+            pictures = image_pictures(shown.first, shown.second, shown.chosen, shown.wish.at_m)
+        if layout == "2-D":
+            at_m = shown.wish.at_m or shown.chosen.strongest_m()
+            pictures |= slice_pictures(shown.chosen, at_m)
+        if changed or layout != self._layout or pictures.keys() != self._pictures.keys():
             self._layout = layout
-            self._look(layout)
+            self._hang(pictures)
+            self._look()
+        for name, picture in pictures.items():
+            handle, last = self._pictures[name]
+            if not np.array_equal(last.pixels, picture.pixels):
+                handle.image = picture.pixels
+            self._pictures[name] = handle, picture
         if shown.wish.frame != self._frame and self._truth_of is not None:
             self._frame = shown.wish.frame
             self.truth = self._truth_of(self._frame)
-            visible = self._truth.visible
-            self._truth.remove()  # and what is in it
-            self._truth = self._server.scene.add_frame(
-                "/3-D/truth", show_axes=False, visible=visible
-            )
-            if self.truth is not None:
-                draw_truth(self._server.scene, self._truth.name, self.truth)
-
-    def show_truth(self, visible: bool) -> None:
-        """Show the truth of this frame and others, or hide it."""
-        self._truth.visible = visible
+            for node in self._truth_nodes:
+                node.remove()
+            self._truth_nodes = draw_truth(self._server.scene, self.truth)
 
     def _cloud(self, name: str, drawn: Drawn, shape: str) -> Any:
         handle, last = self._clouds.get(name, (None, None))
@@ -145,40 +146,19 @@ class SceneView:
         size_m = max(drawn.size_m for drawn in seen)
         return clicked_m(points_m, origin / UNITS_PER_M, direction, size_m)
 
-    def _draw_pictures(self, shown: Shown, layout: str, *, moved: bool) -> None:
-        drawn_for = (shown.first, shown.second, shown.wish.side, shown.wish.at_m, layout)
-        if drawn_for == self._drawn_for and not moved:
-            return
-        self._drawn_for = drawn_for
-        found: dict[str, Picture] = {}
-        if layout != "3-D":
-            chosen = shown.chosen
-            found = image_pictures(shown.first, shown.second, chosen, shown.wish.at_m)
-            if layout == "2-D":
-                found |= slice_pictures(chosen, shown.wish.at_m or chosen.strongest_m())
-        if moved or found.keys() != self._pictures.keys():
-            for handle, _ in self._pictures.values():
-                handle.remove()
-            self._pictures = self._hung(found, layout)
-            self._layout = ""  # the camera has to see other pictures
-            return
-        for name, picture in found.items():
-            handle, last = self._pictures[name]
-            if not np.array_equal(last.pixels, picture.pixels):
-                handle.image = picture.pixels
-            self._pictures[name] = handle, picture
-
-    def _hung(self, pictures: Mapping[str, Picture], layout: str) -> dict[str, tuple[Any, Picture]]:
+    def _hang(self, pictures: Mapping[str, Picture]) -> None:
         """Put pictures into the scene: in columns, to the left of the box where that is shown."""
+        for handle, _ in self._pictures.values():
+            handle.remove()
         middle, room = self._room()
-        columns = 1 if layout != "2-D" else 2 if len(pictures) < 5 else 3
+        columns = 1 if self._layout != "2-D" else 2 if len(pictures) < 5 else 3
         rows = max(1, -(-len(pictures) // columns))
         height = room * (1.35 if rows > 2 else 1.0) / rows
         width = height * SIZE_INCHES[0] / SIZE_INCHES[1]
         left = middle[0] + columns * width / 2
-        if layout == LAYOUTS[0]:
+        if self._layout == LAYOUTS[0]:
             left += room / 2 + width / 2
-        hung = {}
+        self._pictures = {}
         for i, (name, picture) in enumerate(pictures.items()):
             row, column = divmod(i, columns)
             up = ((rows - 1) / 2 - row) * height
@@ -188,8 +168,7 @@ class SceneView:
                 jpeg_quality=JPEG_QUALITY, cast_shadow=False, receive_shadow=False,
                 wxyz=FACING, position=centre,
             )  # fmt: skip
-            hung[name] = handle, picture
-        return hung
+            self._pictures[name] = handle, picture
 
     def _room(self) -> tuple[np.ndarray, float]:
         """Return the middle of the box, and the side of a square that has it with its labels."""
@@ -197,13 +176,14 @@ class SceneView:
         sizes = UNITS_PER_M * np.ptp(self._ends_m, axis=1)
         return UNITS_PER_M * self._ends_m.mean(axis=1), 1.4 * float(max(sizes[:2].max(), 0.02))
 
-    def _look(self, layout: str) -> None:
+    def _look(self) -> None:
         """Let the camera of every browser see the box, the pictures, or both."""
         middle, room = self._room()
+        flat = self._layout == "2-D"
         walls = [handle for handle, _ in self._pictures.values()]
-        ends = [middle[0] - room / 2, middle[0] + room / 2] if layout != "2-D" else []
+        ends = [middle[0] - room / 2, middle[0] + room / 2] if not flat else []
         ends += [one.position[0] + s * one.render_width / 2 for one in walls for s in (-1, 1)]
-        depth = 0.0 if layout == "2-D" else UNITS_PER_M * float(np.ptp(self._ends_m[2]))  # type: ignore[index]
+        depth = 0.0 if flat else UNITS_PER_M * float(np.ptp(self._ends_m[2]))  # type: ignore[index]
         centre = np.array([(min(ends) + max(ends)) / 2, middle[1], middle[2]])
         heights = [2 * (one.position[1] - middle[1]) + one.render_height for one in walls]
         height = max([room, *heights])

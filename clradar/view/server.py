@@ -8,7 +8,6 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
@@ -70,14 +69,18 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
 
 @contextmanager
 def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
-    """Serve a view during the block, and yield its port and session."""
+    """Serve a view during the block, and yield its port and session.
+
+    At first the newest frame is shown where they come, else the first.
+    """
     with running(view.source.name, port) as (server, served):
         panel = Panel(server, view)
         session, player = panel.session, panel.player
         try:
-            panel.busy("reading" if view.source.frames() else "waiting for a first frame")
-            if view.source.frames():
-                session.change()
+            frames = view.source.frames()
+            panel.busy("reading" if frames else "waiting for a first frame")
+            if frames:
+                session.change(frame=frames[-1 if view.source.grows else 0])
             player.start()
             yield served, session
         finally:
@@ -86,19 +89,13 @@ def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
 
 
 def serve(view: View, port: int = 8080, say: Callable[[str], None] = print) -> None:
-    """Serve a view until Ctrl-C, print where it is, and raise what its source raises.
-
-    At first the newest frame is shown where they come, else the first.
-    """
-    source, frames = view.source, view.source.frames()
-    first = frames[-1 if source.grows else 0] if frames else -1
-    view = replace(view, wish=replace(view.wish, frame=first))
+    """Serve a view until Ctrl-C, print where it is, and raise what its source raises."""
     with suppress(KeyboardInterrupt), serving(view, port) as (served, _):
         for line in address_lines(served):
             say(line)
         while True:
-            if source.error is not None:
-                raise source.error
+            if view.source.error is not None:
+                raise view.source.error
             time.sleep(0.5)
 
 

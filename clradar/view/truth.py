@@ -76,17 +76,23 @@ def _truth_of(record: Mapping[str, Any] | None) -> Truth | None:
     return None
 
 
-def draw_truth(scene: Any, name: str, truth: Truth) -> None:
-    """Draw mesh and joints, where they are known, into the scene of viser, below a node of it."""
-    if truth.vertices_m is not None:
-        scene.add_mesh_simple(
-            f"{name}/mesh", vertices=UNITS_PER_M * truth.vertices_m, faces=truth.faces,
-            color=COLOUR, opacity=0.4, side="double",
+def draw_truth(scene: Any, truth: Truth | None) -> list[Any]:
+    """Draw mesh and joints, where they are known, into the scene of viser; return their nodes."""
+    nodes = []
+    if truth is not None and truth.vertices_m is not None:
+        nodes.append(
+            scene.add_mesh_simple(
+                "/3-D/truth/mesh", vertices=UNITS_PER_M * truth.vertices_m, faces=truth.faces,
+                color=COLOUR, opacity=0.4, side="double",
+            )
         )  # fmt: skip
-    if truth.joints_m is not None:
+    if truth is not None and truth.joints_m is not None:
         joints_m = truth.joints_m.reshape(-1, len(JOINT_NAMES), 3)
         ends = (UNITS_PER_M * joints_m[:, BONES].reshape(-1, 2, 3)).astype(np.float32)
-        scene.add_line_segments(
-            f"{name}/joints", points=ends[np.isfinite(ends).all(axis=(1, 2))],
-            colors=COLOUR, thickness=3.0, thickness_units="screen",
+        nodes.append(
+            scene.add_line_segments(
+                "/3-D/truth/joints", points=ends[np.isfinite(ends).all(axis=(1, 2))],
+                colors=COLOUR, thickness=3.0, thickness_units="screen",
+            )
         )  # fmt: skip
+    return nodes

@@ -13,7 +13,7 @@ from clradar.dataset.shards import new_shard
 from clradar.errors import MeasurementError, ModelError
 from clradar.jobs.outcome import Aside
 from clradar.view import samples
-from clradar.view.drawn import SCALES, Drawn, Flat, clicked_m, level_colours, voxels_of
+from clradar.view.drawn import SCALES, Drawn, Flat, clicked_m, colours_on, voxels_of
 from clradar.view.pictures import image_pictures, overview_picture, pair_curves, slice_pictures
 from clradar.view.samples import SampleFrames
 from clradar.view.sources import open_source
@@ -21,7 +21,7 @@ from clradar.view.wish import grid_mm
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
 
-STRONGEST = level_colours(np.zeros(1), 20.0)[0]
+STRONGEST = colours_on("amplitude", np.zeros(1), -20.0, 0.0)[0]
 
 
 def drawn_of(*voxels, grid=GRID):
@@ -142,7 +142,7 @@ def test_channel_data_of_a_pair_peak_at_its_range():
 def test_points_and_voxels_are_those_within_the_range_coloured_by_level():
     drawn = drawn_of((0, 0, 1, 1.0), (2, 1, 2, 0.5), (1, 1, 1, 0.01))
     np.testing.assert_allclose(drawn.points_m, [[-0.01, 0, 0.31], [0.01, 0.01, 0.32]], atol=1e-7)
-    expected = level_colours(np.array([0.0, 20 * np.log10(0.5)]), 20.0)
+    expected = colours_on("amplitude", np.array([0.0, 20 * np.log10(0.5)]), -20.0, 0.0)
     np.testing.assert_array_equal(drawn.colours, expected)
     assert not np.array_equal(expected[0], expected[1])
     volume = drawn_of((0, 0, 0, 1.0), (1, 0, 0, 0.5), (2, 0, 3, 0.2), (1, 1, 1, 0.05)).volume
