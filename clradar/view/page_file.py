@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +22,6 @@ MOST_BYTES = 200 * 2**20
 FRAMES_PER_S = 10.0
 
 
-class _Last(Front):
-    """What a session shows last, or why it does not."""
-
-    shown: Shown | None = None
-    refused = ""
-
-    def show(self, shown: Shown) -> None:
-        self.shown = shown
-
-    def refuse(self, text: str) -> None:
-        self.shown, self.refused = None, text
-
-
 def write_page(
     view: View, path: Path, *, force: bool = False, warn: Callable[[str], None] = print
 ) -> int:
@@ -42,16 +30,15 @@ def write_page(
     source, written, drawn_bytes = view.source, 0, 0
     frames = source.frames()
     with running(source.name, port=0) as (server, _):
-        last, scene = _Last(), SceneView(server, view)
-        session = Session(view, last)
-        try:
+        scene = SceneView(server, view)
+        with closing(Session(view, Front())) as session:
             serializer = server.get_scene_serializer()
             for count, frame in enumerate(frames, 1):
                 session.change(frame=frame, layout="3-D")
                 session.settle()
-                shown = last.shown
-                if shown is None:
-                    warn(f"left out: {last.refused}")
+                shown = session.shown
+                if session.refused or shown is None:
+                    warn(f"left out: {session.refused}")
                     continue
                 if written:  # a single frame needs no time line, whose end builds it anew
                     serializer.insert_sleep(1 / FRAMES_PER_S)
@@ -63,8 +50,6 @@ def write_page(
                 if drawn_bytes > MOST_BYTES and count < len(frames):
                     warn(f"the first {count} of {len(frames)} frames: more are too many for a page")
                     break
-        finally:
-            session.close()
         if written > 1:
             serializer.insert_sleep(1 / FRAMES_PER_S)
         if not written:

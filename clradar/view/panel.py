@@ -10,14 +10,14 @@ from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
 from clradar.compare.metrics import METRIC_TABLE
-from clradar.model import Capture, VoxelGrid
+from clradar.model import Capture, Volume
 from clradar.model.length_unit import unit_for
 from clradar.plot.drawing import typeset
 from clradar.view.beside import MATERIALS
 from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.playing import Player
 from clradar.view.scene import SceneView
-from clradar.view.session import Front, Session, Shown, View
+from clradar.view.session import Front, Shown, View
 from clradar.view.wish import LAYOUTS, SIDES, escaped, grid_mm
 
 PANEL_PX = 350.0
@@ -34,18 +34,16 @@ class Panel(Front):
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         gui.main_panel.dock_right()  # beside the scene, instead of upon it
         gui.main_panel.set_width(PANEL_PX)
-        self.session = session = Session(view, self)
-        self.player = player = Player(session, source, self)
+        self.session = session = Player(view, self)
         self._scene = scene = SceneView(server, view)
         self._server, self.gui, self._source, self._beside = server, gui, source, beside
-        self._shown: Shown | None = None
         self.state = gui.add_markdown("")
         self.pace = gui.add_markdown("", visible=source.grows)
         self.frame = self.on(gui.add_slider("Frame", 0, 1, 1, 0), self._choose_frame)
-        self.play = self.switch("Play", source.grows, player.play, "space")
+        self.play = self.switch("Play", source.grows, session.play, "space")
         self.follow_frames(wish.frame)
-        self.key("N", "Next frame", lambda: player.step(1))
-        self.key("P", "Previous frame", lambda: player.step(-1))
+        self.key("N", "Next frame", lambda: self.step(1))
+        self.key("P", "Previous frame", lambda: self.step(-1))
         self.layout = self.choice("Layout", LAYOUTS, "layout", "L")
         self.slider("Dynamic range (dB)", 3.0, 60.0, 0.5, "dynamic_range_db")
         self.switch("Voxels", wish.voxels, lambda on: session.change(voxels=on), "V")
@@ -133,33 +131,19 @@ class Panel(Front):
         self.gui.add_command(label, hotkey=key).on_trigger(lambda _: self.attempt(act))
 
     def show(self, shown: Shown) -> None:
-        """Draw a result, and its state."""
         with self._server.atomic():
             self._scene.show(shown)
-            self._show_state(shown)
-        self._shown = shown
-        self.player.shown(shown)
-
-    def _show_state(self, shown: Shown) -> None:
-        if isinstance(shown.content, Capture) and not self._tabs_of_captures:
-            self._tabs_of_captures = True
-            with self._tabs.add_tab("Channels"):
-                self._add_channels(shown.content)
-            with self._tabs.add_tab("Settings"):
-                if self._beside is not None and self._beside.simulates:
-                    with self.gui.add_folder("Simulation"):
-                        self.slider("\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, "alpha")
-                        self.choice("Material", MATERIALS, "material")
-                if shown.first.volume is not None:
-                    self._add_imaging(shown.first.volume.grid)
-        for show in self._shows:
-            show(shown)
-        self.follow_frames(shown.wish.frame)
-        assign(self.layout, "value", shown.wish.layout)
-        if self._beside is not None:
-            assign(self.side, "value", shown.wish.side)
-            assign(self.metrics, "content", metrics_text(shown))
-        assign(self.state, "content", state_text(shown, self._source.label(shown.wish.frame)))
+            if isinstance(shown.content, Capture) and not self._tabs_of_captures:
+                self._tabs_of_captures = True
+                self._add_tabs(shown.content, shown.first.volume)
+            for show in self._shows:
+                show(shown)
+            self.follow_frames(shown.wish.frame)
+            assign(self.layout, "value", shown.wish.layout)
+            if self._beside is not None:
+                assign(self.side, "value", shown.wish.side)
+                assign(self.metrics, "content", metrics_text(shown))
+            assign(self.state, "content", state_text(shown, self._source.label(shown.wish.frame)))
 
     def follow_frames(self, frame: int) -> None:
         """Let slider and playing span the frames that the source has now, and show this one."""
@@ -171,34 +155,37 @@ class Panel(Front):
         assign(self.frame, "value", max(0, bisect_right(frames, frame) - 1))
 
     def _choose_place(self, event: Any) -> None:
-        at_m = None if self._shown is None else self._scene.clicked_m(self._shown, event)
+        shown = self.session.shown
+        at_m = None if shown is None else self._scene.clicked_m(shown, event)
         if at_m is not None:
             self.session.change(at_m=at_m)
 
+    def step(self, by: int) -> None:
+        """Go on by some frames, and stay there."""
+        self.session.chosen()
+        self.session.step(by)
+
     def _choose_frame(self, number: int) -> None:
-        self.player.chosen()
+        self.session.chosen()
         frames = self._source.frames()  # there may be fewer than when the slider was drawn
         if frames:
             self.session.change(frame=frames[min(int(number), len(frames) - 1)])
 
     def following(self, on: bool) -> None:
-        """Show that there are other frames, and whether the newest is followed."""
         if self._source.grows:
             assign(self.play, "value", on)
-        if self._shown is not None:
-            self.follow_frames(self._shown.wish.frame)
+        if self.session.shown is not None:
+            self.follow_frames(self.session.shown.wish.frame)
 
     def paced(self, text: str) -> None:
-        """Show rate, latency and losses of followed frames."""
         assign(self.pace, "content", text)
 
     def busy(self, text: str) -> None:
-        """Say what is being done; while frames are followed it would come and go with each."""
-        if self._shown is None or not self._source.grows:
+        # While frames are followed it would come and go with each.
+        if self.session.shown is None or not self._source.grows:
             self.state.content = f"*{text} …*"
 
     def refuse(self, text: str) -> None:
-        """Say why a wish is not carried out."""
         self.state.content = f"**Not shown:** {escaped(text)}"
 
     def _add_place(self) -> None:
@@ -246,18 +233,28 @@ class Panel(Front):
 
         self._shows.append(show)
 
-    def _add_imaging(self, grid: VoxelGrid) -> None:
-        """Add controls of grid, method and window that captures are imaged with."""
+    def _add_tabs(self, capture: Capture, image: Volume | None) -> None:
+        """Add channels, and controls of the mesh's surface, and of grid, method and window."""
         gui, session = self.gui, self.session
-        with gui.add_folder("Image"):
-            step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
-            step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
-            ends = []
-            for name, axis_m in zip("xyz", (grid.x_m, grid.y_m, grid.z_m), strict=True):
-                ends_mm = tuple(round(1e3 * float(axis_m[i]), 6) for i in (0, -1))
-                ends.append(gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0))
-            self.choice("Method", METHODS, "method")
-            self.choice("Window", WINDOWS, "window")
+        with self._tabs.add_tab("Channels"):
+            self._add_channels(capture)
+        with self._tabs.add_tab("Settings"):
+            if self._beside is not None and self._beside.simulates:
+                with gui.add_folder("Simulation"):
+                    self.slider("\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, "alpha")
+                    self.choice("Material", MATERIALS, "material")
+            if image is None:
+                return
+            with gui.add_folder("Image"):
+                step_mm = round(1e3 * float(image.grid.spacing_m[0]), 6)
+                step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
+                ends = []
+                for name in "xyz":
+                    axis_m = getattr(image.grid, f"{name}_m")
+                    ends_mm = tuple(round(1e3 * float(axis_m[i]), 6) for i in (0, -1))
+                    ends.append(gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0))
+                self.choice("Method", METHODS, "method")
+                self.choice("Window", WINDOWS, "window")
 
         def again(_: Any) -> None:
             x_mm, y_mm, z_mm = (control.value for control in ends)

@@ -6,13 +6,12 @@ import statistics
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from clradar.errors import ClradarError
-from clradar.model import Capture
-from clradar.view.session import Session, Shown
-from clradar.view.sources import Source
+from clradar.model import Capture, Volume
+from clradar.view.session import Front, Session, Shown, View
 from clradar.view.wish import escaped
 
 WINDOW = 30
@@ -76,42 +75,43 @@ class Pace:
         return first + ", ".join(parts)
 
 
-class Player:
-    """Shows the newest frame of a source that grows, as long as it is followed.
+class Player(Session):
+    """A session that plays frames, or shows the newest one of a source that grows.
 
-    In a thread of its own: while a frame is imaged the newest one is read; those between are
-    dropped. `front` is told whether the newest frame is followed when that or the frames have
-    changed (`following`), how fast frames come (`paced`), and what went wrong (`refuse`).
+    It looks in a thread of its own: while a frame is imaged the newest one is read; those between
+    are dropped. The front is told whether the newest frame is followed when that or the frames have
+    changed, and how fast frames come.
     """
 
-    def __init__(self, session: Session, source: Source, front: Any) -> None:
+    def __init__(self, view: View, front: Front, form: Callable[..., Volume] | None = None) -> None:
         self.pace = Pace()
-        self._session, self._source, self._front = session, source, front
-        self._following, self._newest = True, max(source.frames(), default=-1)
+        self._following, self._newest = True, max(view.source.frames(), default=-1)
         """The last one that was shown or dropped."""
         self._asked, self._trouble = -1, ""
         self._asked_s = self._image_s = self._read_s = 0.0
-        """When the session was asked for a frame, and how long the last ones took it and a read."""
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._follow, name="clradar follow", daemon=True)
+        """When a frame was asked for, and how long the last ones took the session and a read."""
+        self._ended = threading.Event()
+        self._looking = threading.Thread(target=self._look, name="clradar follow", daemon=True)
+        super().__init__(view, front, form)
 
     def start(self) -> None:
         """Begin to look."""
-        self._thread.start()
+        self._looking.start()
 
     def close(self) -> None:
-        """End the thread; the session has to be closed first, or to settle."""
-        self._closed.set()
-        if self._thread.ident is not None:
-            self._thread.join()
+        """End both threads."""
+        self._ended.set()
+        super().close()
+        if self._looking.ident is not None:
+            self._looking.join()
 
     def play(self, on: bool) -> None:
         """Begin or stop to follow, or to play what does not grow."""
-        self._session.play(on and not self._source.grows)
-        if self._source.grows:
+        super().play(on and not self.source.grows)
+        if self.source.grows:
             self._following = on
-            if on and self._source.frames():
-                self._session.change(frame=self._source.frames()[-1])
+            if on and self.source.frames():
+                self.change(frame=self.source.frames()[-1])
             self._finish()
             self._front.following(on)
 
@@ -122,27 +122,22 @@ class Player:
             self._finish()
             self._front.following(False)
 
-    def step(self, by: int) -> None:
-        """Go on by some frames, and stay there."""
-        self.chosen()
-        self._session.step(by)
-
     def _finish(self) -> None:
         """Image the frame of a quick image anew, and no others quickly until one is followed."""
-        if self._session.wish.quick:
-            self._session.change(quick=False)
+        if self.wish.quick:
+            self.change(quick=False)
 
-    def shown(self, shown: Shown) -> None:
-        """Count a frame that has just been shown."""
+    def _show(self, shown: Shown) -> None:
+        super()._show(shown)
         if shown.wish.frame == self._asked:
             self._asked = -1
             self._image_s = time.perf_counter() - self._asked_s
-            self.pace.count(self._source.came_s(shown.wish.frame), prepared=shown.prepared)
+            self.pace.count(self.source.came_s(shown.wish.frame), prepared=shown.prepared)
 
     def look(self) -> bool:
         """Look once, and show the newest frame; whether the source could be read."""
         try:
-            changed = self._source.look()
+            changed = self.source.look()
         except ClradarError as error:
             # It may come back; until then one error stands for all looks.
             if str(error) != self._trouble:
@@ -153,36 +148,36 @@ class Player:
         self._take(changed)
         if self._asked < 0 and self.pace.quiet_s > QUIET_S:
             self._finish()
-        if self._source.grows and (changed or self.pace.quiet_s > QUIET_S):
-            self._front.paced(self.pace.text(self._following, self._source.ended))
+        if self.source.grows and (changed or self.pace.quiet_s > QUIET_S):
+            self._front.paced(self.pace.text(self._following, self.source.ended))
         return True
 
     def _take(self, changed: bool) -> None:
         """Read the newest frame so that it is there when the one before is shown, and show it."""
-        new = [frame for frame in self._source.frames() if frame > self._newest]
+        new = [frame for frame in self.source.frames() if frame > self._newest]
         if changed and not (self._following and new):
             self.pace.dropped += len(new)
             self._newest = max([self._newest, *new])
             self._front.following(self._following)
             return
         begun_s = time.perf_counter()
-        free_s = self._asked_s + self._image_s if self._session.busy else begun_s
+        free_s = self._asked_s + self._image_s if self.busy else begun_s
         if not new or begun_s < free_s - self._read_s:
             return
         self._newest = new[-1]
         self.pace.dropped += len(new) - 1
         try:
-            content = self._source.read(new[-1])  # which keeps it for the session
+            content = self.source.read(new[-1])  # which keeps it for the session
         except ClradarError as error:
             self.pace.bad, self.pace.reason = self.pace.bad + 1, str(error)
             return
         self._read_s = time.perf_counter() - begun_s
-        self._session.settle()
-        if self._following and not self._closed.is_set():
+        self.settle()
+        if self._following and not self._ended.is_set():
             self._asked, self._asked_s = new[-1], time.perf_counter()
-            self._session.change(frame=new[-1], quick=isinstance(content, Capture))
+            self.change(frame=new[-1], quick=isinstance(content, Capture))
 
-    def _follow(self) -> None:
-        while not self._closed.is_set():
+    def _look(self) -> None:
+        while not self._ended.is_set():
             if not self.look():
-                self._closed.wait(RETRY_S)
+                self._ended.wait(RETRY_S)

@@ -74,18 +74,13 @@ def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
     At first the newest frame is shown where they come, else the first.
     """
     with running(view.source.name, port) as (server, served):
-        panel = Panel(server, view)
-        session, player = panel.session, panel.player
-        try:
-            frames = view.source.frames()
+        panel, frames = Panel(server, view), view.source.frames()
+        with contextlib.closing(panel.session) as session:
             panel.busy("reading" if frames else "waiting for a first frame")
             if frames:
                 session.change(frame=frames[-1 if view.source.grows else 0])
-            player.start()
+            session.start()
             yield served, session
-        finally:
-            session.close()
-            player.close()
 
 
 def serve(view: View, port: int = 8080, say: Callable[[str], None] = print) -> None:

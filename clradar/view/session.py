@@ -81,6 +81,12 @@ class Front:
     def refuse(self, text: str) -> None:
         """Say why a wish cannot be carried out; what is shown stays."""
 
+    def following(self, on: bool) -> None:
+        """Show that there are other frames, and whether the newest is followed."""
+
+    def paced(self, text: str) -> None:
+        """Show rate, latency and losses of followed frames."""
+
 
 class Session:
     """Reads and images frames in a thread of its own, the newest wish alone."""
@@ -91,6 +97,9 @@ class Session:
         self._drawn = lru_cache(maxsize=1 if view.beside is None else 2)(Drawn.of)
         self._metrics = lru_cache(maxsize=1)(_metrics)
         self.wish, self._front = view.wish, front  # the newest wish
+        self.shown: Shown | None = None
+        """The last result, and why the last wish was not carried out, if it was not."""
+        self.refused = ""
         self._form = form or self._formed
         self._images: dict[tuple[Hashable, ...], Volume | Flat] = {}
         self._imagers: dict[tuple[Hashable, ...], FrameImager] = {}
@@ -167,11 +176,15 @@ class Session:
             except Outdated:
                 continue
             except ClradarError as error:
-                self._front.refuse(str(error))
+                self.refused = str(error)
             except MemoryError:
-                self._front.refuse("not enough memory")
+                self.refused = "not enough memory"
             except Exception as error:  # of a library, say: it must be seen, and not end the thread
-                self._front.refuse(f"{type(error).__name__}: {error}")
+                self.refused = f"{type(error).__name__}: {error}"
+            else:
+                self.refused = ""
+                continue
+            self._front.refuse(self.refused)
 
     def _check(self, *_: int) -> None:
         """Leave work that is outdated; the progress callback of images."""
@@ -190,7 +203,11 @@ class Session:
         first = self._drawn(image, wish.dynamic_range_db, wish.voxels)
         second = self._second(wish, content, first)
         metrics = None if second is None else self._metrics(first, second)
-        self._front.show(Shown(wish, content, first, second, metrics, self._prepared))
+        self._show(Shown(wish, content, first, second, metrics, self._prepared))
+
+    def _show(self, shown: Shown) -> None:
+        self._front.show(shown)
+        self.shown = shown
 
     def _placed(self, wish: Wish, capture: Capture) -> Wish:
         grid = live_grid(place_grid(capture, device=self._device))
@@ -215,7 +232,7 @@ class Session:
 
         def made() -> Content:
             # What is there is shown while the second one is being made.
-            self._front.show(Shown(wish, content, first))
+            self._show(Shown(wish, content, first))
             self._front.busy(doing)
             return make(progress)
 

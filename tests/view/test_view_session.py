@@ -123,10 +123,9 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by
     monkeypatch.setattr("clradar.view.session.FrameImager", Imager)
     source = Following("rec")
     with session_of(source, Wish(frame=-1, grid=GRID)) as (session, front):
-        player = front.plays(session, source)
 
         def look():
-            player.look()
+            session.look()
             session.settle()
 
         look()
@@ -136,11 +135,11 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by
         source.comes = False
         if ended_by == "quiet":
             monkeypatch.setattr("clradar.view.playing.QUIET_S", 0.0)
-            player.look()
+            session.look()
         elif ended_by == "choice":
-            player.chosen()
+            session.chosen()
         else:
-            player.play(False)
+            session.play(False)
         session.settle()
         look()
     found = [(wish.frame, wish.quick) for wish in front.wishes]
@@ -152,10 +151,9 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by
 def test_a_frame_that_is_chosen_while_a_quick_image_is_made_is_imaged_accurately():
     source, form = Following("rec"), SlowImager()
     with session_of(source, Wish(frame=-1, grid=GRID), form=form) as (session, front):
-        player = front.plays(session, source)
-        player.look()
+        session.look()
         form.started.acquire()  # none has been shown yet
-        player.chosen()
+        session.chosen()
         session.change(frame=0)
         form.let.release(2)
         session.settle()
