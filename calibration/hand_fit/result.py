@@ -24,9 +24,7 @@ RIVAL_DEVIANCE = 6.0
 """A basin whose deviance is larger by less is a rival: with Gaussian errors its likelihood is at
 least exp(-3) = 5 % of the best one's."""
 
-TOLD_M = 4e-3
-"""A tip whose standard deviation is below is determined: about a resolution cell."""
-
+TOLD_M = 4e-3  # a tip whose standard deviation is below is determined: about a resolution cell
 APART_M = 10e-3
 """Poses with a tip farther apart than this are different ones: a finger is 15 mm thick."""
 
@@ -140,8 +138,7 @@ class HandFit:
     @property
     def joint_std_m(self) -> np.ndarray:
         """Root of the sum of the variances along x, y and z, shape (25,)."""
-        std_m: np.ndarray = np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
-        return std_m
+        return np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
 
     @property
     def tip_std_m(self) -> np.ndarray:
@@ -294,8 +291,7 @@ def end_joints(joints_m: np.ndarray) -> list[int]:
 
 def ends_apart_m(one_m: np.ndarray, other_m: np.ndarray) -> np.ndarray:
     """Distances, (5,), between the digits' ends of one hand with joints, (25, 3), in two poses."""
-    apart_m: np.ndarray = np.linalg.norm((one_m - other_m)[end_joints(one_m)], axis=1)
-    return apart_m
+    return np.linalg.norm((one_m - other_m)[end_joints(one_m)], axis=1)
 
 
 def by_joint(values: np.ndarray) -> dict[str, Any]:

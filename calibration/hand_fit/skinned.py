@@ -46,8 +46,7 @@ class BoneRates:
     def moving(self) -> np.ndarray:
         """Mask (25,) of the bones that any of the parameters moves."""
         turned = (self.matrix != 0.0).any(axis=(0, 2, 3))
-        found: np.ndarray = turned | (self.origin_m != 0.0).any(axis=(0, 2))
-        return found
+        return turned | (self.origin_m != 0.0).any(axis=(0, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,8 +100,7 @@ class SkinnedSamples:
 
     def on_any(self, bones: np.ndarray) -> np.ndarray:
         """Mask (n,) of the samples that any of `bones`, a mask (25,), moves."""
-        found: np.ndarray = (bones[self.skin.bone] & (self.skin.weight > 0)).any(axis=1)
-        return found
+        return (bones[self.skin.bone] & (self.skin.weight > 0)).any(axis=1)
 
     @cached_property
     def _weighted(self) -> tuple[csr_array, csr_array]:

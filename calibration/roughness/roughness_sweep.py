@@ -199,8 +199,7 @@ def sweep_roughness(
         (f"{own}-{1e3 * height_m:g}-{1e3 * length_m:g}-{k}", height_m, length_m, first + i)
         for i, (height_m, length_m, k) in enumerate(pairs)
     ]
-    # What is simulated here is too rough for Kirchhoff at an end of the range: only the estimate
-    # matters.
+    # At an end of the range they are too rough for Kirchhoff; only the estimate matters.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ClradarWarning)
         simulate_missing(items, progress)

@@ -32,8 +32,7 @@ from clradar.versions import package_versions
 
 Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
 
-OWNED_DEPTH = 3
-"""Folders above a file that may own it: a recording is three above its frames."""
+OWNED_DEPTH = 3  # folders above a file that may own it: a recording is three above its frames
 
 
 def check_outputs(outputs: Iterable[Path | None]) -> None:
@@ -237,8 +236,7 @@ def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, A
     }
 
 
-MESHES = (".ply", ".stl", ".obj", ".off")
-"""Formats of mesh files; .ply has parts and texture, too."""
+MESHES = (".ply", ".stl", ".obj", ".off")  # formats of mesh files; .ply has parts and texture, too
 
 
 def turned(mesh: cl.hand.HandMesh, angle_deg: float, center_m: Sequence[float]) -> cl.hand.HandMesh:

@@ -28,18 +28,13 @@ In the worst hundredth of an image's energy noise of 20 dB, another seed, alpha 
 shifts of up to 5 mm reach 8.3 dB; a missing ball leaves 17 dB and more.
 """
 
-LEAST_SHARE = 0.01
-"""Unmatched pixels with less of their image's energy than this are no object."""
-
+LEAST_SHARE = 0.01  # unmatched pixels with less of their image's energy than this are no object
 BACKGROUND_DB = 8.0
 """An object is this much stronger than the median amplitude of its image's maximum projection: of
 the maxima of 81 layers of noise no pixel in a million is, of a single layer one in 80."""
 
-MOST_DB = 60.0
-"""Differences are cut here: an amplitude of 0 has no level."""
-
-RINGS = 6
-"""Pixels are tried at up to this many distances to each side, however fine the pixels are."""
+MOST_DB = 60.0  # differences are cut here: an amplitude of 0 has no level
+RINGS = 6  # pixels are tried at up to this many distances to each side, however fine the pixels are
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,8 +41,7 @@ correlation above 0.65, however narrow the frame around the hand.
 POOR_OVERLAP, GOOD_CORRELATION = 0.6, 0.9
 """The same the other way round: the correlation does not see depth."""
 
-NAMED_OBJECTS = 3
-"""Objects that a remark describes; it counts the rest."""
+NAMED_OBJECTS = 3  # objects that a remark describes; it counts the rest
 
 
 def overlap(first: DepthMap, second: DepthMap, blur_m: float = OVERLAP_BLUR_M) -> float:

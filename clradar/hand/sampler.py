@@ -17,8 +17,7 @@ from clradar.model import checks
 MOST_OVERLAP_M = 1.5e-3
 """Largest penetration depth of two digits of a random pose: skin in contact deforms."""
 
-MOST_PALM_OVERLAP_M = 4e-3
-"""The same for a digit and the palm, whose muscles and pads deform more."""
+MOST_PALM_OVERLAP_M = 4e-3  # the same for a digit and the palm, whose muscles and pads deform more
 
 # Neighbouring fingers bend together: tendons and muscles are shared (Santello, Flanders and
 # Soechting, "Postural hand synergies for tool use", Journal of Neuroscience 18(23), 1998).

@@ -37,9 +37,7 @@ from clradar.opencl.program import compiled
 from clradar.opencl.self_test import self_test
 from clradar.versions import own_version
 
-DEVICE = "DEVICE"
-"""The Dask resource of workers: one for each item that a worker makes at a time."""
-
+DEVICE = "DEVICE"  # the Dask resource of workers: one for each item that a worker makes at a time
 WAITING, AHEAD = 2, 4
 """Submitted items per worker: the one being made, and the next; and where results keep their order,
 so that others are made while one is waited for."""

@@ -253,14 +253,8 @@ def refined_depth_map(
 ) -> DepthMap:
     """Return the depth map of the strongest voxels, see `Volume.depth_map`.
 
-    Parameters
-    ----------
-    grid : VoxelGrid
-    top : ndarray, shape (n_y, n_x), int
-        Index along z of each pixel's strongest voxel.
-    amplitudes : three ndarrays, shape (n_y, n_x), float32
-        Of the voxel before, of that voxel, and of the one after; any where there is none.
-    dynamic_range_db : float, decibel
+    `top`, (n_y, n_x), is the index along z of each pixel's strongest voxel; `amplitudes` are those
+    of the voxel before, of that voxel, and of the one after, any where there is none.
     """
     # In float64: twice a float32 can be beyond its range.
     before, after = (amplitudes[i].astype(np.float64) for i in (0, 2))

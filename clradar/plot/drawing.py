@@ -34,8 +34,7 @@ TITLE_PT, LABEL_PT, TICK_PT, CAPTION_PT = 9.0, 8.0, 7.0, 7.0
 LINE_SPACING = 1.5
 POINTS_PER_INCH = 72.0
 
-LETTER_EM = 0.66
-"""A generous mean width for the letters of a sans-serif font, in em."""
+LETTER_EM = 0.66  # a generous mean width for the letters of a sans-serif font, in em
 
 # Inches.
 GAP, MARGIN, BAR_ROOM, LABELS = 0.11, 0.1, 0.85, 0.6
@@ -68,9 +67,7 @@ AMPLITUDE_SCALE = ListedColormap(
 ).with_extremes(bad=AMPLITUDE_BACKGROUND, under=AMPLITUDE_BACKGROUND)
 """Without the lower end of the scale, which is nearly black as the background is."""
 
-DEPTH_SCALE = matplotlib.colormaps["viridis_r"].with_extremes(bad=DEPTH_BACKGROUND)
-"""Near is light."""
-
+DEPTH_SCALE = matplotlib.colormaps["viridis_r"].with_extremes(bad=DEPTH_BACKGROUND)  # near is light
 LOW, HIGH = (0.5 * (1 + sign * MATCHED_DB / LEVEL_DB) for sign in (-1, 1))
 DIFFERENCE_SCALE, UNMATCHED_SCALE = (
     LinearSegmentedColormap.from_list("", colours).with_extremes(bad=DEPTH_BACKGROUND)
@@ -84,9 +81,7 @@ DIFFERENCE_SCALE, UNMATCHED_SCALE = (
 )  # fmt: skip
 """Of depths, blue where the simulation is nearer; of levels, grey where images match."""
 
-RING_PT = 13.0
-"""Diameter of the ring around an unmatched object."""
-
+RING_PT = 13.0  # diameter of the ring around an unmatched object
 DEPTH_PERCENTILES = (1.0, 99.0)
 """Depths that the colour scale spans, so that a few outliers do not stretch it."""
 

@@ -67,8 +67,7 @@ def devices_command() -> None:
 COLUMNS = ("name", "permittivity", "coat mm", "power dB", "phase", "h mm", "l mm", "h_micro mm")
 ROUGHNESS = ("roughness_rms", "correlation_length", "micro_roughness_rms")
 
-FREQUENCIES = 101
-"""Of the band, at which the reflectance is looked for its extremes."""
+FREQUENCIES = 101  # of the band, at which the reflectance is looked for its extremes
 
 
 def materials_command(
