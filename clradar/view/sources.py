@@ -1,4 +1,7 @@
-"""What is viewed: frames of a path or of a Python iterable, read one at a time, and new ones."""
+"""What is viewed: frames of a path, a data set or a Python iterable, and new ones.
+
+Each is read on access, a sample of a data set with what it was made of.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,21 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
+
 import measurement_io
-from clradar.dataset.folder import is_dataset
+from clradar.dataset import Sample
+from clradar.dataset.folder import is_dataset, read_manifest
+from clradar.dataset.plan.recipe import SamplePlan, read_recipe
+from clradar.dataset.shards import read_sample
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import fail
 from clradar.files.watched_folder import WatchedFolder, visible
-from clradar.model import Capture, Volume, checks
+from clradar.model import Capture, DepthMap, Volume, checks
 from clradar.view.drawn import Flat
 from clradar.view.truth import Truth, recording_truth
 from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
@@ -26,6 +35,11 @@ SUFFIXES = (".h5", ".hdf5", ".nxs", ".npy")
 
 LOOK_S, REST_S = 0.02, 0.5
 """Between looks at a folder while files come, and once none came for ten times the second."""
+
+SAMPLES_S = 1.0
+"""Between two looks at a data set that is written."""
+
+KEPT_SAMPLES = 8
 
 KEPT_BYTES = 256 * 2**20
 """Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
@@ -87,8 +101,6 @@ class Source:
 
 def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Source:
     """Return the frames of a recording, a data set or a folder, or the one of a file."""
-    from clradar.view.samples import SampleFrames
-
     if is_dataset(path):
         return SampleFrames(path, watch=watch)
     if watch or kind_of(path) == "folder":
@@ -235,3 +247,88 @@ class StreamFrames(Source):
             self.error = error
         finally:
             self.ended = True
+
+
+class SampleFrames(Source):
+    """The stored samples of a data set, numbered as in the plan, read one at a time."""
+
+    def __init__(self, folder: Path, *, watch: bool = False) -> None:
+        super().__init__(folder.name or folder.absolute().name)
+        self.grows, self._folder = watch, folder
+        self.truth = self._truth_of
+        self._sample = lru_cache(KEPT_SAMPLES)(self._read_sample)
+        self._take_in()
+        if not self._there and not watch:
+            fail(folder, "a data set with at least one sample", "none")
+
+    def _label_of(self, frame: int, known: Any) -> str:
+        return f"sample {frame}"
+
+    def _content_of(self, frame: int, known: Any) -> Content:
+        """Read the volume that is stored, else the capture, else projection and depth map.
+
+        Where only one of these two is stored, the other is without a value, or 1 where there is a
+        depth.
+        """
+        sample = self._sample(frame)
+        arrays = sample.arrays
+        if "volume" not in arrays and "capture" in arrays:
+            radar = read_recipe(sample.recipe).plan.radar
+            return Capture(arrays["capture"], radar.antennas, radar.waveform)
+        grid = self._manifest.plan.image.grid
+        if "volume" in arrays:
+            return Volume(arrays["volume"], grid)
+        known = {"projection": "max_projection", "depth": "depth_map"}
+        known = {name: array for name, array in known.items() if array in arrays}
+        if not known:
+            fail(self._folder, "a product that can be drawn", ", ".join(arrays))
+        depth_m = arrays.get("depth_map", np.full(grid.shape[1:], np.nan))
+        amplitude = np.abs(arrays.get("max_projection", np.isfinite(depth_m))).astype(np.float64)
+        image = DepthMap(depth_m.astype(np.float64), amplitude, grid.x_m, grid.y_m)
+        return Flat(image, tuple(known))
+
+    def _truth_of(self, frame: int) -> Truth:
+        sample = self._sample(frame)
+        arrays = sample.arrays
+        return Truth(
+            arrays.get("mesh_vertices"),
+            arrays.get("mesh_faces"),
+            arrays.get("joints"),
+            _recipe_lines(read_recipe(sample.recipe)),
+        )
+
+    def look(self) -> bool:
+        """Wait a second, take in what was stored since; return whether there are other samples."""
+        time.sleep(SAMPLES_S)
+        before = self.frames()
+        self._take_in()
+        if others := self.frames() != before:
+            self.grows = True
+        return others
+
+    def _take_in(self) -> None:
+        # When they were written is not known: new ones came now.
+        self._manifest, now_s = read_manifest(self._folder), time.perf_counter()
+        self._there = {n: self._there.get(n, (None, now_s)) for n in self._manifest.stored}
+
+    def _read_sample(self, frame: int) -> Sample:
+        shard = self._folder / self._manifest.place_of(frame)
+        return read_sample(shard, frame, self._manifest.plan)[0]
+
+
+def _recipe_lines(drawn: SamplePlan) -> tuple[str, ...]:
+    hands, placement = drawn.plan.hands, drawn.plan.placement
+    centre_mm = ", ".join(f"{1e3 * value:.1f}" for value in placement.metres)
+    turns_deg = ", ".join(f"{np.degrees(value):.1f}" for value in placement.radians)
+    lines = [
+        f"pose {drawn.pose.name}, {hands.handedness} hand",
+        f"centre ({centre_mm}) mm, turned by ({turns_deg})°",
+        *(f"rig {Path(rig.file).name}" for rig in hands.rigs),
+    ]
+    if drawn.plan.alpha is not None:
+        alphas = drawn.plan.alpha.of_parts.items()
+        lines.append("alpha: " + ", ".join(f"{name} {value:.2f}" for name, value in alphas))
+    if drawn.plan.material is not None:
+        materials = drawn.plan.material.of_parts.items()
+        lines.append("material: " + ", ".join(f"{name} {own.name}" for name, own in materials))
+    return tuple(lines)

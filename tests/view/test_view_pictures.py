@@ -12,11 +12,10 @@ from clradar.dataset.plan.recipe import SamplePlan, read_recipe
 from clradar.dataset.shards import new_shard
 from clradar.errors import MeasurementError, ModelError
 from clradar.jobs.outcome import Aside
-from clradar.view import samples
+from clradar.view import sources
 from clradar.view.drawn import SCALES, Drawn, Flat, clicked_m, colours_on, voxels_of
 from clradar.view.pictures import image_pictures, overview_picture, pair_curves, slice_pictures
-from clradar.view.samples import SampleFrames
-from clradar.view.sources import open_source
+from clradar.view.sources import SampleFrames, open_source
 from clradar.view.wish import grid_mm
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
@@ -226,12 +225,12 @@ def test_captures_are_there_to_be_imaged(tmp_path):
 def test_the_truth_is_that_of_the_recipe(letters):
     source = SampleFrames(letters)
     truth = source.truth(4)
-    made = SamplePlan(samples.read_manifest(letters).plan, 4)
+    made = SamplePlan(sources.read_manifest(letters).plan, 4)
     assert (truth.vertices_m.shape, truth.joints_m.shape) == ((3, 3), (25, 3))
     assert truth.lines[0] == f"pose {made.pose.name}, {made.plan.hands.handedness} hand"
     assert f"palm {made.plan.alpha.of_parts['palm']:.2f}" in truth.lines[-1]
     plan = plan_of(alpha=None, simulation={"estimator": "physical", "samples_per_mm2": None})
-    assert "material: palm palm, thumb palm" in samples._lines(SamplePlan(plan, 0))[-1]
+    assert "material: palm palm, thumb palm" in sources._recipe_lines(SamplePlan(plan, 0))[-1]
 
 
 def test_a_data_set_that_is_written_is_followed(tmp_path):
