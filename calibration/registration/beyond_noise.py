@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -123,16 +122,6 @@ class Place:
         side = "brighter" if self.brighter_db > 0 else "darker"
         what.append(f"{abs(self.brighter_db):.1f} dB {side}")
         return f"x, y, z {at} mm ({1e4 * self.area_m2:.0f} cm2): measured {' and '.join(what)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """In types that JSON has; None stands for NaN."""
-        return {
-            "position_m": self.position_m.tolist(),
-            "area_m2": self.area_m2,
-            "ratio": self.ratio,
-            "closer_m": self.closer_m if np.isfinite(self.closer_m) else None,
-            "brighter_db": self.brighter_db,
-        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -59,6 +59,13 @@ class Record:
         return array
 
 
+def plain(value: Any) -> Any:
+    """Records, arrays and numbers in types of strict JSON; None replaces NaN."""
+    from pydantic_core import to_jsonable_python
+
+    return to_jsonable_python(value, fallback=lambda own: own.tolist(), inf_nan_mode="null")
+
+
 def _field_text(value: Any) -> str:
     if isinstance(value, np.ndarray):
         if value.size <= SMALL:

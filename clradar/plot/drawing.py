@@ -27,13 +27,10 @@ from clradar.model import DepthMap
 from clradar.model.length_unit import LengthUnit, unit_for
 from clradar.plot.views import FRONT, View
 
-DPI = 300
-"""Resolution of bitmaps: the narrowest panel has more dots than the usual image has pixels."""
-
+DPI = 300  # of bitmaps: the narrowest panel has more dots than the usual image has pixels
 TITLE_PT, LABEL_PT, TICK_PT, CAPTION_PT = 9.0, 8.0, 7.0, 7.0
 LINE_SPACING = 1.5
 POINTS_PER_INCH = 72.0
-
 LETTER_EM = 0.66  # a generous mean width for the letters of a sans-serif font, in em
 
 # Inches.
@@ -44,23 +41,14 @@ PANEL_ASPECTS = (0.4, 2.5)
 MOST_HEIGHT = 3.4
 LEAST_IMAGE, LEAST_ROW = 1.1, 1.4  # for ticks and the name of a colour bar
 
-AMPLITUDE_BACKGROUND = "#262626"
-"""Colour where the amplitude is below the dynamic range: neutral, and not in the scale."""
-
-DEPTH_BACKGROUND = "#d9d9d9"
-"""Colour where there is no depth: neutral, and not in the scale."""
-
-MEASURED_COLOUR, SIMULATED_COLOUR = "#b35900", "#1f5fb0"
-"""Ends of the scales of differences: the measurement is stronger or nearer, or the simulation."""
-
+AMPLITUDE_BACKGROUND = "#262626"  # below the dynamic range: neutral, and not in the scale
+DEPTH_BACKGROUND = "#d9d9d9"  # where there is no depth: the same
+MEASURED_COLOUR, SIMULATED_COLOUR = "#b35900", "#1f5fb0"  # ends of differences: stronger, nearer
 CURVE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Of Okabe and Ito (2008), which colour-blind readers distinguish."""
 
-LEVEL_DB, DEPTH_MM = 20.0, 10.0
-"""Ends of these scales. An object is unmatched from 12 dB, and from 10 mm."""
-
-MATCHED_DB, MATCHED_COLOUR = 6.0, "#a8a8a8"
-"""Below this images match: a speckle of another seed differs by as much."""
+LEVEL_DB, DEPTH_MM = 20.0, 10.0  # ends of scales: an object is unmatched from 12 dB, from 10 mm
+MATCHED_DB, MATCHED_COLOUR = 6.0, "#a8a8a8"  # images match below: speckle of two seeds differs so
 
 AMPLITUDE_SCALE = ListedColormap(
     matplotlib.colormaps["inferno"](np.linspace(0.2, 1.0, 256))
@@ -82,8 +70,7 @@ DIFFERENCE_SCALE, UNMATCHED_SCALE = (
 """Of depths, blue where the simulation is nearer; of levels, grey where images match."""
 
 RING_PT = 13.0  # diameter of the ring around an unmatched object
-DEPTH_PERCENTILES = (1.0, 99.0)
-"""Depths that the colour scale spans, so that a few outliers do not stretch it."""
+DEPTH_PERCENTILES = (1.0, 99.0)  # that colours span, so that a few outliers do not stretch them
 
 BELOW_MAXIMUM, CROSS_SECTION = "below maximum (dB)", "radar cross section (dBsm)"
 
