@@ -28,7 +28,6 @@ import warnings
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -68,73 +67,62 @@ _server: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 _confined = False
 
 
-@dataclass(frozen=True, slots=True)
-class Reader:
-    """What reads a kind of file, and how much of the machine it may take for one.
-
-    `expected` and `library` are words for messages ("a readable HDF5 file", "the HDF5 library");
-    `memory_bytes` is on top of what the process has when it starts, `most_bytes` limits the arrays
-    that come back, and `modules` are imported, functions ("module:name") called before the fork:
-    later it can open no file.
-    """
-
-    expected: str
-    library: str
-    cpu_s: int
-    memory_bytes: int
-    most_bytes: int
-    modules: tuple[str, ...] = ()
-    error: type[ClradarError] = MeasurementError
-
-
 def run(
-    reader: Reader,
     function: Callable[..., Any],
     path: Path,
     *arguments: Any,
+    expected: str,
+    cpu_s: int,
+    memory_bytes: int,
+    most_bytes: int,
+    modules: tuple[str, ...] = (),
+    error: type[ClradarError] = MeasurementError,
     companion: Companion | None = None,
 ) -> Any:
     """Call `function(path, *arguments)` in a confined process and return its result.
 
     The function is one of a module. It returns what `clradar.files.confined.wire` can send, and
     calls `file_bytes`, or `forbid_opening` when it has opened what it needs. Its arguments are what
-    JSON can hold. A companion reads this file and others like it where a process for each would be
-    started; the function then takes the content by `file_bytes` alone.
+    JSON can hold. `expected` says in messages what the file is to be; `memory_bytes` is on top of
+    what the process has when it starts, `most_bytes` limits the arrays that come back, and
+    `modules` are imported, functions ("module:name") called before: later it can open no file.
+
+    A companion reads this file and others like it where a process for each would be started; the
+    function then takes the content by `file_bytes` alone.
     """
     request = {
         "module": function.__module__,
         "function": function.__qualname__,
-        "modules": reader.modules,
+        "modules": modules,
         "folder": os.getcwd(),
         "path": os.fspath(path),
         "arguments": arguments,
-        "expected": reader.expected,
-        "cpu_s": reader.cpu_s,
-        "memory_bytes": reader.memory_bytes,
+        "expected": expected,
+        "cpu_s": cpu_s,
+        "memory_bytes": memory_bytes,
     }
     message = json.dumps(request).encode("ascii")
     if len(message) > MAX_REQUEST_BYTES:
         got = f"{len(message)} bytes of them"
-        fail(path, "a path and keys of sane length", got, error=reader.error)
+        fail(path, "a path and keys of sane length", got, error=error)
     try:
         if _FORKS:
-            wall_s = START_LIMIT_S + WALL_FACTOR * reader.cpu_s
-            answer = _answer_of(message, reader.most_bytes, wall_s)
+            answer = _answer_of(message, most_bytes, START_LIMIT_S + WALL_FACTOR * cpu_s)
         else:
             content, own = None, companion or Companion()
             if companion is not None:
-                content = read_bytes(path, reader.expected, MAX_FRAME_BYTES, error=reader.error)
-            answer = own.answer(message, content, reader.most_bytes, reader.cpu_s)
-    except NoServer as error:
-        fail(path, "a process to read it in", clean(error), error=reader.error, cause=error)
-    except (wire.BrokenMessage, OSError) as error:
-        limits = f"{reader.cpu_s} s or {reader.memory_bytes >> 20} MiB"
-        got = f"one on which {reader.library} crashes, or takes more than {limits}"
-        fail(path, reader.expected, got, error=reader.error, cause=error)
+                content = read_bytes(path, expected, MAX_FRAME_BYTES, error=error)
+            answer = own.answer(message, content, most_bytes, cpu_s)
+    except NoServer as cause:
+        fail(path, "a process to read it in", clean(cause), error=error, cause=cause)
+    except (wire.BrokenMessage, OSError) as cause:
+        limits = f"{cpu_s} s or {memory_bytes >> 20} MiB"
+        got = f"one on which its reader crashes, or takes more than {limits}"
+        fail(path, expected, got, error=error, cause=cause)
     if not isinstance(answer, dict) or ("error" in answer) == ("result" in answer):
-        fail(path, reader.expected, "an invalid answer of its process", error=reader.error)
+        fail(path, expected, "an invalid answer of its process", error=error)
     if "error" in answer:
-        raise reader.error(clean(answer["error"], 4))  # ours, with paths and words of the file
+        raise error(clean(answer["error"], 4))  # ours, with paths and words of the file
     return answer["result"]
 
 
