@@ -55,14 +55,6 @@ def run_confined(function: Callable[..., Any], path: Path, *arguments: Any, **op
     return process.run(function, path, *arguments, **options)
 
 
-class _Named(dict[str, bytes]):
-    """What trimesh may ask for by the names in a file; it calls a mesh without a name like it."""
-
-    def __init__(self, path: Path, files: dict[str, bytes]) -> None:
-        super().__init__(files)
-        self.file_name = path.name
-
-
 def _contents(path: Path) -> dict[str, Any]:
     """Read a mesh file, in the confined process; only buffers of glTF are opened for it."""
     kind, options = path.suffix.lower()[1:], dict[str, Any]()
@@ -70,12 +62,12 @@ def _contents(path: Path) -> dict[str, Any]:
     with reading(path, EXPECTED, error=MeshError):
         if kind in ("glb", "gltf"):
             content, buffers = gltf_document.for_trimesh(path, content)
-            options = {"resolver": _Named(path, buffers), "skip_materials": True}
+            options = {"resolver": buffers, "skip_materials": True}
         process.forbid_opening()
         if kind == "obj":
             content, files = obj_text.for_trimesh(path, content)
             # By default its objects and groups are merged under the first one's name.
-            options = {"split_objects": True, "split_groups": True, "resolver": _Named(path, files)}
+            options = {"split_objects": True, "split_groups": True, "resolver": files}
         scene = _loaded(path, content, kind, options)
         parts = parts_of(str(path), scene, limited=True, backwards=kind == "obj")
         name, *others = parts.names
@@ -97,7 +89,9 @@ def _loaded(path: Path, content: bytes, kind: str, options: dict[str, Any]) -> A
             # numpy's for numbers that it has left out.
             warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
             # process=False keeps the faces in the file's order, which alpha per face relies on.
-            stream = io.BytesIO(content)
+            stream: Any = io.BytesIO(content)
+            if kind == "obj":
+                stream.name = path.name  # by which trimesh calls a mesh without a name
             return trimesh.load_scene(stream, file_type=kind, process=False, **options)
     except Exception as error:  # trimesh's readers raise whatever their parsers raise
         got = f"{type(error).__name__}: {clean(error)}"
