@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from clradar.model.length_unit import unit_for
+from clradar.plot.drawing import InnerTicks
 from clradar.view.drawn import Drawn, clicked_m
 from clradar.view.pictures import SIZE_INCHES, Picture, image_pictures, slice_pictures
 from clradar.view.session import Shown, View
@@ -228,7 +229,9 @@ class SceneView:
         unit = unit_for(*ends_m.ravel())
         sizes = np.ptp(ends_m, axis=1)
         tick_m = 0.02 * float(sizes.max())
-        segments, texts = [box_edges(ends_m)], []
+        corners = np.stack(np.meshgrid(*ends_m, indexing="ij"), axis=-1)
+        segments = [np.moveaxis(corners, axis, 2).reshape(4, 2, 3) for axis in range(3)]
+        texts, locator = [], InnerTicks(-1e-6)  # to which ends belong that rounding put beside
         low, high = ends_m[:, 0], ends_m[:, 1]
         # Below, at the left as the radar sees it, and to the right into the depth.
         edges = (
@@ -239,12 +242,12 @@ class SceneView:
         for axis, (corner, out, anchor) in enumerate(edges):
             if sizes[axis] == 0.0:
                 continue
-            room = 4 if axis < 2 or sizes[axis] > sizes.max() / 2 else 2
-            for value in ticks(unit.per_m * low[axis], unit.per_m * high[axis], room):
+            locator.set_params(nbins=4 if axis < 2 or sizes[axis] > sizes.max() / 2 else 2)
+            for value in np.round(locator.tick_values(*(unit.per_m * ends_m[axis])), 9):
                 at = np.array(corner, float)
                 at[axis] = value / unit.per_m
                 ends = np.stack([at, at + tick_m * np.array(out)])
-                segments.append(ends[None].astype(np.float32))
+                segments.append(ends[None])
                 texts.append((f"{value:g}", ends[1], anchor))
             # The name of z stands beyond its far end, where the numbers end.
             middle = np.array(corner, float)
@@ -262,20 +265,3 @@ class SceneView:
                 f"/3-D/box/{i}", text, position=UNITS_PER_M * at, anchor=anchor,
                 font_size_mode="scene", font_scene_height=UNITS_PER_M * 1.2 * tick_m,
             )  # fmt: skip
-
-
-def ticks(low: float, high: float, most: int) -> list[float]:
-    """Return some round values within a range."""
-    from matplotlib.ticker import MaxNLocator
-
-    found = MaxNLocator(nbins=most, steps=[1, 2, 5, 10]).tick_values(low, high)
-    reach = 1e-6 * (high - low)
-    return [round(float(v), 9) for v in found if low - reach <= v <= high + reach]
-
-
-def box_edges(ends: np.ndarray) -> np.ndarray:
-    """Return the edges of a box with these ends (3, 2) as segments, shape (12, 2, 3), float32."""
-    corners = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
-    places = ends[np.arange(3), corners]
-    pairs = [(i, i | 1 << axis) for axis in range(3) for i in range(8) if not i >> axis & 1]
-    return places[np.array(pairs)].astype(np.float32)

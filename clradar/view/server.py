@@ -12,7 +12,7 @@ from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.errors import ClradarError
+from clradar.errors import ClradarError, MissingPackage
 from clradar.model import Capture, Scene, Volume, VoxelGrid, checks
 from clradar.opencl import Device, open_device
 from clradar.view.gate import HOST, gate, hidden_host, listen
@@ -21,14 +21,8 @@ from clradar.view.session import Session, View
 from clradar.view.sources import Source, StreamFrames, viewed
 from clradar.view.wish import Wish
 
-INSTALL = "pip install viser"
-
 QUIET = ("websockets.server", "asyncio")
 """Logs of what others send: a message that makes no sense is no fault of this program."""
-
-
-class MissingViser(ClradarError, ImportError):
-    """The package that serves the page is not installed."""
 
 
 @contextmanager
@@ -41,7 +35,7 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
     try:
         import viser
     except ImportError as error:
-        raise MissingViser(f"view: expected viser, got {error}; {INSTALL}") from error
+        raise MissingPackage(f"view: expected viser, got {error}; pip install viser") from error
 
     class Server(viser.ViserServer):
         def request_share_url(self, verbose: bool = True) -> None:

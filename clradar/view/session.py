@@ -289,11 +289,10 @@ def _metrics(first: Drawn, second: Drawn) -> Metrics | None:
 
 
 def _image_key(wish: Wish) -> tuple[Hashable, ...]:
-    grid = wish.grid
-    if grid is None:  # of a volume, which is not kept
-        return ()
-    ends = (*grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
-    return (wish.method, wish.window, wish.image_db, *ends)
+    settings, grid = (wish.method, wish.window, wish.image_db), wish.grid
+    if grid is None:
+        return settings
+    return (*settings, *grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
 
 
 def _bytes(image: Volume | Flat) -> int:

@@ -39,8 +39,6 @@ LOOK_S, REST_S = 0.02, 0.5
 SAMPLES_S = 1.0
 """Between two looks at a data set that is written."""
 
-KEPT_SAMPLES = 8
-
 KEPT_BYTES = 256 * 2**20
 """Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
 
@@ -122,7 +120,20 @@ class FolderFrames(Source):
     def __init__(self, path: Path, variant: str, *, watch: bool) -> None:
         super().__init__(path.name or path.absolute().name)
         self.grows, self._path = watch, path
-        self._is_recording, self._folder = _watched(path, variant)
+        if not path.is_dir():
+            fail(path, "a folder", "a file" if path.exists() else "nothing there")
+        data = path
+        with suppress(MeasurementError):
+            data = find_radar_folder(path) / FRAMES_FOLDER
+        self._is_recording = data != path and data.is_dir()
+
+        def counts(name: str) -> bool:
+            if not self._is_recording:
+                return visible(name) and name.endswith(SUFFIXES)
+            file = frame_file(Path(name))
+            return file.frame is not None and file.variant == variant
+
+        self._folder = WatchedFolder(data if self._is_recording else path, counts)
         self.truth = recording_truth(path, self.label)
         self._lock = threading.Lock()
         self._last: dict[int, Capture | Volume] = {}
@@ -186,24 +197,6 @@ class FolderFrames(Source):
             self._there = files
 
 
-def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:
-    """Return whether a folder is a recording, and what is looked at."""
-    if not path.is_dir():
-        fail(path, "a folder", "a file" if path.exists() else "nothing there")
-    try:
-        data = find_radar_folder(path) / FRAMES_FOLDER
-    except MeasurementError:
-        data = path
-    if data.is_dir() and data != path:
-
-        def is_frame(name: str) -> bool:
-            file = frame_file(Path(name))
-            return file.frame is not None and file.variant == variant
-
-        return True, WatchedFolder(data, is_frame)
-    return False, WatchedFolder(path, lambda name: visible(name) and name.endswith(SUFFIXES))
-
-
 def viewed(frame: Any) -> Capture | Volume:
     """Return a frame of `clradar.view.show`, or raise `ModelError` if it is none."""
     checks.instance("show: frames", frame, Capture | Volume)
@@ -256,7 +249,7 @@ class SampleFrames(Source):
         super().__init__(folder.name or folder.absolute().name)
         self.grows, self._folder = watch, folder
         self.truth = self._truth_of
-        self._sample = lru_cache(KEPT_SAMPLES)(self._read_sample)
+        self._sample = lru_cache(maxsize=8)(self._read_sample)
         self._take_in()
         if not self._there and not watch:
             fail(folder, "a data set with at least one sample", "none")

@@ -11,11 +11,11 @@ from fronts import Front, capture, frames, volume
 from nightly import nightly
 from systems import posix_only
 
-from clradar.errors import MeasurementError
+from clradar.errors import MeasurementError, MissingPackage
 from clradar.hand import JOINT_NAMES
 from clradar.view import server
 from clradar.view.playing import Player
-from clradar.view.server import MissingViser, serving
+from clradar.view.server import serving
 from clradar.view.session import View
 from clradar.view.sources import open_source
 from clradar.view.truth import recording_truth
@@ -169,7 +169,7 @@ def test_truth_of_a_recording_is_drawn_as_far_as_it_can_be_read(tmp_path, frames
 def test_without_viser_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     view = View(source=frames(volume()), wish=Wish())
-    with pytest.raises(MissingViser, match=r"pip install viser"), serving(view):
+    with pytest.raises(MissingPackage, match=r"pip install viser"), serving(view):
         pass
 
 
