@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from clradar.errors import ClradarError
 from clradar.files.atomic import refuse_existing, write_file
-from clradar.view.scene import LEGEND, SceneView
+from clradar.view.scene import SceneView
 from clradar.view.server import running
-from clradar.view.session import Front, Session, Shown, View
+from clradar.view.session import Front, Session, View
 from clradar.view.truth import UNITS_PER_M
 
 MOST_BYTES = 200 * 2**20
@@ -43,7 +40,13 @@ def write_page(
                 if written:  # a single frame needs no time line, whose end builds it anew
                     serializer.insert_sleep(1 / FRAMES_PER_S)
                 scene.show(shown)
-                _draw_title(server, shown, source.name, source.label(frame))
+                # To the left in front of the box; the frame of a file has its name.
+                title = ", ".join(dict.fromkeys((source.name, source.label(frame))))
+                legend = "; orange: measured, cyan: simulated" if shown.second else ""
+                corner = UNITS_PER_M * shown.first.ends_m[[0, 1, 2], [1, 1, 0]]
+                server.scene.add_label(
+                    "/frame", title + legend, position=corner, anchor="bottom-left"
+                )
                 written += 1
                 for drawn in filter(None, (shown.first, shown.second)):
                     drawn_bytes += drawn.points_m.nbytes + drawn.colours.nbytes
@@ -57,12 +60,3 @@ def write_page(
         page = serializer.as_html(dark_mode=True)
     write_file(path, page.encode(), force=force)
     return written
-
-
-def _draw_title(server: Any, shown: Shown, *names: str) -> None:
-    """Draw the name of a frame to the left in front of the box."""
-    ends_m = shown.first.ends_m
-    corner_m = np.array([ends_m[0, 1], ends_m[1, 1], ends_m[2, 0]])
-    legend = "" if shown.second is None else f"; {LEGEND}"
-    title = ", ".join(dict.fromkeys(names)) + legend  # the frame of a file has its name
-    server.scene.add_label("/frame", title, position=UNITS_PER_M * corner_m, anchor="bottom-left")

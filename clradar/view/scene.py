@@ -30,8 +30,6 @@ FACING = (0.0, 0.0, 0.0, 1.0)
 
 JPEG_QUALITY = 92
 
-LEGEND = "orange: measured, cyan: simulated"
-
 
 class SceneView:
     """Draws results into the scene of a viser server, with mesh and truth of a view."""

@@ -78,7 +78,7 @@ def test_new_files_are_shown_as_they_come(watched):
     watched.player.play(True)
     watched.player.settle()
     assert watched.peaks == [11.0]
-    said = watched.player.pace.text(True, False)
+    said = watched.player.pace()
     assert said.startswith("2 shown, ")
     assert said.endswith(" 1 dropped")
 
@@ -87,8 +87,8 @@ def test_of_files_that_come_together_the_newest_is_shown(watched):
     for i in range(1, 5):
         watched.write(f"{i}.h5", i)
     assert watched.look() == [4.0]
-    assert watched.player.pace.dropped == 3
-    assert "4 shown" not in watched.player.pace.text(True, False)
+    assert watched.player.dropped == 3
+    assert "4 shown" not in watched.player.pace()
 
 
 def test_a_half_written_file_is_shown_once_it_is_whole(watched):
@@ -99,8 +99,8 @@ def test_a_half_written_file_is_shown_once_it_is_whole(watched):
     half.write_bytes(content[: len(content) // 2])
     assert watched.look() == []
     assert watched.labels() == ["whole.h5"]
-    assert "1 bad, the last:" in watched.player.pace.text(True, False)
-    assert "half.h5" in watched.player.pace.reason
+    _, _, reason = watched.player.pace().partition("1 bad, the last: ")
+    assert "half.h5" in reason
     half.write_bytes(content)
     assert watched.look() == [3.0]
     assert watched.labels() == ["whole.h5", "half.h5"]
