@@ -30,6 +30,9 @@ FACING = (0.0, 0.0, 0.0, 1.0)
 
 JPEG_QUALITY = 92
 
+GAP = 0.03
+"""Between pictures, of their width and height."""
+
 
 class SceneView:
     """Draws results into the scene of a viser server, with mesh and truth of a view."""
@@ -41,12 +44,12 @@ class SceneView:
         self.truth: Truth | None = None
         """That of the frame which is shown, if it is known."""
         self._truth_of, self._truth_nodes, self._frame = view.source.truth, list[Any](), -1
-        self._ends_m: np.ndarray | None = None
+        self._ends_m = np.full((3, 2), np.nan)
         self._clouds: dict[str, tuple[Any, Drawn]] = {}
         """Handles of viser, and what they show."""
         self._pictures: dict[str, tuple[Any, Picture]] = {}
         self._layout = LAYOUTS[-1]
-        self._view: tuple[Any, ...] = (np.zeros(3), 1.0, 1.0, 0.0)
+        self._view: Any = None
         """Middle, width, height and depth of what the camera is to show, units of the scene."""
         self._space = server.scene.add_frame("/3-D", show_axes=False)
         self.truth_node = server.scene.add_frame("/3-D/truth", show_axes=False)
@@ -71,7 +74,7 @@ class SceneView:
     def show(self, shown: Shown) -> None:
         """Draw the points or voxels of a result, and the pictures of its layout."""
         layout, ends_m = shown.wish.layout, shown.first.ends_m
-        changed = self._ends_m is None or not np.allclose(ends_m, self._ends_m, atol=1e-6)
+        changed = not np.allclose(ends_m, self._ends_m, atol=1e-6)
         if changed:
             self._draw_box(ends_m)
         self._space.visible = layout != "2-D"
@@ -91,8 +94,7 @@ class SceneView:
             pictures |= slice_pictures(shown.chosen, at_m)
         if changed or layout != self._layout or pictures.keys() != self._pictures.keys():
             self._layout = layout
-            self._hang(pictures)
-            self._look()
+            self._arrange(pictures)
         for name, picture in pictures.items():
             handle, last = self._pictures[name]
             if not np.array_equal(last.pixels, picture.pixels):
@@ -145,48 +147,34 @@ class SceneView:
         size_m = max(drawn.size_m for drawn in seen)
         return clicked_m(points_m, origin / UNITS_PER_M, direction, size_m)
 
-    def _hang(self, pictures: Mapping[str, Picture]) -> None:
-        """Put pictures into the scene: in columns, to the left of the box where that is shown."""
+    def _arrange(self, pictures: Mapping[str, Picture]) -> None:
+        """Put pictures into columns, to the left of the box where that is shown; aim cameras."""
         for handle, _ in self._pictures.values():
             handle.remove()
-        middle, room = self._room()
-        columns = 1 if self._layout != "2-D" else 2 if len(pictures) < 5 else 3
+        middle, sizes = (UNITS_PER_M * of(self._ends_m, axis=1) for of in (np.mean, np.ptp))
+        room = 1.4 * max(float(sizes[:2].max()), 0.02)  # of the box with its labels
+        flat = self._layout == "2-D"
+        columns = 1 if not flat else 2 if len(pictures) < 5 else 3
         rows = max(1, -(-len(pictures) // columns))
         height = room * (1.35 if rows > 2 else 1.0) / rows
         width = height * SIZE_INCHES[0] / SIZE_INCHES[1]
-        left = middle[0] + columns * width / 2
-        if self._layout == LAYOUTS[0]:
-            left += room / 2 + width / 2
+        left = middle[0] + (columns * width / 2 if flat else room / 2 + width)
         self._pictures = {}
         for i, (name, picture) in enumerate(pictures.items()):
             row, column = divmod(i, columns)
             up = ((rows - 1) / 2 - row) * height
-            centre = np.array([left - (column + 0.5) * width, middle[1] + up, middle[2]])
             handle = self._server.scene.add_image(
-                f"/pictures/{name}", picture.pixels, 0.97 * width, 0.97 * height,
-                jpeg_quality=JPEG_QUALITY, cast_shadow=False, receive_shadow=False,
-                wxyz=FACING, position=centre,
+                f"/pictures/{name}", picture.pixels, (1 - GAP) * width, (1 - GAP) * height,
+                jpeg_quality=JPEG_QUALITY, cast_shadow=False, receive_shadow=False, wxyz=FACING,
+                position=(left - (column + 0.5) * width, middle[1] + up, middle[2]),
             )  # fmt: skip
             self._pictures[name] = handle, picture
-
-    def _room(self) -> tuple[np.ndarray, float]:
-        """Return the middle of the box, and the side of a square that has it with its labels."""
-        assert self._ends_m is not None
-        sizes = UNITS_PER_M * np.ptp(self._ends_m, axis=1)
-        return UNITS_PER_M * self._ends_m.mean(axis=1), 1.4 * float(max(sizes[:2].max(), 0.02))
-
-    def _look(self) -> None:
-        """Let the camera of every browser see the box, the pictures, or both."""
-        middle, room = self._room()
-        flat = self._layout == "2-D"
-        walls = [handle for handle, _ in self._pictures.values()]
-        ends = [middle[0] - room / 2, middle[0] + room / 2] if not flat else []
-        ends += [one.position[0] + s * one.render_width / 2 for one in walls for s in (-1, 1)]
-        depth = 0.0 if flat else UNITS_PER_M * float(np.ptp(self._ends_m[2]))  # type: ignore[index]
+        ends = [] if flat else [middle[0] - room / 2, middle[0] + room / 2]
+        if pictures:
+            ends += [left - share * width for share in (GAP / 2, columns - GAP / 2)]
         centre = np.array([(min(ends) + max(ends)) / 2, middle[1], middle[2]])
-        heights = [2 * (one.position[1] - middle[1]) + one.render_height for one in walls]
-        height = max([room, *heights])
-        self._view = (centre, 1.04 * (max(ends) - min(ends)), 1.02 * height, depth)
+        high, depth = max(room, (rows - GAP) * height), 0.0 if flat else float(sizes[2])
+        self._view = centre, 1.04 * (max(ends) - min(ends)), 1.02 * high, depth
         self._place(self._server.initial_camera, PAGE_ASPECT)
         for client in self._server.get_clients().values():
             self._aim(client)
@@ -205,7 +193,7 @@ class SceneView:
         client.camera.on_update(moved)
 
     def _aim(self, client: Any) -> None:
-        if self._ends_m is not None:
+        if self._view is not None:
             with client.atomic():
                 self._place(client.camera, client.camera.aspect)
 

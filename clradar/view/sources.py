@@ -56,9 +56,7 @@ class Source:
     truth: Callable[[int], Truth | None] | None = None
     """What a frame was made of, where it may be known."""
 
-    def __init__(
-        self, name: str, labels: Sequence[str] = (), read: Callable[[int], Content] | None = None
-    ) -> None:
+    def __init__(self, name: str, labels: Sequence[str] = (), read: Any = None) -> None:
         self.name, self._read = name, read
         self._there: dict[int, tuple[Any, float]] = {i: (one, 0.0) for i, one in enumerate(labels)}
         """What is known of each frame, and when it came; replaced, never changed, since others
@@ -88,8 +86,8 @@ class Source:
         return str(known)
 
     def _content_of(self, frame: int, known: Any) -> Content:
-        assert self._read is not None
-        return self._read(frame)
+        content: Content = self._read(frame)
+        return content
 
     def look(self) -> bool:
         """Wait a while for other frames; return whether there are."""
