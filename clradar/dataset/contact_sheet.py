@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from clradar.dataset.folder import CONTACT_SHEET, Manifest
-from clradar.dataset.plan.recipe import read_recipe
-from clradar.dataset.sample import Sample
+from clradar.dataset.sample import Sample, read_recipe
 from clradar.dataset.shards import read_sample
 from clradar.files.atomic import write_file
 from clradar.hand.joints import CHAINS

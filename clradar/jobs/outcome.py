@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -19,15 +18,6 @@ ATTEMPTS = 2
 
 Outcome = tuple[Any, list[str]]
 """What a function returned, or its `ClradarError`; and its warnings, each once."""
-
-
-@dataclass(frozen=True, slots=True)
-class Aside:
-    """A sample that was set aside, since no attempt made it, and the reason on one line."""
-
-    sample: int
-    reason: str
-    attempts: int
 
 
 def reason_of(error: BaseException) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from clradar.dataset import Sample
 from clradar.dataset.folder import read_manifest
-from clradar.dataset.plan.recipe import SamplePlan, read_recipe
+from clradar.dataset.sample import SamplePlan, read_recipe
 from clradar.dataset.shards import read_sample
 from clradar.files.failures import fail
 from clradar.model import Capture, DepthMap, Volume

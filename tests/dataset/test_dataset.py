@@ -28,11 +28,10 @@ from clradar.dataset import (
     replay,
     run,
 )
-from clradar.dataset.check import check_dataset, estimate
 from clradar.dataset.contact_sheet import contact_sheet
-from clradar.dataset.folder import MANIFEST
-from clradar.dataset.plan.recipe import read_recipe
-from clradar.dataset.sample import _rig, placed_hand, rotation
+from clradar.dataset.folder import MANIFEST, check_dataset
+from clradar.dataset.runs import estimate
+from clradar.dataset.sample import _rig, placed_hand, read_recipe, rotation
 from clradar.dataset.shards import arrays_of, labels_of, read_sample
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.hand import JOINT_NAMES, POSES, HandShape, hand_mesh

@@ -14,7 +14,7 @@ from dataset_plans import TINY, plan_of, tiny
 from clradar.dataset import PlanError, read_plan, recipe
 from clradar.dataset.plan.draws import fixed, stream
 from clradar.dataset.plan.plan import plan_from, plan_record
-from clradar.dataset.plan.recipe import SamplePlan, read_recipe
+from clradar.dataset.sample import SamplePlan, read_recipe
 from clradar.files.toml_file import read_toml
 from clradar.hand import (
     JOINT_NAMES,
@@ -100,7 +100,11 @@ def test_a_plan_comes_back_from_its_record():
         ("x]", 3, "unknown key; expected one of seed"),
         ("impairments.coupling_delay_ps", 3, "coupling_db"),
         ("impairments.channels", {"dead_tx": [12]}, ".dead_tx: .*0 to 11"),
-        ("impairments.channels", {"dead_tx": [1, 1]}, ".dead_tx: expected different channels"),
+        (
+            "impairments.channels",
+            {"dead_tx": [1, 1]},
+            ".dead_tx: expected each of them once, got 1 more",
+        ),
         ("impairments.walls", [{"normal": [0, 0, 0]}], r"\[0\].normal: expected a direction"),
         ("radar.array", "few.toml", "few.toml"),
         ("radar.array", "qar5", "did you mean 'qar50'?.*got .qar5"),

@@ -20,10 +20,16 @@ from nightly import nightly
 from test_dataset_engine import wait_for
 
 from clradar.dataset import open_dataset, run, runs
-from clradar.dataset.check import check_dataset, describe_dataset
-from clradar.dataset.folder import CONTACT_SHEET, MANIFEST, read_manifest
+from clradar.dataset.folder import (
+    CONTACT_SHEET,
+    MANIFEST,
+    check_dataset,
+    describe_dataset,
+    read_manifest,
+)
+from clradar.dataset.shards import Aside
 from clradar.errors import ClradarWarning, ModelError, OutputError
-from clradar.jobs.outcome import ATTEMPTS, Aside
+from clradar.jobs.outcome import ATTEMPTS
 
 pytestmark = [
     pytest.mark.usefixtures("quick_runs"),
@@ -99,7 +105,7 @@ def test_damage_is_found(light_copy, damage, words):
     assert any(words in line for line in report.problems), report.problems
 
 
-POISONED = Aside(4, "ValueError: sample 4 is poisoned", ATTEMPTS)
+POISONED = Aside(sample=4, reason="ValueError: sample 4 is poisoned", attempts=ATTEMPTS)
 
 
 @pytest.mark.parametrize("stop", [2, 4, *nightly([0, 6])])

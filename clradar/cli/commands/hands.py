@@ -211,8 +211,8 @@ def dataset_command(
     """The same command again resumes where it stopped. A sample that cannot be made is set aside;
     the exit status is 1 as long as any is.
     """
-    from clradar.dataset.check import estimate, replay as make_again
     from clradar.dataset.plan.plan import read_plan
+    from clradar.dataset.runs import estimate, replay as make_again
 
     if schema:
         print_text(json.dumps(cl.dataset.plan_schema(), indent=1))

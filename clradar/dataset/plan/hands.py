@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar
@@ -22,7 +22,7 @@ from pydantic import (
 from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.dataset.plan.draws import Draw, Within, fixed, tried
 from clradar.errors import ClradarError, MeasurementError
-from clradar.files.failures import clean
+from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.meshes.gltf_document import files_of
 from clradar.files.records import FileRecord, NumberOrText, Numbers, Text, mistake, numbers
@@ -40,6 +40,7 @@ from clradar.hand import (
 )
 from clradar.hand.sampler import MOST_SPREAD_DEG, SPREAD_DEG
 from clradar.hand.shape import AVERAGE, BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
+from clradar.model import checks
 from clradar.model.known_materials import KNOWN, material
 from clradar.model.material import Material
 from clradar.model.material_file import SUFFIXES, material_of, read_materials
@@ -72,11 +73,11 @@ def pose_record(pose: HandPose) -> dict[str, Any]:
     return {"name": pose.name, "joints_rad": joints}
 
 
-def check_once(values: Iterable[str], what: str, *, key: str = "") -> None:
-    """Raise a mistake if a text is there twice."""
-    known = list(values)
-    if twice := sorted({value for value in known if known.count(value) > 1}):
-        raise mistake(f"every one of the {what} once", f"{', '.join(twice)} more often", key=key)
+def different(values: Any, key: str = "") -> Any:
+    """Return values, or raise a mistake if one is there twice."""
+    if twice := sorted({value for value in values if values.count(value) > 1}):
+        raise mistake("each of them once", f"{', '.join(map(str, twice))} more often", key=key)
+    return values
 
 
 def folder_of(info: ValidationInfo) -> Path:
@@ -147,7 +148,7 @@ class Poses(FileRecord):
             raise mistake('poses, such as "letters" or ["A", "B"]', "nothing", key="names")
         if kind == "interpolation" and len(found) < 2:
             raise mistake("at least two poses to interpolate between", f"{len(found)}", key="names")
-        check_once((pose.name for pose in found), "names of poses", key="names")
+        different([pose.name for pose in found], "names")
         values: dict[str, Any] = {"names": (), "files": (), "resolved": found}
         if kind == "interpolation":
             values["share"] = self.share or Draw("uniform", (0.0, 1.0))
@@ -176,27 +177,41 @@ class RigFile(FileRecord):
     def _read_once(self, info: ValidationInfo) -> RigFile:
         """Read the files of a plan, so that one that is no rig is found at once."""
         if not self.sha256:
-            self.__dict__.update(tried(self._found, folder_of(info)))
+            rig, files = tried(self.read, folder_of(info)), self.files(folder_of(info))
+            digests = {name: sha256_of(*files_of(path)) for name, path in files.items()}
+            self.__dict__.update(digests, handedness=rig.handedness)
         return self
+
+    def files(self, folder: Path) -> dict[str, Path]:
+        """The files in a folder, by the names of their SHA-256."""
+        names = {"sha256": self.file, "mapping_sha256": self.mapping}
+        return {key: folder / name for key, name in names.items() if name is not None}
 
     def read(self, folder: Path) -> Any:
         """Return the rig of the files in a folder."""
         from clradar.rigs import read_rig
 
-        mapping = None if self.mapping is None else folder / self.mapping
-        return read_rig(
-            folder / self.file, mapping=mapping, unit=self.unit, handedness=self.handedness,
-            betas=self.betas or None,
-        )  # fmt: skip
-
-    def _found(self, folder: Path) -> dict[str, Any]:
+        files = self.files(folder)
         try:
-            rig = self.read(folder)
+            return read_rig(
+                files["sha256"], mapping=files.get("mapping_sha256"), unit=self.unit,
+                handedness=self.handedness, betas=self.betas or None,
+            )  # fmt: skip
         except ClradarError as error:  # it names the option of the command
             raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
-        digest = sha256_of(*files_of(folder / self.file))
-        mapping = None if self.mapping is None else sha256_of(folder / self.mapping)
-        return {"sha256": digest, "handedness": rig.handedness, "mapping_sha256": mapping}
+
+    def check(self, folder: Path) -> None:
+        """Raise `ModelError` unless the files in a folder are those of the plan."""
+        for name, path in self.files(folder).items():
+            wanted, got = getattr(self, name), "another"
+            try:
+                if sha256_of(*files_of(path)) == wanted:
+                    continue
+            except FileNotFoundError:
+                got = "nothing there"
+            except (OSError, ValueError) as error:
+                got = f"none that can be read: {clean(error)}"
+            checks.fail(shown(path), f"the file of the plan (SHA-256 {wanted})", got)
 
 
 Rig = Annotated[

@@ -17,7 +17,7 @@ from clradar.dataset.plan.hands import (
     Placement,
     PlanMaterials,
     Poses,
-    check_once,
+    different,
     pose_record,
 )
 from clradar.dataset.plan.radar import Image, Impairments, RadarPlan, SimulationPlan
@@ -66,8 +66,7 @@ class PlanError(MeasurementError):
 def _products(given: tuple[str, ...]) -> tuple[str, ...]:
     if not given:
         raise mistake(f"at least one of {', '.join(PRODUCTS)}", "none")
-    check_once(given, "products")
-    return tuple(name for name in PRODUCTS if name in given)
+    return tuple(name for name in PRODUCTS if name in different(given))
 
 
 class Output(FileRecord):
