@@ -31,7 +31,6 @@ from clradar.dataset.shards import (
     samples_of,
 )
 from clradar.errors import ClradarError, quoted
-from clradar.files.atomic import TEMPORARY
 from clradar.files.failures import clean, fail, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.json_file import read_json_object, write_json
@@ -183,7 +182,7 @@ def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport
     except ClradarError as error:
         return CheckReport(shown(folder), (), error.mistakes or (clean(error),))
     checked = ["manifest: its plan is whole and has no mistakes"]
-    problems = [*_missing(manifest), *_foreign_files(folder, manifest)]
+    problems = [*_missing(manifest)]
     before = len(problems)
     for done, number in enumerate(sorted(manifest.shards), start=1):
         try:
@@ -209,15 +208,6 @@ def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport
 def _missing(manifest: Manifest) -> Iterator[str]:
     if missing := manifest.missing:
         yield f"not complete: shards {_listed(missing)} are missing; the same command makes them"
-
-
-def _foreign_files(folder: Path, manifest: Manifest) -> Iterator[str]:
-    own = {shard_name(number) for number in manifest.shards}
-    for path in sorted((folder / SHARDS).glob("*")):
-        if path.match(TEMPORARY):
-            yield f"{SHARDS}/{clean(path.name)}: left over; the same command removes it"
-        elif f"{SHARDS}/{path.name}" not in own:
-            yield f"{SHARDS}/{clean(path.name)}: is not of this data set; it can be removed by hand"
 
 
 def _problems(folder: Path, manifest: Manifest, number: int) -> Iterator[str]:

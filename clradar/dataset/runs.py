@@ -317,7 +317,7 @@ class Replay:
     """A sample that was made again, beside the stored one."""
 
     sample: Sample
-    stored_in: str | None  # file of the stored one, relative to the data set
+    stored_in: str  # file of the stored one, relative to the data set
     differences: tuple[str, ...]  # a line for each array that differs in a bit
     made_otherwise: tuple[str, ...]  # versions and devices that differ
 
@@ -331,9 +331,8 @@ def replay(
 ) -> Replay:
     """Make sample `index` of a data set again and compare it with the stored one.
 
-    Returns a record with `sample`, `stored_in` (None where it is not stored, and made from the
-    plan), `differences` of bits, and `made_otherwise`, versions and devices that differ. `device`
-    and `rigs` are as for `make_sample`.
+    Returns a record with `sample`, `stored_in`, `differences` of bits, and `made_otherwise`,
+    versions and devices that differ. `device` and `rigs` are as for `make_sample`.
 
     Examples
     --------
@@ -343,11 +342,10 @@ def replay(
     >>> again.stored_in, again.differences
     ('shards/shard-00000.h5', ())
     """
-    manifest = read_manifest(Path(folder))
-    wanted, place = recipe(manifest.plan, index), manifest.place_of(index)
-    opened = open_device(device)
+    manifest, opened = read_manifest(Path(folder)), open_device(device)
     if index not in manifest.stored:
-        return Replay(make_sample(wanted, opened, rigs=rigs), None, (), ())
+        fail(Path(folder), "a sample that is stored", f"{index}, of {manifest.plan.samples}")
+    place = manifest.place_of(index)
     stored, then = read_sample(Path(folder) / place, index, manifest.plan)
     made = make_sample(stored.recipe, opened, rigs=rigs)
     changed = tuple(differences(then, made_with(opened)))

@@ -88,51 +88,40 @@ class SamplePlan:
     """
 
     def __init__(self, plan: Plan, sample: int) -> None:
-        self.sample = sample
-        self.number = sample if plan.movement is None else sample // plan.movement.frames
+        self.sample = self.number = sample
+        self.frame, self.start_s = 0, 0.0  # in the sequence, when the frame begins
+        if plan.movement is not None:
+            self.number, self.frame = divmod(sample, plan.movement.frames)
+            self.start_s = self.frame / plan.movement.rate_hz
         self._seed = plan.seed
         drawn: Plan = self._numbers(plan, "")
         first = self._first_pose(drawn.poses)
-        more: dict[str, Any] = {
-            "poses": Poses(resolved=(first,)),
-            "hands": self._hands(drawn.hands),
-            "simulation": self._seeded(drawn.simulation, "simulation.seed"),
-        }
+        more: dict[str, Any] = {"hands": self._hands(drawn.hands)}
         if drawn.movement is not None:
             last = self._last_pose(drawn.movement, drawn.poses, first)
             more["movement"] = drawn.movement.model_copy(update={"last": last})
-        if plan.impairments.any:
-            impairments = self._seeded(drawn.impairments, "impairments.seed")
-            channels = impairments.channels
-            if channels is not None:  # one instrument for all has the draw of sample 0
-                number = 0 if channels.per == "dataset" else self.number
-                channels = self._seeded(channels, "impairments.channels.seed", number)
-            more["impairments"] = impairments.model_copy(update={"channels": channels})
-        self.plan: Plan = drawn.model_copy(update=more)
+        self.plan: Plan = drawn.model_copy(update={**more, "poses": Poses(resolved=(first,))})
 
     def _numbers(self, node: Any, path: str) -> Any:
+        """A table with a number in place of every draw, and of a seed that is not given."""
         if isinstance(node, Draw):
             return node if node.kind == "fixed" else fixed(node.draw(self._stream(path)))
         if not isinstance(node, BaseModel):
             return node
         above = f"{path}." if path else ""
-        names = type(node).model_fields
-        return node.model_copy(
-            update={name: self._numbers(getattr(node, name), above + name) for name in names}
-        )
+        values = {n: self._numbers(getattr(node, n), above + n) for n in type(node).model_fields}
+        if values.get("seed", 0) is None and getattr(node, "any", True):
+            # One instrument for all has the draw of sample 0.
+            number = 0 if values.get("per") == "dataset" else self.number
+            random = stream(self._seed, number, f"{above}seed")
+            values["seed"] = int(random.integers(2**SEED_BITS))
+        return node.model_copy(update=values)
 
     def _stream(self, quantity: str) -> np.random.Generator:
         return stream(self._seed, self.number, quantity)
 
     def _one_of(self, quantity: str, choices: tuple[Any, ...]) -> Any:
         return choices[int(self._stream(quantity).integers(len(choices)))]
-
-    def _seeded(self, table: Any, quantity: str, number: int | None = None) -> Any:
-        """A table with its seed, which is drawn unless it is given."""
-        if table.seed is not None:
-            return table
-        random = stream(self._seed, self.number if number is None else number, quantity)
-        return table.model_copy(update={"seed": int(random.integers(2**SEED_BITS))})
 
     def _first_pose(self, poses: Poses) -> HandPose:
         """The pose of a sample, or of the first frame of its sequence."""
@@ -185,21 +174,11 @@ class SamplePlan:
         return self.plan.poses.poses[0]
 
     @property
-    def frame(self) -> int:
-        """Its number in its sequence; 0 where nothing moves."""
-        return 0 if self.plan.movement is None else self.sample % self.plan.movement.frames
-
-    @property
-    def start_s(self) -> float:
-        """When its frame begins in its sequence."""
-        return 0.0 if self.plan.movement is None else self.frame / self.plan.movement.rate_hz
-
-    @property
     def middle_s(self) -> float:
         """The middle of the sweep of its frame, in its sequence."""
-        radar, movement = self.plan.radar, self.plan.movement
-        slots = radar.antennas.n_tx * radar.steps
-        return self.start_s + (0.0 if movement is None else 0.5e-6 * (slots - 1) * movement.step_us)
+        slots = self.plan.radar.antennas.n_tx * self.plan.radar.steps
+        step_us = 0.0 if self.plan.movement is None else self.plan.movement.step_us
+        return self.start_s + 0.5e-6 * (slots - 1) * step_us
 
     @property
     def pose(self) -> HandPose:
@@ -343,20 +322,18 @@ def rotation(angles_rad: Any) -> np.ndarray:
     return about_z @ about_y @ about_x
 
 
-def scene_of(mesh: HandMesh, drawn: SamplePlan) -> Scene:
+def scene_of(mesh: HandMesh | Scene, drawn: SamplePlan) -> Scene:
     """Return the scene of a hand with the alphas of its parts, or their materials."""
+    alpha, material = drawn.plan.alpha, drawn.plan.material
     scene = Scene(
         mesh.vertices_m, mesh.faces, part=mesh.part, part_names=mesh.part_names,
         normals=mesh.normals, texture_m=mesh.texture_m,
     )  # fmt: skip
-    return _with_surface(scene, drawn.plan)
-
-
-def _with_surface(scene: Scene, plan: Plan) -> Scene:
-    given: Any = plan.material or plan.alpha
-    values = given.of_parts
-    own = {name: values[name] for name in scene.part_names}
-    return scene.with_alpha(own) if plan.material is None else scene.with_material(own)
+    if material is not None:
+        materials = material.of_parts
+        return scene.with_material({name: materials[name] for name in scene.part_names})
+    alphas = {} if alpha is None else alpha.of_parts
+    return scene.with_alpha({name: alphas[name] for name in scene.part_names})
 
 
 def recorded_capture(
@@ -371,7 +348,7 @@ def recorded_capture(
         timing = SweepTiming.in_order(
             array.n_tx, waveform.n_freq, step_s=movement.step_us * 1e-6, order=movement.order
         )
-        moving = MovingScene([scene], lambda own: _with_surface(own, plan))
+        moving = MovingScene([scene], lambda own: scene_of(own, drawn))
         capture = simulate_moving(
             moving, array, waveform, timing=timing, start_s=drawn.start_s, settings=settings,
             device=device,

@@ -55,11 +55,7 @@ class Aside(OpenRecord):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """An array or a label of every sample; `axes` are without the first, which is the sample.
-
-    Of meshes, whose sizes differ between samples, all rows are concatenated, and `<place>_first`
-    has the first row of each sample.
-    """
+    """An array or a label of every sample; `axes` are without the first, which is the sample."""
 
     place: str
     axes: tuple[str, ...]
@@ -71,6 +67,7 @@ class Field:
 
     @property
     def ragged(self) -> bool:
+        """Whether rows of all samples are concatenated; `<place>_first` is where each begins."""
         return self.place.startswith("entry/mesh/")
 
 

@@ -271,6 +271,9 @@ def test_one_instrument_or_one_per_sample():
 def test_examples_are_plans_whose_keys_the_schema_has(capsys):
     assert exit_status("dataset", "--schema") == 0
     schema = json.loads(capsys.readouterr().out)
+    for name, kind in (("Alpha", "number"), ("RigFile", "string"), ("PartMaterial", "string")):
+        alone = schema["$defs"][name]["anyOf"][0]  # in place of the table
+        assert kind in (alone.get("type"), alone.get("anyOf", [{}])[0].get("type"))
     files = list((ROOT / "examples" / "plans").glob("*.toml"))
     assert files
     for file in files:

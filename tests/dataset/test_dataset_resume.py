@@ -81,8 +81,6 @@ ASIDE = {"sample": 3, "reason": "why", "attempts": 2}
     ("damage", "words"),
     [
         (lambda f: (f / SHARD).unlink(), "shards 1 are missing"),
-        (lambda f: (f / "shards" / "shard-00003.h5").write_bytes(b""), "can be removed by hand"),
-        (lambda f: (f / "shards" / ".x.tmp").write_bytes(b""), "left over"),
         (lambda f: flip_a_bit(f / SHARD), "shard-00001.h5: expected the SHA-256"),
         (unknown(lambda f: os.truncate(f / SHARD, 5000)), "delete the file, and the same"),
         (lambda f: (f / MANIFEST).write_text("{"), "manifest.json"),

@@ -54,9 +54,6 @@ EDGE_MM = 2.0
 
 NAME_OR_TABLE = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
 
-UNNAMED = "[all]"
-"""Key of a value that a file gives without one; mistakes are not reported at it."""
-
 Value = TypeVar("Value")
 
 Side = Annotated[Draw, Within(-1000.0, 1000.0)]
@@ -111,6 +108,34 @@ FromFile = Annotated[
 ]
 
 
+UNNAMED = "[all]"
+"""Key of a value that a file gives without one; mistakes are not reported at it."""
+
+
+class Short(FileRecord):
+    """A table in whose place one of its values may be given: that with the alias `UNNAMED`."""
+
+    @classmethod
+    def is_table(cls, value: Any) -> bool:
+        return isinstance(value, dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_one(cls, value: Any) -> Any:
+        return value if isinstance(value, cls) or cls.is_table(value) else {UNNAMED: value}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> Any:
+        table = handler(schema)
+        name = next(name for name, own in cls.model_fields.items() if own.validation_alias)
+        return {"anyOf": [handler.resolve_ref_schema(table)["properties"][name], table]}
+
+
+def short(name: str, **default: Any) -> Any:
+    """Return the field that may stand for its table."""
+    return Field(validation_alias=AliasChoices(name, UNNAMED), **default)
+
+
 class Poses(FileRecord):
     """The table [poses]: a pose of the list; one between two of them; one drawn around a pose of
     the list; or a random one within the limits of joints ("sampler").
@@ -158,14 +183,14 @@ class Poses(FileRecord):
         return self
 
 
-class RigFile(FileRecord):
+class RigFile(Short):
     """A rigged hand from a file; see `clradar.rigs.read_rig`.
 
     `file` and `mapping` are relative to the plan's folder; `sha256` and `mapping_sha256` of their
     content, and `handedness`, which is given or estimated, are filled in when the plan is read.
     """
 
-    file: Text
+    file: Text = short("file")
     sha256: str = ""
     handedness: Literal["right", "left"] | None = None
     mapping: Text | None = None
@@ -214,11 +239,6 @@ class RigFile(FileRecord):
             checks.fail(shown(path), f"the file of the plan (SHA-256 {wanted})", got)
 
 
-Rig = Annotated[
-    RigFile, BeforeValidator(lambda value: {"file": value} if isinstance(value, str) else value)
-]
-
-
 class ShapeTable(FileRecord):
     """A shape of `shapes`, with lengths in millimetres, or as in manifests in metres."""
 
@@ -258,7 +278,7 @@ class Hands(FileRecord):
     handedness: str = ""
     shape: Literal["default", "sampled", "list"] | None = None
     shapes: tuple[ShapeTable, ...] = ()
-    rigs: tuple[Rig, ...] = ()
+    rigs: tuple[RigFile, ...] = ()
     edge_mm: Annotated[float, Within(0.5, 4.0)] = EDGE_MM
 
     @model_validator(mode="after")
@@ -320,7 +340,7 @@ class MovementPlan(Motion):
     step_us: Annotated[float, Within(0.0, 1e6)] = 1e6 * STEP_S
 
 
-class ByPart(FileRecord, Generic[Value]):
+class ByPart(Short, Generic[Value]):
     """A value for each part of a hand; `others` is one value for all parts without their own."""
 
     palm: Value | None = None
@@ -336,19 +356,17 @@ class ByPart(FileRecord, Generic[Value]):
         values = {name: getattr(self, name) for name in PART_NAMES}
         return {name: made(self.others if v is None else v) for name, v in values.items()}
 
-    @model_validator(mode="before")
     @classmethod
-    def _of_all(cls, value: Any) -> Any:
-        """The table of one value for all parts."""
+    def is_table(cls, value: Any) -> bool:
+        """Not that of one value for all parts."""
         parts = (*PART_NAMES, "others")
-        table = isinstance(value, dict) and (not value or any(nearest(k, parts) for k in value))
-        return value if table or isinstance(value, ByPart) else {UNNAMED: value}
+        return isinstance(value, dict) and (not value or any(nearest(k, parts) for k in value))
 
 
 class Alpha(ByPart[Share]):
     """Roughness of a hand, by part."""
 
-    others: Share = Field(default=fixed(0.5), validation_alias=AliasChoices("others", UNNAMED))
+    others: Share = short("others", default=fixed(0.5))
 
     @property
     def of_parts(self) -> Mapping[str, float]:
@@ -383,11 +401,11 @@ def _millimetres(low_m: float, high_m: float) -> Within:
     return Within(1e3 * low_m, 1e3 * high_m)
 
 
-class PartMaterial(FileRecord):
+class PartMaterial(Short):
     """What a part of a hand is made of: a material, of which some lengths may be drawn."""
 
-    of: Annotated[Material, PlainValidator(_made_of), NAME_OR_TABLE] = Field(
-        default_factory=lambda: material("palm"), validation_alias=AliasChoices("of", UNNAMED)
+    of: Annotated[Material, PlainValidator(_made_of), NAME_OR_TABLE] = short(
+        "of", default_factory=lambda: material("palm")
     )  # most of what a radar sees of a hand that is held towards it
     roughness_rms_mm: Annotated[Draw, _millimetres(0.0, PLAUSIBLE_ROUGHNESS_M[1])] | None = None
     correlation_length_mm: Annotated[Draw, _millimetres(*PLAUSIBLE_CORRELATION_M)] | None = None
@@ -414,19 +432,10 @@ class PartMaterial(FileRecord):
         return replace(self.of, **values)
 
 
-Part = Annotated[
-    PartMaterial,
-    BeforeValidator(lambda v: v if isinstance(v, dict | PartMaterial) else {UNNAMED: v}),
-]
-"""A material by itself is one whose lengths are its own."""
-
-
-class PlanMaterials(ByPart[Part]):
+class PlanMaterials(ByPart[PartMaterial]):
     """What a hand is made of, by part."""
 
-    others: Part = Field(
-        default_factory=PartMaterial, validation_alias=AliasChoices("others", UNNAMED)
-    )
+    others: PartMaterial = short("others", default_factory=PartMaterial)
 
     @property
     def of_parts(self) -> Mapping[str, Material]:
