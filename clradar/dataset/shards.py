@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -59,9 +59,9 @@ class Field:
 
     place: str
     axes: tuple[str, ...]
-    dtype: str  # "text" is UTF-8
     units: str | None
     long_name: str
+    dtype: str = ""  # of a label; "text" is UTF-8
     value: Callable[[SamplePlan], Any] | None = None  # of a label that is no JSON
     of: str | None = None  # a table of the plan without which there is no such label
 
@@ -76,28 +76,21 @@ _PAIRS = ("tx", "rx", "frequency_hz")
 ARRAYS: Mapping[str, Field] = {
     name: Field(f"entry/{place}", *rest)
     for name, place, *rest in (
-        ("capture", "capture/data", _PAIRS, "complex64", None, "complex response"),
-        ("volume", "volume/data", ("z_m", *_YX), "complex64", None, "complex image"),
-        (
-            "max_projection", "max_projection/data", _YX, "float32", None,
-            "maximum of the amplitude over z",
-        ),
-        (
-            "depth_map", "depth_map/data", _YX, "float32", "m",
-            "depth of the maximum; NaN: nothing",
-        ),
-        ("joints", "joints/data", ("joint", *_XYZ), "float64", "m", "joint centres, antenna frame"),
-        ("mesh_vertices", "mesh/vertices", _XYZ, "float32", "m", "vertices, antenna frame"),
-        ("mesh_faces", "mesh/faces", ("corner",), "int32", None, "vertices of faces"),
-        ("mesh_part", "mesh/part", (), "uint8", None, "index of each face's part"),
+        ("capture", "capture/data", _PAIRS, None, "complex response"),
+        ("volume", "volume/data", ("z_m", *_YX), None, "complex image"),
+        ("max_projection", "max_projection/data", _YX, None, "maximum of the amplitude over z"),
+        ("depth_map", "depth_map/data", _YX, "m", "depth of the maximum; NaN: nothing"),
+        ("joints", "joints/data", ("joint", *_XYZ), "m", "joint centres, antenna frame"),
+        ("mesh_vertices", "mesh/vertices", _XYZ, "m", "vertices, antenna frame"),
+        ("mesh_faces", "mesh/faces", ("corner",), None, "vertices of faces"),
+        ("mesh_part", "mesh/part", (), None, "index of each face's part"),
     )
-}  # fmt: skip
+}
 """Arrays of samples by their names in `Sample.arrays`."""
 
 
-def _angles_rad(sample: SamplePlan) -> list[list[float]]:
-    joints = (sample.pose.angles(name) for name in JOINT_NAMES)
-    return [[getattr(own, f"{name}_rad") for name in ANGLES] for own in joints]
+def _angles_rad(sample: SamplePlan) -> list[Any]:
+    return [astuple(sample.pose.angles(name)) for name in JOINT_NAMES]
 
 
 def _shape(sample: SamplePlan) -> list[float]:
@@ -118,44 +111,44 @@ def _of_parts(name: str, sample: SamplePlan) -> list[float | None]:
 
 
 _LABELS: Sequence[Any] = (
-    ("sample", (), "int64", None, "number of the sample in the plan", lambda s: s.sample),
-    ("pose", (), "text", None, "name of the pose", lambda s: s.pose.name),
-    ("handedness", (), "text", None, "right or left", lambda s: s.plan.hands.handedness),
-    ("angles_rad", ("joint", "angle"), "float64", "rad", "joint angles", _angles_rad),
-    ("shape", ("shape_parameter",), "float64", None, "shape of the hand; NaN: of a rig", _shape),
-    ("rig", (), "text", None, "file of the rig, if any", _rig),
+    ("sample", (), None, "number of the sample in the plan", "int64", lambda s: s.sample),
+    ("pose", (), None, "name of the pose", "text", lambda s: s.pose.name),
+    ("handedness", (), None, "right or left", "text", lambda s: s.plan.hands.handedness),
+    ("angles_rad", ("joint", "angle"), "rad", "joint angles", "float64", _angles_rad),
+    ("shape", ("shape_parameter",), None, "shape of the hand; NaN: of a rig", "float64", _shape),
+    ("rig", (), None, "file of the rig, if any", "text", _rig),
     (
-        "center_m", _XYZ, "float64", "m", "centre of the hand's bounding box before its turn",
+        "center_m", _XYZ, "m", "centre of the hand's bounding box before its turn", "float64",
         lambda s: s.plan.placement.metres,
     ),
     (
-        "rotation_rad", _XYZ, "float64", "rad", "turns about x, then y, then z",
+        "rotation_rad", _XYZ, "rad", "turns about x, then y, then z", "float64",
         lambda s: s.plan.placement.radians,
     ),
     (
-        "alpha", ("part",), "float64", None, "0 specular to 1 diffuse",
+        "alpha", ("part",), None, "0 specular to 1 diffuse", "float64",
         lambda s: [*s.plan.alpha.of_parts.values()], "alpha",
     ),
     (
-        "roughness_rms_m", ("part",), "float64", "m", "RMS height of the roughness",
+        "roughness_rms_m", ("part",), "m", "RMS height of the roughness", "float64",
         partial(_of_parts, "roughness_rms_m"), "material",
     ),
     (
-        "correlation_length_m", ("part",), "float64", "m", "of the roughness; NaN: smooth",
+        "correlation_length_m", ("part",), "m", "of the roughness; NaN: smooth", "float64",
         partial(_of_parts, "correlation_length_m"), "material",
     ),
     (
-        "coating_thickness_m", ("part",), "float64", "m", "of the coating; NaN: none",
+        "coating_thickness_m", ("part",), "m", "of the coating; NaN: none", "float64",
         partial(_of_parts, "thickness_m"), "material",
     ),
-    ("sequence", (), "int64", None, "number of the sequence", lambda s: s.number, "movement"),
-    ("frame", (), "int32", None, "number of the frame in it", lambda s: s.frame, "movement"),
-    ("time_s", (), "float64", "s", "when the frame begins in it", lambda s: s.start_s, "movement"),
+    ("sequence", (), None, "number of the sequence", "int64", lambda s: s.number, "movement"),
+    ("frame", (), None, "number of the frame in it", "int32", lambda s: s.frame, "movement"),
+    ("time_s", (), "s", "when the frame begins in it", "float64", lambda s: s.start_s, "movement"),
     (
-        "recipe", (), "text", None, "all that the sample is made of, JSON",
+        "recipe", (), None, "all that the sample is made of, JSON", "text",
         lambda s: to_json("recipe", s.record),
     ),
-    ("made_with", (), "text", None, "versions and device, JSON"),
+    ("made_with", (), None, "versions and device, JSON", "text"),
 )  # fmt: skip
 LABELS = {name: Field(f"entry/labels/{name}", *rest) for name, *rest in _LABELS}
 
@@ -197,12 +190,12 @@ def axes_of(plan: Plan) -> dict[str, Any]:
 
 
 @contextmanager
-def new_shard(path: Path, plan: Plan, *, force: bool = True) -> Iterator[ShardWriter]:
+def new_shard(path: Path, plan: Plan) -> Iterator[ShardWriter]:
     """Yield a writer of samples; the shard is put in its place when it is whole."""
     import h5py
 
     with (
-        replacing(path, force=force) as temporary,
+        replacing(path, force=True) as temporary,
         h5py.File(temporary, "x", libver=LIBRARY) as file,
     ):
         writer = ShardWriter(file, temporary, plan.output.compression)
@@ -258,7 +251,7 @@ class ShardWriter:
         coordinates = self._group("entry/axes", NX_class="NXcollection")
         for name, values in axes_of(plan).items():
             units = {"m": "m", "hz": "Hz"}.get(name.rpartition("_")[2])
-            self._dataset(Field(f"entry/axes/{name}", (), "", units, name), values)
+            self._dataset(Field(f"entry/axes/{name}", (), units, name), values)
         fields = {name: field for name, field in ARRAYS.items() if name in arrays}
         # What viewers draw at once.
         drawn = [name for name in ("max_projection", "depth_map", *fields) if name in fields]
@@ -293,15 +286,12 @@ class ShardWriter:
             place = ARRAYS[name].place
             if ARRAYS[name].ragged:
                 title = f"where {place.rsplit('/', 1)[1]} begin, and end"
-                rows = Field(f"{place}_first", (), "int64", None, title)
-                self._dataset(rows, np.array(first, dtype=np.int64))
+                self._dataset(Field(f"{place}_first", (), None, title), np.array(first, np.int64))
             group = self._file[place].parent
             if "sample" not in group:
                 group["sample"] = self._file["entry/labels/sample"]
         if self._failed:
-            self._dataset(
-                Field(FAILED, (), "text", None, "what failed, and why, JSON"), self._failed
-            )
+            self._dataset(Field(FAILED, (), None, "what failed, and why, JSON"), self._failed)
 
     def _group(self, name: str, **attributes: Any) -> Any:
         group = self._file.create_group(name)

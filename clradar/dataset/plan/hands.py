@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
-    AfterValidator,
     AliasChoices,
     BeforeValidator,
     Field,
@@ -28,16 +27,14 @@ from clradar.files.meshes.gltf_document import files_of
 from clradar.files.records import FileRecord, NumberOrText, Numbers, Text, mistake, numbers
 from clradar.files.toml_file import choice_text, nearest, toml_brief
 from clradar.hand import (
-    ANGLES,
     DIGITS,
     LETTERS,
     PART_NAMES,
     HandPose,
     HandShape,
     JointAngles,
-    pose_by_name,
-    read_pose,
 )
+from clradar.hand.pose_file import pose_of
 from clradar.hand.sampler import MOST_SPREAD_DEG, SPREAD_DEG
 from clradar.hand.shape import AVERAGE, BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
 from clradar.model import checks
@@ -63,10 +60,7 @@ Share = Annotated[Draw, Within(0.0, 1.0)]
 
 def pose_record(pose: HandPose) -> dict[str, Any]:
     """Return name and angles, without joints whose angles are all 0."""
-    joints = {
-        joint: [getattr(angles, f"{name}_rad") for name in ANGLES]
-        for joint, angles in pose.joints.items()
-    }
+    joints = {joint: [*astuple(angles)] for joint, angles in pose.joints.items()}
     return {"name": pose.name, "joints_rad": joints}
 
 
@@ -88,24 +82,23 @@ def _of_set(value: Any) -> Any:
     return POSE_SETS[value] if isinstance(value, str) else value
 
 
-def _of_record(value: Any) -> HandPose:
+def _pose(value: Any, info: ValidationInfo) -> Any:
+    """Return the pose of a name, a file, or as it is in manifests."""
     if isinstance(value, HandPose):
         return value
+    if isinstance(value, str):
+        return tried(pose_of, folder_of(info) / value if Path(value).suffix else value)
     try:
         joints = {name: JointAngles(*angles) for name, angles in value["joints_rad"].items()}
         return HandPose(value["name"], joints)
     except (ClradarError, KeyError, TypeError, AttributeError, ValueError) as error:
-        raise mistake("a name and joints_rad", clean(repr(error))) from error
+        raise mistake("the name of a pose, or name and joints_rad", clean(repr(error))) from error
 
 
-Pose = Annotated[HandPose, PlainValidator(_of_record), WithJsonSchema({"type": "object"})]
+Pose = Annotated[HandPose, PlainValidator(_pose), NAME_OR_TABLE]
 _NAMES = WithJsonSchema(
     {"anyOf": [{"enum": list(POSE_SETS)}, {"type": "array", "items": {"type": "string"}}]}
 )
-Named = Annotated[Text, AfterValidator(lambda name: tried(pose_by_name, name))]
-FromFile = Annotated[
-    Text, AfterValidator(lambda name, info: tried(read_pose, folder_of(info) / name))
-]
 
 
 UNNAMED = "[all]"
@@ -146,8 +139,8 @@ class Poses(FileRecord):
     """
 
     kind: Literal["list", "interpolation", "around", "sampler"] = "list"
-    names: Annotated[tuple[Named, ...], BeforeValidator(_of_set), _NAMES] = ()
-    files: tuple[FromFile, ...] = ()
+    names: Annotated[tuple[Pose, ...], BeforeValidator(_of_set), _NAMES] = ()
+    files: tuple[Pose, ...] = ()
     resolved: tuple[Pose, ...] = ()
     order: Literal["cycle", "random"] = "cycle"
     share: Share | None = None
@@ -155,17 +148,14 @@ class Poses(FileRecord):
 
     @property
     def poses(self) -> tuple[HandPose, ...]:
-        poses: Any = (*self.names, *self.files, *self.resolved)
-        return poses
+        return (*self.names, *self.files, *self.resolved)
 
     @model_validator(mode="after")
     def _check(self) -> Poses:
         kind, found = self.kind, self.poses
-        if self.share is not None and kind != "interpolation":
-            got = self.share.to_plain()
-            raise mistake('no share unless kind = "interpolation"', got, key="share")
-        if self.spread_deg is not None and kind != "around":
-            raise mistake('none unless kind = "around"', self.spread_deg, key="spread_deg")
+        for key, own in (("share", "interpolation"), ("spread_deg", "around")):
+            if kind != own and getattr(self, key) is not None:
+                raise mistake(f'none unless kind = "{own}"', f'kind = "{kind}"', key=key)
         if kind == "sampler" and found:
             expected = 'no poses with "sampler", which makes its own'
             raise mistake(expected, f"{len(found)} poses", key="kind")

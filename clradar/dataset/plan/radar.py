@@ -134,8 +134,7 @@ class RadarPlan(FileRecord):
     @property
     def antennas(self) -> AntennaArray:
         """Every n-th antenna; equal ones are the same object."""
-        known = isinstance(self.array, str)
-        return _antennas(self.array if known else json.dumps(self.array), self.every)
+        return _antennas(json.dumps(self.array), self.every)
 
     @property
     def waveform(self) -> Waveform:
@@ -150,7 +149,8 @@ def _waveform(start_ghz: float, stop_ghz: float, steps: int) -> Waveform:
 
 @lru_cache(maxsize=8)
 def _antennas(array: str, every: int) -> AntennaArray:
-    antennas = KNOWN[array]() if array in KNOWN else array_of(json.loads(array), "array", "array")
+    given = json.loads(array)
+    antennas = KNOWN[given]() if isinstance(given, str) else array_of(given, "array", "array")
     if every == 1:
         return antennas
     one_in = slice(None, None, every)
