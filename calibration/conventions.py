@@ -27,6 +27,7 @@ from clradar.model.range_profile import (
     echoes,
     range_profile,
 )
+from clradar.model.record import plain
 from clradar.model.resolution import lateral_resolution_m
 from clradar.opencl import Device, open_device
 
@@ -202,8 +203,8 @@ class Diagnosis:
             return {"label": h.label, **{name: bool(value) for name, value in asdict(h).items()}}
 
         def scored(s: Score) -> dict[str, Any]:
-            level_db = s.relative_db if np.isfinite(s.relative_db) else None
-            return {**named(s.hypothesis), "relative_db": level_db, "peak_m": s.peak_m.tolist()}
+            own = {"relative_db": s.relative_db, "peak_m": s.peak_m}
+            return {**named(s.hypothesis), **plain(own)}
 
         return {
             "best": None if self.best is None else named(self.best),

@@ -3,18 +3,12 @@
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 """Speed of light in vacuum, m/s (exact by definition of the metre)."""
 
-VACUUM_PERMITTIVITY_F_PER_M = 8.854_187_8128e-12
-"""Electric constant, F/m (CODATA 2018)."""
-
+VACUUM_PERMITTIVITY_F_PER_M = 8.854_187_8128e-12  # electric constant, F/m (CODATA 2018)
 DYNAMIC_RANGE_DB = 15.0
 """Images and depth maps are cut this far below their maximum, as in the paper."""
 
-PLAUSIBLE_HZ = (1e8, 1e12)
-"""Frequencies of an imaging radar; others are in another unit than hertz."""
-
-MAX_FREQUENCIES = 10_000_000
-"""Most frequencies of a waveform."""
-
+PLAUSIBLE_HZ = (1e8, 1e12)  # frequencies of an imaging radar; others are in another unit than hertz
+MAX_FREQUENCIES = 10_000_000  # most frequencies of a waveform
 PLAUSIBLE_APERTURE_M = (1e-3, 5.0)
 """Largest extent of a near-field array along an axis; others are in another unit than metres."""
 
@@ -33,9 +27,7 @@ larger one is no point."""
 PLAUSIBLE_ROUGHNESS_M = (0.0, 0.01)
 """Root-mean-square height of a surface; a larger one belongs into the mesh."""
 
-PLAUSIBLE_CORRELATION_M = (1e-5, 0.1)
-"""Correlation length of a surface's heights."""
-
+PLAUSIBLE_CORRELATION_M = (1e-5, 0.1)  # correlation length of a surface's heights
 PLAUSIBLE_MICRO_ROUGHNESS_M = (0.0, 1e-3)
 """Root-mean-square height of what is finer than the samples of a surface."""
 

@@ -17,9 +17,7 @@ from clradar.model import Capture, DepthMap, Volume, checks
 Exported = Capture | Volume | DepthMap
 _NOUNS = {Capture: "a capture", Volume: "a volume", DepthMap: "a depth map"}
 
-MAT_BYTES = 2**31 - 2**16
-"""Of one array: more does not fit the 32-bit sizes of MATLAB v5."""
-
+MAT_BYTES = 2**31 - 2**16  # of one array: more does not fit the 32-bit sizes of MATLAB v5
 STEEPEST = 3.0
 """Neighbours of a surface are joined where their depths differ by at most this many pixels: beyond
 some 70 degrees there is an edge with another surface behind it."""

@@ -101,8 +101,7 @@ def open_capture(
                 raise layout_needed(source)
             if antennas:
                 fail(source, "a recorded frame, for antenna files to apply to", "a native file")
-            capture: Capture = found[1]
-            return capture
+            return found[1]
         elif kind_of(source) == "container":
             raise layout_needed(source)
         array = frame_reader.antenna_array(rx_file, tx_file, antennas_file(file))

@@ -26,8 +26,7 @@ OUTSIDE = ("benchmarks", "examples", "tests")
 def budget_of(root: Path) -> dict[str, int]:
     """Most lines of each part: folders and files, with blanks between them."""
     project = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))
-    budget: dict[str, int] = project["tool"]["clradar"]["budget"]
-    return budget
+    return project["tool"]["clradar"]["budget"]
 
 
 def files_of(root: Path) -> list[str]:

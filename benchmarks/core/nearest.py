@@ -9,8 +9,7 @@ from clradar.model import checks
 from clradar.opencl import Device, build
 from clradar.opencl.buffers import OnDevice
 
-CACHE_BYTES = 2**22
-"""Of a tree of up to this size a core's cache holds what rays need most."""
+CACHE_BYTES = 2**22  # of a tree of up to this size a core's cache holds what rays need most
 
 
 class NearestHits(OnDevice):

@@ -16,12 +16,8 @@ from core.nearest import NearestHits
 from core.peers import MitsubaRays
 from core.work import ARRAY, Work
 
-PAUSE_S = 0.1
-"""Mitsuba's threads wait actively for a while after each call."""
-
-LIFT_M = 2e-6
-"""Height above its face at which a ray begins."""
-
+PAUSE_S = 0.1  # mitsuba's threads wait actively for a while after each call
+LIFT_M = 2e-6  # height above its face at which a ray begins
 SCENES = {"closed": partial(meshes.ball, 101), "concave": partial(meshes.waves, 708)}
 
 

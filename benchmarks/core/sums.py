@@ -17,8 +17,7 @@ from core.work import ARRAY, WAVEFORM, Work, forward_by_gemm, relative_rms_db
 K_PER_M = WAVEFORM.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
 PART_POINTS = 4096
 """Points of a product of the dense sum: 12 MB, which is a third faster than all at a time."""
-DENSE_FREQUENCIES = 2
-"""Of the waveform's, at which the dense sum is timed."""
+DENSE_FREQUENCIES = 2  # of the waveform's, at which the dense sum is timed
 
 
 def phasor_sum(device: clradar.Device, n_paths: int) -> Work:

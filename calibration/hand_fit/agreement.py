@@ -40,8 +40,7 @@ def smoothed_ratio(
     """
 
     def averaged(values: np.ndarray, width: np.ndarray) -> np.ndarray:
-        found: np.ndarray = ndimage.gaussian_filter(values, width, mode="constant")
-        return found
+        return ndimage.gaussian_filter(values, width, mode="constant")
 
     total = np.maximum(averaged(weight, width), 1e-12)
     mean = averaged(weight * residual, width) / total

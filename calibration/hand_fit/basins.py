@@ -16,19 +16,11 @@ from calibration.hand_fit.prior import Prior
 from calibration.hand_fit.result import APART_M, DIGITS, RIVAL_DEVIANCE, ends_apart_m
 from calibration.registration.mesh_fit import initial_log_brightness
 
-PLACES = 3
-"""That are told apart by `APART_M` and tried."""
-
+PLACES = 3  # that are told apart by `APART_M` and tried
 SWEEPS = 2
-POOL = 3
-"""States that go down from the search."""
-
-BESIDE = 4
-"""Poses of single digits that are compared with them where the ranges disagree."""
-
-DISAGREEING = 1.0
-"""`range_ratio` of a fit above which a digit may be elsewhere."""
-
+POOL = 3  # states that go down from the search
+BESIDE = 4  # poses of single digits that are compared with them where the ranges disagree
+DISAGREEING = 1.0  # `range_ratio` of a fit above which a digit may be elsewhere
 ROUNDS = (
     (replace(COARSE, surfaces=1), replace(MIDDLE, surfaces=1)),
     (replace(MIDDLE, surfaces=1), replace(FINE, surfaces=1)),

@@ -15,9 +15,7 @@ SPEED_STD_DEG_S = 100.0
 """Standard deviation of the angular velocity of a joint's flexion. A finger that closes in a second
 turns by 90 degrees in each of two joints, at up to 170 degrees per second."""
 
-SPEED_LASTS_S = 0.5
-"""Time constant by which a velocity is forgotten: about half of such a movement."""
-
+SPEED_LASTS_S = 0.5  # time constant by which a velocity is forgotten: about half of such a movement
 SHAPE_FRAMES = 2.0
 """The information of frames on the shape adds up to at most that of so many frames: most of what
 they get wrong is the same in all of them. Without a limit the girth of a synthetic hand went from
@@ -124,16 +122,8 @@ class Belief:
         return Prior(mean[_ANGLES], shape, information)
 
     def measured(self, state: HandState, covariance: np.ndarray) -> Belief:
-        """After a fit whose prior was this one.
+        """After a fit whose prior was this one; its `covariance`, as large as `known`, includes it.
 
-        Parameters
-        ----------
-        state : HandState
-        covariance : ndarray
-            Of angles and shape, of the fit and its prior together, as large as `known`.
-
-        Notes
-        -----
         The velocities follow by their covariance with the angles: with the gain K = C_vx / C_xx
         their mean grows by K times the change of the known, and C_vv by K (C - C_xx) K^T.
         """

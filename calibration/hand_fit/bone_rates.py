@@ -39,8 +39,7 @@ def axes_of(bones: Bones, pose: HandPose) -> np.ndarray:
     frames = matrix / np.linalg.norm(matrix, axis=1, keepdims=True)
     # The axes of a left hand's bones are mirrored, which turns rotations round.
     handed = np.sign(np.linalg.det(frames))[:, None]
-    axes: np.ndarray = handed * np.einsum("nij,nj->ni", frames, own)
-    return axes
+    return handed * np.einsum("nij,nj->ni", frames, own)
 
 
 def bone_rates(model: HandModel, state: HandState, bones: Bones, centre_m: np.ndarray) -> BoneRates:

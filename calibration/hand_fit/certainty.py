@@ -29,9 +29,7 @@ UNTOLD_SHARE = 0.8
 share. At 0.8 the value that prior and other angles give it is as exact, in
 simulations, as the value fitted: rms 9.4 against 9.5 degrees (docs/hand-fit-method.md)."""
 
-SURFACE_NOISE = 2.0
-"""By so much the deviance differs between surfaces that are drawn anew."""
-
+SURFACE_NOISE = 2.0  # by so much the deviance differs between surfaces that are drawn anew
 DEVIANCE_PER_E = COVARIANCE_RATIO**2 * np.sqrt(1.0 + np.pi / 8.0 * SURFACE_NOISE**2)
 """Difference of the deviances of two poses that makes one e times as likely: 1 but for what makes
 errors larger and, with a normal distribution of this width, for the noise of the surfaces (D.
@@ -65,8 +63,7 @@ class Certainty:
     @property
     def joint_std_m(self) -> np.ndarray:
         """As `HandFit.joint_std_m`."""
-        std_m: np.ndarray = np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
-        return std_m
+        return np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,8 +83,7 @@ class Information:
     def covariance(self) -> np.ndarray:
         """Of the fitted parameters: (n, n), the brightness among them; not widened."""
         own = np.ix_(self.fitted, self.fitted)
-        inverse: np.ndarray = np.linalg.inv((self.measured + self.before)[own])
-        return inverse
+        return np.linalg.inv((self.measured + self.before)[own])
 
     def told(self) -> np.ndarray:
         """Mask, (23,), of the angles that the measurement tells."""
@@ -233,8 +229,7 @@ def _without_negative(matrix: np.ndarray) -> np.ndarray:
     """The nearest matrix without negative eigenvalues, each parameter in its own unit."""
     unit = np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
-    positive: np.ndarray = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(unit, unit)
-    return positive
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(unit, unit)
 
 
 def _joint_derivatives(fitter: HandFitter, state: HandState, centre_m: np.ndarray) -> np.ndarray:

@@ -39,9 +39,7 @@ from clradar.opencl import Device
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings
 
-MAX_ROUNDS = 4
-"""The first two try fixed alphas, the others come to rest."""
-
+MAX_ROUNDS = 4  # the first two try fixed alphas, the others come to rest
 CORRECTED_SHARE = 0.5
 """Share of the bias that is corrected: that of one simulation scatters as much as the fit to the
 measurement does, and all of it would be added."""
@@ -55,9 +53,7 @@ SIMILAR_ALPHA = 0.15
 TOLERANCE_M = 5e-4
 """At rest when a round moves the joints by less, root mean square: a third of their error."""
 
-CONVERGED_M = 1e-3
-"""The same of the last round that there is time for."""
-
+CONVERGED_M = 1e-3  # the same of the last round that there is time for
 EDGE_M, VOXEL_M, MARGIN_M = 2.4e-3, 2e-3, 20e-3
 """Of simulations: edges of triangles, voxels, and what is imaged in front of and behind a hand."""
 
@@ -113,12 +109,8 @@ def close_loop(
     """Correct a fit by simulations of it until they rest.
 
     `missed` are the slopes with which the fit was settled, and with which simulations are fitted.
-    `progress` is called with the number of rounds and that of all, which it reaches in any case.
-
-    Raises
-    ------
-    CompareError
-        No ray of a simulation reaches a receiver.
+    `progress` is called with the number of rounds and that of all, which it reaches in any case. No
+    ray of a simulation at a receiver is a `CompareError`.
     """
     measured = decimated(fitter.depth, VOXEL_M)
     picture = fitter.picture(FINE)

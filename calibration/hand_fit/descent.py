@@ -35,9 +35,7 @@ _MOST[:3], _MOST[3:6], _MOST[ANGLES], _MOST[SHAPE], _MOST[BRIGHTNESS] = 0.1, 6e-
 
 _BRIGHTNESS_ONLY = np.arange(N_PARAMETERS) >= N_GEOMETRY
 
-_SETTLED = 0.05
-"""A fall of the deviance below which surfaces are not drawn anew."""
-
+_SETTLED = 0.05  # a fall of the deviance below which surfaces are not drawn anew
 _DAMPING = 1e-2
 _TRIALS = 4
 
@@ -88,19 +86,10 @@ class Fitted:
 
 
 class HandFitter:
-    """Fits states of a hand to one measured image.
+    """Fits states of a hand to one measured image, on pixels of about 2 mm or finer.
 
-    Parameters
-    ----------
-    model : HandModel
-    depth : DepthMap
-        On pixels of about 2 mm or finer.
-    aperture : Aperture
-    device : Device
-    fitted : ndarray of bool, shape (44,)
-        The parameters that are fitted; the others stay.
-    levels : tuple of Level
-        Those that it will be asked for.
+    `fitted`, (44,), tells the parameters that are fitted; the others stay. `levels` are those that
+    it will be asked for.
     """
 
     def __init__(
@@ -158,8 +147,7 @@ class HandFitter:
         """The brightness, scaled to the power of the measured image."""
         picture = self.picture(level)
         power, _ = picture.render(state, log_brightness)
-        scaled: np.ndarray = log_brightness + np.log(picture.power.sum() / power.sum())
-        return scaled
+        return log_brightness + np.log(picture.power.sum() / power.sum())
 
     def step(self, found: Fitted, prior: Prior, missed: Missed) -> tuple[np.ndarray, np.ndarray]:
         """A step of all fitted parameters, (44,), on the surface of `FINE` that was drawn last, and

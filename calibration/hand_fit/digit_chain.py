@@ -29,14 +29,7 @@ def bones_of_digit(digit: str) -> slice:
 
 
 class DigitChain:
-    """A digit of a hand whose other parts stay.
-
-    Parameters
-    ----------
-    model : HandModel
-    state : HandState
-    digit : str
-    """
+    """A digit of a hand whose other parts stay."""
 
     def __init__(self, model: HandModel, state: HandState, digit: str) -> None:
         self.own, self.turned = ANGLES_OF_DIGIT[digit], BONES_OF_ANGLES[digit]

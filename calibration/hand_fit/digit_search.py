@@ -57,9 +57,7 @@ def refinements(digit: str, step: float) -> np.ndarray:
     return np.concatenate([moves, -moves])
 
 
-STEPS = (0.5, 0.25)
-"""Of the refinement of the best, in those of the grid."""
-
+STEPS = (0.5, 0.25)  # of the refinement of the best, in those of the grid
 REFINED = 4
 
 WORSE = 10.0
@@ -119,16 +117,7 @@ class Swept:
 
 
 class DigitSearch:
-    """Judges many poses of one digit of a hand.
-
-    Parameters
-    ----------
-    fitter : HandFitter
-    skin : HandSkin
-    prior : Prior
-    level : Level
-        Pixels and scatter of ranges.
-    """
+    """Judges many poses of one digit of a hand, at the pixels and scatter of a `level`."""
 
     def __init__(self, fitter: HandFitter, skin: HandSkin, prior: Prior, level: Level) -> None:
         self.fitter, self.skin, self.prior, self.level = fitter, skin, prior, level

@@ -21,9 +21,7 @@ from clradar.model.length_unit import LengthUnit
 from clradar.plot.drawing import LABEL_PT, MARGIN, TICK_PT, Extent, settled, text_height
 from clradar.plot.images import image_figure
 
-SILHOUETTE_PIXEL_M = 0.25e-3
-"""A tenth of what the imager resolves."""
-
+SILHOUETTE_PIXEL_M = 0.25e-3  # a tenth of what the imager resolves
 BONES, OTHERS = "#56b4e9", "#d55e00"
 """Of the palette of Okabe and Ito (2008), which colour-blind readers distinguish; on a black
 background, and on both scales."""
@@ -34,21 +32,11 @@ LEGEND_ROWS = 2
 def hand_fit_figure(
     measured: Volume | DepthMap, fit: HandFit, *, dynamic_range_db: float = DYNAMIC_RANGE_DB
 ) -> Figure:
-    """Draw a fitted hand over its measured image.
+    """Draw a fitted hand over its measured image, down to the dynamic range.
 
-    Parameters
-    ----------
-    measured : Volume or DepthMap
-    fit : HandFit
-    dynamic_range_db : float, decibel
-        Pixels further below the maximum are background.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Axes: amplitude and depth, both with the outline of the mesh, its bones and joints; their
-        colour bars. A joint is hollow, and its bone dashed, if the measurement does not tell one of
-        its angles. Ellipses are two standard deviations of a tip, crosses the tips of other basins.
+    Axes: amplitude and depth, both with the outline of the mesh, its bones and joints; their colour
+    bars. A joint is hollow, and its bone dashed, if the measurement does not tell one of its
+    angles. Ellipses are two standard deviations of a tip, crosses the tips of other basins.
     """
     shown = depth_map_of(measured, dynamic_range_db, "measured image")
     figure = image_figure(shown, dynamic_range_db=dynamic_range_db)

@@ -45,9 +45,7 @@ from clradar.rigs import Rig
 ROUGH_COST, SEARCH_COST, LOOP_COST = 0.3, 0.7, 1.0
 """Times of the coarse fit of a start, the search of its digits, and the loop, for the progress."""
 
-SEARCHED = 3
-"""Of several starts so many, after a coarse fit of all, have their digits searched."""
-
+SEARCHED = 3  # of several starts so many, after a coarse fit of all, have their digits searched
 TRIED_OF_SEVERAL = 2
 """Rotations that are refined of each of several starts, only the best of which is gone on from."""
 

@@ -30,9 +30,7 @@ from clradar.model.volume import capture_meta
 from clradar.opencl import Device, open_device
 from clradar.rigs import Rig
 
-MEMORY = 8
-"""Frames whose median misfit the next one is held against: a second."""
-
+MEMORY = 8  # frames whose median misfit the next one is held against: a second
 LOST_RATIO = 1.1
 """A misfit per cell above the median by this is searched. On a synthetic recording it is at most
 9 % above while the hand is followed well, and 12 to 20 % where fingers are lost

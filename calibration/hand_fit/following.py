@@ -48,26 +48,14 @@ class Settled:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Follower:
-    """Fits frames of one hand.
-
-    Attributes
-    ----------
-    model : HandModel
-    aperture : Aperture
-    device : Device
-    fit_shape : bool
-    seed : int
-        Of the surfaces that are drawn.
-    shape_is_known : bool
-        Of a shape that is not fitted.
-    """
+    """Fits frames of one hand."""
 
     model: HandModel
     aperture: Aperture
     device: Device
     fit_shape: bool
-    seed: int
-    shape_is_known: bool = True
+    seed: int  # of the surfaces that are drawn
+    shape_is_known: bool = True  # of a shape that is not fitted
 
     def follow(self, depth: DepthMap, track: Track, time_s: float) -> Settled:
         """Fit a frame that is `time_s` after the last one with a hand."""

@@ -15,6 +15,7 @@ from calibration.hand_fit.result import ANGLE_NAMES, TIPS, by_joint
 from clradar.files.failures import reading
 from clradar.hand import JOINT_NAMES, HandShape
 from clradar.hand.pose_file import pose_of_table, pose_table
+from clradar.model.record import plain
 
 SEARCHED, FOLLOWED, NOTHING = "searched", "followed", "nothing found"
 
@@ -74,14 +75,8 @@ class FrameFit:
 
     def to_dict(self) -> dict[str, Any]:
         """The frame in types that JSON has; with a hand it is a start that `fit_hand` takes."""
-        record: dict[str, Any] = {
-            "frame": self.frame,
-            "time_s": self.time_s,
-            "how": self.how,
-            "start": self.start,
-            "notes": list(self.notes),
-            "handedness": self.handedness,
-        }
+        names = ("frame", "time_s", "how", "start", "notes", "handedness")
+        record: dict[str, Any] = plain({name: getattr(self, name) for name in names})
         if self.state is None:
             return record
         columns = (np.degrees(angles_of(self.state.pose)), np.degrees(self.angle_std_rad))

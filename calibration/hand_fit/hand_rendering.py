@@ -61,20 +61,10 @@ def stepped(state: HandState, step: np.ndarray, centre_m: np.ndarray) -> HandSta
 
 
 class HandRendering(Canvas):
-    """Renderings of a hand on the pixels of a measured image.
+    """Renderings of a hand on the pixels of a measured image, blurred as those of `Canvas`.
 
     The samples are those of a surface that `draw_surface` meshes in some state; near it they move
     with their bones, and what is visible stays so.
-
-    Parameters
-    ----------
-    model : HandModel
-    measured : MeasuredImage
-    aperture : Aperture
-    device : Device
-    blur_m : float, metres
-        As of `Canvas`.
-    samples_per_mm2 : float, 1/mm^2
     """
 
     def __init__(

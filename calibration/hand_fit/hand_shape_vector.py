@@ -14,8 +14,7 @@ N_SHAPE = len(SHAPE_NAMES)
 SHAPE_STD = np.array([0.063, 0.082, 0.024, 0.024, 0.024, 0.024, 0.024, 0.045])
 """Standard deviations among adults of both sexes (`clradar.hand.random_shape` has the sources)."""
 
-LENGTH_BREADTH_CORRELATION = 0.8
-"""Among both sexes together; 0.6 within one."""
+LENGTH_BREADTH_CORRELATION = 0.8  # among both sexes together; 0.6 within one
 
 
 def vector_of(shape: HandShape) -> np.ndarray:

@@ -66,20 +66,13 @@ def pose_with(pose: HandPose, angles_rad: np.ndarray, name: str | None = None) -
 class HandState:
     """Joint angles, shape and place of a hand.
 
-    Attributes
-    ----------
-    pose : HandPose
-        Its wrist angles are those of the starting pose.
-    shape : HandShape
-        Of the parametric hand; a rig has a shape of its own and ignores it.
-    transform : ndarray, shape (4, 4), metres
-        Rigid motion from the frame of the hand (`clradar.hand.posed_skeleton`, mirrored in x for a
-        left hand; the wrist is the origin) to the antenna frame.
+    `transform` is the rigid motion from the frame of the hand (`clradar.hand.posed_skeleton`,
+    mirrored in x for a left hand; the wrist is the origin) to the antenna frame, metres.
     """
 
-    pose: HandPose
-    shape: HandShape
-    transform: np.ndarray
+    pose: HandPose  # whose wrist angles are those of the starting pose
+    shape: HandShape  # of the parametric hand; a rig ignores it
+    transform: np.ndarray  # (4, 4)
 
     @property
     def angles_rad(self) -> np.ndarray:

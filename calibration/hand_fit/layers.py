@@ -24,12 +24,8 @@ from clradar.tracing.visible_surface import VisibleSurface
 
 SAMPLES_PER_MM2 = 0.5
 
-HIDDEN_M = 8e-3
-"""What lies farther behind something else is hidden: half a finger's thickness."""
-
-DEPTH_PIXEL_M = 4e-3
-"""Of the depths that hide: eight samples each."""
-
+HIDDEN_M = 8e-3  # what lies farther behind something else is hidden: half a finger's thickness
+DEPTH_PIXEL_M = 4e-3  # of the depths that hide: eight samples each
 _AT_ONCE = 48  # pictures
 
 
@@ -45,14 +41,7 @@ _THUMBS_DEG = (
 class HandSkin:
     """Samples of the skin of every digit, drawn in a few poses, and of the whole hand in any.
 
-    Parameters
-    ----------
-    model : HandModel
-    pose : HandPose
-        Of the joints that are not fitted.
-    shape : HandShape
-    device : Device
-    seed : int
+    `pose` is that of the joints that are not fitted.
     """
 
     def __init__(
@@ -92,8 +81,7 @@ def on_digit(samples: SkinnedSamples, digit: str) -> np.ndarray:
     """Mask of the samples that a digit moves more than any other bone does."""
     bones = bones_of_digit(digit)
     first = samples.skin.bone[:, 0]
-    found: np.ndarray = (first >= bones.start) & (first < bones.stop)
-    return found
+    return (first >= bones.start) & (first < bones.stop)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,16 +106,9 @@ class Seen:
 
 
 class LayeredRendering:
-    """Renderings of a hand of which some bones take many places.
+    """Renderings of a hand of which some bones take many places, in the antenna frame.
 
-    Parameters
-    ----------
-    canvas : Canvas
-    rest : SkinnedSamples
-        Of what does not move.
-    bones : Bones
-        Its bones, in the antenna frame.
-    log_brightness : ndarray, shape (7,)
+    `rest` are samples of what does not move; `log_brightness` has shape (7,).
     """
 
     def __init__(

@@ -25,8 +25,7 @@ _ANGLE_STEP_RAD, _SHAPE_STEP = 0.05, 0.025
 
 _MOST_STEPS, _SHARES = 4, (1.0, 0.5, 0.25)
 
-_SETTLED = 0.1
-"""A fall of the deviance below which no further step is tried."""
+_SETTLED = 0.1  # a fall of the deviance below which no further step is tried
 
 
 def missed_slopes(fitter: HandFitter, found: Fitted, seed: int) -> Missed:

@@ -23,20 +23,11 @@ Picture = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def movement_figure(fits: Sequence[FrameFit], title: str) -> Figure:
-    """Draw joint angles and tips over time.
+    """Draw joint angles and tips of fits over time.
 
-    Parameters
-    ----------
-    fits : sequence of FrameFit
-        In the order of time.
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One row per digit: its angles, and the position of its tip relative to the wrist (of its
-        last joint where a rig has no tip); bands are one standard deviation. Dotted lines:
-        frames that were searched for.
+    One row per digit: its angles, and the position of its tip relative to the wrist (of its last
+    joint where a rig has no tip); bands are one standard deviation. Dotted lines: frames that were
+    searched for.
     """
     figure = Figure(figsize=(10.0, 1.7 * len(DIGITS) + 0.6), facecolor="white")
     panels = figure.subplots(len(DIGITS), 2, sharex=True, squeeze=False)
@@ -91,16 +82,8 @@ def shown_frames(n: int) -> list[int]:
 def movement_sheet(fits: Sequence[FrameFit], pictures: Sequence[Picture | None]) -> Figure:
     """Draw frames side by side, each with the bones of its fit.
 
-    Parameters
-    ----------
-    fits : sequence of FrameFit
-    pictures : sequence of (amplitude, x_m, y_m) or None
-        Their images; None where a frame could not be imaged.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Amplitude as the radar sees the hand, x to the left. A red title: searched for, or no hand.
+    Pictures are (amplitude, x_m, y_m), None where a frame could not be imaged; they are drawn as
+    the radar sees the hand, x to the left. A red title: searched for, or no hand.
     """
     columns = min(COLUMNS, len(fits))
     rows = -(-len(fits) // columns)

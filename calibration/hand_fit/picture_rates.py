@@ -7,8 +7,7 @@ from scipy.sparse import csc_array
 
 from calibration.registration.mesh_rendering import KNOTS_RAD, Canvas
 
-_LEAST_SINE = 1e-6
-"""Of the angle of incidence: what faces the radar is as bright from either side."""
+_LEAST_SINE = 1e-6  # of the angle of incidence: what faces the radar is as bright from either side
 
 
 def drawn_rates(
@@ -21,16 +20,8 @@ def drawn_rates(
 ) -> np.ndarray:
     """Derivatives of what `Canvas.splat` draws of samples, by k parameters, (k, 2, n_y, n_x).
 
-    Parameters
-    ----------
-    canvas : Canvas
-    points_m, normals : ndarray, shape (n, 3)
-        Metres, and unit vectors.
-    rates : tuple of ndarray, shape (n, 3, k)
-        Derivatives of both by the parameters.
-    share : ndarray, shape (n,)
-        Factor of every sample's brightness.
-    log_brightness : ndarray, shape (n_knots,)
+    `rates` are the derivatives, (n, 3, k), of points and unit normals, (n, 3); `share`, (n,), is a
+    factor of every sample's brightness.
     """
     inside, corners = canvas.corners(points_m)
     d_points, d_normals = rates
@@ -75,8 +66,7 @@ def _sight_rates(
 def _slope(angle: np.ndarray, log_brightness: np.ndarray) -> np.ndarray:
     """Derivative of the interpolated log brightness by the angle, (n,)."""
     slopes = np.concatenate([[0.0], np.diff(log_brightness) / np.diff(KNOTS_RAD), [0.0]])
-    found: np.ndarray = slopes[np.searchsorted(KNOTS_RAD, angle, side="right")]
-    return found
+    return slopes[np.searchsorted(KNOTS_RAD, angle, side="right")]
 
 
 def _weights(corners: list[tuple[np.ndarray, np.ndarray]], n_pixels: int) -> csc_array:

@@ -21,8 +21,7 @@ ones of 14 656 pixels of 14 synthetic hands in the true pose; the likelihood of 
 def range_scatter_m(measured: MeasuredImage) -> np.ndarray:
     """Standard deviation of the measured range about that of the surface, (n_y, n_x), metres."""
     smooth = RANGE_STD_M**2 * (1.0 + RANGE_HALF_POWER / np.maximum(measured.power, 1e-4))
-    scatter_m: np.ndarray = np.sqrt(smooth + (ROUGH_SHARE * roughness_m(measured)) ** 2)
-    return scatter_m
+    return np.sqrt(smooth + (ROUGH_SHARE * roughness_m(measured)) ** 2)
 
 
 def roughness_m(measured: MeasuredImage) -> np.ndarray:
@@ -35,8 +34,7 @@ def roughness_m(measured: MeasuredImage) -> np.ndarray:
     total = ndimage.gaussian_filter(weight, width) + 1e-12
 
     def mean(values: np.ndarray) -> np.ndarray:
-        found: np.ndarray = ndimage.gaussian_filter(weight * values, width) / total
-        return found
+        return ndimage.gaussian_filter(weight * values, width) / total
 
     y, x = np.mgrid[: range_m.shape[0], : range_m.shape[1]].astype(np.float64)
     at_x, at_y, at_range = mean(x), mean(y), mean(range_m)

@@ -18,9 +18,7 @@ MIN_OVERLAP = 0.65
 """Least overlap of a simulation of the fit with the measurement. Of 11 hands it is 0.79 or more, of
 a box, a sphere and a plate 0.52 to 0.62 (docs/hand-fit-method.md)."""
 
-MARGIN_M = 4e-3
-"""Of the image, about a resolution cell: what is nearer to its edge is cut."""
-
+MARGIN_M = 4e-3  # of the image, about a resolution cell: what is nearer to its edge is cut
 UNUSUAL_STD = 3.0
 """Standard deviations among adults beyond which a shape is remarked: one adult of 400."""
 

@@ -11,6 +11,7 @@ from calibration.hand_fit.hand_state import FITTED_ANGLES, angles_of
 from clradar.hand import JOINT_NAMES, HandPose, HandShape
 from clradar.hand.pose_file import pose_table
 from clradar.model import Capture, Scene, Volume
+from clradar.model.record import plain
 
 TIPS = (4, 9, 14, 19, 24)
 """Tips of thumb, index, middle, ring and little finger in `clradar.hand.JOINT_NAMES`."""
@@ -24,8 +25,12 @@ RIVAL_DEVIANCE = 6.0
 """A basin whose deviance is larger by less is a rival: with Gaussian errors its likelihood is at
 least exp(-3) = 5 % of the best one's."""
 
-TOLD_M = 4e-3
-"""A tip whose standard deviation is below is determined: about a resolution cell."""
+TOLD_M = 4e-3  # a tip whose standard deviation is below is determined: about a resolution cell
+PLAIN = (
+    "handedness", "transform", "start", "converged", "deviance", "likeness", "overlap", "alpha",
+    "log_brightness", "parameter_names", "covariance",
+)  # fmt: skip
+"""Fields that are in the JSON of a fit as they are."""
 
 APART_M = 10e-3
 """Poses with a tip farther apart than this are different ones: a finger is 15 mm thick."""
@@ -140,8 +145,7 @@ class HandFit:
     @property
     def joint_std_m(self) -> np.ndarray:
         """Root of the sum of the variances along x, y and z, shape (25,)."""
-        std_m: np.ndarray = np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
-        return std_m
+        return np.sqrt(np.trace(self.joint_covariance_m2, axis1=1, axis2=2))
 
     @property
     def tip_std_m(self) -> np.ndarray:
@@ -212,15 +216,7 @@ class HandFit:
         return {
             "pose": pose_table(self.pose),
             "shape": None if self.shape is None else asdict(self.shape),
-            "handedness": self.handedness,
-            "transform": self.transform.tolist(),
-            "start": self.start,
-            "converged": self.converged,
-            "deviance": self.deviance,
-            "likeness": self.likeness,
-            "overlap": self.overlap,
-            "alpha": self.alpha,
-            "log_brightness": self.log_brightness.tolist(),
+            **plain({name: getattr(self, name) for name in PLAIN}),
             "joints_m": by_joint(self.joints_m),
             "joint_std_m": by_joint(self.joint_std_m),
             "joint_covariance_m2": by_joint(self.joint_covariance_m2),
@@ -241,8 +237,6 @@ class HandFit:
                 }
                 for basin in self.basins
             ],
-            "parameter_names": list(self.parameter_names),
-            "covariance": self.covariance.tolist(),
             "remarks": list(self.remarks()),
             "report": self.report(),
         }
@@ -294,8 +288,7 @@ def end_joints(joints_m: np.ndarray) -> list[int]:
 
 def ends_apart_m(one_m: np.ndarray, other_m: np.ndarray) -> np.ndarray:
     """Distances, (5,), between the digits' ends of one hand with joints, (25, 3), in two poses."""
-    apart_m: np.ndarray = np.linalg.norm((one_m - other_m)[end_joints(one_m)], axis=1)
-    return apart_m
+    return np.linalg.norm((one_m - other_m)[end_joints(one_m)], axis=1)
 
 
 def by_joint(values: np.ndarray) -> dict[str, Any]:

@@ -1,8 +1,4 @@
-"""Points of the skin that move with the bones: linear blend skinning.
-
-Magnenat-Thalmann, Laperriere and Thalmann, "Joint-dependent local deformations for hand animation
-and object grasping", Graphics Interface 1988.
-"""
+"""Samples of the skin that move with the bones, as of `clradar.hand.skin`, and their rates."""
 
 from __future__ import annotations
 
@@ -11,6 +7,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
+
+from clradar.hand.skin import by_bone
 
 BONES_PER_POINT = 3
 
@@ -46,8 +44,7 @@ class BoneRates:
     def moving(self) -> np.ndarray:
         """Mask (25,) of the bones that any of the parameters moves."""
         turned = (self.matrix != 0.0).any(axis=(0, 2, 3))
-        found: np.ndarray = turned | (self.origin_m != 0.0).any(axis=(0, 2))
-        return found
+        return turned | (self.origin_m != 0.0).any(axis=(0, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,23 +98,18 @@ class SkinnedSamples:
 
     def on_any(self, bones: np.ndarray) -> np.ndarray:
         """Mask (n,) of the samples that any of `bones`, a mask (25,), moves."""
-        found: np.ndarray = (bones[self.skin.bone] & (self.skin.weight > 0)).any(axis=1)
-        return found
+        return (bones[self.skin.bone] & (self.skin.weight > 0)).any(axis=1)
 
     @cached_property
     def _weighted(self) -> tuple[csr_array, csr_array]:
         """The weighted coordinates as matrices: (n, 100) homogeneous of points, (n, 75) normals."""
         carried = self.skin.weight > 0
         share = self.skin.weight[..., None]
-        homogeneous = np.concatenate([self.own, np.ones_like(share)], axis=2)
-        made = []
-        for values in (share * homogeneous, share * self.own_normal):
-            width = values.shape[2]
-            columns = width * self.skin.bone[..., None] + np.arange(width)
-            ends = width * np.concatenate([[0], np.cumsum(carried.sum(axis=1))])
-            parts = values[carried].ravel(), columns[carried].ravel(), ends
-            made.append(csr_array(parts, shape=(len(self), 25 * width)))
-        return made[0], made[1]
+        points = share * np.concatenate([self.own, np.ones_like(share)], axis=2)
+        rows = np.nonzero(carried)[0], self.skin.bone[carried]
+        normals = share * self.own_normal
+        n = len(self)
+        return by_bone(*rows, points[carried], n), by_bone(*rows, normals[carried], n)
 
     def posed(self, bones: Bones) -> tuple[np.ndarray, np.ndarray]:
         """Points, metres, and unit normals, both (n, 3), where these bones take them."""

@@ -22,35 +22,22 @@ from clradar.model import checks
 FIT_FILE = "fit.json"
 """In the folder of a fit; `HandFit.to_dict` with what made it."""
 
-ALL = "all"
-"""All letters of the alphabet."""
-
+ALL = "all"  # all letters of the alphabet
 EARLIER_FIT = "an earlier fit"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """Where a fit starts.
+    """Where a fit starts; None: the shape and the side that the fit is given.
 
-    Attributes
-    ----------
-    pose : HandPose
-        The mean of the prior.
-    shape : HandShape, optional
-        None: the one that the fit is given.
-    handedness : "right" or "left", optional
-        None: the one that the fit is given.
-    transform : ndarray, shape (4, 4), metres, optional
-        As `HandFit.transform`; None: the place is searched for.
-    source : str
-        What the pose was taken from, where that is no pose: an earlier fit.
+    `transform`, (4, 4), metres, is as `HandFit.transform`; None: the place is searched for.
     """
 
-    pose: HandPose
+    pose: HandPose  # the mean of the prior
     shape: HandShape | None = None
-    handedness: str | None = None
+    handedness: str | None = None  # "right" or "left"
     transform: np.ndarray | None = None
-    source: str = ""
+    source: str = ""  # an earlier fit that the pose was taken from
 
     @property
     def name(self) -> str:
@@ -62,21 +49,11 @@ PoseLike: TypeAlias = "str | Path | HandPose | HandFit | Start"
 
 
 def starts_of(pose: PoseLike | Iterable[PoseLike]) -> tuple[Start, ...]:
-    """Return the starts that the argument `pose` of `fit_hand` names.
+    """Return the starts that the argument `pose` of `fit_hand` names, of one or several.
 
-    Parameters
-    ----------
-    pose : str, Path, HandPose, HandFit, Start, or several of them
-        A name in `clradar.hand.POSES`, "all" for all letters, a pose file (.toml, .json), a pose,
-        an earlier fit, its folder, or its file fit.json. A string that is a name is one, whatever
-        files there are.
-
-    Raises
-    ------
-    ModelError
-        No such pose, none at all, or another type.
-    MeasurementError
-        A file that cannot be read.
+    Each is a name in `clradar.hand.POSES`, "all" for all letters, a pose file (.toml, .json), a
+    pose, an earlier fit, its folder, or its file fit.json. A string that is a name is one, whatever
+    files there are. No such pose, none at all, or another type is a `ModelError`.
     """
     if isinstance(pose, str | Path | HandPose | HandFit | Start):
         return _starts(pose)

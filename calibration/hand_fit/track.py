@@ -15,49 +15,25 @@ from calibration.hand_fit.hand_state import HandState
 from clradar.hand import JOINT_NAMES, HandPose, HandShape, JointAngles
 from clradar.hand.joints import ANGLES
 
-FRAME_S = 0.125
-"""Between frames without time stamps."""
-
-MOST_STEPS = 4.0
-"""Times that the last motion is taken to go on, while no hand is found."""
+FRAME_S = 0.125  # between frames without time stamps
+MOST_STEPS = 4.0  # times that the last motion is taken to go on, while no hand is found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """The hand after a frame.
+    """The hand after a frame."""
 
-    Attributes
-    ----------
-    frame : int
-        The last frame that was fitted, whether or not a hand was found in it.
-    seen : int
-        The last frame with a hand; less than 0 before there is any.
-    seen_s : float, seconds
-        When that was.
-    handedness : "right" or "left"
-    state : HandState
-    joints_m : ndarray, shape (25, 3), metres
-    log_brightness : ndarray, shape (7,)
-    belief : Belief
-    moved : ndarray, shape (4, 4)
-        Rigid motion of the hand from the frame before that one.
-    moved_s : float, seconds
-        In which it was.
-    misfits : tuple of float
-        Per cell, of the last frames since a search.
-    """
-
-    frame: int
-    seen: int
-    seen_s: float
-    handedness: str
+    frame: int  # the last that was fitted, whether or not a hand was found in it
+    seen: int  # the last frame with a hand; less than 0 before there is any
+    seen_s: float  # when that was
+    handedness: str  # "right" or "left"
     state: HandState
-    joints_m: np.ndarray
-    log_brightness: np.ndarray
+    joints_m: np.ndarray  # (25, 3)
+    log_brightness: np.ndarray  # (7,)
     belief: Belief
-    moved: np.ndarray
-    moved_s: float
-    misfits: tuple[float, ...]
+    moved: np.ndarray  # (4, 4): motion from the frame before the last
+    moved_s: float  # in which it was
+    misfits: tuple[float, ...]  # per cell, of the last frames since a search
 
     def predicted(self, passed_s: float) -> np.ndarray:
         """Transform of the hand so much later, if it goes on moving as it did."""

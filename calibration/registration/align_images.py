@@ -51,9 +51,7 @@ CONSTRAINT_TOLERANCE = 0.1
 STEP_TOLERANCE = 1e-6
 """Converged when the rotation (radians) and the shift (metres) of a step are below this."""
 
-SEARCH_SHARE = 0.55
-"""Share of the ranking of all starts in the time of all, for the progress bar."""
-
+SEARCH_SHARE = 0.55  # share of the ranking of all starts in the time of all, for the progress bar
 _COARSE_STEPS = 15  # point to point, for each start
 _FINE_STARTS = 4  # refined point to plane
 _SUBSAMPLED_STEPS = 30  # point to plane, for each start, on a subsample

@@ -24,11 +24,8 @@ from clradar.tracing.settings import SimulationSettings
 SIMULATION_SAMPLES_PER_MM2, SIMULATION_RAYS_PER_SAMPLE = 3.0, 3
 """Of the simulations for the bias, whose errors are dominated by speckle, not by shot noise."""
 
-MOST_SIMULATION_SAMPLES = 1_000_000
-"""Of one of these simulations: seven times those of a hand."""
-
-MARGIN_M = 20e-3
-"""Depth of the imaged region before and behind a depth map."""
+MOST_SIMULATION_SAMPLES = 1_000_000  # of one of these simulations: seven times those of a hand
+MARGIN_M = 20e-3  # depth of the imaged region before and behind a depth map
 
 
 def align_mesh(

@@ -12,6 +12,7 @@ from calibration.registration.beyond_noise import Place
 from calibration.registration.rigid_motion import moved_back
 from clradar.errors import warn
 from clradar.model import checks
+from clradar.model.record import plain
 
 UNKNOWN_STD_M = 1.0
 """Standard deviation that `Alignment.covariance` carries along an unobservable direction."""
@@ -118,23 +119,7 @@ class Alignment:
 
     def to_dict(self) -> dict[str, Any]:
         """The result in types that JSON has."""
-        return {
-            "transform": self.transform.tolist(),
-            "moved": self.moved,
-            "rms_m": self.rms_m,
-            "inlier_share": self.inlier_share,
-            "likeness": self.likeness,
-            "overlap": self.overlap,
-            "residual_ratio": self.residual_ratio,
-            "places": [place.to_dict() for place in self.places],
-            "remarks": list(self.remarks()),
-            "iterations": self.iterations,
-            "converged": self.converged,
-            "covariance": self.covariance.tolist(),
-            "degenerate_directions": list(self.degenerate_directions),
-            "centre_m": self.centre_m.tolist(),
-            "report": self.report(),
-        }
+        return {**plain(self), "remarks": list(self.remarks()), "report": self.report()}
 
     def remarks(self) -> tuple[str, ...]:
         """Reasons to doubt the result, one clause each."""

@@ -15,16 +15,10 @@ FEWEST_ROUNDS = len(ALPHA_STARTS) + 3
 12 in simulations (docs/registration-method.md)."""
 
 ALPHA_TOLERANCE = 0.03
-MERGED_ALPHA = 0.04
-"""Simulations whose alphas differ by less are averaged: they differ by speckle."""
-
+MERGED_ALPHA = 0.04  # simulations whose alphas differ by less are averaged: they differ by speckle
 LEVELS_DB = (3.0, 6.0, 10.0, 15.0, 20.0)
-AREA_STD = 0.15
-"""Scatter over the seeds of the logarithm of the area above a level."""
-
-PROFILE_STD = 0.5
-"""Scatter over the seeds of the fitted logarithm of the brightness."""
-
+AREA_STD = 0.15  # scatter over the seeds of the logarithm of the area above a level
+PROFILE_STD = 0.5  # scatter over the seeds of the fitted logarithm of the brightness
 _KNOTS_COMPARED = 6  # without the last, at grazing incidence
 
 

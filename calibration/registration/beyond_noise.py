@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -33,9 +32,7 @@ NOMINAL_NOISE = {"level": 0.087, "range": 0.108}
 """Median over the simulations of 18 simulated measurements of hands. The standard deviations of the
 fit after the correction were measured with such residuals: larger ones widen them."""
 
-FEWEST_SIMULATIONS = 1.5
-"""Effective number below which the scatter of simulations says nothing."""
-
+FEWEST_SIMULATIONS = 1.5  # effective number below which the scatter of simulations says nothing
 LOCAL_RATIO = 3.0
 """Ratio to the noise from which a pixel disagrees: one in a hundred does by chance."""
 
@@ -43,11 +40,8 @@ ALPHA_WIDTH, MOST_ALPHA = 0.1, 0.15
 """Alphas of the simulations from which the residuals' change with alpha is estimated, and the
 largest error of alpha that it may explain: alpha is found to 0.1 in most simulations."""
 
-SMALLEST_PLACE_M2 = 5e-5
-"""Three resolution cells: smaller ones are mostly chance."""
-
-MOST_PLACES = 3
-"""Listed, the worst first."""
+SMALLEST_PLACE_M2 = 5e-5  # three resolution cells: smaller ones are mostly chance
+MOST_PLACES = 3  # listed, the worst first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,16 +123,6 @@ class Place:
         what.append(f"{abs(self.brighter_db):.1f} dB {side}")
         return f"x, y, z {at} mm ({1e4 * self.area_m2:.0f} cm2): measured {' and '.join(what)}"
 
-    def to_dict(self) -> dict[str, Any]:
-        """In types that JSON has; None stands for NaN."""
-        return {
-            "position_m": self.position_m.tolist(),
-            "area_m2": self.area_m2,
-            "ratio": self.ratio,
-            "closer_m": self.closer_m if np.isfinite(self.closer_m) else None,
-            "brighter_db": self.brighter_db,
-        }
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeyondNoise:
@@ -163,31 +147,12 @@ def beyond_noise(
 ) -> BeyondNoise:
     """Residuals of a measurement relative to the noise, and the places where they are largest.
 
-    Parameters
-    ----------
-    measured : ResidualImage
-    simulated : sequence of ResidualImage
-        Of simulations of the mesh.
-    weights : ndarray, shape (n,)
-        How near to the pose and the alpha found each is.
-    alphas : sequence of float
-        Of each, the last one that found; empty if alpha is given.
-    centre_m : ndarray, shape (3,), metres
-        Centre of the aperture.
-
-    Returns
-    -------
-    BeyondNoise
-
-    Notes
-    -----
-    With weights w_k of sum 1, s the weighted standard deviation of the simulations over all lit
-    pixels, m the residual of the measurement, that of a pixel is
-
-        (m - sum w_k m_k) / (s sqrt(1 + sum w_k^2))
-
-    The scatter of the measurement is assumed to be that of a simulation. What a small error of
-    alpha explains is subtracted by least squares: it is no error of the pose.
+    `weights`, (n,), are how near each simulation is to the pose and the alpha that were found;
+    `alphas` those of each, the last one that found; empty if alpha is given. With weights w_k of
+    sum 1, s the weighted standard deviation of the simulations over all lit pixels, m the residual
+    of the measurement, that of a pixel is (m - sum w_k m_k) / (s sqrt(1 + sum w_k^2)). The scatter
+    of the measurement is assumed to be that of a simulation. What a small error of alpha explains
+    is subtracted by least squares: it is no error of the pose.
     """
     share = weights / weights.sum()
     if 1.0 / (share @ share) < FEWEST_SIMULATIONS:
@@ -220,8 +185,7 @@ def _slope(each: np.ndarray, alphas: Sequence[float]) -> np.ndarray:
     away = np.array(alphas) - alphas[-1] if len(alphas) else np.zeros(len(each))
     weights = np.exp(-0.5 * (away / ALPHA_WIDTH) ** 2)
     away = away - weights @ away / weights.sum()
-    slope: np.ndarray = np.tensordot(weights * away, each, 1) / max(weights @ away**2, 1e-12)
-    return slope
+    return np.tensordot(weights * away, each, 1) / max(weights @ away**2, 1e-12)
 
 
 def _places(

@@ -61,9 +61,7 @@ REGISTERED_RATIO = 0.6
 MIN_OVERLAP = 0.5
 """Smallest overlap of the last simulation with the measurement (docs/registration-method.md)."""
 
-LARGEST_CORRECTION_M = 10e-3
-"""Largest bias: a larger one shows that the fit is invalid."""
-
+LARGEST_CORRECTION_M = 10e-3  # largest bias: a larger one shows that the fit is invalid
 _FIT_STEPS = 50
 
 
@@ -181,12 +179,8 @@ def close_loop(
 
     `measured` is the depth map of `located`, on the pixels of the grid. `progress` is called with
     the number of rounds and that of all, which it reaches when the loop has converged earlier, too.
-
-    Raises
-    ------
-    CompareError
-        No ray of a simulation reaches a receiver, a simulation does not look like the mesh, or the
-        last one does not look like the measurement.
+    A `CompareError`: no ray of a simulation reaches a receiver, a simulation does not look like the
+    mesh, or the last one does not look like the measurement.
     """
     fitted, centre_m = located.fit.transform, located.fit.centre_m
     radius_m = _radius_m(mesh, located)

@@ -12,9 +12,7 @@ from clradar.compare.images import depth_map_of, weighted_quantile
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume
 
-MIN_POINTS = 30
-"""Fewest depth points of a surface: five for each of six unknowns."""
-
+MIN_POINTS = 30  # fewest depth points of a surface: five for each of six unknowns
 NORMAL_RADIUS_M = 5e-3
 """Neighbourhood of the plane fits for normals, about the lateral resolution of the imager."""
 

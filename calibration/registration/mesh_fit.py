@@ -22,9 +22,7 @@ RANGE_STD_M = 2e-3
 """Scatter of the range of bright pixels: the interference of the surface in a resolution cell,
 4 x 4 x 15 mm, moves its maximum by up to some millimetres (docs/registration-method.md)."""
 
-RANGE_HALF_POWER = 0.05
-"""Power at which the variance of the range is doubled."""
-
+RANGE_HALF_POWER = 0.05  # power at which the variance of the range is doubled
 TUKEY_CUTOFF = 4.0
 CAUCHY_SCALE = 2.0
 """Of the speckle residual m / I - 1, whose standard deviation is 1: for unmodelled glints it can be
@@ -34,9 +32,7 @@ MOST_DARK = 8.0
 """Largest fall of the log brightness below its maximum, e^-8 (-35 dB): more is unobservable."""
 
 SMOOTH = 0.2
-FALL_PER_KNOT = 0.7
-"""Weak prior of the log brightness: it falls by 0.7 +- 2.2 from knot to knot."""
-
+FALL_PER_KNOT = 0.7  # weak prior of the log brightness: it falls by 0.7 +- 2.2 from knot to knot
 _ROTATION_STEP_RAD, _SHIFT_STEP_M = 2e-3, 1e-4  # of the numerical derivatives
 _VISIBILITY_STEP_M = 2e-4  # after which visibility is updated
 _MOST_ROTATION_RAD, _MOST_SHIFT_M, _MOST_LOG = 0.07, 4e-3, 1.5  # of one step

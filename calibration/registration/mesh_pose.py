@@ -36,12 +36,8 @@ from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device
 from clradar.tracing.visible_surface import VisibleSurface
 
-DEEPEST_DB = 20.0
-"""Default dynamic range of the depth points."""
-
-FINE_STEP_M = 2e-3
-"""Pixels of the fit: half a resolution cell."""
-
+DEEPEST_DB = 20.0  # default dynamic range of the depth points
+FINE_STEP_M = 2e-3  # pixels of the fit: half a resolution cell
 FINE_SAMPLES_PER_MM2 = 1.0
 MOST_SAMPLES = 200_000
 
@@ -59,9 +55,7 @@ hand a quarter of its length is visible; sidelobes make a small object appear la
 
 INLIER_STD = 3.0
 
-MIN_LIKENESS = 0.6
-"""Smallest correlation of images of the same object (docs/calibration.md)."""
-
+MIN_LIKENESS = 0.6  # smallest correlation of images of the same object (docs/calibration.md)
 _FINE_STARTS = 3
 _SAME_PLACE_M, _SAME_ROTATION_RAD = 2e-3, 0.04
 

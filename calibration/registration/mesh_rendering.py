@@ -25,9 +25,7 @@ them: dense in the specular lobe of a smooth surface."""
 PATTERN_HALF_WIDTH_M = 24e-3
 """Half width of the point spread function: five sidelobes of the 94 x 94 imager."""
 
-_BLUR_REACH = 5.0
-"""Standard deviations beyond which a Gaussian, 4e-6 of its middle, is left out."""
-
+_BLUR_REACH = 5.0  # standard deviations beyond which a Gaussian, 4e-6 of its middle, is left out
 VIEWS = 3
 """Visibility is computed from a square grid of so many by so many viewpoints over the aperture,
 without the centre: eight, the group size of the kernel."""
@@ -149,12 +147,8 @@ class Aperture:
 class Canvas:
     """Draws surface samples on the pixels of a measured image.
 
-    Parameters
-    ----------
-    measured : MeasuredImage
-    aperture : Aperture
-    blur_m : float, metres
-        Standard deviation of an additional Gaussian blur of both, for a wider basin of attraction.
+    `blur_m` is the standard deviation of an additional Gaussian blur of both, for a wider basin of
+    attraction.
     """
 
     def __init__(self, measured: MeasuredImage, aperture: Aperture, blur_m: float = 0.0) -> None:
@@ -257,20 +251,11 @@ def _blurred(image: np.ndarray, blur_m: float, step_m: tuple[float, float]) -> n
     along_y = np.fft.fftfreq(wide.shape[0], step_m[1])[:, None]
     along_x = np.fft.rfftfreq(wide.shape[1], step_m[0])[None, :]
     soft = np.exp(-2.0 * (np.pi * blur_m) ** 2 * (along_x**2 + along_y**2))
-    found: np.ndarray = fft.irfft2(fft.rfft2(wide) * soft, wide.shape)
-    return found
+    return fft.irfft2(fft.rfft2(wide) * soft, wide.shape)
 
 
 class MeshRendering(Canvas):
-    """Renderings of a mesh on the pixels of a measured image, in any pose.
-
-    Parameters
-    ----------
-    surface : VisibleSurface
-        Of the mesh as given; entered.
-    measured, aperture, blur_m
-        As of `Canvas`.
-    """
+    """Renderings of a mesh, as given, on the pixels of a measured image, in any pose."""
 
     def __init__(
         self,
@@ -303,14 +288,10 @@ class MeshRendering(Canvas):
         return moved(transform, self.surface.points_m[self._visible])
 
     def render(self, transform: np.ndarray, log_brightness: np.ndarray) -> Pixels:
-        """Power and mean range of every pixel, both (n_y, n_x); range is in metres.
+        """Power and mean range, metres, of every pixel, both (n_y, n_x), of the moved mesh.
 
-        Parameters
-        ----------
-        transform : ndarray, shape (4, 4)
-            Of the mesh; near that of the last `update_visibility`.
-        log_brightness : ndarray, shape (n_knots,)
-            Natural logarithm of the power per area at `KNOTS_RAD`.
+        `transform` is near that of the last `update_visibility`. `log_brightness`, (n_knots,), is
+        the natural logarithm of the power per area at `KNOTS_RAD`.
         """
         points_m, range_m, angle = self._geometry(transform)
         bright = self._share * np.exp(np.interp(angle, KNOTS_RAD, log_brightness))

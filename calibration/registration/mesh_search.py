@@ -13,16 +13,10 @@ from clradar.compare.images import weighted_quantile
 from clradar.model.progress import Progress
 from clradar.tracing.visible_surface import VisibleSurface
 
-COARSE_STEP_M = 4e-3
-"""Pixels of the search: a resolution cell."""
-
+COARSE_STEP_M = 4e-3  # pixels of the search: a resolution cell
 COARSE_BLUR_M = 4e-3
-COARSE_SAMPLES_PER_MM2 = 0.2
-"""Three samples per pixel of the search."""
-
-TRIED = 6
-"""Candidates that are refined on the coarse image."""
-
+COARSE_SAMPLES_PER_MM2 = 0.2  # three samples per pixel of the search
+TRIED = 6  # candidates that are refined on the coarse image
 _COARSE_STEPS = 12
 _RANGE_SPREAD_M = 10e-3  # median range difference that cancels a perfect correlation
 
@@ -35,25 +29,11 @@ def search(
     progress: Progress | None = None,
     tried: int = TRIED,
 ) -> list[MeshFit]:
-    """Coarse fits of the mesh, best first.
+    """Coarse fits of a coarsely sampled mesh, best first, with pixels of about `COARSE_STEP_M`.
 
-    Parameters
-    ----------
-    surface : VisibleSurface
-        Coarsely sampled.
-    measured : MeasuredImage
-        With pixels of about `COARSE_STEP_M`.
-    search_deg : float, degrees
-        Largest rotation about boresight.
-    progress : callable, optional
-        Called with (done, total) rotations.
-    tried : int
-        How many of the best rotations are refined.
-
-    Notes
-    -----
-    For every rotation the lateral shift is the maximum of the cross-correlation of rendering and
-    image in decibels, by FFT, and the range shift the median difference there.
+    For every rotation, up to `search_deg` about boresight, the lateral shift is the maximum of the
+    cross-correlation of rendering and image in decibels, by FFT, and the range shift the median
+    difference there. The best `tried` are refined.
     """
     image = MeshRendering(surface, measured, aperture, COARSE_BLUR_M)
     log_power = np.log1p(image.power / POWER_FLOOR)

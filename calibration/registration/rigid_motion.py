@@ -29,22 +29,11 @@ def orthonormal(transform: np.ndarray) -> np.ndarray:
 
 
 def exp_twist(twist: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """The finite motion of a twist: the exponential map of SE(3).
+    """The finite motion of a twist, (6,), the exponential map of SE(3), (4, 4).
 
-    Parameters
-    ----------
-    twist : ndarray, shape (6,)
-        Rotation vector (radians), then the velocity (metres) of the point `centre_m`.
-    centre_m : ndarray, shape (3,), metres
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-
-    Notes
-    -----
-    The exponential, not a rotation followed by a shift: a twist about any axis in space gives the
-    rotation about that axis, however large, so that motions which map a surface onto itself (a
+    A twist is a rotation vector (radians), then the velocity (metres) of the point `centre_m`. It
+    is the exponential, not a rotation followed by a shift: a twist about any axis in space gives
+    the rotation about that axis, however large, so that motions which map a surface onto itself (a
     sphere about its centre) do so exactly.
     """
     x, y, z = twist[:3]
@@ -62,23 +51,10 @@ def exp_twist(twist: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
 
 
 def kabsch(from_m: np.ndarray, to_m: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """The rigid motion that minimises sum of weights * |to - motion(from)|^2.
+    """The rigid motion that minimises sum of weights * |to - motion(from)|^2, never a reflection.
 
-    Parameters
-    ----------
-    from_m, to_m : ndarray, shape (n, 3), metres
-    weights : ndarray, shape (n,)
-        Not negative, with a sum above 0.
-
-    Returns
-    -------
-    ndarray, shape (4, 4)
-        A rotation, never a reflection, and a translation.
-
-    References
-    ----------
-    W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32,
-    1976, doi 10.1107/S0567739476001873.
+    Points have shape (n, 3), weights (n,) a sum above 0. W. Kabsch, "A solution for the best
+    rotation to relate two sets of vectors", Acta Cryst. A32, 1976, doi 10.1107/S0567739476001873.
     """
     share = weights / weights.sum()
     from_centre, to_centre = share @ from_m, share @ to_m
@@ -89,19 +65,9 @@ def kabsch(from_m: np.ndarray, to_m: np.ndarray, weights: np.ndarray) -> np.ndar
 
 
 def plane_jacobian(points_m: np.ndarray, normals: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
-    """Derivative of the point-to-plane residuals n.(p - q) by a twist about `centre_m`.
+    """Derivative, (n, 6), of the point-to-plane residuals n.(p - q) by a twist about `centre_m`.
 
-    Parameters
-    ----------
-    points_m : ndarray, shape (n, 3), metres
-        The moved points p.
-    normals : ndarray, shape (n, 3)
-        Unit normals of the planes they are matched with.
-    centre_m : ndarray, shape (3,), metres
-
-    Returns
-    -------
-    ndarray, shape (n, 6)
-        By the rotation vector (metres per radian), then by the translation (1).
+    Of the moved points p and the unit normals of the planes that they are matched with, both (n,
+    3): by the rotation vector (metres per radian), then by the translation (1).
     """
     return np.concatenate([np.cross(points_m - centre_m, normals), normals], axis=1)

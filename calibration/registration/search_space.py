@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from clradar.model import checks
 
-TILTS = 17
-"""None, and 15 and 30 degrees in eight directions."""
+TILTS = 17  # none, and 15 and 30 degrees in eight directions
 
 
 def start_rotations(search_deg: float) -> list[Rotation]:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from calibration.roughness.emulator import Emulator, Fit, Interval, fit_probability, plain
+from calibration.roughness.emulator import Emulator, Fit, Interval, fit_probability
+from clradar.model.record import plain
 
 GRID = 1001  # alphas at which the likelihood is computed
 SMOOTH = 0.07  # alphas far below it look like 0

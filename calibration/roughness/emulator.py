@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydantic_core import to_jsonable_python
 from scipy import special
 
 FLOOR_M = 0.06e-3  # heights far below it reflect as smooth ones do: g = 0.04 at 77 GHz
@@ -93,11 +92,6 @@ def at_ends(values: np.ndarray, probability: np.ndarray) -> tuple[bool, bool]:
     low, high = values.min() * EDGE_SHARE, values.max() / EDGE_SHARE
     shares = (probability[values < low].sum(), probability[values > high].sum())
     return shares[0] > EDGE_PROBABILITY, shares[1] > EDGE_PROBABILITY
-
-
-def plain(value: Any) -> Any:
-    """Convert records, arrays and numbers to JSON types; None stands for NaN."""
-    return to_jsonable_python(value, fallback=lambda own: own.tolist(), inf_nan_mode="null")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

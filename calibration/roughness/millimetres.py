@@ -17,9 +17,9 @@ from calibration.roughness.emulator import (
     at_ends,
     fit_probability,
     logarithms,
-    plain,
 )
 from calibration.roughness.meters import COHERENT, REST, of_power
+from clradar.model.record import plain
 
 KNOWN_SHARE = 0.3  # of a height or slope, that half its 68 % interval is at most
 KNOWN_RATIO = 2.0  # of the ends of the 68 % interval of a length that is known

@@ -21,7 +21,7 @@ from calibration.roughness.design import (
     estimable,
     fingerprint,
 )
-from calibration.roughness.emulator import Emulator, Interval, logarithms, plain, terms
+from calibration.roughness.emulator import Emulator, Interval, logarithms, terms
 from calibration.roughness.meters import SubApertures, TextureMeter, surface_points
 from calibration.roughness.millimetres import (
     RegionStatistics,
@@ -37,6 +37,7 @@ from clradar.model.kirchhoff import check_kirchhoff
 from clradar.model.material import Material
 from clradar.model.plausible import check_plausible
 from clradar.model.progress import Progress, part_of
+from clradar.model.record import plain
 from clradar.opencl import Device
 from clradar.simulation import simulate
 from clradar.tracing.settings import SimulationSettings, resolve_settings, takes_settings
@@ -199,8 +200,7 @@ def sweep_roughness(
         (f"{own}-{1e3 * height_m:g}-{1e3 * length_m:g}-{k}", height_m, length_m, first + i)
         for i, (height_m, length_m, k) in enumerate(pairs)
     ]
-    # What is simulated here is too rough for Kirchhoff at an end of the range: only the estimate
-    # matters.
+    # At an end of the range they are too rough for Kirchhoff; only the estimate matters.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ClradarWarning)
         simulate_missing(items, progress)

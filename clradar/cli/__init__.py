@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["main"]
 
-ROOT = str(Path(__file__).resolve().parents[2])
-"""The folder that clradar is installed in."""
+ROOT = str(Path(__file__).resolve().parents[2])  # the folder that clradar is installed in
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
     from clradar.model.progress import Progress
 
-WRAPPED_CHARACTERS = 24
-"""Least width in which text of the last column of a table is wrapped."""
+WRAPPED_CHARACTERS = 24  # least width in which text of the last column of a table is wrapped
 
 
 def one_line(text: object) -> str:

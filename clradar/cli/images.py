@@ -311,7 +311,7 @@ def write_simulation(
 def figure_of(
     path: Path, *, view: str | None = None, plane: tuple[str, float | None] | None = None
 ) -> Figure | None:
-    """The image of a volume in a `view` or a `plane` (axis, mm); echoes, or gains, of the others.
+    """The image of a volume in a `view` or a `plane` (axis, m); echoes, or gains, of the others.
 
     None, and a warning, where there is nothing to see.
     """
@@ -343,8 +343,7 @@ def volume_figure(
 ) -> Figure:
     """The figure of an image, or of one plane of a volume."""
     if plane is not None and isinstance(image, cl.Volume):
-        axis, place_mm = plane
-        image = cl.plot.plane_of(image, axis, None if place_mm is None else place_mm / 1e3)
+        image = cl.plot.plane_of(image, *plane)
     return cl.plot.image_figure(image, title, **shown)
 
 

@@ -32,8 +32,7 @@ from clradar.versions import package_versions
 
 Result = TypeVar("Result", cl.Capture, cl.Volume, cl.ChannelCalibration)
 
-OWNED_DEPTH = 3
-"""Folders above a file that may own it: a recording is three above its frames."""
+OWNED_DEPTH = 3  # folders above a file that may own it: a recording is three above its frames
 
 
 def check_outputs(outputs: Iterable[Path | None]) -> None:
@@ -48,12 +47,8 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
             if place in written:
                 raise OutputError(f"{output}: is named twice as an output; choose another name")
             written.add(place)
-            if output.is_dir():
-                raise OutputError(f"{output}: expected a file's name, got a folder")
             _check_place(output, known)
-            atomic.refuse_special(output)
-            if not call.force and os.path.lexists(output):
-                raise OutputError(f"{output}: exists already; --force replaces it")
+            atomic.refuse_existing(output, force=call.force)
 
 
 def _same(one: Path, other: Path) -> bool:
@@ -237,8 +232,7 @@ def provenance(inputs: Iterable[Path] | None = None, **more: Any) -> dict[str, A
     }
 
 
-MESHES = (".ply", ".stl", ".obj", ".off")
-"""Formats of mesh files; .ply has parts and texture, too."""
+MESHES = (".ply", ".stl", ".obj", ".off")  # formats of mesh files; .ply has parts and texture, too
 
 
 def turned(mesh: cl.hand.HandMesh, angle_deg: float, center_m: Sequence[float]) -> cl.hand.HandMesh:

@@ -27,7 +27,6 @@ GRID_RULE = f"{RANGE_RULE}, or one number for a single slice"
 ALL, RANGE = "all", "FIRST:LAST[:STEP]"
 FRAMES_METAVAR = f"all|{RANGE}|N,..."
 
-
 Band = tuple[float, float, int]
 Axis = tuple[float, float, float]
 
@@ -36,8 +35,7 @@ def check_unit(
     option: str, value: float, what: str, bounds: tuple[float, float], unit: str
 ) -> float:
     """A value of an option, which is not in another unit; see `clradar.model.plausible`."""
-    fault = implausible(what, value, bounds, unit)
-    if fault is not None:
+    if (fault := implausible(what, value, bounds, unit)) is not None:
         raise wrong_usage(option, "expected {}, got {}".format(*fault))
     return value
 
@@ -136,12 +134,12 @@ def axis_mm(option: str, text: str) -> Axis:
 
 
 def plane(option: str, text: str) -> tuple[str, float | None]:
-    """Axis and place, mm, of ``AXIS[=MM]``; None: through the strongest voxel."""
+    """Axis and place, m, of ``AXIS[=MM]``; None: through the strongest voxel."""
     axis, equals, place = text.partition("=")
     values = numbers(place, ":") if equals else []
     if axis not in ("x", "y", "z") or len(values) != bool(equals):
         raise wrong_usage(option, f"expected x, y or z, or one with =MM; got '{text}'")
-    return axis, values[0] if equals else None
+    return axis, values[0] / 1e3 if equals else None
 
 
 def alpha_of(option: str, text: str, other: str = "PART=number") -> float:

@@ -11,15 +11,13 @@ import numpy as np
 from clradar.errors import CompareError
 from clradar.model import DepthMap, Volume, checks
 
-SAME_PIXEL_TOLERANCE_M = 1e-7
-"""Pixel centres closer than this are the same, as in `VoxelGrid.same_voxels`."""
+SAME_PIXEL_TOLERANCE_M = 1e-7  # between centres of one pixel, as in `VoxelGrid.same_voxels`
 
 NEAR_M = 6e-3
 """Distance across boresight within which an object of the other image is the same one, metres:
 simulated hands that were moved by up to 5 mm are displaced, not missing."""
 
-NEAR_DEPTH_M = 10e-3
-"""The same along z: objects closer than the resolution of 13.5 mm share a maximum."""
+NEAR_DEPTH_M = 10e-3  # the same along z: closer than the resolution of 13.5 mm they are one
 
 WEAKER_DB = 12.0
 """A bright pixel is unmatched where the other image is this much weaker everywhere near it.
@@ -28,18 +26,13 @@ In the worst hundredth of an image's energy noise of 20 dB, another seed, alpha 
 shifts of up to 5 mm reach 8.3 dB; a missing ball leaves 17 dB and more.
 """
 
-LEAST_SHARE = 0.01
-"""Unmatched pixels with less of their image's energy than this are no object."""
-
+LEAST_SHARE = 0.01  # unmatched pixels with less of their image's energy than this are no object
 BACKGROUND_DB = 8.0
 """An object is this much stronger than the median amplitude of its image's maximum projection: of
 the maxima of 81 layers of noise no pixel in a million is, of a single layer one in 80."""
 
-MOST_DB = 60.0
-"""Differences are cut here: an amplitude of 0 has no level."""
-
-RINGS = 6
-"""Pixels are tried at up to this many distances to each side, however fine the pixels are."""
+MOST_DB = 60.0  # differences are cut here: an amplitude of 0 has no level
+RINGS = 6  # pixels are tried at up to this many distances to each side, however fine the pixels are
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +165,9 @@ def disagreement(measured: DepthMap, simulated: DepthMap) -> Disagreement:
     near, seen_near, simulated_near = _strongest_near(
         measured, [(first, measured), (seen, simulated), (second, simulated)]
     )
-    gain = _gain(near, seen_near)
+    common = seen_near > 0
+    ratios, weights = near[common] / seen_near[common], seen_near[common] ** 2
+    gain = weighted_quantile(ratios, weights, 0.5) if common.any() else 1.0
     ours = _excess_db(first[measured.mask], gain * simulated_near)
     (measured_near,) = _strongest_near(simulated, [(first, measured)])
     theirs = _excess_db(gain * second[simulated.mask], measured_near)
@@ -180,23 +175,9 @@ def disagreement(measured: DepthMap, simulated: DepthMap) -> Disagreement:
     level_db[measured.mask | simulated.mask] = 0.0
     level_db[measured.mask] += ours
     level_db[simulated.mask] -= theirs
-    return Disagreement(
-        level_db=level_db,
-        x_m=measured.x_m,
-        y_m=measured.y_m,
-        gain_db=20.0 * math.log10(gain),
-        missing=_objects(measured, first, ours),
-        surplus=_objects(simulated, second, theirs),
-    )
-
-
-def _gain(measured: np.ndarray, simulated: np.ndarray) -> float:
-    """Return the median of the ratio, weighted with the square of `simulated`; 1 without any."""
-    common = simulated > 0
-    if not common.any():
-        return 1.0
-    weights = simulated[common] ** 2
-    return weighted_quantile(measured[common] / simulated[common], weights, 0.5)
+    missing, surplus = _objects(measured, first, ours), _objects(simulated, second, theirs)
+    gain_db = 20.0 * math.log10(gain)
+    return Disagreement(level_db, measured.x_m, measured.y_m, gain_db, missing, surplus)
 
 
 def weighted_quantile(values: np.ndarray, weights: np.ndarray, share: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,10 +13,9 @@ from clradar.compare.images import UnmatchedObject, clipped_db, cut_pair, disagr
 from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import CompareError, warn
 from clradar.model import DepthMap, Volume
-from clradar.model.record import Record
+from clradar.model.record import Record, plain
 
-SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
-"""Pixels (Wang et al. 2004): skimage truncates its Gaussian at 3.5 standard deviations."""
+SSIM_WINDOW, SSIM_SIGMA = 11, 1.5  # pixels (Wang et al. 2004): skimage truncates at 3.5 sigma
 
 OVERLAP_BLUR_M = 2e-3
 """Standard deviation of the Gaussian that every depth point is blurred with, metres.
@@ -25,11 +24,8 @@ The image of a point 0.3 m away falls to -3 dB at 1.9 mm from its centre, as a G
 does: a blur much below that compares speckle, one much above it has less resolution than the radar.
 """
 
-MAX_SPAN_M = 20.0
-"""Depths of both images together; the number of cosines grows with their span: 6400 here."""
-
-REACH = 8.0
-"""Distance in units of the blur at which the kernel is truncated: exp(-(8 / 2)^2) = 1e-7."""
+MAX_SPAN_M = 20.0  # of all depths: the number of cosines grows with their span, to 6400 here
+REACH = 8.0  # distance in blurs at which the kernel is truncated: exp(-(8 / 2)^2) = 1e-7
 
 GOOD_OVERLAP, POOR_CORRELATION = 0.8, 0.6
 """Beyond both of these the overlap and the dB correlation contradict each other.
@@ -38,11 +34,9 @@ Of one hand, simulated with another seed, alpha or shift, an overlap above the f
 correlation above 0.65, however narrow the frame around the hand.
 """
 
-POOR_OVERLAP, GOOD_CORRELATION = 0.6, 0.9
-"""The same the other way round: the correlation does not see depth."""
+POOR_OVERLAP, GOOD_CORRELATION = 0.6, 0.9  # the other way round: correlation does not see depth
 
-NAMED_OBJECTS = 3
-"""Objects that a remark describes; it counts the rest."""
+NAMED_OBJECTS = 3  # objects that a remark describes; it counts the rest
 
 
 def overlap(first: DepthMap, second: DepthMap, blur_m: float = OVERLAP_BLUR_M) -> float:
@@ -167,8 +161,7 @@ class Metric(NamedTuple):
     scale: float = 1.0
     digits: int = 3
     higher_is_better: bool = True
-    undefined: str = ""
-    """What NaN means, where it can be."""
+    undefined: str = ""  # what NaN means, where it can be
 
     def text(self, metrics: Metrics) -> str:
         """The value in the unit of the name."""
@@ -247,11 +240,9 @@ class Metrics(Record):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Objects of one image alone, and contradictions, in words."""
-        remarks = []
-        if self.missing:
-            remarks.append(f"missing from the simulation: {_listed(self.missing)}")
-        if self.surplus:
-            remarks.append(f"in the simulation alone: {_listed(self.surplus)}")
+        unmatched = {"missing from the simulation": self.missing}
+        unmatched["in the simulation alone"] = self.surplus
+        remarks = [f"{where}: {_listed(found)}" for where, found in unmatched.items() if found]
         pair = f"overlap {self.overlap:.2f}, but dB correlation {self.db_correlation:.2f}"
         if self.overlap >= GOOD_OVERLAP and self.db_correlation < POOR_CORRELATION:
             remarks.append(f"the metrics disagree: {pair} and mask IoU {self.mask_iou:.2f}")
@@ -264,19 +255,12 @@ class Metrics(Record):
 
     def to_dict(self) -> dict[str, Any]:
         """Return fields and remarks in types of strict JSON: None replaces NaN."""
-        values = {name: float(getattr(self, name)) for name in (*METRICS, "dynamic_range_db")}
-        return {
-            **{name: None if math.isnan(value) else value for name, value in values.items()},
-            "missing": [asdict(one) for one in self.missing],
-            "surplus": [asdict(one) for one in self.surplus],
-            "remarks": list(self.remarks),
-        }
+        return {**plain(self), "remarks": list(self.remarks)}
 
 
 def _listed(objects: tuple[UnmatchedObject, ...]) -> str:
-    texts = [str(one) for one in objects[:NAMED_OBJECTS]]
     more = len(objects) - NAMED_OBJECTS
-    return "; ".join([*texts, *([f"and {more} more"] if more > 0 else [])])
+    return "; ".join([*map(str, objects[:NAMED_OBJECTS]), *[f"and {more} more"] * (more > 0)])
 
 
 def compare(
@@ -295,10 +279,6 @@ def compare(
         With the same pixel centres along x and y, at least 11 x 11; z axes may differ.
     dynamic_range_db : float
         Each image is clipped, and its mask cut, this far below its own maximum.
-
-    Returns
-    -------
-    Metrics
 
     Examples
     --------
@@ -325,11 +305,7 @@ def metrics_of(
 ) -> Metrics:
     """Return what `compare` returns, without its warning: of simulations that are to differ."""
     first, second = cut_pair("compare", measured, simulated, dynamic_range_db)
-    values = {one.field: one.value(first, second) for one in METRIC_TABLE}
-    unmatched = disagreement(first, second)
-    return Metrics(
-        **values,
-        dynamic_range_db=first.dynamic_range_db,
-        missing=unmatched.missing,
-        surplus=unmatched.surplus,
-    )
+    values: dict[str, Any] = {one.field: one.value(first, second) for one in METRIC_TABLE}
+    found = disagreement(first, second)
+    values |= {"missing": found.missing, "surplus": found.surplus}
+    return Metrics(**values, dynamic_range_db=first.dynamic_range_db)

@@ -57,10 +57,8 @@ def spread(
 
     Parameters
     ----------
-    scene : Scene
-    array : AntennaArray
-    waveform : Waveform
-    grid : VoxelGrid
+    scene, array, waveform, grid
+        As of `clradar.simulate` and `clradar.backproject`.
     seeds : int, from 2
         How many: `seed` and those after it.
     impairments : mapping, optional
@@ -73,10 +71,6 @@ def spread(
         Seeds are divided among several, as by `clradar.map_devices`.
     settings, progress, **fields
         As of `clradar.simulate`.
-
-    Returns
-    -------
-    Spread
 
     Notes
     -----
@@ -182,13 +176,8 @@ def _accumulated(
     meta = {**first.meta, "spread": {"seeds": list(seeds), "varies": varies}}
     return Spread(
         mean=Volume(mean.astype(np.complex64), first.grid, meta, first.scale),
-        amplitude=average[0],
-        amplitude_sd=deviation[0],
-        depth_m=np.where(count[1] > 0, average[1], np.nan),
-        depth_sd_m=deviation[1],
-        depth_count=count[1],
-        seeds=seeds,
-        varying_share=min(1.0, max(0.0, share)),
-        varies=varies,
+        amplitude=average[0], amplitude_sd=deviation[0],
+        depth_m=np.where(count[1] > 0, average[1], np.nan), depth_sd_m=deviation[1],
+        depth_count=count[1], seeds=seeds, varying_share=min(1.0, max(0.0, share)), varies=varies,
         dynamic_range_db=dynamic_range_db,
-    )
+    )  # fmt: skip

@@ -24,47 +24,29 @@ from clradar.model import checks
 from clradar.opencl import Buffers, Device, cpu_beside
 from clradar.opencl.program import private_length
 
-CHILDREN = 8
-"""Children per node in the kernels."""
-
+CHILDREN = 8  # children per node in the kernels
 NODE_ROWS, TRIANGLE_ROWS = 8, 12
 """Numbers per child of a node and per triangle of a block in the kernels."""
 
-EMPTY_M = 1e30
-"""Bound of a box that holds nothing."""
-
+EMPTY_M = 1e30  # bound of a box that holds nothing
 MEDIAN_BELOW_LEVEL = 40
 """From this depth on nodes are halved by count, which bounds the depth of any tree to this plus
 log2 of the number of triangles."""
 
-RAY_WORK = 2000.0
-"""Operations, roughly, of a ray through the tree: some 8 nodes and 2 leaves."""
-
+RAY_WORK = 2000.0  # operations, roughly, of a ray through the tree: some 8 nodes and 2 leaves
 ERROR_ULPS = 32.0
 """Error bound of the triangle test, in 2^-24 of the scene's size (``kernels/common/bvh.h``)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bvh:
-    """A binary tree over triangles: node 0 is the root, children 2 i and 2 i + 1 belong to node i.
+    """A binary tree over triangles: root 0; children 2 i and 2 i + 1 belong to node i."""
 
-    Attributes
-    ----------
-    low, high : ndarray, shape (2 n_nodes, 3), float32, metres
-        Boxes of the children, without padding; low > high where there is none.
-    child : ndarray, shape (2 n_nodes,), int32
-        An inner node, or -(16 first + count) - 1 for a leaf of `count` slots from `first` on.
-    order : ndarray, shape (n_kept,), int32
-        Face at each slot, in leaf order. Faces without area are left out: nothing hits them.
-    depth : int
-        Levels of inner nodes.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    child: np.ndarray
-    order: np.ndarray
-    depth: int
+    low: np.ndarray  # (2 n_nodes, 3), float32, metres: boxes of the children, without padding
+    high: np.ndarray  # low > high where there is none
+    child: np.ndarray  # (2 n_nodes,), int32: inner node, or -(16 first + count) - 1: a leaf's slots
+    order: np.ndarray  # (n_kept,), int32: face at each slot, by leaves; none without area
+    depth: int  # levels of inner nodes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,24 +64,10 @@ class TraversalOptions:
 
 
 def build_bvh(triangles_m: np.ndarray, device: Device) -> Bvh:
-    """Build the tree; it is the same for every device.
+    """Build the tree of triangles (n_faces, 3, 3), metres; it is the same for every device.
 
-    It is built on a CPU device of this machine, beside a GPU else by numpy.
-
-    Parameters
-    ----------
-    triangles_m : array_like, shape (n_faces, 3, 3), float32 or float64, metres
-        Corners of every face. Degenerate and duplicate faces are allowed.
-    device : Device
-
-    Returns
-    -------
-    Bvh
-
-    Raises
-    ------
-    ModelError
-        Wrong shape, empty or NaN.
+    It is built on a CPU device of this machine, beside a GPU else by numpy. Degenerate and
+    duplicate faces are allowed; a wrong shape, none, or NaN is a `ModelError`.
     """
     corners = checks.read_only("build_bvh: triangles_m", triangles_m, np.float32, (None, 3, 3))
     kept = np.flatnonzero(face_normals(corners)[1] > 0).astype(np.int32)
@@ -188,24 +156,12 @@ def error_bound_m(*points_m: np.ndarray) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshTree:
-    """A mesh and its tree on a device, in the layout of ``kernels/common/bvh.h``.
+    """A mesh and its tree on a device, in the layout of ``kernels/common/bvh.h``."""
 
-    Attributes
-    ----------
-    buffers : list of Buffer
-        Nodes and triangles.
-    wide : bool
-        Whether kernels traverse it eight boxes at a time, as a CPU does.
-    stack : int
-        Entries of the stack of a traversal.
-    delta_m : float32, metres
-        Error bound of the triangle test.
-    """
-
-    buffers: list[Any]
-    wide: bool
-    stack: int
-    delta_m: np.float32
+    buffers: list[Any]  # of nodes and of triangles
+    wide: bool  # kernels traverse it eight boxes at a time, as a CPU does
+    stack: int  # entries of the stack of a traversal
+    delta_m: np.float32  # error bound of the triangle test
 
     @property
     def traversal(self) -> dict[str, Any]:
@@ -230,14 +186,9 @@ def flatten(
 ) -> tuple[np.ndarray, np.ndarray, int, int]:
     """Lay out what the kernels read: nodes of eight padded boxes and blocks of triangles.
 
-    Returns
-    -------
-    nodes : ndarray, shape (n_nodes, NODE_ROWS * CHILDREN), float32
-    triangles : ndarray, shape (n_blocks * (TRIANGLE_ROWS + 1) * BLOCK,), float32
-    most_kept : int
-        How many children wait at most in a traversal that keeps each that it still has to visit.
-    levels : int
-        How many nodes are above a leaf at most.
+    Returns nodes, float32, shape (n_nodes, NODE_ROWS * CHILDREN); triangles, float32, shape
+    (n_blocks * (TRIANGLE_ROWS + 1) * BLOCK,); and how many children wait at most in a traversal
+    that keeps each that it still has to visit, and how many nodes are above a leaf at most.
     """
     low, high, child = bvh.low, bvh.high, bvh.child
     levels, most_kept = _collapsed(child, _area(low.T, high.T))
@@ -268,19 +219,9 @@ def flatten(
 def _collapsed(child: np.ndarray, area: np.ndarray) -> tuple[list[np.ndarray], int]:
     """Collapse a binary tree into nodes of up to `CHILDREN` with the least surface area in all.
 
-    Parameters
-    ----------
-    child : ndarray, shape (2 n_nodes,), int32
-        As in `Bvh`.
-    area : ndarray, shape (2 n_nodes,)
-        Of its box.
-
-    Returns
-    -------
-    levels : list of ndarray, shape (n, CHILDREN)
-        The children of every wide node, level by level, as indices into `child`; -1: none.
-    most : int
-        How many children a traversal may have to keep at a time.
+    `child` as in `Bvh`, shape (2 n_nodes,), with the `area` of its box. Returns the children of
+    every wide node, shape (n, CHILDREN), level by level, as indices into `child`, -1 for none; and
+    how many children a traversal may have to keep at a time.
     """
     columns_left = _optimal_collapse(child, area)
     parents = np.zeros(1, dtype=np.int64)

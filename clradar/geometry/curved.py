@@ -13,19 +13,11 @@ Rounding of its corners to float32 leaves three halves of a step along each axis
 
 
 def corner_heights(triangles_m: np.ndarray, corner_normals: np.ndarray) -> np.ndarray:
-    """Return the heights of corners over the tangent planes at the other corners.
+    """Return the heights of corners over the tangent planes at the other corners, metres.
 
-    Parameters
-    ----------
-    triangles_m : ndarray, shape (n_faces, 3, 3), metres
-    corner_normals : ndarray, shape (n_faces, 3, 3)
-        Unit normals, of either sign.
-
-    Returns
-    -------
-    ndarray, shape (n_faces, 3, 2), float64, metres
-        ``[f, i, k]`` is (v_j - v_i) . n_i of face f with j = (i + 1 + k) modulo 3. Zeros for faces
-        that are flat but for the rounding of their corners to float32.
+    ``[f, i, k]``, float64, shape (n_faces, 3, 2), is (v_j - v_i) . n_i of face f with j = (i + 1 +
+    k) modulo 3, of corners v and unit normals n of either sign, both (n_faces, 3, 3). Zeros for
+    faces that are flat but for the rounding of their corners to float32.
     """
     heights = np.empty((len(triangles_m), 3, 2))
     for k in (0, 1):

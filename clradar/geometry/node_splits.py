@@ -11,12 +11,8 @@ import numpy as np
 
 from clradar.opencl import Buffers, build
 
-BLOCK = 8
-"""Triangles per leaf in the kernels."""
-
-BINS = 16
-"""Bins along an axis, as in ``kernels/build.cl``."""
-
+BLOCK = 8  # triangles per leaf in the kernels
+BINS = 16  # bins along an axis, as in ``kernels/build.cl``
 FLOAT_MAX = np.finfo(np.float32).max
 
 
@@ -49,21 +45,11 @@ class SplitsOnDevice:
     def split(
         self, start: np.ndarray, count: np.ndarray, halve: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Split nodes, each of `count` slots of the order from `start` on.
+        """Split nodes, each of `count` slots of the order from `start` on, ascending.
 
-        Parameters
-        ----------
-        start, count : ndarray, shape (m,), int32
-            Ascending; each has more than `BLOCK`.
-        halve : bool
-            By count instead of by the surface area heuristic.
-
-        Returns
-        -------
-        n_left : ndarray, shape (m,), int32
-            Slots of the left child, which come first.
-        children : ndarray, shape (m, 2, 2, 4), float32
-            Boxes of both children.
+        Each has more than `BLOCK` slots; `halve` splits by count instead of by the surface area
+        heuristic. Returns the slots of the left child, which come first, int32, shape (m,), and the
+        boxes of both children, float32, shape (m, 2, 2, 4).
         """
         m = len(start)
         self._buffers.write(self._start, start)

@@ -11,9 +11,7 @@ import numpy as np
 from clradar.geometry.bvh import face_normals
 from clradar.model import Scene, checks
 
-CREASE_DEG = 30.0
-"""Faces that meet at more than this angle keep an edge between them."""
-
+CREASE_DEG = 30.0  # faces that meet at more than this angle keep an edge between them
 KNOWN_DEG = 60.0
 """A scene's own normals are used at faces that are tilted against them by no more: at a vertex
 between two surfaces that touch, its normal is that of one of them."""
@@ -22,28 +20,12 @@ between two surfaces that touch, its normal is that of one of them."""
 def corner_normals(
     scene: Scene, normals: str = "smooth", crease_deg: float = CREASE_DEG
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals at the corners of all faces, and of the faces.
+    """Unit normals at the corners of all faces, (n_faces, 3, 3), and of the faces, (n_faces, 3).
 
-    Parameters
-    ----------
-    scene : Scene
-    normals : "smooth" or "face"
-        "smooth": the average, weighted by corner angle, over the faces around the vertex that are
-        connected to this face by edges at which they meet at no more than `crease_deg`. Vertices at
-        the same position count as one. Where the scene has a normal within
-        `KNOWN_DEG` of the face's, it is that one. "face": the face's own normal.
-    crease_deg : float, degrees, 0 to 180
-
-    Returns
-    -------
-    corners : ndarray, shape (n_faces, 3, 3), float64
-        Degenerate faces have zeros.
-    faces : ndarray, shape (n_faces, 3), float64
-
-    Raises
-    ------
-    ModelError
-        Unknown mode, or an angle outside 0 to 180 degrees.
+    "smooth": the average, weighted by corner angle, over the faces around the vertex that are
+    connected to this face by edges at which they meet at no more than `crease_deg`, 0 to 180.
+    Vertices at the same position count as one. Where the scene has a normal within `KNOWN_DEG` of
+    the face's, it is that one. "face": the face's own normal. Degenerate faces have zeros.
     """
     checks.one_of("normals", normals, ("smooth", "face"))
     crease_deg = checks.within("crease_deg", crease_deg, 0, 180, " degrees")

@@ -4,32 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-_CHUNK = 2**16
-"""Faces at a time, so that they stay in the cache."""
+_CHUNK = 2**16  # faces at a time, so that they stay in the cache
 
 
 def outward_side(triangles_m: np.ndarray) -> int:
-    """Side of the faces of a closed surface that is outside.
+    """Side of the faces (n_faces, 3, 3), float32, metres, of a closed surface that is outside.
 
-    A surface is closed if every edge belongs to an even number of faces: no ray leaves it without
-    crossing a face [1]_. Edges are not sorted; each has a 64-bit hash of the bits of its corners,
-    and the exclusive or of all hashes is 0 if each comes in pairs (or by chance, with probability
-    2^-64).
-
-    Parameters
-    ----------
-    triangles_m : ndarray, shape (n_faces, 3, 3), float32, metres
-
-    Returns
-    -------
-    int
-        1: closed, most of its volume is on the side that the normals point away from; -1: closed,
-        on the other side; 0: not closed.
-
-    References
-    ----------
-    .. [1] F. S. Nooruddin and G. Turk, "Simplification and repair of polygonal models using
-       volumetric techniques", IEEE Trans. Visualization and Computer Graphics 9(2), 2003.
+    1: closed, most of its volume is on the side that the normals point away from; -1: closed, on
+    the other side; 0: not closed. A surface is closed if every edge belongs to an even number of
+    faces: no ray leaves it without crossing a face (F. S. Nooruddin and G. Turk, "Simplification
+    and repair of polygonal models using volumetric techniques", IEEE Trans. Visualization and
+    Computer Graphics 9(2), 2003). Edges are not sorted; each has a 64-bit hash of the bits of its
+    corners, and the exclusive or of all hashes is 0 if each comes in pairs (or by chance, with
+    probability 2^-64).
     """
     odd, volume = np.uint64(0), 0.0
     for first in range(0, len(triangles_m), _CHUNK):

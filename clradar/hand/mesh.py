@@ -36,8 +36,7 @@ DEFAULT_CENTER_M = (0.0, 0.0, 0.300)
 # Finer would need gigabytes, coarser would lose the gaps between the fingers.
 _EDGE_LIMITS_M = (0.5e-3, 4e-3)
 
-_COARSE_M = 4e-3
-"""Spacing of the cells of a field that is asked at points only."""
+_COARSE_M = 4e-3  # spacing of the cells of a field that is asked at points only
 
 # An edge whose sine to a triangle's plane is less lies in it: coplanar triangles do not cross.
 _LEAST_SLOPE = 1e-7

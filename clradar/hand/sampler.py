@@ -14,11 +14,8 @@ from clradar.hand.pose import HandPose, JointAngles
 from clradar.hand.skeleton import posed_skeleton
 from clradar.model import checks
 
-MOST_OVERLAP_M = 1.5e-3
-"""Largest penetration depth of two digits of a random pose: skin in contact deforms."""
-
-MOST_PALM_OVERLAP_M = 4e-3
-"""The same for a digit and the palm, whose muscles and pads deform more."""
+MOST_OVERLAP_M = 1.5e-3  # of two digits of a random pose: skin in contact deforms
+MOST_PALM_OVERLAP_M = 4e-3  # the same for a digit and the palm, whose muscles and pads deform more
 
 # Neighbouring fingers bend together: tendons and muscles are shared (Santello, Flanders and
 # Soechting, "Postural hand synergies for tool use", Journal of Neuroscience 18(23), 1998).
@@ -68,8 +65,7 @@ MOST_SPREAD_DEG = 45.0
 ABDUCTION_SHARE, HOLLOW_SHARE = 7.0 / 12.0, 5.0 / 12.0
 """Standard deviations of the fingers' abductions and of the palm's arch, as shares of it."""
 
-_SWEEPS = 6
-"""Over the five digits. Of fists about every third draw of a digit fits between the others."""
+_SWEEPS = 6  # over the digits: of fists about every third draw of one fits between the others
 
 
 def pose_around(

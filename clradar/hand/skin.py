@@ -23,8 +23,7 @@ from clradar.model.record import Record
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-BLEND_M = 6e-3
-"""Skin belongs to the bones beside the nearest whose flesh is less than this farther away."""
+BLEND_M = 6e-3  # skin belongs to bones beside the nearest whose flesh is at most so much farther
 
 BACKWARDS_M = 8e-3
 """What counts as distance, too, where the normal is across the direction away from a bone, twice
@@ -92,11 +91,13 @@ class Skin(Record):
         return np.ascontiguousarray(placed_m).reshape(*matrices.shape[:-3], len(self), 3)
 
 
-def by_bone(point: np.ndarray, bone: np.ndarray, values: np.ndarray) -> csr_array:
-    """Return rows (n, k) of pairs of point and bone as a matrix (n_points, 25 k), bone by bone."""
+def by_bone(
+    point: np.ndarray, bone: np.ndarray, values: np.ndarray, n: int | None = None
+) -> csr_array:
+    """Return rows of pairs of point and bone, k values each, as a matrix (n, 25 k), by bones."""
     from scipy.sparse import csr_array
 
-    n, width = int(point[-1]) + 1, values.shape[1]
+    n, width = int(point[-1]) + 1 if n is None else n, values.shape[1]
     columns = width * bone[:, None] + np.arange(width)
     ends = width * np.searchsorted(point, np.arange(n + 1))
     shape = (n, len(JOINT_NAMES) * width)

@@ -40,17 +40,12 @@ MARGIN = 0.8
 EXTREME = 0.5
 """Fraction of the samples' coordinates at the ends of their range, where the errors are largest."""
 
-STEP_COST = 2.0
-"""What a term on the way down costs, in terms of the last sum's products."""
-
+STEP_COST = 2.0  # what a term on the way down costs, in terms of the last sum's products
 FEW_KEPT = 1 / 3
 """Fraction of the grid's voxels up to which the image in the rest is interpolated from them."""
 
-MOST_LEAF = 2**18
-"""Voxels of a smallest block: the positions of all are held in memory."""
-
-LEAST_LEAF = 8
-"""Voxels of a smallest block, where the grid has as many: the lanes of a work-item."""
+MOST_LEAF = 2**18  # voxels of a smallest block: the positions of all are held in memory
+LEAST_LEAF = 8  # voxels of a smallest block, where the grid has as many: the lanes of a work-item
 
 Triple = tuple[int, int, int]
 
@@ -59,21 +54,13 @@ Triple = tuple[int, int, int]
 class BlockLevel:
     """Blocks of one size, with their skeleton antennas and frequencies.
 
-    Attributes
-    ----------
-    voxels : tuple of 3 ints
-        Size of a block along x, y, z.
-    n_blocks : int
-    n_voxels : int
-        What all of them are summed over, with what fills them up.
-    tx, rx, frequency : Decomposition
-        Skeleton indices into all antennas and frequencies; weights of shape (skeleton of the level
-        above, skeleton of this one).
+    Decompositions have skeleton indices into all antennas and frequencies, and weights of shape
+    (skeleton of the level above, skeleton of this one).
     """
 
-    voxels: Triple
+    voxels: Triple  # size of a block along x, y, z
     n_blocks: int
-    n_voxels: int
+    n_voxels: int  # that all are summed over, with what fills them up
     tx: Decomposition
     rx: Decomposition
     frequency: Decomposition
@@ -111,18 +98,13 @@ def block_sizes(counts: Triple, leaf: Triple) -> list[Triple]:
 def block_levels(
     array: AntennaArray, waveform: Waveform, grid: VoxelGrid, tolerance: float
 ) -> tuple[BlockLevel, ...]:
-    """Return the levels of the tree, from the whole grid down to the smallest blocks, of which all
-    voxels are summed.
+    """Return the levels of the tree, from the whole grid down to blocks whose voxels are summed.
 
     They do not depend on the samples and take most of the time of a small image, so those of the
     last call are kept: images of one array, waveform and grid (the same objects) share them.
-
-    Parameters
-    ----------
-    tolerance : float
-        Error of the image, relative to its RMS, that the tree may cause. Tx, Rx and frequency each
-        get the same part of its square, and each level the same part of that; where the levels
-        together exceed it, each is given less.
+    `tolerance` is the error of the image, relative to its RMS, that the tree may cause: Tx, Rx and
+    frequency each get the same part of its square, and each level the same part of that; where the
+    levels together exceed it, each is given less.
     """
     sizes = _grid_sizes(waveform, grid)
     return tree_levels(array, waveform, _voxel_sampler(array, grid, sizes), sizes, tolerance)
@@ -188,14 +170,9 @@ def tree_levels(
     sizes: list[tuple[Triple, int, int]],
     tolerance: float,
 ) -> tuple[BlockLevel, ...]:
-    """Return the levels that are worthwhile, of blocks of some sizes.
+    """Return the levels that are worthwhile, of blocks of `sizes` (voxels, n_blocks, n_voxels).
 
-    Parameters
-    ----------
-    sizes : list of (voxels, n_blocks, n_voxels)
-        See `BlockLevel`, from one block down.
-    tolerance : float
-        See `block_levels`.
+    These are as in `BlockLevel`, from one block down; `tolerance` is as in `block_levels`.
     """
     k = waveform.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
     found = _levels(array, k, sampler, sizes, MARGIN * tolerance / np.sqrt(3))
@@ -227,13 +204,9 @@ def cheapest(
     """Return how many levels make the image cheapest; with fewer, the last sum is larger.
 
     Where a block has few voxels, or where the skeletons hardly shrink because the voxels are far
-    apart, the sum from larger blocks is faster. Costs are in terms of that sum and were
-    measured with 8 lanes on PoCL.
-
-    Parameters
-    ----------
-    summed : list of int
-        For each level as the last one, in how many voxels the samples are summed.
+    apart, the sum from larger blocks is faster. Costs are in terms of that sum and were measured
+    with 8 lanes on PoCL. `summed` has for each level as the last one in how many voxels the samples
+    are summed.
     """
     way_down, least, best = 0.0, np.inf, len(found)
     r, c, m = array.n_tx, array.n_rx, waveform.n_freq

@@ -19,8 +19,7 @@ BRIGHTER_DB = 0.2
 """Of two places of one echo it came from that which is brighter by this; less may be the coarse
 image's error, and nothing tells."""
 
-PERIODS = 3
-"""So many unambiguous ranges beyond the grid are looked at."""
+PERIODS = 3  # so many unambiguous ranges beyond the grid are looked at
 
 
 def warn_of_confusions(
@@ -32,15 +31,7 @@ def warn_of_confusions(
 ) -> None:
     """Warn where the brightest voxel of a grid has a double, or is the double of another echo.
 
-    Parameters
-    ----------
-    capture : Capture, or sequence of Capture
-    arrays : sequence of AntennaArray
-        Theirs, with all antennas.
-    grid : VoxelGrid
-    at_m : ndarray, shape (3,), metres
-        The brightest voxel.
-    device : Device
+    `arrays` are those of the captures, with all antennas; the brightest voxel is at `at_m`, (3,).
     """
     waveform = captures_of(capture)[0].waveform
 

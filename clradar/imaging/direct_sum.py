@@ -17,12 +17,8 @@ from clradar.opencl.double_single import antenna_rows, hi_lo
 TX_BLOCK, RX_BLOCK = 4, 2
 """Transmitters and receivers that an item sums side by side, as registers allow."""
 
-FREQUENCY_CHUNK = 8
-"""Frequencies per call, so that their part of the cube stays in the cache."""
-
-LEAST_POINTS = 256
-"""Points per call: two sides of the phasors of one frequency stay in the cache."""
-
+FREQUENCY_CHUNK = 8  # frequencies per call, so that their part of the cube stays in the cache
+LEAST_POINTS = 256  # points per call: two sides of the phasors of one frequency stay in the cache
 CHUNK_PHASORS = 2**18
 """Points times antennas of a call that may have more points. Part of the order of summation, like
 the other sizes, so it depends on the array alone."""
@@ -39,21 +35,12 @@ class _Sizes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointSet:
-    """Points, and which antennas see them.
-
-    Attributes
-    ----------
-    n : int
-    points_m : callable
-        Returns the positions of the points [start, stop), shape (stop - start, 3), float64, metres.
-    tx_visible, rx_visible : ndarray, shape (n, n_tx) and (n, n_rx), bool, or None
-        None: every antenna sees every point.
-    """
+    """Points, and which antennas see them."""
 
     n: int
-    points_m: Callable[[int, int], np.ndarray]
-    tx_visible: np.ndarray | None = None
-    rx_visible: np.ndarray | None = None
+    points_m: Callable[[int, int], np.ndarray]  # of [start, stop): (stop - start, 3), float64
+    tx_visible: np.ndarray | None = None  # (n, n_tx), bool; None: every one sees every point
+    rx_visible: np.ndarray | None = None  # (n, n_rx), bool
 
 
 class DirectSum:

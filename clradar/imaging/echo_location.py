@@ -23,15 +23,9 @@ from clradar.model.range_profile import (
 from clradar.model.resolution import lateral_resolution_m
 from clradar.opencl import Device
 
-VIEW_SINE = float(np.sin(np.radians(60.0)))
-"""Directions up to this far from boresight are searched."""
-
-SEARCH_PAIRS = 144
-"""Pairs whose profiles are summed over the directions, which needs no focus."""
-
-MOST_DIRECTIONS = 64
-"""Along either sine."""
-
+VIEW_SINE = float(np.sin(np.radians(60.0)))  # directions up to this far from boresight are searched
+SEARCH_PAIRS = 144  # pairs whose profiles are summed over the directions, which needs no focus
+MOST_DIRECTIONS = 64  # along either sine
 ALIKE, APART, MOST_DIRECTIONS_TRIED = 0.7, 0.12, 4
 """Directions with this share of the strongest sum, so far apart (radians), are imaged as well: of a
 fist the strongest was 25 degrees beside it."""
@@ -43,12 +37,8 @@ COARSE_TERMS, COARSE_PAIRS = 1e8, 2048
 """Voxels times pairs, and pairs, of a coarse image, which is of a subset of the antennas: 0.2 s,
 and side lobes of random antennas at -33 dB."""
 
-COARSE_VOXELS = 500_000
-"""Of a coarse image; beyond that its voxels are larger."""
-
-AROUND_RESOLUTIONS = 1.33
-"""Half of a box around a place where the image has a maximum."""
-
+COARSE_VOXELS = 500_000  # of a coarse image; beyond that its voxels are larger
+AROUND_RESOLUTIONS = 1.33  # half of a box around a place where the image has a maximum
 FOCUS = 20.0
 """The random phases of N pairs leave 1 / N of an echo's power at other places, and 10 / N at the
 strongest of 20 000 (their logarithm). An image of twice that shows the echo itself: hands reach 20
@@ -57,8 +47,7 @@ times as much and more with 94 x 94 antennas at 0.3 m, and 7 to 140 times at 50 
 NEAR_SHARE = 100.0
 """Where direct coupling may be, only echoes of this share of the strongest beyond count."""
 
-MOVES = 3
-"""How often the coarse image is centred again on a maximum at its face."""
+MOVES = 3  # how often the coarse image is centred again on a maximum at its face
 
 
 @dataclass(frozen=True, slots=True)

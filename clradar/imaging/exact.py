@@ -12,14 +12,9 @@ from clradar.imaging.tiled import RX_CHUNK, KernelSizes, Tile, TiledImager, tile
 from clradar.opencl import Buffers
 from clradar.opencl.double_single import antenna_rows, hi_lo
 
-TX_BLOCK = 4
-"""Transmitters that the kernel goes through side by side."""
-
-TX_CHUNK = 512
-"""Transmitters per call; a multiple of `TX_BLOCK`."""
-
-FREQUENCY_CHUNK = 8
-"""Frequencies per call, so that their part of the cube stays in the cache."""
+TX_BLOCK = 4  # transmitters that the kernel goes through side by side
+TX_CHUNK = 512  # transmitters per call; a multiple of `TX_BLOCK`
+FREQUENCY_CHUNK = 8  # frequencies per call, so that their part of the cube stays in the cache
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,8 +42,7 @@ FEW_TERMS = 2**30
 """Voxels times pairs times frequencies up to which the direct sum takes no longer than the choice
 of skeletons: about 0.1 s."""
 
-TILE_STEPS = 1000
-"""Steps of progress per tile, whose trees differ."""
+TILE_STEPS = 1000  # steps of progress per tile, whose trees differ
 
 Report = Callable[[float], None]
 """Called with the fraction that is done."""

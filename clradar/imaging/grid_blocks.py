@@ -11,8 +11,7 @@ from clradar.imaging.voxel_skeleton import VoxelSkeleton
 from clradar.model import VoxelGrid
 from clradar.opencl.double_single import antenna_rows
 
-NO_VOXEL = 2**30
-"""Index of the voxels that fill up a block to whole lanes: outside every grid."""
+NO_VOXEL = 2**30  # index of the voxels that fill up a block to whole lanes: outside every grid
 
 
 @dataclass(frozen=True, slots=True, eq=False)

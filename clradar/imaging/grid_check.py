@@ -49,8 +49,7 @@ image has a voxel at."""
 THIN_RESOLUTIONS = 2.0
 """An axis that is no longer than this is a slice through the object, and meant to be one."""
 
-PLANES = 16
-"""Of a volume whose amplitude is taken at a time."""
+PLANES = 16  # of a volume whose amplitude is taken at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,25 +86,13 @@ def warn_of_grid(
     weights: np.ndarray,
     device: Device,
 ) -> None:
-    """Warn where an image does not show what the capture holds.
+    """Warn where an image on a grid does not show what the capture holds.
 
-    Parameters
-    ----------
-    capture : Capture or KeptCaptures
-        Several of different frequencies are not checked.
-    grid : VoxelGrid
-    data : ndarray, shape of the grid, complex64, or planes that are read
-        The image of the capture, as `clradar.backproject` returns it.
-    weights : ndarray, shape (n_freq,)
-        Over frequency, of the image.
-    device : Device
-
-    Warns
-    -----
-    ClradarWarning
-        The grid reaches beyond the unambiguous range c / (2 df), and no focus tells its echoes
-        from their aliases. The strongest echo lies outside,
-        more than 15 dB above all that is in the grid. The object goes on beyond a face of the grid.
+    That is: the grid reaches beyond the unambiguous range c / (2 df), and no focus tells its echoes
+    from their aliases; the strongest echo lies outside, more than 15 dB above all that is in the
+    grid; the object goes on beyond a face of the grid. Captures of different frequencies are not
+    checked. `data` is the image as `clradar.backproject` returns it, or planes that are read;
+    `weights`, (n_freq,), are those of the image.
     """
     captures = (capture,) if isinstance(capture, Capture) else tuple(capture.captures)
     arrays = [capture.array] if isinstance(capture, Capture) else capture.arrays

@@ -8,9 +8,7 @@ import sys
 
 from clradar.model import VoxelGrid, checks
 
-BYTES_OF_ONE = 9
-"""Of each voxel of an image: complex64, and whether it is finite."""
-
+BYTES_OF_ONE = 9  # of each voxel of an image: complex64, and whether it is finite
 BYTES_OF_SEVERAL = 24
 """Of each voxel of one image of several captures: that of one, and the sum in complex128."""
 

@@ -23,27 +23,19 @@ PAPER_GRID = VoxelGrid.from_extent((-0.1, 0.1), (-0.1, 0.1), (0.26, 0.34), 1e-3)
 BRIGHT_DB = 10.0
 """The object is what is at most this far below the strongest echo. Side lobes are at -13 dB."""
 
-VOXELS_PER_RESOLUTION = 3.5
-"""At least, as in the paper's grid across boresight: 1 mm for 3.8 mm."""
-
+VOXELS_PER_RESOLUTION = 3.5  # at least, as in the paper's grid across boresight: 1 mm for 3.8 mm
 LEAST_RESOLUTIONS = 40.0
 """Half the size of a grid is at least that of the paper's, or this where that is less."""
 
-ASIDE = 0.35
-"""Of the range: other bodies of one range are looked for so far to the sides."""
-
+ASIDE = 0.35  # of the range: other bodies of one range are looked for so far to the sides
 ASIDE_VOXELS, LOBE_FREQUENCIES = 2000, 16
 """Bright voxels to the sides that are compared with the lobes of the strongest echo."""
 
 COARSE_LOSS = 0.7
 """An image of which the strongest echo has less is too coarse to tell others from lobes."""
 
-CREST = 3.0
-"""Nor is what exceeds the RMS of a coarse image by less: random side lobes reach this."""
-
-MARGIN_RESOLUTIONS = 2.0
-"""Between the object and the faces of its grid."""
-
+CREST = 3.0  # nor is what exceeds the RMS of a coarse image by less: random side lobes reach this
+MARGIN_RESOLUTIONS = 2.0  # between the object and the faces of its grid
 FURTHER_DB, FURTHER_M, FURTHER_RESOLUTIONS = 7.0, 2e-3, 4.0
 """A grid is extended for echoes at most so far below the strongest, and beyond a face by more than
 the error of a coarse image's maximum up to so many resolutions."""
@@ -56,14 +48,11 @@ END_M, END_SHARE = 0.01, 0.1
 """Ends of a grid are multiples of this, which round steps up to it divide. A box is cut by a tenth
 of it at most, so that errors of a millimetre in the place do not add another."""
 
-MOST_VOXELS = 4_000_000
-"""Of a grid that is placed; that of the paper has 3.3 million."""
-
+MOST_VOXELS = 4_000_000  # of a grid that is placed; that of the paper has 3.3 million
 ROUND, LESS_ROUND = (1, 2, 5), (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
 """Spacings times a power of ten; the second of grids that would otherwise be too large."""
 
-GROWTHS = 6
-"""How often the box that is searched for the object grows, by half at most."""
+GROWTHS = 6  # how often the box that is searched for the object grows, by half at most
 
 
 def box_around(capture: Capture, echo: Echo, device: Device) -> VoxelGrid:

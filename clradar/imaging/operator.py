@@ -26,8 +26,7 @@ from clradar.model.plausible import check_plausible
 from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 
-STEPS = 1000
-"""Steps of progress of one application."""
+STEPS = 1000  # steps of progress of one application
 
 _Part = FastSum | DirectSum
 """The same for some of the voxels or points each; both add to their results."""

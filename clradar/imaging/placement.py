@@ -35,29 +35,18 @@ NAMED_DB = 25.0
 side lobes are at -31 dB."""
 
 MOST_BODIES = 4
-MOST_TRIED = 8
-"""Maxima of the range profile that are located in search of other bodies."""
-
+MOST_TRIED = 8  # maxima of the range profile that are located in search of other bodies
 FEWEST_PER_RESOLUTION = 2.0
 """Of a grid around several bodies. With more voxels than `MOST_VOXELS` it shows fewer of them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """A grid that was placed.
-
-    Attributes
-    ----------
-    grid : VoxelGrid
-    shown : tuple of Echo
-        The echoes that it was placed around, strongest first; none where nothing was found.
-    left_out : tuple of Echo
-        Others at most `NAMED_DB` below the strongest that it does not hold.
-    """
+    """A grid that was placed."""
 
     grid: VoxelGrid
-    shown: tuple[Echo, ...]
-    left_out: tuple[Echo, ...]
+    shown: tuple[Echo, ...]  # that it was placed around, strongest first; or none
+    left_out: tuple[Echo, ...]  # others of `NAMED_DB`, not in it
 
 
 def place_grid(

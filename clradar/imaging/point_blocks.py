@@ -28,30 +28,18 @@ STRICTER = 0.5
 """Fraction of the tolerance that is asked of the levels: a few points may reflect alone, and
 errors of neighbours do not cancel."""
 
-LANES = 8
-"""Points are summed so many at a time."""
+LANES = 8  # points are summed so many at a time
 
 
 class PointCells:
-    """Points in cells of the size of the smallest blocks, sorted so that every block of every level
-    is a range of cells, and every cell a range of points.
+    """Points in cells of the size of the smallest blocks, sorted: blocks are ranges of cells.
 
-    Attributes
-    ----------
-    order : ndarray, shape (n_points,), int
-        The points by cell; in a cell by number.
-    columns_m : ndarray, shape (3, n_points), float64
-        x, y and z in that order.
-    first : ndarray, shape (n_cells + 1,), int
-        First point of every cell.
-    cells : ndarray, shape (n_cells, 3), int
-        Index of every cell along x, y, z.
-    low_m, high_m : ndarray, shape (n_cells, 3)
-        The box around the points of every cell.
-    sizes : list of 3 ints
-        Sizes of blocks in cells, from one around all points down to a cell.
-    level_first : list of ndarray
-        For each level the first cell of every block, and n_cells.
+    So is every cell a range of points. Attributes: `order` of the points by cell, in a cell by
+    number; `columns_m`, (3, n_points), x, y and z in that order; `first` point of every cell,
+    (n_cells + 1,); index of all `cells` along x, y, z, (n_cells, 3); `low_m` and `high_m`,
+    (n_cells, 3), of the box around its points; `sizes` of blocks in cells, from one around all
+    points down to a cell; and `level_first`, for each level the first cell of every block, and
+    n_cells.
     """
 
     def __init__(self, points_m: np.ndarray, wavelength_m: float) -> None:

@@ -18,8 +18,7 @@ OVERSAMPLING = 16
 phase of 2 pi u / OVERSAMPLING apart, u the offset from the carrier in spans (-1/2 ... 1/2), errs by
 at most (pi u / OVERSAMPLING)^2 / 2: at worst 4.8e-3, and 1.6e-3 RMS (-56 dB) over a flat band."""
 
-STEPS_PER_TILE = 16
-"""Steps of progress."""
+STEPS_PER_TILE = 16  # steps of progress
 
 
 class RangeImager(TiledImager):

@@ -16,12 +16,8 @@ from clradar.model.progress import Progress
 from clradar.opencl import Device, open_device
 
 METHODS = ("least-squares", "sparse")
-ITERATIONS = {"least-squares": 30, "sparse": 100}
-"""At most, unless the caller says otherwise."""
-
-SPARSITY_DB = -30.0
-"""Twice the dynamic range that pictures show."""
-
+ITERATIONS = {"least-squares": 30, "sparse": 100}  # at most, unless the caller says otherwise
+SPARSITY_DB = -30.0  # twice the dynamic range that pictures show
 CHANGE = 2e-3
 """Of the reflectivity from one iteration to the next, relative, at which it has settled."""
 

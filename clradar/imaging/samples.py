@@ -22,14 +22,8 @@ class SampleSizes:
 class SampleCube:
     """The weighted samples of some antennas, (n_freq, n_tx, 2, padded n_rx), float32.
 
-    Parameters
-    ----------
-    tx, rx : slice
-        Which antennas.
-    n_all_rx : int
-        Receivers of the whole capture.
-    weights : ndarray, shape (n_freq,), float64
-    buffers : Buffers
+    `tx` and `rx` are slices of all antennas, `n_all_rx` counts the receivers of the whole capture,
+    and `weights` are over frequency.
     """
 
     def __init__(
@@ -47,12 +41,7 @@ class SampleCube:
     def fill(self, samples: Any, stride: int | None = None) -> Any:
         """Write the cube from all samples on the device, and return its buffer.
 
-        Parameters
-        ----------
-        samples : Buffer
-            complex64 (n_all_tx, n_all_rx, stride).
-        stride : int, optional
-            n_freq if not given.
+        They are complex64 (n_all_tx, n_all_rx, stride), n_freq of them if it is not given.
         """
         u, width = np.uint32, self._buffers.device.width
         self._program.start(

@@ -38,17 +38,9 @@ class KeptCaptures:
 def mean_over_pairs(images: Iterable[tuple[np.ndarray, int]], shape: tuple[int, ...]) -> np.ndarray:
     """Return the image of all pairs of several captures: the mean of theirs, weighted by samples.
 
-    Parameters
-    ----------
-    images : iterable of (ndarray, int)
-        Of each capture its image, complex64, and the number of its samples.
-    shape : tuple of int
-        (n_z, n_y, n_x), of which only planes are copied.
-
-    Returns
-    -------
-    ndarray, complex64
-        Summed in the order of the captures: bits depend on it.
+    Of each there is its image, complex64, and the number of its samples; only planes of it are
+    copied at a time, to a result of `shape` (n_z, n_y, n_x). They are summed in their order: bits
+    depend on it.
     """
     total, n_all = np.zeros(shape, np.complex128), 0
     for image, n_samples in images:

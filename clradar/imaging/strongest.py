@@ -19,19 +19,13 @@ class DepthSizes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strongest:
-    """The strongest voxel of each pixel.
+    """The strongest voxel of each pixel, (n_y, n_x), and its neighbours along z, complex64.
 
-    Attributes
-    ----------
-    top : ndarray, shape (n_y, n_x), int32
-        Its index along z; -1 where a voxel is not finite. Of voxels that are equal to the rounding
-        of float32 any.
-    before, peak, after : ndarray, shape (n_y, n_x), complex64
-        The value of its neighbour before, its own, and that of the neighbour after; of neighbours
-        outside the grid its own.
+    `top` is its index, -1 where a voxel is not finite; of voxels that are equal to the rounding of
+    float32 any. Neighbours outside the grid have the value of the `peak`.
     """
 
-    top: np.ndarray
+    top: np.ndarray  # int32
     before: np.ndarray
     peak: np.ndarray
     after: np.ndarray

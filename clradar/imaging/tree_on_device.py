@@ -23,9 +23,7 @@ from clradar.opencl.program import private_length
 FLOAT32_SHARE = 0.3
 """Fraction of the tolerance that float32 phases may take; beyond it they are double-single."""
 
-WEIGHTS_TILE = 4
-"""Weighted sums that a kernel makes per pass; weights are padded to a multiple."""
-
+WEIGHTS_TILE = 4  # weighted sums that a kernel makes per pass; weights are padded to a multiple
 CPU_CHUNK_BYTES = 8 * 2**20
 """What the blocks of one launch may take: about what stays in a CPU's cache."""
 
@@ -34,8 +32,7 @@ GPU_CHUNK_BYTES = 256 * 2**20
 MOST_GROUPS = 16
 """Groups of lanes whose phasors to the skeleton of a smallest block an item of the way up holds."""
 
-GROUPS_TIMES_LEAF = 512
-"""Most groups times antennas: they are in private memory."""
+GROUPS_TIMES_LEAF = 512  # most groups times antennas: they are in private memory
 
 AnyBlocks = GridBlocks | PointBlocks
 
@@ -80,22 +77,12 @@ class _ForwardSizes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Antennas:
-    """The antennas of one side, and how they are reduced to their skeleton.
+    """The antennas of one side, and how they are reduced to their skeleton."""
 
-    Attributes
-    ----------
-    antennas_m : ndarray, shape (n, 3), float64, metres
-    n_skeleton : int
-    planes : Buffer
-        The antennas, as the kernels read them.
-    weights : Buffer
-        From the antennas to the skeleton; for the way up transposed.
-    """
-
-    antennas_m: np.ndarray
+    antennas_m: np.ndarray  # (n, 3), float64
     n_skeleton: int
-    planes: Any
-    weights: Any
+    planes: Any  # buffer of the antennas, as the kernels read them
+    weights: Any  # buffer, from the antennas to the skeleton; for the way up transposed
 
     @property
     def n(self) -> int:
@@ -120,23 +107,12 @@ class LevelStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Some blocks of one level and their samples.
+    """Some blocks of one level and their samples."""
 
-    Attributes
-    ----------
-    index : ndarray, shape (n, ...), int
-        Which blocks.
-    centre_m : ndarray, shape (n, 3), float32
-    centres : Buffer
-        The same.
-    g : Buffer
-        float (n, frequencies, rows, 2, columns), see the kernels.
-    """
-
-    index: np.ndarray
-    centre_m: np.ndarray
-    centres: Any
-    g: Any
+    index: np.ndarray  # (n, ...), int: which blocks
+    centre_m: np.ndarray  # (n, 3), float32
+    centres: Any  # buffer of the same
+    g: Any  # buffer, float (n, frequencies, rows, 2, columns), see the kernels
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,24 +23,12 @@ from clradar.phasors.skeletons import (
     draw_samples,
 )
 
-MOST_KEPT = 32
-"""Skeleton voxels along x: a work-item holds a row of them in private memory."""
-
-MOST_VOXELS = 64
-"""Voxels of a block along an axis, of which some are chosen."""
-
-ROW_UNIT = 4
-"""Half the lanes of a work-item."""
-
-BEYOND = 6
-"""Skeleton voxels along an axis beside those that bandwidth alone asks for."""
-
-SOME_ANTENNAS = 24
-"""Antennas of a side that a plane wave is chosen by."""
-
-CHECKED = 20
-"""Voxels of each family that all axes together are checked on."""
-
+MOST_KEPT = 32  # skeleton voxels along x: a work-item holds a row of them in private memory
+MOST_VOXELS = 64  # voxels of a block along an axis, of which some are chosen
+ROW_UNIT = 4  # half the lanes of a work-item
+BEYOND = 6  # skeleton voxels along an axis beside those that bandwidth alone asks for
+SOME_ANTENNAS = 24  # antennas of a side that a plane wave is chosen by
+CHECKED = 20  # voxels of each family that all axes together are checked on
 LEAST_DISTANCE_M = 1e-9
 
 ROUNDS = 3
@@ -54,11 +42,7 @@ Triple = tuple[int, int, int]
 class VoxelSkeleton:
     """The skeleton voxels of every block of one size: all of some indices along x, y, z.
 
-    Attributes
-    ----------
-    axes : tuple of 3 Decompositions
-        Along x, y, z: indices in a block, and the weights of all voxels.
-    waves : PlaneWaves
+    `axes` have, along x, y and z, indices in a block, and the weights of all voxels.
     """
 
     axes: tuple[Decomposition, Decomposition, Decomposition]

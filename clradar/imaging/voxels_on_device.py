@@ -18,13 +18,8 @@ from clradar.imaging.tree_on_device import WEIGHTS_TILE, TreeOnDevice, padded
 class VoxelsOnDevice:
     """Weights and room for some blocks at once.
 
-    Attributes
-    ----------
-    values : Buffer
-        float (n_blocks, n_kept_z, n_kept_y, n_row): the image in skeleton voxels, for the kernel
-        to write.
-    summed_counts : tuple of 3 ints
-        n_row, n_kept_y and n_kept_z.
+    The kernel writes the image in skeleton voxels to the buffer `values`, float (n_blocks,
+    n_kept_z, n_kept_y, n_row), whose last three are `summed_counts` from x to z.
     """
 
     def __init__(self, tree: TreeOnDevice, most_blocks: int) -> None:

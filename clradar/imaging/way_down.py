@@ -27,8 +27,7 @@ AHEAD = 4
 """Launches over smallest blocks that may wait on the device: the host goes on meanwhile, and can
 stop soon."""
 
-LANES = 8
-"""Numbers beyond the image that a kernel may read."""
+LANES = 8  # numbers beyond the image that a kernel may read
 
 Report = Callable[[float], None]
 
@@ -37,28 +36,17 @@ Report = Callable[[float], None]
 class _Chunk:
     """Some blocks of one level that are launched together, and what is on the device of them.
 
-    Attributes
-    ----------
-    index : ndarray, shape (n, ...), int
-    centre_m : ndarray, shape (n, 3), float32
-    centres, parents : Buffer
-        The same, and which of the blocks above each lies in.
-    phasors : list of Buffer
-        Of the first level: rows and columns.
-    leaf : tuple or None
-        Of smallest blocks: global size of the last sum, its arguments before and after G, and where
-        not all voxels are summed, the first voxels and wave vectors of the blocks.
-    inner : list or None
-        The chunks of the blocks in these; None until they are needed.
+    `leaf` is that of smallest blocks: global size of the last sum, its arguments before and after
+    G, and where not all voxels are summed, the first voxels and wave vectors of the blocks.
     """
 
-    index: np.ndarray
-    centre_m: np.ndarray
-    centres: Any
-    parents: Any
-    phasors: list[Any]
+    index: np.ndarray  # (n, ...), int
+    centre_m: np.ndarray  # (n, 3), float32
+    centres: Any  # buffer of the same
+    parents: Any  # buffer: which of the blocks above each lies in
+    phasors: list[Any]  # buffers of the first level: rows and columns
     leaf: tuple[tuple[int, int], list[Any], list[Any], tuple[Any, Any] | None] | None
-    inner: list[_Chunk] | None
+    inner: list[_Chunk] | None  # of the blocks in these; None until they are needed
 
     @property
     def n(self) -> int:

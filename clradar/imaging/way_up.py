@@ -33,12 +33,8 @@ class WayUp:
     def _ascend(self, i: int, above: Blocks, index: np.ndarray, parent: np.ndarray) -> None:
         """Sum blocks of level i into those above by depth-first recursion, a chunk at a time.
 
-        Parameters
-        ----------
-        index : ndarray, shape (n, ...)
-            Blocks of level i, those in one parent in a row.
-        parent : ndarray, shape (n,), int32
-            For each the block of `above` that it lies in.
+        `index`, (n, ...), are blocks of level i, those in one parent in a row; `parent`, (n,),
+        int32, is for each the block of `above` that it lies in.
         """
         tree, at_once = self.tree, self.tree.blocks_at_once(i)
         step = tree.steps[i]

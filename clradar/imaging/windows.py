@@ -10,13 +10,10 @@ WINDOWS = ("rect", "hann", "taylor")
 
 
 def frequency_weights(window: str | np.ndarray, n_freq: int) -> np.ndarray:
-    """Return the weight of each frequency, shape (n_freq,), float64.
+    """Return the weight of each frequency, (n_freq,), float64, of a window's name or as given.
 
-    Parameters
-    ----------
-    window : "rect", "hann", "taylor", or array_like of shape (n_freq,)
-        "hann" and "taylor" (nbar 4, -30 dB) are scipy's symmetric windows, with maximum 1, not
-        scaled to mean 1.
+    "hann" and "taylor" (nbar 4, -30 dB) are scipy's symmetric windows, with maximum 1, not scaled
+    to mean 1; "rect" is 1.
     """
     if isinstance(window, str):
         checks.one_of("window", window, WINDOWS)

@@ -23,9 +23,7 @@ from clradar.jobs.lock import LOCK, held
 from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 
-KEY = "settings.json"
-"""What a folder was begun with: its settings, and what its inputs hold."""
-
+KEY = "settings.json"  # what a folder was begun with: its settings, and what its inputs hold
 MADE_FROM = "made_from"
 
 Item = TypeVar("Item")

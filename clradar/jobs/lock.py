@@ -27,9 +27,7 @@ LOCK = ".lock"
 SCRATCH = "clradar-scratch-"
 """Names of scratch folders that have their lock, and of the semaphores of their process."""
 
-WAIT_S = 0.2
-"""For a lock whose holder removes it at this moment."""
-
+WAIT_S = 0.2  # for a lock whose holder removes it at this moment
 NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL}
 """What file systems without locks say: Lustre and NFS by some of their options."""
 

@@ -13,8 +13,7 @@ from clradar.files.failures import clean
 from clradar.opencl import Device
 from clradar.versions import own_version, package_versions
 
-ATTEMPTS = 2
-"""Attempts at an item before it is set aside."""
+ATTEMPTS = 2  # attempts at an item before it is set aside
 
 Outcome = tuple[Any, list[str]]
 """What a function returned, or its `ClradarError`; and its warnings, each once."""

@@ -11,23 +11,12 @@ from clradar.model.pattern import AntennaPattern
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AntennaSide:
-    """The antennas of one side.
+    """The antennas of one side."""
 
-    Attributes
-    ----------
-    antennas_m : ndarray, shape (n, 3), metres
-    pattern : AntennaPattern or None
-        Of each about its boresight; None: isotropic with gain 1.
-    boresight : ndarray, shape (n, 3), or None
-        Unit vectors; None: all along +z.
-    gain : ndarray, shape (n,), complex128, or None
-        Of amplitude, of each antenna beside its pattern; None: 1.
-    """
-
-    antennas_m: np.ndarray
-    pattern: AntennaPattern | None
-    boresight: np.ndarray | None
-    gain: np.ndarray | None
+    antennas_m: np.ndarray  # (n, 3)
+    pattern: AntennaPattern | None  # of each about its boresight; None: isotropic with gain 1
+    boresight: np.ndarray | None  # (n, 3), unit vectors; None: all along +z
+    gain: np.ndarray | None  # (n,), complex128, of amplitude, beside the pattern; None: 1
 
     @property
     def axes(self) -> np.ndarray:
@@ -37,16 +26,9 @@ class AntennaSide:
         return self.boresight
 
     def towards(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return distances to points, metres, and field amplitudes there, complex with gains.
+        """Return distances to points (m, 3), metres, and complex fields there, both (m, n).
 
-        Parameters
-        ----------
-        points_m : ndarray, shape (n_points, 3), metres
-
-        Returns
-        -------
-        length_m, field : ndarray, shape (n_points, n)
-            The field without the loss over the distance.
+        The field has the gains, without the loss over the distance.
         """
         # Axis by axis: a third of the time of vectors of three.
         x, y, z = (points_m[:, None, axis] - self.antennas_m[:, axis] for axis in range(3))

@@ -14,8 +14,7 @@ from clradar.model.pattern import AntennaPattern
 from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
 
-GAIN_ROUNDING = 1e-9
-"""Of gains and directions that were written as text and read back."""
+GAIN_ROUNDING = 1e-9  # of gains and directions that were written as text and read back
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

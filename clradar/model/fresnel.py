@@ -6,28 +6,17 @@ import numpy as np
 
 from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 
-GRAZING_COS = 1e-7
-"""Least cosine of incidence: at 0 some coefficients are a quotient of zeros."""
+GRAZING_COS = 1e-7  # least cosine of incidence: at 0 some coefficients are a quotient of zeros
 
 
 def half_space(
     eps: np.ndarray | None, cos_incidence: np.ndarray, under: np.ndarray | float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Reflection coefficients (r_s, r_p) of the boundary between two media.
+    """Reflection coefficients (r_s, r_p), (n, m), of the boundary between two media.
 
-    Parameters
-    ----------
-    eps : ndarray, shape (n, 1), complex128, or None
-        Permittivity behind the boundary; None is a perfect conductor.
-    cos_incidence : ndarray, shape (m,)
-        Cosine of the angle of incidence in vacuum.
-    under : ndarray, shape (n, 1), or float
-        Permittivity before the boundary.
-
-    Returns
-    -------
-    r_s, r_p : complex128, shape (n, m)
-        Of the electric field for s, of the magnetic field for p: r_p = -r_s at normal incidence.
+    `eps` and `under`, (n, 1), are the permittivities behind and before the boundary; `eps` None is
+    a perfect conductor. `cos_incidence`, (m,), is that in vacuum. They are of the electric field
+    for s, of the magnetic field for p: r_p = -r_s at normal incidence.
     """
     before = normal_index(under, cos_incidence)
     if eps is None:

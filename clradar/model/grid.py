@@ -13,8 +13,7 @@ from clradar.model import checks
 from clradar.model.plausible import check_plausible
 from clradar.model.record import Record
 
-MAX_VOXELS = 2**31 - 1
-"""Largest volume: its index has to fit a signed 32-bit integer on the device."""
+MAX_VOXELS = 2**31 - 1  # largest volume: its index has to fit a signed 32-bit integer on the device
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

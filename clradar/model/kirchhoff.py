@@ -9,9 +9,7 @@ from clradar.errors import warn
 from clradar.model.material import Material
 from clradar.model.waveform import Waveform
 
-STEEPEST = 0.3
-"""Largest RMS slope: beyond it shadows and second bounces between heights matter."""
-
+STEEPEST = 0.3  # largest RMS slope: beyond it shadows and second bounces between heights matter
 LEAST_CURVATURE_WAVELENGTHS = 2.0
 """Least mean radius of curvature, in the longest wavelengths of the band."""
 
@@ -36,11 +34,8 @@ def curvature_radius_m(material: Material) -> float:
 def check_kirchhoff(material: Material, waveform: Waveform) -> None:
     """Warn where a material is too rough, at the waveform's frequencies, for physical optics.
 
-    Warns
-    -----
-    ClradarWarning
-        An RMS slope above 0.3, or a mean radius of curvature below two wavelengths with heights
-        that matter.
+    That is an RMS slope above 0.3, or a mean radius of curvature below two wavelengths with heights
+    that matter.
     """
     text = f"material {material.name!r}: roughness of {1e3 * material.roughness_rms_m:g} mm over "
     text += f"{1e3 * (material.correlation_length_m or 0.0):g} mm"

@@ -16,9 +16,7 @@ from clradar.model.record import Record
 
 MAX_POLES = 16
 MAX_EXPONENT = 10.0
-MAX_TABLE_ROWS = 2000
-"""More would not fit into a file of materials."""
-
+MAX_TABLE_ROWS = 2000  # more would not fit into a file of materials
 LONGEST_TAU_S = 1.0
 """The slowest relaxations of tissue take some 20 ms; a time in picoseconds is larger."""
 

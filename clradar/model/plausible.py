@@ -46,22 +46,9 @@ def implausible(
 ) -> tuple[str, str] | None:
     """What is expected in place of values that no near-field radar can mean, and what is there.
 
-    Parameters
-    ----------
-    what : str
-        What the values are, such as "an aperture".
-    values : float or array_like
-        In `unit`.
-    bounds : pair of float
-        Lowest and highest plausible value, metres or hertz.
-    unit : str
-        One of `UNITS_M` or `UNITS_HZ`.
-
-    Returns
-    -------
-    pair of str, or None
-        The second names the other units in which the same numbers are plausible. None if they are
-        plausible as they are.
+    `bounds` are the lowest and highest plausible value of `what`, in metres or hertz; `values` are
+    in `unit`, one of `UNITS_M` or `UNITS_HZ`. The second text names the other units in which the
+    same numbers are plausible. None if they are plausible as they are.
     """
     units = UNITS_HZ if unit in UNITS_HZ else UNITS_M
     low, high = (bound / units[unit] for bound in bounds)

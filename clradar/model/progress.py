@@ -11,30 +11,12 @@ _STEPS = 1000  # of a computation that consists of parts
 
 
 def say_stage(progress: Progress | None, words: str) -> None:
-    """Say what is done now to a callback that shows it: one with a method `stage`.
-
-    Examples
-    --------
-    >>> class Printed:
-    ...     stage = staticmethod(print)
-    ...     def __call__(self, done, total): pass
-    >>> say_stage(Printed(), "simulating")
-    simulating
-    """
+    """Say what is done now to a callback that shows it: one with a method `stage`."""
     getattr(progress, "stage", lambda _: None)(words)
 
 
 def part_of(progress: Progress | None, begin: float, end: float) -> Progress | None:
-    """The callback for a part of a longer computation, from its share `begin` to `end`.
-
-    Examples
-    --------
-    >>> search, fit = part_of(print, 0.0, 0.2), part_of(print, 0.2, 1.0)
-    >>> search(3, 3)
-    200 1000
-    >>> fit(1, 2)
-    600 1000
-    """
+    """The callback for a part of a longer computation, from its share `begin` to `end`, of 1000."""
     if progress is None:
         return None
 

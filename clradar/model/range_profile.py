@@ -10,12 +10,8 @@ from clradar.constants import PLAUSIBLE_RANGE_M, SPEED_OF_LIGHT_M_PER_S
 from clradar.model.capture import Capture
 from clradar.model.waveform import Waveform
 
-MIN_STEPS = 8
-"""Fewest frequencies for a range profile."""
-
-GUARD_CELLS = 2.0
-"""Half width of the Hann window's main lobe, in cells c / span of path length."""
-
+MIN_STEPS = 8  # fewest frequencies for a range profile
+GUARD_CELLS = 2.0  # half width of the Hann window's main lobe, in cells c / span of path length
 BINS_PER_CELL = 4
 
 LOBES = 30.0

@@ -12,8 +12,7 @@ import numpy as np
 
 from clradar.model import checks
 
-SMALL = 6
-"""Arrays of at most this many elements are written out."""
+SMALL = 6  # arrays of at most this many elements are written out
 
 
 class Record:
@@ -28,8 +27,7 @@ class Record:
 
     def _repr_html_(self) -> str | None:
         # By name: figures are above the records, and are imported for notebooks alone.
-        text: str | None = import_module("clradar.plot.notebook").html_of(self)
-        return text
+        return import_module("clradar.plot.notebook").html_of(self)
 
     def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
         # Pickle calls the class again with its fields. It does not know read-only mappings.
@@ -59,6 +57,13 @@ class Record:
         array = checks.read_only(field, getattr(self, name), dtype, shape, **options)
         object.__setattr__(self, name, array)
         return array
+
+
+def plain(value: Any) -> Any:
+    """Records, arrays and numbers in types of strict JSON; None replaces NaN."""
+    from pydantic_core import to_jsonable_python
+
+    return to_jsonable_python(value, fallback=lambda own: own.tolist(), inf_nan_mode="null")
 
 
 def _field_text(value: Any) -> str:

@@ -16,14 +16,9 @@ from clradar.model.grid import VoxelGrid
 from clradar.model.record import Record
 from clradar.model.waveform import Waveform
 
-NODES = (8, 16, 32)
-"""Per axis, tried in this order; 8 are enough for the paper's grid."""
-
-NODE_ERROR = 1e-4
-"""Of one side's mean field, relative: 0.001 dB each."""
-
-PROBES = 5
-"""Per axis, beside its ends: voxels at which the polynomials are compared with the sum."""
+NODES = (8, 16, 32)  # per axis, tried in this order; 8 are enough for the paper's grid
+NODE_ERROR = 1e-4  # of one side's mean field, relative: 0.001 dB each
+PROBES = 5  # per axis, beside its ends: voxels at which the polynomials are compared with the sum
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

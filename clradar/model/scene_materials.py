@@ -30,21 +30,10 @@ def material_tuple(field: str, value: Any) -> tuple[Material, ...]:
 def face_materials(
     given: Materials, now: Index, part: np.ndarray, part_names: tuple[str, ...]
 ) -> Index:
-    """Return the materials of faces, of which some are replaced.
+    """Return the materials of faces, of which some are replaced, each once, and that of each face.
 
-    Parameters
-    ----------
-    given : Materials
-        One material for all faces, one per face, or for each named part; others stay.
-    now : tuple
-        The materials so far, and that of each face.
-    part : ndarray, shape (n_faces,), int32
-    part_names : tuple of str
-
-    Returns
-    -------
-    tuple
-        Each material once, in the order of the faces that have it first.
+    `given` is one material for all faces, one per face, or one for each named part, where others
+    stay as they are `now`. The order is that of the faces that have a material first.
     """
     if isinstance(given, Material | str):
         return (_material(given),), np.zeros(len(part), np.int32)

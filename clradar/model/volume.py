@@ -196,14 +196,6 @@ def capture_meta(meta: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return what the metadata of an image, or of a capture itself, say of its capture.
 
     Of an image of several that in which they agree.
-
-    Examples
-    --------
-    >>> from clradar.model.volume import capture_meta
-    >>> capture_meta({"capture": [{"frame": 3, "source": "a"}, {"frame": 3, "source": "b"}]})
-    {'frame': 3}
-    >>> capture_meta({"frame": 3})
-    {'frame': 3}
     """
     captures = meta.get("capture")
     if isinstance(captures, Sequence) and captures and not isinstance(captures, str):
@@ -214,10 +206,7 @@ def capture_meta(meta: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def depth_map_of_planes(planes: Planes, grid: VoxelGrid, dynamic_range_db: float) -> DepthMap:
-    """Return the depth map of a volume whose planes are read a few at a time.
-
-    Errors as of `Volume.depth_map`.
-    """
+    """Return the depth map of a volume whose planes are read a few at a time."""
     dynamic_range_db = checks.dynamic_range("depth_map: dynamic_range_db", dynamic_range_db)
     pixels = grid.shape[1:]
     rows, columns = np.indices(pixels, sparse=True)
@@ -253,14 +242,8 @@ def refined_depth_map(
 ) -> DepthMap:
     """Return the depth map of the strongest voxels, see `Volume.depth_map`.
 
-    Parameters
-    ----------
-    grid : VoxelGrid
-    top : ndarray, shape (n_y, n_x), int
-        Index along z of each pixel's strongest voxel.
-    amplitudes : three ndarrays, shape (n_y, n_x), float32
-        Of the voxel before, of that voxel, and of the one after; any where there is none.
-    dynamic_range_db : float, decibel
+    `top`, (n_y, n_x), is the index along z of each pixel's strongest voxel; `amplitudes` are those
+    of the voxel before, of that voxel, and of the one after, any where there is none.
     """
     # In float64: twice a float32 can be beyond its range.
     before, after = (amplitudes[i].astype(np.float64) for i in (0, 2))

@@ -16,52 +16,35 @@ QUANTUM = 2.0**-18
 add up without rounding, up to 2^17 samples, so neither the order of summation nor the number of the
 library's threads can change which of two equal points is chosen."""
 
-SLACK = 1.25
-"""How much larger the error may be on samples that the decomposition was not made from."""
-
-SAMPLE_ROUNDS = 6
-"""How often samples are added before all points are kept."""
-
+SLACK = 1.25  # how much larger the error may be on samples that the decomposition was not made from
+SAMPLE_ROUNDS = 6  # how often samples are added before all points are kept
 ONE_THREAD = 2**18
 """Multiplications up to which OpenBLAS keeps to one thread. Products here are small: waking other
 threads, and waiting for them where the cores are busy, took four times as long as the rest."""
 
-LEAST_SLICE = 8
-"""Rows of a slice below which the products are large enough for threads."""
-
-TIGHTEN = 0.5
-"""Least factor by which the tolerance of one round is below that of the round before."""
+LEAST_SLICE = 8  # rows of a slice below which the products are large enough for threads
+TIGHTEN = 0.5  # least factor by which the tolerance of one round is below that of the round before
 
 
 @dataclass(frozen=True, slots=True)
 class Decomposition:
     """The skeleton points, and the weights that interpolate from them.
 
-    Attributes
-    ----------
-    skeleton : ndarray, shape (n_chosen,), int
-        Indices of the skeleton points, ascending.
-    weights : ndarray, shape (n, n_chosen), float64
-        f[i] is close to sum_j weights[i, j] f[skeleton[j]] for every function f of the family.
+    f[i] is close to sum_j weights[i, j] f[skeleton[j]] for every function f of the family.
     """
 
-    skeleton: np.ndarray
-    weights: np.ndarray
+    skeleton: np.ndarray  # (n_chosen,), int: indices of the skeleton points, ascending
+    weights: np.ndarray  # (n, n_chosen), float64
 
 
 def decompose_sampled(draw: Callable[[], np.ndarray], tolerance: float) -> Decomposition:
     """Return the decomposition of families of functions that are known by random samples.
 
-    Parameters
-    ----------
-    draw : callable
-        Returns new samples of the functions at the n points, float64, shape
-        (n_families, n_samples, n): real and imaginary parts of functions of modulus one as separate
-        samples, so the weights are real.
-    tolerance : float
-        RMS of the error over functions and points, for each family alone, checked on new samples:
-        while it is exceeded, they are added and the decomposition is made again, for a smaller
-        error where one family is harder than the rest.
+    `draw` returns new samples of the functions at the n points, float64, shape (n_families,
+    n_samples, n): real and imaginary parts of functions of modulus one as separate samples, so the
+    weights are real. `tolerance` is the RMS of the error over functions and points, for each family
+    alone, checked on new samples: while it is exceeded, they are added and the decomposition is
+    made again, for a smaller error where one family is harder than the rest.
     """
     samples = _rounded(draw())
     n = samples.shape[-1]

@@ -34,12 +34,8 @@ CUBE_WAVELENGTHS = 4.4
 """Edge of a cube in the shortest wavelengths: 16 mm at 82 GHz. Larger cubes need more skeleton
 antennas and frequencies, smaller ones are more."""
 
-TOLERANCE_DB = -60.0
-"""RMS error of the capture relative to its RMS that the compression may cause."""
-
-MARGIN = 0.5
-"""Part of the tolerance that the skeletons use, shared by Tx, Rx and frequencies."""
-
+TOLERANCE_DB = -60.0  # RMS error of the capture relative to its RMS that the compression may cause
+MARGIN = 0.5  # part of the tolerance that the skeletons use, shared by Tx, Rx and frequencies
 FEW_POINTS = 200
 """With fewer points that all antennas see, choosing skeleton antennas costs more than it saves."""
 
@@ -92,25 +88,10 @@ class _Group:
 
 
 class KirchhoffSum(OnDevice):
-    """Sums lit points to S-parameters.
+    """Sums lit points, relative to `middle_m`, to S-parameters; a context manager.
 
-    A context manager.
-
-    Parameters
-    ----------
-    array : AntennaArray
-    waveform : Waveform
-    materials : sequence of Material
-    middle_m : ndarray, shape (3,), metres
-        Origin of the points.
-    seed : int
-        Of the incoherent part of micro-roughness.
-    device : Device
-
-    Attributes
-    ----------
-    counts : dict
-        Of the last sum: cubes, points that all antennas see, skeleton Tx, Rx and frequencies.
+    `seed` is of the incoherent part of micro-roughness. `counts` are of the last sum: cubes, points
+    that all antennas see, skeleton Tx, Rx and frequencies.
     """
 
     def __init__(

@@ -15,36 +15,22 @@ from clradar.phasors.interpolative import Decomposition, decompose_sampled
 from clradar.phasors.leg_tables import NODES, PATTERN_NODES
 
 MIN_SAMPLES = 480
-SAMPLES_PER_POINT = 4
-"""Sampled functions per antenna or frequency."""
-
-CANDIDATES = 4
-"""Points of which the one whose phase varies most is taken."""
-
+SAMPLES_PER_POINT = 4  # sampled functions per antenna or frequency
+CANDIDATES = 4  # points of which the one whose phase varies most is taken
 NEAR_POOL, NEAR = 8192, 64
 """Points of which those are picked that are closest to the antennas: drawn as often as all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegPoints:
-    """Points as float64 with what their legs need.
+    """Points as float64 with what their legs need."""
 
-    Attributes
-    ----------
-    offset_m, centre_m : ndarray, shape (n, 3), metres
-        From the middle of each point's cube, and that middle.
-    area_m2 : ndarray, shape (n, 3), square metres
-    slope_m2, level_m2 : ndarray, shape (n, 3) and (n,), square metres
-        Of `linear_damping`.
-    material : ndarray, shape (n,), int
-    """
-
-    offset_m: np.ndarray
-    centre_m: np.ndarray
-    area_m2: np.ndarray
-    slope_m2: np.ndarray
-    level_m2: np.ndarray
-    material: np.ndarray
+    offset_m: np.ndarray  # (n, 3), from the middle of each point's cube
+    centre_m: np.ndarray  # (n, 3), that middle
+    area_m2: np.ndarray  # (n, 3)
+    slope_m2: np.ndarray  # (n, 3), of `linear_damping`
+    level_m2: np.ndarray  # (n,), of `linear_damping`
+    material: np.ndarray  # (n,), int
 
     def __getitem__(self, which: np.ndarray) -> LegPoints:
         return LegPoints(*(getattr(self, f.name)[which] for f in fields(self)))
@@ -52,21 +38,11 @@ class LegPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
-    """The antennas of one side.
+    """The antennas of one side."""
 
-    Attributes
-    ----------
-    antennas_m : ndarray, shape (n, 3), float64, metres
-        In the frame of the points.
-    pattern : ndarray, shape (PATTERN_NODES,)
-        Field over sin(angle to the boresight / 2).
-    axes : ndarray, shape (n, 3)
-        The boresight of each antenna.
-    """
-
-    antennas_m: np.ndarray
-    pattern: np.ndarray
-    axes: np.ndarray
+    antennas_m: np.ndarray  # (n, 3), float64, in the frame of the points
+    pattern: np.ndarray  # (PATTERN_NODES,): field over sin(angle to the boresight / 2)
+    axes: np.ndarray  # (n, 3): boresights
 
     def lengths_m(self, points: LegPoints) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Longer by than from the middle, length, and vectors, (n, n_antennas[, 3]), metres."""
@@ -99,25 +75,17 @@ def linear_damping(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what makes of triangles' second moments M damping of either leg.
 
-    The mean of exp(-j q.x) over a triangle about its centroid is exp(-q.M.q / 2) to second order,
-    q = k (s_t + s_r). Its exponent is taken linear in q about k Q, so that it is a sum over legs:
-    k^2 (s_t + s_r).M.Q - k^2 Q.M.Q / 2. That leaves out k^2 d.M.d / 2, d = s_t + s_r - Q.
-    Q is the mean of s_t + s_r along the triangle, shorter by their spread, and 0 where it is less:
-    there some pair sees the triangle as a mirror, where the mean is 1 and the sum the largest.
+    The mean of exp(-j q.x) over a triangle about its centroid is exp(-q.M.q / 2) to second order, q
+    = k (s_t + s_r). Its exponent is taken linear in q about k Q, so that it is a sum over legs: k^2
+    (s_t + s_r).M.Q - k^2 Q.M.Q / 2. That leaves out k^2 d.M.d / 2, d = s_t + s_r - Q. Q is the mean
+    of s_t + s_r along the triangle, shorter by their spread, and 0 where it is less: there some
+    pair sees the triangle as a mirror, where the mean is 1 and the sum the largest.
 
-    Parameters
-    ----------
-    edges_m : ndarray, shape (n, 2, 3), metres
-        Two edges e of each triangle: 18 M = e1 e1 + e2 e2 - (e1 e2 + e2 e1) / 2.
-    towards : ndarray, shape (n, 3)
-        The sum of two unit vectors to the middles of the Tx and the Rx.
-    spread : ndarray, shape (n,)
-        RMS distances of the Tx and of the Rx from their middles, over the distances of those.
-
-    Returns
-    -------
-    slope_m2, level_m2 : ndarray, shape (n, 3) and (n,), square metres
-        A leg's share of the exponent is k^2 (slope.s - level).
+    `edges_m`, (n, 2, 3), are two edges e of each triangle: 18 M = e1 e1 + e2 e2 - (e1 e2 + e2 e1) /
+    2; `towards`, (n, 3), is the sum of two unit vectors to the middles of the Tx and the Rx;
+    `spread`, (n,), are RMS distances of the antennas from their middles, over the distances of
+    those. Returns slope (n, 3) and level (n,), m^2: a leg's share of the exponent is k^2 (slope.s -
+    level).
     """
     e1, e2 = edges_m[:, 0].astype(np.float64), edges_m[:, 1].astype(np.float64)
     up = np.cross(e1, e2)
@@ -138,18 +106,11 @@ def antenna_skeleton(
     n_terms: int,
     tolerance: float,
 ) -> Decomposition:
-    """Choose the antennas of one side that give the legs to the rest.
+    """Choose the antennas of one side that give the legs to the rest, for points that all see.
 
-    Parameters
-    ----------
-    points : LegPoints
-        That all antennas see.
-    side : Side
-    k : ndarray, shape (n_freq,), cycles per metre
-    tables : ndarray, shape (n_materials, n_freq, NODES, 3)
-    n_terms : int
-    tolerance : float
-        RMS of the error, of every term relative to its RMS over the antennas.
+    `k`, shape (n_freq,), is in cycles per metre, `tables` has shape (n_materials, n_freq, NODES,
+    3), and `tolerance` is the RMS of the error, of every term relative to its RMS over the
+    antennas.
     """
     rng = np.random.Generator(np.random.Philox(0))
     n = -(-max(MIN_SAMPLES, SAMPLES_PER_POINT * len(side.antennas_m)) // (3 * n_terms))

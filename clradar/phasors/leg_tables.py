@@ -23,19 +23,11 @@ PATTERN_NODES = 4096
 
 
 def reflection_legs(materials: Sequence[Material], frequencies_hz: np.ndarray) -> np.ndarray:
-    """Return the factors of a leg over angle.
+    """Return the factors of a leg over angle, float64, shape (n_materials, n_freq, NODES, 3).
 
-    Parameters
-    ----------
-    materials : sequence of Material
-    frequencies_hz : ndarray, shape (n_freq,), hertz
-
-    Returns
-    -------
-    ndarray, shape (n_materials, n_freq, NODES, 3), float64
-        Over sqrt(cos theta) from 0 to 1: real and imaginary part of g exp(-k^2 h_u^2 cos^2 theta),
-        and the amplitude of the incoherent part of micro-roughness h_u, times sqrt(4 pi / k): its
-        field has no factor k / 4 pi, which the sum is multiplied with at last.
+    Over sqrt(cos theta) from 0 to 1: real and imaginary part of g exp(-k^2 h_u^2 cos^2 theta), and
+    the amplitude of the incoherent part of micro-roughness h_u, times sqrt(4 pi / k): its field has
+    no factor k / 4 pi, which the sum is multiplied with at last.
     """
     cosine = np.linspace(0.0, 1.0, NODES) ** 2
     out = np.empty((len(materials), len(frequencies_hz), NODES, 3))

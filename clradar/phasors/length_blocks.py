@@ -18,9 +18,7 @@ from clradar.constants import SPEED_OF_LIGHT_M_PER_S
 from clradar.model import Waveform
 from clradar.opencl.double_single import hi_lo
 
-MOMENTS = 8
-"""Moments per block: degree 7 in the position within the block."""
-
+MOMENTS = 8  # moments per block: degree 7 in the position within the block
 EDGE_PHASE_RAD = 1.0
 """Phase between a block's centre and its edge at the band's edge. With eight moments the error of a
 path is 2 (J_8(1) + J_9(1) + ...) = 2.0e-7 at most."""
@@ -39,39 +37,25 @@ NARROWEST_HZ = 1e6
 """Narrower bands have the blocks of this one, 191 m: in longer ones the powers of a short path's
 position would underflow, which is slow on a CPU."""
 
-_POWERS = np.zeros((MOMENTS, MOMENTS))
-"""Column p: T_p in powers of x."""
+_POWERS = np.zeros((MOMENTS, MOMENTS))  # column p: T_p in powers of x
 for _p in range(MOMENTS):
     _POWERS[: _p + 1, _p] = chebyshev.cheb2poly([0.0] * _p + [1.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LengthBlocks:
-    """Blocks of path length for one waveform.
+    """Blocks of path length for one waveform: block b is centred at b `block_m`.
 
-    Attributes
-    ----------
-    block_m : float
-        Length of a block, metres, exact in float32. Block b is centred at b block_m.
-    per_half_block : float
-        1/m, exact in float32: scales the distance from the centre to -1 to 1.
-    wavenumber : float
-        Of the band's centre, cycles per metre.
-    table : ndarray, shape (MOMENTS + 2, n_freq), float32
-        Weight of each moment at each frequency; then the wavenumbers relative to the centre's as
-        hi and lo, cycles per metre.
-    n_slots : int
-        Blocks that each pair keeps at a time, a power of two.
-    longest_m : float
-        Longest path that can be summed.
+    `table` has the weight of each moment at each frequency; then the wavenumbers relative to the
+    centre's as hi and lo, cycles per metre.
     """
 
-    block_m: float
-    per_half_block: float
-    wavenumber: float
-    table: np.ndarray
-    n_slots: int
-    longest_m: float
+    block_m: float  # exact in float32
+    per_half_block: float  # 1/m, exact in float32: scales the distance from the centre to -1 to 1
+    wavenumber: float  # of the band's centre, cycles per metre
+    table: np.ndarray  # (MOMENTS + 2, n_freq), float32
+    n_slots: int  # blocks that each pair keeps at a time, a power of two
+    longest_m: float  # path that can be summed
 
 
 def length_blocks(waveform: Waveform) -> LengthBlocks:

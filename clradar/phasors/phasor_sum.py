@@ -17,9 +17,7 @@ from clradar.tracing.lit_surface import SUM_SHARE
 CALL_PATHS = 2**18
 """Paths per kernel call; a smaller device makes it smaller. No result depends on it."""
 
-PATH_BYTES = 8 + 4
-"""Device memory of a path: float64 length, float32 amplitude."""
-
+PATH_BYTES = 8 + 4  # device memory of a path: float64 length, float32 amplitude
 GROUP_PAIRS = 16
 """Pairs per item of the last kernel with eight lanes, which share the phases of their blocks."""
 
@@ -110,18 +108,9 @@ class PhasorSum(OnDevice):
         self._call_paths = int(max(1, min(CALL_PATHS, left // 2 // PATH_BYTES)))
 
     def add(self, pair: np.ndarray, length_m: np.ndarray, amplitude: np.ndarray) -> None:
-        """Add paths.
+        """Add paths, by ascending pair, of shape (n,): lengths in float64, amplitudes in float32.
 
-        Parameters
-        ----------
-        pair : ndarray, shape (n,), integer, ascending
-        length_m : ndarray, shape (n,), float64, metres
-        amplitude : ndarray, shape (n,), float32
-
-        Raises
-        ------
-        ModelError
-            A path of more than 2^21 wavelengths.
+        A path of more than 2^21 wavelengths is a `ModelError`.
         """
         self._check_length(length_m.max(initial=0.0))
         for at in range(0, len(pair), self._call_paths):
@@ -151,22 +140,10 @@ class PhasorSum(OnDevice):
     ) -> None:
         """Add paths that a kernel wrote; later commands may overwrite them.
 
-        Parameters
-        ----------
-        start : ndarray, shape (n_pairs + 1,), uint32
-            First path of each pair, then the number of paths.
-        length : Buffer
-            float64 (n), metres; float (n, 2), hi + lo, with `in_parts`. For at least eight paths,
-            like `amplitude`.
-        amplitude : Buffer
-            float (n)
-        longest_m : float, metres
-            No path is longer.
-
-        Raises
-        ------
-        ModelError
-            More than 2^21 wavelengths.
+        `start`, uint32, shape (n_pairs + 1,), has the first path of each pair, then the number of
+        paths. Buffers: `length` is float64 (n), metres, or float (n, 2), hi + lo, with `in_parts`;
+        `amplitude` is float (n); both for at least eight paths. None is longer than `longest_m`,
+        which is a `ModelError` beyond 2^21 wavelengths.
         """
         self._check_length(longest_m)
         total = max(int(start[-1]), self.device.width)

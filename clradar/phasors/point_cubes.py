@@ -6,26 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MOST_CUBES_A_SIDE = 2**20
-"""Of the region: three indices make one number of 64 bits."""
+MOST_CUBES_A_SIDE = 2**20  # of the region: three indices make one number of 64 bits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCubes:
-    """The occupied cubes of a lattice, in the order of their indices.
+    """The occupied cubes of a lattice, in the order of their indices."""
 
-    Attributes
-    ----------
-    centre_m : ndarray, shape (n_cubes, 3), float32, metres
-    order : ndarray, shape (n_points,), int
-        The points cube by cube; those of a cube stay in their order.
-    cube : ndarray, shape (n_points,), int32
-        Cube of each point, in that order, ascending.
-    """
-
-    centre_m: np.ndarray
-    order: np.ndarray
-    cube: np.ndarray
+    centre_m: np.ndarray  # (n_cubes, 3), float32
+    order: np.ndarray  # (n_points,), int: points cube by cube, those of a cube in their order
+    cube: np.ndarray  # (n_points,), int32: cube of each point, in that order, ascending
 
 
 def cubes_of(position_m: np.ndarray, edge_m: float) -> PointCubes:

@@ -23,18 +23,10 @@ MIN_SAMPLES = 480
 SAMPLES_PER_POINT = 4
 """Sampled functions per antenna or frequency; as many complex numbers count twice."""
 
-N_FAMILIES = 6
-"""Families of voxels that samples are drawn of, see `draw_samples`."""
-
-CANDIDATES = 4
-"""Samples of which the one whose phase varies most is taken."""
-
-PROBES = 8
-"""Antennas of one side over which that variation is measured."""
-
-CHECKED = 120
-"""Voxels of each family that all levels together are checked on."""
-
+N_FAMILIES = 6  # families of voxels that samples are drawn of, see `draw_samples`
+CANDIDATES = 4  # samples of which the one whose phase varies most is taken
+PROBES = 8  # antennas of one side over which that variation is measured
+CHECKED = 120  # voxels of each family that all levels together are checked on
 LEVEL_ROUNDS = 6
 """How often the levels are chosen again with smaller errors before all points are kept."""
 

@@ -16,14 +16,9 @@ from clradar.plot import drawing
 
 SIZE = (8.0, 7.2)
 LEVELS_DB, CIRCLED_DB = 40.0, -20.0
-SHOWN_BEAMS = 10.0
-"""The response is drawn over so many widths of the main lobe, and farther to circled lobes."""
-
-CUT_WIDTHS = 6.0
-"""Cuts reach so many widths at -3 dB to either side."""
-
-MOST_NUMBERS = 64
-"""Of clusters, in the picture."""
+SHOWN_BEAMS = 10.0  # widths of the main lobe that directions reach, or to the circled lobes
+CUT_WIDTHS = 6.0  # widths at -3 dB that cuts reach to either side
+MOST_NUMBERS = 64  # of clusters, in the picture
 
 RX_COLOUR, TX_COLOUR, PAIR_COLOUR = *drawing.CURVE_COLOURS[:2], "#555555"
 CENTRED: dict[str, Any] = {"fontsize": drawing.TICK_PT, "ha": "center", "va": "center"}

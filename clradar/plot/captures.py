@@ -24,14 +24,10 @@ from clradar.plot.images import image_figure
 from clradar.plot.saving import figure_bytes
 
 SIZE_INCHES, DPI = (8.0, 3.2), 200
-SHOWN_DB = 60.0
-"""Of echoes below the strongest, which is the coupling between antennas where that is recorded."""
-PAIRS_DB = 30.0
-"""Of levels of channels below the strongest one."""
-
+SHOWN_DB = 60.0  # of echoes below the strongest: the coupling of antennas, where it is recorded
+PAIRS_DB = 30.0  # of levels of channels below the strongest one
 PICTURE_DPI = 120
-LEAST_STEP_S = 0.02
-"""Between pictures of a GIF; browsers slow down those that are faster."""
+LEAST_STEP_S = 0.02  # between pictures of a GIF; browsers slow down those that are faster
 
 
 def capture_figure(capture: Capture, title: str | None = None) -> Figure:

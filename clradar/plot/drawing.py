@@ -27,15 +27,11 @@ from clradar.model import DepthMap
 from clradar.model.length_unit import LengthUnit, unit_for
 from clradar.plot.views import FRONT, View
 
-DPI = 300
-"""Resolution of bitmaps: the narrowest panel has more dots than the usual image has pixels."""
-
+DPI = 300  # of bitmaps: the narrowest panel has more dots than the usual image has pixels
 TITLE_PT, LABEL_PT, TICK_PT, CAPTION_PT = 9.0, 8.0, 7.0, 7.0
 LINE_SPACING = 1.5
 POINTS_PER_INCH = 72.0
-
-LETTER_EM = 0.66
-"""A generous mean width for the letters of a sans-serif font, in em."""
+LETTER_EM = 0.66  # a generous mean width for the letters of a sans-serif font, in em
 
 # Inches.
 GAP, MARGIN, BAR_ROOM, LABELS = 0.11, 0.1, 0.85, 0.6
@@ -45,32 +41,21 @@ PANEL_ASPECTS = (0.4, 2.5)
 MOST_HEIGHT = 3.4
 LEAST_IMAGE, LEAST_ROW = 1.1, 1.4  # for ticks and the name of a colour bar
 
-AMPLITUDE_BACKGROUND = "#262626"
-"""Colour where the amplitude is below the dynamic range: neutral, and not in the scale."""
-
-DEPTH_BACKGROUND = "#d9d9d9"
-"""Colour where there is no depth: neutral, and not in the scale."""
-
-MEASURED_COLOUR, SIMULATED_COLOUR = "#b35900", "#1f5fb0"
-"""Ends of the scales of differences: the measurement is stronger or nearer, or the simulation."""
-
+AMPLITUDE_BACKGROUND = "#262626"  # below the dynamic range: neutral, and not in the scale
+DEPTH_BACKGROUND = "#d9d9d9"  # where there is no depth: the same
+MEASURED_COLOUR, SIMULATED_COLOUR = "#b35900", "#1f5fb0"  # ends of differences: stronger, nearer
 CURVE_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Of Okabe and Ito (2008), which colour-blind readers distinguish."""
 
-LEVEL_DB, DEPTH_MM = 20.0, 10.0
-"""Ends of these scales. An object is unmatched from 12 dB, and from 10 mm."""
-
-MATCHED_DB, MATCHED_COLOUR = 6.0, "#a8a8a8"
-"""Below this images match: a speckle of another seed differs by as much."""
+LEVEL_DB, DEPTH_MM = 20.0, 10.0  # ends of scales: an object is unmatched from 12 dB, from 10 mm
+MATCHED_DB, MATCHED_COLOUR = 6.0, "#a8a8a8"  # images match below: speckle of two seeds differs so
 
 AMPLITUDE_SCALE = ListedColormap(
     matplotlib.colormaps["inferno"](np.linspace(0.2, 1.0, 256))
 ).with_extremes(bad=AMPLITUDE_BACKGROUND, under=AMPLITUDE_BACKGROUND)
 """Without the lower end of the scale, which is nearly black as the background is."""
 
-DEPTH_SCALE = matplotlib.colormaps["viridis_r"].with_extremes(bad=DEPTH_BACKGROUND)
-"""Near is light."""
-
+DEPTH_SCALE = matplotlib.colormaps["viridis_r"].with_extremes(bad=DEPTH_BACKGROUND)  # near is light
 LOW, HIGH = (0.5 * (1 + sign * MATCHED_DB / LEVEL_DB) for sign in (-1, 1))
 DIFFERENCE_SCALE, UNMATCHED_SCALE = (
     LinearSegmentedColormap.from_list("", colours).with_extremes(bad=DEPTH_BACKGROUND)
@@ -84,11 +69,8 @@ DIFFERENCE_SCALE, UNMATCHED_SCALE = (
 )  # fmt: skip
 """Of depths, blue where the simulation is nearer; of levels, grey where images match."""
 
-RING_PT = 13.0
-"""Diameter of the ring around an unmatched object."""
-
-DEPTH_PERCENTILES = (1.0, 99.0)
-"""Depths that the colour scale spans, so that a few outliers do not stretch it."""
+RING_PT = 13.0  # diameter of the ring around an unmatched object
+DEPTH_PERCENTILES = (1.0, 99.0)  # that colours span, so that a few outliers do not stretch them
 
 BELOW_MAXIMUM, CROSS_SECTION = "below maximum (dB)", "radar cross section (dBsm)"
 

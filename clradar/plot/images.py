@@ -16,9 +16,7 @@ from clradar.model import DepthMap, Volume, checks
 from clradar.plot import drawing
 from clradar.plot.views import FRONT, VIEWS, projected, rcs_image, view_of
 
-NAMES_WIDTH = 1.5
-"""Of the names of metrics, inches."""
-
+NAMES_WIDTH = 1.5  # of the names of metrics, inches
 UNMATCHED = "unmatched by (dB)"
 
 NOTE = (

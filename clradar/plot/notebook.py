@@ -23,11 +23,8 @@ from clradar.plot.saving import figure_bytes
 
 PICTURE_DPI = 110
 
-MOST_FACES = 200_000
-"""Of a scene that is drawn: it takes a second."""
-
-MOST_LETTERS = 80
-"""Of a line of the provenance."""
+MOST_FACES = 200_000  # of a scene that is drawn: it takes a second
+MOST_LETTERS = 80  # of a line of the provenance
 
 
 def html_of(record: Any) -> str | None:

@@ -20,8 +20,7 @@ METADATA: dict[str, dict[str, None]] = {
 }
 """None drops what would differ from run to run (dates) or from version to version (software)."""
 
-SUFFIXES = tuple(METADATA)
-"""The kinds of file that `save_figure` writes."""
+SUFFIXES = tuple(METADATA)  # the kinds of file that `save_figure` writes
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], *, force: bool = False) -> Path:
@@ -47,6 +46,6 @@ def figure_bytes(figure: Figure, *, dpi: float | None = None, suffix: str = ".pn
     # SVG ids are random without a salt, and a user's settings must not crop the page.
     settings = {"svg.hashsalt": "clradar", "savefig.bbox": None, "savefig.transparent": False}
     with matplotlib.rc_context(settings):
-        dpi = dpi or figure.dpi
-        figure.savefig(stream, format=suffix[1:], dpi=dpi, metadata=METADATA[suffix])
+        kind, metadata = suffix[1:], METADATA[suffix]
+        figure.savefig(stream, format=kind, dpi=dpi or figure.dpi, metadata=metadata)
     return stream.getvalue()

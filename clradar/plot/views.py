@@ -60,23 +60,28 @@ def plane_of(volume: Volume, axis: str, at_m: float | None = None) -> Volume:
     checks.instance("plane_of: volume", volume, Volume)
     checks.one_of("plane_of: axis", axis, ("x", "y", "z"))
     grid, number = volume.grid, "xyz".index(axis)
-    places_m, step_m = getattr(grid, f"{axis}_m"), grid.spacing_m[number]
     if at_m is None:
-        strongest = int(np.abs(volume.data).argmax())
-        index = int(np.unravel_index(strongest, volume.data.shape)[2 - number])
+        index = int(np.unravel_index(np.abs(volume.data).argmax(), volume.data.shape)[2 - number])
     else:
-        index = round((checks.real("plane_of: at_m", at_m) - places_m[0]) / step_m)
-        if not 0 <= index < len(places_m):
-            unit = unit_for(at_m, *places_m[[0, -1]])
-            first, last, at = (unit.per_m * v for v in (places_m[0], places_m[-1], at_m))
-            raise CompareError(
-                f"slice: expected {axis} from {first:g} to {last:g} {unit.name}, got {at:g}"
-            )
+        index = plane_index(grid, axis, checks.real("plane_of: at_m", at_m))
     origin_m, counts = grid.origin_m.copy(), list(grid.counts)
-    origin_m[number], counts[number] = places_m[index], 1
+    origin_m[number], counts[number] = getattr(grid, f"{axis}_m")[index], 1
     data = np.take(volume.data, [index], axis=2 - number)
     plane = VoxelGrid(origin_m, grid.spacing_m, (counts[0], counts[1], counts[2]))
     return replace(volume, data=data, grid=plane)
+
+
+def plane_index(grid: VoxelGrid, axis: str, at_m: float) -> int:
+    """The number of the plane that is nearest to a place, which is in the grid."""
+    places_m, step_m = getattr(grid, f"{axis}_m"), grid.spacing_m["xyz".index(axis)]
+    index = round((at_m - places_m[0]) / step_m)
+    if not 0 <= index < len(places_m):
+        unit = unit_for(at_m, *places_m[[0, -1]])
+        first, last, at = (unit.per_m * v for v in (places_m[0], places_m[-1], at_m))
+        raise CompareError(
+            f"slice: expected {axis} from {first:g} to {last:g} {unit.name}, got {at:g}"
+        )
+    return index
 
 
 def rcs_image(image: Volume | DepthMap) -> Volume:

@@ -197,8 +197,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
 
 def _dot(a: Sequence[np.ndarray] | np.ndarray, b: Sequence[np.ndarray]) -> np.ndarray:
     """Of vectors along the first axis."""
-    total: np.ndarray = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return total
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def visible(

@@ -33,39 +33,26 @@ from clradar.reference import (
     visible,
 )
 
-N_WAVES = 512
-"""Plane waves that a height field is made of."""
-DOMAIN_WAVE = 4
-"""Last word of the counters of a height field's random numbers."""
+N_WAVES = 512  # plane waves that a height field is made of
+DOMAIN_WAVE = 4  # last word of the counters of a height field's random numbers
 
 
 @dataclass(frozen=True)
 class Quadrature:
     """Points of a surface and the vector areas that they stand for.
 
-    Attributes
-    ----------
-    point_m : ndarray, shape (n, 3), metres
-    area_m2 : ndarray, shape (n, 3), square metres
-        w N: area of the undisplaced surface times the normal n - grad eta of the displaced one.
-    normal : ndarray, shape (n, 3)
-        Unit normals n of the undisplaced surface.
-    flat_m, face : ndarray, shape (n, 3) metres and (n,)
-        The point's place on the flat face, from where visibility is asked, and that face.
-    texture_m : ndarray, shape (n, 3), metres
-        The point in the coordinates in which roughness is defined.
-    moment_m2 : ndarray, shape (n, 3, 3), square metres
-        Mean of x x^T over the sub-triangle about its centroid, in the surface's tangent plane; 0 of
-        rough surfaces, whose phase is not linear over it.
+    Visibility is asked from `flat_m`, the point's place on the flat `face`. `moment_m2` is the mean
+    of x x^T over the sub-triangle about its centroid, in the surface's tangent plane; 0 of rough
+    surfaces, whose phase is not linear over it.
     """
 
-    point_m: np.ndarray
-    area_m2: np.ndarray
-    normal: np.ndarray
-    flat_m: np.ndarray
-    face: np.ndarray
-    texture_m: np.ndarray
-    moment_m2: np.ndarray
+    point_m: np.ndarray  # (n, 3)
+    area_m2: np.ndarray  # (n, 3): area undisplaced, times the displaced surface's n - grad eta
+    normal: np.ndarray  # (n, 3): unit normals n of the undisplaced surface
+    flat_m: np.ndarray  # (n, 3)
+    face: np.ndarray  # (n,)
+    texture_m: np.ndarray  # (n, 3), in the coordinates in which roughness is defined
+    moment_m2: np.ndarray  # (n, 3, 3)
 
 
 def sub_triangles(cuts: int) -> np.ndarray:
@@ -279,16 +266,10 @@ def kirchhoff(
     sum of the unit vectors to the middles of the Tx and of the Rx that see the point, along the
     surface, and shorter by the RMS radii of Tx and Rx over the distances to these middles, or 0.
 
-    Parameters
-    ----------
-    surface : Quadrature
-    array, frequencies_hz
-    tx_side, rx_side : ndarray, shape (n, n_tx) and (n, n_rx)
-        Of `seen_side`: what Tx and Rx see from different sides does not count.
-    tx_leg, rx_leg : ndarray, shape (n, n_tx, n_freq) and (n, n_rx, n_freq), or 1
-        g of `leg`: Gamma = -g_t g_r; 1 for a perfect conductor.
-    tx_field, rx_field : ndarray, shape (n, n_tx) and (n, n_rx), or 1
-        Field patterns of the antennas towards the points, times the roots of their gains.
+    Sides, (n, n_tx) and (n, n_rx), are of `seen_side`: what Tx and Rx see from different ones does
+    not count. Legs, (n, n_tx, n_freq) and (n, n_rx, n_freq), are g of `leg`: Gamma = -g_t g_r, 1
+    for a perfect conductor. Fields, shaped as sides, are antenna patterns towards the points, times
+    the roots of the gains.
     """
     out = np.zeros((array.n_tx, array.n_rx, len(frequencies_hz)), complex)
     mean = np.zeros_like(surface.point_m)

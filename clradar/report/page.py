@@ -25,12 +25,8 @@ from clradar.plot.views import FRONT, rcs_image, view_of
 from clradar.report.tables import escaped, image_facts, metrics_section, script_json, settings_table
 from clradar.report.view_data import Cloud, base64_of, clouds, panel_places, slice_data, view_data
 
-SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js")
-"""One script in this order."""
-
-FIGURE_DPI = 200
-"""Resolution of the figure: sharp at twice the width that it has on a wide screen."""
-
+SCRIPTS = ("shared.js", "viewer.js", "figure.js", "slices.js")  # one script in this order
+FIGURE_DPI = 200  # resolution of the figure: sharp at twice the width that it has on a wide screen
 PANEL_PX = 150
 """Least width of a panel of the figure; on a narrower screen the figure scrolls in its frame.
 Slices need more: two panels are side by side."""

@@ -17,12 +17,8 @@ from clradar.model import DepthMap, Volume
 from clradar.model.length_unit import METRES, unit_for
 from clradar.plot.drawing import typeset
 
-MAX_ROWS = 200
-"""Rows of one record of settings; the page states how many are omitted."""
-
-MAX_NAME, MAX_VALUE = 120, 400
-"""Characters of one row."""
-
+MAX_ROWS = 200  # rows of one record of settings; the page states how many are omitted
+MAX_NAME, MAX_VALUE = 120, 400  # characters of one row
 MEANINGS = {
     "overlap": (
         "Agreement in position and brightness: cosine between the two depth maps, each point "

@@ -15,9 +15,7 @@ from clradar.compare.images import clipped_db
 from clradar.model import DepthMap, Volume
 from clradar.plot.drawing import Extent, depth_limits_mm
 
-MAX_POINTS = 60_000
-"""Points of one page over all its clouds: 17 bytes each, so 1 MB."""
-
+MAX_POINTS = 60_000  # points of one page over all its clouds: 17 bytes each, so 1 MB
 COLOURS = (
     "#e08a00", "#2f7fd6", "#1f9e5a", "#c23b80", "#7a5cc7", "#12a3a3", "#b5543a", "#6d8a1f",
     "#5b7083",
@@ -80,9 +78,7 @@ def view_data(images: Sequence[DepthMap], drawn: Sequence[Cloud]) -> dict[str, A
 MAX_PACKED_BYTES = 1_500_000
 """Of all volumes of a page together; beyond it they are given by the maxima of blocks of voxels."""
 
-MARGIN_VOXELS = 2
-"""Around what is above the dynamic range."""
-
+MARGIN_VOXELS = 2  # around what is above the dynamic range
 MOST_VOXELS = 30_000_000
 """Of all volumes together before they are packed: a browser holds them in memory."""
 

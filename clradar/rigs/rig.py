@@ -40,8 +40,7 @@ WEIGHT_SUM = (0.9, 1.1)
 """Sums of a vertex's weights that are normalised to 1: bytes round by up to 1/510 per weight, and
 tools drop the fifth and further weights."""
 
-MAX_VERTICES = 1_000_000
-"""Of a hand as in the file, which splits vertices at seams."""
+MAX_VERTICES = 1_000_000  # of a hand as in the file, which splits vertices at seams
 
 # A hand with the whole forearm has about 2.5 times the reach; a whole body has ten times.
 _MAX_EXTENT = 6.0

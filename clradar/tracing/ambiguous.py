@@ -11,21 +11,16 @@ from clradar.errors import warn
 from clradar.model import AntennaArray, Scene, Waveform
 from clradar.tracing.placement import bounding_box_m
 
-LEAST_SPAN = 0.05
-"""Of the sines of a scene's directions; less is no wider than a lobe."""
-
+LEAST_SPAN = 0.05  # of the sines of a scene's directions; less is no wider than a lobe
 PERIODS = 5
 
 
 def warn_of_ambiguity(scene: Scene, array: AntennaArray, waveform: Waveform) -> None:
     """Warn of a scene beyond the unambiguous range, or as wide as the array's grating lobes.
 
-    Warns
-    -----
-    ClradarWarning
-        The farthest corner of the scene's box appears in front of the antennas, folded by
-        c / (2 df), with -12 dB or more of its own amplitude. A grating lobe of -3 dB or more is no
-        farther from its echo than parts of the scene are from each other.
+    That is: the farthest corner of the scene's box appears in front of the antennas, folded by c /
+    (2 df), with -12 dB or more of its own amplitude; or a grating lobe of -3 dB or more is no
+    farther from its echo than parts of the scene are from each other.
     """
     box_m = bounding_box_m(scene)
     corners_m = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3)

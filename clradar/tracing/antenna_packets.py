@@ -16,12 +16,8 @@ import numpy as np
 from clradar.geometry.bvh import TraversalOptions
 from clradar.opencl import Device
 
-GROUP = 8
-"""Antennas per group, and bits per byte of what is visible."""
-
-BUNDLE_GROUPS = 8
-"""Most groups that one pass through the tree serves."""
-
+GROUP = 8  # antennas per group, and bits per byte of what is visible
+BUNDLE_GROUPS = 8  # most groups that one pass through the tree serves
 BUNDLE = np.dtype(
     [
         ("n_groups", np.int32),
@@ -45,19 +41,10 @@ class VisibilityOptions(TraversalOptions):
 
 
 def bundled(positions_m: np.ndarray, filler_m: np.ndarray | None = None) -> np.ndarray:
-    """Lay out antennas for the kernels of ``visibility.cl``.
+    """Lay out antennas, shape (n, 3), for the kernels of ``visibility.cl``, as float32 (m,).
 
-    Parameters
-    ----------
-    positions_m : ndarray, shape (n, 3), float64, metres
-    filler_m : ndarray, shape (3,), optional
-        What fills up the last group; the last position by default.
-
-    Returns
-    -------
-    ndarray, shape (m,), float32
-        The positions by coordinate, (3, n_groups * GROUP), the number of bundles and seven unused
-        words, and the bundles.
+    The positions by coordinate, (3, n_groups * GROUP), the number of bundles and seven unused
+    words, and the bundles. `filler_m` fills up the last group; by default the last position does.
     """
     positions = np.asarray(positions_m, dtype=np.float32)
     columns = np.empty((3, n_groups(len(positions)) * GROUP), dtype=np.float32)

@@ -26,17 +26,10 @@ BATCH_SAMPLES = 256
 """Visible samples whose probabilities are held at a time; fewer where memory is short or the array
 large. No result depends on it."""
 
-BATCH_BYTES = 2**26
-"""Most that the probabilities and paths of a batch may take."""
-
-GPU_SHARE = 16
-"""Samples of an item on a GPU; on a CPU it takes all of a batch."""
-
-LIST_ITEMS = 2**17
-"""Most items on a GPU for the discs that need slices."""
-
-RX_FIELDS, TX_FIELDS = 8, 20
-"""Numbers per sample and antenna between the kernels."""
+BATCH_BYTES = 2**26  # most that the probabilities and paths of a batch may take
+GPU_SHARE = 16  # samples of an item on a GPU; on a CPU it takes all of a batch
+LIST_ITEMS = 2**17  # most items on a GPU for the discs that need slices
+RX_FIELDS, TX_FIELDS = 8, 20  # numbers per sample and antenna between the kernels
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,9 +24,7 @@ wavelength: an error of 0.14 changes the maximum of the image by 0.3 dB and leav
 limit.
 """
 
-LEAST_SHARE = 0.05
-"""Part of the area that has to be coarse: fingertips alone are not warned of."""
-
+LEAST_SHARE = 0.05  # part of the area that has to be coarse: fingertips alone are not warned of
 ROUND_DEG = 70.0
 """Faces of a coarse mesh of a round body, a finger of six sides, meet at less; a box's at 90."""
 
@@ -39,27 +37,12 @@ off by a twelfth of it if normals are tilted by 30 degrees against the edge."""
 def warn_of_coarse_facets(
     function: str, scene: Scene, settings: SimulationSettings, frequency_hz: float
 ) -> None:
-    """Warn if a surface that is shaded as curved has faces too coarse for its wavelength.
+    """Warn if a surface that is shaded as curved has faces too coarse for its highest frequency.
 
-    Parameters
-    ----------
-    function : str
-        Named in the warning.
-    scene : Scene
-    settings : SimulationSettings
-    frequency_hz : float, hertz
-        The highest.
-
-    Warns
-    -----
-    ClradarWarning
-        More than 5 % of the area belongs to faces where paths end more than an eighth of the
-        wavelength off the surface, so that the two-way phase is off by more than a quarter of it;
-        or they would be, flat, had their edges of less than 70 degrees not stayed sharp.
-
-    Notes
-    -----
-    With ``facets="flat"`` that is the sagitta of the arc that the normals describe, and with
+    That is: more than 5 % of the area belongs to faces where paths end more than an eighth of the
+    wavelength off the surface, so that the two-way phase is off by more than a quarter of it; or
+    they would be, flat, had their edges of less than 70 degrees not stayed sharp. With
+    ``facets="flat"`` that is the sagitta of the arc that the normals describe, and with
     ``facets="curved"`` what is left of it: see `facet_sagitta_m` and `curved_error_m`.
     """
     wavelength_m = SPEED_OF_LIGHT_M_PER_S / frequency_hz
@@ -114,24 +97,12 @@ def _faceted(scene: Scene, crease_deg: float, limit_m: float, area: np.ndarray) 
 
 
 def facet_sagitta_m(triangles_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return how far each face is from the curve that its normals describe, metres.
+    """Return how far each face is from the curve that its normals describe, metres, (n_faces,).
 
-    Parameters
-    ----------
-    triangles_m : ndarray, shape (n_faces, 3, 3), metres
-    corners : ndarray, shape (n_faces, 3, 3)
-        Unit normals at the corners.
-
-    Returns
-    -------
-    ndarray, shape (n_faces,)
-        The largest sagitta of the three edges.
-
-    Notes
-    -----
-    An edge vector e between two corners is the chord of an arc of radius
-    R = e^2 / |(n_1 - n_0) . e|, and the arc's sagitta is e^2 / (8 R) = |(n_1 - n_0) . e| / 8: 0
-    where the normals are those of a flat side.
+    The largest sagitta of the three edges, of faces and unit normals at the corners, (n_faces, 3,
+    3). An edge vector e between two corners is the chord of an arc of radius R = e^2 / |(n_1 - n_0)
+    . e|, and the arc's sagitta is e^2 / (8 R) = |(n_1 - n_0) . e| / 8: 0 where the normals are
+    those of a flat side.
     """
     edges = _edges(triangles_m)
     turn = np.roll(corners, -1, axis=1) - corners
@@ -139,22 +110,10 @@ def facet_sagitta_m(triangles_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def curved_error_m(triangles_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Return how far the curved points of each face are from the smooth surface, metres.
+    """Return how far curved points of each face are off the smooth surface, metres, (n_faces,).
 
-    Parameters
-    ----------
-    triangles_m : ndarray, shape (n_faces, 3, 3), metres
-    corners : ndarray, shape (n_faces, 3, 3)
-        Unit normals at the corners.
-
-    Returns
-    -------
-    ndarray, shape (n_faces,)
-        The largest estimate for the three edges.
-
-    Notes
-    -----
-    The curved points are of second order. An arc whose tangents have the angle t to its chord e
+    The largest estimate for the three edges, of faces and unit normals at the corners, (n_faces, 3,
+    3). The curved points are of second order. An arc whose tangents have the angle t to its chord e
     keeps 3 e sin(t)^3 / 16 of its sagitta, to lowest order. An edge whose ends are bent to either
     side, with heights h_0 and h_1 of each end above the tangent at the other, is nearly straight
     for them, where the cubic that has these tangents is up to |h_0 - h_1| sqrt(3) / 36 off. Normals

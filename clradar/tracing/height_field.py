@@ -20,31 +20,17 @@ TORN = 2.0
 """Edges that are longer by this factor in the coordinates of the roughness are torn: the face lies
 between parts of a body that do not belong together, as two fingers that touch."""
 
-WAVES = 512
-"""Waves of a height field; the kurtosis of the heights is 3 - 1.5 / WAVES."""
+WAVES = 512  # waves of a height field; the kurtosis of the heights is 3 - 1.5 / WAVES
 
 
 def wave_table(
     program: Program, buffers: Buffers, seed: int, name: str, correlation_length_m: float
 ) -> np.ndarray:
-    """Return the waves of a material, shape (WAVES, 4), float32.
+    """Return the waves of a material by ``roughness.cl``, float32, shape (WAVES, 4).
 
-    Parameters
-    ----------
-    program : Program
-        ``roughness.cl``.
-    buffers : Buffers
-    seed : int
-        Of the simulation. Waves depend on it and on `name` alone.
-    name : str
-        Of the material: parts of one material share a height field, other materials have their own,
-        whatever else there is in the scene.
-    correlation_length_m : float, metres
-
-    Returns
-    -------
-    ndarray
-        Wave vectors, cycles per metre, and phases, cycles in [-0.5, 0.5).
+    Wave vectors, cycles per metre, and phases, cycles in [-0.5, 0.5). They depend on the seed and
+    the material's `name` alone: parts of one material share a height field, other materials have
+    their own, whatever else there is in the scene.
     """
     u = np.uint32
     bits = buffers.empty(32 * WAVES)
@@ -65,16 +51,11 @@ def wave_table(
 
 
 def mended_texture(triangles_m: np.ndarray, texture_m: np.ndarray) -> np.ndarray:
-    """Return corners in the coordinates of the roughness, without faces that are torn.
+    """Return corners in the coordinates of the roughness, (n_faces, 3, 3), without torn faces.
 
     On a face that is stretched over another stretch of the texture heights would follow each other
     too closely, and slopes would have no bound. It has the texture that begins at its first corner,
     unstretched, instead.
-
-    Parameters
-    ----------
-    triangles_m, texture_m : ndarray, shape (n_faces, 3, 3), metres
-        Corners of faces, and their coordinates of the roughness.
     """
     edges, stretched = (np.roll(c, -1, axis=1) - c for c in (triangles_m, texture_m))
     length_m, stretched_m = (np.linalg.norm(e, axis=2) for e in (edges, stretched))

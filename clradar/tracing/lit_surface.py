@@ -22,27 +22,17 @@ SUM_SHARE = 1 / 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Receptions:
-    """Receptions of some samples, on the device until the next ones are requested.
+    """Receptions of n paths of some samples, on the device until the next ones are requested.
 
-    Attributes
-    ----------
-    start : ndarray, shape (n_tx * n_rx + 1,), uint32
-        First path of each pair, then the number of paths. A pair's are in the order of samples.
-    length : Buffer
-        Of n paths, and of eight at least, metres: float64 of the stochastic estimator, float (n, 2)
-        as hi + lo of the expected one.
-    amplitude : Buffer
-        float (n), as many.
-    longest_m : float, metres
-        No path of the scene is longer.
-    statistics : TraceStatistics
-        Of the expected estimator without outgoing and absorbed rays: none is drawn.
+    `start`, uint32, shape (n_tx * n_rx + 1,), has the first path of each pair, then their number; a
+    pair's are in the order of samples. Of the expected estimator `statistics` have no outgoing and
+    absorbed rays: none is drawn.
     """
 
     start: np.ndarray
-    length: Any
-    amplitude: Any
-    longest_m: float
+    length: Any  # buffer of n, at least 8, metres: float64, or float (n, 2), hi + lo, if expected
+    amplitude: Any  # buffer of as many floats
+    longest_m: float  # no path of the scene is longer
     statistics: TraceStatistics
 
 

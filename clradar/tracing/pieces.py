@@ -22,11 +22,8 @@ FEWER = 0.1
 """Of an edge's parts that are rounded down: a density 1.2 times below what is asked for at worst,
 for one triangle a face, and not four times above it."""
 
-MOST_EDGE_POINTS = 2**11
-"""Parts of an edge: their square is counted in float32."""
-
-MOST_POINTS = 2**31
-"""Their ordinals are signed numbers of 32 bits on the device."""
+MOST_EDGE_POINTS = 2**11  # parts of an edge: their square is counted in float32
+MOST_POINTS = 2**31  # their ordinals are signed numbers of 32 bits on the device
 
 
 BLOCK_FACES = 2**16
@@ -35,23 +32,12 @@ BLOCK_FACES = 2**16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """Faces and parts of faces, in the order of faces.
+    """Faces and parts of faces, in the order of faces."""
 
-    Attributes
-    ----------
-    face : ndarray, shape (n,), int32
-    corners : ndarray, shape (n, 3, 2), float32
-        Barycentric coordinates of the corners in the face: weights of its second and third one.
-    edge_points : ndarray, shape (n,), uint32
-        k: the piece is cut into k^2 triangles.
-    start : ndarray, shape (n + 1,), uint32
-        First point of each piece, then the number of points.
-    """
-
-    face: np.ndarray
-    corners: np.ndarray
-    edge_points: np.ndarray
-    start: np.ndarray
+    face: np.ndarray  # (n,), int32
+    corners: np.ndarray  # (n, 3, 2), float32: weights of the face's second and third corner
+    edge_points: np.ndarray  # (n,), uint32: k, the piece is cut into k^2 triangles
+    start: np.ndarray  # (n + 1,), uint32: first point of each, then the number of points
 
     @property
     def n_points(self) -> int:
@@ -59,17 +45,9 @@ class Pieces:
 
 
 def pieces_of(triangles_m: np.ndarray, samples_per_mm2: float) -> Pieces:
-    """Cut faces for a density of points.
+    """Cut faces, shape (n_faces, 3, 3), for a density of points.
 
-    Parameters
-    ----------
-    triangles_m : ndarray, shape (n_faces, 3, 3), float64, metres
-    samples_per_mm2 : float, 1/mm^2
-
-    Raises
-    ------
-    MeshError
-        No face has an area, or there are 2^31 points or more.
+    No face with an area, or 2^31 points or more, is a `MeshError`.
     """
     area_m2 = face_normals(triangles_m)[1]
     face = np.flatnonzero(area_m2 > 0)

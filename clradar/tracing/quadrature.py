@@ -31,12 +31,8 @@ PART_POINTS = 2**20
 """Most points of a part, whose lit ones are in memory at a time, with some 500 bytes for each while
 they are summed."""
 
-FRAME_ROWS = 18
-"""Numbers of a point that its roughness needs, beside those of `LitPoints`."""
-
-OUT_ROWS = 12
-"""Numbers of a point that `LitPoints` holds as floats."""
-
+FRAME_ROWS = 18  # numbers of a point that its roughness needs, beside those of `LitPoints`
+OUT_ROWS = 12  # numbers of a point that `LitPoints` holds as floats
 NEAREST_SPACINGS = 1.5
 """Least distance between points and antennas, in spacings of the points: closer by, 1/R^2 is no
 longer integrated. An antenna on the surface is at most 1.4 of them away from a point: two thirds
@@ -62,29 +58,18 @@ class RoughnessOptions:
 class LitPoints:
     """Points that some Tx and some Rx see from the same side, in the order of their ordinals.
 
-    Attributes
-    ----------
-    position_m : ndarray, shape (n, 3), float32, metres
-        On the rough surface, relative to `LitQuadrature.middle_m`.
-    area_m2 : ndarray, shape (n, 3), float32, square metres
-        N dA: on the side that is seen, not normalised.
-    edges_m : ndarray, shape (n, 2, 3), float32, metres
-        Two edges of the triangle that a point stands for, on the smooth surface; 0 of rough
-        materials, over whose triangles the phase is not linear.
-    material : ndarray, shape (n,), int32
-    sample : ndarray, shape (n,), uint32
-        Ordinals; a point that is seen from either side is there twice.
-    tx, rx : ndarray, shape (n, n_groups), uint8
-        Antennas that see it, as bits, those of eight antennas in a byte.
+    `edges_m` are two edges of the triangle that a point stands for, on the smooth surface; 0 of
+    rough materials, over whose triangles the phase is not linear. A point that is seen from either
+    side is there twice.
     """
 
-    position_m: np.ndarray
-    area_m2: np.ndarray
-    edges_m: np.ndarray
-    material: np.ndarray
-    sample: np.ndarray
-    tx: np.ndarray
-    rx: np.ndarray
+    position_m: np.ndarray  # (n, 3), float32: on the rough surface, from `LitQuadrature.middle_m`
+    area_m2: np.ndarray  # (n, 3), float32: N dA on the side that is seen, not normalised
+    edges_m: np.ndarray  # (n, 2, 3), float32
+    material: np.ndarray  # (n,), int32
+    sample: np.ndarray  # (n,), uint32: ordinals
+    tx: np.ndarray  # (n, n_groups), uint8: Tx that see it, eight as bits of a byte
+    rx: np.ndarray  # the same of Rx
 
 
 def _joined(parts: list[LitPoints]) -> LitPoints:
@@ -93,16 +78,10 @@ def _joined(parts: list[LitPoints]) -> LitPoints:
 
 
 class LitQuadrature(TracedMesh):
-    """Finds the points of a scene that antennas see, tile by tile.
+    """Finds the points of a scene that antennas see, tile by tile; frees its memory as a context.
 
-    A context manager: its device memory is freed when the block ends.
-
-    Attributes
-    ----------
-    middle_m : ndarray, shape (3,), float32, metres
-        Of the scene: the origin of positions.
-    n_points : int
-        Of all sides of the scene.
+    `middle_m`, float32, shape (3,), is the middle of the scene and the origin of positions;
+    `n_points` are those of all sides.
     """
 
     def __init__(

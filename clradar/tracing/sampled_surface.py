@@ -27,8 +27,7 @@ class SampleOptions:
     width: int = 1
 
 
-MOST_SAMPLES = 2**31
-"""Of a scene: their ordinals are signed numbers of 32 bits on the device."""
+MOST_SAMPLES = 2**31  # of a scene: their ordinals are signed numbers of 32 bits on the device
 
 
 def samples_per_face(scene: Scene, settings: SimulationSettings) -> np.ndarray:
@@ -63,19 +62,9 @@ def _check_samples(count: float) -> None:
 
 
 class SampledSurface(TracedMesh):
-    """Samples of a scene's surface, and which antennas are visible from them.
+    """Samples of a scene's surface by resolved settings, and which antennas they see.
 
-    Parameters
-    ----------
-    scene : Scene
-    settings : SimulationSettings
-        Resolved.
-    device : Device
-
-    Raises
-    ------
-    MeshError
-        The scene has no face with area, or 2^31 samples or more.
+    No face with area, or 2^31 samples or more, is a `MeshError`.
     """
 
     def __init__(self, scene: Scene, settings: SimulationSettings, device: Device) -> None:

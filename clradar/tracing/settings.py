@@ -41,9 +41,7 @@ UNUSED_BY_PHYSICAL = (
 )
 """Fields that have to keep their defaults with ``estimator="physical"``."""
 
-MOST_EXPONENT = 1e4
-"""Of an antenna's pattern: it halves the power 0.5 degrees off boresight."""
-
+MOST_EXPONENT = 1e4  # of an antenna's pattern: it halves the power 0.5 degrees off boresight
 FILLED_IN = (
     "samples_per_mm2",
     "rays_per_face",

@@ -19,8 +19,7 @@ STARVED_PATHS = 20.0
 left without one by chance. The others are where nothing is reflected to, as beside the mirror image
 of a small plate."""
 
-WANTED_PATHS = 20.0
-"""Per pair, which the advice aims at: shot noise of 0.2 of the signal."""
+WANTED_PATHS = 20.0  # per pair, which the advice aims at: shot noise of 0.2 of the signal
 
 
 def warn_if_starved(
@@ -33,14 +32,8 @@ def warn_if_starved(
 ) -> None:
     """Warn if no path reached a receiver, or so few that many pairs are zero by chance.
 
-    Parameters
-    ----------
-    paths : ndarray, shape (n_tx * n_rx,)
-        Number of paths of each pair.
-    scene, array, settings
-        What was simulated.
-    only_stochastic : bool
-        The function that was called has no other estimator.
+    `paths`, shape (n_tx * n_rx,), has the number of each pair. `only_stochastic`: the function that
+    was called has no other estimator.
     """
     total = int(paths.sum())
     if total == 0:

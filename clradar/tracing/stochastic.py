@@ -28,25 +28,16 @@ MOST_BINS = 2**17
 """Bins of all pairs into which the receptions of a tile are counted, but eight per pair at least,
 since an item goes through all receptions of its bin."""
 
-FEWEST_KEYS = 32
-"""Receptions that a bin can hold where there are as many bins as are of use."""
-
-SHARE = 512
-"""Receptions that an item brings into order on a CPU."""
-
-LISTED_BYTES = 64
-"""Device memory of a ray of a list."""
-
+FEWEST_KEYS = 32  # receptions that a bin can hold where there are as many bins as are of use
+SHARE = 512  # receptions that an item brings into order on a CPU
+LISTED_BYTES = 64  # device memory of a ray of a list
 MOST_LISTED = 2**19
 """Rays that are drawn at a time; fewer where memory is short. No result depends on it."""
 
 MOST_ORDINAL = 2**32 - 1  # of a ray, and of a reception in a tile
 
-LISTS = 64
-"""Lists that are drawn until their counters are set back."""
-
-CPU_ITEMS = 64
-"""Items that share a list on a CPU."""
+LISTS = 64  # lists that are drawn until their counters are set back
+CPU_ITEMS = 64  # items that share a list on a CPU
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,23 +57,13 @@ class OrderOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathColumns:
-    """Receptions of one tile on the host, sorted by pair, then sample, ray and bounce.
+    """Receptions of one tile on the host, (n,), sorted by pair, then sample, ray and bounce."""
 
-    Attributes
-    ----------
-    pair : ndarray, shape (n,), uint32
-    length_m : ndarray, shape (n,), float64, metres
-    amplitude : ndarray, shape (n,), float32
-    bounces : ndarray, shape (n,), uint8
-    face : ndarray, shape (n,), int32
-        Of the first reflection.
-    """
-
-    pair: np.ndarray
-    length_m: np.ndarray
-    amplitude: np.ndarray
-    bounces: np.ndarray
-    face: np.ndarray
+    pair: np.ndarray  # uint32
+    length_m: np.ndarray  # float64
+    amplitude: np.ndarray  # float32
+    bounces: np.ndarray  # uint8
+    face: np.ndarray  # int32: of the first reflection
 
 
 class Tracer(LitSurface):

@@ -8,9 +8,7 @@ from clradar.constants import PLAUSIBLE_RADIUS_M
 from clradar.model import AntennaArray, Scene, Waveform
 from clradar.tracing.placement import bounding_box_m
 
-RECEPTION_RADIUS_M = 0.010
-"""At `RADIUS_RANGE_M` and `RADIUS_HZ`."""
-
+RECEPTION_RADIUS_M = 0.010  # at `RADIUS_RANGE_M` and `RADIUS_HZ`
 RADIUS_RANGE_M, RADIUS_HZ = 0.3, 77e9
 """Where the phase error of the default radius was measured; it goes with f radius^2 / range
 (E4 in ``docs/equations.md``)."""

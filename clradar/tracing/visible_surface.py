@@ -12,27 +12,12 @@ from clradar.tracing.settings import resolve_settings
 
 
 class VisibleSurface(SampledSurface):
-    """Samples of a mesh on a device and their visibility from any viewpoints.
+    """Samples of a mesh on a device and their visibility from any viewpoints; a context manager.
 
-    A context manager: its device memory is freed when the block ends. The mesh stays where it is;
-    for a mesh that is moved, move the viewpoints the other way.
-
-    Parameters
-    ----------
-    scene : Scene
-    samples_per_mm2 : float, 1/mm^2
-    reach_m : float, metres
-        How far from the origin a viewpoint may be: bounds the rounding of the rays.
-    device : Device
-    seed : int
-        Of the samples.
-
-    Attributes
-    ----------
-    points_m : ndarray, shape (n, 3), float64, metres
-        On the curved surface that the normals describe.
-    normals : ndarray, shape (n, 3), float64
-        Unit normals, interpolated from the vertices as in `clradar.trace`; of either sign.
+    The mesh stays where it is; for one that is moved, move the viewpoints the other way. `reach_m`
+    is how far from the origin a viewpoint may be: it bounds the rounding of the rays. `points_m`,
+    float64, shape (n, 3), are on the curved surface that the normals describe; `normals` are
+    interpolated from the vertices as in `clradar.trace`, of either sign.
     """
 
     def __init__(
@@ -61,16 +46,7 @@ class VisibleSurface(SampledSurface):
         self.normals = read(shading, (n, 3), np.float32).astype(np.float64)
 
     def visible_from(self, viewpoints_m: np.ndarray) -> np.ndarray:
-        """Whether each sample is what a ray from each viewpoint hits first.
-
-        Parameters
-        ----------
-        viewpoints_m : array_like, shape (m, 3), metres
-
-        Returns
-        -------
-        ndarray, shape (n, m), bool
-        """
+        """Whether each sample is what a ray from each viewpoint (m, 3) hits first: bool, (n, m)."""
         bits = np.unpackbits(self.visible_bits(viewpoints_m), axis=1, bitorder="little")
         return bits[:, : len(viewpoints_m)].astype(bool)
 

@@ -9,10 +9,13 @@ from typing import ClassVar, TypeAlias
 from clradar.arrays.array_file import array_record
 from clradar.model import Capture, Scene
 from clradar.model.known_materials import KNOWN
+from clradar.model.progress import Progress
 from clradar.opencl import Device
 from clradar.simulation import simulate
 from clradar.view.sources import Content, Source
 from clradar.view.wish import BY_ALPHA, Wish
+
+Second: TypeAlias = tuple[tuple[Hashable, ...], Callable[[Progress], Content]]
 
 MATERIALS = (BY_ALPHA, *KNOWN)
 
@@ -35,18 +38,13 @@ class Others:
     def labels(self) -> tuple[str, ...]:
         return tuple(other.name for other in self.others)
 
-    def key(self, wish: Wish, content: Content) -> Hashable:
-        """Return what the second one depends on."""
+    def of(self, wish: Wish, content: Content) -> Second:
+        """Return what the second one depends on, and how it is made."""
         other = self.others[wish.other]
         frames, others = self.source.frames(), other.frames()
         along = len(frames) == len(others) and wish.frame in frames
-        return wish.other, others[frames.index(wish.frame) if along else 0]
-
-    def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
-        """Return the second one."""
-        key = self.key(wish, content)
-        assert isinstance(key, tuple)
-        return self.others[wish.other].read(key[1])
+        frame = others[frames.index(wish.frame) if along else 0]
+        return (wish.other, frame), lambda _: other.read(frame)
 
 
 @dataclass(frozen=True)
@@ -60,32 +58,31 @@ class Simulation:
     _kept: dict[Hashable, Capture] = field(default_factory=dict)
     """The last ones that were used, the newest last."""
 
-    def key(self, wish: Wish, content: Content) -> Hashable:
-        """Return what the simulation depends on; None if there is none beside this content."""
+    def of(self, wish: Wish, content: Content) -> Second | None:
+        """Return what the simulation depends on, and how it is made; None beside this content."""
         if not isinstance(content, Capture):
             return None  # which radar recorded it is not known
+        array, waveform = content.array, content.waveform
         surface = wish.alpha if wish.material == BY_ALPHA else wish.material
-        frequencies = content.waveform.frequencies_hz.tobytes()
-        return surface, repr(array_record(content.array)), frequencies
+        key = surface, repr(array_record(array)), waveform.frequencies_hz.tobytes()
 
-    def of(self, wish: Wish, content: Content, progress: Callable[[int, int], None]) -> Content:
-        """Return the simulated capture."""
-        assert isinstance(content, Capture)
-        key = self.key(wish, content)
-        capture = self._kept.pop(key, None)
-        if capture is None:
-            if wish.material == BY_ALPHA:
-                scene, estimator = self.scene.with_alpha(wish.alpha), None
-            else:
-                scene, estimator = self.scene.with_material(KNOWN[wish.material]), "physical"
-            capture = simulate(
-                scene, content.array, content.waveform,
-                estimator=estimator, seed=0, device=self.device, progress=progress,
-            )  # fmt: skip
-            if len(self._kept) == KEPT_CAPTURES:
-                del self._kept[next(iter(self._kept))]
-        self._kept[key] = capture
-        return capture
+        def simulated(progress: Progress) -> Capture:
+            capture = self._kept.pop(key, None)
+            if capture is None:
+                if wish.material == BY_ALPHA:
+                    scene, estimator = self.scene.with_alpha(wish.alpha), None
+                else:
+                    scene, estimator = self.scene.with_material(KNOWN[wish.material]), "physical"
+                capture = simulate(
+                    scene, array, waveform,
+                    estimator=estimator, seed=0, device=self.device, progress=progress,
+                )  # fmt: skip
+                if len(self._kept) == KEPT_CAPTURES:
+                    del self._kept[next(iter(self._kept))]
+            self._kept[key] = capture
+            return capture
+
+        return key, simulated
 
 
 Beside: TypeAlias = Others | Simulation

@@ -32,15 +32,6 @@ REACH = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
-    """Points, shape (n, 3), metres, their colours, and the size of one."""
-
-    points_m: np.ndarray
-    colours: np.ndarray
-    size_m: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Flat:
     """What a data set stores of an image in place of the volume: "projection", "depth", or both."""
 
@@ -57,12 +48,17 @@ class Flat:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
-    """What is drawn of an image: its depth map, the volume if there is one, points or voxels."""
+    """What is drawn of an image: its depth map, the volume if there is one, points or voxels.
+
+    Points or middles of voxels have the shape (n, 3), metres, colours as well, and one size.
+    """
 
     image: DepthMap
     volume: Volume | None
-    cloud: Cloud
     known: tuple[str, ...]
+    points_m: np.ndarray
+    colours: np.ndarray
+    size_m: float
 
     @classmethod
     def of(
@@ -73,14 +69,20 @@ class Drawn:
         second: bool = False,
     ) -> Drawn:
         """Return what is drawn, in the colours of a second image if it is."""
-        volume = image if isinstance(image, Volume) else None
         shown = image.depth_map(dynamic_range_db)
-        if voxels and volume is not None:
-            cloud = voxels_of(volume, dynamic_range_db, second=second)
-        else:
-            cloud = points_of(shown, dynamic_range_db, second=second)
         known = image.known if isinstance(image, Flat) else ("projection", "depth")
-        return cls(shown, volume, cloud, known)
+        volume = image if isinstance(image, Volume) else None
+        if voxels and volume is not None:
+            points_m, level_db = voxels_of(volume, dynamic_range_db)
+            size_m = float(volume.grid.spacing_m.max())
+        else:
+            points_m = shown.points_m()
+            level_db = clipped_db(shown)[shown.mask] if len(points_m) else np.empty(0)
+            steps_m = [float(np.diff(a).min()) for a in (shown.x_m, shown.y_m) if len(a) > 1]
+            size_m = min(steps_m, default=1e-3)
+        scale = "second" if second else "amplitude"
+        colours = colours_on(scale, level_db, -dynamic_range_db, 0.0)
+        return cls(shown, volume, known, points_m.astype(np.float32), colours, size_m)
 
     @property
     def ends_m(self) -> np.ndarray:
@@ -94,23 +96,23 @@ class Drawn:
 
     def strongest_m(self) -> Place:
         """Return the place of the strongest voxel or pixel, metres."""
+        j, i = divmod(int(self.image.amplitude.argmax()), len(self.image.x_m))
+        return self._column_m(j, i, 0.0)
+
+    def _column_m(self, j: int, i: int, otherwise_m: float) -> Place:
+        """Return the place of the strongest voxel over a pixel, or of its depth if it has one."""
         if self.volume is not None:
-            shape = self.volume.data.shape
-            top = np.unravel_index(int(np.abs(self.volume.data).argmax()), shape)
-            k, j, i = (int(index) for index in top)
-            z_m = self.volume.grid.z_m[k]
+            z_m = self.volume.grid.z_m[int(np.abs(self.volume.data[:, j, i]).argmax())]
         else:
-            j, i = divmod(int(self.image.amplitude.argmax()), len(self.image.x_m))
-            z_m = np.nan_to_num(self.image.depth_m[j, i])
+            z_m = np.nan_to_num(self.image.depth_m[j, i], nan=otherwise_m)
         return float(self.image.x_m[i]), float(self.image.y_m[j]), float(z_m)
 
     def level_db(self, at_m: Place) -> float:
         """Return the level at a place, below the maximum of the image; decibel."""
+        amplitude, peak = self.image.amplitude[self._pixel(at_m)], self.image.amplitude.max()
         if self.volume is not None:
             i, j, k = nearest(self.volume.grid, at_m)
-            amplitude, peak = abs(self.volume.data[k, j, i]), np.abs(self.volume.data).max()
-        else:
-            amplitude, peak = self.image.amplitude[self._pixel(at_m)], self.image.amplitude.max()
+            amplitude = abs(self.volume.data[k, j, i])
         return float(20 * np.log10(max(amplitude / peak, 1e-30))) if peak > 0 else float("nan")
 
     def depth_m(self, at_m: Place) -> float:
@@ -124,15 +126,12 @@ class Drawn:
 
     def pointed_m(self, at_m: Place, picture: str, across: float, up: float) -> Place:
         """Return the place that a click on a picture means, metres."""
-        if self.volume is None:
-            depth_m = self.depth_m((across, up, 0.0))
-            return across, up, at_m[2] if np.isnan(depth_m) else depth_m
         x, y, z = at_m
-        x, y, z = {"xz": (across, y, up), "zy": (x, up, across)}.get(picture, (across, up, z))
+        if picture not in ("xy", "xz", "zy") or self.volume is None:
+            return self._column_m(*self._pixel((across, up, 0.0)), z)
+        x, y, z = {"xy": (across, up, z), "xz": (across, y, up), "zy": (x, up, across)}[picture]
         grid = self.volume.grid
         i, j, k = nearest(grid, (x, y, z))
-        if picture == "projection":
-            k = int(np.abs(self.volume.data[:, j, i]).argmax())
         return float(grid.x_m[i]), float(grid.y_m[j]), float(grid.z_m[k])
 
 
@@ -143,19 +142,10 @@ def nearest(grid: VoxelGrid, at_m: Place) -> tuple[int, int, int]:
     return i, j, k
 
 
-def points_of(image: DepthMap, dynamic_range_db: float, second: bool = False) -> Cloud:
-    """Return the depth points of an image, coloured by amplitude."""
-    steps_m = [float(np.diff(a).min()) for a in (image.x_m, image.y_m) if len(a) > 1]
-    colours = np.empty((0, 3), np.uint8)
-    if image.mask.any():
-        colours = level_colours(clipped_db(image)[image.mask], dynamic_range_db, second)
-    return Cloud(image.points_m().astype(np.float32), colours, min(steps_m, default=1e-3))
-
-
 def voxels_of(
-    volume: Volume, dynamic_range_db: float, most: int = MAX_VOXELS_DRAWN, second: bool = False
-) -> Cloud:
-    """Return the voxels within the dynamic range, at most `most`, the strongest."""
+    volume: Volume, dynamic_range_db: float, most: int = MAX_VOXELS_DRAWN
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return places, metres, and levels of the strongest voxels within the dynamic range."""
     amplitude, grid = np.abs(volume.data), volume.grid
     peak = float(amplitude.max())
     level = peak * 10 ** (-dynamic_range_db / 20)
@@ -164,11 +154,9 @@ def voxels_of(
         strongest = np.argpartition(amplitude.ravel()[seen], -most)[-most:]
         seen = np.sort(seen[strongest])
     z, y, x = np.unravel_index(seen, amplitude.shape)
-    points_m = np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1).astype(np.float32)
     level_db = 20 * np.log10(amplitude.ravel()[seen] / (peak or 1.0))
     level_db = np.maximum(level_db, -dynamic_range_db)  # which rounding can be below
-    colours = level_colours(level_db, dynamic_range_db, second)
-    return Cloud(points_m, colours, float(grid.spacing_m.max()))
+    return np.stack([grid.x_m[x], grid.y_m[y], grid.z_m[z]], axis=1), level_db
 
 
 def clicked_m(
@@ -188,18 +176,11 @@ def clicked_m(
     return float(x), float(y), float(z)
 
 
-def amplitude_pixels(amplitude: np.ndarray, peak: float, dynamic_range_db: float) -> np.ndarray:
-    """Return the colours of amplitudes relative to a peak, shape (..., 3), uint8."""
+def below_db(amplitude: np.ndarray, peak: float) -> np.ndarray:
+    """Return the levels of amplitudes relative to a peak; decibel."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        level_db = 20 * np.log10(amplitude / peak)
-    return level_colours(level_db, dynamic_range_db)
-
-
-def level_colours(
-    level_db: np.ndarray, dynamic_range_db: float, second: bool = False
-) -> np.ndarray:
-    """Return the colours of levels below the maximum, shape (..., 3), uint8."""
-    return colours_on("second" if second else "amplitude", level_db, -dynamic_range_db, 0.0)
+        level_db: np.ndarray = 20 * np.log10(amplitude / peak)
+    return level_db
 
 
 def colours_on(scale: str, values: np.ndarray, first: float, last: float) -> np.ndarray:

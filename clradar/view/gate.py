@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import secrets
 import socket
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Coroutine, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -86,76 +86,79 @@ def headers_of(head: bytes) -> dict[str, list[str]]:
     return headers
 
 
-class Gate:
-    """Takes requests at a socket and passes those that may on."""
+@contextmanager
+def gate(
+    listening: socket.socket,
+    target: tuple[str, int],
+    protocol: str,
+    loop: asyncio.AbstractEventLoop,
+) -> Iterator[None]:
+    """Take requests at a socket during the block, and pass those that may on to a target."""
+    tasks: set[asyncio.Task[Any]] = set()
 
-    def __init__(
-        self,
-        listening: socket.socket,
-        target: tuple[str, int],
-        protocol: str,
-        loop: asyncio.AbstractEventLoop,
-    ) -> None:
-        self._target, self._protocol, self._loop = target, protocol, loop
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._server = self._run(asyncio.start_server(self._serve, sock=listening))
+    def run(work: Coroutine[Any, Any, Any]) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, loop).result()
 
-    def close(self) -> None:
-        """Take no more requests, and end those that there are."""
-
-        async def close() -> None:
-            self._server.close()
-            for task in list(self._tasks):
-                task.cancel()
-            await asyncio.gather(*self._tasks, return_exceptions=True)
-
-        self._run(close())
-
-    def _run(self, work: Any) -> Any:
-        return asyncio.run_coroutine_threadsafe(work, self._loop).result()
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
-        self._tasks.add(task)
+        tasks.add(task)
         try:
             with suppress(OSError, asyncio.CancelledError):
-                await self._pass_on(reader, writer)
+                await _pass_on(reader, writer, target, protocol)
         finally:
-            self._tasks.discard(task)
+            tasks.discard(task)
             writer.close()
 
-    async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        try:
-            head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_S)
-            refused = refusal(headers_of(head[:-4]), self._protocol)
-        except (asyncio.IncompleteReadError, asyncio.TimeoutError):
-            return  # opened in advance: the browser would take it for its next request's answer
-        except (asyncio.LimitOverrunError, ValueError):
-            refused = "expected a request of a browser"
-        if refused is not None:
-            body = f"{refused}\n".encode()
-            writer.write(
-                b"HTTP/1.1 403 Forbidden\r\nContent-Type: text/plain\r\nConnection: close\r\n"
-                b"Content-Length: %d\r\n\r\n%s" % (len(body), body)
-            )
-            await writer.drain()
-            return
-        # viser ends a connection after each answer but that of a websocket: one head is all.
-        from_viser, to_viser = await asyncio.open_connection(*self._target, limit=BUFFER_BYTES)
-        for one, buffer in ((to_viser, socket.SO_RCVBUF), (writer, socket.SO_SNDBUF)):
-            one.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, buffer, BUFFER_BYTES)
-            one.transport.set_write_buffer_limits(BUFFER_BYTES)
-        to_viser.write(head)
-        ways = ((reader, to_viser), (from_viser, writer))
-        copies = [asyncio.ensure_future(_copy(*ends)) for ends in ways]
-        try:
-            await asyncio.wait(copies, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            for copy in copies:
-                copy.cancel()
-            await asyncio.gather(*copies, return_exceptions=True)
-            to_viser.close()
+    async def close() -> None:
+        server.close()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    server = run(asyncio.start_server(serve, sock=listening))
+    try:
+        yield
+    finally:
+        run(close())
+
+
+async def _pass_on(
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
+    target: tuple[str, int],
+    protocol: str,
+) -> None:
+    try:
+        head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), HEAD_S)
+        refused = refusal(headers_of(head[:-4]), protocol)
+    except (asyncio.IncompleteReadError, asyncio.TimeoutError):
+        return  # opened in advance: the browser would take it for its next request's answer
+    except (asyncio.LimitOverrunError, ValueError):
+        refused = "expected a request of a browser"
+    if refused is not None:
+        body = f"{refused}\n".encode()
+        writer.write(
+            b"HTTP/1.1 403 Forbidden\r\nContent-Type: text/plain\r\nConnection: close\r\n"
+            b"Content-Length: %d\r\n\r\n%s" % (len(body), body)
+        )
+        await writer.drain()
+        return
+    # viser ends a connection after each answer but that of a websocket: one head is all.
+    from_viser, to_viser = await asyncio.open_connection(*target, limit=BUFFER_BYTES)
+    for one, buffer in ((to_viser, socket.SO_RCVBUF), (writer, socket.SO_SNDBUF)):
+        one.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, buffer, BUFFER_BYTES)
+        one.transport.set_write_buffer_limits(BUFFER_BYTES)
+    to_viser.write(head)
+    ways = ((reader, to_viser), (from_viser, writer))
+    copies = [asyncio.ensure_future(_copy(*ends)) for ends in ways]
+    try:
+        await asyncio.wait(copies, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for copy in copies:
+            copy.cancel()
+        await asyncio.gather(*copies, return_exceptions=True)
+        to_viser.close()
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,29 +13,13 @@ from clradar.errors import ClradarError
 from clradar.files.atomic import refuse_existing, write_file
 from clradar.view.scene import LEGEND, SceneView
 from clradar.view.server import running
-from clradar.view.session import Session, Shown, View
+from clradar.view.session import Front, Session, Shown, View
 from clradar.view.truth import UNITS_PER_M
 
 MOST_BYTES = 200 * 2**20
 """Of points and colours: what a browser still opens as one page."""
 
 FRAMES_PER_S = 10.0
-
-
-class _Last:
-    """What a session shows last, or why it does not."""
-
-    shown: Shown | None = None
-    refused = ""
-
-    def show(self, shown: Shown) -> None:
-        self.shown = shown
-
-    def busy(self, text: str) -> None:
-        pass
-
-    def refuse(self, text: str) -> None:
-        self.shown, self.refused = None, text
 
 
 def write_page(
@@ -45,29 +30,26 @@ def write_page(
     source, written, drawn_bytes = view.source, 0, 0
     frames = source.frames()
     with running(source.name, port=0) as (server, _):
-        last, scene = _Last(), SceneView(server, view)
-        session = Session(view, last)
-        try:
+        scene = SceneView(server, view)
+        with closing(Session(view, Front())) as session:
             serializer = server.get_scene_serializer()
             for count, frame in enumerate(frames, 1):
-                session.change(frame=frame)
+                session.change(frame=frame, layout="3-D")
                 session.settle()
-                shown = last.shown
-                if shown is None:
-                    warn(f"left out: {last.refused}")
+                shown = session.shown
+                if session.refused or shown is None:
+                    warn(f"left out: {session.refused}")
                     continue
                 if written:  # a single frame needs no time line, whose end builds it anew
                     serializer.insert_sleep(1 / FRAMES_PER_S)
-                scene.show(shown, pictures=False)
+                scene.show(shown)
                 _draw_title(server, shown, source.name, source.label(frame))
                 written += 1
                 for drawn in filter(None, (shown.first, shown.second)):
-                    drawn_bytes += drawn.cloud.points_m.nbytes + drawn.cloud.colours.nbytes
+                    drawn_bytes += drawn.points_m.nbytes + drawn.colours.nbytes
                 if drawn_bytes > MOST_BYTES and count < len(frames):
                     warn(f"the first {count} of {len(frames)} frames: more are too many for a page")
                     break
-        finally:
-            session.close()
         if written > 1:
             serializer.insert_sleep(1 / FRAMES_PER_S)
         if not written:

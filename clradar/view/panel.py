@@ -10,14 +10,14 @@ from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
 from clradar.compare.metrics import METRIC_TABLE
-from clradar.model import Capture, VoxelGrid
+from clradar.model import Capture, Volume
 from clradar.model.length_unit import unit_for
 from clradar.plot.drawing import typeset
 from clradar.view.beside import MATERIALS
 from clradar.view.pictures import overview_picture, pair_curves
 from clradar.view.playing import Player
 from clradar.view.scene import SceneView
-from clradar.view.session import Session, Shown, View
+from clradar.view.session import Front, Shown, View
 from clradar.view.wish import LAYOUTS, SIDES, escaped, grid_mm
 
 PANEL_PX = 350.0
@@ -26,7 +26,7 @@ FOLLOWED_S = 1.0
 """Between two drawings of the channels of frames that are followed."""
 
 
-class Panel:
+class Panel(Front):
     """Controls of a view beside its scene; shows the results of a session."""
 
     def __init__(self, server: Any, view: View) -> None:
@@ -34,59 +34,43 @@ class Panel:
         gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True)
         gui.main_panel.dock_right()  # beside the scene, instead of upon it
         gui.main_panel.set_width(PANEL_PX)
-        self.session = session = Session(view, self)
-        self.player = player = Player(session, source, self)
+        self.session = session = Player(view, self)
         self._scene = scene = SceneView(server, view)
         self._server, self.gui, self._source, self._beside = server, gui, source, beside
-        self._shown: Shown | None = None
-        self._acts: dict[int, Callable[[Any], None]] = {}
         self.state = gui.add_markdown("")
         self.pace = gui.add_markdown("", visible=source.grows)
         self.frame = self.on(gui.add_slider("Frame", 0, 1, 1, 0), self._choose_frame)
-        self.play = self.on(
-            gui.add_checkbox("Play", source.grows), lambda on: player.play(bool(on))
-        )
+        self.play = self.switch("Play", source.grows, session.play, "space")
         self.follow_frames(wish.frame)
-        keys = ["L changes the layout", "V shows voxels"]
-        if source.grows or len(source.frames()) > 1:
-            keys = ["space plays", "N and P go to the next frame and back", *keys]
-        self.key("space", "Play or stop", lambda: self.toggle(self.play))
-        self.key("N", "Next frame", lambda: player.step(1))
-        self.key("P", "Previous frame", lambda: player.step(-1))
-        self.layout = self.choice("Layout", LAYOUTS, "layout")
-        self.key("L", "Layout", lambda: session.change(layout=_next(session.wish.layout, LAYOUTS)))
-        range_db = min(60.0, max(3.0, wish.dynamic_range_db))
-        self.on(
-            gui.add_slider("Dynamic range (dB)", 3.0, 60.0, 0.5, range_db),
-            lambda value: session.change(dynamic_range_db=float(value)),
-        )
-        voxels = gui.add_checkbox("Voxels", wish.voxels)
-        self.on(voxels, lambda on: session.change(voxels=bool(on)))
-        self.key("V", "Points or voxels", lambda: self.toggle(voxels))
+        self.key("N", "Next frame", lambda: self.step(1))
+        self.key("P", "Previous frame", lambda: self.step(-1))
+        self.layout = self.choice("Layout", LAYOUTS, "layout", "L")
+        self.slider("Dynamic range (dB)", 3.0, 60.0, 0.5, "dynamic_range_db")
+        self.switch("Voxels", wish.voxels, lambda on: session.change(voxels=on), "V")
         if beside is not None:
-            keys.append("B shows both, measured, simulated in turn")
-            self.side = self.choice("Show", SIDES, "side")
-            self.key(
-                "B", ", ".join(SIDES), lambda: session.change(side=_next(session.wish.side, SIDES))
-            )
+            self.side = self.choice("Show", SIDES, "side", "B")
             if len(labels := numbered(beside.labels)) > 1:
                 other = gui.add_dropdown("Beside", labels)
                 self.on(other, lambda label: session.change(other=labels.index(label)))
             self.metrics = gui.add_markdown("")
         if scene.mesh is not None:
-            keys.append("M shows the mesh")
-            mesh = gui.add_checkbox("Mesh", True)
-            self.on(mesh, lambda on: setattr(scene.mesh, "visible", bool(on)))
-            self.key("M", "Mesh", lambda: self.toggle(mesh))
+            self.switch("Mesh", True, lambda on: setattr(scene.mesh, "visible", on), "M")
         server.scene.on_click()(lambda event: self.attempt(self._choose_place, event))
         self._tabs = gui.add_tab_group()
         self._tabs_of_captures = False
         self._shows: list[Callable[[Shown], None]] = []
-        if view.truth is not None:
+        if source.truth is not None:
             self._add_truth()
         with self._tabs.add_tab("Place"):
             self._add_place()
-        gui.add_markdown(f"Keys: {', '.join(keys)}.")
+        several = source.grows or len(source.frames()) > 1
+        keys = {
+            "space plays, N and P go to the next frame and back": several,
+            "L changes the layout, V shows voxels": True,
+            "B shows both, measured, simulated in turn": beside is not None,
+            "M shows the mesh": scene.mesh is not None,
+        }
+        gui.add_markdown(f"Keys: {', '.join(text for text, there in keys.items() if there)}.")
 
     def on(self, control: Any, act: Callable[[Any], None]) -> Any:
         """Call `act` with the value of a control when a user changes it; return the control."""
@@ -97,19 +81,43 @@ class Panel:
                 self.attempt(act, control.value)
 
         control.on_update(changed)
-        self._acts[id(control)] = act
         return control
 
-    def choice(self, label: str, known: Sequence[str], field: str) -> Any:
-        """Add the choice of a field of the wish; a page could send any other."""
+    def slider(self, label: str, low: Any, high: Any, step: Any, field: str) -> Any:
+        """Add the slider of a field of the wish."""
+        now = min(high, max(low, getattr(self.session.wish, field)))
+        control = self.gui.add_slider(label, low, high, step, now)
+        return self.on(control, lambda value: self.session.change(**{field: type(low)(value)}))
+
+    def choice(self, label: str, known: Sequence[str], field: str, key: str = "") -> Any:
+        """Add the choice of a field of the wish, with a key for the next one."""
 
         def choose(value: Any) -> None:
-            if value not in known:
+            if value not in known:  # a page could send any other
                 raise ValueError(f"expected one of {', '.join(known)}")
             self.session.change(**{field: value})
 
-        now = getattr(self.session.wish, field)
-        return self.on(self.gui.add_dropdown(label, known, initial_value=now), choose)
+        def now() -> Any:
+            return getattr(self.session.wish, field)
+
+        if key:
+            self.key(
+                key, f"{label}: {', '.join(known)}",
+                lambda: choose(known[(known.index(now()) + 1) % len(known)]),
+            )  # fmt: skip
+        return self.on(self.gui.add_dropdown(label, known, initial_value=now()), choose)
+
+    def switch(self, label: str, on: bool, act: Callable[[bool], None], key: str = "") -> Any:
+        """Add a checkbox, perhaps with a key."""
+        control = self.on(self.gui.add_checkbox(label, on), lambda value: act(bool(value)))
+
+        def turn() -> None:
+            control.value = not control.value
+            act(control.value)
+
+        if key:
+            self.key(key, label, turn)
+        return control
 
     def attempt(self, act: Callable[..., None], *given: Any) -> None:
         """Do what a message of a page asks for; one that makes no sense is refused."""
@@ -122,37 +130,20 @@ class Panel:
         """Call `act` when a key is pressed."""
         self.gui.add_command(label, hotkey=key).on_trigger(lambda _: self.attempt(act))
 
-    def toggle(self, control: Any) -> None:
-        """Change a checkbox as a user does."""
-        control.value = not control.value
-        self._acts[id(control)](control.value)
-
     def show(self, shown: Shown) -> None:
-        """Draw a result, and its state."""
         with self._server.atomic():
             self._scene.show(shown)
-            self._show_state(shown)
-        self._shown = shown
-        self.player.shown(shown)
-
-    def _show_state(self, shown: Shown) -> None:
-        if isinstance(shown.content, Capture) and not self._tabs_of_captures:
-            self._tabs_of_captures = True
-            with self._tabs.add_tab("Channels"):
-                self._add_channels(shown.content)
-            with self._tabs.add_tab("Settings"):
-                if self._beside is not None and self._beside.simulates:
-                    self._add_simulation()
-                if shown.first.volume is not None:
-                    self._add_imaging(shown.first.volume.grid)
-        for show in self._shows:
-            show(shown)
-        self.follow_frames(shown.wish.frame)
-        assign(self.layout, "value", shown.wish.layout)
-        if self._beside is not None:
-            assign(self.side, "value", shown.wish.side)
-            assign(self.metrics, "content", metrics_text(shown))
-        assign(self.state, "content", state_text(shown, self._source.label(shown.wish.frame)))
+            if isinstance(shown.content, Capture) and not self._tabs_of_captures:
+                self._tabs_of_captures = True
+                self._add_tabs(shown.content, shown.first.volume)
+            for show in self._shows:
+                show(shown)
+            self.follow_frames(shown.wish.frame)
+            assign(self.layout, "value", shown.wish.layout)
+            if self._beside is not None:
+                assign(self.side, "value", shown.wish.side)
+                assign(self.metrics, "content", metrics_text(shown))
+            assign(self.state, "content", state_text(shown, self._source.label(shown.wish.frame)))
 
     def follow_frames(self, frame: int) -> None:
         """Let slider and playing span the frames that the source has now, and show this one."""
@@ -164,34 +155,37 @@ class Panel:
         assign(self.frame, "value", max(0, bisect_right(frames, frame) - 1))
 
     def _choose_place(self, event: Any) -> None:
-        at_m = None if self._shown is None else self._scene.clicked_m(self._shown, event)
+        shown = self.session.shown
+        at_m = None if shown is None else self._scene.clicked_m(shown, event)
         if at_m is not None:
             self.session.change(at_m=at_m)
 
+    def step(self, by: int) -> None:
+        """Go on by some frames, and stay there."""
+        self.session.chosen()
+        self.session.step(by)
+
     def _choose_frame(self, number: int) -> None:
-        self.player.chosen()
+        self.session.chosen()
         frames = self._source.frames()  # there may be fewer than when the slider was drawn
         if frames:
             self.session.change(frame=frames[min(int(number), len(frames) - 1)])
 
     def following(self, on: bool) -> None:
-        """Show that there are other frames, and whether the newest is followed."""
         if self._source.grows:
             assign(self.play, "value", on)
-        if self._shown is not None:
-            self.follow_frames(self._shown.wish.frame)
+        if self.session.shown is not None:
+            self.follow_frames(self.session.shown.wish.frame)
 
     def paced(self, text: str) -> None:
-        """Show rate, latency and losses of followed frames."""
         assign(self.pace, "content", text)
 
     def busy(self, text: str) -> None:
-        """Say what is being done; while frames are followed it would come and go with each."""
-        if self._shown is None or not self._source.grows:
+        # While frames are followed it would come and go with each.
+        if self.session.shown is None or not self._source.grows:
             self.state.content = f"*{text} …*"
 
     def refuse(self, text: str) -> None:
-        """Say why a wish is not carried out."""
         self.state.content = f"**Not shown:** {escaped(text)}"
 
     def _add_place(self) -> None:
@@ -227,8 +221,9 @@ class Panel:
 
     def _add_truth(self) -> None:
         """Add what a frame was made of, and whether it is drawn."""
+        node = self._scene.truth_node
         with self.gui.add_folder("Truth"):
-            drawn = self.gui.add_checkbox("Shown", True)
+            self.switch("Shown", True, lambda on: setattr(node, "visible", on))
             text = self.gui.add_markdown("")
 
         def show(_: Shown) -> None:
@@ -236,21 +231,30 @@ class Panel:
             lines = ("not known of this frame",) if truth is None else truth.lines
             assign(text, "content", "\n\n".join(map(escaped, lines)))
 
-        self.on(drawn, lambda on: self._scene.show_truth(bool(on)))
         self._shows.append(show)
 
-    def _add_imaging(self, grid: VoxelGrid) -> None:
-        """Add controls of grid, method and window that captures are imaged with."""
+    def _add_tabs(self, capture: Capture, image: Volume | None) -> None:
+        """Add channels, and controls of the mesh's surface, and of grid, method and window."""
         gui, session = self.gui, self.session
-        with gui.add_folder("Image"):
-            step_mm = round(1e3 * float(grid.spacing_m[0]), 6)
-            step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
-            ends = []
-            for name, axis_m in zip("xyz", (grid.x_m, grid.y_m, grid.z_m), strict=True):
-                ends_mm = tuple(round(1e3 * float(axis_m[i]), 6) for i in (0, -1))
-                ends.append(gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0))
-            self.choice("Method", METHODS, "method")
-            self.choice("Window", WINDOWS, "window")
+        with self._tabs.add_tab("Channels"):
+            self._add_channels(capture)
+        with self._tabs.add_tab("Settings"):
+            if self._beside is not None and self._beside.simulates:
+                with gui.add_folder("Simulation"):
+                    self.slider("\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, "alpha")
+                    self.choice("Material", MATERIALS, "material")
+            if image is None:
+                return
+            with gui.add_folder("Image"):
+                step_mm = round(1e3 * float(image.grid.spacing_m[0]), 6)
+                step = gui.add_number("Voxel size (mm)", step_mm, min=0.1, step=0.1)
+                ends = []
+                for name in "xyz":
+                    axis_m = getattr(image.grid, f"{name}_m")
+                    ends_mm = tuple(round(1e3 * float(axis_m[i]), 6) for i in (0, -1))
+                    ends.append(gui.add_vector2(f"{name} (mm)", ends_mm, step=1.0))
+                self.choice("Method", METHODS, "method")
+                self.choice("Window", WINDOWS, "window")
 
         def again(_: Any) -> None:
             x_mm, y_mm, z_mm = (control.value for control in ends)
@@ -259,24 +263,12 @@ class Panel:
         for control in (step, *ends):
             self.on(control, again)
 
-    def _add_simulation(self) -> None:
-        """Add controls of what the mesh is simulated with."""
-        session = self.session
-        with self.gui.add_folder("Simulation"):
-            alpha = self.gui.add_slider(
-                "\N{GREEK SMALL LETTER ALPHA}", 0.0, 1.0, 0.01, session.wish.alpha
-            )
-            self.on(alpha, lambda value: session.change(alpha=float(value)))
-            self.choice("Material", MATERIALS, "material")
-
     def _add_channels(self, capture: Capture) -> None:
         """Add the channel data of all pairs, and of a chosen one."""
         gui, session, array = self.gui, self.session, capture.array
         # The end of a slider has to be above its begin.
-        tx = gui.add_slider("Tx", 0, max(1, array.n_tx - 1), 1, session.wish.tx)
-        rx = gui.add_slider("Rx", 0, max(1, array.n_rx - 1), 1, session.wish.rx)
-        self.on(tx, lambda number: session.change(tx=int(number)))
-        self.on(rx, lambda number: session.change(rx=int(number)))
+        tx = self.slider("Tx", 0, max(1, array.n_tx - 1), 1, "tx")
+        rx = self.slider("Rx", 0, max(1, array.n_rx - 1), 1, "rx")
         last, drawn_s = (capture, session.wish.tx, session.wish.rx), time.monotonic()
         with gui.add_folder("Pair"):
             overview = gui.add_image(overview_picture(*last).pixels, jpeg_quality=90)
@@ -312,10 +304,6 @@ def assign(control: Any, name: str, value: Any) -> None:
         setattr(control, name, value)
 
 
-def _next(now: str, known: tuple[str, ...]) -> str:
-    return known[(known.index(now) + 1) % len(known)]
-
-
 def numbered(labels: tuple[str, ...]) -> tuple[str, ...]:
     """Return labels that differ."""
     return tuple(f"{i}: {label}" for i, label in enumerate(labels, 1))
@@ -338,7 +326,7 @@ def state_text(shown: Shown, label: str) -> str:
     else:
         kind = "image" if isinstance(shown.content, Capture) else "volume"
         counts = f"{' x '.join(str(n) for n in first.volume.grid.counts)} voxels"
-    drawn = f"{len(first.cloud.points_m)} {'voxels' if shown.wish.voxels else 'points'} drawn"
+    drawn = f"{len(first.points_m)} {'voxels' if shown.wish.voxels else 'points'} drawn"
     if shown.second is not None:
-        drawn += f", {len(shown.second.cloud.points_m)} simulated"
+        drawn += f", {len(shown.second.points_m)} simulated"
     return f"{escaped(label)}: {kind} of {counts}, {drawn}"

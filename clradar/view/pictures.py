@@ -16,7 +16,7 @@ from clradar.model import Capture, DepthMap
 from clradar.model.length_unit import unit_for
 from clradar.model.range_profile import hann, profile_transform
 from clradar.plot.drawing import BELOW_MAXIMUM, DEPTH_MM, depth_limits_mm
-from clradar.view.drawn import SCALES, Drawn, amplitude_pixels, colours_on, nearest
+from clradar.view.drawn import SCALES, Drawn, below_db, colours_on, nearest
 from clradar.view.wish import Place
 
 SIZE_INCHES, DPI = (3.8, 3.3), 140
@@ -48,12 +48,12 @@ class Axis(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """A colour bar: its name and ends, and the scale that it has, of `SCALES`."""
+    """A colour bar: its scale, of `SCALES`, and its ends; without a name there is none."""
 
-    name: str
+    scale: str
     first: float
     last: float
-    scale: str
+    name: str = ""
 
 
 Box: TypeAlias = tuple[int, int, int, int]
@@ -72,16 +72,18 @@ class Picture:
     up: Axis
     to_m: float
 
-    def values_m(self, column: float, row: float) -> tuple[float, float] | None:
-        """Return the values on both axes at a pixel, metres; None: beside the image."""
+    def values_m(self, across: float, down: float) -> tuple[float, float] | None:
+        """Return the values on both axes at shares of width and height, metres; None: beside it."""
         left, top, right, bottom = self.box
-        across, up = (column - left) / (right - left), (bottom - row) / (bottom - top)
-        if not (0.0 <= across <= 1.0 and 0.0 <= up <= 1.0):
+        rows, columns = self.pixels.shape[:2]
+        shares = (across * columns - left) / (right - left), (bottom - down * rows) / (bottom - top)
+        if not all(0.0 <= share <= 1.0 for share in shares):
             return None
-        return (
-            self.to_m * (self.across.first + across * (self.across.last - self.across.first)),
-            self.to_m * (self.up.first + up * (self.up.last - self.up.first)),
+        x, y = (
+            self.to_m * (axis.first + share * (axis.last - axis.first))
+            for share, axis in zip(shares, (self.across, self.up), strict=True)
         )
+        return x, y
 
 
 def image_pictures(
@@ -91,43 +93,29 @@ def image_pictures(
 
     Where only one of the first two is known, it is alone. x is to the left, as the radar sees it.
     """
+    image, pictures = chosen.image, {}
     marked = None if at_m is None else (at_m[0], at_m[1])
-    draw = {"projection": _projection, "depth": _depth}
-    pictures = {name: draw[name](chosen.image, marked) for name in chosen.known}
+    if "projection" in chosen.known:
+        title, bar = "Amplitude, maximum over depth", _amplitude_bar(image.dynamic_range_db)
+        level_db = below_db(image.amplitude, float(image.amplitude.max()))
+        pictures["projection"] = _in_radar_view(title, level_db, bar, image, marked)
+    if "depth" in chosen.known:
+        title, bar, per_m = "Depth: nothing above zero", Bar("depth", 0.0, 1.0), 1.0
+        if image.mask.any():
+            low, high = (end / DEPTH_STEP_MM for end in depth_limits_mm([image]))
+            near_m, far_m = (1e-3 * DEPTH_STEP_MM * x for x in (np.floor(low), np.ceil(high)))
+            unit = unit_for(near_m, far_m)
+            title, per_m = "Depth", unit.per_m
+            bar = Bar("depth", per_m * near_m, per_m * far_m, f"depth z ({unit.name})")
+        pictures["depth"] = _in_radar_view(title, per_m * image.depth_m, bar, image, marked)
     if second is not None:
         with suppress(CompareError):  # on different voxels there is none
-            pictures["difference"] = _difference(first.image, second.image)
+            check_same_pixels(first.image, second.image)
+            bar = Bar("difference", -DEPTH_MM, DEPTH_MM, "simulated - measured (mm)")
+            farther_mm = 1e3 * (second.image.depth_m - first.image.depth_m)
+            title = "Difference in depth"
+            pictures["difference"] = _in_radar_view(title, farther_mm, bar, first.image, None)
     return pictures
-
-
-def _projection(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
-    peak = float(image.amplitude.max())
-    pixels = amplitude_pixels(image.amplitude, peak, image.dynamic_range_db)
-    bar = _amplitude_bar(image.dynamic_range_db)
-    return _in_radar_view("Amplitude, maximum over depth", pixels, image, bar, marked)
-
-
-def _depth(image: DepthMap, marked: tuple[float, float] | None) -> Picture:
-    if not image.mask.any():
-        pixels = colours_on("depth", image.depth_m, 0.0, 1.0)
-        return _in_radar_view("Depth: nothing above zero", pixels, image, None, marked)
-    low, high = depth_limits_mm([image])
-    low = DEPTH_STEP_MM * np.floor(low / DEPTH_STEP_MM)
-    high = DEPTH_STEP_MM * np.ceil(high / DEPTH_STEP_MM)
-    unit = unit_for(low / 1e3, high / 1e3)
-    near, far = (unit.per_m / 1e3 * end for end in (low, high))
-    bar = Bar(f"depth z ({unit.name})", near, far, "depth")
-    pixels = colours_on("depth", unit.per_m * image.depth_m, near, far)
-    return _in_radar_view("Depth", pixels, image, bar, marked)
-
-
-def _difference(first: DepthMap, second: DepthMap) -> Picture:
-    """Draw where the second image is nearer or farther than the first."""
-    check_same_pixels(first, second)
-    bar = Bar("simulated - measured (mm)", -DEPTH_MM, DEPTH_MM, "difference")
-    difference_mm = 1e3 * (second.depth_m - first.depth_m)
-    pixels = colours_on("difference", difference_mm, -DEPTH_MM, DEPTH_MM)
-    return _in_radar_view("Difference in depth", pixels, first, bar, None)
 
 
 def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
@@ -147,21 +135,18 @@ def slice_pictures(drawn: Drawn, at_m: Place) -> dict[str, Picture]:
         ("xz", "Slice across y", data[::-1, j, ::-1], x, z, (at[0], at[2])),
         ("zy", "Slice across x", data[:, ::-1, i].T, z, y, (at[2], at[1])),
     ):
-        pixels = amplitude_pixels(np.abs(rows), peak, range_db)
-        found[name] = _picture(title, pixels, across, up, bar, to_m, marked)
+        level_db = below_db(np.abs(rows), peak)
+        found[name] = _picture(title, level_db, bar, across, up, to_m, marked)
     return found
 
 
 def overview_picture(capture: Capture, tx: int, rx: int) -> Picture:
     """Return the RMS over frequency of all pairs of antennas, Tx upwards."""
     n_tx, n_rx, _ = capture.data.shape
-    power = np.einsum("trf,trf->tr", capture.data.real, capture.data.real)
-    power += np.einsum("trf,trf->tr", capture.data.imag, capture.data.imag)
-    rms = np.sqrt(power / capture.waveform.n_freq)
-    pixels = amplitude_pixels(rms, float(rms.max()), OVERVIEW_DB)
+    level = np.linalg.norm(capture.data, axis=2)
     across, up = Axis("Rx", -0.5, n_rx - 0.5), Axis("Tx", -0.5, n_tx - 0.5)
-    bar = _amplitude_bar(OVERVIEW_DB)
-    return _picture("RMS over frequency", pixels[::-1], across, up, bar, 1.0, (rx, tx))
+    level_db, bar = below_db(level, float(level.max())), _amplitude_bar(OVERVIEW_DB)
+    return _picture("RMS over frequency", level_db[::-1], bar, across, up, 1.0, (rx, tx))
 
 
 def pair_curves(
@@ -194,13 +179,13 @@ def _level_db(samples: np.ndarray) -> np.ndarray:
 
 def _in_radar_view(
     title: str,
-    pixels: np.ndarray,
+    values: np.ndarray,
+    bar: Bar,
     image: DepthMap,
-    bar: Bar | None,
     marked: tuple[float, float] | None,
 ) -> Picture:
     to_m, (x, y) = _length_axes({"x": image.x_m, "y": image.y_m})
-    return _picture(title, pixels[::-1, ::-1], x, y, bar, to_m, marked)
+    return _picture(title, values[::-1, ::-1], bar, x, y, to_m, marked)
 
 
 def _length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[float, list[Axis]]:
@@ -218,21 +203,22 @@ def _length_axes(centres_m: Mapping[str, np.ndarray]) -> tuple[float, list[Axis]
 
 
 def _amplitude_bar(dynamic_range_db: float) -> Bar:
-    return Bar(BELOW_MAXIMUM, -dynamic_range_db, 0.0, "amplitude")
+    return Bar("amplitude", -dynamic_range_db, 0.0, BELOW_MAXIMUM)
 
 
 def _picture(
     title: str,
-    pixels: np.ndarray,
+    values: np.ndarray,
+    bar: Bar,
     across: Axis,
     up: Axis,
-    bar: Bar | None,
     to_m: float,
     marked: tuple[float, float] | None,
 ) -> Picture:
-    """Put pixels, the first row of which is the upper one, into axes; mark a place of them."""
+    """Draw values, the first row of which is the upper one, in axes; mark a place of them."""
     paper, box = _paper(title, across, up, bar)
     left, top, right, bottom = box
+    pixels = colours_on(bar.scale, values, bar.first, bar.last)
     rows = (np.arange(bottom - top) * len(pixels)) // (bottom - top)
     columns = (np.arange(right - left) * pixels.shape[1]) // (right - left)
     drawn = paper.copy()
@@ -251,7 +237,7 @@ def _picture(
 
 
 @lru_cache(maxsize=64)
-def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndarray, Box]:
+def _paper(title: str, across: Axis, up: Axis, bar: Bar) -> tuple[np.ndarray, Box]:
     """Return axes without an image, and where it goes: drawn once, not for every frame."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
@@ -267,7 +253,7 @@ def _paper(title: str, across: Axis, up: Axis, bar: Bar | None) -> tuple[np.ndar
         xlabel=across.name, ylabel=up.name, facecolor=PAPER,
     )  # fmt: skip
     panels = [axes]
-    if bar is not None:
+    if bar.name:
         drawn = ScalarMappable(Normalize(bar.first, bar.last), SCALES[bar.scale])
         places = MaxNLocator(5, steps=[1, 2, 5, 10])
         panels.append(figure.colorbar(drawn, ax=axes, label=bar.name, ticks=places, shrink=0.9).ax)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,27 +32,6 @@ JPEG_QUALITY = 92
 LEGEND = "orange: measured, cyan: simulated"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _PictureInScene:
-    """A picture and its centre, width and height, units of the scene."""
-
-    handle: Any
-    picture: Picture
-    centre: np.ndarray
-    width: float
-    height: float
-
-    def values_m(self, origin: np.ndarray, direction: np.ndarray) -> tuple[float, float] | None:
-        """Return the values on its axes where a ray meets it; None: it does not."""
-        if direction[2] == 0.0:
-            return None
-        met = origin + direction * (self.centre[2] - origin[2]) / direction[2]
-        rows, columns = self.picture.pixels.shape[:2]
-        across = 0.5 - (met[0] - self.centre[0]) / self.width  # x is to the left
-        down = 0.5 - (met[1] - self.centre[1]) / self.height
-        return self.picture.values_m(across * columns, down * rows)
-
-
 class SceneView:
     """Draws results into the scene of a viser server, with mesh and truth of a view."""
 
@@ -63,17 +41,17 @@ class SceneView:
         """Handle of viser, if there is a mesh."""
         self.truth: Truth | None = None
         """That of the frame which is shown, if it is known."""
-        self._truth_of, self._truth_nodes, self._truth_visible = view.truth, list[Any](), True
-        self._frame = -1
+        self._truth_of, self._truth_nodes, self._frame = view.source.truth, list[Any](), -1
         self._ends_m: np.ndarray | None = None
         self._clouds: dict[str, tuple[Any, Drawn]] = {}
         """Handles of viser, and what they show."""
-        self._pictures: dict[str, _PictureInScene] = {}
-        self._marks: list[Any] = []
+        self._pictures: dict[str, tuple[Any, Picture]] = {}
         self._layout = LAYOUTS[-1]
-        self._drawn_for: tuple[Any, ...] = ()
         self._view: tuple[Any, ...] = (np.zeros(3), 1.0, 1.0, 0.0)
         """Middle, width, height and depth of what the camera is to show, units of the scene."""
+        self._space = server.scene.add_frame("/3-D", show_axes=False)
+        self.truth_node = server.scene.add_frame("/3-D/truth", show_axes=False)
+        self._box: Any = None
         server.scene.set_up_direction("+y")
         server.scene.world_axes.visible = False
         server.scene.configure_default_lights(cast_shadow=False)  # drawn anew with every picture
@@ -85,68 +63,64 @@ class SceneView:
         )  # fmt: skip
         if view.mesh is not None:
             self.mesh = server.scene.add_mesh_simple(
-                "/mesh", vertices=(UNITS_PER_M * view.mesh.vertices_m).astype(np.float32),
+                "/3-D/mesh", vertices=(UNITS_PER_M * view.mesh.vertices_m).astype(np.float32),
                 faces=view.mesh.faces.astype(np.uint32), color=MESH_COLOUR, opacity=0.4,
                 side="double", cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
         server.on_client_connect(self._connect)
 
-    def show(self, shown: Shown, *, pictures: bool = True) -> None:
+    def show(self, shown: Shown) -> None:
         """Draw the points or voxels of a result, and the pictures of its layout."""
-        layout = shown.wish.layout if pictures else LAYOUTS[-1]
-        ends_m = shown.first.ends_m
+        layout, ends_m = shown.wish.layout, shown.first.ends_m
         changed = self._ends_m is None or not np.allclose(ends_m, self._ends_m, atol=1e-6)
         if changed:
             self._draw_box(ends_m)
-        drawn = [("/image", shown.first, "Simulated")]
+        self._space.visible = layout != "2-D"
+        drawn = [("/3-D/image", shown.first, "Simulated")]
         if shown.second is not None:
-            drawn.append(("/simulated", shown.second, "Measured"))
-        elif self._clouds.pop("/simulated", None) is not None:
-            self._server.scene.remove_by_name("/simulated")
+            drawn.append(("/3-D/simulated", shown.second, "Measured"))
+        elif self._clouds.pop("/3-D/simulated", None) is not None:
+            self._server.scene.remove_by_name("/3-D/simulated")
         for name, one, hidden in drawn:
-            visible = layout != "2-D" and (shown.second is None or shown.wish.side != hidden)
-            self._draw_cloud(name, one, "square" if shown.wish.voxels else "circle", visible)
-        self._draw_pictures(shown, layout, moved=changed or layout != self._layout)
-        if changed or layout != self._layout:
+            handle = self._cloud(name, one, "square" if shown.wish.voxels else "circle")
+            handle.visible = shown.second is None or shown.wish.side != hidden
+        pictures: dict[str, Picture] = {}
+        if layout != "3-D":
+            pictures = image_pictures(shown.first, shown.second, shown.chosen, shown.wish.at_m)
+        if layout == "2-D":
+            at_m = shown.wish.at_m or shown.chosen.strongest_m()
+            pictures |= slice_pictures(shown.chosen, at_m)
+        if changed or layout != self._layout or pictures.keys() != self._pictures.keys():
             self._layout = layout
-            for mark in (*self._marks, *filter(None, (self.mesh,))):
-                mark.visible = layout != "2-D"
-            self._look(layout)
-        if shown.wish.frame != self._frame:
+            self._hang(pictures)
+            self._look()
+        for name, picture in pictures.items():
+            handle, last = self._pictures[name]
+            if not np.array_equal(last.pixels, picture.pixels):
+                handle.image = picture.pixels
+            self._pictures[name] = handle, picture
+        if shown.wish.frame != self._frame and self._truth_of is not None:
             self._frame = shown.wish.frame
-            self._draw_truth()
+            self.truth = self._truth_of(self._frame)
+            for node in self._truth_nodes:
+                node.remove()
+            self._truth_nodes = draw_truth(self._server.scene, self.truth)
 
-    def _draw_truth(self) -> None:
-        for node in self._truth_nodes:
-            node.remove()
-        self.truth = None if self._truth_of is None else self._truth_of(self._frame)
-        self._truth_nodes = [] if self.truth is None else draw_truth(self._server.scene, self.truth)
-        self.show_truth(self._truth_visible)
-
-    def show_truth(self, visible: bool) -> None:
-        """Show the truth of this frame and others, or hide it."""
-        self._truth_visible = visible
-        for node in self._truth_nodes:
-            node.visible = visible
-
-    def _draw_cloud(self, name: str, drawn: Drawn, shape: str, visible: bool) -> None:
-        last = self._clouds.get(name)
-        if last is not None and last[1] is drawn:
-            if last[0].visible != visible:
-                last[0].visible = visible
-            return
-        middle_m = drawn.ends_m.mean(axis=1)
-        # Relative to the middle: the browser gets half floats, of 0.06 mm for 100 mm.
-        handle = self._server.scene.add_point_cloud(
-            name,
-            points=(UNITS_PER_M * (drawn.cloud.points_m - middle_m)).astype(np.float32),
-            colors=drawn.cloud.colours,
-            point_size=UNITS_PER_M * drawn.cloud.size_m,
-            point_shape=shape,
-            position=UNITS_PER_M * middle_m,
-            visible=visible,
-        )
-        self._clouds[name] = (handle, drawn)
+    def _cloud(self, name: str, drawn: Drawn, shape: str) -> Any:
+        handle, last = self._clouds.get(name, (None, None))
+        if last is not drawn:
+            middle_m = drawn.ends_m.mean(axis=1)
+            # Relative to the middle: the browser gets half floats, of 0.06 mm for 100 mm.
+            handle = self._server.scene.add_point_cloud(
+                name,
+                points=(UNITS_PER_M * (drawn.points_m - middle_m)).astype(np.float32),
+                colors=drawn.colours,
+                point_size=UNITS_PER_M * drawn.size_m,
+                point_shape=shape,
+                position=UNITS_PER_M * middle_m,
+            )
+            self._clouds[name] = handle, drawn
+        return handle
 
     def clicked_m(self, shown: Shown, event: Any) -> Place | None:
         """Return the place that a click on a picture, a point or a voxel means, metres."""
@@ -154,52 +128,37 @@ class SceneView:
         if not np.isfinite([origin, direction]).all() or not direction.any():
             return None
         at_m = shown.wish.at_m or shown.chosen.strongest_m()
-        for name, one in list(self._pictures.items()):
-            values_m = one.values_m(origin, direction)
+        for name, (handle, picture) in list(self._pictures.items()):
+            centre = np.array(handle.position)
+            if direction[2] == 0.0:
+                continue
+            met = origin + direction * (centre[2] - origin[2]) / direction[2]
+            # x is to the left.
+            across = 0.5 - (met[0] - centre[0]) / handle.render_width
+            down = 0.5 - (met[1] - centre[1]) / handle.render_height
+            values_m = picture.values_m(across, down)
             if values_m is not None:
-                kind = name if name in ("xy", "xz", "zy") else "projection"
-                return shown.chosen.pointed_m(at_m, kind, *values_m)
-        seen = [drawn.cloud for handle, drawn in list(self._clouds.values()) if handle.visible]
-        if not seen:
+                return shown.chosen.pointed_m(at_m, name, *values_m)
+        seen = [drawn for handle, drawn in list(self._clouds.values()) if handle.visible]
+        if not seen or not self._space.visible:
             return None
-        points_m = np.concatenate([cloud.points_m for cloud in seen])
-        size_m = max(cloud.size_m for cloud in seen)
+        points_m = np.concatenate([drawn.points_m for drawn in seen])
+        size_m = max(drawn.size_m for drawn in seen)
         return clicked_m(points_m, origin / UNITS_PER_M, direction, size_m)
 
-    def _draw_pictures(self, shown: Shown, layout: str, *, moved: bool) -> None:
-        drawn_for = (shown.first, shown.second, shown.wish.side, shown.wish.at_m, layout)
-        if drawn_for == self._drawn_for and not moved:
-            return
-        self._drawn_for = drawn_for
-        found: dict[str, Picture] = {}
-        if layout != "3-D":
-            chosen = shown.chosen
-            found = image_pictures(shown.first, shown.second, chosen, shown.wish.at_m)
-            if layout == "2-D":
-                found |= slice_pictures(chosen, shown.wish.at_m or chosen.strongest_m())
-        if moved or found.keys() != self._pictures.keys():
-            for one in self._pictures.values():
-                one.handle.remove()
-            self._pictures = self._hung(found, layout)
-            self._layout = ""  # the camera has to see other pictures
-            return
-        for name, picture in found.items():
-            last = self._pictures[name]
-            if not np.array_equal(last.picture.pixels, picture.pixels):
-                last.handle.image = picture.pixels
-            self._pictures[name] = replace(last, picture=picture)
-
-    def _hung(self, pictures: Mapping[str, Picture], layout: str) -> dict[str, _PictureInScene]:
+    def _hang(self, pictures: Mapping[str, Picture]) -> None:
         """Put pictures into the scene: in columns, to the left of the box where that is shown."""
+        for handle, _ in self._pictures.values():
+            handle.remove()
         middle, room = self._room()
-        columns = 1 if layout != "2-D" else 2 if len(pictures) < 5 else 3
+        columns = 1 if self._layout != "2-D" else 2 if len(pictures) < 5 else 3
         rows = max(1, -(-len(pictures) // columns))
         height = room * (1.35 if rows > 2 else 1.0) / rows
         width = height * SIZE_INCHES[0] / SIZE_INCHES[1]
         left = middle[0] + columns * width / 2
-        if layout == LAYOUTS[0]:
+        if self._layout == LAYOUTS[0]:
             left += room / 2 + width / 2
-        hung = {}
+        self._pictures = {}
         for i, (name, picture) in enumerate(pictures.items()):
             row, column = divmod(i, columns)
             up = ((rows - 1) / 2 - row) * height
@@ -209,8 +168,7 @@ class SceneView:
                 jpeg_quality=JPEG_QUALITY, cast_shadow=False, receive_shadow=False,
                 wxyz=FACING, position=centre,
             )  # fmt: skip
-            hung[name] = _PictureInScene(handle, picture, centre, 0.97 * width, 0.97 * height)
-        return hung
+            self._pictures[name] = handle, picture
 
     def _room(self) -> tuple[np.ndarray, float]:
         """Return the middle of the box, and the side of a square that has it with its labels."""
@@ -218,15 +176,17 @@ class SceneView:
         sizes = UNITS_PER_M * np.ptp(self._ends_m, axis=1)
         return UNITS_PER_M * self._ends_m.mean(axis=1), 1.4 * float(max(sizes[:2].max(), 0.02))
 
-    def _look(self, layout: str) -> None:
+    def _look(self) -> None:
         """Let the camera of every browser see the box, the pictures, or both."""
         middle, room = self._room()
-        walls = list(self._pictures.values())
-        ends = [middle[0] - room / 2, middle[0] + room / 2] if layout != "2-D" else []
-        ends += [one.centre[0] + s * one.width / 2 for one in walls for s in (-1, 1)]
-        depth = 0.0 if layout == "2-D" else UNITS_PER_M * float(np.ptp(self._ends_m[2]))  # type: ignore[index]
+        flat = self._layout == "2-D"
+        walls = [handle for handle, _ in self._pictures.values()]
+        ends = [middle[0] - room / 2, middle[0] + room / 2] if not flat else []
+        ends += [one.position[0] + s * one.render_width / 2 for one in walls for s in (-1, 1)]
+        depth = 0.0 if flat else UNITS_PER_M * float(np.ptp(self._ends_m[2]))  # type: ignore[index]
         centre = np.array([(min(ends) + max(ends)) / 2, middle[1], middle[2]])
-        height = max([room, *(2 * (one.centre[1] - middle[1]) + one.height for one in walls)])
+        heights = [2 * (one.position[1] - middle[1]) + one.render_height for one in walls]
+        height = max([room, *heights])
         self._view = (centre, 1.04 * (max(ends) - min(ends)), 1.02 * height, depth)
         self._place(self._server.initial_camera, PAGE_ASPECT)
         for client in self._server.get_clients().values():
@@ -262,8 +222,8 @@ class SceneView:
 
     def _draw_box(self, ends_m: np.ndarray) -> None:
         """Draw the edges of the box, ticks with numbers along three of them, and their names."""
-        if self._marks:
-            self._marks[0].remove()  # and with it the labels, its children
+        if self._box is not None:
+            self._box.remove()  # and with it the labels, its children
         self._ends_m = ends_m
         unit = unit_for(*ends_m.ravel())
         sizes = np.ptp(ends_m, axis=1)
@@ -293,18 +253,15 @@ class SceneView:
             beside = np.array([[0, -3, 0], [3.6, 0, 0], [-3, 3, 0]])[axis]
             texts.append((name, middle + tick_m * beside, anchor))
         scene = self._server.scene
-        lines = scene.add_line_segments(
-            "/box", points=(UNITS_PER_M * np.concatenate(segments)).astype(np.float32),
+        self._box = scene.add_line_segments(
+            "/3-D/box", points=(UNITS_PER_M * np.concatenate(segments)).astype(np.float32),
             colors=BOX_COLOUR, thickness=1.0, thickness_units="screen",
         )  # fmt: skip
-        labels = [
+        for i, (text, at, anchor) in enumerate(texts):
             scene.add_label(
-                f"/box/{i}", text, position=UNITS_PER_M * at, anchor=anchor,
+                f"/3-D/box/{i}", text, position=UNITS_PER_M * at, anchor=anchor,
                 font_size_mode="scene", font_scene_height=UNITS_PER_M * 1.2 * tick_m,
-            )
-            for i, (text, at, anchor) in enumerate(texts)
-        ]  # fmt: skip
-        self._marks = [lines, *labels]
+            )  # fmt: skip
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:

@@ -8,7 +8,6 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from typing import Any
 
 from clradar.backproject import METHODS, WINDOWS
@@ -16,10 +15,10 @@ from clradar.constants import DYNAMIC_RANGE_DB
 from clradar.errors import ClradarError
 from clradar.model import Capture, Scene, Volume, VoxelGrid, checks
 from clradar.opencl import Device, open_device
-from clradar.view.gate import HOST, Gate, hidden_host, listen
+from clradar.view.gate import HOST, gate, hidden_host, listen
 from clradar.view.panel import Panel
 from clradar.view.session import Session, View
-from clradar.view.sources import FixedFrames, Source, StreamFrames, viewed
+from clradar.view.sources import Source, StreamFrames, viewed
 from clradar.view.wish import Wish
 
 INSTALL = "pip install viser"
@@ -37,7 +36,7 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
     """Run a server of viser during the block, and yield it with the port of its page.
 
     viser itself cannot be told whom to serve: it listens where no page knows, and the page is at
-    127.0.0.1 behind a `Gate`. Errors as `serving`.
+    127.0.0.1 behind a `gate`. Errors as `serving`.
     """
     try:
         import viser
@@ -48,64 +47,50 @@ def running(label: str, port: int) -> Iterator[tuple[Any, int]]:
         def request_share_url(self, verbose: bool = True) -> None:
             """A page could ask for a tunnel to a server of others: nothing leaves this machine."""
 
-    listening, host = listen(port), hidden_host()
-    with listen(0, host) as free:
-        port = int(free.getsockname()[1])
-    silent = logging.NullHandler()
-    for name in QUIET:
-        logging.getLogger(name).addHandler(silent)
-    # Its banner is not shown: the caller prints the address.
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = Server(host=host, port=port, label=label, verbose=False)
-    gate = None
-    try:
-        loop = server.get_event_loop()
-        target = (host, server.get_port())
-        gate = Gate(listening, target, f"viser-v{viser.__version__}", loop)
-        yield server, listening.getsockname()[1]
-    finally:
-        if gate is None:
-            listening.close()
-        else:
-            gate.close()
-        with contextlib.redirect_stdout(io.StringIO()):
-            server.stop()
+    host, silent = hidden_host(), logging.NullHandler()
+    with listen(port) as listening:
+        with listen(0, host) as free:
+            hidden = int(free.getsockname()[1])
         for name in QUIET:
-            logging.getLogger(name).removeHandler(silent)
+            logging.getLogger(name).addHandler(silent)
+        # Its banner is not shown: the caller prints the address.
+        with contextlib.redirect_stdout(io.StringIO()):
+            server = Server(host=host, port=hidden, label=label, verbose=False)
+        try:
+            target, protocol = (host, server.get_port()), f"viser-v{viser.__version__}"
+            with gate(listening, target, protocol, server.get_event_loop()):
+                yield server, listening.getsockname()[1]
+        finally:
+            with contextlib.redirect_stdout(io.StringIO()):
+                server.stop()
+            for name in QUIET:
+                logging.getLogger(name).removeHandler(silent)
 
 
 @contextmanager
 def serving(view: View, port: int = 8080) -> Iterator[tuple[int, Session]]:
-    """Serve a view during the block, and yield its port and session."""
-    with running(view.source.name, port) as (server, served):
-        panel = Panel(server, view)
-        session, player = panel.session, panel.player
-        try:
-            panel.busy("reading" if view.source.frames() else "waiting for a first frame")
-            if view.source.frames():
-                session.change()
-            player.start()
-            yield served, session
-        finally:
-            session.close()
-            player.close()
-
-
-def serve(view: View, port: int = 8080, say: Callable[[str], None] = print) -> None:
-    """Serve a view until Ctrl-C, print where it is, and raise what its source raises.
+    """Serve a view during the block, and yield its port and session.
 
     At first the newest frame is shown where they come, else the first.
     """
-    source, frames = view.source, view.source.frames()
-    first = frames[-1 if source.grows else 0] if frames else -1
-    view = replace(view, wish=replace(view.wish, frame=first))
+    with running(view.source.name, port) as (server, served):
+        panel, frames = Panel(server, view), view.source.frames()
+        with contextlib.closing(panel.session) as session:
+            panel.busy("reading" if frames else "waiting for a first frame")
+            if frames:
+                session.change(frame=frames[-1 if view.source.grows else 0])
+            session.start()
+            yield served, session
+
+
+def serve(view: View, port: int = 8080, say: Callable[[str], None] = print) -> None:
+    """Serve a view until Ctrl-C, print where it is, and raise what its source raises."""
     with suppress(KeyboardInterrupt), serving(view, port) as (served, _):
         for line in address_lines(served):
             say(line)
         while True:
-            error = getattr(source, "error", None)
-            if error is not None:
-                raise error
+            if view.source.error is not None:
+                raise view.source.error
             time.sleep(0.5)
 
 
@@ -145,7 +130,6 @@ def show(
     checks.one_of("show: method", method, METHODS)
     checks.one_of("show: window", window, WINDOWS)
     wish = Wish(-1, grid, method, window, tolerance_db, dynamic_range_db=dynamic_range_db)
-    source: Source
     frames = [frames] if isinstance(frames, Capture | Volume) else frames
     if isinstance(frames, Sequence):
         if not frames:
@@ -154,7 +138,7 @@ def show(
         numbers = getattr(frames, "frame_numbers", None) or [
             viewed(one).meta.get("frame", i) for i, one in enumerate(frames)
         ]
-        source = FixedFrames(title, tuple(f"frame {n}" for n in numbers), frames.__getitem__)
+        source = Source(title, tuple(f"frame {n}" for n in numbers), frames.__getitem__)
     else:
         source = StreamFrames(frames, title)
     serve(View(source=source, wish=wish, mesh=mesh, device=open_device(device)), port)

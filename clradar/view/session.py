@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from bisect import bisect_left, bisect_right
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 from clradar.compare.metrics import Metrics, metrics_of
 from clradar.errors import ClradarError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.imaging.placement import place_grid
-from clradar.model import Capture, Scene, Volume, VoxelGrid
+from clradar.model import Capture, Scene, Volume
+from clradar.model.progress import Progress
 from clradar.opencl import Device
 from clradar.view.beside import Beside
 from clradar.view.drawn import Drawn, Flat
 from clradar.view.sources import Content, Source
-from clradar.view.truth import Truths
-from clradar.view.wish import QUICK_DB, Wish, live_grid
+from clradar.view.wish import Wish, live_grid
 
 KEPT_BYTES = 512 * 2**20
 """Of images: 150 frames of 101 x 101 x 41 voxels, so that a recording plays from memory."""
+
+PLAYED_HZ = 10.0
+"""At most, of frames that do not come by themselves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,7 +39,6 @@ class View:
     wish: Wish
     beside: Beside | None = None
     mesh: Scene | None = None
-    truth: Truths | None = None
     device: Device | None = None
 
 
@@ -66,7 +69,7 @@ class Shown:
         return self.first
 
 
-class Front(Protocol):
+class Front:
     """What a session shows its results with; called from the session's thread."""
 
     def show(self, shown: Shown) -> None:
@@ -78,6 +81,12 @@ class Front(Protocol):
     def refuse(self, text: str) -> None:
         """Say why a wish cannot be carried out; what is shown stays."""
 
+    def following(self, on: bool) -> None:
+        """Show that there are other frames, and whether the newest is followed."""
+
+    def paced(self, text: str) -> None:
+        """Show rate, latency and losses of followed frames."""
+
 
 class Session:
     """Reads and images frames in a thread of its own, the newest wish alone."""
@@ -88,11 +97,17 @@ class Session:
         self._drawn = lru_cache(maxsize=1 if view.beside is None else 2)(Drawn.of)
         self._metrics = lru_cache(maxsize=1)(_metrics)
         self.wish, self._front = view.wish, front  # the newest wish
-        self._imagers = Imagers(view.device)
-        self._form = form or self._imagers.form
-        self._images: OrderedDict[Hashable, Volume | Flat] = OrderedDict()
+        self.shown: Shown | None = None
+        """The last result, and why the last wish was not carried out, if it was not."""
+        self.refused = ""
+        self._form = form or self._formed
+        self._images: dict[tuple[Hashable, ...], Volume | Flat] = {}
+        self._imagers: dict[tuple[Hashable, ...], FrameImager] = {}
+        """The last used ones, the newest last."""
         self._changed = threading.Condition()
-        self._waiting = self._busy = self._closed = False
+        self._waiting = self._busy = self._closed = self._prepared = False
+        self._due_s = math.inf
+        """When the next frame is played, by `time.monotonic`."""
         self._thread = threading.Thread(target=self._run, name="clradar view", daemon=True)
         self._thread.start()
 
@@ -120,6 +135,12 @@ class Session:
         at = bisect_right(frames, now) - 1 if by > 0 else bisect_left(frames, now)
         self.change(frame=frames[(at + by) % len(frames)])
 
+    def play(self, on: bool) -> None:
+        """Begin to go on by a frame as soon as the one before is shown, or stop."""
+        with self._changed:
+            self._due_s = time.monotonic() if on else math.inf
+            self._changed.notify_all()
+
     def settle(self) -> None:
         """Return when the newest wish has been carried out, or the session is closed."""
         with self._changed:
@@ -132,14 +153,21 @@ class Session:
             self._changed.notify_all()
         if threading.current_thread() is not self._thread:
             self._thread.join()
-        self._imagers.close()
+        for imager in self._imagers.values():
+            imager.close()
 
     def _run(self) -> None:
         while True:
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()
-                self._changed.wait_for(lambda: self._closed or self._waiting)
+                while not (self._closed or self._waiting):
+                    left_s = self._due_s - time.monotonic()
+                    if left_s > 0:
+                        self._changed.wait(None if math.isinf(left_s) else left_s)
+                        continue
+                    self._due_s = time.monotonic() + 1 / PLAYED_HZ
+                    self.step(1)
                 if self._closed:
                     return
                 self._waiting, self._busy, wish = False, True, self.wish
@@ -148,11 +176,15 @@ class Session:
             except Outdated:
                 continue
             except ClradarError as error:
-                self._front.refuse(str(error))
+                self.refused = str(error)
             except MemoryError:
-                self._front.refuse("not enough memory")
+                self.refused = "not enough memory"
             except Exception as error:  # of a library, say: it must be seen, and not end the thread
-                self._front.refuse(f"{type(error).__name__}: {error}")
+                self.refused = f"{type(error).__name__}: {error}"
+            else:
+                self.refused = ""
+                continue
+            self._front.refuse(self.refused)
 
     def _check(self, *_: int) -> None:
         """Leave work that is outdated; the progress callback of images."""
@@ -165,13 +197,17 @@ class Session:
             wish = replace(wish, quick=False)
         if isinstance(content, Capture) and wish.grid is None:
             wish = self._placed(wish, content)
-        made = self._imagers.made
-        image = self._imaged(wish, content, (wish.frame, *_image_key(wish)))
+        image, self._prepared = content, False
+        if isinstance(content, Capture):
+            image = self._imaged(wish, (wish.frame,), lambda: content)
         first = self._drawn(image, wish.dynamic_range_db, wish.voxels)
         second = self._second(wish, content, first)
         metrics = None if second is None else self._metrics(first, second)
-        prepared = self._imagers.made > made
-        self._front.show(Shown(wish, content, first, second, metrics, prepared))
+        self._show(Shown(wish, content, first, second, metrics, self._prepared))
+
+    def _show(self, shown: Shown) -> None:
+        self._front.show(shown)
+        self.shown = shown
 
     def _placed(self, wish: Wish, capture: Capture) -> Wish:
         grid = live_grid(place_grid(capture, device=self._device))
@@ -181,90 +217,69 @@ class Session:
         return replace(wish, grid=grid)
 
     def _second(self, wish: Wish, content: Content, first: Drawn) -> Drawn | None:
-        beside = None if self._beside is None else self._beside.key(wish, content)
-        if self._beside is None or beside is None or first.volume is None:
+        if self._beside is None or first.volume is None:
             return None
         wish = replace(wish, grid=first.volume.grid)
-        key = ("beside", beside, *_image_key(wish))
-        image = self._images.get(key)
-        if image is None:
+        found = self._beside.of(wish, content)
+        if found is None:
+            return None
+        key, make = found
+        doing = "simulating" if self._beside.simulates else "reading"
+
+        def progress(done: int, total: int) -> None:
+            self._check()
+            self._front.busy(f"{doing}, {100 * done // max(total, 1)} %")
+
+        def made() -> Content:
             # What is there is shown while the second one is being made.
-            self._front.show(Shown(wish, content, first))
-            doing = "simulating" if self._beside.simulates else "reading"
+            self._show(Shown(wish, content, first))
             self._front.busy(doing)
+            return make(progress)
 
-            def progress(done: int, total: int) -> None:
-                self._check()
-                self._front.busy(f"{doing}, {100 * done // max(total, 1)} %")
-
-            other = self._beside.of(wish, content, progress)
-            image = self._imaged(wish, other, key)
-            if isinstance(other, Volume):
-                self._keep(key, image)
+        image = self._imaged(wish, ("beside", *key), made)
         return self._drawn(image, wish.dynamic_range_db, wish.voxels, second=True)
 
-    def _imaged(self, wish: Wish, content: Content, key: tuple[Hashable, ...]) -> Volume | Flat:
-        if not isinstance(content, Capture):
-            return content
-        if key not in self._images:
-            self._front.busy("imaging")
-            self._keep(key, self._form(content, wish, self._check))
-        self._images.move_to_end(key)
-        return self._images[key]
+    def _imaged(
+        self, wish: Wish, key: tuple[Hashable, ...], made: Callable[[], Content]
+    ) -> Volume | Flat:
+        """Return an image that is kept under a key and the wish's settings, or of what is made.
 
-    def _keep(self, key: Hashable, image: Volume | Flat) -> None:
-        """Keep an image, and of the others the last used ones within `KEPT_BYTES`."""
+        Those used last are kept, within `KEPT_BYTES`.
+        """
+        key += _image_key(wish)
+        image = self._images.pop(key, None)
+        if image is None:
+            content = made()
+            if isinstance(content, Capture):
+                self._front.busy("imaging")
+                content = self._form(content, wish, self._check)
+            image = content
         self._images[key] = image
         while len(self._images) > 1 and sum(map(_bytes, self._images.values())) > KEPT_BYTES:
-            self._images.popitem(last=False)
+            del self._images[next(iter(self._images))]
+        return image
 
+    def _formed(self, capture: Capture, wish: Wish, progress: Progress) -> Volume:
+        """Return the image of a capture on the wish's grid: the bits of `backproject`.
 
-class Imagers:
-    """The imagers of the last two radars and grids: one of each of two images."""
-
-    def __init__(self, device: Device | None) -> None:
-        self._device = device
-        self._kept: list[tuple[tuple[str, str, float | None], FrameImager]] = []
-        self.made = 0
-        """How often one was made."""
-
-    def close(self) -> None:
-        """Free the device's memory."""
-        while self._kept:
-            self._kept.pop()[1].close()
-
-    def form(self, capture: Capture, wish: Wish, progress: Callable[[int, int], None]) -> Volume:
-        """Return the image of a capture on the wish's grid: the bits of `backproject`."""
+        Two imagers are kept: one of each of two images.
+        """
         assert wish.grid is not None
-        imager = self._of(capture, wish, wish.grid)
+        array, waveform = capture.array, capture.waveform
+        radar = (array.tx_m.tobytes(), array.rx_m.tobytes(), waveform.frequencies_hz.tobytes())
+        key = radar + _image_key(wish)
+        imager = self._imagers.pop(key, None)
+        if imager is None:
+            while len(self._imagers) > 1:
+                self._imagers.pop(next(iter(self._imagers))).close()
+            imager = FrameImager(
+                array, waveform, wish.grid, method=wish.method, window=wish.window,
+                tolerance_db=wish.image_db, device=self._device,
+            )  # fmt: skip
+            self._prepared = True
+        self._imagers[key] = imager
         imager.form(capture, progress)
         return imager.volume()
-
-    def _of(self, capture: Capture, wish: Wish, grid: VoxelGrid) -> FrameImager:
-        tolerance_db = wish.tolerance_db
-        if wish.method != "fast":
-            tolerance_db = None
-        elif tolerance_db is None and wish.quick:
-            tolerance_db = QUICK_DB
-        settings = (wish.method, wish.window, tolerance_db)
-        for i, (its, imager) in enumerate(self._kept):
-            if (
-                its == settings
-                and grid.same_voxels(imager.grid)
-                and capture.array.same_positions(imager.array)
-                and capture.waveform.same_frequencies(imager.waveform)
-            ):
-                self._kept.insert(0, self._kept.pop(i))
-                return imager
-        while len(self._kept) > 1:
-            self._kept.pop()[1].close()
-        made = FrameImager(
-            capture.array, capture.waveform, grid, method=wish.method, window=wish.window,
-            tolerance_db=tolerance_db, device=self._device,
-        )  # fmt: skip
-        self._kept.insert(0, (settings, made))
-        self.made += 1
-        return made
 
 
 def _metrics(first: Drawn, second: Drawn) -> Metrics | None:
@@ -278,7 +293,7 @@ def _image_key(wish: Wish) -> tuple[Hashable, ...]:
     if grid is None:  # of a volume, which is not kept
         return ()
     ends = (*grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
-    return (wish.method, wish.window, wish.tolerance_db, wish.quick, *ends)
+    return (wish.method, wish.window, wish.image_db, *ends)
 
 
 def _bytes(image: Volume | Flat) -> int:

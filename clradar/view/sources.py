@@ -1,22 +1,31 @@
-"""What is viewed: frames of a path or of a Python iterable, read one at a time, and new ones."""
+"""What is viewed: frames of a path, a data set or a Python iterable, and new ones.
+
+Each is read on access, a sample of a data set with what it was made of.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, TypeAlias
+
+import numpy as np
 
 import measurement_io
-from clradar.dataset.folder import is_dataset
+from clradar.dataset import Sample
+from clradar.dataset.folder import is_dataset, read_manifest
+from clradar.dataset.sample import SamplePlan, read_recipe
+from clradar.dataset.shards import read_sample
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import fail
 from clradar.files.watched_folder import WatchedFolder, visible
-from clradar.model import Capture, Volume, checks
+from clradar.model import Capture, DepthMap, Volume, checks
 from clradar.view.drawn import Flat
+from clradar.view.truth import Truth, recording_truth
 from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
 from measurement_io.opening import kind_of
 
@@ -27,69 +36,78 @@ SUFFIXES = (".h5", ".hdf5", ".nxs", ".npy")
 LOOK_S, REST_S = 0.02, 0.5
 """Between looks at a folder while files come, and once none came for ten times the second."""
 
+SAMPLES_S = 1.0
+"""Between two looks at a data set that is written."""
+
+KEPT_SAMPLES = 8
+
 KEPT_BYTES = 256 * 2**20
 """Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
 
 
-class Source(Protocol):
-    """Frames that are read on access, each under a number of its own.
+class Source:
+    """Frames that are read on access, each under a number of its own: these do not change.
 
     A number stands for one content: what is written anew gets a new one. What is remembered of a
     frame under its number stays right. `grows`: frames come while it is viewed, and the newest is
-    to be shown.
+    to be shown. `ended`: no more will come, because of an `error` that is to be raised, if any.
     """
 
-    name: str
-    grows: bool
+    grows, ended = False, False
+    error: BaseException | None = None
+    truth: Callable[[int], Truth | None] | None = None
+    """What a frame was made of, where it may be known."""
+
+    def __init__(
+        self, name: str, labels: Sequence[str] = (), read: Callable[[int], Content] | None = None
+    ) -> None:
+        self.name, self._read = name, read
+        self._there: dict[int, tuple[Any, float]] = {i: (one, 0.0) for i, one in enumerate(labels)}
+        """What is known of each frame, and when it came; replaced, never changed, since others
+        read it meanwhile."""
 
     def frames(self) -> tuple[int, ...]:
         """Return the numbers of the frames to go through, ascending; they may change."""
-
-    def label(self, frame: int) -> str:
-        """Return what a frame is called."""
-
-    def read(self, frame: int) -> Content:
-        """Read a frame; errors are those of `measurement_io.open_capture`."""
-
-
-@runtime_checkable
-class Growing(Source, Protocol):
-    """A source that is looked at again."""
-
-    def look(self) -> bool:
-        """Wait a while for other frames; return whether there are."""
+        return tuple(self._there)
 
     def came_s(self, frame: int) -> float:
         """Return when a frame came, by `time.perf_counter`."""
-
-
-@dataclass(slots=True)
-class FixedFrames:
-    """A source whose frames do not change: 0, 1, ... with these labels, at least one."""
-
-    name: str
-    labels: tuple[str, ...]
-    read: Callable[[int], Content]
-    grows: bool = False
-
-    def frames(self) -> tuple[int, ...]:
-        return tuple(range(len(self.labels)))
+        return self._there.get(frame, (None, time.perf_counter()))[1]
 
     def label(self, frame: int) -> str:
-        return self.labels[frame]
+        """Return what a frame is called."""
+        known = self._there.get(frame)
+        return "a frame that is gone" if known is None else self._label_of(frame, known[0])
+
+    def read(self, frame: int) -> Content:
+        """Read a frame; errors are those of `measurement_io.open_capture`."""
+        known = self._there.get(frame)
+        if known is None:
+            fail(self.name, "a frame that is there", "one that is gone, or not there yet")
+        return self._content_of(frame, known[0])
+
+    def _label_of(self, frame: int, known: Any) -> str:
+        return str(known)
+
+    def _content_of(self, frame: int, known: Any) -> Content:
+        assert self._read is not None
+        return self._read(frame)
+
+    def look(self) -> bool:
+        """Wait a while for other frames; return whether there are."""
+        time.sleep(REST_S)
+        return False
 
 
 def open_source(path: Path, variant: str = "raw", *, watch: bool = False) -> Source:
     """Return the frames of a recording, a data set or a folder, or the one of a file."""
-    from clradar.view.samples import SampleFrames
-
     if is_dataset(path):
         return SampleFrames(path, watch=watch)
     if watch or kind_of(path) == "folder":
         return FolderFrames(path, variant, watch=watch)
     name = path.name or path.absolute().name
     content = read_file(path)  # a file that is damaged is refused before there is a page
-    return FixedFrames(name, (name,), lambda _: content)
+    return Source(name, (name,), lambda _: content)
 
 
 def read_file(path: Path) -> Capture | Volume:
@@ -98,54 +116,40 @@ def read_file(path: Path) -> Capture | Volume:
     return found if isinstance(found, Capture | Volume) else measurement_io.open_capture(path)
 
 
-class FolderFrames:
+class FolderFrames(Source):
     """The files of a folder; new, rewritten and removed ones are taken in by `look`."""
 
     def __init__(self, path: Path, variant: str, *, watch: bool) -> None:
-        self.name = path.name or path.absolute().name
-        self.grows = watch
-        self._path = path
+        super().__init__(path.name or path.absolute().name)
+        self.grows, self._path = watch, path
         self._is_recording, self._folder = _watched(path, variant)
+        self.truth = recording_truth(path, self.label)
         self._lock = threading.Lock()
-        self._files: dict[int, tuple[Path, float]] = {}
-        """With when they came; replaced, never changed, since others read it meanwhile."""
         self._last: dict[int, Capture | Volume] = {}
         self._count, self._changed_s = 0, time.perf_counter()
         self._take_in()
         time.sleep(LOOK_S)  # a file is complete once it is the same in two looks
         self._take_in()
-        if not self._files and not watch:
+        if not self._there and not watch:
             fail(path, f"a recording, or files ({', '.join(SUFFIXES)}) in the folder", "none")
 
-    def frames(self) -> tuple[int, ...]:
-        return tuple(self._files)
+    def _label_of(self, frame: int, known: Any) -> str:
+        number = frame_file(known).frame if self._is_recording else None
+        return str(known.name) if number is None else f"frame {number}"
 
-    def label(self, frame: int) -> str:
-        path, _ = self._files.get(frame, (None, 0.0))
-        if path is None:
-            return "a file that is gone"
-        number = frame_file(path).frame if self._is_recording else None
-        return path.name if number is None else f"frame {number}"
-
-    def read(self, frame: int) -> Capture | Volume:
+    def _content_of(self, frame: int, known: Any) -> Content:
         last = self._last  # the newest is read ahead, while the one before is imaged
         if frame in last:
             return last[frame]
-        path, _ = self._files.get(frame, (None, 0.0))
-        if path is None:
-            fail(self._path, "the file of a frame", "none: it is gone, or not there yet")
         try:
-            content = read_file(path)
+            content = read_file(known)
         except ClradarError:
             # Half-written, perhaps: once it has changed it comes again, under another number.
             with self._lock:
-                self._files = {n: file for n, file in self._files.items() if n != frame}
+                self._there = {n: file for n, file in self._there.items() if n != frame}
             raise
         self._last = {**dict(list(last.items())[-1:]), frame: content}
         return content
-
-    def came_s(self, frame: int) -> float:
-        return self._files.get(frame, (None, time.perf_counter()))[1]
 
     def look(self) -> bool:
         """Wait a while, take in new, rewritten and removed files; whether the frames are others."""
@@ -170,7 +174,7 @@ class FolderFrames:
         with self._lock:
             files = {
                 number: (path, came_s)
-                for number, (path, came_s) in self._files.items()
+                for number, (path, came_s) in self._there.items()
                 if path.name not in names and self._folder.is_there(path.name)
             }
             for path in found:
@@ -179,7 +183,7 @@ class FolderFrames:
                     came_s = min(now_s, path.stat().st_mtime - behind_s)
                 files[self._count] = path, came_s
                 self._count += 1
-            self._files = files
+            self._there = files
 
 
 def _watched(path: Path, variant: str) -> tuple[bool, WatchedFolder]:
@@ -206,60 +210,125 @@ def viewed(frame: Any) -> Capture | Volume:
     return frame
 
 
-class StreamFrames:
+class StreamFrames(Source):
     """Captures or volumes of an iterable, gone through in a thread; the last ones are kept."""
 
     grows = True
 
     def __init__(self, frames: Iterable[Capture | Volume], name: str) -> None:
-        self.name = name
-        self.ended = False
-        self.error: BaseException | None = None
-        """What the iterable raised."""
-        self._kept: dict[int, tuple[Capture | Volume, float]] = {}
-        self._changed = threading.Condition()
-        self._looked = -1
-        self._thread = threading.Thread(
+        super().__init__(name)
+        self._came = threading.Event()
+        threading.Thread(
             target=self._run, args=(frames,), name="clradar frames", daemon=True
-        )
-        self._thread.start()
+        ).start()
 
-    def frames(self) -> tuple[int, ...]:
-        return tuple(self._kept)
+    def _label_of(self, frame: int, known: Any) -> str:
+        return f"frame {known.meta.get('frame', frame)}"
 
-    def label(self, frame: int) -> str:
-        kept = self._kept.get(frame)
-        if kept is None:
-            return "a frame that is no longer kept"
-        return f"frame {kept[0].meta.get('frame', frame)}"
-
-    def read(self, frame: int) -> Capture | Volume:
-        kept = self._kept.get(frame)
-        if kept is None:
-            raise MeasurementError(f"{self.name}: expected a frame that is kept, got {frame}")
-        return kept[0]
-
-    def came_s(self, frame: int) -> float:
-        return self._kept.get(frame, (None, time.perf_counter()))[1]
+    def _content_of(self, frame: int, known: Any) -> Content:
+        content: Content = known
+        return content
 
     def look(self) -> bool:
-        with self._changed:
-            self._changed.wait_for(lambda: max(self._kept, default=-1) > self._looked, REST_S)
-            newest, before = max(self._kept, default=-1), self._looked
-            self._looked = newest
-        return newest > before
+        came = self._came.wait(REST_S)
+        self._came.clear()
+        return came
 
     def _run(self, frames: Iterable[Capture | Volume]) -> None:
         try:
             for count, frame in enumerate(frames):
-                kept = {**self._kept, count: (viewed(frame), time.perf_counter())}
+                kept = {**self._there, count: (viewed(frame), time.perf_counter())}
                 left = sum(one.data.nbytes for one, _ in kept.values())
                 while left > KEPT_BYTES and len(kept) > 1:
                     left -= kept.pop(next(iter(kept)))[0].data.nbytes
-                with self._changed:
-                    self._kept = kept  # replaced, since others read it meanwhile
-                    self._changed.notify_all()
+                self._there = kept
+                self._came.set()
         except BaseException as error:
             self.error = error
         finally:
             self.ended = True
+
+
+class SampleFrames(Source):
+    """The stored samples of a data set, numbered as in the plan, read one at a time."""
+
+    def __init__(self, folder: Path, *, watch: bool = False) -> None:
+        super().__init__(folder.name or folder.absolute().name)
+        self.grows, self._folder = watch, folder
+        self.truth = self._truth_of
+        self._sample = lru_cache(KEPT_SAMPLES)(self._read_sample)
+        self._take_in()
+        if not self._there and not watch:
+            fail(folder, "a data set with at least one sample", "none")
+
+    def _label_of(self, frame: int, known: Any) -> str:
+        return f"sample {frame}"
+
+    def _content_of(self, frame: int, known: Any) -> Content:
+        """Read the volume that is stored, else the capture, else projection and depth map.
+
+        Where only one of these two is stored, the other is without a value, or 1 where there is a
+        depth.
+        """
+        sample = self._sample(frame)
+        arrays = sample.arrays
+        if "volume" not in arrays and "capture" in arrays:
+            radar = read_recipe(sample.recipe).plan.radar
+            return Capture(arrays["capture"], radar.antennas, radar.waveform)
+        grid = self._manifest.plan.image.grid
+        if "volume" in arrays:
+            return Volume(arrays["volume"], grid)
+        known = {"projection": "max_projection", "depth": "depth_map"}
+        known = {name: array for name, array in known.items() if array in arrays}
+        if not known:
+            fail(self._folder, "a product that can be drawn", ", ".join(arrays))
+        depth_m = arrays.get("depth_map", np.full(grid.shape[1:], np.nan))
+        amplitude = np.abs(arrays.get("max_projection", np.isfinite(depth_m))).astype(np.float64)
+        image = DepthMap(depth_m.astype(np.float64), amplitude, grid.x_m, grid.y_m)
+        return Flat(image, tuple(known))
+
+    def _truth_of(self, frame: int) -> Truth:
+        sample = self._sample(frame)
+        arrays = sample.arrays
+        return Truth(
+            arrays.get("mesh_vertices"),
+            arrays.get("mesh_faces"),
+            arrays.get("joints"),
+            _recipe_lines(read_recipe(sample.recipe)),
+        )
+
+    def look(self) -> bool:
+        """Wait a second, take in what was stored since; return whether there are other samples."""
+        time.sleep(SAMPLES_S)
+        before = self.frames()
+        self._take_in()
+        if others := self.frames() != before:
+            self.grows = True
+        return others
+
+    def _take_in(self) -> None:
+        # When they were written is not known: new ones came now.
+        self._manifest, now_s = read_manifest(self._folder), time.perf_counter()
+        self._there = {n: self._there.get(n, (None, now_s)) for n in self._manifest.stored}
+
+    def _read_sample(self, frame: int) -> Sample:
+        shard = self._folder / self._manifest.place_of(frame)
+        return read_sample(shard, frame, self._manifest.plan)[0]
+
+
+def _recipe_lines(drawn: SamplePlan) -> tuple[str, ...]:
+    hands, placement = drawn.plan.hands, drawn.plan.placement
+    centre_mm = ", ".join(f"{1e3 * value:.1f}" for value in placement.metres)
+    turns_deg = ", ".join(f"{np.degrees(value):.1f}" for value in placement.radians)
+    lines = [
+        f"pose {drawn.pose.name}, {hands.handedness} hand",
+        f"centre ({centre_mm}) mm, turned by ({turns_deg})°",
+        *(f"rig {Path(rig.file).name}" for rig in hands.rigs),
+    ]
+    if drawn.plan.alpha is not None:
+        alphas = drawn.plan.alpha.of_parts.items()
+        lines.append("alpha: " + ", ".join(f"{name} {value:.2f}" for name, value in alphas))
+    if drawn.plan.material is not None:
+        materials = drawn.plan.material.of_parts.items()
+        lines.append("material: " + ", ".join(f"{name} {own.name}" for name, own in materials))
+    return tuple(lines)

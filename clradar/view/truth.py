@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -42,10 +42,9 @@ class Truth:
     lines: tuple[str, ...]
 
 
-Truths: TypeAlias = Callable[[int], Truth | None]
-
-
-def recording_truth(path: Path, label: Callable[[int], str]) -> Truths | None:
+def recording_truth(
+    path: Path, label: Callable[[int], str]
+) -> Callable[[int], Truth | None] | None:
     """Return the truth beside a recording, by the labels of its frames; None where there is none,
     or it cannot be read.
     """
@@ -77,22 +76,22 @@ def _truth_of(record: Mapping[str, Any] | None) -> Truth | None:
     return None
 
 
-def draw_truth(scene: Any, truth: Truth) -> list[Any]:
-    """Draw mesh and joints, where they are known, into the scene of viser; return its nodes."""
+def draw_truth(scene: Any, truth: Truth | None) -> list[Any]:
+    """Draw mesh and joints, where they are known, into the scene of viser; return their nodes."""
     nodes = []
-    if truth.vertices_m is not None:
+    if truth is not None and truth.vertices_m is not None:
         nodes.append(
             scene.add_mesh_simple(
-                "/truth/mesh", vertices=UNITS_PER_M * truth.vertices_m, faces=truth.faces,
+                "/3-D/truth/mesh", vertices=UNITS_PER_M * truth.vertices_m, faces=truth.faces,
                 color=COLOUR, opacity=0.4, side="double",
             )
         )  # fmt: skip
-    if truth.joints_m is not None:
+    if truth is not None and truth.joints_m is not None:
         joints_m = truth.joints_m.reshape(-1, len(JOINT_NAMES), 3)
         ends = (UNITS_PER_M * joints_m[:, BONES].reshape(-1, 2, 3)).astype(np.float32)
         nodes.append(
             scene.add_line_segments(
-                "/truth/joints", points=ends[np.isfinite(ends).all(axis=(1, 2))],
+                "/3-D/truth/joints", points=ends[np.isfinite(ends).all(axis=(1, 2))],
                 colors=COLOUR, thickness=3.0, thickness_units="screen",
             )
         )  # fmt: skip

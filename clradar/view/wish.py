@@ -63,6 +63,13 @@ class Wish:
     material: str = BY_ALPHA
     layout: str = LAYOUTS[0]
 
+    @property
+    def image_db(self) -> float | None:
+        """The tolerance of images of captures; None: the usual one, or none for the method."""
+        if self.method != "fast":
+            return None
+        return QUICK_DB if self.quick and self.tolerance_db is None else self.tolerance_db
+
 
 def live_grid(placed: VoxelGrid) -> VoxelGrid:
     """Return a grid of the same extent with whole multiples of its steps, if it has many voxels."""

@@ -25,9 +25,7 @@ SHUFFLE, FLETCHER32, DEFLATE, LZF = 2, 3, 1, 32000
 """Numbers of the filters: those of the HDF5 library, and the one that h5py brings along."""
 
 _FILTER_NAMES = {SHUFFLE: "shuffle", FLETCHER32: "Fletcher-32", DEFLATE: "gzip", LZF: "LZF"}
-CHECKING_FILTERS = (SHUFFLE, FLETCHER32)
-"""Filters that neither shrink nor inflate."""
-
+CHECKING_FILTERS = (SHUFFLE, FLETCHER32)  # filters that neither shrink nor inflate
 _WHOLE: Mapping[int, int] = {}
 
 Value = TypeVar("Value", str, int)

@@ -30,9 +30,7 @@ from measurement_io.confined.hdf5_guard import DEFLATE, FLETCHER32, LZF, SHUFFLE
 from measurement_io.maroon.frame_file import npy_header
 
 EXPECTED = "an HDF5, MATLAB (v5 or v7.3), .npz or plain .npy file"
-NPY_KEY = "array"
-"""How a layout calls what an `.npy` file holds, which has no name."""
-
+NPY_KEY = "array"  # how a layout calls what an `.npy` file holds, which has no name
 _FILTERS = (SHUFFLE, FLETCHER32, DEFLATE, LZF)
 _SHOWN_BYTES = 2**26
 """A MATLAB v5 file of no more is loaded to list its types, which its headers do not say."""
@@ -218,8 +216,7 @@ def _mat5_keys(path: Path, file: Any) -> Iterator[Key]:
 
     def load(*names: str) -> dict[str, Any]:
         file.seek(0)
-        found: dict[str, Any] = scipy.io.loadmat(file, variable_names=names)
-        return found
+        return scipy.io.loadmat(file, variable_names=names)
 
     at_once = [name for name, _, kind in headers if kind in kinds]
     loaded = load(*at_once) if at_once else {}

@@ -25,11 +25,8 @@ from clradar.files.records import OpenRecord, mistake, record_of, row_tuple
 from clradar.model import checks
 
 RADAR = "radar"
-MESH_SOURCE = "photogrammetry"
-"""The frame of reference of a recording's meshes."""
-
-MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
-"""Radar space to antenna frame, and back."""
+MESH_SOURCE = "photogrammetry"  # the frame of reference of a recording's meshes
+MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])  # radar space to antenna frame, and back
 MIRROR_X.flags.writeable = False
 
 LAST_ROW_ROUNDING = 1e-9
@@ -159,5 +156,4 @@ def read_transform(path: str | os.PathLike[str]) -> np.ndarray:
     if isinstance(value, dict) and any(MESH_SOURCE in str(key).split("2") for key in value):
         return read_alignment(path).to_antenna(MESH_SOURCE)
     value = value if isinstance(value, dict) else {"transform": value}
-    matrix: np.ndarray = record_of(value, _Transform, path).transform
-    return matrix
+    return record_of(value, _Transform, path).transform

@@ -24,15 +24,12 @@ from measurement_io.maroon.alignment import Matrix
 from measurement_io.maroon.folders import CALIBRATION_FILE, product_files, ranges
 from measurement_io.maroon.frame_file import PNG, pixels
 
-MAX_POSITION_M = 1e3
-"""Farthest end of a grid; anything beyond is not in metres."""
-
+MAX_POSITION_M = 1e3  # farthest end of a grid; anything beyond is not in metres
 MM_PER_M = 1000.0
 SAME_M = 1e-6
 """Grids closer than this are the same: some of their ends have been rounded to float32."""
 
-_MATRIX_TOLERANCE = 1e-6
-"""Relative; the matrices are products of a few float64 numbers."""
+_MATRIX_TOLERANCE = 1e-6  # relative; the matrices are products of a few float64 numbers
 
 Axis = tuple[float, float, int]
 """First and last point, metres, and number of points."""

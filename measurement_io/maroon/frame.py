@@ -20,9 +20,7 @@ from measurement_io.confined.reading import run
 from measurement_io.maroon.folders import FrameFile, antennas_file, frame_file
 from measurement_io.maroon.frame_file import EXPECTED, is_plain, read_dictionary
 
-CHANNELS = 96
-"""Channels of the instrument; the first and the last are no imaging antennas."""
-
+CHANNELS = 96  # channels of the instrument; the first and the last are no imaging antennas
 IMAGING = slice(1, 95)
 FileName = str | os.PathLike[str]
 ANTENNAS = "an antenna file (a header x,y,z, then a row of three numbers per antenna)"
@@ -55,8 +53,7 @@ def read_frame_file(
 def is_plain_array(path: Path) -> bool:
     """Whether an `.npy` file holds an array of numbers or text, and no pickled object."""
     modules = ("numpy.lib.format",)
-    found: bool = run(is_plain, path, expected=EXPECTED, library="numpy", modules=modules)
-    return found
+    return run(is_plain, path, expected=EXPECTED, library="numpy", modules=modules)
 
 
 def read_time_stamp(path: Path, companion: Companion | None = None) -> int | float | None:

@@ -19,9 +19,7 @@ EXPECTED = "a recorded frame (a .npy file with a pickled dictionary)"
 
 PNG = "a PNG image of 16-bit grey"
 
-_CUT = re.compile(r"expected (\d+) bytes in .*, but only (\d+) remain")
-"""As pickletools says it."""
-
+_CUT = re.compile(r"expected (\d+) bytes in .*, but only (\d+) remain")  # as pickletools says it
 _HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,

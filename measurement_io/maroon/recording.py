@@ -179,16 +179,14 @@ class Recording(Sequence[Capture]):
     @property
     def metadata(self) -> dict[str, Any] | None:
         """Content of `metadata.json`, if there is one; its `mask_bb` is in radar space."""
-        found: dict[str, Any] | None = self._beside(METADATA_FILE, read_json_object)
-        return found
+        return self._beside(METADATA_FILE, read_json_object)
 
     @property
     def alignment(self) -> SensorAlignment | None:
         """Transforms of `alignment.json`, if there is one."""
         from measurement_io.maroon.alignment import read_alignment
 
-        found: SensorAlignment | None = self._beside(ALIGNMENT_FILE, read_alignment)
-        return found
+        return self._beside(ALIGNMENT_FILE, read_alignment)
 
     @property
     def mesh_names(self) -> tuple[str, ...]:

@@ -40,9 +40,7 @@ from measurement_io.maroon.folders import (
 from measurement_io.maroon.frame import CHANNELS, IMAGING
 from measurement_io.maroon.frame_file import is_scalar
 
-MAX_FRAMES = 1_000_000
-"""A frame's number has six digits."""
-
+MAX_FRAMES = 1_000_000  # a frame's number has six digits
 _OF_THE_FORM = frozenset(
     ("xr", "fvec", "number_of_measurements", "timestamp_us", "source", "format", "frame", "variant")
 )

@@ -159,8 +159,7 @@ def read_native(path: Path, kind: str | None = None) -> tuple[NativeHeader, Any]
 def format_of(path: Path) -> str | None:
     """Return the format of a native file; None for an HDF5 file of another program."""
     with reading(path, EXPECTED):
-        found: str | None = confined.run(native_contents.format_of, path)
-        return found
+        return confined.run(native_contents.format_of, path)
 
 
 def _capture(path: Path, meta: dict[str, Any], found: native_contents.Contents) -> Capture:
@@ -211,13 +210,10 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
     >>> measurement_io.open_volume("volume.h5").grid.z_m.tolist()
     [0.3, 0.31]
     """
-    volume: Volume = read_native(Path(path), "volume")[1]
-    return volume
+    return read_native(Path(path), "volume")[1]
 
 
-LIVE, DEAD, NOISY = 0, 1, 2
-"""Names of the values of `tx_state` and `rx_state`."""
-
+LIVE, DEAD, NOISY = 0, 1, 2  # names of the values of `tx_state` and `rx_state`
 _OF_RESPONSE = ("tx_gain", "rx_gain", "tx_delay_s", "rx_delay_s")
 _BY_CHANNEL = tuple(
     f"{s}_{n}" for s in ("tx", "rx") for n in ("noise", "phase_std_rad", "delay_std_s")
@@ -276,8 +272,7 @@ def open_channels(path: str | os.PathLike[str]) -> ChannelCalibration:
     >>> measurement_io.open_channels("channels.h5").response.tx_gain.tolist()
     [(1+0j), 1j]
     """
-    channels: ChannelCalibration = read_native(Path(path), "channels")[1]
-    return channels
+    return read_native(Path(path), "channels")[1]
 
 
 def _channels(

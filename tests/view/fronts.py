@@ -6,9 +6,10 @@ from contextlib import contextmanager
 import numpy as np
 
 import clradar
+from clradar.view import session
 from clradar.view.playing import Player
-from clradar.view.session import Session, Shown, View
-from clradar.view.sources import FixedFrames
+from clradar.view.session import Shown, View
+from clradar.view.sources import Source
 from clradar.view.wish import Wish
 
 GRID = clradar.VoxelGrid([0, 0, 0.3], [1e-3] * 3, (4, 3, 2))
@@ -26,23 +27,18 @@ def capture(samples=1.0):
 
 def frames(*contents, name="rec"):
     labels = tuple(f"{name} {i}" for i in range(len(contents)))
-    return FixedFrames(name, labels, contents.__getitem__)
+    return Source(name, labels, contents.__getitem__)
 
 
-class Front:
-    """What is shown and said; its player, if it has one, counts what it shows."""
+class Front(session.Front):
+    """What is shown and said."""
 
     def __init__(self):
         self.shown: list[Shown] = []
         self.said: list[str] = []
-        self.player: Player | None = None
 
     def show(self, shown):
         self.shown.append(shown)
-        if self.player is not None:
-            self.player.shown(shown)
-
-    busy = following = paced = lambda self, _: None
 
     def refuse(self, text):
         self.said.append(text)
@@ -50,10 +46,6 @@ class Front:
     @property
     def wishes(self):
         return [shown.wish for shown in self.shown]
-
-    def plays(self, session, source):
-        self.player = Player(session, source, self)
-        return self.player
 
 
 class SlowImager:
@@ -77,7 +69,7 @@ def session_of(source, wish=None, beside=None, **form):
     """A session with what its front is told."""
     front = Front()
     wish = Wish(grid=GRID) if wish is None else wish
-    session = Session(View(source=source, wish=wish, beside=beside), front, **form)
+    session = Player(View(source=source, wish=wish, beside=beside), front, **form)
     try:
         yield session, front
     finally:

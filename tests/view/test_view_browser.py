@@ -17,11 +17,13 @@ import clradar.view
 from clradar.errors import ClradarError, OutputError
 from clradar.view import server
 from clradar.view.beside import Others
+from clradar.view.drawn import Drawn
 from clradar.view.page_file import write_page
 from clradar.view.panel import Panel
-from clradar.view.session import View
+from clradar.view.scene import SceneView
+from clradar.view.session import Shown, View
 from clradar.view.sources import open_source
-from clradar.view.wish import Wish
+from clradar.view.wish import LAYOUTS, Wish
 from measurement_io import save_volume
 
 pytest.importorskip("viser")
@@ -174,6 +176,17 @@ def test_an_iterable_is_shown_until_its_error(monkeypatch):
     monkeypatch.setattr(Panel, "show", drawn)
     with pytest.raises(RuntimeError, match="switched off"):
         clradar.view.show(measured(), title="lab", port=0)
+
+
+def test_a_mesh_that_is_hidden_stays_so_from_layout_to_layout():
+    mesh = clradar.Scene([[0, 0, 0.3], [0.01, 0, 0.3], [0, 0.01, 0.3]], [[0, 1, 2]])
+    view = View(source=frames(volume()), wish=Wish(), mesh=mesh)
+    with server.running("view", 0) as (viser, _):
+        scene = SceneView(viser, view)
+        scene.mesh.visible = False
+        for layout in LAYOUTS:
+            scene.show(Shown(Wish(layout=layout), volume(), Drawn.of(volume(), 15.0)))
+        assert not scene.mesh.visible
 
 
 # ---- a view as one file

@@ -14,8 +14,9 @@ from systems import posix_only
 from clradar.errors import MeasurementError
 from clradar.hand import JOINT_NAMES
 from clradar.view import server
+from clradar.view.playing import Player
 from clradar.view.server import MissingViser, serving
-from clradar.view.session import Session, View
+from clradar.view.session import View
 from clradar.view.sources import open_source
 from clradar.view.truth import recording_truth
 from clradar.view.wish import Wish
@@ -31,8 +32,7 @@ class Watched(Front):
         self.peaks: list[float] = []
         source = open_source(folder, watch=True)
         self.source = source
-        self.session = Session(View(source=source, wish=Wish(frame=-1)), self)
-        self.player = self.plays(self.session, source)
+        self.player = Player(View(source=source, wish=Wish(frame=-1)), self)
 
     def show(self, shown):
         self.peaks.append(float(shown.first.image.amplitude.max()))
@@ -45,8 +45,8 @@ class Watched(Front):
         """The amplitudes that two looks bring to be shown."""
         self.peaks.clear()
         for _ in range(2):
-            self.player.look(self.source)
-        self.session.settle()
+            self.player.look()
+        self.player.settle()
         return self.peaks
 
     def labels(self):
@@ -57,7 +57,7 @@ class Watched(Front):
 def watched(tmp_path):
     found = Watched(tmp_path)
     yield found
-    found.session.close()
+    found.player.close()
 
 
 def test_new_files_are_shown_as_they_come(watched):
@@ -70,13 +70,13 @@ def test_new_files_are_shown_as_they_come(watched):
     assert watched.look() == [10.0]
     assert watched.labels() == ["9.h5", "10.h5"]
     watched.player.chosen()
-    watched.session.change(frame=watched.source.frames()[0])
-    watched.session.settle()
+    watched.player.change(frame=watched.source.frames()[0])
+    watched.player.settle()
     watched.write("11.h5", 11.0)
     assert watched.look() == []  # who looks at an earlier one is left there
     assert watched.labels() == ["9.h5", "10.h5", "11.h5"]
     watched.player.play(True)
-    watched.session.settle()
+    watched.player.settle()
     assert watched.peaks == [11.0]
     said = watched.player.pace.text(True, False)
     assert said.startswith("2 shown, ")

@@ -11,16 +11,15 @@ from clradar.dataset.folder import Manifest, shard_name, write_manifest
 from clradar.dataset.sample import SamplePlan, read_recipe
 from clradar.dataset.shards import Aside, new_shard
 from clradar.errors import MeasurementError, ModelError
-from clradar.view import samples
-from clradar.view.drawn import SCALES, Drawn, Flat, clicked_m, level_colours, voxels_of
+from clradar.view import sources
+from clradar.view.drawn import SCALES, Drawn, Flat, clicked_m, colours_on, voxels_of
 from clradar.view.pictures import image_pictures, overview_picture, pair_curves, slice_pictures
-from clradar.view.samples import SampleFrames
-from clradar.view.sources import open_source
+from clradar.view.sources import SampleFrames, open_source
 from clradar.view.wish import grid_mm
 
 GRID = clradar.VoxelGrid([-0.01, 0.0, 0.30], [0.01, 0.01, 0.01], (3, 2, 4))
 
-STRONGEST = level_colours(np.zeros(1), 20.0)[0]
+STRONGEST = colours_on("amplitude", np.zeros(1), -20.0, 0.0)[0]
 
 
 def drawn_of(*voxels, grid=GRID):
@@ -37,8 +36,13 @@ def lit(picture, colour=STRONGEST):
     rows, columns = np.nonzero((picture.pixels[top:bottom, left:right] == colour).all(axis=2))
     if not len(rows):
         return []
-    at_m = picture.values_m(left + columns.mean() + 0.5, top + rows.mean() + 0.5)
+    at_m = at_pixel(picture, left + columns.mean() + 0.5, top + rows.mean() + 0.5)
     return [(1e3 * at_m[0], 1e3 * at_m[1])]
+
+
+def at_pixel(picture, column, row):
+    rows, columns = picture.pixels.shape[:2]
+    return picture.values_m(column / columns, row / rows)
 
 
 def near(*values):
@@ -53,7 +57,7 @@ def test_x_is_to_the_left_and_y_upwards():
     assert (picture.up.first, picture.up.last) == (-5.0, 15.0)
     left, top, right, bottom = picture.box
     assert (bottom - top) / (right - left) == pytest.approx(2 / 3, rel=0.03)  # equal scales
-    assert picture.values_m(left - 3, top + 3) is None
+    assert at_pixel(picture, left - 3, top + 3) is None
 
 
 def test_slices_go_through_the_place():
@@ -110,7 +114,7 @@ def test_of_a_data_set_only_what_is_stored_is_drawn(known):
     drawn = Drawn.of(Flat(image, (known,)), 20.0, voxels=True)
     assert list(image_pictures(drawn, None, drawn, None)) == [known]
     assert slice_pictures(drawn, (0, 0, 0.3)) == {}
-    assert len(drawn.cloud.points_m) == (4 if there else 0)
+    assert len(drawn.points_m) == (4 if there else 0)
     assert drawn.pointed_m((0, 0, 0.4), "projection", 0.01, 0.0)[2] == (0.3 if there else 0.4)
 
 
@@ -123,7 +127,7 @@ def test_channel_data_of_a_pair_peak_at_its_range():
     left, top, right, bottom = overview.box
     dark = overview.pixels[top:bottom, left:right].astype(int).sum(axis=2)
     row, column = np.unravel_index(dark.argmin(), dark.shape)
-    at = overview.values_m(left + column + 1, top + row + 1)
+    at = at_pixel(overview, left + column + 1, top + row + 1)
     assert at == pytest.approx((7, 5), abs=0.6)  # Tx upwards
     curves = pair_curves(capture, 5, 7)
     assert list(curves) == ["magnitude (dB)", "phase (turns)", "range profile (dB)"]
@@ -134,15 +138,15 @@ def test_channel_data_of_a_pair_peak_at_its_range():
 
 
 def test_points_and_voxels_are_those_within_the_range_coloured_by_level():
-    cloud = drawn_of((0, 0, 1, 1.0), (2, 1, 2, 0.5), (1, 1, 1, 0.01)).cloud
-    np.testing.assert_allclose(cloud.points_m, [[-0.01, 0, 0.31], [0.01, 0.01, 0.32]], atol=1e-7)
-    expected = level_colours(np.array([0.0, 20 * np.log10(0.5)]), 20.0)
-    np.testing.assert_array_equal(cloud.colours, expected)
+    drawn = drawn_of((0, 0, 1, 1.0), (2, 1, 2, 0.5), (1, 1, 1, 0.01))
+    np.testing.assert_allclose(drawn.points_m, [[-0.01, 0, 0.31], [0.01, 0.01, 0.32]], atol=1e-7)
+    expected = colours_on("amplitude", np.array([0.0, 20 * np.log10(0.5)]), -20.0, 0.0)
+    np.testing.assert_array_equal(drawn.colours, expected)
     assert not np.array_equal(expected[0], expected[1])
     volume = drawn_of((0, 0, 0, 1.0), (1, 0, 0, 0.5), (2, 0, 3, 0.2), (1, 1, 1, 0.05)).volume
     at_m = [[-0.01, 0, 0.30], [0, 0, 0.30], [0.01, 0, 0.33]]
-    np.testing.assert_allclose(voxels_of(volume, 20.0).points_m, at_m, atol=1e-7)
-    np.testing.assert_allclose(voxels_of(volume, 20.0, most=2).points_m, at_m[:2], atol=1e-7)
+    np.testing.assert_allclose(voxels_of(volume, 20.0)[0], at_m, atol=1e-7)
+    np.testing.assert_allclose(voxels_of(volume, 20.0, most=2)[0], at_m[:2], atol=1e-7)
 
 
 def test_grids_that_cannot_be_viewed():
@@ -207,7 +211,7 @@ def test_projection_and_depth_map_are_shown_without_a_volume(letters):
     assert drawn.image.depth_m[1, 2] == np.float32(DEPTH_M)
     assert drawn.image.amplitude.max() == 4.0
     assert drawn.volume is None  # none is made up, and points are as small as a pixel
-    assert drawn.cloud.size_m == pytest.approx(np.diff(flat.image.x_m).min())
+    assert drawn.size_m == pytest.approx(np.diff(flat.image.x_m).min())
 
 
 def test_captures_are_there_to_be_imaged(tmp_path):
@@ -220,12 +224,12 @@ def test_captures_are_there_to_be_imaged(tmp_path):
 def test_the_truth_is_that_of_the_recipe(letters):
     source = SampleFrames(letters)
     truth = source.truth(4)
-    made = SamplePlan(samples.read_manifest(letters).plan, 4)
+    made = SamplePlan(sources.read_manifest(letters).plan, 4)
     assert (truth.vertices_m.shape, truth.joints_m.shape) == ((3, 3), (25, 3))
     assert truth.lines[0] == f"pose {made.pose.name}, {made.plan.hands.handedness} hand"
     assert f"palm {made.plan.alpha.of_parts['palm']:.2f}" in truth.lines[-1]
     plan = plan_of(alpha=None, simulation={"estimator": "physical", "samples_per_mm2": None})
-    assert "material: palm palm, thumb palm" in samples._lines(SamplePlan(plan, 0))[-1]
+    assert "material: palm palm, thumb palm" in sources._recipe_lines(SamplePlan(plan, 0))[-1]
 
 
 def test_a_data_set_that_is_written_is_followed(tmp_path):

@@ -12,7 +12,7 @@ from clradar.errors import ClradarError, MeasurementError
 from clradar.imaging.frame_imager import FrameImager
 from clradar.view import beside, server
 from clradar.view.beside import Others, Simulation
-from clradar.view.sources import FixedFrames
+from clradar.view.sources import Source
 from clradar.view.wish import BY_ALPHA, QUICK_DB, Wish
 from measurement_io import open_recording, save_recording
 
@@ -48,7 +48,7 @@ def test_a_frame_that_cannot_be_read_is_said_and_the_next_one_is_shown():
             raise MeasurementError("000002.npy: expected a frame, got noise")
         return capture()
 
-    source = FixedFrames("rec", tuple("01234"), read)
+    source = Source("rec", tuple("01234"), read)
     with session_of(source, form=SlowImager(let=9)) as (session, front):
         changed(session, {"frame": 2}, {"frame": 3})
     assert front.said == ["000002.npy: expected a frame, got noise"]
@@ -68,18 +68,14 @@ def test_closing_ends_what_is_being_imaged():
     assert not front.shown
 
 
-class Following:
+class Following(Source):
     """A source of which each look finds another frame."""
 
-    name, grows = "rec", True
-    comes = True
+    grows = comes = True
     there: tuple[int, ...] = ()
 
     def frames(self):
         return self.there
-
-    def label(self, frame):
-        return f"frame {frame}"
 
     def read(self, frame):
         return capture()
@@ -89,12 +85,9 @@ class Following:
             self.there += (len(self.there),)
         return self.comes
 
-    def came_s(self, frame):
-        return 0.0
-
 
 def test_frames_that_come_and_go_are_stepped_through_by_their_numbers():
-    source = Following()
+    source = Following("rec")
     with session_of(source, Wish(frame=3, grid=GRID), form=SlowImager(let=9)) as (session, front):
         for there, by in (((3, 7, 9), 1), ((3, 9, 11), 1), ((3, 11), -1), ((), 1)):
             source.there = there
@@ -122,12 +115,11 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by
             super().__init__(*args, **kwargs)
 
     monkeypatch.setattr("clradar.view.session.FrameImager", Imager)
-    source = Following()
+    source = Following("rec")
     with session_of(source, Wish(frame=-1, grid=GRID)) as (session, front):
-        player = front.plays(session, source)
 
         def look():
-            player.look(source)
+            session.look()
             session.settle()
 
         look()
@@ -137,11 +129,11 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by
         source.comes = False
         if ended_by == "quiet":
             monkeypatch.setattr("clradar.view.playing.QUIET_S", 0.0)
-            player.look(source)
+            session.look()
         elif ended_by == "choice":
-            player.chosen()
+            session.chosen()
         else:
-            player.play(False)
+            session.play(False)
         session.settle()
         look()
     found = [(wish.frame, wish.quick) for wish in front.wishes]
@@ -151,12 +143,11 @@ def test_followed_frames_are_imaged_quickly_and_the_last_one_accurately(ended_by
 
 
 def test_a_frame_that_is_chosen_while_a_quick_image_is_made_is_imaged_accurately():
-    source, form = Following(), SlowImager()
+    source, form = Following("rec"), SlowImager()
     with session_of(source, Wish(frame=-1, grid=GRID), form=form) as (session, front):
-        player = front.plays(session, source)
-        player.look(source)
+        session.look()
         form.started.acquire()  # none has been shown yet
-        player.chosen()
+        session.chosen()
         session.change(frame=0)
         form.let.release(2)
         session.settle()
@@ -216,14 +207,9 @@ def test_arrays_of_other_gains_are_simulated_for_themselves():
         replace(own.array, tx_boresight=[[0.1, 0, 1]] * 2),
         replace(own.array, tx_pattern=clradar.AntennaPattern(exponent=1.0)),
     ]
-    keys = {simulation.key(Wish(), replace(own, array=array)) for array in arrays}
+    keys = {simulation.of(Wish(), replace(own, array=array))[0] for array in arrays}
     assert len(keys) == len(arrays)
-
-
-def test_a_volume_does_not_say_what_radar_recorded_it():
-    with session_of(frames(volume()), Wish(), Simulation(MESH)) as (session, front):
-        changed(session, {})
-    assert [shown.second for shown in front.shown] == [None]
+    assert simulation.of(Wish(), volume()) is None  # which does not say what radar recorded it
 
 
 def test_python_shows_a_capture_a_list_or_a_recording_that_is_not_read(tmp_path, monkeypatch):

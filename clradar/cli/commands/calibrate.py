@@ -145,8 +145,7 @@ class TargetOptions:
         }  # fmt: skip
         if tilt_deg := known.pop("tilt_deg", None):
             known |= dict(zip(("tilt_x_deg", "tilt_y_deg"), tilt_deg, strict=True))
-        target: Target = kinds[known.pop("target")](**known)
-        return target
+        return kinds[known.pop("target")](**known)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,7 +271,8 @@ def diagnose_command(
         if others:
             print_warning(f"{capture}: {' / '.join(others)} cannot be ruled out")
         fixed = calibration.apply_convention(loaded, result.best)
-        write(fix_to, fixed, f"the capture with '{result.best.label}' undone")
+        undone = f"with '{result.best.label}' undone" if result.best.changes else "as it is"
+        write(fix_to, fixed, f"the capture {undone}")
 
 
 def mark_of(result: calibration.Diagnosis, hypothesis: calibration.Hypothesis) -> str:

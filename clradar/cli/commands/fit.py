@@ -27,6 +27,8 @@ from clradar.errors import ClradarWarning
 from clradar.jobs import open_devices
 from clradar.model import checks
 
+DOUBTS = "\nDoubtful: "  # where they begin in a report; of each there is a warning
+
 
 def align_command(
     *,
@@ -81,7 +83,7 @@ def align_command(
                 volumes[0], scene, correct_bias=not quick, device=opened, progress=progress,
                 **settings, **instrument,
             )  # fmt: skip
-    print_text(result.report())
+    print_text(result.report().partition(DOUBTS)[0])
     text = "the transform, its covariance and this report"
     write(output, result.to_dict(), text, grid=opt.grid_text(volumes[0].grid))
 
@@ -147,7 +149,7 @@ def register_command(
     with whole_folder(output, REGISTERED) as made:
         write(made / TRANSFORM, {**result.alignment.to_dict(), "rounds": rounds}, **more)
         write_simulation(made, measured, simulated, compared, metrics, **more)
-    print_text(result.alignment.report())
+    print_text(result.alignment.report().partition(DOUBTS)[0])
     moved_mm = 1e3 * result.rounds[-1].moved_m
     print_line(f"{counted(len(result.rounds), 'round')}, the last moved it by {moved_mm:.2f} mm")
     print_line(f"{output}: {', '.join(REGISTERED)}")
@@ -201,7 +203,7 @@ def fit_hand_command(
         fit = calibration.fit_hand(found.volume, **settings)
     with whole_folder(output, FITTED) as made:
         write_hand_fit(made, found, fit, fitting.seed, opened)
-    print_text(fit.report().partition("\nDoubtful: ")[0])  # of which there are warnings
+    print_text(fit.report().partition(DOUBTS)[0])
     print_line(f"{output}: {', '.join(FITTED)}")
 
 

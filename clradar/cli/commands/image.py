@@ -33,6 +33,7 @@ from clradar.jobs import KEY, Where
 from clradar.model import ImageScale
 from clradar.model.progress import Progress
 from clradar.model.volume import plane_slabs
+from clradar.plot.views import plane_index, thin_view
 
 # Names in the folder of a begun image.
 PARTS = "parts"  # images of captures on pieces of the grid; of all, once all their parts are there
@@ -168,8 +169,7 @@ def _write(path: Path, image: np.ndarray) -> None:
 
 
 def _read(path: Path) -> np.ndarray:
-    found: np.ndarray = np.load(path, mmap_mode="r", allow_pickle=False)
-    return found
+    return np.asarray(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -275,14 +275,11 @@ def draw(
 ) -> None:
     """Write figure and page, as far as they were asked for."""
     from clradar.model.volume import depth_map_of_planes
-    from clradar.plot.views import thin_view
 
     if files.png is None and files.report is None:
         return
     first, *others = captures
-    title = title_of(first, image.meta)
-    if others:
-        title = f"{first.name} and {len(others)} more"
+    title = f"{first.name} and {len(others)} more" if others else title_of(first, image.meta)
     shown: dict[str, Any] = {"dynamic_range_db": range_db, "view": files.view, "dbsm": files.dbsm}
     flat = (files.view or thin_view(image.grid)) == "xy" and files.slice is None
     volume: cl.Volume | cl.DepthMap
@@ -359,6 +356,8 @@ def image_command(
         content = replace(content, meta={**content.meta, "absolute": True})
     where = processes.where(device)
     grid = grid_for(content, imaging, where.first, everything=imaging.everything)
+    if files.slice is not None and (place_m := files.slice[1]) is not None:
+        plane_index(grid, files.slice[0], place_m)  # raises where there is none
     steps = PartSteps(
         folder=folder, captures=tuple(captures), n_samples=(content.data.size,), frames=frames,
         grid=grid, imaging=imaging.arguments,

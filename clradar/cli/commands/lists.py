@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from clradar.cli.outputs import write
 from clradar.errors import DeviceError
 from clradar.files.json_file import indented
 from clradar.model.known_materials import KNOWN
+from clradar.model.record import plain
 from clradar.opencl.choice import fault, select_devices
 from clradar.opencl.device import INSTALL_HINT, list_devices
 
@@ -67,8 +68,7 @@ def devices_command() -> None:
 COLUMNS = ("name", "permittivity", "coat mm", "power dB", "phase", "h mm", "l mm", "h_micro mm")
 ROUGHNESS = ("roughness_rms", "correlation_length", "micro_roughness_rms")
 
-FREQUENCIES = 101
-"""Of the band, at which the reflectance is looked for its extremes."""
+FREQUENCIES = 101  # of the band, at which the reflectance is looked for its extremes
 
 
 def materials_command(
@@ -169,11 +169,7 @@ def array_command(
     write(output, figure, "" if as_json else "elements, virtual aperture, response")
     if as_json:
         keys = ("focus_m", "widths_m", "range_cell_m", "unambiguous_range_m", "within_deg")
-        record = {key: np.asarray(getattr(found, key)).tolist() for key in keys}
-        record["widths_m"] = [width if width < np.inf else None for width in record["widths_m"]]
-        record |= {key: None for key, value in record.items() if value == np.inf}
-        lobes = (asdict(lobe).items() for lobe in found.lobes)
-        record["lobes"] = [{k: np.asarray(v).tolist() for k, v in one} for one in lobes]
+        record = plain({key: getattr(found, key) for key in (*keys, "lobes")})
         print_text(indented({"array": name, "clusters": len(clusters), **record}))
         return
     widths = ", ".join(f"{a} {_mm(w)}" for a, w in zip("xyz", found.widths_m, strict=True))

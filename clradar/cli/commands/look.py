@@ -6,7 +6,6 @@ import json
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import typer
 
@@ -118,11 +117,9 @@ def view_command(
     viser. Captures are imaged as `clradar image` does, with larger voxels at first.
     """
     from clradar.view.beside import Others, Simulation
-    from clradar.view.samples import SampleFrames
     from clradar.view.server import serve
     from clradar.view.session import View
     from clradar.view.sources import open_source
-    from clradar.view.truth import recording_truth
     from clradar.view.wish import Wish
 
     opened = open_devices(device).first
@@ -135,11 +132,8 @@ def view_command(
         second = Others(source, tuple(open_source(other) for other in simulated))
     elif scene is not None:
         second = Simulation(scene, opened)
-    truth = recording_truth(path, source.label)
-    if isinstance(source, SampleFrames):
-        truth = source.truth
-    about: Any = {"beside": second, "mesh": scene, "truth": truth, "device": opened}
-    view = View(source=source, wish=Wish(dynamic_range_db=depth.dynamic_range_db), **about)
+    wish = Wish(dynamic_range_db=depth.dynamic_range_db)
+    view = View(source=source, wish=wish, beside=second, mesh=scene, device=opened)
     if html is None:
         serve(view, port, print_line)
         return

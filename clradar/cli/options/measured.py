@@ -225,6 +225,7 @@ class PictureOptions:
         "Draw one plane of voxels: x=12 is the nearest to 12 mm, x that of the strongest voxel.",
         metavar="AXIS[=MM]",
         needs="--png",
+        without="--view",
         parse=parse.plane,
         kept=False,
     )
