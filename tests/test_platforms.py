@@ -43,7 +43,6 @@ from pathlib import Path
 import numpy as np
 import clradar
 from clradar.errors import MeasurementError, OutputError
-from clradar.files import confined
 from clradar.jobs import lock as work_folder
 from clradar.files.atomic import write_file
 from clradar.files.confined import process

@@ -47,12 +47,8 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
             if place in written:
                 raise OutputError(f"{output}: is named twice as an output; choose another name")
             written.add(place)
-            if output.is_dir():
-                raise OutputError(f"{output}: expected a file's name, got a folder")
             _check_place(output, known)
-            atomic.refuse_special(output)
-            if not call.force and os.path.lexists(output):
-                raise OutputError(f"{output}: exists already; --force replaces it")
+            atomic.refuse_existing(output, force=call.force)
 
 
 def _same(one: Path, other: Path) -> bool:

@@ -153,26 +153,17 @@ def write_file(path: str | os.PathLike[str], content: bytes, *, force: bool = Fa
 
 def refuse_existing(target: Path, *, force: bool) -> None:
     """Raise `OutputError` unless `target` may be written."""
+    name = shown(target)
     if "\0" in str(target):  # HDF5 would cut the name there and write another file
-        raise OutputError(f"{shown(target)}: no file can have such a name")
+        raise OutputError(f"{name}: no file can have such a name")
     with writing(target):
         if not target.parent.is_dir():
-            raise OutputError(
-                f"{shown(target)}: expected an existing folder, got '{shown(target.parent)}'"
-            )
-        if target.is_dir():
-            raise OutputError(f"{shown(target)}: expected a file's name, got a folder")
-        refuse_special(target)
+            raise OutputError(f"{name}: expected an existing folder, got '{shown(target.parent)}'")
+        if target.exists() and not target.is_file():  # a device or a pipe must not be replaced
+            got = "a folder" if target.is_dir() else "something that is no regular file"
+            raise OutputError(f"{name}: expected a file's name, got {got}")
         if os.path.lexists(target) and not force:
-            raise OutputError(f"{shown(target)}: exists already; not overwritten without force")
-
-
-def refuse_special(target: Path) -> None:
-    """Raise `OutputError` for a device, a pipe or a socket, which a file must not replace."""
-    if target.exists() and not target.is_file():
-        raise OutputError(
-            f"{shown(target)}: expected a file's name, got something that is no regular file"
-        )
+            raise OutputError(f"{name}: exists already; --force or force=True replaces it")
 
 
 def _sync(path: Path) -> None:

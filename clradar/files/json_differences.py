@@ -19,7 +19,7 @@ def differences(before: Any, now: Any, name: str = "") -> list[str]:
     texts = str(before), str(now)
     if isinstance(before, dict) and isinstance(now, dict):
         above = f"{name}." if name else ""
-        inner = ((above + key, before.get(key), now.get(key)) for key in {**now, **before})
+        inner = ((f"{above}{key}", before.get(key), now.get(key)) for key in {**now, **before})
         return [line for key, one, other in inner for line in differences(one, other, key)]
     if isinstance(before, list) and isinstance(now, list) and max(map(len, texts)) > SHOWN:
         found = [f"{name} of {len(before)}, now of {len(now)}"] * (len(before) != len(now))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 from clradar.errors import ClradarError, MeasurementError, ModelError
 from clradar.files.atomic import write_file
 from clradar.files.failures import read_bytes, reading
+from clradar.files.json_differences import differences
 from clradar.files.limits import MAX_JSON_BYTES, MAX_JSON_DEPTH
 
 
@@ -62,17 +62,27 @@ def indented(value: object) -> str:
 
 
 def to_json(field: str, meta: Mapping[str, Any]) -> str:
-    """Return `meta` as ASCII JSON on one line."""
-    plain = _plain(field, meta, 0)
+    """Return `meta` as ASCII JSON on one line, which reads back equal."""
     try:
-        text = json.dumps(plain, allow_nan=False)
+        text = json.dumps(meta, default=_mapping)
+        if found := differences(dict(meta), parse_object(text, strict=True)):
+            raise ValueError(found[0])
     except (TypeError, ValueError, RecursionError) as error:
-        raise ModelError(f"{field}: expected values that JSON can hold, got {error}") from error
+        raise ModelError(f"{field}: expected {_HELD}, got {error}") from error
     if len(text) > MAX_JSON_BYTES:
         raise ModelError(
             f"{field}: expected at most {MAX_JSON_BYTES} bytes of JSON, got {len(text)}"
         )
     return text
+
+
+_HELD = "what JSON can hold and give back (string, finite number, true, false, None, list, mapping)"
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{type(value).__name__} {value!r:.60}")
+    return dict(value)
 
 
 def _no_constant(name: str) -> None:
@@ -96,25 +106,3 @@ def _check_depth(value: Any) -> None:
         if not level:
             return
     raise ValueError(f"more than {MAX_JSON_DEPTH} levels of nesting")
-
-
-def _plain(field: str, value: Any, depth: int) -> Any:
-    if depth > MAX_JSON_DEPTH:
-        raise ModelError(f"{field}: expected at most {MAX_JSON_DEPTH} levels of nesting, got more")
-    if isinstance(value, Mapping):
-        for key in value:
-            if not isinstance(key, str):
-                raise ModelError(f"{field}: expected string keys, got {key!r:.100}")
-        return {key: _plain(f"{field}[{key!r}]", item, depth + 1) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(f"{field}[{i}]", item, depth + 1) for i, item in enumerate(value)]
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            raise ModelError(f"{field}: expected a finite number, got {value}")
-        return value
-    raise ModelError(
-        f"{field}: expected what JSON can hold (string, number, true, false, None, list, mapping), "
-        f"got {type(value).__name__} {value!r:.60}"
-    )

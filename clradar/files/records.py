@@ -7,12 +7,11 @@ when a file is read: pydantic takes longer to import than all of `import clradar
 from __future__ import annotations
 
 import re
-import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, NoReturn, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from clradar.errors import ClradarError, MeasurementError, ModelError, quoted
@@ -39,6 +38,17 @@ class FileRecord(BaseModel):
     """A table of a file; a key that it does not know is a mistake."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_words(cls, value: Any, handler: Any) -> Any:
+        """Word mistakes of fields, where these are known; of the whole it is the field's above."""
+        try:
+            return handler(value)
+        except ValidationError as error:
+            found = error.errors(include_url=False)
+        lines: Any = [_worded(cls, one) if one["loc"] else one for one in found]
+        raise ValidationError.from_exception_data(cls.__name__, lines)
 
 
 class OpenRecord(FileRecord):
@@ -78,12 +88,16 @@ def is_whole(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def checked(expected: str, good: Callable[[Any], bool], made: Callable[[Any], Any]) -> Any:
+def checked(
+    expected: str | Callable[[Any], str],
+    good: Callable[[Any], bool],
+    made: Callable[[Any], Any] = lambda value: value,
+) -> Any:
     """Return an annotation: a value for which `good` holds, as `made` of it."""
 
     def check(value: Any) -> Any:
         if not good(value):
-            raise mistake(expected)
+            raise mistake(expected(value) if callable(expected) else expected)
         return made(value)
 
     return BeforeValidator(check)
@@ -129,7 +143,7 @@ Number = Annotated[float, checked("a finite number", is_number, float)]
 Whole = Annotated[int, BeforeValidator(_whole)]
 Text = Annotated[str, text("text")]
 NumberOrText = Annotated[
-    float | str, checked("a number or text", lambda v: is_number(v) or _is_text(v), lambda v: v)
+    float | str, checked("a number or text", lambda v: is_number(v) or _is_text(v))
 ]
 Rows = Annotated[tuple[tuple[float, ...], ...], BeforeValidator(row_tuple)]
 Numbers = Annotated[
@@ -148,13 +162,7 @@ Vector = Annotated[tuple[float, ...], numbers(3)]
 
 def one_of(*choices: str) -> Any:
     """Return the annotation of a text that is one of `choices`."""
-
-    def check(value: Any) -> Any:
-        if not isinstance(value, str) or value not in choices:
-            raise mistake(choice_text(value, choices))
-        return value
-
-    return BeforeValidator(check)
+    return checked(lambda value: choice_text(value, choices), lambda value: value in choices)
 
 
 def read_record(
@@ -178,8 +186,8 @@ def record_of(
     try:
         return model.model_validate(parsed, context=context)
     except ValidationError as found:
-        errors = found.errors(include_url=False)
-        lines = [line for one in errors for line in _lines(one, model, shown(source), place)]
+        errors = [_worded(model, one) for one in found.errors(include_url=False)]
+        lines = [line for one in errors for line in _lines(one, shown(source), place)]
     raise_mistakes(lines, error)  # by itself: what pydantic found may not be pickled
 
 
@@ -195,87 +203,62 @@ def raise_mistakes(lines: Sequence[str], error: type[ClradarError] = Measurement
     raise failure
 
 
-def _lines(found: Any, model: type[BaseModel], source: str, above: str) -> list[str]:
-    kind, context = found["type"], found.get("ctx", {})
-    key = found["loc"][-1:] if kind == "extra_forbidden" else ()
-    loc = [part for part in found["loc"] if part in key or not _TYPE.fullmatch(str(part))]
+def _lines(found: Any, source: str, above: str) -> list[str]:
+    context = found["type"].context
+    loc = [above, *(part for part in found["loc"] if not _TYPE.fullmatch(str(part)))]
     inner = context.get("key") or ()
-    place = _place(above, [*loc, *([inner] if isinstance(inner, str) else inner)])
+    loc += [inner] if isinstance(inner, str) else inner
+    keys = (f"[{k}]" if isinstance(k, int) else f".{quoted(k, _KEY_CHARACTERS)}" for k in loc)
+    place = "".join(keys).removeprefix(".").removeprefix(".")  # of the table and of the key
     start = f"{source}: {place}: " if place else f"{source}: "
-    if kind == "said":  # of another file several
+    if "text" in context:  # of another file several
         return [start + text for text in context["text"].splitlines()]
-    owner, field = _field(model, found["loc"])
-    if kind == "extra_forbidden" and owner is not None:
-        return [start + unknown_key(loc[-1], list(owner.model_fields))]
-    expected, got = _expected(kind, context), context.get("got")
+    got = toml_brief(found["input"]) if context["got"] is None else context["got"]
+    return [f"{start}expected {context['expected']}, got {quoted(got)}"]
+
+
+def _worded(model: type[BaseModel], found: Any) -> Any:
+    """Return what pydantic found in a table of `model` as a mistake."""
+    kind, loc, context = found["type"], found["loc"], found.get("ctx", {})
+    field: Any = None
+    if not any(isinstance(part, str) and not _TYPE.fullmatch(part) for part in loc[1:]):
+        for name, own in model.model_fields.items():  # not of a mapping's values
+            if loc and loc[0] in (name, *getattr(own.validation_alias, "choices", ())):
+                field = own
+    if kind in ("mistake", "said"):
+        error = PydanticCustomError(kind, "{}", context)
+    elif kind == "extra_forbidden":
+        text, loc = unknown_key(loc[-1], list(model.model_fields)), loc[:-1]
+        error = PydanticCustomError("said", "{}", {"text": text, "key": found["loc"][-1:]})
+    else:
+        expected, got = _expected(kind, context, found["input"]), None
+        if kind == "missing":
+            is_table = field is not None and hasattr(field.annotation, "model_fields")
+            expected, got = "a table" if is_table else "a value", "nothing"
+        error = mistake(getattr(field, "description", None) or expected, got)
+    return {"type": error, "loc": loc, "input": found["input"]}
+
+
+_KINDS = {
+    "bool": "true or false",
+    **dict.fromkeys(("tuple", "list"), "a list"),
+    **dict.fromkeys(("model", "dict", "dataclass"), "a table or object"),
+    "string": "text",
+}
+_LIMITS = {
+    **{"gt": "a number above {:g}", "ge": "a number from {:g}"},
+    **{"lt": "a number below {:g}", "le": "a number at most {:g}"},
+    **{"max_length": "at most {} entries", "min_length": "at least {} entries"},
+}
+
+
+def _expected(kind: str, context: dict[str, Any], given: Any) -> str:
     if kind == "literal_error":
-        expected = choice_text(found["input"], re.findall("'([^']*)'", context["expected"]))
-    if kind == "missing":
-        expected = "a value" if _model_in(field.annotation) is None else "a table"
-    if kind != "mistake" and (described := getattr(field, "description", None)):
-        expected = described
-    if got is None:
-        got = "nothing" if kind == "missing" else toml_brief(found["input"])
-    return [f"{start}expected {expected}, got {quoted(got)}"]
-
-
-_LIMITS = {"gt": "above", "ge": "from", "lt": "below", "le": "at most"}
-
-
-def _expected(kind: str, context: dict[str, Any]) -> str:
-    if kind == "mistake":
-        return str(context["expected"])
+        return choice_text(given, re.findall("'([^']*)'", context["expected"]))
+    for start, words in _KINDS.items():
+        if kind.startswith(start):
+            return words
     for name, words in _LIMITS.items():
-        if name in context:
-            return f"a number {words} {context[name]:g}"
-    if kind.startswith("bool"):
-        return "true or false"
-    if kind.startswith(("tuple", "list")):
-        return "a list"
-    if kind.startswith(("model", "dict", "dataclass")):
-        return "a table or object"
-    if kind.startswith("string"):
-        return "text"
-    if kind in ("too_long", "too_short"):
-        least, most = context.get("min_length"), context.get("max_length")
-        return f"at least {least} entries" if most is None else f"at most {most} entries"
+        if context.get(name) is not None:
+            return words.format(context[name])
     return clean(context.get("error", kind))
-
-
-def _place(above: str, loc: Sequence[Any]) -> str:
-    place = quoted(above, _KEY_CHARACTERS)
-    for part in loc:
-        if isinstance(part, int):
-            place += f"[{part}]"
-        else:
-            place += f".{quoted(part, _KEY_CHARACTERS)}" if place else quoted(part, _KEY_CHARACTERS)
-    return place
-
-
-def _field(model: Any, loc: Sequence[Any]) -> tuple[type[BaseModel] | None, Any]:
-    """Return the model and the field of a place; None where it is none of a model."""
-    owner: type[BaseModel] | None = model
-    field, is_key = None, False
-    for at, part in enumerate(loc):
-        if is_key:
-            field, is_key = None, False
-            continue
-        if isinstance(part, int) or owner is None:
-            continue
-        fields = owner.model_fields
-        alias = (f for f in fields.values() if part in getattr(f.validation_alias, "choices", ()))
-        field = fields.get(part) or next(alias, None)
-        if at + 1 < len(loc):
-            is_key = field is not None and get_origin(field.annotation) is dict
-            owner = None if field is None else _model_in(field.annotation)
-    return owner, field
-
-
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """Return the model that a field holds, alone, optional or in a list."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    if get_origin(annotation) in (Union, types.UnionType, list, tuple, Annotated, dict):
-        found = (_model_in(part) for part in get_args(annotation))
-        return next((model for model in found if model is not None), None)
-    return None

@@ -33,8 +33,7 @@ from clradar.jobs.lock import scratch_folder
 from clradar.jobs.outcome import ATTEMPTS, Outcome, made_with, outcome_of, reason_of, silent
 from clradar.model.progress import Progress
 from clradar.opencl import Device, DeviceInfo, open_device
-from clradar.opencl.program import compiled
-from clradar.opencl.self_test import self_test
+from clradar.opencl.program import self_test
 from clradar.versions import own_version
 
 DEVICE = "DEVICE"  # the Dask resource of workers: one for each item that a worker makes at a time
@@ -221,7 +220,7 @@ def run_item(function: Function, item: Any, terms: Terms | None) -> Outcome:
 @lru_cache(maxsize=1)
 def _tested_device() -> Device:
     device = open_device()
-    self_test(device, compiled)
+    self_test(device)
     return device
 
 

@@ -12,9 +12,8 @@ import numpy as np
 
 from clradar.errors import MeshError, ModelError
 from clradar.files.hashing import sha256_of_blocks
-from clradar.files.meshes.parts import Parts
+from clradar.files.meshes.parts import Parts, parts_of
 from clradar.files.meshes.reading import read_mesh_file
-from clradar.files.meshes.trimesh_parts import parts_of
 from clradar.model import checks
 from clradar.model.material import METAL, PERFECT_CONDUCTOR, Material
 from clradar.model.plausible import MESH_UNITS_M, place_words, unlikeliness

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from contextlib import suppress
-from types import TracebackType
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 import numpy as np
@@ -38,12 +38,7 @@ class Buffers:
     def __enter__(self) -> Buffers:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close(waiting=kind is not None)
 
     def close(self, *, waiting: bool) -> None:
@@ -68,10 +63,8 @@ class Buffers:
         if self.device.info.kind != "cpu" or size < HUGE_BYTES:
             return self._hold(size, cl.mem_flags.READ_WRITE)
         self._check_room(size)
-        try:
+        with self._memory_of(size):
             memory = np.empty(size + PAGE_BYTES, np.uint8)
-        except MemoryError as error:
-            raise self._no_memory(size, error) from error
         at = -memory.ctypes.data % PAGE_BYTES
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
         return self._hold(size, flags, memory[at : at + size])
@@ -93,10 +86,8 @@ class Buffers:
 
     def _hold(self, size: int, flags: int, of: np.ndarray | None = None) -> Any:
         self._check_room(size)
-        try:
+        with self._memory_of(size):
             buffer = cl.Buffer(self.device.context, flags, 0 if of is not None else size, of)
-        except cl.Error as error:
-            raise self._no_memory(size, error) from error
         self._held[id(buffer)] = (buffer, size)
         self.used_bytes += size
         return buffer
@@ -124,22 +115,17 @@ class Buffers:
     def write(self, buffer: Any, array: np.ndarray) -> None:
         """Copy `array` to the start of `buffer`."""
         self._check_held(buffer)
-        if array.nbytes == 0:
-            return
-        try:
-            cl.enqueue_copy(self.device.queue, buffer, np.ascontiguousarray(array))
-        except cl.Error as error:
-            raise self._no_memory(array.nbytes, error) from error
+        if array.nbytes:
+            with self._memory_of(array.nbytes):
+                cl.enqueue_copy(self.device.queue, buffer, np.ascontiguousarray(array))
 
     def read(self, buffer: Any, shape: tuple[int, ...] | int, dtype: Any) -> np.ndarray:
         """Copy the start of `buffer` to a new array."""
         self._check_held(buffer)
         out: np.ndarray = np.empty(shape, dtype=dtype)
         if out.nbytes:
-            try:
+            with self._memory_of(out.nbytes):
                 cl.enqueue_copy(self.device.queue, out, buffer)
-            except cl.Error as error:
-                raise self._no_memory(out.nbytes, error) from error
         return out
 
     def release(self, buffer: Any) -> None:
@@ -154,12 +140,16 @@ class Buffers:
         if id(buffer) not in self._held:
             raise DeviceError("buffers: expected a buffer of this block, got one that was freed")
 
-    def _no_memory(self, size: int, error: Exception) -> DeviceError:
-        return DeviceError(
-            f"device {self.device.info.label}: {_mib(size)} could not be allocated or copied "
-            f"({error}); free memory, make the problem smaller, or choose another device with "
-            f"CLRADAR_DEVICE=..."
-        )
+    @contextmanager
+    def _memory_of(self, size: int) -> Iterator[None]:
+        try:
+            yield
+        except (MemoryError, cl.Error) as error:
+            raise DeviceError(
+                f"device {self.device.info.label}: {_mib(size)} could not be allocated or copied "
+                f"({error}); free memory, make the problem smaller, or choose another device with "
+                f"CLRADAR_DEVICE=..."
+            ) from error
 
 
 class OnDevice:
@@ -181,13 +171,8 @@ class OnDevice:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None = None,
-        error: BaseException | None = None,
-        trace: TracebackType | None = None,
-    ) -> None:
-        self._buffers.__exit__(kind, error, trace)
+    def __exit__(self, kind: type[BaseException] | None = None, *_: object) -> None:
+        self._buffers.close(waiting=kind is not None)
 
     def _prepare(self) -> None:
         raise NotImplementedError

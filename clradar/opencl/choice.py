@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 from clradar.errors import DeviceError, quoted, warn
 from clradar.model import checks
 from clradar.opencl.device import INSTALL_HINT, Device, DeviceInfo, list_devices, opened
-from clradar.opencl.program import compiled
-from clradar.opencl.self_test import self_test
+from clradar.opencl.pocl_target import POCL
+from clradar.opencl.program import self_test
 
 ALL = "all"
 
@@ -18,7 +19,7 @@ VARIABLES = ("CLRADAR_DEVICE", "PYOPENCL_CTX")
 """Each names a device; the first that is set counts."""
 
 _ALIASES = {
-    "pocl": "portable computing language",
+    "pocl": POCL,
     "intel": "intel",
     "nvidia": "nvidia",
     "oclgrind": "oclgrind",
@@ -30,9 +31,7 @@ def open_device(
     *,
     memory_limit_bytes: int | None = None,
     width: int | None = None,
-    group_items: int | None = None,
     launch_work: float | None = None,
-    profiling: bool = False,
 ) -> Device:
     """Open a device, or return the one that is open already.
 
@@ -45,10 +44,8 @@ def open_device(
         its test, with a warning of those before it (docs/install.md).
     memory_limit_bytes : int, optional
         Most device memory to plan with; three quarters of the device's by default.
-    width, group_items, launch_work : optional
+    width, launch_work : optional
         Those of `Device`, instead of what suits its kind; a width of 1 or 8.
-    profiling : bool
-        Measure how long kernels run, see `Device.kernel_time_s`.
 
     Raises
     ------
@@ -62,11 +59,10 @@ def open_device(
     True
     """
     if isinstance(device, Device):
-        settled = (memory_limit_bytes, width, group_items, launch_work)
-        if profiling or any(value is not None for value in settled):
+        if any(value is not None for value in (memory_limit_bytes, width, launch_work)):
             raise DeviceError(
-                "device: expected its name together with memory_limit_bytes, width, group_items, "
-                "launch_work or profiling, got a clradar.Device, for which they are settled"
+                "device: expected its name together with memory_limit_bytes, width or launch_work, "
+                "got a clradar.Device, for which they are settled"
             )
         return device
     if device is not None and not isinstance(device, str):
@@ -77,19 +73,14 @@ def open_device(
         memory_limit_bytes = checks.whole("memory_limit_bytes", memory_limit_bytes, 1)
     if width not in (None, 1, 8):
         checks.fail("width", "1 or 8 lanes per work-item", repr(width))
-    if group_items is not None:
-        group_items = checks.whole("group_items", group_items, 1)
     if launch_work is not None:
         launch_work = checks.positive("launch_work", launch_work)
-    info = default_device() if device is None else _first_working(_meant(device, "device"))
-    return opened(info.selector, memory_limit_bytes, width, group_items, launch_work, profiling)
+    return opened(chosen_device(device).selector, memory_limit_bytes, width, launch_work)
 
 
-def default_device() -> DeviceInfo:
-    """The device that `open_device` opens for None."""
-    named = _named()
-    meant = _meant(None, "device") if named is None else _meant(*reversed(named))
-    return _first_working(meant)
+def chosen_device(device: str | None = None) -> DeviceInfo:
+    """The device that `open_device` opens."""
+    return _first_working(_meant(*_wanted(device)))
 
 
 def cpu_beside(device: Device) -> Device | None:
@@ -113,7 +104,7 @@ def fault(selector: str) -> str | None:
 @lru_cache(maxsize=64)
 def _failure(selector: str) -> DeviceError | None:
     try:
-        self_test(opened(selector), compiled)
+        self_test(opened(selector))
     except DeviceError as error:
         return error
     return None
@@ -153,12 +144,10 @@ def _tell_skipped(skipped: Sequence[DeviceInfo], instead: str) -> None:
 
 def devices_like(device: str | None = None) -> list[DeviceInfo]:
     """The device that `open_device` would open, and its like; of a selector that one alone."""
-    chosen = default_device() if device is None else _first_working(_meant(device, "device"))
-    named = _named()
-    wanted = device or (named[1] if named else "")
-    if wanted.strip().replace(":", "").isdigit():
-        return [chosen]
-    return [info for info in list_devices() if info.is_like(chosen)]
+    own = chosen_device(device)
+    if _is_selector(_wanted(device)[0] or ""):
+        return [own]
+    return [info for info in list_devices() if info.is_like(own)]
 
 
 def several(device: str | None) -> bool:
@@ -166,19 +155,16 @@ def several(device: str | None) -> bool:
 
     None stands for what the environment names.
     """
-    named = _named()
-    text = device or (named[1] if named else "")
+    text = _wanted(device)[0] or ""
     return text.strip().lower() == ALL or "," in text
 
 
 def select_devices(device: str | Sequence[str] | None) -> list[DeviceInfo]:
     """The devices that a name means which may mean several (`several`), each once."""
-    origin, named = "device", _named()
-    if device is None and named is not None:
-        origin, device = named
-    if device is None:
-        return [default_device()]
-    names = device.split(",") if isinstance(device, str) else list(device)
+    wanted, origin = _wanted(device)
+    if wanted is None:
+        return [chosen_device()]
+    names = wanted.split(",") if isinstance(wanted, str) else list(wanted)
     if len(names) == 1 and names[0].strip().lower() == ALL:
         return _all()
     infos = [_first_working(_meant(name, origin)) for name in names]
@@ -200,19 +186,18 @@ def _all() -> list[DeviceInfo]:
         first.setdefault(info.name, info.platform)
     if gpus and _first_working(_meant(None, "device")).kind == "gpu":
         return [info for info in gpus if info.platform == first[info.name]]
-    named = _named()
-    if named is not None and several(named[1]):
-        named = None
-    default = _first_working(_meant(None, "device") if named is None else _meant(*reversed(named)))
+    default = _first_working(_meant(None, "device")) if several(None) else chosen_device()
     return [info for info in list_devices() if info.is_like(default)]
 
 
-def _named() -> tuple[str, str] | None:
-    """The environment variable that names a device, and what it says."""
-    for variable in VARIABLES:
-        if os.environ.get(variable):
-            return variable, os.environ[variable]
-    return None
+def _wanted(device: Any) -> tuple[Any, str]:
+    """What names the device, the environment for None, and where that is said."""
+    named = ((os.environ[name], name) for name in VARIABLES if os.environ.get(name))
+    return next(named, (None, "device")) if device is None else (device, "device")
+
+
+def _is_selector(text: str) -> bool:
+    return text.strip().replace(":", "").isdigit()
 
 
 def _meant(wanted: str | None, origin: str) -> list[DeviceInfo]:
@@ -231,7 +216,7 @@ def _meant(wanted: str | None, origin: str) -> list[DeviceInfo]:
         )
     if key in ("gpu", "cpu"):
         matches = [info for info in usable if info.kind == key]
-    elif key.replace(":", "").isdigit():
+    elif _is_selector(key):
         exact = key if ":" in key else f"{key}:0"
         matches = [info for info in infos if info.selector == exact]
     elif key in _ALIASES:
@@ -252,10 +237,5 @@ def _meant(wanted: str | None, origin: str) -> list[DeviceInfo]:
 
 def _rank(info: DeviceInfo) -> int:
     platform = info.platform.lower()
-    if info.kind == "gpu":
-        return 0
-    if info.kind == "cpu" and "intel" in platform:
-        return 1
-    if "portable computing language" in platform:
-        return 2
-    return 3
+    ranks = info.kind == "gpu", info.kind == "cpu" and "intel" in platform, POCL in platform
+    return (*ranks, True).index(True)

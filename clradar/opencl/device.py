@@ -67,10 +67,8 @@ class DeviceInfo:
 
     def is_like(self, other: DeviceInfo) -> bool:
         """Whether both have the same name and driver."""
-        own, others = (
-            (info.name, info.platform, info.version, info.kind) for info in (self, other)
-        )
-        return own == others
+        names = ("name", "platform", "version", "kind")
+        return all(getattr(self, name) == getattr(other, name) for name in names)
 
     @property
     def is_interpreter(self) -> bool:
@@ -96,8 +94,6 @@ class Device:
         a whole group on the stack.
     launch_work : float
         Operations, roughly, from which on a launch is split; none on a CPU.
-    launched : list or None
-        With ``profiling=True``: the events of its kernels.
     buffers : WeakSet
         The open `clradar.opencl.Buffers`.
     lock : RLock
@@ -112,7 +108,6 @@ class Device:
     group_items: int = 1
     launch_work: float = math.inf
     programs: dict[Any, Any] = field(default_factory=dict, repr=False)
-    launched: list[Any] | None = None
     buffers: WeakSet[Any] = field(default_factory=WeakSet, repr=False)
     lock: Any = field(default_factory=threading.RLock, repr=False)
 
@@ -126,15 +121,6 @@ class Device:
         """Memory that is allocated at present."""
         with self.lock:
             return sum(buffers.used_bytes for buffers in self.buffers)
-
-    def kernel_time_s(self) -> float:
-        """Seconds of kernels since the last call, if opened with ``profiling=True``."""
-        if self.launched is None:
-            raise DeviceError(f"device {self.info.label}: expected it opened with profiling=True")
-        self.queue.finish()
-        time_s = sum(1e-9 * (event.profile.end - event.profile.start) for event in self.launched)
-        self.launched.clear()
-        return time_s
 
     def describe(self) -> dict[str, str]:
         """Device, platform and version, for a file's provenance."""
@@ -186,22 +172,17 @@ def _found() -> list[tuple[DeviceInfo, Any]]:
         except cl.Error:
             continue  # a driver without a device, such as a GPU's on a machine without one
         for j, dev in enumerate(devices):
-            kind = "other"
-            if dev.type & cl.device_type.GPU:
-                kind = "gpu"
-            elif dev.type & cl.device_type.CPU:
-                kind = "cpu"
-            target = named_target(dev)
+            kinds = {"gpu": cl.device_type.GPU, "cpu": cl.device_type.CPU}
             info = DeviceInfo(
                 selector=f"{i}:{j}",
                 name=dev.name.strip(),
                 platform=platform.name.strip(),
                 version=dev.version.strip(),
-                kind=kind,
+                kind=next((kind for kind, bit in kinds.items() if dev.type & bit), "other"),
                 memory_bytes=int(dev.global_mem_size),
                 max_alloc_bytes=int(dev.max_mem_alloc_size),
                 compute_units=int(dev.max_compute_units),
-                target=target,
+                target=named_target(dev),
             )
             found.append((info, dev))
     if not found:
@@ -229,30 +210,22 @@ def opened(
     selector: str,
     memory_limit_bytes: int | None = None,
     width: int | None = None,
-    group_items: int | None = None,
     launch_work: float | None = None,
-    profiling: bool = False,
 ) -> Device:
     """The device of a selector; parameters and errors as those of `open_device`."""
     check_process()
     with _lock:
-        return _open(selector, memory_limit_bytes, width, group_items, launch_work, profiling)
+        return _open(selector, memory_limit_bytes, width, launch_work)
 
 
 @lru_cache(maxsize=32)
 def _open(
-    selector: str,
-    memory_limit_bytes: int | None,
-    width: int | None,
-    group_items: int | None,
-    launch_work: float | None,
-    profiling: bool,
+    selector: str, memory_limit_bytes: int | None, width: int | None, launch_work: float | None
 ) -> Device:
     info, dev = next(pair for pair in _found() if pair[0].selector == selector)
     try:
         context = cl.Context([dev])
-        properties = cl.command_queue_properties.PROFILING_ENABLE if profiling else 0
-        queue = cl.CommandQueue(context, properties=properties)
+        queue = cl.CommandQueue(context)
     except cl.Error as error:
         raise DeviceError(
             f"device {info.label} cannot be opened ({error}); choose another with "
@@ -261,11 +234,7 @@ def _open(
     budget = int(info.memory_bytes * MEMORY_SHARE)
     if memory_limit_bytes is not None:
         budget = min(budget, memory_limit_bytes)
-    if width is None:
-        width = 1 if info.kind == "gpu" else 8
-    if group_items is None:
-        group_items = GPU_GROUP_ITEMS if info.kind == "gpu" else 1
-    if launch_work is None:
-        launch_work = GPU_LAUNCH_WORK if info.kind == "gpu" else math.inf
-    launched: list[Any] | None = [] if profiling else None
-    return Device(info, context, queue, budget, width, group_items, launch_work, launched=launched)
+    suits = (1, GPU_GROUP_ITEMS, GPU_LAUNCH_WORK) if info.kind == "gpu" else (8, 1, math.inf)
+    return Device(
+        info, context, queue, budget, width or suits[0], suits[1], launch_work or suits[2]
+    )

@@ -49,17 +49,9 @@ _named: dict[int, str | None] = {}
 
 
 def named_target(device: Any) -> str | None:
-    """Name the processor for a device of PoCL that does not know it.
+    """Name the processor for a device of PoCL that does not know it, before its first context.
 
-    Parameters
-    ----------
-    device : pyopencl.Device
-        Best before its first context.
-
-    Returns
-    -------
-    str or None
-        What it compiles for now; None if it knows its processor, or nothing could be done.
+    None if it knows its processor, or nothing could be done.
     """
     if sys.platform != "linux" or platform.machine() != "x86_64" or not _is_old_pocl(device):
         return None
@@ -125,9 +117,7 @@ class _Maps:
 
 def _room(address: int) -> int:
     """Bytes that the allocation at an address holds."""
-    usable = getattr(ctypes.CDLL(None), "malloc_usable_size", None)
-    if usable is None:
-        return len(GENERIC)
+    usable = ctypes.CDLL(None).malloc_usable_size
     usable.argtypes, usable.restype = [ctypes.c_void_p], ctypes.c_size_t
     return int(usable(address))
 

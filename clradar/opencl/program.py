@@ -1,4 +1,4 @@
-"""Building programs and launching kernels, with errors that name the device and a remedy."""
+"""Building programs, launching kernels and testing devices; errors name device and remedy."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ import math
 import os
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
+from weakref import WeakSet
 
+import numpy as np
 import pyopencl as cl
 
 from clradar.errors import DeviceError
+from clradar.opencl.buffers import Buffers
 from clradar.opencl.device import INSTALL_HINT, Device, check_process
-from clradar.opencl.self_test import self_test
+from clradar.opencl.double_single import hi_lo
 from clradar.opencl.sources import source
 
 CACHE_FAILURE = "PYOPENCL_CACHE_FAILURE_FATAL"
@@ -24,6 +27,17 @@ stops with a KeyError."""
 
 ITEM_WORK = 1000.0
 """Operations of an item, roughly, of a kernel that states no other number."""
+
+TESTED = 64
+"""Vectors: a whole number of work-groups of any width."""
+
+LENGTH_ERROR = 2.0**-41
+"""Largest relative error of `dual_length` (``common/phase.h``) with the roundings OpenCL allows.
+
+A square root may err by 3 units in the last place, so with the roundings of its argument the
+correction is up to d = 4.25 * 2^-23 of the length. One Newton step leaves d^2 / 2 = 0.56 * 2^-42;
+its quotient, good to 2.5 units, 0.66 * 2^-42; the sums and products before it 0.53 * 2^-42.
+"""
 
 OTHER_DEVICE_HINT = "choose another device with CLRADAR_DEVICE=... (see `clradar devices`)"
 
@@ -61,16 +75,12 @@ class Program:
         parts = launch_parts(padded, local, self.device.launch_work / max(1.0, work))
 
         def enqueue() -> list[Any]:
-            events = []
+            events, queue = [], self.device.queue
             with self.device.lock:
                 kernel.set_args(*args)
                 for offset, size in parts:
-                    events.append(
-                        cl.enqueue_nd_range_kernel(self.device.queue, kernel, size, local, offset)
-                    )
-                    self.device.queue.flush()
-            if self.device.launched is not None:
-                self.device.launched.extend(events)
+                    events.append(cl.enqueue_nd_range_kernel(queue, kernel, size, local, offset))
+                    queue.flush()
             return events
 
         events = self._checked(name, global_size, enqueue)
@@ -93,27 +103,19 @@ class Program:
     def _checked(self, name: str, global_size: tuple[int, ...], call: Callable[[], Any]) -> Any:
         try:
             return call()
-        except cl.MemoryError as error:
-            raise DeviceError(
-                f"device {self.device.info.label}: out of memory in kernel {name} of {self.file} "
-                f"({error}); make the problem smaller, or {OTHER_DEVICE_HINT}"
-            ) from error
         except cl.Error as error:
-            raise DeviceError(
-                f"device {self.device.info.label}: kernel {name} of {self.file} failed over "
-                f"{global_size} items ({error}); {OTHER_DEVICE_HINT}"
-            ) from error
+            what, remedy = f"kernel {name} of {self.file}", OTHER_DEVICE_HINT
+            if isinstance(error, cl.MemoryError):
+                failed = f"out of memory in {what}"
+                remedy = f"make the problem smaller, or {OTHER_DEVICE_HINT}"
+            else:
+                failed = f"{what} failed over {global_size} items"
+            message = f"device {self.device.info.label}: {failed} ({error}); {remedy}"
+            raise DeviceError(message) from error
 
 
 def group_shape(global_size: tuple[int, ...], most: int) -> tuple[int, ...]:
-    """Sides of a work-group of at most `most` items: powers of two, the first as long as useful.
-
-    Examples
-    --------
-    >>> from clradar.opencl.program import group_shape
-    >>> group_shape((12, 16384), 64), group_shape((1000,), 64), group_shape((9, 9, 9), 1)
-    ((16, 4), (64,), (1, 1, 1))
-    """
+    """Sides of a work-group of at most `most` items: powers of two, the first as long as useful."""
     shape = []
     for n in global_size:
         side = 1
@@ -131,16 +133,6 @@ def launch_parts(
 
     None has more than `most_items`, but for a single work-group. The last axes are cut first, so
     that neighbouring items stay together.
-
-    Examples
-    --------
-    >>> from clradar.opencl.program import launch_parts
-    >>> launch_parts((64, 30), (64, 1), 10**6)
-    [(None, (64, 30))]
-    >>> launch_parts((64, 30), (64, 1), 1300)
-    [((0, 0), (64, 20)), ((0, 20), (64, 10))]
-    >>> launch_parts((256, 2), (64, 1), 130)
-    [((0, 0), (128, 1)), ((0, 1), (128, 1)), ((128, 0), (128, 1)), ((128, 1), (128, 1))]
     """
     if math.prod(size) <= most_items:
         return [(None, size)]
@@ -163,7 +155,7 @@ def build(device: Device, file: str, options: Any) -> Program:
     key = (file, options)
     with device.lock:
         if key not in device.programs:
-            self_test(device, compiled)
+            self_test(device)
             device.programs[key] = compiled(device, file, options)
         program: Program = device.programs[key]
         return program
@@ -204,27 +196,11 @@ def private_length(n: int, step: int, device: Device) -> int:
 
     A GPU has little such memory: the next multiple of `step`. A CPU: powers of two of steps, four
     at least. No result depends on it.
-
-    Examples
-    --------
-    >>> from clradar.opencl import open_device
-    >>> from clradar.opencl.program import private_length
-    >>> [private_length(n, 16, open_device("pocl")) for n in (3, 64, 65)]
-    [64, 64, 128]
     """
     steps = -(-n // step)
     if device.width == 8:
         steps = max(4, 1 << (steps - 1).bit_length())
     return steps * step
-
-
-def nvidia_registers(options: Any) -> int | None:
-    """Most registers of an item on NVIDIA's GPUs, where a program's options say so.
-
-    The compiler then uses so many: it is for programs that take more without need.
-    """
-    most: int | None = getattr(options, "nvidia_registers", None)
-    return most
 
 
 def _gpu_flags(device: Device, options: Any) -> list[str]:
@@ -235,7 +211,8 @@ def _gpu_flags(device: Device, options: Any) -> list[str]:
     (opened,) = device.context.devices
     if opened.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT:
         flags.append("-cl-fp32-correctly-rounded-divide-sqrt")
-    most = nvidia_registers(options)
+    # NVIDIA's compiler then uses so many: it is for programs that take more without need.
+    most = getattr(options, "nvidia_registers", None)
     if most is not None and "cl_nv_compiler_options" in opened.extensions:
         flags.append(f"-cl-nv-maxrregcount={most}")
     return flags
@@ -252,3 +229,63 @@ def _literal(value: bool | int | float | str) -> str:
     if isinstance(value, float):
         return f"{value:.9e}f"
     return str(value)
+
+
+# The test of a device
+
+
+@dataclass(frozen=True, slots=True)
+class _Width:
+    width: int
+
+
+def self_test(device: Device) -> None:
+    """Does an opened device build, run, copy and round right? Tested once, in milliseconds.
+
+    Products and sums as two float32 are exact only if each step rounds to nearest and none is
+    fused or reordered, which a compiler may do by itself.
+    """
+    key = ("self_test.cl", _Width(device.width))
+    with device.lock:
+        if key in device.programs:
+            return
+        # The caller's memory limit is not for this.
+        apart = replace(device, budget_bytes=2**20, buffers=WeakSet())
+        program, vectors = compiled(apart, *key), _vectors()
+        with Buffers(apart) as buffers:
+            held, out = buffers.upload(vectors), buffers.empty(vectors.nbytes)
+            program.launch("dual_numbers", (TESTED // device.width,), np.uint32(TESTED), held, out)
+            _compare(device, vectors, buffers.read(out, vectors.shape, np.float32))
+        device.programs[key] = program
+
+
+def _vectors() -> np.ndarray:
+    """Vectors of 0.2 mm to 16 m a component, float32 of shape (3, 2, TESTED) as x, y, z and hi, lo.
+
+    Their products and sums fit in float64, and no step comes near the smallest float32.
+    """
+    rng = np.random.default_rng(1)
+    size = 2.0 ** rng.uniform(-12, 4, (3, TESTED))
+    return np.stack(hi_lo(size * rng.choice([-1, 1], size.shape)), axis=1)
+
+
+def _compare(device: Device, vectors: np.ndarray, found: np.ndarray) -> None:
+    x, y = vectors[:2, 0].astype(np.float64)
+    lengths = np.linalg.norm(vectors.astype(np.float64).sum(axis=1), axis=0)
+    exact = np.stack([x * y, x + y, lengths])
+    expected = np.stack(hi_lo(exact), axis=1)
+    wrong = (found != expected).any(axis=1)
+    error = np.abs(found[2].astype(np.float64).sum(axis=0) - lengths)
+    wrong[2] = ~(error <= LENGTH_ERROR * lengths)
+    if not wrong.any():
+        return
+    which, at = np.argwhere(wrong)[0]
+    numbers = " and ".join(f"{v:.9g}" for v in vectors[:2, 0, at])
+    what = (f"product of {numbers}", f"sum of {numbers}", "length of a vector")[which]
+    want, got = (f"{hi:.9g} + {lo:.9g}" for hi, lo in (expected[which, :, at], found[which, :, at]))
+    raise DeviceError(
+        f"device {device.info.label}, driver {device.info.version}: expected {want} as the {what}, "
+        f"found {got} ({int(wrong.sum())} of {wrong.size} results are wrong); its compiler changes "
+        "float32 arithmetic that must be exact: use another version of the driver, or another "
+        "device, see `clradar devices`"
+    )

@@ -37,11 +37,6 @@ def platforms() -> list[Any]:
 
     Where other code of the process has listed platforms before, the loader's list is fixed, and
     Intel's runtime is in it only if the system has it.
-
-    Raises
-    ------
-    pyopencl.Error
-        There is none.
     """
     global _listed
     if not _listed:
@@ -80,34 +75,27 @@ def intel_library() -> Path | None:
         files = distribution(INTEL_PACKAGE).files or []
     except PackageNotFoundError:
         return None
-    for file in files:
-        if file.name in (INTEL_LIBRARY, INTEL_LIBRARY_WINDOWS):
-            found = Path(str(file.locate())).resolve()
-            return found if found.is_file() else None
-    return None
+    named = [file for file in files if file.name in (INTEL_LIBRARY, INTEL_LIBRARY_WINDOWS)]
+    found = [Path(str(file.locate())).resolve() for file in named[:1]]
+    return next(filter(Path.is_file, found), None)
 
 
 @contextmanager
 def _vendors(library: Path) -> Iterator[None]:
     """Show the loader the system's platforms and `library` while the block runs."""
-    if library.suffix == ".dll":
-        # It finds the libraries that it needs beside it, some of them when it is used.
-        os.environ["PATH"] = f"{library.parent}{os.pathsep}{os.environ.get('PATH', '')}"
-        os.environ["OCL_ICD_FILENAMES"] = str(library)
+    with tempfile.TemporaryDirectory(prefix="clradar-icd-") as folder:
+        variable, value = "OCL_ICD_VENDORS", folder
+        if library.suffix == ".dll":
+            variable, value = "OCL_ICD_FILENAMES", str(library)
+            # It finds the libraries that it needs beside it, some of them when it is used.
+            os.environ["PATH"] = f"{library.parent}{os.pathsep}{os.environ.get('PATH', '')}"
+        else:
+            for entry in SYSTEM_VENDORS.glob("*.icd"):
+                if entry.is_file() and INTEL_LIBRARY not in entry.read_text(errors="replace"):
+                    Path(folder, entry.name).symlink_to(entry)
+            Path(folder, "clradar-intel.icd").write_text(f"{library}\n", encoding="utf-8")
+        os.environ[variable] = value
         try:
             yield
         finally:
-            del os.environ["OCL_ICD_FILENAMES"]
-        return
-    with tempfile.TemporaryDirectory(prefix="clradar-icd-") as name:
-        folder = Path(name)
-        known = sorted(SYSTEM_VENDORS.glob("*.icd")) if SYSTEM_VENDORS.is_dir() else []
-        for entry in known:
-            if entry.is_file() and INTEL_LIBRARY not in entry.read_text(errors="replace"):
-                (folder / entry.name).symlink_to(entry)
-        (folder / "clradar-intel.icd").write_text(f"{library}\n", encoding="utf-8")
-        os.environ["OCL_ICD_VENDORS"] = str(folder)
-        try:
-            yield
-        finally:
-            del os.environ["OCL_ICD_VENDORS"]
+            del os.environ[variable]

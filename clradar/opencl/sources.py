@@ -14,7 +14,7 @@ import pyopencl
 
 from clradar.errors import DeviceError
 
-_INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)', re.MULTILINE)
+_INCLUDE = re.compile(r'^\s*#\s*include\s*["<]([^">]+)[">]', re.MULTILINE)
 
 _PYOPENCL = Path(pyopencl.__file__).parent / "cl"
 """The Random123 headers that pyopencl ships."""
@@ -46,10 +46,10 @@ def _expand(path: Path, done: set[Path]) -> str:
     text = path.read_text(encoding="utf-8")
     pieces, at = [], 0
     for match in _INCLUDE.finditer(text):
-        quoted, angled = match.groups()
-        if angled and not (_PYOPENCL / angled).is_file():
+        places = (folder / match[1] for folder in (kernel_folder(), path.parent, _PYOPENCL))
+        target = next(filter(Path.is_file, places), None)
+        if target is None:
             continue  # C++ headers in branches that OpenCL never takes
-        target = _resolve(path, quoted) if quoted else _PYOPENCL / angled
         line = text.count("\n", 0, match.end()) + 1
         pieces.append(text[at : match.start()])
         pieces.append(_expand(target, done))
@@ -58,11 +58,3 @@ def _expand(path: Path, done: set[Path]) -> str:
         at = match.end()
     pieces.append(text[at:])
     return f'#line 1 "{path.name}"\n' + "".join(pieces)
-
-
-def _resolve(path: Path, name: str) -> Path:
-    """Resolve a quoted include: from the kernels' folder, else beside the including file."""
-    for target in (kernel_folder() / name, path.parent / name):
-        if target.is_file():
-            return target
-    raise DeviceError(f"{path.name}: expected the header {name}, found none")

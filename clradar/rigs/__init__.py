@@ -4,19 +4,6 @@ Bone axes are estimated from the joints, which also check unit and side; linear 
 the surface; see ``docs/rigs.md``.
 """
 
-from clradar.rigs.anatomy import UNITS_M
-from clradar.rigs.mano import rotations_of_theta, theta_of_rotations
-from clradar.rigs.reading import read_rig
-from clradar.rigs.rig import Rig
+import lazy_loader
 
-__all__ = [
-    "UNITS_M",
-    "Rig",
-    "read_rig",
-    "rotations_of_theta",
-    "theta_of_rotations",
-]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -15,7 +15,7 @@ from clradar.hand.pose_record import JointName
 
 Node = Annotated[
     str | int,
-    checked("the name or number of a node", lambda v: type(v) in (str, int), lambda v: v),
+    checked("the name or number of a node", lambda v: type(v) in (str, int)),
 ]
 
 

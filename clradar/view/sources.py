@@ -18,7 +18,7 @@ import numpy as np
 import measurement_io
 from clradar.dataset import Sample
 from clradar.dataset.folder import is_dataset, read_manifest
-from clradar.dataset.plan.recipe import SamplePlan, read_recipe
+from clradar.dataset.sample import SamplePlan, read_recipe
 from clradar.dataset.shards import read_sample
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import fail

@@ -253,7 +253,7 @@ def test_no_output_goes_where_something_else_is(cli, unread, line):
     refused += [(OWNED[i % 5], "belongs to the |got a file") for i in (first, first + 2)]
     if line in FILE_OUTPUTS:
         kept = line.removesuffix(" --force").format("kept")
-        cli.fails(kept, "exists already; --force replaces it")
+        cli.fails(kept, "exists already; --force or force=True replaces it")
         refused += [(name, "also an input") for name in ("hard", "soft") if "in.json" in line]
     for name, said in refused:
         outcome = cli(line.format(name))

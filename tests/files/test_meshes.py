@@ -10,7 +10,7 @@ from mesh_files import CORNERS, OBJ_START, glb, tetrahedron
 
 from clradar import Scene
 from clradar.errors import MeshError
-from clradar.files.meshes import trimesh_parts
+from clradar.files.meshes.parts import parts_of
 
 
 def triangles_by_trimesh(path):
@@ -149,7 +149,7 @@ def test_instances_are_counted_before_they_are_made(tmp_path, monkeypatch, name,
     monkeypatch.setattr(trimesh, "transform_points", lambda *_: pytest.fail("made"))
     monkeypatch.setattr(f"clradar.files.meshes.parts.{name}", most)
     with pytest.raises(MeshError, match=text):
-        trimesh_parts.parts_of(str(path), scene, limited=True)
+        parts_of(str(path), scene, limited=True)
 
 
 @pytest.mark.parametrize("name", ["mesh.zip", "mesh.dxf", "mesh"])

@@ -124,14 +124,14 @@ def _readers_here() -> Iterator[None]:
         resource.setrlimit(what, (most[0], resource.getrlimit(what)[1]))
 
     def answer(message: bytes, most_bytes: int, _: float) -> Any:
-        sent, limits = bytearray(), resource.getrlimit(resource.RLIMIT_NOFILE)
+        sent, limits = io.BytesIO(), resource.getrlimit(resource.RLIMIT_NOFILE)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                process._reply(json.loads(message), SimpleNamespace(sendall=sent.extend))
+                process._reply(json.loads(message), sent)
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-        return wire.receive(SimpleNamespace(recv_into=io.BytesIO(sent).readinto), most_bytes)
+        return wire.receive(io.BytesIO(sent.getvalue()), most_bytes)
 
     system = SimpleNamespace(**{**vars(resource), "setrlimit": limit})
     with mock.patch.multiple(process, _answer_of=answer, _confined=True, resource=system):

@@ -33,8 +33,8 @@ from clradar.opencl import (
     runtimes,
 )
 from clradar.opencl.buffers import OnDevice
-from clradar.opencl.choice import default_device
-from clradar.opencl.self_test import self_test
+from clradar.opencl.choice import chosen_device
+from clradar.opencl.program import group_shape, launch_parts, self_test
 from clradar.opencl.sources import source
 
 # Which device ------------------------------------------------------------------------------------
@@ -95,9 +95,9 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 )
 def test_none_means_gpu_then_intel_then_pocl_never_the_checker(machine, infos, chosen):
     machine(*infos)
-    assert default_device() == chosen
+    assert chosen_device() == chosen
     machine(*infos[::-1])
-    assert default_device().platform == chosen.platform
+    assert chosen_device().platform == chosen.platform
 
 
 EVERYTHING = (OCLGRIND, POCL, INTEL, CARD, CARD_2)
@@ -114,9 +114,9 @@ EVERYTHING = (OCLGRIND, POCL, INTEL, CARD, CARD_2)
 def test_a_device_is_chosen_by_name_kind_or_index(machine, monkeypatch, variable, wanted, chosen):
     machine(*EVERYTHING)
     monkeypatch.setenv(variable, wanted)
-    assert default_device() == chosen
+    assert chosen_device() == chosen
     monkeypatch.setenv("CLRADAR_DEVICE", "oclgrind")  # goes before the other
-    assert default_device() == OCLGRIND
+    assert chosen_device() == OCLGRIND
 
 
 WHY = r"self_test.cl does not build \(error: unknown target CPU 'generic'\)"
@@ -137,12 +137,12 @@ def test_of_several_devices_the_first_that_works_is_used_and_the_others_are_name
     if wanted is not None:
         monkeypatch.setenv("CLRADAR_DEVICE", wanted)
     with pytest.warns(clradar.ClradarWarning) as caught:
-        assert default_device() == chosen
+        assert chosen_device() == chosen
     for info, one in zip(failing, caught, strict=True):
         start = re.escape(f"device {info.selector} {info.label}")
         instead = re.escape(f"{chosen.label} is used instead")
         assert re.fullmatch(f"{start} {WHY}; {instead}.*", str(one.message))  # one line
-    assert default_device() == chosen  # without a word
+    assert chosen_device() == chosen  # without a word
 
 
 def test_all_devices_are_those_that_would_be_used(machine, monkeypatch):
@@ -445,7 +445,7 @@ def test_a_cpu_beside_a_gpu_is_one_that_works(device, machine, monkeypatch):
 @pytest.fixture
 def kernel_text(monkeypatch: pytest.MonkeyPatch, device: clradar.Device) -> Iterator[Callable]:
     """Replace every kernel file by a text."""
-    self_test(device, program_module.compiled)
+    self_test(device)
     known = dict(device.programs)
 
     def use(text: str) -> None:
@@ -472,6 +472,12 @@ def test_a_build_error_has_device_options_and_log(device, kernel_text):
     assert message.startswith(f"device {device.info.label}: broken.cl does not build (")
     for part in ("-DCLR_FACTOR=2", "-DCLR_NEGATE=1", "CLRADAR_DEVICE=", "no_such_name"):
         assert part in message  # options, what to do, the compiler's log
+
+
+def test_items_in_groups_and_launches():
+    assert (group_shape((12, 16384), 64), group_shape((1000,), 64)) == ((16, 4), (64,))
+    starts = [at for at, _ in launch_parts((128, 2), (64, 1), 70)]
+    assert starts == [(0, 0), (0, 1), (64, 0), (64, 1)]
 
 
 def test_a_launch_that_fails_names_device_kernel_and_remedy(device, kernel_text, monkeypatch):

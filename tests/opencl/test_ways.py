@@ -139,9 +139,9 @@ def of_gpu(items: int, **options: Any) -> Callable[..., Any]:
 
     @cache
     def gpu() -> clradar.Device:
-        cpu = clradar.open_device("pocl", width=1, group_items=items, **options)
-        info = replace(cpu.info, kind="gpu")
-        return replace(cpu, info=info, programs={}, buffers=WeakSet(), lock=RLock())
+        cpu = clradar.open_device("pocl", width=1, **options)
+        own = {"programs": {}, "buffers": WeakSet(), "lock": RLock()}
+        return replace(cpu, info=replace(cpu.info, kind="gpu"), group_items=items, **own)
 
     return lambda work: nullcontext(gpu())
 

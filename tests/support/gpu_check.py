@@ -26,8 +26,7 @@ from clradar.imaging.samples import SampleSizes
 from clradar.imaging.strongest import DepthSizes
 from clradar.imaging.tiled import KernelSizes
 from clradar.imaging.tree_on_device import _ForwardSizes, _KernelSizes, _SumSizes, groups_of_leaf
-from clradar.opencl.program import defines, nvidia_registers
-from clradar.opencl.self_test import _Width
+from clradar.opencl.program import _Width, defines
 from clradar.opencl.sources import source
 from clradar.phasors.kirchhoff_sum import KirchhoffOptions
 from clradar.phasors.phasor_sum import SynthesizeOptions
@@ -113,7 +112,7 @@ def check(file: str) -> dict[str, dict[str, Use]]:
     kernels: dict[str, dict[str, Use]] = {}
     with tempfile.TemporaryDirectory() as folder:
         ptx = _compiled(file, "nvptx64-nvidia-cuda", NVIDIA[0], Path(folder))
-        most = nvidia_registers(PROGRAMS[file])
+        most = getattr(PROGRAMS[file], "nvidia_registers", None)
         by_target = {target: _nvidia_uses(ptx, target, most, Path(folder)) for target in NVIDIA}
         for target, most_waves in AMD.items():
             assembly = _compiled(file, "amdgcn-amd-amdhsa", target, Path(folder))

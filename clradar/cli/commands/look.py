@@ -51,8 +51,7 @@ def inspect_command(
     picture: opt.PictureOptions,
 ) -> None:
     """Reads, and changes nothing. Nothing is imaged again for the picture."""
-    from clradar.dataset.check import check_dataset, describe_dataset
-    from clradar.dataset.folder import is_dataset
+    from clradar.dataset.folder import check_dataset, describe_dataset, is_dataset
 
     dataset = is_dataset(file)
     if dataset and png is not None:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import atexit
 import codecs
-import io
 import json
 import os
 import signal
@@ -32,8 +31,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.confined import wire
@@ -61,25 +59,6 @@ _ENCODINGS = (
 
 _LATE = ("numpy.ma", "unicodedata")
 """Modules that numpy and Python import late, when no file can be opened any more."""
-
-_START = """import sys
-sys.path[:] = {path!r}
-from importlib.util import find_spec, module_from_spec
-for name in ("clradar", "clradar.dataset", "measurement_io"):
-    if spec := find_spec(name):
-        sys.modules[name] = module = module_from_spec(spec)
-
-        def whole(attribute, module=module, spec=spec):
-            if attribute.startswith("__"):
-                raise AttributeError(attribute)
-            del module.__getattr__
-            spec.loader.exec_module(module)
-            return getattr(module, attribute)
-
-        module.__getattr__ = whole
-from {module} import {call}
-"""
-"""Packages are imported only where a name of theirs is used: readers need few of their modules."""
 
 _FORKS = sys.platform == "linux" and os.environ.get("CLRADAR_READERS") != "spawn"
 """Whether the server works: it passes on sockets, and reads /proc."""
@@ -164,35 +143,33 @@ class NoServer(Exception):
 
 
 def _answer_of(message: bytes, most_bytes: int, wall_s: float) -> Any:
-    """Send a request, and once more if the server itself died, which no file can cause."""
+    """Have a process forked for a request."""
     if sys.platform == "win32":  # which has no such sockets
         raise NotImplementedError
-    for last in (False, True):
-        process, link = _running_server()
-        ours, theirs = socket.socketpair()
-        with ours:
-            try:
-                with theirs:
-                    socket.send_fds(link, [message], [theirs.fileno()])
-                ours.settimeout(wall_s)  # of a process that was stopped
-                return wire.receive(ours, most_bytes)
-            except (wire.BrokenMessage, OSError):
-                if last or process.poll() is None:
-                    raise
-        _stop_server()
-    raise AssertionError
+    link = _running_server()
+    ours, theirs = socket.socketpair()
+    with ours:
+        with theirs:
+            socket.send_fds(link, [message], [theirs.fileno()])
+        ours.settimeout(wall_s)  # of a process that was stopped
+        with ours.makefile("rb") as answer:
+            return wire.receive(answer, most_bytes)
 
 
-def _running_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
+def _running_server() -> socket.socket:
+    """The link to the server; another one where it has died, which no file can cause."""
     global _server
     with _lock:
+        if _server is not None and _server[0].poll() is not None:
+            _server[1].close()
+            _server = None
         if _server is None:
             _server = _start_server()
-        return _server
+        return _server[1]
 
 
 def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
-    if sys.platform == "win32":  # which has no such sockets
+    if sys.platform == "win32":
         raise NotImplementedError
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
@@ -202,20 +179,20 @@ def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
         )
-    greeting = ours.recv(MAX_REQUEST_BYTES)
-    if greeting != _READY:
+    if ours.recv(len(_READY)) != _READY:
         ours.close()
         _end(process)
-        raise NoServer(f"it does not start: {greeting.decode() or sys.executable}")
+        raise NoServer(f"it does not start: {sys.executable}")
     return process, ours
 
 
 def _started(call: str, **options: Any) -> subprocess.Popen[bytes]:
     """Start Python with a function of this module."""
     path = [os.path.abspath(entry) for entry in sys.path]
+    code = f"import sys; sys.path[:] = {path!r}; from {__name__} import {call}"
     try:
         return subprocess.Popen(
-            [sys.executable, "-c", _START.format(path=path, module=__name__, call=call)],
+            [sys.executable, "-c", code],
             stderr=subprocess.DEVNULL,  # the C library prints there when it finds damage
             env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
             **options,
@@ -243,7 +220,6 @@ class Companion:
         with self._lock:
             process = self._running()
             assert process.stdin is not None
-            received = cast(io.BufferedReader, process.stdout)
             timer = threading.Timer(START_LIMIT_S + 2 * cpu_s, process.kill)
             timer.start()
             try:
@@ -251,8 +227,7 @@ class Companion:
                     size = _NO_CONTENT if part is None else len(part).to_bytes(8, "little")
                     process.stdin.write(size + (part or b""))
                 process.stdin.flush()
-                link = SimpleNamespace(recv_into=received.readinto, sendall=None)
-                return wire.receive(link, most_bytes)
+                return wire.receive(process.stdout, most_bytes)
             except (wire.BrokenMessage, OSError):
                 self._process = None
                 _end(process)
@@ -307,7 +282,7 @@ if hasattr(os, "register_at_fork"):
 
 def serve(link_number: int) -> None:
     """Answer requests, each in a forked process, until the other end closes."""
-    if sys.platform == "win32":  # which has no such sockets
+    if sys.platform == "win32":
         raise NotImplementedError
     warnings.simplefilter("ignore")  # of forks, which are intended here
     with socket.socket(fileno=link_number) as link:
@@ -322,8 +297,8 @@ def serve(link_number: int) -> None:
                 _import_all(json.loads(message))
             if os.fork() == 0:
                 link.close()
-                with suppress(BaseException):
-                    _answer(json.loads(message), socket.socket(fileno=handles[0]))
+                with suppress(BaseException), os.fdopen(handles[0], "wb") as answer:
+                    _answer(json.loads(message), answer)
                 os._exit(0)
             for handle in handles:
                 os.close(handle)
@@ -344,17 +319,15 @@ def serve_many() -> None:
         while length := requests.read(8):
             request = json.loads(requests.read(int.from_bytes(length, "little")))
             size = requests.read(8)
-            link = SimpleNamespace(sendall=answer.write, recv_into=None)
             with suppress(Exception):
                 _import_all(request)
             if size == _NO_CONTENT:
-                _answer(request, link)
+                _answer(request, answer)
                 return
             _handed = requests.read(int.from_bytes(size, "little"))
             _limit(request["cpu_s"], request["memory_bytes"], again=True)
             forbid_opening()
-            _reply(request, link)
-            answer.flush()
+            _reply(request, answer)
 
 
 def _import_all(request: dict[str, Any]) -> None:
@@ -365,24 +338,24 @@ def _import_all(request: dict[str, Any]) -> None:
             found()
 
 
-def _answer(request: dict[str, Any], link: wire.Link) -> None:
+def _answer(request: dict[str, Any], answer: Any) -> None:
     _limit(request["cpu_s"], request["memory_bytes"])
     with suppress(OSError):
         os.chdir(request["folder"])
-    _reply(request, link)
+    _reply(request, answer)
 
 
-def _reply(request: dict[str, Any], link: wire.Link) -> None:
+def _reply(request: dict[str, Any], answer: Any) -> None:
     path = Path(request["path"])
     try:
         _import_all(request)
         function = getattr(sys.modules[request["module"]], request["function"])
-        wire.send(link, {"result": function(path, *request["arguments"])})
+        wire.send(answer, {"result": function(path, *request["arguments"])})
     except ClradarError as error:
-        wire.send(link, {"error": str(error)})
+        wire.send(answer, {"error": str(error)})
     except Exception as error:
         got = f"{type(error).__name__}: {clean(error)}"
-        wire.send(link, {"error": f"{shown(path)}: expected {request['expected']}, got {got}"})
+        wire.send(answer, {"error": f"{shown(path)}: expected {request['expected']}, got {got}"})
 
 
 def _limit(cpu_s: int, memory_bytes: int, *, again: bool = False) -> None:
@@ -394,23 +367,17 @@ def _limit(cpu_s: int, memory_bytes: int, *, again: bool = False) -> None:
     if resource is None or sys.platform == "win32":
         return
     _confined = True
-    limits = [
-        (resource.RLIMIT_CPU, cpu_s),
-        (resource.RLIMIT_CORE, 0),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_NPROC, 0),
-    ]
+    for_ever = (resource.RLIMIT_CORE, resource.RLIMIT_FSIZE, resource.RLIMIT_NPROC)
+    limits = dict.fromkeys(for_ever, 0)
+    limits[resource.RLIMIT_CPU] = cpu_s + again * (int(time.process_time()) + 1)
     if sys.platform == "linux":
         if _pages is None:  # later this process can open no file
             _pages = int(Path("/proc/self/statm").read_bytes().split()[0])
-        limits.append((resource.RLIMIT_AS, memory_bytes + _pages * resource.getpagesize()))
-    for what, most in limits:
+        limits[resource.RLIMIT_AS] = memory_bytes + _pages * resource.getpagesize()
+    for what, most in limits.items():
         hard = resource.getrlimit(what)[1]
-        soft_alone = again and what not in (resource.RLIMIT_FSIZE, resource.RLIMIT_NPROC)
-        if soft_alone and what == resource.RLIMIT_CPU:
-            most += int(time.process_time()) + 1
         most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(what, (most, hard if soft_alone else most))
+        resource.setrlimit(what, (most, hard if again and what not in for_ever else most))
     signal.alarm(WALL_LIMIT_S)
 
 

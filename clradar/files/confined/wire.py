@@ -1,8 +1,9 @@
 """Messages between processes: plain values and arrays, with everything that arrives checked.
 
-A message is the length of a JSON header (8 bytes), the header, and the bytes of its arrays behind
-one another. It can hold numbers, strings, None, lists, mappings with string keys and arrays
-of numbers or text, and nothing else: unlike a pickle it cannot ask for anything.
+A message is the length of a JSON text (8 bytes), the text, and the bytes of its arrays behind one
+another, for each of which the text has an object with type and shape. It can hold numbers, strings,
+None, lists, mappings with string keys and arrays of numbers or text, and nothing else: unlike a
+pickle it cannot ask for anything.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from clradar.files.limits import MAX_ANSWER_HEADER_BYTES
 
+_ARRAY = "\0array"
 _CODE = re.compile(r"[<>|](b1|[iuf][1248]|c8|c16|[SU][0-9]{1,9})\Z")
 
 
@@ -23,70 +25,57 @@ class BrokenMessage(Exception):
     """The message ends early, or is none."""
 
 
-Link = Any
-"""What a message goes through: a socket, or pipes with its `sendall` and `recv_into`."""
-
-
-def send(link: Link, value: Any) -> None:
-    """Send `value`; raises TypeError for what a message cannot hold."""
+def send(stream: Any, value: Any) -> None:
+    """Write `value` to a binary file; raises TypeError for what a message cannot hold."""
     arrays: list[np.ndarray] = []
-    header = json.dumps(_plain(value, arrays)).encode("ascii")
-    link.sendall(len(header).to_bytes(8, "little") + header)
+
+    def described(array: Any) -> dict[str, Any]:
+        if not isinstance(array, np.ndarray) or array.dtype.hasobject:
+            raise TypeError(f"{type(array).__name__} cannot be sent")
+        code: Any = array.dtype.str
+        if array.dtype.names is not None:
+            code = [(name, array.dtype[name].str) for name in array.dtype.names]
+        arrays.append(np.ascontiguousarray(array, code))  # without padding
+        return {_ARRAY: [code, array.shape]}
+
+    text = json.dumps(value, default=described).encode("ascii")
+    if text.count(json.dumps(_ARRAY).encode()) != len(arrays):
+        raise TypeError("a text that stands for arrays cannot be sent")
+    stream.write(len(text).to_bytes(8, "little") + text)
     for array in arrays:
         if array.nbytes:
-            link.sendall(array.reshape(-1).view(np.uint8).data)
+            stream.write(array.reshape(-1).view(np.uint8).data)
+    stream.flush()
 
 
-def receive(link: Link, most_bytes: int) -> Any:
-    """Return the next value, whose arrays may have `most_bytes` in all."""
-    length = int.from_bytes(_filled(link, bytearray(8)), "little")
+def receive(stream: Any, most_bytes: int) -> Any:
+    """Return the next value of a buffered file, whose arrays may have `most_bytes` in all."""
+    length = int.from_bytes(_filled(stream, bytearray(8)), "little")
     if length > MAX_ANSWER_HEADER_BYTES:
         raise BrokenMessage(f"a header of {length} bytes")
+    left = most_bytes
+
+    def with_arrays(mapping: dict[str, Any]) -> Any:
+        """Called for the innermost mappings first, and of arrays in their order."""
+        nonlocal left
+        if _ARRAY not in mapping:
+            return mapping
+        code, shape = mapping[_ARRAY]
+        dtype = _dtype(code)
+        if not all(type(n) is int and n >= 0 for n in shape):
+            raise ValueError("a shape")
+        left -= math.prod(shape) * dtype.itemsize
+        if left < 0:
+            raise ValueError("more bytes than were requested")
+        array = np.empty(shape, dtype)
+        if array.nbytes:
+            _filled(stream, array.reshape(-1).view(np.uint8).data)
+        return array
+
     try:
-        header = json.loads(_filled(link, bytearray(length)))
-        return _value(header, link, [most_bytes])
+        return json.loads(_filled(stream, bytearray(length)), object_hook=with_arrays)
     except Exception as error:
         raise BrokenMessage(f"{type(error).__name__}") from error
-
-
-def _plain(value: Any, arrays: list[np.ndarray]) -> Any:
-    """Return `value` as JSON: lists, mappings and arrays carry a tag with their kind."""
-    if isinstance(value, np.ndarray):
-        code: Any = value.dtype.str
-        if value.dtype.names is not None:
-            code = [[name, value.dtype[name].str] for name in value.dtype.names]
-            value = value.astype([(name, kind) for name, kind in code])  # without padding
-        if value.dtype.hasobject:
-            raise TypeError("an array of objects")
-        arrays.append(np.ascontiguousarray(value))
-        return ["array", code, list(value.shape)]
-    if isinstance(value, list):
-        return ["list", [_plain(item, arrays) for item in value]]
-    if isinstance(value, dict):
-        return ["mapping", {key: _plain(item, arrays) for key, item in value.items()}]
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    raise TypeError(f"{type(value).__name__} cannot be sent")
-
-
-def _value(plain: Any, link: Link, left: list[int]) -> Any:
-    if not isinstance(plain, list):
-        return plain
-    tag, *content = plain
-    if tag == "list":
-        return [_value(item, link, left) for item in content[0]]
-    if tag == "mapping":
-        return {key: _value(item, link, left) for key, item in content[0].items()}
-    if tag != "array" or not all(type(n) is int and n >= 0 for n in content[1]):
-        raise ValueError(tag)
-    dtype, shape = _dtype(content[0]), content[1]
-    left[0] -= math.prod(shape) * dtype.itemsize
-    if left[0] < 0:
-        raise ValueError("more bytes than were requested")
-    array = np.empty(shape, dtype)
-    if array.nbytes:
-        _filled(link, array.reshape(-1).view(np.uint8).data)
-    return array
 
 
 def _dtype(code: Any) -> np.dtype[Any]:
@@ -97,11 +86,7 @@ def _dtype(code: Any) -> np.dtype[Any]:
     return np.dtype(code)
 
 
-def _filled(link: Link, buffer: Any) -> Any:
-    target = memoryview(buffer)
-    while len(target):
-        count = link.recv_into(target)
-        if count == 0:
-            raise BrokenMessage("the other end is closed")
-        target = target[count:]
+def _filled(stream: Any, buffer: Any) -> Any:
+    if stream.readinto(buffer) < len(buffer):
+        raise BrokenMessage("the other end is closed")
     return buffer

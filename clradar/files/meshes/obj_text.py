@@ -19,11 +19,12 @@ _FEW_CORNERS = r"f(?:[ \t]+[^\s]+){0,2}[ \t]*$"
 _NO_VERTEX = r"f (?:.*[ \t])?(?:/|[+]?0+(?=[/ \t]|$)).*$"
 _COUNTED_BACK = r"f .*-.*$"  # from their line, which trimesh does from the file's end
 _REFUSED = re.compile(f"^(?:{_FEW_CORNERS}|{_NO_VERTEX}|{_COUNTED_BACK})", re.MULTILINE)
+_MATERIALS = re.compile(r"^mtllib\b.*", re.MULTILINE)
 _MATERIAL = re.compile(r"^usemtl (.*)", re.MULTILINE)
 
 
-def for_trimesh(path: Path, content: bytes) -> tuple[bytes, bytes]:
-    """Return an OBJ file's content for trimesh, and a material file that stands for its own.
+def for_trimesh(path: Path, content: bytes) -> tuple[bytes, dict[str, bytes]]:
+    """Return an OBJ file's content for trimesh, and by its name a file of materials for its own.
 
     Lines are neither indented nor continued, and vertices are three numbers. With a material file
     of several materials, trimesh calls parts by theirs; that file is not opened, so those that are
@@ -38,4 +39,5 @@ def for_trimesh(path: Path, content: bytes) -> tuple[bytes, bytes]:
         wanted = "a mesh with faces of three corners or more, counted from 1: export it so"
         fail(path, wanted, f"'{clean(refused[0])}'", error=MeshError)
     several = len({name.strip() for name in _MATERIAL.findall(text)}) > 1
-    return text.encode(), b"newmtl 1\nnewmtl 2\n" if several else b""
+    text = _MATERIALS.sub("mtllib materials", text)
+    return text.encode(), {"materials": b"newmtl 1\nnewmtl 2\n" if several else b""}

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import sys
+import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from clradar.errors import ClradarError, MeshError
 from clradar.files.confined import process
-from clradar.files.failures import fail, read_bytes, reading, regular_file_size
+from clradar.files.failures import clean, fail, read_bytes, reading, regular_file_size
 from clradar.files.limits import (
     MAX_MESH_BYTES,
     MAX_MESH_FACES,
@@ -17,8 +21,9 @@ from clradar.files.limits import (
     MESH_MEMORY_BYTES,
     MESH_MEMORY_FACTOR,
 )
-from clradar.files.meshes.parts import Parts
-from clradar.files.meshes.trimesh_parts import read_with_trimesh
+from clradar.files.meshes import gltf_document, obj_text
+from clradar.files.meshes.parts import Parts, parts_of
+from clradar.files.meshes.ply_parts import with_parts, with_texture
 
 FORMATS = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Endings of the names of files that are read."""
@@ -60,12 +65,52 @@ def confined_reader(
     )
 
 
+class _Named(dict[str, bytes]):
+    """What trimesh may ask for by the names in a file; it calls a mesh without a name like it."""
+
+    def __init__(self, path: Path, files: dict[str, bytes]) -> None:
+        super().__init__(files)
+        self.file_name = path.name
+
+
 def _contents(path: Path) -> dict[str, Any]:
-    """Read a mesh file, in the confined process."""
+    """Read a mesh file, in the confined process; only buffers of glTF are opened for it."""
+    kind, options = path.suffix.lower()[1:], dict[str, Any]()
     content = read_bytes(path, EXPECTED, MAX_MESH_BYTES, error=MeshError)
     with reading(path, EXPECTED, error=MeshError):
-        parts = read_with_trimesh(path, content, path.suffix.lower()[1:])
-    found = {"vertices": parts.vertices, "faces": parts.faces, "part": parts.part}
-    if parts.texture is not None:
-        found["texture"] = parts.texture
-    return {**found, "names": list(parts.names)}
+        if kind in ("glb", "gltf"):
+            content, buffers = gltf_document.for_trimesh(path, content)
+            options = {"resolver": _Named(path, buffers), "skip_materials": True}
+        process.forbid_opening()
+        if kind == "obj":
+            content, files = obj_text.for_trimesh(path, content)
+            # By default its objects and groups are merged under the first one's name.
+            options = {"split_objects": True, "split_groups": True, "resolver": _Named(path, files)}
+        scene = _loaded(path, content, kind, options)
+        parts = parts_of(str(path), scene, limited=True, backwards=kind == "obj")
+        name, *others = parts.names
+        if not options and not others and name.startswith("geometry_"):  # trimesh's for none
+            parts = replace(parts, names=(path.name,))
+        if kind == "ply":
+            parts = with_texture(with_parts(parts, scene, content), scene)
+    return vars(parts)
+
+
+def _loaded(path: Path, content: bytes, kind: str, options: dict[str, Any]) -> Any:
+    import trimesh
+
+    # trimesh would guess the encoding of a text that is no UTF-8, if that package were there.
+    sys.modules["charset_normalizer"] = None  # type: ignore[assignment]
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # numpy's for numbers that it has left out.
+            warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
+            # process=False keeps the faces in the file's order, which alpha per face relies on.
+            stream = io.BytesIO(content)
+            return trimesh.load_scene(stream, file_type=kind, process=False, **options)
+    except Exception as error:  # trimesh's readers raise whatever their parsers raise
+        got = f"{type(error).__name__}: {clean(error)}"
+        if isinstance(error, ModuleNotFoundError):
+            got = "bytes that are neither of such a format nor UTF-8 text"
+        fail(path, f"a mesh file (.{kind})", got, error=MeshError, cause=error)
