@@ -16,7 +16,7 @@ import clradar
 import clradar.view
 from clradar.errors import ClradarError, OutputError
 from clradar.view import server
-from clradar.view.beside import Others
+from clradar.view.beside import recorded
 from clradar.view.drawn import Drawn
 from clradar.view.page_file import write_page
 from clradar.view.panel import Panel
@@ -120,7 +120,7 @@ def spot(x_m):
 @needs_a_browser
 def test_frames_keys_reload_and_two_browsers(tmp_path):
     source, along = frames(spot(0.03), spot(0.0)), frames(spot(0.0), name="simulated")
-    view = View(source=source, wish=Wish(), beside=Others(source, (along,)))
+    view = View(source=source, wish=Wish(), beside=recorded(source, [along]))
     with server.serving(view, 0) as (port, _), chromium.chromium(tmp_path, webgl=True) as page:
         address = f"http://127.0.0.1:{port}"
         tab = Tab(page, address)
