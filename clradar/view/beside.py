@@ -52,7 +52,7 @@ def recorded(source: Source, others: Sequence[Source]) -> Beside:
 
 
 def simulated(mesh: Scene, device: Device | None = None) -> Beside:
-    """Return what the radar of a capture would record of a mesh, by the wish's alpha or material."""
+    """Return what a capture's radar would record of a mesh, by the wish's alpha or material."""
     kept: dict[Hashable, Capture] = {}  # the newest last
 
     def of(wish: Wish, content: Content) -> Second | None:

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from clradar.hand import JOINT_NAMES
+from clradar.hand.joints import CHAINS
 from clradar.model.length_unit import unit_for
 from clradar.plot.drawing import InnerTicks
 from clradar.view.drawn import Drawn, clicked_m
 from clradar.view.pictures import SIZE_INCHES, Picture, image_pictures, slice_pictures
 from clradar.view.session import Shown, View
-from clradar.view.truth import UNITS_PER_M, Truth, draw_truth
+from clradar.view.sources import Truth
 from clradar.view.wish import LAYOUTS, Place
+
+UNITS_PER_M = 10.0
+"""Of the scene: with a hand of two units, steps and clipping of the camera's defaults fit."""
+
+BONES = np.array([pair for chain in CHAINS for pair in pairwise((0, *chain))])
 
 BOX_COLOUR = (128, 128, 128)
 
-MESH_COLOUR = (170, 170, 180)
+MESH_COLOUR, TRUTH_COLOUR = (170, 170, 180), (90, 200, 255)
 
 FOV = np.radians(50.0)
 """Of the camera, upwards."""
@@ -251,3 +259,25 @@ class SceneView:
                 f"/3-D/box/{i}", text, position=UNITS_PER_M * at, anchor=anchor,
                 font_size_mode="scene", font_scene_height=UNITS_PER_M * 1.2 * tick_m,
             )  # fmt: skip
+
+
+def draw_truth(scene: Any, truth: Truth | None) -> list[Any]:
+    """Draw mesh and joints, where they are known, into the scene of viser; return their nodes."""
+    nodes = []
+    if truth is not None and truth.vertices_m is not None:
+        nodes.append(
+            scene.add_mesh_simple(
+                "/3-D/truth/mesh", vertices=UNITS_PER_M * truth.vertices_m, faces=truth.faces,
+                color=TRUTH_COLOUR, opacity=0.4, side="double",
+            )
+        )  # fmt: skip
+    if truth is not None and truth.joints_m is not None:
+        joints_m = truth.joints_m.reshape(-1, len(JOINT_NAMES), 3)
+        ends = (UNITS_PER_M * joints_m[:, BONES].reshape(-1, 2, 3)).astype(np.float32)
+        nodes.append(
+            scene.add_line_segments(
+                "/3-D/truth/joints", points=ends[np.isfinite(ends).all(axis=(1, 2))],
+                colors=TRUTH_COLOUR, thickness=3.0, thickness_units="screen",
+            )
+        )  # fmt: skip
+    return nodes

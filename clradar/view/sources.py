@@ -1,14 +1,16 @@
 """What is viewed: frames of a path, a data set or a Python iterable, and new ones.
 
-Each is read on access, a sample of a data set with what it was made of.
+Each is read on access; what it was made of is known of samples of data sets, and of frames of
+simulated recordings.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -22,10 +24,11 @@ from clradar.dataset.sample import SamplePlan, read_recipe
 from clradar.dataset.shards import read_sample
 from clradar.errors import ClradarError, MeasurementError
 from clradar.files.failures import fail
+from clradar.files.json_file import read_json_object
 from clradar.files.watched_folder import WatchedFolder, visible
+from clradar.hand import JOINT_NAMES
 from clradar.model import Capture, DepthMap, Volume, checks
 from clradar.view.drawn import Flat
-from clradar.view.truth import Truth, recording_truth
 from measurement_io.maroon.folders import FRAMES_FOLDER, find_radar_folder, frame_file
 from measurement_io.opening import kind_of
 
@@ -39,8 +42,25 @@ LOOK_S, REST_S = 0.02, 0.5
 SAMPLES_S = 1.0
 """Between two looks at a data set that is written."""
 
+TRUTH_FILE = "truth/truth.json"
+"""Beside the radar folder, as ``clradar simulate --motion --frames`` writes it."""
+
 KEPT_BYTES = 256 * 2**20
 """Of samples of an iterable, to look back at: 29 frames of 94 x 94 pairs and 128 frequencies."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What a frame was made of, as far as it is known.
+
+    Joints, (25 * hands, 3), are in the order of `clradar.hand.JOINT_NAMES`, NaN where a rig has
+    none; `lines` are pose, hand, place and surface as text.
+    """
+
+    vertices_m: np.ndarray | None
+    faces: np.ndarray | None
+    joints_m: np.ndarray | None
+    lines: tuple[str, ...]
 
 
 class Source:
@@ -238,6 +258,40 @@ class StreamFrames(Source):
             self.error = error
         finally:
             self.ended = True
+
+
+def recording_truth(
+    path: Path, label: Callable[[int], str]
+) -> Callable[[int], Truth | None] | None:
+    """Return the truth beside a recording, by the labels of its frames; None where there is none,
+    or it cannot be read.
+    """
+    with suppress(ClradarError):
+        radar = find_radar_folder(path)
+        for file in (radar / TRUTH_FILE, radar.parent / TRUTH_FILE):
+            if file.is_file():
+                frames = read_json_object(file).get("frames")
+                records = frames if isinstance(frames, list) else []
+                known = {f"frame {r.get('frame')}": r for r in records if isinstance(r, Mapping)}
+                return lambda frame: _truth_of(known.get(label(frame)))
+    return None
+
+
+def _truth_of(record: Mapping[str, Any] | None) -> Truth | None:
+    """Return joints and poses of a frame."""
+    if record is None:
+        return None
+    with suppress(AttributeError, IndexError, TypeError, ValueError):  # not as it is written
+        hands = record.get("hands", [record])
+        joints = [one["joints_m"] for one in hands if one.get("joints_m")]
+        places = [[one.get(name) or [np.nan] * 3 for name in JOINT_NAMES] for one in joints]
+        joints_m = np.array(places, np.float64).reshape(-1, 3) if places else None
+        lines = [f"pose {one['pose']}" for one in hands if one.get("pose")]
+        for name, matrix in record.get("bodies", {}).items():
+            x, y, z = 1e3 * np.array(matrix, np.float64)[:3, 3]
+            lines.append(f"{name} at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+        return Truth(None, None, joints_m, tuple(lines))
+    return None
 
 
 class SampleFrames(Source):

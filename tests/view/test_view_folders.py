@@ -17,8 +17,7 @@ from clradar.view import server
 from clradar.view.playing import Player
 from clradar.view.server import serving
 from clradar.view.session import View
-from clradar.view.sources import open_source
-from clradar.view.truth import recording_truth
+from clradar.view.sources import open_source, recording_truth
 from clradar.view.wish import Wish
 from measurement_io import save_recording, save_volume
 

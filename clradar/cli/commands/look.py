@@ -117,7 +117,7 @@ def view_command(
     viser. Captures are imaged as `clradar image` does, with larger voxels at first.
     """
     from clradar.view import beside
-    from clradar.view.server import serve
+    from clradar.view.server import serve, write_page
     from clradar.view.session import View
     from clradar.view.sources import open_source
     from clradar.view.wish import Wish
@@ -137,8 +137,6 @@ def view_command(
     if html is None:
         serve(view, port, print_line)
         return
-    from clradar.view.page_file import write_page
-
     count = write_page(view, html, force=opt.call.force, warn=print_warning)
     print_line(f"{html}: {counted(count, 'frame')}, for any browser")
 
