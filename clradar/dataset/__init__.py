@@ -5,12 +5,10 @@
 `run` makes a data set; ``docs/plans.md`` describes plans and files.
 """
 
-from clradar.dataset.check import replay
 from clradar.dataset.plan.plan import Plan, PlanError, plan_schema, read_plan
-from clradar.dataset.plan.recipe import recipe
 from clradar.dataset.readers import TorchDataset, open_dataset
-from clradar.dataset.runs import run
-from clradar.dataset.sample import Sample, make_sample
+from clradar.dataset.runs import replay, run
+from clradar.dataset.sample import Sample, make_sample, recipe
 
 __all__ = [
     "Plan",

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from clradar.dataset.folder import CONTACT_SHEET, Manifest
-from clradar.dataset.plan.recipe import read_recipe
-from clradar.dataset.sample import Sample
+from clradar.dataset.sample import Sample, read_recipe
 from clradar.dataset.shards import read_sample
 from clradar.files.atomic import write_file
 from clradar.hand.joints import CHAINS
@@ -22,6 +22,14 @@ CELL_INCHES, TITLE_PT, DPI = 1.15, 7.0, 150
 
 DYNAMIC_RANGE_DB = 25.0
 """Of amplitudes; lower ones are black."""
+
+DRAWN: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
+    "max_projection": lambda amplitude: _level_db(amplitude),
+    "volume": lambda voxels: _level_db(np.abs(voxels).max(axis=0)),
+    "depth_map": lambda depth_m: depth_m,
+    "capture": lambda samples: _level_db(np.abs(samples).mean(axis=2)),
+}
+"""Of each sample the first of these products, and how."""
 
 
 def write_contact_sheet(folder: Path, manifest: Manifest) -> None:
@@ -41,8 +49,7 @@ def write_contact_sheet(folder: Path, manifest: Manifest) -> None:
 def contact_sheet(samples: list[Sample]) -> Figure:
     """Draw samples side by side: image, joints, pose and number; x to the left.
 
-    Each is shown by its first product of: maximum projection, volume, depth map, capture;
-    amplitudes in decibels below each image's maximum. One without has its joints alone.
+    Each is shown by its first product of `DRAWN`; one without has its joints alone.
     """
     rows, columns = -(-len(samples) // COLUMNS), min(COLUMNS, len(samples))
     figure = new_figure(columns * CELL_INCHES + 0.2, rows * (CELL_INCHES + 0.22) + 0.4, dpi=DPI)
@@ -51,7 +58,9 @@ def contact_sheet(samples: list[Sample]) -> Figure:
     for number, sample in enumerate(samples, start=1):
         axes = figure.add_subplot(rows, columns, number)
         axes.set(xticks=[], yticks=[], facecolor=AMPLITUDE_BACKGROUND, aspect="equal")
-        drawn, image = read_recipe(sample.recipe), _image(sample.arrays)
+        drawn = read_recipe(sample.recipe)
+        images = (made(sample.arrays[n]) for n, made in DRAWN.items() if n in sample.arrays)
+        image = next(images, None)
         grid = drawn.plan.image.grid if drawn.plan.keeps_images else None
         if image is not None:
             extent = (-0.5, image.shape[1] - 0.5, -0.5, image.shape[0] - 0.5)  # Rx and Tx
@@ -71,16 +80,7 @@ def contact_sheet(samples: list[Sample]) -> Figure:
     return figure
 
 
-def _image(arrays: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return what is drawn of a sample."""
-    amplitude = arrays.get("max_projection")
-    if amplitude is None and "volume" in arrays:
-        amplitude = np.abs(arrays["volume"]).max(axis=0)
-    if amplitude is None and "depth_map" in arrays:
-        return arrays["depth_map"]
-    if amplitude is None and "capture" in arrays:
-        amplitude = np.abs(arrays["capture"]).mean(axis=2)
-    if amplitude is None:
-        return None
+def _level_db(amplitude: np.ndarray) -> Any:
+    """Return amplitudes in decibels below their maximum."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.maximum(20 * np.log10(amplitude / amplitude.max()), -DYNAMIC_RANGE_DB)

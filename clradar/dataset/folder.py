@@ -1,4 +1,4 @@
-"""The folder of a data set: its manifest and its shards.
+"""The folder of a data set: its manifest and its shards, and whether it is whole.
 
     manifest.json            the plan, what made the samples, which failed, SHA-256 of shards
     shards/shard-00000.h5    samples
@@ -11,20 +11,32 @@ shards that were never closed.
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import Field
 
 from clradar.dataset.plan.plan import Plan, plan_from, plan_record
-from clradar.errors import quoted
-from clradar.files.failures import fail, shown
+from clradar.dataset.shards import (
+    Aside,
+    arrays_of,
+    labels_of,
+    opened_shard,
+    read_array,
+    samples_of,
+)
+from clradar.errors import ClradarError, quoted
+from clradar.files.failures import clean, fail, shown
+from clradar.files.hashing import sha256_of
 from clradar.files.json_file import read_json_object, write_json
-from clradar.files.records import OpenRecord, Whole, record_of
-from clradar.jobs.outcome import Aside
+from clradar.files.records import OpenRecord, record_of
+from clradar.model.progress import Progress
+from measurement_io import CheckReport, Description, Fact
 
 FORMAT, VERSION = "dataset", 2
 MANIFEST, SHARDS, PARTS = "manifest.json", "shards", "parts"
@@ -35,11 +47,8 @@ SUMMARIES = (CONTACT_SHEET, "statistics.json", "statistics.csv")
 OWN_NAMES = (MANIFEST, SHARDS, PARTS, *SUMMARIES)
 """Names in the folder of a data set that are its own; others are left alone."""
 
-
-class AsideRecord(OpenRecord):
-    sample: Whole
-    reason: str
-    attempts: Whole
+MOST_LISTED = 10
+"""Samples listed in a problem."""
 
 
 class ManifestRecord(OpenRecord):
@@ -47,7 +56,7 @@ class ManifestRecord(OpenRecord):
 
     plan: dict[str, Any]
     made_with: dict[str, Any]
-    set_aside: tuple[AsideRecord, ...]
+    set_aside: tuple[Aside, ...]
     sha256: dict[str, str] = Field(default_factory=dict)
 
 
@@ -92,7 +101,7 @@ class Manifest:
             "clradar_version": VERSION,
             "plan": plan_record(self.plan),
             "made_with": dict(self.made_with),
-            "set_aside": [asdict(self.aside[sample]) for sample in sorted(self.aside)],
+            "set_aside": [self.aside[sample].model_dump() for sample in sorted(self.aside)],
             "sha256": {name: self.sha256[name] for name in sorted(self.sha256)},
         }
 
@@ -125,11 +134,107 @@ def manifest_of(path: Path, content: Mapping[str, Any]) -> Manifest:
     if not isinstance(version, int) or version > VERSION:
         fail(path, f"version {VERSION} or older", f"{quoted(version)}; update clradar")
     record = record_of(content, ManifestRecord, path)
-    aside = {one.sample: Aside(**one.model_dump()) for one in record.set_aside}
     plan = plan_from(record.plan, shown(path), path.parent)
+    aside = {one.sample: one for one in record.set_aside}
     return Manifest(plan, record.made_with, aside, record.sha256)
 
 
 def shard_name(number: int) -> str:
     """Return the path of a shard, relative to the folder."""
     return f"{SHARDS}/shard-{number:05d}.h5"
+
+
+def part_name(sample: int) -> str:
+    """Return the path of a part, relative to the folder."""
+    return f"{PARTS}/{sample:08d}.h5"
+
+
+# What a data set is, and whether it is whole
+
+
+def describe_dataset(folder: Path) -> Description:
+    """Describe a data set from its manifest and the sizes of its shards, which are not opened."""
+    manifest = read_manifest(folder)
+    plan, closed, complete = manifest.plan, len(manifest.shards), not manifest.missing
+    names = [pose.name for pose in plan.poses.poses]
+    size = sum((folder / shard_name(number)).stat().st_size for number in manifest.shards)
+    stored, aside = len(manifest.stored), len(manifest.aside)
+    text = f"yes, but for {aside} set aside" if aside else "yes"
+    device = manifest.made_with.get("device", {})
+    shards = f"{closed} of {plan.n_shards}, {size / 2**20:.1f} MiB"
+    facts = [
+        Fact("samples", f"{stored} of {plan.samples}", {"stored": stored, "plan": plan.samples}),
+        Fact("complete", text if complete else "no", complete),
+        Fact("set aside", f"{aside}", sorted(manifest.aside)),
+        Fact("shards", shards, {"closed": closed, "plan": plan.n_shards, "bytes": size}),
+        Fact("products", ", ".join(plan.output.products), list(plan.output.products)),
+        Fact("poses", f"{plan.poses.kind} of {len(names)}: {clean(', '.join(names))}", names),
+        Fact("seed", f"{plan.seed}", plan.seed),
+        Fact("made with", clean(json.dumps(device)), dict(manifest.made_with)),
+    ]
+    return Description(shown(folder), "data set", tuple(facts), (), tuple(_missing(manifest)))
+
+
+def check_dataset(folder: Path, progress: Progress | None = None) -> CheckReport:
+    """Verify a data set by reading all of it: SHA-256 and checksums, and what readers need."""
+    try:
+        manifest = read_manifest(folder)
+    except ClradarError as error:
+        return CheckReport(shown(folder), (), error.mistakes or (clean(error),))
+    checked = ["manifest: its plan is whole and has no mistakes"]
+    problems = [*_missing(manifest)]
+    before = len(problems)
+    for done, number in enumerate(sorted(manifest.shards), start=1):
+        try:
+            found = [f"{shard_name(number)}: {p}" for p in _problems(folder, manifest, number)]
+        except ClradarError as error:
+            found = [clean(error)]
+        problems += (f"{p}; delete the file, and the same command makes it again" for p in found)
+        if progress is not None:
+            progress(done, len(manifest.shards))
+    if len(problems) == before:
+        known = sum(shard_name(n).split("/")[1] in manifest.sha256 for n in manifest.shards)
+        checked += [
+            f"shards: {len(manifest.shards)}, {known} by their SHA-256: samples in order",
+            f"samples: {len(manifest.stored)}, labels are there",
+            f"{', '.join(manifest.plan.output.products)}: finite numbers",
+        ]
+    if manifest.aside:
+        samples = _listed(sorted(manifest.aside))
+        checked.append(f"set aside, with their reasons in the manifest: {samples}")
+    return CheckReport(shown(folder), tuple(checked), tuple(problems))
+
+
+def _missing(manifest: Manifest) -> Iterator[str]:
+    if missing := manifest.missing:
+        yield f"not complete: shards {_listed(missing)} are missing; the same command makes them"
+
+
+def _problems(folder: Path, manifest: Manifest, number: int) -> Iterator[str]:
+    """What is wrong with a shard."""
+    path, plan = folder / shard_name(number), manifest.plan
+    known = manifest.sha256.get(path.name)
+    if known is not None and (found := sha256_of(path)) != known:
+        yield f"expected the SHA-256 {known}, got {found}"
+        return
+    samples = [n for n in plan.shard_samples(number) if n not in manifest.aside]
+    with opened_shard(path) as file:
+        if (there := samples_of(file)) != samples:
+            yield f"expected the samples {_listed(samples)}, got {_listed(there)}"
+            return
+        for name, label in labels_of(plan).items() if samples else ():
+            if label.place not in file or len(file[label.place][:]) != len(samples):
+                yield f"labels/{name}: expected one for each sample"
+        for name in arrays_of(plan.output.products):
+            # Of depths, and of joints of rigs, some may be missing.
+            may_lack = name == "depth_map" or (name == "joints" and plan.hands.rigs)
+            wrong = np.isinf if may_lack else lambda array: ~np.isfinite(array)
+            rows = enumerate(samples)
+            if bad := [n for row, n in rows if np.any(wrong(read_array(file, name, row)))]:
+                yield f"{name}: expected finite numbers, got others in the samples {_listed(bad)}"
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    more = len(numbers) - MOST_LISTED
+    text = ", ".join(map(str, numbers[:MOST_LISTED]))
+    return f"{text} and {more} more" if more > 0 else text or "none"

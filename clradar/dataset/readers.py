@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +21,8 @@ from clradar.model import checks
 if TYPE_CHECKING:
     import xarray
 
-CHUNK_BYTES = 2**25
-"""Approximate size of the chunks of Dask arrays."""
+CHUNK_SIZE = "32 MiB"
+"""Of Dask arrays, about."""
 
 NAMES = ("sample", "pose", "handedness", "rig")
 """Labels that are coordinates of the samples."""
@@ -97,7 +96,11 @@ def _view(paths: list[Path]) -> xarray.Dataset:
         with opened_shard(path) as file:
             for name, field in fields.items():
                 if field.place in file:
-                    parts[name].append(_lazy(path, file[field.place]))
+                    lazy = _Lazy(path, file[field.place])
+                    chunks = (CHUNK_SIZE, *lazy.shape[1:])
+                    parts[name].append(
+                        dask.array.from_array(lazy, chunks, name=False, asarray=False)
+                    )
                 if field.place in file and field.ragged:
                     offset = parts[f"{name}_end"][-1][-1] if parts[f"{name}_end"] else 0
                     edges = offset + file[f"{field.place}_first"][:]
@@ -129,27 +132,14 @@ def _units(units: str | None, long_name: str) -> dict[str, str]:
     return {"long_name": long_name} | ({} if units is None else {"units": str(units)})
 
 
-def _lazy(path: Path, dataset: Any) -> Any:
-    """Return a Dask array that reads its shard when it is computed."""
-    import dask.array
-
-    text = dataset.dtype.kind == "S"  # no text has more characters than bytes
-    dtype = np.dtype(f"U{dataset.dtype.itemsize}") if text else dataset.dtype
-    rest = dataset.shape[1:]
-    step = max(1, CHUNK_BYTES // max(1, int(np.prod(rest)) * dtype.itemsize))
-    lazy = _Lazy(path, dataset.name, dataset.shape, dtype, dataset.ndim)
-    return dask.array.from_array(lazy, chunks=(step, *rest), name=False, asarray=False)
-
-
-@dataclass(frozen=True, slots=True)
 class _Lazy:
     """One array of one shard; opens the file for each read, so that it can be pickled."""
 
-    path: Path
-    place: str
-    shape: tuple[int, ...]
-    dtype: np.dtype
-    ndim: int
+    def __init__(self, path: Path, dataset: Any) -> None:
+        self.path, self.place = path, dataset.name
+        self.shape, self.ndim, self.dtype = dataset.shape, dataset.ndim, dataset.dtype
+        if self.dtype.kind == "S":  # no text has more characters than bytes
+            self.dtype = np.dtype(f"U{self.dtype.itemsize}")
 
     def __getitem__(self, key: Any) -> np.ndarray:
         with opened_shard(self.path) as file:

@@ -1,12 +1,17 @@
-"""Make data sets: shard by shard, here or by workers."""
+"""Make data sets: shard by shard, here or by workers; and single samples again."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import timedelta
 from pathlib import Path
+from time import perf_counter
 from typing import Any
+
+import numpy as np
 
 from clradar.dataset.folder import (
     MANIFEST,
@@ -16,21 +21,28 @@ from clradar.dataset.folder import (
     SUMMARIES,
     Manifest,
     manifest_of,
+    part_name,
     read_manifest,
     shard_name,
     write_manifest,
 )
 from clradar.dataset.plan.plan import Plan, plan_record
-from clradar.dataset.plan.recipe import recipe
-from clradar.dataset.sample import Sample, check_rigs, make_sample
-from clradar.dataset.shards import failed_of, new_shard, opened_shard, read_sample, samples_of
+from clradar.dataset.sample import Sample, make_sample, recipe
+from clradar.dataset.shards import (
+    Aside,
+    failed_of,
+    new_shard,
+    opened_shard,
+    read_sample,
+    samples_of,
+)
 from clradar.errors import ClradarError, DeviceError, MeasurementError, handled_warnings, warn
 from clradar.files.atomic import remove_temporaries
 from clradar.files.failures import fail
 from clradar.files.hashing import sha256_of
 from clradar.files.json_differences import differences
 from clradar.jobs.job import Job
-from clradar.jobs.outcome import ATTEMPTS, Aside, made_with, reason_of
+from clradar.jobs.outcome import ATTEMPTS, made_with, reason_of
 from clradar.jobs.where import Where
 from clradar.model.progress import Progress
 from clradar.opencl import Device, forget_devices, open_device
@@ -89,17 +101,16 @@ def run(
     (2, 2, ())
     """
     path = Path(path)
-    names = [name for rig in plan.hands.rigs for name in (rig.file, rig.mapping)]
-    rigs = tuple(plan.folder / name for name in names if name is not None)
-    where = replace(Where(device) if where is None else where, files=rigs)
+    rigs = [file for rig in plan.hands.rigs for file in rig.files(plan.folder).values()]
+    where = replace(where or Where(device), files=tuple(rigs))
     job = Job(
         folder=path, work="run of a data set", key=Manifest(plan).record(), own=OWN_NAMES,
         resumable=lambda folder: any(any((folder / n).glob("*.h5")) for n in (SHARDS, PARTS)),
         force=force, key_name=MANIFEST,
         compared=lambda key: plan_record(manifest_of(path / MANIFEST, key).plan) if key else key,
     )  # fmt: skip
-    if force or not (path / MANIFEST).exists():
-        check_rigs(plan.hands.rigs, plan.folder)  # before a data set is removed, or a folder made
+    for rig in plan.hands.rigs:
+        rig.check(plan.folder)  # before a data set is removed, or a folder made
     with job.held():
         if force:
             job.clear(OWN_NAMES[1:])
@@ -108,7 +119,6 @@ def run(
         again = {sample // plan.output.shard_size for sample in dataset.manifest.aside if retry}
         shards = sorted({*dataset.manifest.missing, *again})
         if shards:
-            check_rigs(plan.hands.rigs, plan.folder)
             job.clear(SUMMARIES)
             try:
                 dataset.make(shards, where, progress)
@@ -124,14 +134,14 @@ def run(
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Samples of a shard, without those that kill their process.
+    """Samples of a shard, or a part: one that is made alone, to find whether it kills its process.
 
-    One that is not `stored` is only made, to find whether it does.
+    The shard then takes in what the parts have.
     """
 
+    name: str
     samples: range
     deadly: tuple[Aside, ...] = ()
-    stored: bool = True
 
 
 @dataclass(slots=True)
@@ -157,11 +167,7 @@ class ShardMaker:
         """Make a shard; what an earlier one has of it is kept."""
         opened = open_device(self.device)
         made = Made(made_with(opened), {aside.sample: aside for aside in work.deadly})
-        if not work.stored:
-            for sample in work.samples:
-                self._attempt(sample, opened, made)
-            return made
-        target = self.folder / Manifest(self.plan).place_of(work.samples[0])
+        target = self.folder / work.name
         with new_shard(target, self.plan) as shard:
             for done, sample in enumerate(work.samples, start=1):
                 if kept := self._stored(target, sample):
@@ -176,8 +182,8 @@ class ShardMaker:
         return made
 
     def _stored(self, target: Path, sample: int) -> tuple[Sample, Mapping[str, Any]] | None:
-        """What the shard that is to be replaced has, or the part of a data set of version 1."""
-        for path in (target, self.folder / PARTS / f"{sample:08d}.h5"):
+        """What the shard that is to be replaced has, or a part, as those of version 1."""
+        for path in (target, self.folder / part_name(sample)):
             try:
                 return read_sample(path, sample, self.plan)
             except MeasurementError:  # it is not there, or damaged
@@ -202,7 +208,7 @@ class ShardMaker:
                 made.warnings[sample] = "; ".join(texts)
             made.count += 1
             return found
-        made.failed[sample] = Aside(sample, reason, ATTEMPTS)
+        made.failed[sample] = Aside(sample=sample, reason=reason, attempts=ATTEMPTS)
         return None
 
 
@@ -221,27 +227,31 @@ class _Run:
 
     def __init__(self, plan: Plan, path: Path) -> None:
         self.plan, self.path = plan, path
-        before = read_manifest(path)
-        self.manifest = Manifest(plan, before.made_with, before.aside)  # with the folder of rigs
+        self.manifest = replace(read_manifest(path), plan=plan)  # with the folder of rigs
         self._made = self._failures = 0
         self._warned: dict[int, str] = {}
         self._makers: Mapping[str, Any] | None = None
-        for number in sorted(before.shards):
+        for number in sorted(self.manifest.shards):
             file = path / shard_name(number)
             try:
-                failed = _failed_of(file, plan.shard_samples(number), before.aside)
-                self.manifest.take(number, failed, before.sha256.get(file.name) or sha256_of(file))
+                failed = _failed_of(file, plan.shard_samples(number), self.manifest.aside)
+                sha256 = self.manifest.sha256.get(file.name) or sha256_of(file)
+                self.manifest.take(number, failed, sha256)
             except MeasurementError as error:
                 warn(f"{error}; its samples are made again")
                 file.unlink()
+                self.manifest.shards.remove(number)
 
     def make(self, shards: Sequence[int], where: Where, progress: Progress | None) -> None:
         """Make shards. Of one that killed its workers each sample is tried alone to find which."""
-        works = [Work(self.plan.shard_samples(shard)) for shard in shards]
+        works = [Work(shard_name(n), self.plan.shard_samples(n)) for n in shards]
         for work, reason in [*self._given_up(works, where, progress)]:
-            alone = [Work(range(sample, sample + 1), stored=False) for sample in work.samples]
-            bad = self._given_up(alone, where, None)
-            deadly = tuple(Aside(one.samples[0], why, ATTEMPTS) for one, why in bad)
+            (self.path / PARTS).mkdir(exist_ok=True)
+            alone = [Work(part_name(n), range(n, n + 1)) for n in work.samples]
+            deadly = tuple(
+                Aside(sample=one.samples[0], reason=why, attempts=ATTEMPTS)
+                for one, why in self._given_up(alone, where, None)
+            )
             for _, again in self._given_up([replace(work, deadly=deadly)], where, None):
                 samples = f"{work.samples[0]} to {work.samples[-1]}"
                 raise ClradarError(f"samples {samples}: {again}; at first {reason}")
@@ -256,7 +266,7 @@ class _Run:
                 yield work, str(result)
             elif isinstance(result, ClradarError):
                 raise result
-            elif work.stored:
+            else:
                 self._take(work, result)
 
     def _take(self, work: Work, result: Made) -> None:
@@ -266,8 +276,9 @@ class _Run:
                 warn(f"{self.path}: has samples made with {line}; their bits depend on it")
         self._makers = result.made_with
         manifest.made_with = manifest.made_with or result.made_with
-        shard = work.samples[0] // self.plan.output.shard_size
-        manifest.take(shard, result.failed, result.sha256)
+        if work.name.startswith(SHARDS):
+            shard = work.samples[0] // self.plan.output.shard_size
+            manifest.take(shard, result.failed, result.sha256)
         if (manifest.made_with, manifest.aside) != before:
             write_manifest(self.path, manifest)
         self._made += result.count
@@ -296,3 +307,89 @@ class _Run:
         if len(aside) > SHOWN_ASIDE:
             warn(f"{len(aside) - SHOWN_ASIDE} more were set aside; see manifest.json")
         return RunResult(self._made, self.plan.samples, aside)
+
+
+# Samples again, and what one costs
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """A sample that was made again, beside the stored one."""
+
+    sample: Sample
+    stored_in: str  # file of the stored one, relative to the data set
+    differences: tuple[str, ...]  # a line for each array that differs in a bit
+    made_otherwise: tuple[str, ...]  # versions and devices that differ
+
+
+def replay(
+    folder: str | os.PathLike[str],
+    index: int,
+    *,
+    device: str | None = None,
+    rigs: str | os.PathLike[str] = "",
+) -> Replay:
+    """Make sample `index` of a data set again and compare it with the stored one.
+
+    Returns a record with `sample`, `stored_in`, `differences` of bits, and `made_otherwise`,
+    versions and devices that differ. `device` and `rigs` are as for `make_sample`.
+
+    Examples
+    --------
+    >>> from clradar.dataset import read_plan, replay, run
+    >>> result = run(read_plan("plan.toml"), "letters")
+    >>> again = replay("letters", 1)
+    >>> again.stored_in, again.differences
+    ('shards/shard-00000.h5', ())
+    """
+    manifest, opened = read_manifest(Path(folder)), open_device(device)
+    if index not in manifest.stored:
+        fail(Path(folder), "a sample that is stored", f"{index}, of {manifest.plan.samples}")
+    place = manifest.place_of(index)
+    stored, then = read_sample(Path(folder) / place, index, manifest.plan)
+    made = make_sample(stored.recipe, opened, rigs=rigs)
+    changed = tuple(differences(then, made_with(opened)))
+    return Replay(made, place, tuple(_different(stored, made)), changed)
+
+
+def _different(stored: Sample, made: Sample) -> Iterator[str]:
+    for name in dict.fromkeys([*stored.arrays, *made.arrays]):
+        one, other = stored.arrays.get(name), made.arrays.get(name)
+        if one is None or other is None:
+            yield f"{name}: {'not stored' if one is None else 'not made'}"
+        elif (one.shape, one.dtype) != (other.shape, other.dtype):
+            yield f"{name}: {one.dtype} {one.shape}, now {other.dtype} {other.shape}"
+        elif one.tobytes() != other.tobytes():
+            changed = int(np.count_nonzero((one != other) & ~(np.isnan(one) & np.isnan(other))))
+            error = np.nanmax(np.abs(other.astype(np.complex128) - one))
+            most = f"by up to {error:.3g}; the peak is {np.nanmax(np.abs(one)):.3g}"
+            yield f"{name}: {changed} of {one.size} numbers differ, {most}"
+
+
+def estimate(plan: Plan, *, device: str | None = None) -> tuple[float, float, list[str]]:
+    """Make a shard of one sample and one of two, and extrapolate seconds and bytes to all samples.
+
+    The first sample builds kernels and fills caches, so the second counts. The last value is text.
+    """
+    opened = open_device(device)
+    times_s, sizes = [], []
+    with tempfile.TemporaryDirectory(prefix="clradar-") as name:
+        path, made = Path(name) / "shard.h5", []
+        for index in (0, min(1, plan.samples - 1)):
+            begun_s = perf_counter()
+            made.append(make_sample(recipe(plan, index), opened, rigs=plan.folder))
+            with new_shard(path, plan) as shard:
+                for one in made:
+                    shard.add(one, made_with(opened))
+            times_s.append(perf_counter() - begun_s)
+            sizes.append(path.stat().st_size)
+    (first_s, one_s), one_bytes = times_s, sizes[1] - sizes[0]
+    all_s = first_s + (plan.samples - 1) * one_s
+    all_bytes = plan.samples * one_bytes + plan.n_shards * max(0, sizes[0] - one_bytes)
+    text = [
+        f"one sample: {one_s:.2f} s, {one_bytes / 2**20:.3f} MiB (the first of a process "
+        f"{first_s:.2f} s) on {opened.info.label}",
+        f"all {plan.samples} samples: {timedelta(seconds=round(all_s))} (hours:minutes:seconds) "
+        f"one after the other, {all_bytes / 2**20:.3g} MiB",
+    ]
+    return all_s, all_bytes, text

@@ -1,24 +1,35 @@
-"""From a recipe to a sample: posed hand, simulation, impairments, image formation."""
+"""Samples: from a plan to its recipe, and from that to posed hand, simulation and image."""
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from clradar.backproject import backproject
-from clradar.dataset.plan.hands import RigFile
-from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.files.failures import clean, shown
-from clradar.files.hashing import sha256_of
-from clradar.files.meshes.gltf_document import files_of
-from clradar.hand import HandMesh, hand_mesh
+from clradar.dataset.plan.draws import Draw, fixed, in_si, stream
+from clradar.dataset.plan.hands import Hands, MovementPlan, Poses, RigFile, ShapeTable
+from clradar.dataset.plan.plan import Plan, plan_record
+from clradar.errors import ModelError
+from clradar.files.failures import clean
+from clradar.files.records import record_of
+from clradar.hand import (
+    HandMesh,
+    HandPose,
+    hand_mesh,
+    interpolate_poses,
+    pose_around,
+    random_pose,
+    random_shape,
+)
+from clradar.hand.pose import minimum_jerk
 from clradar.impairments.channel_errors import draw_channels
 from clradar.impairments.impair import Wall, impair, room_capture
 from clradar.model import Capture, Scene, checks
@@ -29,6 +40,156 @@ from clradar.motion.sweep import simulate_moving
 from clradar.motion.timing import SweepTiming
 from clradar.opencl import Device
 from clradar.simulation import simulate
+
+RECIPE_VERSION = 3
+SEED_BITS = 63
+
+Recipe = dict[str, Any]
+"""JSON values only: the keys of a plan, the number of the sample, and the version of recipes."""
+
+
+def recipe(plan: Plan, index: int) -> Recipe:
+    """Return the plan of sample `index` alone, from which `make_sample` reproduces it.
+
+    It has the keys and the units of a plan, every one written out, with a number in place of every
+    draw. Each quantity's random numbers are keyed by the plan's seed, the sample and the quantity's
+    path: a recipe depends neither on other samples nor on other draws.
+
+    Examples
+    --------
+    >>> second = clradar.dataset.recipe(clradar.dataset.read_plan("plan.toml"), 1)
+    >>> second["poses"]["resolved"][0]["name"], second["placement"]["z_mm"]
+    ('B', 300.0)
+    """
+    return SamplePlan(plan, checks.whole("sample", index, 0, plan.samples - 1)).record
+
+
+def read_recipe(recipe: Mapping[str, Any] | str | bytes) -> SamplePlan:
+    """Return the sample of a recipe or its JSON text; what is a draw in it is drawn."""
+    try:
+        found: Any = json.loads(recipe) if isinstance(recipe, str | bytes) else recipe
+    except ValueError as error:
+        raise ModelError(f"recipe: expected its JSON text, got no JSON: {clean(error)}") from error
+    if not isinstance(found, Mapping):
+        checks.fail("recipe", "a mapping, or its JSON text", type(found).__name__)
+    content = dict(found)
+    version, sample = content.pop("version", RECIPE_VERSION), content.pop("sample", 0)
+    if version != RECIPE_VERSION:
+        older = "older ones follow from their plan: clradar.dataset.recipe(plan, sample)"
+        checks.fail("recipe", f"version {RECIPE_VERSION}", f"{version!r}; {older}")
+    plan = record_of(content, Plan, "recipe", error=ModelError)
+    return SamplePlan(plan, checks.whole("recipe: sample", sample, 0))
+
+
+class SamplePlan:
+    """One sample: its number, and its `plan`, in which a number stands in place of every draw.
+
+    All frames of a sequence have the draws of the sequence, and its `number`.
+    """
+
+    def __init__(self, plan: Plan, sample: int) -> None:
+        self.sample = self.number = sample
+        self.frame, self.start_s = 0, 0.0  # in the sequence, when the frame begins
+        if plan.movement is not None:
+            self.number, self.frame = divmod(sample, plan.movement.frames)
+            self.start_s = self.frame / plan.movement.rate_hz
+        self._seed = plan.seed
+        drawn: Plan = self._numbers(plan, "")
+        first = self._first_pose(drawn.poses)
+        more: dict[str, Any] = {"hands": self._hands(drawn.hands)}
+        if drawn.movement is not None:
+            last = self._last_pose(drawn.movement, drawn.poses, first)
+            more["movement"] = drawn.movement.model_copy(update={"last": last})
+        self.plan: Plan = drawn.model_copy(update={**more, "poses": Poses(resolved=(first,))})
+
+    def _numbers(self, node: Any, path: str) -> Any:
+        """A table with a number in place of every draw, and of a seed that is not given."""
+        if isinstance(node, Draw):
+            return node if node.kind == "fixed" else fixed(node.draw(self._stream(path)))
+        if not isinstance(node, BaseModel):
+            return node
+        above = f"{path}." if path else ""
+        values = {n: self._numbers(getattr(node, n), above + n) for n in type(node).model_fields}
+        if values.get("seed", 0) is None and getattr(node, "any", True):
+            # One instrument for all has the draw of sample 0.
+            number = 0 if values.get("per") == "dataset" else self.number
+            random = stream(self._seed, number, f"{above}seed")
+            values["seed"] = int(random.integers(2**SEED_BITS))
+        return node.model_copy(update=values)
+
+    def _stream(self, quantity: str) -> np.random.Generator:
+        return stream(self._seed, self.number, quantity)
+
+    def _one_of(self, quantity: str, choices: tuple[Any, ...]) -> Any:
+        return choices[int(self._stream(quantity).integers(len(choices)))]
+
+    def _first_pose(self, poses: Poses) -> HandPose:
+        """The pose of a sample, or of the first frame of its sequence."""
+        random = self._stream("poses")
+        if poses.kind == "sampler":
+            return random_pose(random)
+        count = len(poses.poses)
+        cycle = poses.order == "cycle"
+        first = self.number % count if cycle else int(random.integers(count))
+        pose = poses.poses[first]
+        if poses.spread_deg is not None:
+            return pose_around(pose, self._stream("poses.spread"), poses.spread_deg)
+        if poses.share is None:
+            return pose
+        # Two different ones: the second is any but the first.
+        second = (first + 1 + int(random.integers(count - 1))) % count
+        return interpolate_poses(pose, poses.poses[second], float(poses.share))
+
+    def _last_pose(self, movement: MovementPlan, poses: Poses, first: HandPose) -> HandPose:
+        if movement.last is not None:
+            return movement.last
+        if movement.poses == "stay":
+            return first
+        if poses.kind == "sampler":
+            return random_pose(self._stream("movement.pose"))
+        last: HandPose = self._one_of("movement.pose", poses.poses)
+        return last
+
+    def _hands(self, hands: Hands) -> Hands:
+        sides = ("right", "left") if hands.handedness == "both" else (hands.handedness,)
+        side = self._one_of("hands.handedness", sides)
+        if hands.rigs:
+            rig = self._one_of("hands.rigs", hands.rigs)
+            side = rig.handedness if side == "as it is" else side
+            return hands.model_copy(update={"handedness": side, "rigs": (rig,)})
+        shape = ShapeTable()
+        if hands.shape == "sampled":
+            shape = ShapeTable(**asdict(random_shape(self._stream("hands.shape"))))
+        elif hands.shape == "list":
+            shape = self._one_of("hands.shape", hands.shapes)
+        return hands.model_copy(update={"handedness": side, "shape": "list", "shapes": (shape,)})
+
+    @property
+    def record(self) -> Recipe:
+        """The recipe."""
+        return {"version": RECIPE_VERSION, "sample": self.sample, **plan_record(self.plan)}
+
+    @property
+    def first(self) -> HandPose:
+        return self.plan.poses.poses[0]
+
+    @property
+    def middle_s(self) -> float:
+        """The middle of the sweep of its frame, in its sequence."""
+        slots = self.plan.radar.antennas.n_tx * self.plan.radar.steps
+        step_us = 0.0 if self.plan.movement is None else self.plan.movement.step_us
+        return self.start_s + 0.5e-6 * (slots - 1) * step_us
+
+    @property
+    def pose(self) -> HandPose:
+        """The pose of a sample; of a frame of a sequence that in the middle of its sweep."""
+        movement = self.plan.movement
+        if movement is None or movement.last is None:
+            return self.first
+        share = minimum_jerk(min(1.0, self.middle_s * movement.rate_hz / (movement.frames - 1)))
+        if movement.last == self.first or share in (0.0, 1.0):
+            return movement.last if share == 1.0 else self.first
+        return interpolate_poses(self.first, movement.last, share)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,24 +309,8 @@ def moving_hand(drawn: SamplePlan, device: Device | str | None = None) -> Moving
 
 @lru_cache(maxsize=4)
 def _rig(record: RigFile, folder: str) -> Any:
-    check_rigs([record], Path(folder))
+    record.check(Path(folder))
     return record.read(Path(folder))
-
-
-def check_rigs(records: Sequence[RigFile], folder: Path) -> None:
-    """Raise `ModelError` unless the files of rigs are those of the plan."""
-    known = {folder / own.file: own.sha256 for own in records}
-    known |= {folder / own.mapping: str(own.mapping_sha256) for own in records if own.mapping}
-    for path, sha256 in known.items():
-        try:
-            if sha256_of(*files_of(path)) == sha256:
-                continue
-            got = "another"
-        except FileNotFoundError:
-            got = "nothing there"
-        except (OSError, ValueError) as error:
-            got = f"none that can be read: {clean(error)}"
-        checks.fail(shown(path), f"the file of the plan (SHA-256 {sha256})", got)
 
 
 def rotation(angles_rad: Any) -> np.ndarray:
@@ -177,21 +322,17 @@ def rotation(angles_rad: Any) -> np.ndarray:
     return about_z @ about_y @ about_x
 
 
-def scene_of(mesh: HandMesh, drawn: SamplePlan) -> Scene:
+def scene_of(mesh: HandMesh | Scene, drawn: SamplePlan) -> Scene:
     """Return the scene of a hand with the alphas of its parts, or their materials."""
+    alpha, material = drawn.plan.alpha, drawn.plan.material
     scene = Scene(
         mesh.vertices_m, mesh.faces, part=mesh.part, part_names=mesh.part_names,
         normals=mesh.normals, texture_m=mesh.texture_m,
     )  # fmt: skip
-    return _with_surface(scene, drawn.plan)
-
-
-def _with_surface(scene: Scene, plan: Plan) -> Scene:
-    if plan.material is not None:
-        materials = plan.material.of_parts
+    if material is not None:
+        materials = material.of_parts
         return scene.with_material({name: materials[name] for name in scene.part_names})
-    assert plan.alpha is not None, "it has one of the two"
-    alphas = plan.alpha.of_parts
+    alphas = {} if alpha is None else alpha.of_parts
     return scene.with_alpha({name: alphas[name] for name in scene.part_names})
 
 
@@ -207,7 +348,7 @@ def recorded_capture(
         timing = SweepTiming.in_order(
             array.n_tx, waveform.n_freq, step_s=movement.step_us * 1e-6, order=movement.order
         )
-        moving = MovingScene([scene], lambda own: _with_surface(own, plan))
+        moving = MovingScene([scene], lambda own: scene_of(own, drawn))
         capture = simulate_moving(
             moving, array, waveform, timing=timing, start_s=drawn.start_s, settings=settings,
             device=device,
@@ -218,24 +359,9 @@ def recorded_capture(
     if not given.any:
         return capture
     channels = room = None
-    if (own := given.channels) is not None:
-        channels = draw_channels(
-            array, waveform, seed=own.seed or 0, gain_db=own.gain_db,
-            phase_rad=float(np.deg2rad(own.phase_deg)), delay_s=1e-12 * own.delay_ps,
-            dead_tx=own.dead_tx, dead_rx=own.dead_rx,
-        )  # fmt: skip
+    if given.channels is not None:
+        channels = draw_channels(array, waveform, **in_si(given.channels, "per"))
     if given.walls:
-        walls = [
-            Wall(np.array(wall.point_mm) / 1e3, np.array(wall.normal), wall.amplitude)
-            for wall in given.walls
-        ]
-        room = room_capture(array, waveform, walls)
-    return impair(
-        capture, seed=given.seed or 0, channels=channels, room=room, frame=drawn.frame,
-        snr_db=None if given.snr_db is None else float(given.snr_db),
-        coupling_db=None if given.coupling_db is None else float(given.coupling_db),
-        coupling_delay_s=1e-12 * float(given.coupling_delay_ps),
-        iq_gain_db=float(given.iq_gain_db),
-        iq_phase_rad=float(np.deg2rad(float(given.iq_phase_deg))),
-        adc_bits=given.adc_bits,
-    )  # fmt: skip
+        room = room_capture(array, waveform, [Wall(**in_si(wall)) for wall in given.walls])
+    numbers = in_si(given, "channels", "walls")
+    return impair(capture, channels=channels, room=room, frame=drawn.frame, **numbers)

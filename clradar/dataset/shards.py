@@ -8,23 +8,21 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import astuple, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clradar.dataset.plan import recipe as recipes
 from clradar.dataset.plan.hands import PlanMaterials
 from clradar.dataset.plan.plan import Plan
-from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.sample import Sample
+from clradar.dataset.sample import RECIPE_VERSION, Sample, SamplePlan, read_recipe, recipe
 from clradar.files.atomic import replacing, require_space
 from clradar.files.failures import fail, reading, regular_file_size
 from clradar.files.json_file import to_json
+from clradar.files.records import OpenRecord, Whole
 from clradar.hand import ANGLES, JOINT_NAMES, PART_NAMES
-from clradar.jobs.outcome import Aside
 
 EXPECTED = "a shard of a data set (HDF5)"
 FORMAT, VERSION = "dataset-shard", 1
@@ -47,24 +45,29 @@ SHAPE_PARAMETERS = (
 )
 
 
+class Aside(OpenRecord):
+    """A sample that was set aside, since no attempt made it, and the reason on one line."""
+
+    sample: Whole
+    reason: str
+    attempts: Whole
+
+
 @dataclass(frozen=True, slots=True)
 class Field:
-    """An array or a label of every sample; `axes` are without the first, which is the sample.
-
-    Of meshes, whose sizes differ between samples, all rows are concatenated, and `<place>_first`
-    has the first row of each sample.
-    """
+    """An array or a label of every sample; `axes` are without the first, which is the sample."""
 
     place: str
     axes: tuple[str, ...]
-    dtype: str  # "text" is UTF-8
     units: str | None
     long_name: str
+    dtype: str = ""  # of a label; "text" is UTF-8
     value: Callable[[SamplePlan], Any] | None = None  # of a label that is no JSON
     of: str | None = None  # a table of the plan without which there is no such label
 
     @property
     def ragged(self) -> bool:
+        """Whether rows of all samples are concatenated; `<place>_first` is where each begins."""
         return self.place.startswith("entry/mesh/")
 
 
@@ -73,28 +76,21 @@ _PAIRS = ("tx", "rx", "frequency_hz")
 ARRAYS: Mapping[str, Field] = {
     name: Field(f"entry/{place}", *rest)
     for name, place, *rest in (
-        ("capture", "capture/data", _PAIRS, "complex64", None, "complex response"),
-        ("volume", "volume/data", ("z_m", *_YX), "complex64", None, "complex image"),
-        (
-            "max_projection", "max_projection/data", _YX, "float32", None,
-            "maximum of the amplitude over z",
-        ),
-        (
-            "depth_map", "depth_map/data", _YX, "float32", "m",
-            "depth of the maximum; NaN: nothing",
-        ),
-        ("joints", "joints/data", ("joint", *_XYZ), "float64", "m", "joint centres, antenna frame"),
-        ("mesh_vertices", "mesh/vertices", _XYZ, "float32", "m", "vertices, antenna frame"),
-        ("mesh_faces", "mesh/faces", ("corner",), "int32", None, "vertices of faces"),
-        ("mesh_part", "mesh/part", (), "uint8", None, "index of each face's part"),
+        ("capture", "capture/data", _PAIRS, None, "complex response"),
+        ("volume", "volume/data", ("z_m", *_YX), None, "complex image"),
+        ("max_projection", "max_projection/data", _YX, None, "maximum of the amplitude over z"),
+        ("depth_map", "depth_map/data", _YX, "m", "depth of the maximum; NaN: nothing"),
+        ("joints", "joints/data", ("joint", *_XYZ), "m", "joint centres, antenna frame"),
+        ("mesh_vertices", "mesh/vertices", _XYZ, "m", "vertices, antenna frame"),
+        ("mesh_faces", "mesh/faces", ("corner",), None, "vertices of faces"),
+        ("mesh_part", "mesh/part", (), None, "index of each face's part"),
     )
-}  # fmt: skip
+}
 """Arrays of samples by their names in `Sample.arrays`."""
 
 
-def _angles_rad(sample: SamplePlan) -> list[list[float]]:
-    joints = (sample.pose.angles(name) for name in JOINT_NAMES)
-    return [[getattr(own, f"{name}_rad") for name in ANGLES] for own in joints]
+def _angles_rad(sample: SamplePlan) -> list[Any]:
+    return [astuple(sample.pose.angles(name)) for name in JOINT_NAMES]
 
 
 def _shape(sample: SamplePlan) -> list[float]:
@@ -115,41 +111,44 @@ def _of_parts(name: str, sample: SamplePlan) -> list[float | None]:
 
 
 _LABELS: Sequence[Any] = (
-    ("sample", (), "int64", None, "number of the sample in the plan", lambda s: s.sample),
-    ("pose", (), "text", None, "name of the pose", lambda s: s.pose.name),
-    ("handedness", (), "text", None, "right or left", lambda s: s.plan.hands.handedness),
-    ("angles_rad", ("joint", "angle"), "float64", "rad", "joint angles", _angles_rad),
-    ("shape", ("shape_parameter",), "float64", None, "shape of the hand; NaN: of a rig", _shape),
-    ("rig", (), "text", None, "file of the rig, if any", _rig),
+    ("sample", (), None, "number of the sample in the plan", "int64", lambda s: s.sample),
+    ("pose", (), None, "name of the pose", "text", lambda s: s.pose.name),
+    ("handedness", (), None, "right or left", "text", lambda s: s.plan.hands.handedness),
+    ("angles_rad", ("joint", "angle"), "rad", "joint angles", "float64", _angles_rad),
+    ("shape", ("shape_parameter",), None, "shape of the hand; NaN: of a rig", "float64", _shape),
+    ("rig", (), None, "file of the rig, if any", "text", _rig),
     (
-        "center_m", _XYZ, "float64", "m", "centre of the hand's bounding box before its turn",
+        "center_m", _XYZ, "m", "centre of the hand's bounding box before its turn", "float64",
         lambda s: s.plan.placement.metres,
     ),
     (
-        "rotation_rad", _XYZ, "float64", "rad", "turns about x, then y, then z",
+        "rotation_rad", _XYZ, "rad", "turns about x, then y, then z", "float64",
         lambda s: s.plan.placement.radians,
     ),
     (
-        "alpha", ("part",), "float64", None, "0 specular to 1 diffuse",
+        "alpha", ("part",), None, "0 specular to 1 diffuse", "float64",
         lambda s: [*s.plan.alpha.of_parts.values()], "alpha",
     ),
     (
-        "roughness_rms_m", ("part",), "float64", "m", "RMS height of the roughness",
+        "roughness_rms_m", ("part",), "m", "RMS height of the roughness", "float64",
         partial(_of_parts, "roughness_rms_m"), "material",
     ),
     (
-        "correlation_length_m", ("part",), "float64", "m", "of the roughness; NaN: smooth",
+        "correlation_length_m", ("part",), "m", "of the roughness; NaN: smooth", "float64",
         partial(_of_parts, "correlation_length_m"), "material",
     ),
     (
-        "coating_thickness_m", ("part",), "float64", "m", "of the coating; NaN: none",
+        "coating_thickness_m", ("part",), "m", "of the coating; NaN: none", "float64",
         partial(_of_parts, "thickness_m"), "material",
     ),
-    ("sequence", (), "int64", None, "number of the sequence", lambda s: s.number, "movement"),
-    ("frame", (), "int32", None, "number of the frame in it", lambda s: s.frame, "movement"),
-    ("time_s", (), "float64", "s", "when the frame begins in it", lambda s: s.start_s, "movement"),
-    ("recipe", (), "text", None, "all that the sample is made of, JSON"),
-    ("made_with", (), "text", None, "versions and device, JSON"),
+    ("sequence", (), None, "number of the sequence", "int64", lambda s: s.number, "movement"),
+    ("frame", (), None, "number of the frame in it", "int32", lambda s: s.frame, "movement"),
+    ("time_s", (), "s", "when the frame begins in it", "float64", lambda s: s.start_s, "movement"),
+    (
+        "recipe", (), None, "all that the sample is made of, JSON", "text",
+        lambda s: to_json("recipe", s.record),
+    ),
+    ("made_with", (), None, "versions and device, JSON", "text"),
 )  # fmt: skip
 LABELS = {name: Field(f"entry/labels/{name}", *rest) for name, *rest in _LABELS}
 
@@ -168,23 +167,22 @@ def arrays_of(products: Sequence[str]) -> dict[str, Field]:
     }
 
 
-def axes_of(plan: Plan) -> dict[str, tuple[Any, str | None]]:
-    """Return the coordinates of the axes that the samples of a plan share, with their units."""
-    found: dict[str, tuple[Any, str | None]] = {
-        "joint": (JOINT_NAMES, None),
-        "coordinate": (("x", "y", "z"), None),
-        "angle": (ANGLES, None),
-        "part": (PART_NAMES, None),
-        "shape_parameter": (SHAPE_PARAMETERS, None),
+def axes_of(plan: Plan) -> dict[str, Any]:
+    """Return the coordinates of the axes that the samples of a plan share."""
+    found: dict[str, Any] = {
+        "joint": JOINT_NAMES,
+        "coordinate": ("x", "y", "z"),
+        "angle": ANGLES,
+        "part": PART_NAMES,
+        "shape_parameter": SHAPE_PARAMETERS,
     }
     if "capture" in plan.output.products:
-        array, waveform = plan.radar.antennas, plan.radar.waveform
-        found["tx"] = (np.arange(array.n_tx, dtype=np.int32), None)
-        found["rx"] = (np.arange(array.n_rx, dtype=np.int32), None)
-        found["frequency_hz"] = (waveform.frequencies_hz, "Hz")
-        found |= {"tx_m": (array.tx_m, "m"), "rx_m": (array.rx_m, "m")}
+        array = plan.radar.antennas
+        found |= {"tx": np.arange(array.n_tx, dtype="i4"), "rx": np.arange(array.n_rx, dtype="i4")}
+        found["frequency_hz"] = plan.radar.waveform.frequencies_hz
+        found |= {"tx_m": array.tx_m, "rx_m": array.rx_m}
     if plan.keeps_images:
-        found |= {name: (getattr(plan.image.grid, name), "m") for name in ("x_m", "y_m", "z_m")}
+        found |= {name: getattr(plan.image.grid, name) for name in ("x_m", "y_m", "z_m")}
     return found
 
 
@@ -192,12 +190,12 @@ def axes_of(plan: Plan) -> dict[str, tuple[Any, str | None]]:
 
 
 @contextmanager
-def new_shard(path: Path, plan: Plan, *, force: bool = True) -> Iterator[ShardWriter]:
+def new_shard(path: Path, plan: Plan) -> Iterator[ShardWriter]:
     """Yield a writer of samples; the shard is put in its place when it is whole."""
     import h5py
 
     with (
-        replacing(path, force=force) as temporary,
+        replacing(path, force=True) as temporary,
         h5py.File(temporary, "x", libver=LIBRARY) as file,
     ):
         writer = ShardWriter(file, temporary, plan.output.compression)
@@ -224,7 +222,7 @@ class ShardWriter:
 
     def fail(self, aside: Aside) -> None:
         """Note that a sample could not be made."""
-        self._failed.append(to_json("aside", asdict(aside)))
+        self._failed.append(to_json("aside", aside.model_dump()))
 
     def add(self, sample: Sample, made_with: Mapping[str, Any]) -> None:
         """Write a sample, with its versions and device, JSON values."""
@@ -235,10 +233,9 @@ class ShardWriter:
         drawn = read_recipe(sample.recipe)
         if not self._labels:
             self._begin(drawn.plan, sample.arrays)
-        texts = {"recipe": drawn.record, "made_with": made_with}
         for name, values in self._labels.items():
             value = LABELS[name].value
-            values.append(to_json(name, texts[name]) if value is None else value(drawn))
+            values.append(to_json(name, made_with) if value is None else value(drawn))
         for name, first in self._first.items():
             array = sample.arrays[name] if ARRAYS[name].ragged else sample.arrays[name][None]
             data, end = self._file[ARRAYS[name].place], first[-1] + len(array)
@@ -252,8 +249,9 @@ class ShardWriter:
         self._labels = {name: [] for name in labels_of(plan)}
         self._group("entry/labels", NX_class="NXcollection")
         coordinates = self._group("entry/axes", NX_class="NXcollection")
-        for name, (values, units) in axes_of(plan).items():
-            self._dataset(f"entry/axes/{name}", values, units, name)
+        for name, values in axes_of(plan).items():
+            units = {"m": "m", "hz": "Hz"}.get(name.rpartition("_")[2])
+            self._dataset(Field(f"entry/axes/{name}", (), units, name), values)
         fields = {name: field for name, field in ARRAYS.items() if name in arrays}
         # What viewers draw at once.
         drawn = [name for name in ("max_projection", "depth_map", *fields) if name in fields]
@@ -268,11 +266,10 @@ class ShardWriter:
                     if axis in coordinates:
                         group[axis] = coordinates[axis]
             shape = arrays[name].shape[1:] if field.ragged else arrays[name].shape
-            made = self._file.create_dataset(
-                field.place, shape=(0, *shape), maxshape=(None, *shape), dtype=arrays[name].dtype,
-                chunks=(RAGGED_ROWS if field.ragged else 1, *shape), **self._filters,
+            made = self._made(
+                field, shape=(0, *shape), maxshape=(None, *shape), dtype=arrays[name].dtype,
+                chunks=(RAGGED_ROWS if field.ragged else 1, *shape),
             )  # fmt: skip
-            _describe(made, field.units, field.long_name)
             if field.axes[-2:] == ("y_m", "x_m"):
                 made.attrs["interpretation"] = "image"
             self._first[name] = [0]
@@ -282,44 +279,44 @@ class ShardWriter:
         for name, given in self._labels.items():
             label = LABELS[name]
             values = given if label.dtype == "text" else np.array(given, dtype=label.dtype)
-            made = self._dataset(label.place, values, label.units, label.long_name)
+            made = self._dataset(label, values)
             if label.axes:
                 made.attrs["axes"] = ["sample", *label.axes]
         for name, first in self._first.items():
             place = ARRAYS[name].place
             if ARRAYS[name].ragged:
                 title = f"where {place.rsplit('/', 1)[1]} begin, and end"
-                self._dataset(f"{place}_first", np.array(first, dtype=np.int64), None, title)
+                self._dataset(Field(f"{place}_first", (), None, title), np.array(first, np.int64))
             group = self._file[place].parent
             if "sample" not in group:
                 group["sample"] = self._file["entry/labels/sample"]
         if self._failed:
-            self._dataset(FAILED, self._failed, None, "what failed, and why, JSON")
+            self._dataset(Field(FAILED, (), None, "what failed, and why, JSON"), self._failed)
 
     def _group(self, name: str, **attributes: Any) -> Any:
         group = self._file.create_group(name)
         group.attrs.update(attributes)
         return group
 
-    def _dataset(self, place: str, values: Any, units: str | None, long_name: str) -> Any:
+    def _dataset(self, field: Field, values: Any) -> Any:
         if not isinstance(values, np.ndarray):  # texts: UTF-8 of a fixed length
             import h5py
 
-            encoded = [text.encode("utf-8") for text in values]
-            longest = max(1, *map(len, encoded))
-            values = np.array(encoded, dtype=h5py.string_dtype("utf-8", longest))
-        made = self._file.create_dataset(place, data=values, chunks=values.shape, **self._filters)
-        _describe(made, units, long_name)
+            encoded = np.char.encode(values, "utf-8")
+            values = encoded.astype(h5py.string_dtype("utf-8", encoded.itemsize))
+        made = self._made(field, data=values, chunks=values.shape)
         made.flush()  # else its place in the file would depend on when Python closes it
         return made
 
-
-def _describe(made: Any, units: str | None, long_name: str) -> None:
-    # Viewers write one or the other; names of axes have their unit already.
-    own = units is None or long_name.endswith(f"_{units}")
-    made.attrs["long_name"] = long_name if own else f"{long_name} ({units})"
-    if units is not None:
-        made.attrs["units"] = units
+    def _made(self, field: Field, **how: Any) -> Any:
+        made = self._file.create_dataset(field.place, **how, **self._filters)
+        units, name = field.units, field.long_name
+        # Viewers write one or the other; names of axes have their unit already.
+        own = units is None or name.endswith(f"_{units}")
+        made.attrs["long_name"] = name if own else f"{name} ({units})"
+        if units is not None:
+            made.attrs["units"] = units
+        return made
 
 
 # Reading
@@ -351,20 +348,25 @@ def failed_of(file: Any) -> dict[int, Aside]:
     return {aside.sample: aside for aside in found}
 
 
+def read_array(file: Any, name: str, row: int) -> Any:
+    """Return one of `ARRAYS` of the sample in a row of an open shard."""
+    place = ARRAYS[name].place
+    if ARRAYS[name].ragged:
+        first, end = file[f"{place}_first"][row : row + 2].tolist()
+        return file[place][first:end]
+    return file[place][row]
+
+
 def read_sample(path: Path, sample: int, plan: Plan) -> tuple[Sample, dict[str, Any]]:
     """Return a stored sample of a plan, and the versions and the device that made it."""
-    arrays = {}
     with opened_shard(path) as file:
-        if samples_of(file).count(sample) != 1:
-            fail(path, f"sample {sample} once", f"{samples_of(file).count(sample)} times")
-        row = samples_of(file).index(sample)
-        for name, field in ARRAYS.items():
-            if field.place in file and field.ragged:
-                first, end = file[f"{field.place}_first"][row : row + 2].tolist()
-                arrays[name] = file[field.place][first:end]
-            elif field.place in file:
-                arrays[name] = file[field.place][row]
-        recipe = json.loads(file[LABELS["recipe"].place][row])
-        if recipe["version"] != recipes.VERSION:  # of clradar 0.2, which had other keys
-            recipe = recipes.recipe(plan, sample)
-        return Sample(recipe, arrays), json.loads(file[LABELS["made_with"].place][row])
+        there = samples_of(file)
+        if there.count(sample) != 1:
+            fail(path, f"sample {sample} once", f"{there.count(sample)} times")
+        row = there.index(sample)
+        stored = [name for name, field in ARRAYS.items() if field.place in file]
+        arrays = {name: read_array(file, name, row) for name in stored}
+        made_of = json.loads(file[LABELS["recipe"].place][row])
+        if made_of["version"] != RECIPE_VERSION:  # of clradar 0.2, which had other keys
+            made_of = recipe(plan, sample)
+        return Sample(made_of, arrays), json.loads(file[LABELS["made_with"].place][row])

@@ -91,7 +91,7 @@ def toml_brief(value: object) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return f'"{value[:200]}"'
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         inner = ", ".join(toml_brief(v) for v in value[:6])
         return f"[{inner}{', ...' if len(value) > 6 else ''}]"
     if isinstance(value, dict):

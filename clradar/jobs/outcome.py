@@ -5,7 +5,6 @@ from __future__ import annotations
 import platform
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -18,15 +17,6 @@ ATTEMPTS = 2  # attempts at an item before it is set aside
 
 Outcome = tuple[Any, list[str]]
 """What a function returned, or its `ClradarError`; and its warnings, each once."""
-
-
-@dataclass(frozen=True, slots=True)
-class Aside:
-    """A sample that was set aside, since no attempt made it, and the reason on one line."""
-
-    sample: int
-    reason: str
-    attempts: int
 
 
 def reason_of(error: BaseException) -> str:

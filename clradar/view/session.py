@@ -91,7 +91,7 @@ class Front:
 class Session:
     """Reads and images frames in a thread of its own, the newest wish alone."""
 
-    def __init__(self, view: View, front: Front, form: Callable[..., Volume] | None = None) -> None:
+    def __init__(self, view: View, front: Front) -> None:
         self.source, self._beside, self._device = view.source, view.beside, view.device
         self._read = lru_cache(maxsize=1)(view.source.read)
         self._drawn = lru_cache(maxsize=1 if view.beside is None else 2)(Drawn.of)
@@ -100,21 +100,15 @@ class Session:
         self.shown: Shown | None = None
         """The last result, and why the last wish was not carried out, if it was not."""
         self.refused = ""
-        self._form = form or self._formed
         self._images: dict[tuple[Hashable, ...], Volume | Flat] = {}
         self._imagers: dict[tuple[Hashable, ...], FrameImager] = {}
         """The last used ones, the newest last."""
         self._changed = threading.Condition()
         self._waiting = self._busy = self._closed = self._prepared = False
-        self._due_s = math.inf
-        """When the next frame is played, by `time.monotonic`."""
+        self.due_s = math.inf
+        """When the next frame is played, by `time.monotonic`; infinite: none is."""
         self._thread = threading.Thread(target=self._run, name="clradar view", daemon=True)
         self._thread.start()
-
-    @property
-    def busy(self) -> bool:
-        """Whether a wish waits or is being carried out."""
-        return self._waiting or self._busy
 
     def change(self, **changes: Any) -> None:
         """Wish for something else, in place of what waits; the fields are those of `Wish`.
@@ -138,7 +132,7 @@ class Session:
     def play(self, on: bool) -> None:
         """Begin to go on by a frame as soon as the one before is shown, or stop."""
         with self._changed:
-            self._due_s = time.monotonic() if on else math.inf
+            self.due_s = time.monotonic() if on else math.inf
             self._changed.notify_all()
 
     def settle(self) -> None:
@@ -162,11 +156,11 @@ class Session:
                 self._busy = False
                 self._changed.notify_all()
                 while not (self._closed or self._waiting):
-                    left_s = self._due_s - time.monotonic()
+                    left_s = self.due_s - time.monotonic()
                     if left_s > 0:
                         self._changed.wait(None if math.isinf(left_s) else left_s)
                         continue
-                    self._due_s = time.monotonic() + 1 / PLAYED_HZ
+                    self.due_s = time.monotonic() + 1 / PLAYED_HZ
                     self.step(1)
                 if self._closed:
                     return
@@ -252,7 +246,7 @@ class Session:
             content = made()
             if isinstance(content, Capture):
                 self._front.busy("imaging")
-                content = self._form(content, wish, self._check)
+                content = self._formed(content, wish, self._check)
             image = content
         self._images[key] = image
         while len(self._images) > 1 and sum(map(_bytes, self._images.values())) > KEPT_BYTES:
@@ -289,11 +283,10 @@ def _metrics(first: Drawn, second: Drawn) -> Metrics | None:
 
 
 def _image_key(wish: Wish) -> tuple[Hashable, ...]:
-    grid = wish.grid
-    if grid is None:  # of a volume, which is not kept
-        return ()
-    ends = (*grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
-    return (wish.method, wish.window, wish.image_db, *ends)
+    settings, grid = (wish.method, wish.window, wish.image_db), wish.grid
+    if grid is None:
+        return settings
+    return (*settings, *grid.origin_m.tolist(), *grid.spacing_m.tolist(), *grid.counts)
 
 
 def _bytes(image: Volume | Flat) -> int:

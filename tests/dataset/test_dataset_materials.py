@@ -9,10 +9,9 @@ from dataset_plans import DEVICE, plan_of, tiny
 
 import clradar
 from clradar.dataset import PlanError, make_sample, open_dataset, recipe, run
-from clradar.dataset.check import check_dataset
+from clradar.dataset.folder import check_dataset
 from clradar.dataset.plan.plan import plan_from, plan_record
-from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.sample import moving_hand, placed_hand, scene_of
+from clradar.dataset.sample import SamplePlan, moving_hand, placed_hand, read_recipe, scene_of
 from clradar.hand import JOINT_NAMES, PART_NAMES
 
 MATERIAL = {

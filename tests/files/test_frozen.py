@@ -20,7 +20,7 @@ import clradar
 import clradar.dataset
 from calibration.hand_fit.frame_fit import FrameFit
 from calibration.hand_fit.starts import read_start
-from clradar.dataset.check import check_dataset
+from clradar.dataset.folder import check_dataset
 from clradar.hand import HandShape, read_pose
 from measurement_io import (
     check_file,

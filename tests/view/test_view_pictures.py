@@ -8,10 +8,9 @@ import clradar
 from calibration import CornerReflector, response
 from clradar.dataset import Sample, recipe
 from clradar.dataset.folder import Manifest, shard_name, write_manifest
-from clradar.dataset.plan.recipe import SamplePlan, read_recipe
-from clradar.dataset.shards import new_shard
+from clradar.dataset.sample import SamplePlan, read_recipe
+from clradar.dataset.shards import Aside, new_shard
 from clradar.errors import MeasurementError, ModelError
-from clradar.jobs.outcome import Aside
 from clradar.view import sources
 from clradar.view.drawn import SCALES, Drawn, Flat, clicked_m, colours_on, voxels_of
 from clradar.view.pictures import image_pictures, overview_picture, pair_curves, slice_pictures
@@ -186,7 +185,7 @@ def data_set(folder, *products, count=12, size=5):
     )
     kept = {"max", "depth", *products}
     (folder / "shards").mkdir(parents=True)
-    aside = {6: Aside(6, "poisoned", 2)} if count > 6 else {}
+    aside = {6: Aside(sample=6, reason="poisoned", attempts=2)} if count > 6 else {}
     write_manifest(folder, Manifest(plan, {}, aside))
     for shard in range(plan.n_shards):
         with new_shard(folder / shard_name(shard), plan) as writer:

@@ -211,8 +211,8 @@ def dataset_command(
     """The same command again resumes where it stopped. A sample that cannot be made is set aside;
     the exit status is 1 as long as any is.
     """
-    from clradar.dataset.check import estimate, replay as make_again
     from clradar.dataset.plan.plan import read_plan
+    from clradar.dataset.runs import estimate, replay as make_again
 
     if schema:
         print_text(json.dumps(cl.dataset.plan_schema(), indent=1))
@@ -221,10 +221,8 @@ def dataset_command(
         selector = open_devices(device).infos[0].selector
         with progress_bar("making the sample"):
             found = make_again(*replay, device=selector, rigs=rigs or "")
-        index, shown = replay[1], f"in {replay[0] / (found.stored_in or '')}"
-        if found.stored_in is None:
-            print_warning(f"sample {index} is not {shown}: there was nothing to compare with")
-        elif not found.differences:
+        index, shown = replay[1], f"in {replay[0] / found.stored_in}"
+        if not found.differences:
             print_line(f"sample {index}: the same bits as {shown}")
         else:
             for line in found.made_otherwise:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
-from pydantic import AfterValidator
+from pydantic import BaseModel
 from pydantic_core import PydanticCustomError, core_schema
 
 from clradar.errors import ClradarError
@@ -23,6 +23,13 @@ KINDS = {"uniform": "[low, high]", "normal": "[mean, standard deviation]", "choi
 SIGMAS = 6.0
 """So many standard deviations of a normal draw have to be within the limits of a plan; 1 in 500
 million draws is beyond, and not cut."""
+
+SI: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
+    "mm": ("m", lambda value: np.divide(value, 1e3)),
+    "deg": ("rad", np.deg2rad),
+    "ps": ("s", lambda value: 1e-12 * value),
+}
+"""Units of plans: those that functions have, and how they become them."""
 
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 1}
 _SCHEMA = {
@@ -151,15 +158,17 @@ class Within:
         return self.low <= least <= greatest <= self.high and not (self.above and least == self.low)
 
 
-def holding(expected: str, good: Callable[[Any], bool]) -> AfterValidator:
-    """Return an annotation: of a tuple for which `good` holds."""
-
-    def check(value: tuple[Any, ...]) -> tuple[Any, ...]:
-        if not good(value):
-            raise mistake(expected, list(value))
-        return value
-
-    return AfterValidator(check)
+def in_si(table: BaseModel, *without: str) -> dict[str, Any]:
+    """Return the numbers of a sample's table in SI units, by their names with those, for calls."""
+    values = {name: getattr(table, name) for name in type(table).model_fields}
+    found = {}
+    for name, value in values.items():
+        stem, _, unit = name.rpartition("_")
+        if value is not None and name not in without:
+            value = float(value) if isinstance(value, Draw) else value
+            own, made = SI.get(unit, (unit, lambda value: value))
+            found[f"{stem}_{own}".lstrip("_")] = made(value)
+    return found
 
 
 def tried(call: Callable[..., Any], *args: Any) -> Any:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import numpy as np
 from pydantic import (
-    AfterValidator,
     AliasChoices,
     BeforeValidator,
     Field,
@@ -22,24 +21,23 @@ from pydantic import (
 from clradar.constants import PLAUSIBLE_COATING_M, PLAUSIBLE_CORRELATION_M, PLAUSIBLE_ROUGHNESS_M
 from clradar.dataset.plan.draws import Draw, Within, fixed, tried
 from clradar.errors import ClradarError, MeasurementError
-from clradar.files.failures import clean
+from clradar.files.failures import clean, shown
 from clradar.files.hashing import sha256_of
 from clradar.files.meshes.gltf_document import files_of
 from clradar.files.records import FileRecord, NumberOrText, Numbers, Text, mistake, numbers
 from clradar.files.toml_file import choice_text, nearest, toml_brief
 from clradar.hand import (
-    ANGLES,
     DIGITS,
     LETTERS,
     PART_NAMES,
     HandPose,
     HandShape,
     JointAngles,
-    pose_by_name,
-    read_pose,
 )
+from clradar.hand.pose_file import pose_of
 from clradar.hand.sampler import MOST_SPREAD_DEG, SPREAD_DEG
 from clradar.hand.shape import AVERAGE, BREADTH_LIMITS_M, FACTOR_LIMITS, LENGTH_LIMITS_M
+from clradar.model import checks
 from clradar.model.known_materials import KNOWN, material
 from clradar.model.material import Material
 from clradar.model.material_file import SUFFIXES, material_of, read_materials
@@ -53,9 +51,6 @@ EDGE_MM = 2.0
 
 NAME_OR_TABLE = WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]})
 
-UNNAMED = "[all]"
-"""Key of a value that a file gives without one; mistakes are not reported at it."""
-
 Value = TypeVar("Value")
 
 Side = Annotated[Draw, Within(-1000.0, 1000.0)]
@@ -65,18 +60,15 @@ Share = Annotated[Draw, Within(0.0, 1.0)]
 
 def pose_record(pose: HandPose) -> dict[str, Any]:
     """Return name and angles, without joints whose angles are all 0."""
-    joints = {
-        joint: [getattr(angles, f"{name}_rad") for name in ANGLES]
-        for joint, angles in pose.joints.items()
-    }
+    joints = {joint: [*astuple(angles)] for joint, angles in pose.joints.items()}
     return {"name": pose.name, "joints_rad": joints}
 
 
-def check_once(values: Iterable[str], what: str, *, key: str = "") -> None:
-    """Raise a mistake if a text is there twice."""
-    known = list(values)
-    if twice := sorted({value for value in known if known.count(value) > 1}):
-        raise mistake(f"every one of the {what} once", f"{', '.join(twice)} more often", key=key)
+def different(values: Any, key: str = "") -> Any:
+    """Return values, or raise a mistake if one is there twice."""
+    if twice := sorted({value for value in values if values.count(value) > 1}):
+        raise mistake("each of them once", f"{', '.join(map(str, twice))} more often", key=key)
+    return values
 
 
 def folder_of(info: ValidationInfo) -> Path:
@@ -90,24 +82,51 @@ def _of_set(value: Any) -> Any:
     return POSE_SETS[value] if isinstance(value, str) else value
 
 
-def _of_record(value: Any) -> HandPose:
+def _pose(value: Any, info: ValidationInfo) -> Any:
+    """Return the pose of a name, a file, or as it is in manifests."""
     if isinstance(value, HandPose):
         return value
+    if isinstance(value, str):
+        return tried(pose_of, folder_of(info) / value if Path(value).suffix else value)
     try:
         joints = {name: JointAngles(*angles) for name, angles in value["joints_rad"].items()}
         return HandPose(value["name"], joints)
     except (ClradarError, KeyError, TypeError, AttributeError, ValueError) as error:
-        raise mistake("a name and joints_rad", clean(repr(error))) from error
+        raise mistake("the name of a pose, or name and joints_rad", clean(repr(error))) from error
 
 
-Pose = Annotated[HandPose, PlainValidator(_of_record), WithJsonSchema({"type": "object"})]
+Pose = Annotated[HandPose, PlainValidator(_pose), NAME_OR_TABLE]
 _NAMES = WithJsonSchema(
     {"anyOf": [{"enum": list(POSE_SETS)}, {"type": "array", "items": {"type": "string"}}]}
 )
-Named = Annotated[Text, AfterValidator(lambda name: tried(pose_by_name, name))]
-FromFile = Annotated[
-    Text, AfterValidator(lambda name, info: tried(read_pose, folder_of(info) / name))
-]
+
+
+UNNAMED = "[all]"
+"""Key of a value that a file gives without one; mistakes are not reported at it."""
+
+
+class Short(FileRecord):
+    """A table in whose place one of its values may be given: that with the alias `UNNAMED`."""
+
+    @classmethod
+    def is_table(cls, value: Any) -> bool:
+        return isinstance(value, dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_one(cls, value: Any) -> Any:
+        return value if isinstance(value, cls) or cls.is_table(value) else {UNNAMED: value}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> Any:
+        table = handler(schema)
+        name = next(name for name, own in cls.model_fields.items() if own.validation_alias)
+        return {"anyOf": [handler.resolve_ref_schema(table)["properties"][name], table]}
+
+
+def short(name: str, **default: Any) -> Any:
+    """Return the field that may stand for its table."""
+    return Field(validation_alias=AliasChoices(name, UNNAMED), **default)
 
 
 class Poses(FileRecord):
@@ -120,8 +139,8 @@ class Poses(FileRecord):
     """
 
     kind: Literal["list", "interpolation", "around", "sampler"] = "list"
-    names: Annotated[tuple[Named, ...], BeforeValidator(_of_set), _NAMES] = ()
-    files: tuple[FromFile, ...] = ()
+    names: Annotated[tuple[Pose, ...], BeforeValidator(_of_set), _NAMES] = ()
+    files: tuple[Pose, ...] = ()
     resolved: tuple[Pose, ...] = ()
     order: Literal["cycle", "random"] = "cycle"
     share: Share | None = None
@@ -129,17 +148,14 @@ class Poses(FileRecord):
 
     @property
     def poses(self) -> tuple[HandPose, ...]:
-        poses: Any = (*self.names, *self.files, *self.resolved)
-        return poses
+        return (*self.names, *self.files, *self.resolved)
 
     @model_validator(mode="after")
     def _check(self) -> Poses:
         kind, found = self.kind, self.poses
-        if self.share is not None and kind != "interpolation":
-            got = self.share.to_plain()
-            raise mistake('no share unless kind = "interpolation"', got, key="share")
-        if self.spread_deg is not None and kind != "around":
-            raise mistake('none unless kind = "around"', self.spread_deg, key="spread_deg")
+        for key, own in (("share", "interpolation"), ("spread_deg", "around")):
+            if kind != own and getattr(self, key) is not None:
+                raise mistake(f'none unless kind = "{own}"', f'kind = "{kind}"', key=key)
         if kind == "sampler" and found:
             expected = 'no poses with "sampler", which makes its own'
             raise mistake(expected, f"{len(found)} poses", key="kind")
@@ -147,7 +163,7 @@ class Poses(FileRecord):
             raise mistake('poses, such as "letters" or ["A", "B"]', "nothing", key="names")
         if kind == "interpolation" and len(found) < 2:
             raise mistake("at least two poses to interpolate between", f"{len(found)}", key="names")
-        check_once((pose.name for pose in found), "names of poses", key="names")
+        different([pose.name for pose in found], "names")
         values: dict[str, Any] = {"names": (), "files": (), "resolved": found}
         if kind == "interpolation":
             values["share"] = self.share or Draw("uniform", (0.0, 1.0))
@@ -157,14 +173,14 @@ class Poses(FileRecord):
         return self
 
 
-class RigFile(FileRecord):
+class RigFile(Short):
     """A rigged hand from a file; see `clradar.rigs.read_rig`.
 
     `file` and `mapping` are relative to the plan's folder; `sha256` and `mapping_sha256` of their
     content, and `handedness`, which is given or estimated, are filled in when the plan is read.
     """
 
-    file: Text
+    file: Text = short("file")
     sha256: str = ""
     handedness: Literal["right", "left"] | None = None
     mapping: Text | None = None
@@ -176,32 +192,41 @@ class RigFile(FileRecord):
     def _read_once(self, info: ValidationInfo) -> RigFile:
         """Read the files of a plan, so that one that is no rig is found at once."""
         if not self.sha256:
-            self.__dict__.update(tried(self._found, folder_of(info)))
+            rig, files = tried(self.read, folder_of(info)), self.files(folder_of(info))
+            digests = {name: sha256_of(*files_of(path)) for name, path in files.items()}
+            self.__dict__.update(digests, handedness=rig.handedness)
         return self
+
+    def files(self, folder: Path) -> dict[str, Path]:
+        """The files in a folder, by the names of their SHA-256."""
+        names = {"sha256": self.file, "mapping_sha256": self.mapping}
+        return {key: folder / name for key, name in names.items() if name is not None}
 
     def read(self, folder: Path) -> Any:
         """Return the rig of the files in a folder."""
         from clradar.rigs import read_rig
 
-        mapping = None if self.mapping is None else folder / self.mapping
-        return read_rig(
-            folder / self.file, mapping=mapping, unit=self.unit, handedness=self.handedness,
-            betas=self.betas or None,
-        )  # fmt: skip
-
-    def _found(self, folder: Path) -> dict[str, Any]:
+        files = self.files(folder)
         try:
-            rig = self.read(folder)
+            return read_rig(
+                files["sha256"], mapping=files.get("mapping_sha256"), unit=self.unit,
+                handedness=self.handedness, betas=self.betas or None,
+            )  # fmt: skip
         except ClradarError as error:  # it names the option of the command
             raise MeasurementError(str(error).replace("--mapping", "the key mapping")) from error
-        digest = sha256_of(*files_of(folder / self.file))
-        mapping = None if self.mapping is None else sha256_of(folder / self.mapping)
-        return {"sha256": digest, "handedness": rig.handedness, "mapping_sha256": mapping}
 
-
-Rig = Annotated[
-    RigFile, BeforeValidator(lambda value: {"file": value} if isinstance(value, str) else value)
-]
+    def check(self, folder: Path) -> None:
+        """Raise `ModelError` unless the files in a folder are those of the plan."""
+        for name, path in self.files(folder).items():
+            wanted, got = getattr(self, name), "another"
+            try:
+                if sha256_of(*files_of(path)) == wanted:
+                    continue
+            except FileNotFoundError:
+                got = "nothing there"
+            except (OSError, ValueError) as error:
+                got = f"none that can be read: {clean(error)}"
+            checks.fail(shown(path), f"the file of the plan (SHA-256 {wanted})", got)
 
 
 class ShapeTable(FileRecord):
@@ -243,7 +268,7 @@ class Hands(FileRecord):
     handedness: str = ""
     shape: Literal["default", "sampled", "list"] | None = None
     shapes: tuple[ShapeTable, ...] = ()
-    rigs: tuple[Rig, ...] = ()
+    rigs: tuple[RigFile, ...] = ()
     edge_mm: Annotated[float, Within(0.5, 4.0)] = EDGE_MM
 
     @model_validator(mode="after")
@@ -305,7 +330,7 @@ class MovementPlan(Motion):
     step_us: Annotated[float, Within(0.0, 1e6)] = 1e6 * STEP_S
 
 
-class ByPart(FileRecord, Generic[Value]):
+class ByPart(Short, Generic[Value]):
     """A value for each part of a hand; `others` is one value for all parts without their own."""
 
     palm: Value | None = None
@@ -321,19 +346,17 @@ class ByPart(FileRecord, Generic[Value]):
         values = {name: getattr(self, name) for name in PART_NAMES}
         return {name: made(self.others if v is None else v) for name, v in values.items()}
 
-    @model_validator(mode="before")
     @classmethod
-    def _of_all(cls, value: Any) -> Any:
-        """The table of one value for all parts."""
+    def is_table(cls, value: Any) -> bool:
+        """Not that of one value for all parts."""
         parts = (*PART_NAMES, "others")
-        table = isinstance(value, dict) and (not value or any(nearest(k, parts) for k in value))
-        return value if table or isinstance(value, ByPart) else {UNNAMED: value}
+        return isinstance(value, dict) and (not value or any(nearest(k, parts) for k in value))
 
 
 class Alpha(ByPart[Share]):
     """Roughness of a hand, by part."""
 
-    others: Share = Field(default=fixed(0.5), validation_alias=AliasChoices("others", UNNAMED))
+    others: Share = short("others", default=fixed(0.5))
 
     @property
     def of_parts(self) -> Mapping[str, float]:
@@ -368,11 +391,11 @@ def _millimetres(low_m: float, high_m: float) -> Within:
     return Within(1e3 * low_m, 1e3 * high_m)
 
 
-class PartMaterial(FileRecord):
+class PartMaterial(Short):
     """What a part of a hand is made of: a material, of which some lengths may be drawn."""
 
-    of: Annotated[Material, PlainValidator(_made_of), NAME_OR_TABLE] = Field(
-        default_factory=lambda: material("palm"), validation_alias=AliasChoices("of", UNNAMED)
+    of: Annotated[Material, PlainValidator(_made_of), NAME_OR_TABLE] = short(
+        "of", default_factory=lambda: material("palm")
     )  # most of what a radar sees of a hand that is held towards it
     roughness_rms_mm: Annotated[Draw, _millimetres(0.0, PLAUSIBLE_ROUGHNESS_M[1])] | None = None
     correlation_length_mm: Annotated[Draw, _millimetres(*PLAUSIBLE_CORRELATION_M)] | None = None
@@ -399,19 +422,10 @@ class PartMaterial(FileRecord):
         return replace(self.of, **values)
 
 
-Part = Annotated[
-    PartMaterial,
-    BeforeValidator(lambda v: v if isinstance(v, dict | PartMaterial) else {UNNAMED: v}),
-]
-"""A material by itself is one whose lengths are its own."""
-
-
-class PlanMaterials(ByPart[Part]):
+class PlanMaterials(ByPart[PartMaterial]):
     """What a hand is made of, by part."""
 
-    others: Part = Field(
-        default_factory=PartMaterial, validation_alias=AliasChoices("others", UNNAMED)
-    )
+    others: PartMaterial = short("others", default_factory=PartMaterial)
 
     @property
     def of_parts(self) -> Mapping[str, Material]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, PrivateAttr, model_validator
+from pydantic import AfterValidator, BaseModel, Field, PrivateAttr, model_validator
 
 from clradar.dataset.plan.draws import Draw, Within
 from clradar.dataset.plan.hands import (
@@ -17,7 +17,7 @@ from clradar.dataset.plan.hands import (
     Placement,
     PlanMaterials,
     Poses,
-    check_once,
+    different,
     pose_record,
 )
 from clradar.dataset.plan.radar import Image, Impairments, RadarPlan, SimulationPlan
@@ -43,12 +43,7 @@ EXPECTED = "a plan of a data set (a TOML file, see docs/plans.md)"
 
 
 class PlanError(MeasurementError):
-    """A plan has mistakes, all of which are named.
-
-    Attributes
-    ----------
-    mistakes : tuple of str
-        One line each: file, key, what was expected, what was found.
+    """A plan has `mistakes`, a line for each: file, key, what was expected, what was found.
 
     Examples
     --------
@@ -66,8 +61,7 @@ class PlanError(MeasurementError):
 def _products(given: tuple[str, ...]) -> tuple[str, ...]:
     if not given:
         raise mistake(f"at least one of {', '.join(PRODUCTS)}", "none")
-    check_once(given, "products")
-    return tuple(name for name in PRODUCTS if name in given)
+    return tuple(name for name in PRODUCTS if name in different(given))
 
 
 class Output(FileRecord):
@@ -91,7 +85,7 @@ class Plan(FileRecord):
 
     seed: Annotated[int, Within(0, 2**63 - 1)] = 0
     samples: Annotated[int, Within(1, 10**8)]
-    poses: Poses
+    poses: Annotated[Poses, Field(default_factory=dict, validate_default=True)]
     hands: Hands = Hands()
     placement: Placement = Placement()
     alpha: Alpha | None = None
@@ -104,11 +98,6 @@ class Plan(FileRecord):
     movement: MovementPlan | None = None
 
     _folder: Path = PrivateAttr(Path())
-
-    @model_validator(mode="before")
-    @classmethod
-    def _with_poses(cls, value: Any) -> Any:
-        return {"poses": {}, **value} if isinstance(value, dict) else value
 
     @model_validator(mode="after")
     def _with_surface(self) -> Plan:
@@ -168,10 +157,7 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
 
 
 def plan_from(parsed: Mapping[str, Any], source: str, folder: Path) -> Plan:
-    """Return the plan of a mapping from TOML or JSON.
-
-    `source` is the name of its file, for messages; names of other files are relative to `folder`.
-    """
+    """Return the plan of a mapping; `source` is named in messages, files are below `folder`."""
     plan = record_of(dict(parsed), Plan, source, error=PlanError, context={"folder": folder})
     plan._folder = folder.absolute()
     contradictions = [
@@ -220,12 +206,8 @@ def _contradictions(plan: Plan) -> Iterator[tuple[str, str, Any]]:
 
 
 def plan_record(value: Any) -> Any:
-    """Return a plan, or a value of it, in the vocabulary of plan files, every key written out, so
-    that `plan_from` gives it back to the last bit.
-
-    Poses are written out with their angles: the record does not change when the poses of the
-    package or the pose files do.
-    """
+    """Return a plan, or a value of it, as `plan_from` gives it back to the last bit: every key and
+    all angles of poses written out, whatever defaults and poses come later."""
     if isinstance(value, BaseModel):
         pairs = ((name, getattr(value, name)) for name in type(value).model_fields)
         return {name: plan_record(item) for name, item in pairs if item is not None and item != ()}

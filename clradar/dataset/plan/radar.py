@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     PlainValidator,
     ValidationInfo,
@@ -19,9 +20,9 @@ from clradar.arrays import read_array
 from clradar.arrays.array_file import array_of, array_record
 from clradar.arrays.instruments import KNOWN
 from clradar.constants import DYNAMIC_RANGE_DB
-from clradar.dataset.plan.draws import Draw, Within, fixed, holding, tried
-from clradar.dataset.plan.hands import NAME_OR_TABLE, folder_of
-from clradar.files.records import FileRecord, Vector, is_number, mistake, numbers
+from clradar.dataset.plan.draws import Draw, Within, fixed, tried
+from clradar.dataset.plan.hands import NAME_OR_TABLE, different, folder_of
+from clradar.files.records import FileRecord, Vector, checked, is_number, mistake, numbers
 from clradar.files.toml_file import choice_text, toml_brief
 from clradar.geometry.normals import CREASE_DEG
 from clradar.model import AntennaArray, VoxelGrid, Waveform
@@ -45,10 +46,8 @@ Seed = Annotated[int, Within(0, 2**63 - 1)] | None
 Level = Annotated[Draw, Within(-DECIBELS, DECIBELS)]
 
 
-Channels = Annotated[
-    tuple[Annotated[int, Within(0, 1023)], ...],
-    holding("different channels", lambda values: len({*values}) == len(values)),
-]
+Direction = Annotated[tuple[float, ...], checked("a direction", any, tuple), numbers(3)]
+Channels = Annotated[tuple[Annotated[int, Within(0, 1023)], ...], AfterValidator(different)]
 
 
 class ChannelErrors(FileRecord):
@@ -68,7 +67,7 @@ class WallPlan(FileRecord):
     """A reflecting wall; see `clradar.Wall`."""
 
     point_mm: Vector = (0.0, 0.0, 1000.0)
-    normal: Annotated[Vector, holding("a direction", any)] = (0.0, 0.0, -1.0)
+    normal: Direction = (0.0, 0.0, -1.0)
     amplitude: Annotated[float, Within(-1e12, 1e12)] = 1.0
 
 
@@ -135,8 +134,7 @@ class RadarPlan(FileRecord):
     @property
     def antennas(self) -> AntennaArray:
         """Every n-th antenna; equal ones are the same object."""
-        known = isinstance(self.array, str)
-        return _antennas(self.array if known else json.dumps(self.array), self.every)
+        return _antennas(json.dumps(self.array), self.every)
 
     @property
     def waveform(self) -> Waveform:
@@ -151,7 +149,8 @@ def _waveform(start_ghz: float, stop_ghz: float, steps: int) -> Waveform:
 
 @lru_cache(maxsize=8)
 def _antennas(array: str, every: int) -> AntennaArray:
-    antennas = KNOWN[array]() if array in KNOWN else array_of(json.loads(array), "array", "array")
+    given = json.loads(array)
+    antennas = KNOWN[given]() if isinstance(given, str) else array_of(given, "array", "array")
     if every == 1:
         return antennas
     one_in = slice(None, None, every)
@@ -195,12 +194,12 @@ class SimulationPlan(FileRecord):
 
 Extent = Annotated[
     tuple[float, ...],
+    checked("[first, last] with first <= last", lambda ends: ends[0] <= ends[1], tuple),
     numbers(2),
-    holding("[first, last] with first <= last", lambda ends: ends[0] <= ends[1]),
 ]
 Steps = Annotated[
     tuple[float, ...],
-    holding("a positive step, or three of them", lambda steps: min(steps) > 0),
+    checked("a positive step, or three of them", lambda steps: min(steps) > 0, tuple),
     numbers(3),
     BeforeValidator(lambda value: [value] * 3 if is_number(value) else value),
     WithJsonSchema({"type": ["number", "array"], "items": {"type": "number"}}),
@@ -227,12 +226,11 @@ class Image(FileRecord):
         return self
 
     @property
+    @lru_cache(maxsize=8)  # noqa: B019 - by value
     def grid(self) -> VoxelGrid:
         """The voxel grid; equal ones are the same object, which image formation makes use of."""
-        return _grid(self.x_mm, self.y_mm, self.z_mm, self.step_mm)
-
-
-@lru_cache(maxsize=8)
-def _grid(x_mm: Any, y_mm: Any, z_mm: Any, step_mm: Any) -> VoxelGrid:
-    x_m, y_m, z_m = ((low / 1e3, high / 1e3) for low, high in (x_mm, y_mm, z_mm))
-    return VoxelGrid.from_extent(x_m, y_m, z_m, [step / 1e3 for step in step_mm])
+        x_m, y_m, z_m, steps_m = (
+            [value / 1e3 for value in own]
+            for own in (self.x_mm, self.y_mm, self.z_mm, self.step_mm)
+        )
+        return VoxelGrid.from_extent(x_m, y_m, z_m, steps_m)
