@@ -34,7 +34,7 @@ from clradar.opencl import (
 )
 from clradar.opencl.buffers import OnDevice
 from clradar.opencl.choice import chosen_device
-from clradar.opencl.program import group_shape, launch_parts, self_test
+from clradar.opencl.program import launch_parts, self_test
 from clradar.opencl.sources import source
 
 # Which device ------------------------------------------------------------------------------------
@@ -474,8 +474,7 @@ def test_a_build_error_has_device_options_and_log(device, kernel_text):
         assert part in message  # options, what to do, the compiler's log
 
 
-def test_items_in_groups_and_launches():
-    assert (group_shape((12, 16384), 64), group_shape((1000,), 64)) == ((16, 4), (64,))
+def test_the_last_axes_of_launches_are_cut_first():
     starts = [at for at, _ in launch_parts((128, 2), (64, 1), 70)]
     assert starts == [(0, 0), (0, 1), (64, 0), (64, 1)]
 

@@ -48,7 +48,7 @@ try:
 except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
-_READY = b"ready"
+_READY = b"ready\n"
 _NO_CONTENT = b"\xff" * 8
 _ENCODINGS = (
     "ascii", "latin-1", "utf-8", "utf-8-sig", "raw-unicode-escape", "cp437",
@@ -182,7 +182,7 @@ def _started(call: str, requests: Any) -> tuple[subprocess.Popen[bytes], Any]:
     except OSError as error:
         raise NoServer(clean(error)) from error
     assert process.stdout is not None
-    if process.stdout.read(len(_READY)) != _READY:
+    if not any(line.endswith(_READY) for line in process.stdout):  # others may print before
         _end(process)
         raise NoServer(f"it does not start: {sys.executable}")
     return process, process.stdout
