@@ -68,17 +68,18 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Pretend that the machine has these devices, and that no variable chooses one."""
     monkeypatch.delenv("CLRADAR_DEVICE", raising=False)
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    fault = choice.fault.__wrapped__  # which remembers nothing
+    why = (
+        "self_test.cl does not build (error: unknown target CPU 'generic'); choose; the log:\nmore"
+    )
 
     def pretend(*infos: DeviceInfo, failing: Sequence[DeviceInfo] = ()) -> None:
-        errors = {
-            info.selector: DeviceError(
-                f"device {info.label}: self_test.cl does not build (error: unknown target CPU "
-                "'generic'); choose another; the log:\nmore\n"
-            )
-            for info in failing
-        }
+        said = [DeviceError(f"device {info.label}: {why}") for info in failing]
+        errors = {info.selector: raising(error) for info, error in zip(failing, said, strict=True)}
         monkeypatch.setattr(device_module, "_found", lambda: [(i, None) for i in infos])
-        monkeypatch.setattr(choice, "_failure", errors.get)
+        monkeypatch.setattr(choice, "opened", lambda selector, *_: selector)
+        monkeypatch.setattr(choice, "self_test", lambda selector: errors.get(selector, id)(0))
+        monkeypatch.setattr(choice, "fault", fault)
         monkeypatch.setattr(choice, "_told", set())
 
     return pretend
@@ -430,7 +431,6 @@ __kernel void scale(__global float *x) {
 
 def test_a_cpu_beside_a_gpu_is_one_that_works(device, machine, monkeypatch):
     gpu = replace(device, info=CARD)
-    monkeypatch.setattr(choice, "opened", lambda selector, *rest: selector)
     machine(CARD, POCL, INTEL)
     assert cpu_beside(gpu) == INTEL.selector
     machine(CARD, POCL, INTEL, failing=(INTEL,))
