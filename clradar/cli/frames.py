@@ -136,21 +136,20 @@ class FrameSteps:
     origin: Mapping[str, Any]
     run_name: str  # what is kept open of its inputs counts for no other run
     grid: cl.VoxelGrid
-    device: cl.Device | str | None = None
 
-    def run(self, number: int, progress: Progress | None = None) -> None:
+    def run(self, number: int, device: cl.Device, progress: Progress) -> None:
         """Do a frame, and write its results; its record last."""
         how, range_db = self.how, self.how.dynamic_range_db
         capture, record = self.cleaned(number)
         volume = cl.backproject(
-            capture, self.grid, device=self.device, progress=progress, **how.arguments
+            capture, self.grid, device=device, progress=progress, **how.arguments
         )
         record |= {"frame": number, **_figures(volume, range_db)}
         image = volume.depth_map(range_db)
-        others = (self._simulated(i, number) for i in range(len(self.simulated)))
+        others = (self._simulated(i, number, device) for i in range(len(self.simulated)))
         record["metrics"] = [_metrics(image, other, range_db) for other in others]
         if how.mesh is not None:
-            record["alignment"] = self._alignment(volume, capture, how.mesh)
+            record["alignment"] = self._alignment(volume, capture, how.mesh, device)
         name = f"{number:06d}"
         if how.keep_captures:
             save(self.folder / CAPTURES / f"{name}.h5", capture, self.origin)
@@ -174,19 +173,19 @@ class FrameSteps:
         capture = self.how.cleaned(capture, empty)
         return capture, {**record, "cleaned_db": rms_db(capture)}
 
-    def _simulated(self, i: int, number: int) -> cl.DepthMap:
+    def _simulated(self, i: int, number: int, device: cl.Device) -> cl.DepthMap:
         """The depth map of a simulation at a frame: kept, if it is the same at every frame."""
         frames, name = _opened(self.simulated[i], None, self.run_name), f"simulated-{i}"
         if frames.files:
-            return self._imaged(frames.read(number))
+            return self._imaged(frames.read(number), device)
         if name not in FolderStore(self.folder / MAPS):
-            self.keep_map(name, self._imaged(frames.read(number)))
+            self.keep_map(name, self._imaged(frames.read(number), device))
         return self.map_of(name)
 
-    def _imaged(self, content: Content) -> cl.DepthMap:
+    def _imaged(self, content: Content, device: cl.Device) -> cl.DepthMap:
         if not isinstance(content, cl.Volume):
             how = self.how.arguments
-            content = cl.backproject(content, self.grid, device=self.device, **how)
+            content = cl.backproject(content, self.grid, device=device, **how)
         return content.depth_map(self.how.dynamic_range_db)
 
     def keep_map(self, name: str, image: cl.DepthMap) -> None:
@@ -201,11 +200,13 @@ class FrameSteps:
         range_db = float(kept["range_db"])
         return cl.DepthMap(kept["depth_m"], kept["amplitude"], kept["x_m"], kept["y_m"], range_db)
 
-    def _alignment(self, volume: cl.Volume, capture: cl.Capture, mesh: Path) -> dict[str, Any]:
+    def _alignment(
+        self, volume: cl.Volume, capture: cl.Capture, mesh: Path, device: cl.Device
+    ) -> dict[str, Any]:
         try:
             found = calibration.align_mesh(
                 volume, _mesh(mesh, self.how.unit, self.run_name), array=capture.array,
-                waveform=capture.waveform, device=self.device, correct_bias=self.how.bias,
+                waveform=capture.waveform, device=device, correct_bias=self.how.bias,
                 search_deg=self.how.search_deg,
             )  # fmt: skip
         except CompareError as error:

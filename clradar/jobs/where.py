@@ -6,18 +6,28 @@ warnings belong to a process, and where a driver crashes it is known whose it wa
 
 from __future__ import annotations
 
+import platform
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from clradar.errors import ClusterError, DeviceError, ModelError, warn
-from clradar.jobs.outcome import Outcome, outcome_of, silent
+from clradar.errors import (
+    ClradarError,
+    ClradarWarning,
+    ClusterError,
+    DeviceError,
+    ModelError,
+    warn,
+)
+from clradar.files.failures import clean
 from clradar.model.progress import Progress, part_of
 from clradar.opencl import Device, DeviceInfo, devices_like, open_device
 from clradar.opencl.choice import select_devices, several
+from clradar.versions import own_version, package_versions
 
 if TYPE_CHECKING:
     from clradar.jobs.workers import Workers
@@ -25,10 +35,15 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-Work = Callable[[Any, Device, Progress], Iterable[Result]]
-"""Makes the results of an item on a device; says by the last argument how far it is."""
+Work = Callable[[Any, Device, Progress], Result]
+"""Works on an item on a device; says by the last argument how far it is."""
+
+Outcome = tuple[Any, list[str]]
+"""What a function returned, or its `ClradarError`; and its warnings, each once."""
 
 DeviceLike = Device | str | Sequence[str] | None
+
+ATTEMPTS = 2  # attempts at an item before it is set aside
 
 
 @dataclass(frozen=True)
@@ -79,13 +94,13 @@ class Where:
             )
 
     def made(
-        self, work: Work[Result], items: Iterable[Any], progress: Progress | None = None
+        self, work: Work[Iterable[Result]], items: Iterable[Any], progress: Progress | None = None
     ) -> Iterator[tuple[int, Result]]:
         """Yield the results of all items in order, each with its item's number; or an error."""
         items = list(items)
         if self.here or len(items) < 2:
             for i, item, part in _with_progress(items, progress):
-                for result in work(item, self.first, part or silent):
+                for result in work(item, self.first, part):
                     yield i, result
             return
         said: set[str] = set()
@@ -100,20 +115,18 @@ class Where:
                     progress(i + 1, len(items))
 
     def outcomes(
-        self, steps: Any, items: Sequence[Item], folder: Path, progress: Progress | None = None
+        self, work: Work[Any], items: Sequence[Item], folder: Path, progress: Progress | None = None
     ) -> Iterator[tuple[Item, Outcome]]:
-        """Run the steps of every item; yield items with their outcomes, as they are done.
+        """Work on every item; yield items with their outcomes, as they are done.
 
-        `steps` is a dataclass with a field `device` and a method `run` of an item and a progress
-        callback or None, which writes into `folder`; it can be pickled, and so can the items.
+        `work` writes into `folder`, and can be pickled, and so can the items.
         """
         if self.here:
             for _, item, part in _with_progress(items, progress):
-                yield item, outcome_of(_run, steps, item, self.first, part)
+                yield item, outcome_of(work, item, self.first, part)
         elif items:
-            elsewhere = partial(_run, replace(steps, device=None))  # each opens its own
             with self._started(len(items), folder) as started:
-                found = started.outcomes(elsewhere, items)
+                found = started.outcomes(work, items)
                 for done, (number, outcome) in enumerate(found, start=1):
                     yield items[number], outcome
                     if progress is not None:
@@ -210,20 +223,48 @@ def _all_of(work: Any, item: Any, device: Device, progress: Progress) -> list[An
     return list(work(item, device, progress))
 
 
-def _run(steps: Any, item: Any, device: Device, progress: Progress | None) -> Any:
-    return replace(steps, device=device).run(item, progress)
-
-
 def _with_progress(
     items: Sequence[Item], progress: Progress | None
-) -> Iterator[tuple[int, Item, Progress | None]]:
+) -> Iterator[tuple[int, Item, Progress]]:
     """Number each item, with the progress of its share, which is complete at the next one."""
     for i, item in enumerate(items):
-        part = part_of(progress, i / len(items), (i + 1) / len(items))
+        part = part_of(progress, i / len(items), (i + 1) / len(items)) or silent
         yield i, item, part
-        if part is not None:
-            part(1, 1)
+        part(1, 1)
 
 
 def _listed(infos: Sequence[DeviceInfo]) -> str:
     return ", ".join(f"{info.selector} {info.label}" for info in infos)
+
+
+def reason_of(error: BaseException) -> str:
+    return clean(f"{type(error).__name__}: {error}")
+
+
+def outcome_of(function: Callable[..., Any], *arguments: Any) -> Outcome:
+    """Call a function; an error keeps its type on its way back."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ClradarWarning)
+        try:
+            result = function(*arguments)
+        except ClradarError as error:
+            result = error
+    ours = (str(one.message) for one in caught if issubclass(one.category, ClradarWarning))
+    return result, list(dict.fromkeys(ours))
+
+
+def silent(done: int, total: int) -> None:
+    """Progress that nobody sees."""
+
+
+def made_with(device: Device) -> dict[str, Any]:
+    """The versions and the device on which the bits of a result depend."""
+    return {
+        "clradar": own_version(),
+        "packages": dict(_packages()),
+        "python": platform.python_version(),
+        "device": dict(device.describe()),
+    }
+
+
+_packages = cache(package_versions)  # which reads files, for every item

@@ -29,7 +29,7 @@ from clradar.files.atomic import write_file
 from clradar.jobs import FolderStore, Job, Where
 from clradar.jobs.job import KEY
 from clradar.jobs.lock import LOCK, held, scratch_folder
-from clradar.opencl import Device, DeviceInfo, choice, device, open_device
+from clradar.opencl import Device, DeviceInfo, device, open_device
 
 HERE = Where("pocl")
 
@@ -39,10 +39,9 @@ class Steps:
     """Write the square of an item; one fails, and each warns."""
 
     folder: Path
-    device: Any = None
     fails: int = -1
 
-    def run(self, item: int, progress: Any) -> int:
+    def run(self, item: int, device: Any, progress: Any) -> int:
         warn("each says this")
         if item == self.fails:
             raise MeasurementError("item 2 cannot be read")
@@ -60,7 +59,7 @@ def done(one: Job, steps: Steps, **more: Any) -> list[tuple[int, int]]:
         (one.folder / "done").mkdir(exist_ok=True)
         there = one.folder / "done"
         return list(
-            one.each(steps, range(4), HERE, done=lambda i: (there / str(i)).is_file(), **more)
+            one.each(steps.run, range(4), HERE, done=lambda i: (there / str(i)).is_file(), **more)
         )
 
 
@@ -258,7 +257,7 @@ def listed(selector: str, name: str, kind: str) -> DeviceInfo:
 def test_the_list_marks_all_that_would_be_used(monkeypatch, capsys):
     there = [(listed(f"0:{i}", "A", "cpu"), None) for i in range(2)]
     monkeypatch.setattr(device, "_found", lambda: there)
-    monkeypatch.setattr(choice, "_failure", lambda selector: None)
+    monkeypatch.setattr("clradar.cli.commands.lists.fault", lambda selector: None)
     monkeypatch.setenv("CLRADAR_DEVICE", "all")
     devices_command()
     out = capsys.readouterr().out

@@ -119,17 +119,16 @@ class PartSteps:
     frames: opt.FrameOptions
     grid: cl.VoxelGrid
     imaging: Mapping[str, Any]
-    device: cl.Device | str | None = None
 
     @cached_property
     def pieces(self) -> list[GridPiece]:
         return grid_pieces(self.grid)
 
-    def run(self, part: Part, progress: Progress | None = None) -> None:
+    def run(self, part: Part, device: cl.Device, progress: Progress) -> None:
         piece, number = part
         capture = capture_of(self.captures[number], self.frames)
         image = cl.backproject(
-            capture, self.pieces[piece].grid, check_grid=False, device=self.device,
+            capture, self.pieces[piece].grid, check_grid=False, device=device,
             progress=progress, **self.imaging,
         )  # fmt: skip
         _write(self.file_of(part), image.data)
@@ -245,7 +244,7 @@ def image_by_parts(
         items = [(piece, number) for piece in pieces for number in range(len(sizes))]
         with progress_bar("imaging") as progress:
             for (piece, _), _ in job.each(
-                steps, items, where, done=steps.is_done, progress=progress, say=print_line,
+                steps.run, items, where, done=steps.is_done, progress=progress, say=print_line,
                 noun="part",
             ):  # fmt: skip
                 steps.join(piece)

@@ -35,7 +35,7 @@ from clradar.errors import ClusterError, CompareError, DeviceError, MeasurementE
 from clradar.files.atomic import write_file
 from clradar.files.failures import fail
 from clradar.files.json_file import read_json_object, write_json
-from clradar.jobs import KEY, FolderStore, Job, Where, open_devices, remove
+from clradar.jobs import KEY, FolderStore, Job, Where, remove
 from clradar.model.progress import Progress
 
 # Names in the folder.
@@ -86,7 +86,7 @@ class RecordingWork:
                 self._prepare()
                 with progress_bar("frames") as progress:
                     for _ in job.each(
-                        self.steps, self.numbers, self.where,
+                        self.steps.run, self.numbers, self.where,
                         done=lambda number: record_file(folder, number).is_file(),
                         name=lambda number: f"frame {number}: ",
                         tolerated=lambda error: not isinstance(error, MISSED),
@@ -148,7 +148,7 @@ class RecordingWork:
             except MeasurementError as error:
                 failures.append(error)  # which is said when its turn comes
                 continue
-            return grid_for(capture, self.voxels, steps.device)
+            return grid_for(capture, self.voxels, self.where.first)
         raise failures[0]
 
     def _hands(self, records: Sequence[Record]) -> list[calibration.FrameFit] | None:
@@ -163,7 +163,7 @@ class RecordingWork:
         first = self.source.capture(numbers[0])
         settings = {
             **(self.hand or {}), "array": first.array, "waveform": first.waveform,
-            "device": self.steps.device or open_devices(self.where.device).first,
+            "device": self.where.first,
         }  # fmt: skip
         del first
         folder = self.steps.folder / HANDS
@@ -428,7 +428,7 @@ def process_command(
         read["--empty"] = Frames(how.empty).files_of()
     steps = FrameSteps(
         source=recording, run_name=token_hex(), folder=output, how=how, simulated=others,
-        grid=voxels.grid(), origin=provenance(), device=where.first if where.here else None,
+        grid=voxels.grid(), origin=provenance(),
     )  # fmt: skip
     labels = [recording.name or str(recording), *figure_labels(others, [{} for _ in others])]
     job = begun(

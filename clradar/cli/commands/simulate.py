@@ -14,7 +14,7 @@ import measurement_io
 from clradar.cli import options as opt, outputs as out
 from clradar.cli.console import counted, print_line, progress_bar
 from clradar.cli.images import Comparison, figure_labels
-from clradar.errors import MeshError, warn
+from clradar.errors import warn
 from clradar.jobs import KEY, open_devices
 from clradar.jobs.lock import made_folder
 from clradar.model import checks
@@ -30,9 +30,6 @@ PATTERN = "cluster_*.h5"
 TRUTH = "truth"  # what a recording was made of
 
 Item = tuple[int, "cl.AntennaArray"]
-
-_scenes: dict[str, cl.Scene] = {}
-"""The scene that this process simulates, by its digest."""
 
 
 def cluster_files(folder: Path) -> list[str]:
@@ -50,28 +47,17 @@ def recording_files(folder: Path) -> list[str]:
 class ClusterSteps:
     """What is done with a cluster, as plain values that a worker process gets."""
 
-    scene: opt.SceneOptions
-    digest: str
+    scene: cl.Scene
     waveform: cl.Waveform
     settings: cl.SimulationSettings
     folder: Path
     origin: Mapping[str, Any]
-    device: cl.Device | str | None = None
 
-    def run(self, item: Item, progress: Progress | None = None) -> str:
+    def run(self, item: Item, device: cl.Device, progress: Progress) -> str:
         """Simulate a cluster, write its capture, and return what it is."""
         number, array = item
-        if self.digest not in _scenes:
-            _scenes.clear()
-            scene = self.scene.load()
-            if scene.digest() != self.digest:
-                names = ", ".join(str(path) for path, _ in self.scene.meshes or [])
-                raise MeshError(f"{names}: changed while clusters were simulated")
-            _scenes[self.digest] = scene
-        capture = cl.simulate(
-            _scenes[self.digest], array, self.waveform, settings=self.settings, device=self.device,
-            progress=progress,
-        )  # fmt: skip
+        how: dict[str, Any] = {"settings": self.settings, "device": device, "progress": progress}
+        capture = cl.simulate(self.scene, array, self.waveform, **how)
         out.save(self.file_of(number), capture, self.origin)
         return summary(capture)
 
@@ -265,10 +251,8 @@ def simulate_command(
         )
     elif scene is not None and several:
         settings = settings.for_scene(scene, clusters[0], waveform)  # one for all: images add up
-        _scenes.clear()
-        _scenes[digest := scene.digest()] = scene
         steps = ClusterSteps(
-            scene=scenery, digest=digest, waveform=waveform, settings=settings, folder=output,
+            scene=scene, waveform=waveform, settings=settings, folder=output,
             origin=out.provenance(),
         )  # fmt: skip
         job = out.begun(
@@ -277,7 +261,7 @@ def simulate_command(
         )  # fmt: skip
         with job.held(), progress_bar("tracing") as progress:
             for (number, _), text in job.each(
-                steps, list(enumerate(clusters, start=1)), where,
+                steps.run, list(enumerate(clusters, start=1)), where,
                 done=lambda one: steps.file_of(one[0]).is_file(),
                 name=lambda one: f"cluster {one[0]}: ", progress=progress, say=print_line,
                 noun="cluster",
